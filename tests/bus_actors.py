@@ -19,6 +19,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from waiting import until
+
 from imumon.report import (
     Allan,
     Channel,
@@ -232,7 +234,7 @@ class Actor:
             self.messages.append(json.loads(line))
 
     def ready(self) -> Actor:
-        until(lambda: self.messages or self.process.poll() is not None, 20)
+        until(lambda: self.messages or self.process.poll() is not None)
         assert self.messages, self.process.stderr.read() if self.process.stderr else ""
         return self
 
@@ -244,7 +246,7 @@ class Actor:
     def request(self, line: str) -> dict[str, Any]:
         before = len(self.messages)
         self.send(line)
-        until(lambda: len(self.messages) > before, 20)
+        until(lambda: len(self.messages) > before)
         return self.messages[-1]
 
     def kill(self, number: int = signal.SIGKILL) -> None:
@@ -279,15 +281,6 @@ def stage() -> Iterator[Callable[..., Actor]]:
     finally:
         for actor in actors:
             actor.end()
-
-
-def until(condition: Callable[[], Any], timeout: float = 10.0) -> Any:
-    """Wait until the condition is true and return its value."""
-    end = time.monotonic() + timeout
-    while not (value := condition()):
-        assert time.monotonic() < end, f"no result within {timeout:g} s"
-        time.sleep(0.005)
-    return value
 
 
 def free_port() -> int:

@@ -6,6 +6,8 @@ import shutil
 import sys
 import tempfile
 
+from hypothesis import HealthCheck, settings
+
 # Tests start hundreds of commands. Without compiled modules each one compiles the package again.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
@@ -13,8 +15,11 @@ sys.dont_write_bytecode = False
 # As the program itself does, before numpy is loaded: threads of OpenBLAS wait for each other on a busy machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-if (
-    "IMUMON_TEST_RUN" not in os.environ
-):  # the first process of a test run: what its processes share (tests/reports.py)
+# What the processes of a test run share (tests/reports.py); the first of them makes and removes it.
+if "IMUMON_TEST_RUN" not in os.environ:
     os.environ["IMUMON_TEST_RUN"] = tempfile.mkdtemp(prefix="imumon-tests-")
     atexit.register(shutil.rmtree, os.environ["IMUMON_TEST_RUN"], ignore_errors=True)
+
+# A busy machine makes an example slow, and no law depends on it.
+settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy")

@@ -78,14 +78,14 @@ class Daemon:
         (address,) = re.findall(r"metrics on http://([\d.:]+)/metrics", self.log)
         return values(scraped(address))
 
-    def ended(self, within_s: float = 20.0) -> tuple[str, str]:
+    def ended(self, within_s: float = 60.0) -> tuple[str, str]:
         """What it said, once it has ended."""
         self.process.wait(within_s)
         for reader in self._readers:
             reader.join(20)
         return self._said["out"], self._said["err"]
 
-    def wait(self, holds: Callable[[Report], bool], timeout: float = 60.0) -> Report:
+    def wait(self, holds: Callable[[Report], bool], timeout: float = 120.0) -> Report:
         """First report for which something holds."""
         deadline = time.monotonic() + timeout
         last: Report | None = None

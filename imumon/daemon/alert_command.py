@@ -18,7 +18,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
-from queue import Full, Queue
+from queue import Empty, Full, Queue
 
 from imumon.report import Event, to_json
 
@@ -84,12 +84,18 @@ class AlertCommand:
     def close(self, within_s: float = CLOSE_S) -> None:
         """Pass on what waits, for at most `within_s` and `CLOSE_S`, then kill a running command."""
         self._closing = True
+        lost = 0
         if self._thread is not None:
             with suppress(Full):
                 self._queue.put_nowait(None)
                 self._thread.join(max(min(within_s, CLOSE_S), 0.0))
+            with suppress(Empty):  # the thread must not start another one
+                while True:
+                    lost += self._queue.get_nowait() is not None
+            self._queue.put_nowait(None)
             self._kill(self._process)
-        lost = sum(entry is not None for entry in list(self._queue.queue))
+            self._thread.join(1.0)
+            self._kill(self._process)  # one that began meanwhile
         if self._all_suppressed or lost:
             log.info(
                 "the alert command did not get %d events: it gets one of a kind a minute",

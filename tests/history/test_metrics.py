@@ -58,7 +58,7 @@ def test_a_sensor_without_samples_is_down(server: MetricsServer) -> None:
     server.update(replace(report(), state="waiting"))
     found = values(scraped(server.address))
     assert found["imumon_up",] == 0.0
-    assert 0.0 <= found["imumon_report_age_seconds",] < 5.0
+    assert 0.0 <= found["imumon_report_age_seconds",] < 60.0
 
 
 def test_there_are_no_numbers_before_the_first_report() -> None:

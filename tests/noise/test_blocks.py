@@ -43,7 +43,7 @@ def same(one: BlockMeans, other: BlockMeans) -> None:
 # --- the stream --------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     n=st.integers(1, 400),
     cuts=st.lists(st.integers(0, 400), max_size=8),

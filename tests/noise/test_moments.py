@@ -47,7 +47,7 @@ def grid(rng: np.random.Generator, n: int, loss: float) -> tuple[np.ndarray, np.
     return values, rng.random((n, 2)) >= loss
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     n=st.integers(0, 2000),
     cuts=st.lists(st.integers(0, 2000), max_size=8),
@@ -62,7 +62,7 @@ def test_any_chunking_agrees_with_the_definition(n: int, cuts: list[int], loss: 
     check(moments.result(), values, ok)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(n=st.integers(0, 500), m=st.integers(0, 500), loss=st.sampled_from([0.0, 0.9, 1.0]))
 def test_merged_moments_equal_one_run(n: int, m: int, loss: float) -> None:
     values, ok = grid(np.random.default_rng(n + m), n + m, loss)

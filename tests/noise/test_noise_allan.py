@@ -185,7 +185,7 @@ def test_an_outlier_does_not_reduce_the_precision() -> None:
 # --- laws --------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     n=st.integers(0, 3000),
     cuts=st.lists(st.integers(0, 3000), max_size=12),
@@ -244,7 +244,7 @@ def run(cascade: OctaveCascade, steps: list[Step], rng: np.random.Generator) -> 
     return np.concatenate(values), np.concatenate(ok)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(steps=STEPS, seed=st.integers(0, 2**32 - 1))
 def test_gaps_are_missing_samples(steps: list[Step], seed: int) -> None:
     """Skipping, marking invalid and sending NaN give the same result, which agrees with the definition."""
@@ -268,7 +268,7 @@ def test_lossy_record_agrees_with_the_definition() -> None:
     check_definition(curve_of(values, ok), values, ok, (0, 0))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(before=STEPS, after=STEPS, later=STEPS, seed=st.integers(0, 2**32 - 1))
 def test_merge_is_one_run_with_a_break(
     before: list[Step], after: list[Step], later: list[Step], seed: int
@@ -288,7 +288,7 @@ def test_merge_is_one_run_with_a_break(
     same_bits(b.result(), untouched)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(before=STEPS, after=STEPS, seed=st.integers(0, 2**32 - 1))
 def test_restored_continues_identically(before: list[Step], after: list[Step], seed: int) -> None:
     one = OctaveCascade(3, 0.01, groups=GROUPS)

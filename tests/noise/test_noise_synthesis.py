@@ -142,7 +142,7 @@ def test_stream_of_flicker_is_stationary_from_the_start() -> None:
     assert not y[0].any()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(cuts=st.lists(st.integers(0, 3000), max_size=6))
 def test_a_stream_does_not_depend_on_chunk_sizes(cuts: list[int]) -> None:
     whole = NoiseStream(RATE, N=[1.0, 2.0], B=[0.5, 0.0], K=0.1, seed=3)

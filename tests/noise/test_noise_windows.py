@@ -53,7 +53,7 @@ def test_an_early_ramp_has_no_effect_on_a_later_window() -> None:
     np.testing.assert_array_equal(curves[0].terms, curves[1].terms)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.integers(1, 9_000), max_size=5), st.integers(0, 12_000))
 def test_any_chunking_gives_the_same_sums(cuts: list[int], at: int) -> None:
     x = np.random.default_rng(5).normal(size=(14_000, 2))

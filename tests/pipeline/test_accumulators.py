@@ -18,7 +18,7 @@ SIGMA = np.array([6e-4] * 3 + [1.4e-2] * 3)
 def test_statistics_begin_with_the_first_samples(rate: float) -> None:
     """The first assessment of the guard delays nothing and removes nothing that a report has shown."""
     record = Accumulators(GYRO + ACCEL, 1.0 / rate, averaged=[True] * 6, guarded=True)
-    values = LEVEL + SIGMA * np.random.default_rng(1).normal(size=(2500, 6))
+    values = LEVEL + SIGMA * np.random.default_rng(1).normal(size=(4000 if rate == 800.0 else 1500, 6))
     counts = []
     for row in range(len(values)):
         record.feed(PlacedSamples(values[row : row + 1], np.ones(1, dtype=np.int64), None))

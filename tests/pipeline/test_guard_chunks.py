@@ -80,7 +80,7 @@ def result(placed: PlacedSamples, edges: list[int]) -> tuple[list[object], list[
     return exact, rounded
 
 
-@settings(max_examples=15, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
+@settings(max_examples=15, phases=(Phase.explicit, Phase.reuse, Phase.generate))
 @given(
     st.lists(st.tuples(st.sampled_from(KINDS), st.integers(0, ROWS - 1)), max_size=5),
     st.lists(st.integers(1, ROWS - 1), max_size=40),

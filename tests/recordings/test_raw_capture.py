@@ -10,20 +10,13 @@ import subprocess
 import sys
 import time
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from waiting import until
 
 from imumon.recordings import CaptureWriter, RawCapture, RecordingError
 from imumon.recordings.raw_capture import part_path
-
-
-def wait_for(condition: Callable[[], object], seconds: float = 5.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "not in time"
-        time.sleep(0.002)
 
 
 def contents(path: Path | str) -> bytes:
@@ -45,7 +38,7 @@ def test_a_recording_is_read_back(tmp_path: Path, noise: bytes, name: str, rotat
     for at in range(0, len(noise), 70_000):
         recorder.write(noise[at : at + 70_000])
         if rotate:
-            wait_for(lambda at=at: recorder.written_bytes >= at)
+            until(lambda at=at: recorder.written_bytes >= at)
     recorder.close()
     assert recorder.stopped is None
     assert recorder.written_bytes == len(noise)
@@ -68,7 +61,7 @@ def test_rotation_makes_numbered_parts_that_are_read_in_order(tmp_path: Path) ->
     recorder = CaptureWriter(path, {}, rotate_bytes=10)
     for number in range(5):
         recorder.write(b"%d-------" % number)
-        wait_for(lambda number=number: recorder.written_bytes == 8 * (number + 1))
+        until(lambda number=number: recorder.written_bytes == 8 * (number + 1))
     recorder.close()
     assert sorted(os.listdir(tmp_path)) == [*(f"run.000{i}.bin" for i in range(1, 5)), "run.bin"]
     assert contents(path) == b"".join(b"%d-------" % number for number in range(5))
@@ -154,7 +147,7 @@ def test_a_recording_of_a_killed_process_is_readable_to_the_last_second(tmp_path
     path = tmp_path / "run.bin.gz"
     recorder = CaptureWriter(str(path), {})
     recorder.write(noise[:1000])
-    wait_for(lambda: recorder.written_bytes == 1000)
+    until(lambda: recorder.written_bytes == 1000)
     os.link(path, tmp_path / "as killed")
     (tmp_path / "copy.gz").write_bytes(path.read_bytes())
     recording = RawCapture(str(tmp_path / "copy.gz"))

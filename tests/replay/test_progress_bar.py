@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from tables import sentences
-from terminals import until
+from waiting import until
 
 from imumon.replay import ProgressBar
 

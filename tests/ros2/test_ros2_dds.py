@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bus_actors import until
 from daemons import Daemon
 from paths import TESTS
 from ros2_actors import imu_payload
 from ros2_messages import decode
+from waiting import until
 
 from imumon.config import Settings
 from imumon.devices import registry
@@ -122,7 +122,7 @@ def test_a_daemon_reads_a_topic_over_dds_and_publishes_diagnostics(
                 measured = bool(outputs) and outputs[-1]["linear_acceleration_covariance"][0] > 0.0
                 return measured and bool(arrays) and len(outputs) > 300
 
-            until(enough, 60.0)
+            until(enough)
         finally:
             stop.set()
             driver.join()

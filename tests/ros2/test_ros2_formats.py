@@ -182,7 +182,7 @@ def test_other_keys_are_no_tokens(key: str) -> None:
 # ---------------------------------------------------------------------- laws
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.binary(max_size=400))
 def test_any_bytes_are_a_message_or_an_error(data: bytes) -> None:
     for payload in (data, b"\0\1\0\0" + data, b"\0\0\0\0" + data):

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 import ros2_actors
-from bus_actors import until
 from daemons import Daemon
 from reports import Run, nothing_yet, with_coefficients
 from ros2_actors import free_router
 from ros2_messages import decode
+from waiting import until
 
 from imumon.cli.exit_codes import exit_code
 from imumon.config import Settings
@@ -145,7 +145,7 @@ def test_a_daemon_publishes_diagnostics_and_covariances(tmp_path: Path) -> None:
             known = sum(all(variances_of(each.payload)) for each in outputs if each.payload[:28] in inputs)
             return bool(arrays) and known > 300
 
-        until(enough, 60.0)
+        until(enough)
         graph = {(each.topic, each.type, each.node) for each in node.publishers()}
         node.close()
         code, _, log = daemon.stop()
@@ -178,7 +178,7 @@ def test_the_accelerometer_of_another_topic_is_not_that_of_the_messages() -> Non
         node = open_node(parse_url(f"ros2:/x?router={endpoint}"), "listener")
         heard = node.subscribe("/out", IMU)
         made.update(report())
-        fields = decode(IMU, until(heard.take, 60.0)[0].payload)
+        fields = decode(IMU, until(heard.take)[0].payload)
         made.close()
         node.close()
     assert fields["angular_velocity_covariance"][0] > 0.0
@@ -211,7 +211,7 @@ def test_a_vn100_publishes_diagnostics_as_soon_as_the_router_is_there(tmp_path: 
         with ros2_actors.router(endpoint):
             node = open_node(parse_url(f"ros2:/x?router={endpoint}&domain=4"), "listener")
             topic = node.subscribe(DIAGNOSTICS, DIAGNOSTIC_ARRAY)
-            found = until(topic.take, 60.0)
+            found = until(topic.take)
             nodes = {each.node for each in node.publishers()}
             node.close()
         _, _, log = daemon.stop()

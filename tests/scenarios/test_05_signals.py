@@ -11,9 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from bus_actors import until
 from laws import adds_up, is_kept
 from scene import ID, STOP_S, Scene, scene
+from waiting import until
 
 from imumon.devices.linux_tty import holders
 from imumon.report import Report, from_json

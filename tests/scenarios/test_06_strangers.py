@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 import serial
-from bus_actors import stage, until
+from bus_actors import stage
 from laws import ON_THE_WAY, Fault
 from scene import ID, scene
+from waiting import until
 
 pytestmark = pytest.mark.slow
 

@@ -22,7 +22,7 @@ from imumon.tui.view_state import VIEWS, ViewState
 
 LONGEST_S = 10.0
 """s that all viewers together may take for one report on a busy machine."""
-FAST = settings(deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
+FAST = settings(suppress_health_check=list(HealthCheck), derandomize=True)
 
 
 def parsed(cls: type, text: str) -> Any:

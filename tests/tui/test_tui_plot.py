@@ -64,7 +64,7 @@ def text_of(lines: list[Line]) -> str:
 
 
 @pytest.mark.parametrize("name", DRAWN)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(size=sizes, ascii=st.booleans(), si=st.booleans(), more=st.booleans())
 def test_every_part_draws_at_every_size(
     name: str, size: tuple[int, int], ascii: bool, si: bool, more: bool

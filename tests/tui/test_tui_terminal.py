@@ -17,7 +17,8 @@ from pathlib import Path
 
 import pytest
 from paths import TESTS
-from terminals import ENVIRONMENT, Tmux, until
+from terminals import ENVIRONMENT, Tmux
+from waiting import until
 
 ACTOR = [sys.executable, str(TESTS / "screen_actor.py")]
 

@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 import ros2_actors
 import zenoh
-from bus_actors import until
 from daemons import Daemon
 from ros2_actors import IMU_HASH, free_router, imu_payload
 from usage import cpu_s, resident_kb
+from waiting import until
 
 from imumon.config import Settings
 from imumon.devices import registry
@@ -81,7 +81,7 @@ def test_a_bridged_sensor_has_the_numbers_of_its_port(tmp_path: Path) -> None:
         sensor.start()
         bridge, monitor = Bridge(endpoint, "/vectornav/imu"), Monitor()
         daemon.wait(lambda r: r.state != "waiting")
-        until(lambda: bridge.publisher.matching_status.matching, 60.0)
+        until(lambda: bridge.publisher.matching_status.matching)
         end = time.monotonic() + SECONDS
         while time.monotonic() < end:
             for item in sensor.read(0.2):
@@ -119,7 +119,7 @@ def test_a_program_that_stands_still_for_seconds_loses_no_message(tmp_path: Path
         ros2_actors.publisher(endpoint, "/imu/data", 1000.0, paused="yes") as driver,
         Daemon(f"ros2:/imu/data?router={endpoint}", tmp_path) as daemon,
     ):
-        until(lambda: driver.ask("heard") == "1", 60.0)
+        until(lambda: driver.ask("heard") == "1")
         driver.ask("replug")
         before = daemon.samples(2000).session.samples
         process = daemon.process if who == "daemon" else router.process
@@ -143,7 +143,7 @@ def test_1_khz_loses_no_message_and_takes_a_tenth_of_a_core(tmp_path: Path) -> N
         ros2_actors.publisher(endpoint, "/imu/data", 1000.0, paused="yes") as driver,
         Daemon(f"ros2:/imu/data?router={endpoint}", tmp_path) as daemon,
     ):
-        until(lambda: driver.ask("heard") == "1", 60.0)
+        until(lambda: driver.ask("heard") == "1")
         driver.ask("replug")
         daemon.samples(5000)
         before, cpu = int(driver.ask("count")), cpu_s(daemon.process.pid)

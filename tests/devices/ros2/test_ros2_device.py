@@ -16,13 +16,13 @@ from typing import IO, Any, cast
 import numpy as np
 import pytest
 import ros2_actors
-from bus_actors import until
 from daemons import Daemon
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from paths import TESTS
 from ros2_actors import free_router, imu_payload
 from ros2_messages import encode, header
+from waiting import until
 
 from imumon.config import Settings
 from imumon.devices import registry
@@ -315,7 +315,7 @@ def test_counters_add_up_over_losses() -> None:
         read_until(made, 200)
         driver.ask("drop 7")
         items: list[Item] = []
-        until(lambda: items.extend(made.read(0.1)) or any(isinstance(item, Notice) for item in items), 60.0)
+        until(lambda: items.extend(made.read(0.1)) or any(isinstance(item, Notice) for item in items))
         read_until(made, 300)
         made.close()
     assert made.counters.overruns == 1
@@ -332,7 +332,7 @@ def test_the_daemon_waits_for_the_topic_and_follows_its_driver(tmp_path: Path) -
     with Daemon(f"ros2:/imu/data?router={endpoint}", tmp_path) as daemon:
         daemon.wait(lambda r: r.state == "waiting" and r.device.id == "ros2-imu-data")
         with ros2_actors.router(endpoint), ros2_actors.publisher(endpoint, "/other", 50.0, paused="yes"):
-            until(lambda: "IMU topics: /other" in daemon.log, 60.0)
+            until(lambda: "IMU topics: /other" in daemon.log)
             with ros2_actors.publisher(endpoint, "/imu/data", 200.0) as driver:
                 first = daemon.samples(400)
                 assert first.device.stream == "unknown"
@@ -435,7 +435,7 @@ def test_zenoh_ros2_sdk_reads_what_we_publish() -> None:
         assert line(listener.stdout) == "ready\n"
         node = open_node(parse_url(f"ros2:/x?router={endpoint}"))
         publication = node.advertise("/imu/out", IMU)
-        until(lambda: is_heard(publication), 60.0)
+        until(lambda: is_heard(publication))
         for k in range(5):
             stamp = UNIX_NS + 123_456_789 + k
             publication.publish(imu_payload(stamp, [0.001, -0.002, 0.003], [0.25, -0.5, -9.8125]), stamp)
@@ -459,7 +459,7 @@ def test_we_read_what_zenoh_ros2_sdk_publishes_and_it_sees_us() -> None:
         driver.stdin.flush()
         items: list[Item] = []
         assert line(driver.stdout) == "sent\n"
-        until(lambda: items.extend(made.read(0.1)) or made.counters.messages >= 400, 60.0)
+        until(lambda: items.extend(made.read(0.1)) or made.counters.messages >= 400)
         with sdk("info", endpoint, "/imu/sdk") as asked:
             shown = json.loads(line(asked.stdout))
         items += made.finish()
@@ -476,11 +476,11 @@ def test_a_publication_has_the_hash_of_the_distribution() -> None:
         node = open_node(parse_url(f"ros2:/x?router={endpoint}"))
         listener = open_node(parse_url(f"ros2:/x?router={endpoint}"))
         heard = listener.subscribe("/out", IMU)
-        until(node.publishers, 60.0)
+        until(node.publishers)
         publication = node.advertise("/out", IMU)
-        until(lambda: is_heard(publication), 60.0)
+        until(lambda: is_heard(publication))
         publication.publish(imu_payload(1, [0.0] * 3, [0.0] * 3), 1)
-        got = until(heard.take, 60.0)
+        got = until(heard.take)
         node.close()
         listener.close()
     assert [message.hash for message in got] == ["TypeHashNotSupported"]
@@ -531,7 +531,7 @@ def test_a_stream_continues_over_a_reconnection() -> None:
     assert (samples(items)[:, -1] == 25.0).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_hostile_messages_never_raise_and_counts_add_up(data: st.DataObject) -> None:
     """Any stamps, sequence numbers, publishers and bytes: a message is a sample, a duplicate, or invalid."""

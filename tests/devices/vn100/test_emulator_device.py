@@ -252,7 +252,7 @@ COMMAND = st.sampled_from(
 )
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 @given(
     commands=st.lists(st.tuples(COMMAND, st.lists(FIELD, max_size=14)), max_size=8),
     noise=st.binary(max_size=40),
