@@ -11,22 +11,22 @@ import time
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TypeAlias
+from typing import ClassVar
 
 from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.containers import Container
 from textual.events import Click
 from textual.screen import Screen
-from textual.theme import Theme
 
 from imumon.messages import matching
-from imumon.report import Event, Report, Signal
+from imumon.report import Report
 from imumon.samples import sensor_of
 from imumon.tui import export, terminal
-from imumon.tui.formatting import Line, Notation, length, padded, with_background
+from imumon.tui.formatting import Line, Notation
 from imumon.tui.history_chart import parse
-from imumon.tui.panels import status, welcome
+from imumon.tui.panels import footer, status, tabs, welcome
+from imumon.tui.report_source import HistoryAnswer, ReportSource
 from imumon.tui.svg_export import portable_svg
 from imumon.tui.view_state import SPANS, STALE_PERIODS, VIEWS, WINDOWS, HistorySeries, ViewState
 from imumon.tui.views import (
@@ -42,7 +42,7 @@ from imumon.tui.views import (
     help_lines,
     keys_of,
 )
-from imumon.tui.widgets import DrawnPanel, RoleStyles
+from imumon.tui.widgets import THEMES, DrawnPanel, RoleStyles
 
 POLL_S = 0.5
 """s between two polls of the source: the screen is drawn at most this often."""
@@ -50,89 +50,6 @@ FIRST_POLL_S = 0.1
 """s between two polls while there is no report yet."""
 TERMINAL_POLL_S = 5.0
 """s between two checks whether the terminal is still open."""
-
-_COLOURS = [
-    "primary",
-    "secondary",
-    "success",
-    "warning",
-    "error",
-    "foreground",
-    "background",
-    "surface",
-    "panel",
-]
-_TEXTS = ["text-primary", "text-secondary", "text-accent", "text-success", "text-warning", "text-error"]
-
-
-def _theme(name: str, dark: bool, colours: str, texts: str) -> Theme:
-    """Return a theme: backgrounds and colours, and the same colours for text."""
-    own: dict[str, Any] = dict(zip(_COLOURS, colours.split(), strict=True))
-    variables = dict(zip(_TEXTS, texts.split(), strict=True))
-    return Theme(name=name, dark=dark, accent=own["primary"], variables=variables, **own)
-
-
-THEMES = (
-    _theme(
-        "imumon-dark",
-        True,
-        "#6ea8fe #b9a3e3 #7fd1ae #f0b866 #f2777a #d5dae3 #11151c #161b24 #1d2430",
-        "#82b4ff #c0a6f0 #7cc4f5 #86d6b4 #f0b866 #f58a8c",
-    ),
-    _theme(
-        "imumon-light",
-        False,
-        "#1f5fbf #7448b5 #14795a #9a5b00 #b3261e #20262e #fbfbf9 #f3f3ef #e6e7e3",
-        "#1f5fbf #7448b5 #0f6e9c #14795a #9a5b00 #b3261e",
-    ),
-)
-
-
-HistoryQuestion: TypeAlias = tuple[str, str, float, str]
-"""Device, channel, span in s before now, and step of the rows."""
-HistoryAnswer: TypeAlias = tuple[HistoryQuestion, bytes, bytes]
-"""The question, and the rows and events of the reply as JSON."""
-
-
-class ReportSource(Protocol):
-    """Where the screen gets its reports from: a slot for the latest value.
-
-    The receiver writes into it from its own threads, and the screen reads it when it is about to draw. Nothing
-    is queued, so a slow terminal delays no thread and a fast sensor does not flood the screen.
-
-    Attributes
-    ----------
-    version : grows with every change, so that the screen draws only when something is new.
-    """
-
-    version: int
-
-    def reports(self) -> dict[str, tuple[Report, float]]:
-        """Return the newest report of each device by id, with its arrival in s of the monotonic clock."""
-
-    def alive(self) -> set[str]:
-        """Return the ids of the devices with a running daemon."""
-
-    def events(self, id: str) -> list[Event]:
-        """Return the events of a device, newest last, at most 100."""
-
-    def rivals(self) -> dict[str, tuple[str, ...]]:
-        """Return the devices that several programs publish, with the sessions of these."""
-
-    def watch(self, id: str, channel: str | None) -> None:
-        """Choose the channel whose signal is requested from now on; None: none."""
-
-    def signal(self) -> tuple[Signal, float] | None:
-        """Return the newest signal of the watched channel, with its arrival in s of the monotonic clock."""
-
-    def watch_history(self, asked: HistoryQuestion | None) -> None:
-        """Choose the history that is requested every now and then from now on; None: none."""
-
-    def history_answer(self) -> HistoryAnswer | None:
-        """Return the newest replies, with the question."""
-
-    def connected(self) -> bool:
-        """Return whether any daemon or router can be reached."""
 
 
 def save_directory() -> Path:
@@ -476,7 +393,7 @@ class ImumonApp(App[int]):
         """Select a view by a click on its name in the footer."""
         if event.widget is not None and event.widget.id == "footer":
             at = 0
-            for name, (text, _) in zip(VIEWS, _tabs(self.view_state, self.size.width), strict=True):
+            for name, (text, _) in zip(VIEWS, tabs(self.view_state, self.size.width), strict=True):
                 if at <= event.x < at + len(text):
                     self.action_view(name)
                 at += len(text)
@@ -492,35 +409,3 @@ def _with_existing_selection(state: ViewState) -> ViewState:
     if state.compared_id is not None:
         state = state.updated(baseline=reports.get(state.compared_id))
     return state
-
-
-WIDE_FOOTER, NAMED_FOOTER = 100, 66
-"""Widths in cells from which views and keys are two blanks apart, and from which all views are named."""
-
-
-def _tabs(state: ViewState, width: int) -> Line:
-    """Return the views by name, the visible one highlighted."""
-    roles = ["tab" if name == state.view else "muted" for name in VIEWS]
-    named = width >= NAMED_FOOTER
-    names = [f"{k} {name}" if named or name == state.view else str(k) for k, name in enumerate(VIEWS, 1)]
-    if width >= WIDE_FOOTER:
-        return [(f" {name} ", role) for name, role in zip(names, roles, strict=True)]
-    before = ["muted", *roles]
-    return [
-        (f"{'' if left == 'tab' else ' '}{name}{' ' if role == 'tab' else ''}", role)
-        for name, role, left in zip(names, roles, before, strict=False)
-    ]
-
-
-def footer(state: ViewState, width: int, height: int = 1) -> list[Line]:
-    """Return the views and the most important keys."""
-    line = _tabs(state, width)
-    keys = (("?", "help"), ("q", "quit"), ("s", "save"), ("u", "units"), ("f", "freeze"), ("^p", "palette"))
-    right: Line = []
-    for key, name in keys:
-        item: Line = [(f"  {key} " if width >= WIDE_FOOTER else f" {key} ", "key"), (name, "muted")]
-        if length(line) + length(right) + length(item) < width:
-            right += item
-    return [
-        with_background([*padded(line, max(width - length(right) - 1, 0)), *right, (" ", "text")], "footer")
-    ]

@@ -1,4 +1,4 @@
-"""Status line, headline grades, the selected channel in full, and the page while there is no report."""
+"""Status line, footer, headline grades, the selected channel in full, and the page while there is no report."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from imumon.tui.formatting import (
     with_background,
     wrap,
 )
-from imumon.tui.view_state import SHOWN_CAVEATS, ViewState
+from imumon.tui.view_state import SHOWN_CAVEATS, VIEWS, ViewState
 from imumon.units import counted, duration, number
 
 # ---------------------------------------------------------------------------- status line
@@ -67,6 +67,41 @@ def _facts(report: Report, state: ViewState) -> list[Line]:
         *((text, "muted") for text in (device.port, device.stream, device.model)),
     )
     return [[(text, role)] for text, role in facts if text is not None]
+
+
+# ---------------------------------------------------------------------------- footer
+
+
+WIDE_FOOTER, NAMED_FOOTER = 100, 66
+"""Widths in cells from which views and keys are two blanks apart, and from which all views are named."""
+
+
+def tabs(state: ViewState, width: int) -> Line:
+    """Return the views by name, the visible one highlighted."""
+    roles = ["tab" if name == state.view else "muted" for name in VIEWS]
+    named = width >= NAMED_FOOTER
+    names = [f"{k} {name}" if named or name == state.view else str(k) for k, name in enumerate(VIEWS, 1)]
+    if width >= WIDE_FOOTER:
+        return [(f" {name} ", role) for name, role in zip(names, roles, strict=True)]
+    before = ["muted", *roles]
+    return [
+        (f"{'' if left == 'tab' else ' '}{name}{' ' if role == 'tab' else ''}", role)
+        for name, role, left in zip(names, roles, before, strict=False)
+    ]
+
+
+def footer(state: ViewState, width: int, height: int = 1) -> list[Line]:
+    """Return the views and the most important keys."""
+    line = tabs(state, width)
+    keys = (("?", "help"), ("q", "quit"), ("s", "save"), ("u", "units"), ("f", "freeze"), ("^p", "palette"))
+    right: Line = []
+    for key, name in keys:
+        item: Line = [(f"  {key} " if width >= WIDE_FOOTER else f" {key} ", "key"), (name, "muted")]
+        if length(line) + length(right) + length(item) < width:
+            right += item
+    return [
+        with_background([*padded(line, max(width - length(right) - 1, 0)), *right, (" ", "text")], "footer")
+    ]
 
 
 # ---------------------------------------------------------------------------- headline grades

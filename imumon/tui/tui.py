@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from imumon.tui import terminal
-
-if TYPE_CHECKING:
-    from imumon.tui.app import ReportSource
+from imumon.tui.report_source import ReportSource
 
 TERMINAL_GONE = 129
 """Exit code when the terminal is closed: 128 + SIGHUP."""
@@ -46,7 +44,7 @@ def themes() -> tuple[str, ...]:
     """Return the names of the themes, those of imumon first."""
     from textual.theme import BUILTIN_THEMES
 
-    from imumon.tui.app import THEMES
+    from imumon.tui.widgets import THEMES
 
     return (*(theme.name for theme in THEMES), *sorted(BUILTIN_THEMES))
 

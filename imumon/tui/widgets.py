@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import zip_longest
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from rich.color import Color
 from rich.segment import Segment
@@ -16,11 +16,48 @@ from rich.style import Style
 from textual.geometry import Region, Size
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
+from textual.theme import Theme
 from textual.widget import Widget
 
 from imumon.report import COEFFICIENTS, GRADES, plain
 from imumon.tui.formatting import Line, to_ascii
 from imumon.tui.view_state import ViewState
+
+_COLOURS = [
+    "primary",
+    "secondary",
+    "success",
+    "warning",
+    "error",
+    "foreground",
+    "background",
+    "surface",
+    "panel",
+]
+_TEXTS = ["text-primary", "text-secondary", "text-accent", "text-success", "text-warning", "text-error"]
+
+
+def _theme(name: str, dark: bool, colours: str, texts: str) -> Theme:
+    """Return a theme: backgrounds and colours, and the same colours for text."""
+    own: dict[str, Any] = dict(zip(_COLOURS, colours.split(), strict=True))
+    variables = dict(zip(_TEXTS, texts.split(), strict=True))
+    return Theme(name=name, dark=dark, accent=own["primary"], variables=variables, **own)
+
+
+THEMES = (
+    _theme(
+        "imumon-dark",
+        True,
+        "#6ea8fe #b9a3e3 #7fd1ae #f0b866 #f2777a #d5dae3 #11151c #161b24 #1d2430",
+        "#82b4ff #c0a6f0 #7cc4f5 #86d6b4 #f0b866 #f58a8c",
+    ),
+    _theme(
+        "imumon-light",
+        False,
+        "#1f5fbf #7448b5 #14795a #9a5b00 #b3261e #20262e #fbfbf9 #f3f3ef #e6e7e3",
+        "#1f5fbf #7448b5 #0f6e9c #14795a #9a5b00 #b3261e",
+    ),
+)
 
 DrawFunction = Callable[[ViewState, int, int], list[Line]]
 """From a state, a width and a height in cells to lines."""

@@ -17,11 +17,12 @@ from textual.widgets import Input
 
 from imumon.report import Drift, Report, from_json
 from imumon.tui import export, text_panels
-from imumon.tui.app import THEMES, ImumonApp, footer
+from imumon.tui.app import ImumonApp
 from imumon.tui.formatting import Notation, length
+from imumon.tui.panels import footer
 from imumon.tui.view_state import VIEWS, ViewState
 from imumon.tui.views import View, keys_of
-from imumon.tui.widgets import DrawnPanel, ScrolledPanel
+from imumon.tui.widgets import THEMES, DrawnPanel, ScrolledPanel
 
 Script = Callable[[ImumonApp, Pilot[int]], Awaitable[None]]
 OTHER = "vn100-0100056799"
