@@ -130,17 +130,6 @@ _ROWS = (
             "mag": CoefficientUnit("ramp", "gauss/s", 1000.0 * HOUR, "mG/h"),
         },
     ),
-    Coefficient(
-        letter="D",
-        about="stability over a day: the Allan deviation at an averaging time of a day",
-        slope=0.0,
-        level=1.0,
-        units={
-            "gyro": CoefficientUnit("stability over a day", "rad/s", DEG * HOUR, "deg/h"),
-            "accel": CoefficientUnit("stability over a day", "m/s^2", MG, "mg"),
-            "mag": CoefficientUnit("stability over a day", "gauss", 1000.0, "mG"),
-        },
-    ),
 )
 
 COEFFICIENTS: Mapping[str, Coefficient] = {row.letter: row for row in _ROWS}

@@ -33,8 +33,6 @@ LEAST_B_K_S = 10.0
 """s, shortest record for B and K: before, a filter, a vibration, and the start look like them."""
 N_ERRORS = 2.2
 """Standard errors of N^2, or of Q^2, from which it is measured: 1.4 % false detections."""
-DAY_S = 86400.0
-"""s, averaging time of the stability over a day; the curve has the next octave."""
 EVIDENCE = 4.8
 """Twice the log likelihood ratio against zero from which B or K is measured: 1.4 % false detections (half of the
 records have the best value at zero)."""
@@ -170,13 +168,8 @@ def _with_curve(
     low, high = limit_factors(np.maximum(edf, 1.0))
     sigma = curve.sigma[:, channel]
     positive = present & (sigma > 0.0)
-    known = dict(fit.coefficients)
-    for at in np.flatnonzero(positive & (curve.tau >= DAY_S))[:1]:
-        value, below, above = (sigma[at] * np.array([1.0, low[at], high[at]])).tolist()
-        known["D"] = Estimate(value=value, low=below, high=above, status="measured")
     return replace(
         fit,
-        coefficients=known,
         model=np.sqrt(random + fixed),
         noise=np.sqrt(noise),
         used=present & (m >= 1 << found.first),
