@@ -1,9 +1,9 @@
 """Datasheet: documents and settings from a report. The only computation is the conversion of units.
 
 datasheet        entry: `document`, and the formats there are
-content          content of a datasheet, block by block
-evidence         blocks of data sheet, uncertainty, exact curve and traceability
-blocks           the blocks, and their form in Markdown
+content          content of a datasheet, element by element
+evidence         elements of data sheet, uncertainty, exact curve and traceability
+elements         the elements, and their form in Markdown
 html             the form as one self-contained HTML page
 figures          Allan deviation as an element of the page and as SVG, PDF and PNG, by matplotlib
 tables           table for a terminal, and texts that several forms share

@@ -1,4 +1,4 @@
-"""Content of a datasheet, block by block, the same for every form.
+"""Content of a datasheet, element by element, the same for every form.
 
 Order: grades, caveats, coefficients, curves, data sheet, uncertainty, the record, settings to paste, traceability.
 Every number comes from the report; an unknown one is given with its reason.
@@ -9,25 +9,25 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from imumon.datasheet.blocks import (
-    Block,
+from imumon.datasheet.elements import (
     Caution,
-    CodeBlock,
     CurveFigure,
     DataTable,
     Document,
+    Element,
     FilterFigure,
     GradeSummary,
     Heading,
     HistoryFigure,
+    Listing,
     Paragraph,
 )
 from imumon.datasheet.evidence import (
-    budget_blocks,
-    conformity_blocks,
-    exact_blocks,
+    budget_elements,
+    conformity_elements,
+    exact_elements,
     excluding_events,
-    traceability_blocks,
+    traceability_elements,
 )
 from imumon.datasheet.figures import legend_text
 from imumon.datasheet.filter_figure import QUANTITIES, filter_table, shown_axis
@@ -85,10 +85,10 @@ def datasheet_content(report: Report, filters: FilterReport, history: HistoryRow
     history : rows of its history; empty: none is known.
     """
     subtitle = f"Noise datasheet · {record_title(report)} · {report.time}"
-    return Document(sensor_title(report), subtitle, tuple(_blocks(report, filters, history)))
+    return Document(sensor_title(report), subtitle, tuple(_elements(report, filters, history)))
 
 
-def _blocks(report: Report, filters: FilterReport, history: HistoryRows) -> Iterator[Block]:
+def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> Iterator[Element]:
     yield from _grade_summaries(report)
     yield from _cautions(report)
     sensors = [sensor for sensor in SENSOR_TITLES if any(_axes(report, sensor))]
@@ -107,9 +107,9 @@ def _blocks(report: Report, filters: FilterReport, history: HistoryRows) -> Iter
         for sensor in sensors:
             caption, legend = _figure_caption(report, sensor), legend_text(report, [sensor])
             yield CurveFigure(sensor, caption, legend, _curve_table(report, sensor))
-        yield from exact_blocks(report)
-        yield from conformity_blocks(report)
-        yield from budget_blocks(report)
+        yield from exact_elements(report)
+        yield from conformity_elements(report)
+        yield from budget_elements(report)
     yield from _grade_limits(report)
     yield from _history(history)
     yield from _record(report)
@@ -122,14 +122,14 @@ def _blocks(report: Report, filters: FilterReport, history: HistoryRows) -> Iter
             "Other formats: imumon report --format filter, ros, px4, ardupilot, gtsam, openvins, vins, fastlio, "
             "liosam, orbslam3, robot_localization or kfgins."
         )
-        yield CodeBlock("yaml", settings_document("kalibr", report, filters).rstrip("\n"))
-    yield from traceability_blocks(report)
+        yield Listing("yaml", settings_document("kalibr", report, filters).rstrip("\n"))
+    yield from traceability_elements(report)
 
 
 # ---------------------------------------------------------------- grades and caveats
 
 
-def _grade_summaries(report: Report) -> Iterator[Block]:
+def _grade_summaries(report: Report) -> Iterator[Element]:
     for sensor, grade in report.grade.items():
         yield GradeSummary(SENSOR_TITLES.get(sensor, sensor), grade_text(grade), _grade_reason(sensor, grade))
 
@@ -148,7 +148,7 @@ def _title(sensor: str, letter: str) -> str:
     return letter if unit is None else f"{unit.name} {letter}"
 
 
-def _cautions(report: Report) -> Iterator[Block]:
+def _cautions(report: Report) -> Iterator[Element]:
     for caveat, channels in caveats(report).items():
         text = CAVEATS[caveat].advice if caveat in CAVEATS else ""
         if caveat == "aliased":
@@ -218,7 +218,7 @@ def _point_text(curve: Allan, at: int) -> str:
 # ---------------------------------------------------------------- limits of the grades
 
 
-def _grade_limits(report: Report) -> Iterator[Block]:
+def _grade_limits(report: Report) -> Iterator[Element]:
     if not report.limits:
         return
     columns = [(s, c) for s in ("gyro", "accel") for c in GRADED if c in report.limits.get(s, {})]
@@ -243,7 +243,7 @@ def _limit_text(report: Report, sensor: str, letter: str, grade: str) -> str:
 # ---------------------------------------------------------------- filters
 
 
-def _history(rows: HistoryRows) -> Iterator[Block]:
+def _history(rows: HistoryRows) -> Iterator[Element]:
     """Yield N of each sensor over days."""
     sensors = [sensor for sensor in SENSOR_TITLES if series(rows, sensor)]
     if sensors:
@@ -253,7 +253,7 @@ def _history(rows: HistoryRows) -> Iterator[Block]:
         yield HistoryFigure(sensor, caption, history_table(rows, sensor), rows)
 
 
-def _filters(filters: FilterReport) -> Iterator[Block]:
+def _filters(filters: FilterReport) -> Iterator[Element]:
     """Yield the numbers for a filter, and the predicted error of filters with and without them."""
     if not filters.channels:
         return
@@ -291,7 +291,7 @@ def _filters(filters: FilterReport) -> Iterator[Block]:
 # ---------------------------------------------------------------- the record
 
 
-def _record(report: Report) -> Iterator[Block]:
+def _record(report: Report) -> Iterator[Element]:
     device, session = report.device, report.session
     excluded = exclusions(report, _seconds)
     disturbances = counted(session.disturbances, "disturbance")
@@ -342,7 +342,7 @@ def _seconds(seconds: float) -> str:
     return duration(seconds) if seconds >= 60.0 else f"{seconds:.1f} s"
 
 
-def _values(report: Report) -> Iterator[Block]:
+def _values(report: Report) -> Iterator[Element]:
     rows = []
     for name, channel in report.channels.items():
         shape, drift = channel.distribution, channel.drift
@@ -369,7 +369,7 @@ def _values(report: Report) -> Iterator[Block]:
         yield DataTable(("", "strongest spectral lines, frequency and amplitude"), tuple(rows))
 
 
-def _fit(report: Report, sensors: Sequence[str]) -> Iterator[Block]:
+def _fit(report: Report, sensors: Sequence[str]) -> Iterator[Element]:
     rows = []
     for sensor in sensors:
         for axis, channel in _axes(report, sensor):

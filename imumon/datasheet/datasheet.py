@@ -7,9 +7,9 @@ from functools import partial
 from typing import NamedTuple
 
 from imumon.datasheet import figures
-from imumon.datasheet.blocks import markdown
 from imumon.datasheet.content import datasheet_content
 from imumon.datasheet.csv_table import csv_table
+from imumon.datasheet.elements import markdown
 from imumon.datasheet.history_figure import HistoryRows
 from imumon.datasheet.html import html_page
 from imumon.datasheet.program_settings import PROGRAMS, settings_document

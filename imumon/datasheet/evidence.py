@@ -1,6 +1,6 @@
-"""Blocks of a datasheet that support its numbers: data sheet, uncertainty, exact curve, traceability.
+"""Elements of a datasheet that support its numbers: data sheet, uncertainty, exact curve, traceability.
 
-Everything is in `Report.evaluation`; a report without it has none of these blocks.
+Everything is in `Report.evaluation`; a report without it has none of these elements.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
 
 from imumon.coefficients import COEFFICIENTS, unit_of
-from imumon.datasheet.blocks import Block, DataTable, Heading, Paragraph
+from imumon.datasheet.elements import DataTable, Element, Heading, Paragraph
 from imumon.datasheet.tables import significant_digits
 from imumon.evaluation import Conformity, LimitCheck, UncertaintyBudget, UncertaintyComponent
 from imumon.report import Event, Report, stamp
@@ -32,7 +32,7 @@ LEAST_SHARE = 1e-5
 """Share of a value below which a component is shown as smaller."""
 
 
-def conformity_blocks(report: Report) -> Iterator[Block]:
+def conformity_elements(report: Report) -> Iterator[Element]:
     """Yield the check against the data sheet of the device."""
     made = report.evaluation.conformity if report.evaluation is not None else None
     if made is None:
@@ -110,7 +110,7 @@ def evidence_lines(report: Report) -> list[str]:
 # ---------------------------------------------------------------- uncertainty
 
 
-def budget_blocks(report: Report) -> Iterator[Block]:
+def budget_elements(report: Report) -> Iterator[Element]:
     """Yield the uncertainty budget of the measured coefficients."""
     made = report.evaluation
     if made is None or not report.channels:
@@ -135,7 +135,7 @@ def budget_blocks(report: Report) -> Iterator[Block]:
             "the combined one, k of Student's t for the effective degrees of freedom. – is not known and not "
             f"combined. {_bases([budget for _, _, budget in pairs])}"
         )
-    yield from _bias_blocks(made.bias_budgets)
+    yield from _bias_elements(made.bias_budgets)
     bounded = "Coefficients that are only bounded have no budget." if pairs else "Nothing is measured yet."
     yield Paragraph(f"{bounded} Not covered: {'; '.join(made.not_covered)}.")
 
@@ -144,7 +144,7 @@ def _part(budget: UncertaintyBudget, source: str) -> UncertaintyComponent | None
     return next((each for each in budget.components if each.source == source), None)
 
 
-def _bias_blocks(budgets: Mapping[str, UncertaintyBudget]) -> Iterator[Block]:
+def _bias_elements(budgets: Mapping[str, UncertaintyBudget]) -> Iterator[Element]:
     """Yield the budget of the bias; nothing if no power-ups are known."""
     rows = []
     for name, budget in budgets.items():
@@ -225,7 +225,7 @@ def _exact_rows(report: Report) -> Iterator[tuple[str, str, str, str, str]]:
         )
 
 
-def exact_blocks(report: Report) -> Iterator[Block]:
+def exact_elements(report: Report) -> Iterator[Element]:
     """Yield how much the curve of the fit differs from the exact one."""
     rows = list(_exact_rows(report))
     if not rows:
@@ -252,7 +252,7 @@ def exact_blocks(report: Report) -> Iterator[Block]:
 # ---------------------------------------------------------------- traceability
 
 
-def traceability_blocks(report: Report) -> Iterator[Block]:
+def traceability_elements(report: Report) -> Iterator[Element]:
     """Yield program, input, options and what was excluded."""
     made = report.evaluation.provenance if report.evaluation is not None else None
     if made is None:

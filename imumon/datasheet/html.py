@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import html
 
-from imumon.datasheet.blocks import (
-    Block,
+from imumon.datasheet.elements import (
     Caution,
-    CodeBlock,
     CurveFigure,
     DataTable,
     Document,
+    Element,
     FilterFigure,
     GradeSummary,
     Heading,
     HistoryFigure,
+    Listing,
     Paragraph,
 )
 from imumon.datasheet.figures import svg
@@ -46,7 +46,7 @@ p { margin: .6rem 0; }
 .note, figcaption { font-size: .87rem; }
 .grades { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.3rem 0 1rem; }
 .grade { flex: 1 1 18rem; background: var(--soft); border-radius: 6px; padding: .7rem 1rem .8rem; }
-.grade b { display: block; font-size: 1.2rem; line-height: 1.3; }
+.grade b { display: element; font-size: 1.2rem; line-height: 1.3; }
 .grade b::first-letter { text-transform: uppercase; }
 .grade span { font-size: .87rem; color: var(--muted); }
 .caution { margin: .5rem 0; padding: .5rem .9rem; max-width: none; background: var(--warn-soft);
@@ -62,7 +62,7 @@ tbody th { font-weight: 600; } tbody th, .one { white-space: nowrap; }
 tr.strong td, tr.strong th { background: var(--soft); font-weight: 700; }
 table.facts { width: auto; } table.facts th { font-weight: 400; color: var(--muted); padding-right: 1.6rem; }
 figure { margin: 1rem 0 1.6rem; }
-svg.allan { width: 100%; height: auto; display: block; }
+svg.allan { width: 100%; height: auto; display: element; }
 svg.allan text { font-family: system-ui, "Segoe UI", Arial, "DejaVu Sans", sans-serif; }
 @media screen and (max-width: 36rem) { body { padding: 1.4rem .9rem 2rem; } figure { overflow-x: auto; }
   svg.allan { min-width: 34rem; } }
@@ -84,10 +84,14 @@ pre { background: var(--soft); border-radius: 6px; padding: .8rem 1rem; overflow
 def html_page(document: Document, report: Report, filters: FilterReport) -> str:
     """Return the whole datasheet; the curves are drawn from the report and the parameters for filters."""
     grades = "".join(
-        _block(block, report, filters) for block in document.blocks if isinstance(block, GradeSummary)
+        _element(element, report, filters)
+        for element in document.elements
+        if isinstance(element, GradeSummary)
     )
     rest = [
-        _block(block, report, filters) for block in document.blocks if not isinstance(block, GradeSummary)
+        _element(element, report, filters)
+        for element in document.elements
+        if not isinstance(element, GradeSummary)
     ]
     title = html.escape(document.title)
     return "\n".join(
@@ -103,8 +107,8 @@ def html_page(document: Document, report: Report, filters: FilterReport) -> str:
     )
 
 
-def _block(block: Block, report: Report, filters: FilterReport) -> str:
-    match block:
+def _element(element: Element, report: Report, filters: FilterReport) -> str:
+    match element:
         case Heading(text):
             return f"<h2>{html.escape(text)}</h2>"
         case Paragraph(text):
@@ -115,7 +119,7 @@ def _block(block: Block, report: Report, filters: FilterReport) -> str:
             inner = f"{html.escape(sensor)}<b>{html.escape(grade)}</b><span>{html.escape(text)}</span>"
             return f'<div class="grade">{inner}</div>'
         case DataTable():
-            return _table(block)
+            return _table(element)
         case CurveFigure(sensor, caption, legend, _):
             drawn, text = svg(report, sensor), html.escape(f"{caption}. {legend}.")
             return f"<figure>{drawn}<figcaption>{text}</figcaption></figure>" if drawn else ""
@@ -125,7 +129,7 @@ def _block(block: Block, report: Report, filters: FilterReport) -> str:
         case HistoryFigure(sensor, caption, _, rows):
             drawn = history_svg(rows, sensor)
             return f"<figure>{drawn}<figcaption>{html.escape(caption)}</figcaption></figure>" if drawn else ""
-        case CodeBlock(_, text):
+        case Listing(_, text):
             return f"<pre>{html.escape(text)}</pre>"
 
 

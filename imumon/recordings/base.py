@@ -10,6 +10,8 @@ from imumon.errors import ImumonError
 from imumon.report import plain
 from imumon.samples import Gap, Kind, SampleBlock
 
+HEAD_BYTES, HEAD_LINES = 1 << 14, 30
+"""Bytes and lines at the start of a text that show its form: the header of a table must come within them."""
 LONGEST_LINE = 1 << 16
 """Bytes of a line of text: a longer one is an invalid row, or data."""
 BLOCK_BYTES = 1 << 20

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from imumon.recordings.base import LONGEST_LINE, ReadOptions, RecordingError
+from imumon.recordings.base import HEAD_LINES, LONGEST_LINE, ReadOptions, RecordingError
 from imumon.recordings.column_names import UNITS, unit_of
 from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout
 from imumon.recordings.csv_rows import (
@@ -33,8 +33,6 @@ from imumon.samples import SampleBlock
 
 COMPLETE = "check that it is complete"
 """Cure for a table without rows."""
-PREAMBLE = 30
-"""Lines before which the header must come."""
 
 BLOCK_BYTES = 1 << 23
 """Bytes of lines that are parsed at once."""
@@ -108,10 +106,10 @@ class CsvFile(Table):
         head = b""
         for block in blocks:
             head += block
-            if head.count(b"\n") > PREAMBLE:
+            if head.count(b"\n") > HEAD_LINES:
                 break
         seen = lines_of(head)
-        if TOO_LONG in seen[:PREAMBLE]:
+        if TOO_LONG in seen[:HEAD_LINES]:
             text = f"{self.path} line {seen.index(TOO_LONG) + 1} is longer than {LONGEST_LINE:,} bytes"
             raise RecordingError("line_too_long", text, "check that it is a table with one row per line")
         at = header_line(seen)
@@ -169,7 +167,7 @@ def header_line(lines: Sequence[str]) -> int | None:
     Most of its cells are no numbers, and it has as many as the first row of numbers.
     """
     candidates: list[int] = []
-    for k, line in enumerate(lines[:PREAMBLE]):
+    for k, line in enumerate(lines[:HEAD_LINES]):
         cells = split(line, separator_of(line))
         if len(cells) > 1 and sum(not is_number(cell) for cell in cells if cell) > len(cells) / 2:
             candidates.append(k)

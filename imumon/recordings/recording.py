@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from imumon.devices.base import DeviceError, sample_blocks
 from imumon.devices.registry import DEFAULT_SCHEME, driver
 from imumon.files import open_regular
-from imumon.recordings.base import OptionNotApplicable, ReadOptions, Recording, RecordingError
+from imumon.recordings.base import HEAD_BYTES, OptionNotApplicable, ReadOptions, Recording, RecordingError
 from imumon.recordings.columns import layout
 from imumon.recordings.csv import CsvFile, header_line
 from imumon.recordings.csv_rows import is_number, separator_of, split
@@ -17,9 +17,6 @@ from imumon.recordings.npz import NpzFile
 from imumon.recordings.raw_capture import RawCapture
 from imumon.recordings.sentence_table import sentence_table
 from imumon.samples import Gap, SampleBlock
-
-SNIFF_BYTES = 1 << 14
-"""Bytes of a text that are searched for its header line."""
 
 NUMBER_LINES = 20
 """Lines that show whether a text without a header is a table of numbers."""
@@ -145,7 +142,7 @@ def _is_numbers(lines: Sequence[str]) -> bool:
 
 def _is_csv(capture: RawCapture, options: ReadOptions) -> bool:
     """Return whether text is a table: its name says so, or its header names an inertial sensor."""
-    head = capture.head[:SNIFF_BYTES]
+    head = capture.head[:HEAD_BYTES]
     if capture.header is not None:
         return False
     if (decoder := driver().decoder()) is not None:

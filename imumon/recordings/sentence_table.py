@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from imumon.devices.base import RawDecoder, sample_blocks
-from imumon.recordings.base import LONGEST_LINE, ReadOptions, RecordingError
+from imumon.recordings.base import HEAD_BYTES, HEAD_LINES, LONGEST_LINE, ReadOptions, RecordingError
 from imumon.recordings.column_names import Column, parse_name
 from imumon.recordings.columns import ColumnLayout
 from imumon.recordings.csv_rows import DateReader, decoded, separator_of, split
@@ -30,12 +30,6 @@ SENTENCE = re.compile(rb'"?\$[^$"\r\n]*\*[0-9A-Fa-f]{2,4}"?')
 
 SI = {"gyro": "rad/s", "accel": "m/s2", "mag": "gauss", "temperature": "degc", "pressure": "kpa"}
 """Units of samples, as `column_names` spells them."""
-
-SHOWN_BYTES = 1 << 14
-"""Bytes at the start that show the form of the table."""
-
-SHOWN_LINES = 30
-"""Lines at the start that show the form of the table."""
 
 
 class SentenceTable(Table):
@@ -148,7 +142,7 @@ def sentence_table(
     ----------
     decoder : of the driver of `scheme`, with nothing in it yet.
     """
-    lines = capture.head[:SHOWN_BYTES].split(b"\n")[:SHOWN_LINES]
+    lines = capture.head[:HEAD_BYTES].split(b"\n")[:HEAD_LINES]
     matches = [SENTENCE.search(line) for line in lines]
     beside = [
         cells_of(decoded(line[: match.start()] + line[match.end() :]))

@@ -8,6 +8,7 @@ the numbers mean, such as an unknown compensation, leaves the level at OK and is
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from enum import IntEnum
 
 from imumon.alarms import exceeded
 from imumon.messages import grade_text, line
@@ -16,16 +17,24 @@ from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, encode, header, message
 from imumon.samples import AXES, sensor_of
 from imumon.units import figures
 
+
+class DiagnosticLevel(IntEnum):
+    """Level of a DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
 DIAGNOSTICS = "/diagnostics"
-OK, WARN, ERROR, STALE = range(4)
-"""Levels of a DiagnosticStatus."""
 WARNINGS = ("changed", "stuck", "constant", "not_at_rest", "saturated", "disturbed", "truncated")
 """Caveats that make a warning."""
 STATES: Mapping[str, tuple[int, str]] = {
-    "starting": (STALE, "no sample yet"),
-    "running": (OK, "running"),
-    "waiting": (ERROR, "the sensor is disconnected or silent"),
-    "stopped": (STALE, "stopped"),
+    "starting": (DiagnosticLevel.STALE, "no sample yet"),
+    "running": (DiagnosticLevel.OK, "running"),
+    "waiting": (DiagnosticLevel.ERROR, "the sensor is disconnected or silent"),
+    "stopped": (DiagnosticLevel.STALE, "stopped"),
 }
 """Level and text of a state."""
 
@@ -58,8 +67,8 @@ def _stream(report: Report) -> tuple[str, int, str, list[tuple[str, str]]]:
     session, device = report.session, report.device
     level, message = STATES[report.state]
     alarms = exceeded(report)
-    if level == OK and alarms:
-        level, message = WARN, "; ".join(alarms)
+    if level == DiagnosticLevel.OK and alarms:
+        level, message = DiagnosticLevel.WARN, "; ".join(alarms)
     rate = device.sample_rate_hz
     return (
         "stream",
@@ -90,7 +99,7 @@ def _sensors(report: Report) -> Iterator[tuple[str, int, str, list[tuple[str, st
             continue
         caveats = list(dict.fromkeys(c for each in axes.values() for c in each.caveats))
         warnings = [line(caveat) for caveat in WARNINGS if caveat in caveats]
-        level = WARN if warnings else STATES[report.state][0]
+        level = DiagnosticLevel.WARN if warnings else STATES[report.state][0]
         message = "; ".join(warnings) or grade.nearest or grade.reason or "no grade yet"
         yield (
             sensor,

@@ -26,9 +26,9 @@ from reports import LENGTH_S, LONG_RATE, LONG_S, RATE, nothing_yet, with_coeffic
 from reports import report as make_report
 
 from imumon.datasheet import FORMS, NoCurve, document, short_record_text
-from imumon.datasheet.blocks import DataTable
 from imumon.datasheet.content import datasheet_content
 from imumon.datasheet.csv_table import COLUMNS as CSV_COLUMNS
+from imumon.datasheet.elements import DataTable
 from imumon.datasheet.figures import PANEL_INCHES, PRINT, svg
 from imumon.datasheet.figures import _draw as draw
 from imumon.datasheet.filter_figure import filter_svg
@@ -548,9 +548,9 @@ def test_the_predicted_error_of_a_filter_is_shown(sensor: str) -> None:
 @pytest.mark.parametrize("age", AGES)
 def test_tables_have_a_cell_for_each_column(age: str) -> None:
     report = aged(age)
-    for block in datasheet_content(report, filters(report)).blocks:
-        if isinstance(block, DataTable):
-            assert {len(row) for row in block.rows} <= {len(block.head)}
+    for element in datasheet_content(report, filters(report)).elements:
+        if isinstance(element, DataTable):
+            assert {len(row) for row in element.rows} <= {len(element.head)}
     lines = text(report, "md").splitlines()
     for k, line in enumerate(lines):
         if line.startswith("|--"):

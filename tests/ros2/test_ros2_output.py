@@ -18,7 +18,7 @@ from waiting import until
 from imumon.cli.exit_codes import exit_code
 from imumon.config import Settings
 from imumon.report import Report
-from imumon.ros2.diagnostics import DIAGNOSTICS, ERROR, OK, STALE, WARN, diagnostics, sample_variances
+from imumon.ros2.diagnostics import DIAGNOSTICS, DiagnosticLevel, diagnostics, sample_variances
 from imumon.ros2.node import RosError
 from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, IMU
 from imumon.ros2.ros_output import RosOutput
@@ -63,16 +63,18 @@ def test_each_sensor_and_the_stream_have_a_status() -> None:
 
 def test_the_level_follows_the_severity() -> None:
     calm = replace(report(), session=replace(report().session, missing=0))
-    assert statuses(calm)["imumon: stream"]["level"] == OK
+    assert statuses(calm)["imumon: stream"]["level"] == DiagnosticLevel.OK
     lossy = replace(calm, session=replace(calm.session, recent_loss=0.02))
-    assert statuses(replace(lossy, alarm_limits={"loss": 0.05}))["imumon: stream"]["level"] == OK
-    assert statuses(lossy)["imumon: stream"]["level"] == WARN
+    assert (
+        statuses(replace(lossy, alarm_limits={"loss": 0.05}))["imumon: stream"]["level"] == DiagnosticLevel.OK
+    )
+    assert statuses(lossy)["imumon: stream"]["level"] == DiagnosticLevel.WARN
     assert "missing" in statuses(lossy)["imumon: stream"]["message"]
     gone = statuses(replace(calm, state="waiting"))
-    assert {each["level"] for each in gone.values()} == {ERROR}
-    assert statuses(nothing_yet())["imumon: stream"]["level"] == STALE
+    assert {each["level"] for each in gone.values()} == {DiagnosticLevel.ERROR}
+    assert statuses(nothing_yet())["imumon: stream"]["level"] == DiagnosticLevel.STALE
     axes = {name: replace(each, caveats=("not_at_rest",)) for name, each in calm.channels.items()}
-    assert statuses(replace(calm, channels=axes))["imumon: gyro"]["level"] == WARN
+    assert statuses(replace(calm, channels=axes))["imumon: gyro"]["level"] == DiagnosticLevel.WARN
 
 
 def test_a_caveat_that_limits_the_meaning_only_is_listed() -> None:
@@ -80,7 +82,7 @@ def test_a_caveat_that_limits_the_meaning_only_is_listed() -> None:
         name: replace(each, caveats=("unknown_compensation",)) for name, each in report().channels.items()
     }
     made = statuses(replace(report(), channels=channels))["imumon: gyro"]
-    assert made["level"] == OK
+    assert made["level"] == DiagnosticLevel.OK
     assert "unknown_compensation" in made["values"]["caveats"]
 
 

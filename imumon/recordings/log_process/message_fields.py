@@ -15,14 +15,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from rosbags.interfaces import Nodetype
 
 from imumon.samples import Bools
 
 Types: TypeAlias = Mapping[str, Any]
 """By name of a type: its constants, and its fields as pairs of name and description, as rosbags parses them."""
-
-BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4
-"""Kinds of descriptions of a field, as rosbags numbers them."""
 
 NUMBERS = {
     "bool": "u1", "byte": "u1", "octet": "u1", "char": "u1", "uint8": "u1", "int8": "i1", "uint16": "u2", "int16": "i2",
@@ -95,16 +93,16 @@ class MessageFields:
 
     def _list_field(self, description: Any, name: str) -> None:
         kind, detail = description
-        if len(self.names) >= MOST_NAMES or kind == SEQUENCE:
+        if len(self.names) >= MOST_NAMES or kind == Nodetype.SEQUENCE:
             return
-        if kind == BASE and detail[0] in NUMBERS:
+        if kind == Nodetype.BASE and detail[0] in NUMBERS:
             self.names.append(name)
-        elif kind == NAME and detail in TIMES:
+        elif kind == Nodetype.NAME and detail in TIMES:
             self.names.append(name)
             self.times.add(name)
-        elif kind == NAME:
+        elif kind == Nodetype.NAME:
             self._list(detail, f"{name}.")
-        elif kind == ARRAY and detail[1] <= MOST_ELEMENTS:
+        elif kind == Nodetype.ARRAY and detail[1] <= MOST_ELEMENTS:
             for k in range(detail[1]):
                 self._list_field(detail[0], f"{name}[{k}]")
 
@@ -117,7 +115,7 @@ class MessageFields:
                 found.append(prefix)
                 return
             for part, (kind, detail) in self._fields(name):
-                if kind == NAME and detail not in TIMES:
+                if kind == Nodetype.NAME and detail not in TIMES:
                     search(detail, f"{prefix}{part}.")
 
         search(self._name, "")
@@ -220,16 +218,16 @@ class _Walk:
 
     def _field(self, description: Any, name: str) -> None:
         kind, detail = description
-        if kind == BASE:
+        if kind == Nodetype.BASE:
             self._base(detail[0], name)
-        elif kind == NAME and detail in TIMES:
+        elif kind == Nodetype.NAME and detail in TIMES:
             self._align(4)
             self.layout.places[name] = (self.at, f"{self._order}i4")
             self.at += 8
-        elif kind == NAME:
+        elif kind == Nodetype.NAME:
             self.type(detail, f"{name}.")
         else:
-            element, count = detail[0], detail[1] if kind == ARRAY else self._length()
+            element, count = detail[0], detail[1] if kind == Nodetype.ARRAY else self._length()
             self._elements(element, count, name)
 
     def _base(self, kind: str, name: str) -> None:
@@ -248,7 +246,9 @@ class _Walk:
 
     def _elements(self, element: Any, count: int, name: str) -> None:
         kind, detail = element
-        if kind == BASE and detail[0] in NUMBERS and count > MOST_ELEMENTS:  # none of them is a column
+        if (
+            kind == Nodetype.BASE and detail[0] in NUMBERS and count > MOST_ELEMENTS
+        ):  # none of them is a column
             size = int(NUMBERS[detail[0]][-1])
             self._align(size)
             self.at += size * count

@@ -1,4 +1,4 @@
-"""Blocks of a datasheet, and their form in Markdown.
+"""Elements of a datasheet, and their form in Markdown.
 
 The Markdown form has tables and text only, so that it also reads well as plain text.
 """
@@ -77,12 +77,12 @@ class HistoryFigure:
 
 
 @dataclass(frozen=True, slots=True)
-class CodeBlock:
+class Listing:
     language: str
     text: str
 
 
-Block: TypeAlias = (
+Element: TypeAlias = (
     Heading
     | Paragraph
     | Caution
@@ -91,7 +91,7 @@ Block: TypeAlias = (
     | CurveFigure
     | FilterFigure
     | HistoryFigure
-    | CodeBlock
+    | Listing
 )
 
 
@@ -99,18 +99,18 @@ Block: TypeAlias = (
 class Document:
     title: str
     subtitle: str
-    blocks: tuple[Block, ...]
+    elements: tuple[Element, ...]
 
 
 def markdown(document: Document) -> str:
     """Return a document as Markdown."""
     parts = [f"# {_escaped(document.title)}", _escaped(document.subtitle)]
-    parts += [text for block in document.blocks if (text := _markdown_block(block))]
+    parts += [text for element in document.elements if (text := _markdown_element(element))]
     return "\n\n".join(parts) + "\n"
 
 
-def _markdown_block(block: Block) -> str:
-    match block:
+def _markdown_element(element: Element) -> str:
+    match element:
         case Heading(text):
             return f"## {_escaped(text)}"
         case Paragraph(text):
@@ -120,12 +120,12 @@ def _markdown_block(block: Block) -> str:
         case GradeSummary(sensor, grade, text):
             return f"**{sensor}: {grade}** ({text.rstrip('.')})"
         case DataTable():
-            return _markdown_table(block)
+            return _markdown_table(element)
         case CurveFigure(_, caption, _, numbers):
             return f"{_markdown_table(numbers)}\n\n{_escaped(caption)}."
         case FilterFigure(_, caption, numbers) | HistoryFigure(_, caption, numbers):
             return f"{_markdown_table(numbers)}\n\n{caption}"
-        case CodeBlock(language, text):
+        case Listing(language, text):
             return f"```{language}\n{text}\n```"
 
 
