@@ -17,6 +17,7 @@ from functools import cache
 from typing import Any
 
 from imumon.ros2.node import (
+    QUEUE_MESSAGES,
     Publication,
     Received,
     RosError,
@@ -27,8 +28,6 @@ from imumon.ros2.node import (
 )
 from imumon.ros2.ros_messages import dds_name, ros_name, type_store
 
-QUEUE_MESSAGES = 1 << 14
-"""Messages of a topic that may wait: 16 s at 1 kHz."""
 MOST_PUBLISHERS = 1 << 12
 """Publishers of a domain that are looked at."""
 WAIT_MS = 200

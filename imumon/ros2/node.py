@@ -14,6 +14,8 @@ from typing import NamedTuple
 from imumon.errors import ImumonError
 
 NODE_NAME = "imumon"
+QUEUE_MESSAGES = 1 << 14
+"""Messages of a topic that may wait: 16 s at 1 kHz, 8 MB."""
 
 _PLAIN = re.compile(r"[\w/:~ ]{0,256}", re.ASCII)
 

@@ -23,6 +23,7 @@ from zenoh.handlers import FifoChannel
 
 from imumon.ros2.node import (
     NODE_NAME,
+    QUEUE_MESSAGES,
     Publication,
     Received,
     RosError,
@@ -49,8 +50,6 @@ from imumon.ros2.topic_keys import (
 THREADS = "(rx: (worker_threads: 1), app: (worker_threads: 1))"
 """Threads of Zenoh that receive and that handle, instead of two each: one task that moves between threads wakes them a
 thousand times per second at 1 kHz, which is a quarter of the cost of a message."""
-QUEUE_MESSAGES = 1 << 14
-"""Messages of a topic that may wait: 16 s at 1 kHz, 8 MB."""
 MAX_TOKENS = 1 << 14
 """Publishers, subscriptions and nodes that are kept of a domain."""
 MAX_MESSAGE_BYTES = 1 << 20
