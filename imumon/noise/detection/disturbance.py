@@ -230,20 +230,7 @@ class DisturbanceDetector(ArrayState):
         """Assess one frame and return whether the record breaks behind it."""
         baseline = self.baseline
         frames, d = self._figures(x, usable)
-        unusual, outliers = baseline.unusual(frames), None
-        untried = self.moving or not baseline.ready  # no usual noise, or not this one
-        if untried or unusual.any():
-            limit = own_limit(d, usable)  # by a median, because outliers raise the usual deviation
-            if not untried:
-                limit = np.minimum(limit, baseline.peak)
-            outliers = self.outliers.find(d, usable, limit)
-            if outliers is not None:
-                without = self._without(outliers, d, usable)
-                explained = baseline.unusual(without)
-                if untried or not explained.any():
-                    frames, unusual = without, explained
-                else:
-                    outliers = None
+        frames, unusual, outliers = self._without_outliers(frames, d, usable)
         several = np.count_nonzero(unusual) > 1 or bool(baseline.moved(frames).any())
         state = (SEVERAL if several else ONE_CHANNEL) if unusual.any() else USUAL
         self._unusual = [*self._unusual[1:], state]
@@ -271,6 +258,23 @@ class DisturbanceDetector(ArrayState):
             if outliers is not None:
                 self._note(x, outliers, index)
         return False
+
+    def _without_outliers(
+        self, frames: FrameStatistics, d: Floats, usable: Bools | None
+    ) -> tuple[FrameStatistics, Bools, Bools | None]:
+        """Return a frame without its outliers, what is unusual in it, and the outliers; None: they explain nothing."""
+        baseline = self.baseline
+        unusual = baseline.unusual(frames)
+        untried = self.moving or not baseline.ready  # no usual noise, or not this one
+        if not untried and not unusual.any():
+            return frames, unusual, None
+        limit = own_limit(d, usable)  # by a median, because outliers raise the usual deviation
+        outliers = self.outliers.find(d, usable, limit if untried else np.minimum(limit, baseline.peak))
+        if outliers is None:
+            return frames, unusual, None
+        without = self._without(outliers, d, usable)
+        explained = baseline.unusual(without)
+        return (without, explained, outliers) if untried or not explained.any() else (frames, unusual, None)
 
     def _learn(self, frames: FrameStatistics, codes: Codes, outliers: Bools | None = None) -> None:
         self.outliers.count(outliers, len(frames.mean))

@@ -100,18 +100,25 @@ class Estimator:
                 self._known.pop(channel, None)
                 out.append(pending_fit(len(curve.m), *reason))
                 continue
-            known = self._known.get(channel)
-            current = known is not None and known.span <= curve.span < known.span * RENEWAL_GROWTH
-            if known is None or renew or (renew is None and not current):
-                earlier = None if renew else known
-                known = _Known(curve.span, self._describe(curve.sums, channel, earlier, degrees))
-                self._known[channel] = known
-            if isinstance(known.found, str):
-                out.append(pending_fit(len(curve.m), known.found))
+            found = self._found(curve, channel, renew, degrees)
+            if isinstance(found, str):
+                out.append(pending_fit(len(curve.m), found))
             else:
                 excess = 0.0 if kurtosis is None else float(kurtosis[channel])
-                out.append(self._stated(curve, channel, known.found, excess))
+                out.append(self._stated(curve, channel, found, excess))
         return tuple(out)
+
+    def _found(
+        self, curve: AllanCurve, channel: int, renew: bool | None, degrees: Floats | None
+    ) -> Description | str:
+        """Return the description of a channel, the last one while it is current; see `fit`."""
+        known = self._known.get(channel)
+        current = known is not None and known.span <= curve.span < known.span * RENEWAL_GROWTH
+        if known is None or renew or (renew is None and not current):
+            earlier = None if renew else known
+            known = _Known(curve.span, self._describe(curve.sums, channel, earlier, degrees))
+            self._known[channel] = known
+        return known.found
 
     def fit_sums(
         self,

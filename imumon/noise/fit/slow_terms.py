@@ -11,6 +11,7 @@ Block means lie far below the upper end of the spectrum: a filter in the sensor 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammainccinv
@@ -117,6 +118,19 @@ class SlowTerms:
         return float(sizes @ sizes) / self.series.samples
 
 
+class _Candidate(NamedTuple):
+    """A term that may be added: twice its gain in log likelihood exceeds the threshold.
+
+    `columns` (m, 1) or (m, 2) are tested. An oscillation has the number of a coefficient, and its regressors are made
+    when it is the strongest.
+    """
+
+    threshold: float
+    columns: Floats
+    regressors: list[Regressor]
+    number: int = 0
+
+
 class SlowTermSearch:
     """Search for the slow terms of one channel.
 
@@ -165,44 +179,65 @@ class SlowTermSearch:
 
         An exponential that is in doubt is kept beside the terms.
         """
-        series, terms = self._series, self.terms
-        settled = any(each.name == "settling" for each in terms.regressors)
-        falls = (
-            [columns_of.settling(series, s) for s in SETTLING_SHARES] if self._whole and not settled else []
-        )
-        steps = columns_of.likely_steps(series) if self._whole else []
-        numbers = self._cycles()
-        lines = [each.series for each in (*(pair[0] for pair in falls), *steps)]
-        columns = [series.transform(np.stack(lines, axis=1))] if lines else []
-        columns.append(columns_of.waves(series, (numbers + 1).astype(np.float64)))
-        starts = np.append(np.arange(len(lines)), len(lines) + 2 * np.arange(numbers.size))
-        if not starts.size:
+        candidates = [*self._falls(), *self._steps(), *self._waves()]
+        if not candidates:
             return False
-        chance = CHANCE / (series.y.size * len(OSCILLATION_WIDTHS))
-        threshold = np.repeat(
-            [SETTLING_CERTAIN, STEP_EVIDENCE, 2.0 * float(gammainccinv(1.0, chance))],
-            [len(falls), len(steps), numbers.size],
-        )
-        gains = self._gains(np.concatenate(columns, axis=1), starts)
-        best = int(np.where(gains > threshold, gains, -np.inf).argmax())
-        if gains[best] <= threshold[best]:
-            fall = int(gains[: len(falls)].argmax()) if falls else 0
-            if falls and gains[fall] > SETTLING_GATE:
-                odds = float(np.exp(0.5 * gains[fall] - SETTLING_PENALTY))
-                self.terms = replace(terms, settling=_scaled(series, falls[fall]), odds=odds)
-            else:
-                self.terms = replace(terms, settling=[], odds=0.0)
+        widths = [each.columns.shape[1] for each in candidates]
+        columns = np.concatenate([each.columns for each in candidates], axis=1)
+        gains = self._gains(columns, np.cumsum([0, *widths[:-1]]))
+        beyond = gains - np.array([each.threshold for each in candidates])
+        best = candidates[int(np.where(beyond > 0.0, gains, -np.inf).argmax())]
+        if not (beyond > 0.0).any():
+            self._doubt(candidates, gains)
             return False
-        if best < len(falls):
-            found = falls[best]
-        elif best < len(lines):
-            found = [steps[best - len(falls)]]
-        else:
-            found = self._oscillation(int(numbers[best - len(lines)]))
-            if any((each.name, each.at) == (found[0].name, found[0].at) for each in terms.regressors):
-                return False
+        found = best.regressors or self._oscillation(best.number)
+        if any((each.name, each.at) == (found[0].name, found[0].at) for each in self.terms.regressors):
+            return False
         self._add(found)
         return True
+
+    def _falls(self) -> list[_Candidate]:
+        """Return exponentials of several time constants; none where one is among the terms."""
+        if not self._whole or any(each.name == "settling" for each in self.terms.regressors):
+            return []
+        pairs = [columns_of.settling(self._series, share) for share in SETTLING_SHARES]
+        return self._candidates(SETTLING_CERTAIN, pairs)
+
+    def _steps(self) -> list[_Candidate]:
+        """Return steps at likely places."""
+        steps = columns_of.likely_steps(self._series) if self._whole else []
+        return self._candidates(STEP_EVIDENCE, [[each] for each in steps])
+
+    def _candidates(self, threshold: float, terms: list[list[Regressor]]) -> list[_Candidate]:
+        """Return candidates of which the first regressor is tested."""
+        if not terms:
+            return []
+        columns = self._series.transform(np.stack([each[0].series for each in terms], axis=1))
+        return [_Candidate(threshold, columns[:, i : i + 1], each) for i, each in enumerate(terms)]
+
+    def _waves(self) -> list[_Candidate]:
+        """Return oscillations of few cycles in the last segment, at the frequencies of its coefficients."""
+        series, first = self._series, self._series.y.size - int(self._series.count[-1]) + 1
+        own = np.arange(2 * FEWEST_CYCLES - 1, min(2 * FEW_CYCLES, int(series.count[-1]) - 1))
+        own = own[(series.f[first + own] <= self._top) & ~self.terms.masked[first + own]]
+        columns = columns_of.waves(series, (own + 1).astype(np.float64))
+        chance = CHANCE / (series.y.size * len(OSCILLATION_WIDTHS))
+        threshold = 2.0 * float(gammainccinv(1.0, chance))
+        return [
+            _Candidate(threshold, columns[:, 2 * i : 2 * i + 2], [], number)
+            for i, number in enumerate(own.tolist())
+        ]
+
+    def _doubt(self, candidates: list[_Candidate], gains: Floats) -> None:
+        """Keep the most likely exponential beside the terms if it is worth a thought."""
+        falls = [
+            (float(gain), each.regressors)
+            for gain, each in zip(gains, candidates, strict=True)
+            if len(each.regressors) == 2 and gain > SETTLING_GATE
+        ]
+        gain, pair = max(falls, key=lambda fall: fall[0], default=(-np.inf, []))
+        odds = float(np.exp(0.5 * gain - SETTLING_PENALTY))
+        self.terms = replace(self.terms, settling=_scaled(self._series, pair), odds=odds)
 
     def _add(self, found: list[Regressor]) -> None:
         """Add regressors; what looked like an oscillation beside settling or a step is judged again."""
@@ -214,12 +249,6 @@ class SlowTermSearch:
             masked=terms.masked if wave else np.zeros_like(terms.masked),
             single=min(SEARCHED, terms.masked.size // 3) if step else terms.single,
         )
-
-    def _cycles(self) -> Ints:
-        """Return the numbers of the coefficients of the last segment at which an oscillation of few cycles may be."""
-        series, first = self._series, self._series.y.size - int(self._series.count[-1]) + 1
-        own = np.arange(2 * FEWEST_CYCLES - 1, min(2 * FEW_CYCLES, int(series.count[-1]) - 1))
-        return own[(series.f[first + own] <= self._top) & ~self.terms.masked[first + own]]
 
     def _gains(self, columns: Floats, starts: Ints) -> Floats:
         """Return twice the gain in log likelihood by columns (m, t) added from each start to the next."""
