@@ -62,7 +62,7 @@ def test_queries_and_messages_take_bounded_memory(way: Callable[..., int]) -> No
             while time.monotonic() < end:
                 most = max(most, resident_mb(daemon.process.pid))
                 time.sleep(0.02)
-        assert done[0] > 20
+        assert done[0] > 5
         assert most - before < 40.0
         counts = daemon.request("counts")
         assert counts["error"] is None

@@ -201,8 +201,8 @@ def test_of_two_programs_with_one_name_the_first_is_shown_until_it_ends(
         assert viewer.events("a") == []
         status = command("status", "--connect", first, "--connect", second)
         assert "two programs publish a; the first is shown" in status.stderr
-        doctor = command("doctor", "--connect", first, "--connect", second, "--port", "/dev/null")
-        assert all(session in doctor.stdout for session in sessions)
+        doctor = ("doctor", "--connect", first, "--connect", second, "--port", "/dev/null")
+        until(lambda: all(session in command(*doctor).stdout for session in sessions))
         one.close()
         until(lambda: two.publish(report("a", 2000)) or viewer.reports()["a"][0].session.samples == 2000)
 

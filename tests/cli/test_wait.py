@@ -16,6 +16,7 @@ from commands import run_inside
 from daemons import Daemon, free_endpoint
 from reports import with_coefficients
 from test_check import measured, published
+from waiting import until
 
 from imumon.cli.daemon_state import current_trouble
 from imumon.cli.options import seconds, share
@@ -156,7 +157,8 @@ def test_without_a_daemon_it_is_3_within_2_seconds() -> None:
 def test_exit_codes_with_a_daemon(tmp_path: Path) -> None:
     with Daemon("sim", tmp_path, "--speed", "100", "--seed", "1") as daemon:
         where = ("--connect", daemon.endpoint)
-        reached = wait(*where, "--coefficient", "N", "--precision", "10%", "--timeout", "30s")
+        daemon.samples(1)
+        reached = wait(*where, "--coefficient", "N", "--precision", "10%", "--timeout", "60s")
         assert (reached.returncode, reached.stderr) == (0, "")
         assert reached.stdout.startswith("vn100-0100056785: N known to ")
         assert " or better, required 10 %; length of the record " in reached.stdout
@@ -184,6 +186,7 @@ def test_of_several_daemons_status_lists_all_and_others_need_a_name() -> None:
             for name in names
         ]
         places = [word for endpoint in endpoints for word in ("--connect", endpoint)]
+        until(lambda: len(run_inside(["status", *places])[1].splitlines()) == len(names))
         code, listed, errors = run_inside(["status", *places])
         assert (code, errors) == (0, "")
         lines = listed.splitlines()
@@ -247,10 +250,10 @@ def test_the_trouble_is_that_of_events_that_come_after_the_report(long: Report) 
 
 def test_it_waits_for_a_daemon_that_starts_later(tmp_path: Path) -> None:
     place = free_endpoint()
-    command = [sys.executable, "-m", "imumon", "wait", "--connect", place, "--timeout", "30s"]
+    command = [sys.executable, "-m", "imumon", "wait", "--connect", place, "--timeout", "100s"]
     waiting = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path, listen=place) as daemon:
-        text, _ = waiting.communicate(timeout=30)
+        text, _ = waiting.communicate(timeout=120)
         daemon.stop()
     assert waiting.returncode == 0
     assert text.startswith("vn100-")

@@ -95,7 +95,7 @@ OBSTACLES: dict[str, Callable[[Path], Any]] = {
 }
 
 
-@pytest.mark.timeout(20)
+@pytest.mark.timeout(120)
 @pytest.mark.parametrize("obstacle", OBSTACLES)
 @pytest.mark.parametrize("name", ["d.state", "d.state.1"])
 def test_what_cannot_be_read_is_set_aside_with_one_message(tmp_path: Path, name: str, obstacle: str) -> None:
@@ -114,7 +114,7 @@ def test_what_cannot_be_read_is_set_aside_with_one_message(tmp_path: Path, name:
     assert (tmp_path / "target").read_bytes() == encode(STATE)
 
 
-@pytest.mark.timeout(20)
+@pytest.mark.timeout(120)
 @pytest.mark.parametrize(
     "obstacle", ["link", "dangling link", "endless device", "pipe", "larger than any state"]
 )
@@ -156,7 +156,7 @@ def test_a_start_with_little_memory_sets_a_bomb_aside(tmp_path: Path) -> None:
     assert (tmp_path / "d.damaged-1.state").exists()
 
 
-@pytest.mark.timeout(20)
+@pytest.mark.timeout(120)
 @pytest.mark.parametrize(
     "content",
     [

@@ -152,7 +152,7 @@ def test_no_escape_sequence_of_the_settings_reaches_a_message(tmp_path: Path, te
 # ---------------------------------------------------------------- types of files
 
 
-@pytest.mark.timeout(20)
+@pytest.mark.timeout(120)
 def test_a_device_is_no_recording_and_a_pipe_is_read_once(tmp_path: Path) -> None:
     assert code_of("/dev/zero") == "not_readable"
     (tmp_path / "link.csv").symlink_to("/dev/zero")
@@ -168,7 +168,7 @@ def test_a_device_is_no_recording_and_a_pipe_is_read_once(tmp_path: Path) -> Non
     writer.join()
 
 
-@pytest.mark.timeout(20)
+@pytest.mark.timeout(120)
 def test_no_pipe_beside_a_recording_is_opened(tmp_path: Path) -> None:
     header = {"run": "r", "part": 0, "base": "a.bin"}
     (tmp_path / "a.bin").write_bytes(b"#imumon-recording " + json.dumps(header).encode() + b"\nabc")

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from cases import case
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -166,22 +167,23 @@ def test_gap_that_another_clock_contradicts_is_of_unknown_length(length_s: float
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.625, 0.8, 0.875, 1.04, 1.25, 4 / 3, 1.5, 1.6, 2.0, 2.5, 3.0])
-@pytest.mark.parametrize("cuts", [[], [190, 230, 231], list(range(0, 600, 7))])
-def test_another_rate_is_detected_and_its_samples_are_separated(factor: float, cuts: list[int]) -> None:
-    steps = np.concatenate([np.ones(200), np.full(400, factor)])
-    whole = block((np.cumsum(steps) * TICK).astype(np.int64))
-    clock = SampleClock("startup")
-    placed, kept = [], 0
-    edges = [0, *cuts, 600]
-    for a, b in pairwise(edges):
-        if clock.rest is None:
-            assert whole.time_ns is not None
-            placed += clock.place(
-                SampleBlock(whole.stream, whole.values[a:b], whole.time_ns[a:b], whole.lost[a:b])
-            )
-            kept = b
-    assert clock.rest is not None
-    assert kept - len(clock.rest) == 263  # 64 equal steps in a row, wherever the cuts are
+def test_another_rate_is_detected_and_its_samples_are_separated(factor: float) -> None:
+    for cuts in ([], [190, 230, 231], list(range(0, 600, 7))):
+        with case(cuts):
+            steps = np.concatenate([np.ones(200), np.full(400, factor)])
+            whole = block((np.cumsum(steps) * TICK).astype(np.int64))
+            clock = SampleClock("startup")
+            placed, kept = [], 0
+            edges = [0, *cuts, 600]
+            for a, b in pairwise(edges):
+                if clock.rest is None:
+                    assert whole.time_ns is not None
+                    placed += clock.place(
+                        SampleBlock(whole.stream, whole.values[a:b], whole.time_ns[a:b], whole.lost[a:b])
+                    )
+                    kept = b
+            assert clock.rest is not None
+            assert kept - len(clock.rest) == 263  # 64 equal steps in a row, wherever the cuts are
 
 
 def test_jitter_and_losses_are_no_other_rate() -> None:
@@ -323,19 +325,17 @@ def stamps(rate: float, jitter: str, n: int, seed: int = 1) -> np.ndarray:
     return np.rint(np.sort(ticks) / rate * 1e9).astype(np.int64) + 10**12
 
 
-@pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("jitter", JITTER)
-@pytest.mark.parametrize("size", [1, 7, 5000])
 @pytest.mark.parametrize("nominal", [None, 1.0, 1.009])
-def test_a_clock_without_a_tick_has_its_own_rate(
-    rate: float, jitter: str, size: int, nominal: float | None
-) -> None:
-    clock = SampleClock("startup", None if nominal is None else nominal / rate)
-    count = min(5000, 1000 * size)
-    steps, _ = place(clock, block(stamps(rate, jitter, count)), list(range(size, count, size)))
-    assert clock.interval_s is not None
-    assert clock.interval_s * rate == pytest.approx(1.0, rel=1e-7 if jitter == "none" else 5e-4)
-    assert steps == [1] * count
+def test_a_clock_without_a_tick_has_its_own_rate(jitter: str, nominal: float | None) -> None:
+    for rate, size in [*((rate, 5000) for rate in RATES), (101.0, 1), (199.9, 7)]:
+        with case((rate, size)):
+            clock = SampleClock("startup", None if nominal is None else nominal / rate)
+            count = min(5000, 1000 * size)
+            steps, _ = place(clock, block(stamps(rate, jitter, count)), list(range(size, count, size)))
+            assert clock.interval_s is not None
+            assert clock.interval_s * rate == pytest.approx(1.0, rel=1e-7 if jitter == "none" else 5e-4)
+            assert steps == [1] * count
 
 
 @pytest.mark.parametrize("jitter", JITTER)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cases import case
 from commands import imumon
 from hostile_reports import FORBIDDEN, Generator, mutated, real_report, show_everywhere, show_on_screen
 from hypothesis import HealthCheck, given, settings
@@ -106,10 +107,10 @@ ALLAN = ("channels", "gyro/x", "allan")
     ],
     ids=lambda path: ".".join(map(str, path)),
 )
-@pytest.mark.parametrize("number", FORBIDDEN, ids=lambda number: f"{str(number)[:8]}")
-def test_numbers_beyond_the_limit_are_rejected(path: tuple[str | int, ...], number: float) -> None:
-    with pytest.raises(ValueError, match="not a report"):
-        from_json(Report, changed(*path, to=number))
+def test_numbers_beyond_the_limit_are_rejected(path: tuple[str | int, ...]) -> None:
+    for number in FORBIDDEN:
+        with case(number), pytest.raises(ValueError, match="not a report"):
+            from_json(Report, changed(*path, to=number))
 
 
 @pytest.mark.parametrize(

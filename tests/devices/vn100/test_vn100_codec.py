@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cases import case
 from paths import RECORDINGS, TESTS, needs_recordings
 
 from imumon.devices.vn100 import ascii, binary, checksum
@@ -20,21 +21,6 @@ from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.samples import SampleBlock, Stream, concatenated
 
 CHUNKS = (1, 2, 7, 61, 1 << 20)
-
-
-def _vectors() -> list[Any]:
-    """Return own vectors, and those of other sources, which are not part of the project."""
-    own = json.loads((TESTS / "data" / "vn100_vectors.json").read_text())
-    parameters = [pytest.param(v, id=v["id"]) for v in own]
-    path = RECORDINGS.parent / "vectors.json"
-    if not path.exists():
-        absent = pytest.mark.skip(reason="no vectors of other sources beside the checkout")
-        return [*parameters, pytest.param({}, id="other-sources", marks=absent)]
-    others = [v for v in json.loads(path.read_text())["vectors"] if not v["own"]]
-    return [*parameters, *(pytest.param(v, id=v["id"]) for v in others)]
-
-
-VECTORS = _vectors()
 
 
 def decode(data: bytes, chunk: int = 1 << 20) -> tuple[Vn100Decoder, list[DecodedItem]]:
@@ -76,12 +62,27 @@ def flat(values: Any) -> list[float]:
 # ---------------------------------------------------------------------------------------- vectors
 
 
-@pytest.mark.parametrize("vector", VECTORS)
-def test_a_vector_decodes_the_same_in_any_chunks(vector: dict[str, Any]) -> None:
-    data = base64.b64decode(vector["b64"]) if "b64" in vector else bytes.fromhex(vector["hex"])
-    for chunk in CHUNKS if vector["kind"] == "stream" else range(1, len(data) + 1):
-        decoder, items = decode(data, chunk)
-        _vector_is(vector, data, decoder, items)
+def vectors_decode(vectors: list[dict[str, Any]]) -> None:
+    """Check that each vector gives its values in any chunks."""
+    assert vectors
+    for vector in vectors:
+        with case(vector["id"]):
+            data = base64.b64decode(vector["b64"]) if "b64" in vector else bytes.fromhex(vector["hex"])
+            for chunk in CHUNKS if vector["kind"] == "stream" else range(1, len(data) + 1):
+                decoder, items = decode(data, chunk)
+                _vector_is(vector, data, decoder, items)
+
+
+def test_vectors_decode_the_same_in_any_chunks() -> None:
+    vectors_decode(json.loads((TESTS / "data" / "vn100_vectors.json").read_text()))
+
+
+@pytest.mark.skipif(
+    not (RECORDINGS.parent / "vectors.json").exists(), reason="no vectors beside the checkout"
+)
+def test_vectors_of_other_sources_decode_the_same_in_any_chunks() -> None:
+    vectors = json.loads((RECORDINGS.parent / "vectors.json").read_text())["vectors"]
+    vectors_decode([vector for vector in vectors if not vector["own"]])
 
 
 def _vector_is(vector: dict[str, Any], data: bytes, decoder: Vn100Decoder, items: list[DecodedItem]) -> None:

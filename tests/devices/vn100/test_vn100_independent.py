@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 import pytest
 import vn100_wire as wire
+from cases import case
 
 from imumon.devices.vn100 import ascii, binary
 from imumon.devices.vn100.ascii import Response, SensorError
@@ -167,31 +168,32 @@ def assert_fields(data: bytes, values: dict[wire.Position, tuple[float | bytes, 
         assert tuple(decoded[name].tolist()) == whole
 
 
-@pytest.mark.parametrize("position", wire.FIELDS)
-@pytest.mark.parametrize("extended", [False, True])
-def test_independently_packed_fields_decode_to_their_values(position: wire.Position, extended: bool) -> None:
-    rng = np.random.default_rng(position)
-    packed = [{position: random_value(rng, position)} for _ in range(3)]
-    data = [wire.packet(values, extended=extended) for values in packed]
-    for chunk in (1, 1 << 20):
-        decoder, items = decode(b"".join(data), chunk)
-        assert decoder.messages == len(packed)
-        assert_samples(items, [wire.sample_of_packet(values) for values in packed])
-    for one, values in zip(data, packed, strict=True):
-        assert_fields(one, values)
+def test_independently_packed_fields_decode_to_their_values() -> None:
+    for position, extended in product(wire.FIELDS, (False, True)):
+        with case((position, extended)):
+            rng = np.random.default_rng(position)
+            packed = [{position: random_value(rng, position)} for _ in range(3)]
+            data = [wire.packet(values, extended=extended) for values in packed]
+            for chunk in (1, 1 << 20):
+                decoder, items = decode(b"".join(data), chunk)
+                assert decoder.messages == len(packed)
+                assert_samples(items, [wire.sample_of_packet(values) for values in packed])
+            for one, values in zip(data, packed, strict=True):
+                assert_fields(one, values)
 
 
-@pytest.mark.parametrize("seed", range(60))
-def test_independently_packed_combinations_of_fields_decode_to_their_samples(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    every = list(wire.FIELDS)
-    for _ in range(5):
-        chosen = rng.choice(len(every), rng.integers(1, 14), replace=False)
-        packed = [{every[k]: random_value(rng, every[k]) for k in chosen} for _ in range(2)]
-        data = [wire.packet(values) for values in packed]
-        _, items = decode(b"".join(data))
-        assert_samples(items, [wire.sample_of_packet(values) for values in packed])
-        assert_fields(data[0], packed[0])
+def test_independently_packed_combinations_of_fields_decode_to_their_samples() -> None:
+    for seed in range(60):
+        with case(seed):
+            rng = np.random.default_rng(seed)
+            every = list(wire.FIELDS)
+            for _ in range(5):
+                chosen = rng.choice(len(every), rng.integers(1, 14), replace=False)
+                packed = [{every[k]: random_value(rng, every[k]) for k in chosen} for _ in range(2)]
+                data = [wire.packet(values) for values in packed]
+                _, items = decode(b"".join(data))
+                assert_samples(items, [wire.sample_of_packet(values) for values in packed])
+                assert_fields(data[0], packed[0])
 
 
 def test_an_independently_packed_run_of_packets_decodes_as_an_array() -> None:
@@ -254,57 +256,58 @@ def assert_at_rest(sample: wire.Sample) -> None:
         assert value == pytest.approx(expected, abs=tolerance[channel.partition("/")[0]]), channel
 
 
-@pytest.mark.parametrize("check", CHECKS)
-@pytest.mark.parametrize("kind", OUTPUT_TYPES)
-def test_sentences_of_the_emulator_are_valid_for_the_independent_unpacker(
-    kind: int, check: wire.CheckWidth
-) -> None:
-    header = OUTPUT_TYPES[kind]
-    device = emulator("2.1.0.0" if header == "VNDCM" else "3.1.0.0")
-    assert ask(device, f"VNWRG,30,3,1,0,0,{1 if check == 8 else 3},0,1")[0] == "VNWRG"
-    assert ask(device, f"VNWRG,06,{kind}") == ("VNWRG", ["06", str(kind)])
-    assert ask(device, "VNWRG,07,40") == ("VNWRG", ["07", "40"])
-    data = stream(device)
-    assert wire.unframe(data[: data.index(b"\n") + 1])[2] == check
-    received = list(sentences(data))
-    assert len(received) in (79, 80)
-    for index, (name, fields) in enumerate(received):
-        assert name == header
-        *numbers, count, status = fields
-        assert len(count) == 11
-        assert len(status) == 5
-        assert (count[0], status[0]) == ("T", "S")
-        formats = [form for _, form in wire.SENTENCES[name]]
-        assert [form % float(text) for form, text in zip(formats, numbers, strict=True)] == numbers
-        sample = wire.sample_of_sentence(name, fields)
-        if sample is not None and index >= SETTLED and header != "VNDTV":  # VNDTV has too coarse steps
-            assert_at_rest(sample)
-    _, items = decode(data)
-    assert_samples(items, [wire.sample_of_sentence(name, fields) for name, fields in received])
+def test_sentences_of_the_emulator_are_valid_for_the_independent_unpacker() -> None:
+    for kind, check in product(OUTPUT_TYPES, CHECKS):
+        with case((kind, check)):
+            header = OUTPUT_TYPES[kind]
+            device = emulator("2.1.0.0" if header == "VNDCM" else "3.1.0.0")
+            assert ask(device, f"VNWRG,30,3,1,0,0,{1 if check == 8 else 3},0,1")[0] == "VNWRG"
+            assert ask(device, f"VNWRG,06,{kind}") == ("VNWRG", ["06", str(kind)])
+            assert ask(device, "VNWRG,07,40") == ("VNWRG", ["07", "40"])
+            data = stream(device)
+            assert wire.unframe(data[: data.index(b"\n") + 1])[2] == check
+            received = list(sentences(data))
+            assert len(received) in (79, 80)
+            for index, (name, fields) in enumerate(received):
+                assert name == header
+                *numbers, count, status = fields
+                assert len(count) == 11
+                assert len(status) == 5
+                assert (count[0], status[0]) == ("T", "S")
+                formats = [form for _, form in wire.SENTENCES[name]]
+                assert [form % float(text) for form, text in zip(formats, numbers, strict=True)] == numbers
+                sample = wire.sample_of_sentence(name, fields)
+                if (
+                    sample is not None and index >= SETTLED and header != "VNDTV"
+                ):  # VNDTV has too coarse steps
+                    assert_at_rest(sample)
+            _, items = decode(data)
+            assert_samples(items, [wire.sample_of_sentence(name, fields) for name, fields in received])
 
 
-@pytest.mark.parametrize("position", wire.FIELDS)
-def test_packets_of_the_emulator_are_valid_for_the_independent_unpacker(position: wire.Position) -> None:
-    group, bit = position
-    device = emulator()
-    command = f"75,1,80,{1 << group - 1:02X},{1 << bit:04X}"
-    assert ask(device, f"VNWRG,{command}") == ("VNWRG", command.split(","))
-    data = stream(device)
-    received = list(wire.messages(data))
-    assert len(received) == 20
-    values = []
-    for message in received:
-        assert isinstance(message, dict)
-        assert list(message) == [position]
-        values.append(message)
-        if group in (4, 6, 7):  # a VN-100 has no GNSS and no INS
-            assert message[position] in ((b"\0" * 8,), (0.0,) * wire.FIELDS[position].count)
-    expected = [wire.sample_of_packet(message) for message in values]
-    _, items = decode(data)
-    assert_samples(items, expected)
-    for sample in expected[SETTLED:]:
-        if sample is not None:
-            assert_at_rest(sample)
+def test_packets_of_the_emulator_are_valid_for_the_independent_unpacker() -> None:
+    for position in wire.FIELDS:
+        with case(position):
+            group, bit = position
+            device = emulator()
+            command = f"75,1,80,{1 << group - 1:02X},{1 << bit:04X}"
+            assert ask(device, f"VNWRG,{command}") == ("VNWRG", command.split(","))
+            data = stream(device)
+            received = list(wire.messages(data))
+            assert len(received) == 20
+            values = []
+            for message in received:
+                assert isinstance(message, dict)
+                assert list(message) == [position]
+                values.append(message)
+                if group in (4, 6, 7):  # a VN-100 has no GNSS and no INS
+                    assert message[position] in ((b"\0" * 8,), (0.0,) * wire.FIELDS[position].count)
+            expected = [wire.sample_of_packet(message) for message in values]
+            _, items = decode(data)
+            assert_samples(items, expected)
+            for sample in expected[SETTLED:]:
+                if sample is not None:
+                    assert_at_rest(sample)
 
 
 def test_the_fields_of_an_emulated_packet_agree_with_each_other() -> None:

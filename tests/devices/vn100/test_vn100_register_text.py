@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import pytest
+from cases import case
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,12 +17,12 @@ def named(number: int) -> str:
     return f"{number} {REGISTERS[number].name}"
 
 
-@pytest.mark.parametrize("number", CHANGE_THE_DATA)
-@pytest.mark.parametrize("generation", [2, 3])
-def test_factory_settings_have_a_description(number: int, generation: int) -> None:
-    description = describe_setting(named(number), REGISTERS[number].factory[generation])  # type: ignore[index]
-    assert description
-    assert len(description) <= 60
+def test_factory_settings_have_a_description() -> None:
+    for number, generation in product(CHANGE_THE_DATA, (2, 3)):
+        with case((number, generation)):
+            description = describe_setting(named(number), REGISTERS[number].factory[generation])  # type: ignore[index]
+            assert description
+            assert len(description) <= 60
 
 
 @pytest.mark.parametrize(
