@@ -214,7 +214,7 @@ def test_a_step_is_found_with_its_place_and_size_and_is_no_random_walk(quiet: Fl
         if column is not None and fit.step is not None:
             found = estimator._known[c].found
             (place,) = (each.at for each in found.slow.regressors if each.name == "step")
-            assert place * found.series.length / RATE == pytest.approx(at * LENGTH / RATE, abs=60.0)
+            assert place * found.slow.series.length / RATE == pytest.approx(at * LENGTH / RATE, abs=60.0)
             assert column.value == pytest.approx(1e-4, abs=4.0 * column.error)
             assert column.error < 1e-5
             assert fit.step.now - fit.step.before == pytest.approx(column.value)
