@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 from commands import imumon
-from histories import BEGIN, NAMES, RECORD, period, write, year
+from histories import BEGIN, NAMES, RECORD, coefficient, period, write, year
 from paths import TESTS
 from waiting import until
 
@@ -23,7 +23,7 @@ from imumon.history import History, HistoryError, HistoryStore
 from imumon.history.history import MOST_PENDING
 from imumon.history.history_file import devices, set_aside
 from imumon.history.rows import csv_pieces, json_pieces, rows
-from imumon.history.schema import MIGRATIONS, VERSION
+from imumon.history.schema import ESTIMATE_COLUMNS, MIGRATIONS, VERSION
 from imumon.history.selection import Selection, SelectionError, moment, of_parameters, selection
 from imumon.report import Event
 
@@ -51,6 +51,23 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     assert (first["grade"], first["samples"], first["missing"]) == ("industrial", 60000, 3)
     assert found[-1]["channel"] == "temperature"
     assert found[-1]["N"] is None
+
+
+def test_a_file_gets_the_columns_of_a_coefficient_that_it_does_not_have(tmp_path: Path) -> None:
+    path = write(tmp_path, "imu", [period(0)])
+    with sqlite3.connect(path) as connection:
+        for column in ESTIMATE_COLUMNS["R"]:
+            connection.execute(f"ALTER TABLE noise DROP COLUMN {column}")
+    assert [row["R"] for row in read(path)] == [None] * (len(NAMES) + 1)
+    made = period(1, names=("gyro/x",))
+    known = {**made.period.channels["gyro/x"].coefficients, "R": coefficient(2e-9)}
+    channels = {"gyro/x": replace(made.period.channels["gyro/x"], coefficients=known)}
+    write(tmp_path, "imu", [replace(made, period=replace(made.period, channels=channels))])
+    assert [row["R"] for row in read(path)][-1] == {
+        "value": 2e-9, "low": 1.98e-9, "high": 2.02e-9, "status": "measured"
+    }  # fmt: skip
+    head = next(csv_pieces(iter(read(path)))).partition("\n")[0].split(",")
+    assert set(ESTIMATE_COLUMNS["R"]) <= {name.lower() for name in head}
 
 
 def test_a_period_that_is_written_again_replaces_itself(tmp_path: Path) -> None:
