@@ -26,7 +26,8 @@ JSON = "application/json"
 EVENTS_KEPT = 100
 """Events that are replied to a ``get`` and cached for advanced subscribers."""
 
-_SIGNAL_WAIT_S = 3.0  # s; a query for a signal that is not published by then gets no reply
+SIGNAL_S = 3.0
+"""s after which a query for a signal that is not published gets no reply."""
 _MAX_PENDING = 32  # queries that wait for a signal; the oldest gets no reply
 _CLOSE_S = 0.2  # s; limits the delay of the exit by a reply that blocks
 _MAX_SELECTOR = 1024  # characters of a key with parameters; a query with more is not replied to
@@ -86,7 +87,7 @@ class LastValues:
             waiting = list(self._pending)
             self._pending.clear()
             for query, since in waiting:
-                if self._has_signal(query) or now - since >= _SIGNAL_WAIT_S:
+                if self._has_signal(query) or now - since >= SIGNAL_S:
                     with suppress(Full):
                         self._due.put_nowait(partial(self._reply_signals, query))
                 else:

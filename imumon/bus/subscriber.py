@@ -27,7 +27,7 @@ from zenoh.handlers import RingChannel
 
 from imumon.bus.bus_error import BusError
 from imumon.bus.device_states import DeviceState, DeviceStates
-from imumon.bus.queryable import EVENTS_KEPT
+from imumon.bus.queryable import EVENTS_KEPT, SIGNAL_S
 from imumon.bus.zenoh_session import (
     MAX_MESSAGE_BYTES,
     SessionOptions,
@@ -41,7 +41,6 @@ _MAX_MESSAGE = 1_000_000  # bytes; a report of 11 channels has 72 kB, one of 64 
 _MAX_EVENT = 20_000  # bytes; a text has at most 4096 characters
 _MAX_QUEUED = 1024  # events or tokens in a queue; the oldest is dropped
 _MAX_QUEUED_REPORTS = 64  # reports in the queue, which bounds its bytes
-_SIGNAL_TIMEOUT_S = 2.0  # s; time to wait for the reply with a signal
 _HISTORY_TIMEOUT_S = 10.0  # s; time to wait for rows of the history
 KEPT_BYTES = 32_000_000
 """Bytes of the newest reports of all devices, and of a reply with rows of the history; a daemon sends at most 10 MB."""
@@ -356,7 +355,7 @@ class Subscriber:
             if selected is not None:
                 key = "imumon/{}/signal/{}".format(*selected)
                 with suppress(zenoh.ZError):
-                    for reply in self._session.get(key, timeout=_SIGNAL_TIMEOUT_S):
+                    for reply in self._session.get(key, timeout=SIGNAL_S):
                         self._on_signal(selected, reply)
 
     def _on_signal(self, selected: tuple[str, str], reply: zenoh.Reply) -> None:
