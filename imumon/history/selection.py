@@ -99,7 +99,7 @@ def moment(text: str, now: float) -> float:
     """Return a time in s since 1970: RFC 3339, a date, ``now(-2h)``, or a duration before now.
 
     >>> moment("1970-01-02", 0.0), moment("1970-01-01T00:00:05Z", 0.0), moment("now(-1h)", 7200.0), moment("2h", 7200.0)
-    (DAY, 5.0, 3600.0, 0.0)
+    (86400.0, 5.0, 3600.0, 0.0)
     """
     text = text.strip()
     if (relative := re.fullmatch(r"now\(\s*([+-]?)\s*([^()]*)\)", text)) is not None:
