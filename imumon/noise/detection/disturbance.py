@@ -353,7 +353,11 @@ class DisturbanceDetector(ArrayState):
         self.open = []
         level, deviation = self._reference
         distance = np.maximum(self._range[1] - level, level - self._range[0])
-        worst = int(np.argmax(distance / np.maximum(deviation, np.finfo(np.float64).tiny)))
+        with np.errstate(
+            divide="ignore", invalid="ignore"
+        ):  # a channel without noise is the worst that moves
+            share = np.where(distance > 0.0, distance / deviation, 0.0)
+        worst = int(np.argmax(share))
         sized = code != STUCK and distance[worst] > 0.0
         size, channel = (float(distance[worst]), self.channels[worst]) if sized else (None, None)
         if code == STUCK and np.median(self._repeats) < ONE_AXIS * self._repeats.max():
