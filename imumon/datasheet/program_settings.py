@@ -4,8 +4,8 @@ N is the density of the rate as an Allan deviation gives it: white noise of N ha
 samples of dt. The walk drives the bias: it walks by walk sqrt(t). The comments of a template cite how its program
 defines its numbers, by the file of its source that reads them; `filter_values` makes numbers and comments.
 
-A line of a template that begins with @ stands for other lines: ``@number gyro N NAME`` is a number of the worst axis
-with its comments. The other words are the functions of `LINES`.
+A line of a template that begins with @ is replaced: ``@number gyro N NAME`` by a number of the worst axis with its
+comments. The other words are the functions of `LINES`.
 """
 
 from __future__ import annotations

@@ -3,9 +3,10 @@
 The likelihood of the cosine coefficients says how much a term explains, with the best B and K beside it. The strongest
 of settling, a step and an oscillation of few cycles is added, until chance explains what is left. Of other
 oscillations a coefficient far above its expectation is left out, with those to which it leaks: their period wanders.
-An exponential that is neither certain nor excluded counts in proportion to its likelihood.
+An exponential in doubt counts in proportion to its likelihood.
 
-Block means lie far below the upper end of the spectrum: a filter in the sensor changes nothing here.
+Block means lie below the upper end of the spectrum, where few filters in sensors reach. In a record of some thousand
+samples the blocks are single samples, and a filter shows in them, too.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ SETTLING_GATE = 4.0
 SETTLING_PENALTY = 3.0
 """Logarithm of the odds against an exponential, for the choice of its size and its time constant."""
 SETTLING_CERTAIN = 20.0
-"""The same from which it counts alone: odds of 10^3."""
+"""Twice the log likelihood ratio from which it counts alone: odds of 10^3."""
 STEP_EVIDENCE = 30.0
 """Twice the log likelihood ratio of a step: 10^-7 by chance, at any of a thousand places."""
 MOST_TERMS = 12
@@ -248,6 +249,7 @@ class SlowTermSearch:
             regressors=[*terms.regressors, *_scaled(self._series, found)],
             masked=terms.masked if wave else np.zeros_like(terms.masked),
             single=min(SEARCHED, terms.masked.size // 3) if step else terms.single,
+            settling=[],
         )
 
     def _gains(self, columns: Floats, starts: Ints) -> Floats:
