@@ -91,7 +91,10 @@ class Shutdown:
 
     @contextmanager
     def handling_signals(self) -> Iterator[None]:
-        """Let signals end the run instead of the process, and ignore those without a meaning."""
+        """Let signals end the run instead of the process, and ignore those without a meaning.
+
+        Once SIGINT has ended the run, it stays ignored: a second ^C must not interrupt the end of the interpreter.
+        """
 
         def handle(number: int, frame: FrameType | None) -> None:
             self.signal = number
@@ -106,6 +109,8 @@ class Shutdown:
         try:
             yield
         finally:
+            if self.signal == signal.SIGINT:
+                before[signal.SIGINT] = signal.SIG_IGN
             for number, handler in before.items():
                 signal.signal(number, handler)
 
