@@ -10,7 +10,11 @@ import select
 import sys
 from pathlib import Path
 
+from imumon.report import plain
+
 PSEUDO_TERMINALS = "/dev/pts/"
+COMMAND = 60
+"""Longest command line in a message, characters."""
 _TIOCGICOUNT = 0x545D
 _TCGETS2 = 0x802C542A
 
@@ -23,16 +27,48 @@ def pseudo_terminal(path: str) -> int | None:
     return None
 
 
-def holders(path: str) -> list[str]:
-    """Return other processes that have this file open, as ``name (pid)``, as far as permissions show them."""
-    target, programs = os.path.realpath(path), []
+def holders(path: str) -> dict[int, str]:
+    """Return other processes that have a port open, each as ``command (pid)``.
+
+    Of processes of other users, only the one that locks the port is known. The process behind a pseudo-terminal has
+    it open itself and takes no bytes of it.
+    """
+    programs, target, owner = {}, os.path.realpath(path), locker(path)
     for process in Path("/proc").glob("[0-9]*"):
-        if int(process.name) == os.getpid():
-            continue
+        pid = int(process.name)
         with contextlib.suppress(OSError):
-            if any(os.readlink(link) == target for link in (process / "fd").iterdir()):
-                programs.append(f"{(process / 'comm').read_text().strip()} ({process.name})")
+            if pid != os.getpid() and (pid == owner or _reads(process, target)):
+                programs[pid] = f"{_command(process)} ({pid})"
     return programs
+
+
+def locker(path: str) -> int | None:
+    """Return the process that locks a file (flock), of any user; None if no process does."""
+    with contextlib.suppress(OSError):
+        file = os.stat(path)
+        device = f"{os.major(file.st_dev):02x}:{os.minor(file.st_dev):02x}:{file.st_ino}"
+        for line in Path("/proc/locks").read_text().splitlines():
+            *_, pid, locked, _start, _end = line.split()
+            if locked == device:
+                return int(pid)
+    return None
+
+
+def _reads(process: Path, target: str) -> bool:
+    """Return whether a process has a port open, and is not the other end of that pseudo-terminal."""
+    files = [(link, os.readlink(link)) for link in (process / "fd").iterdir()]
+    if not any(file == target for _, file in files):
+        return False
+    index = f"tty-index:\t{target.removeprefix(PSEUDO_TERMINALS)}\n"
+    masters = (process / "fdinfo" / link.name for link, file in files if file.endswith("/ptmx"))
+    return not any(index in master.read_text() for master in masters)
+
+
+def _command(process: Path) -> str:
+    """Return the command line of a process, shortened, without the folder of its program."""
+    words = (process / "cmdline").read_text(errors="replace").rstrip("\0").split("\0")
+    command = " ".join([os.path.basename(words[0]), *words[1:]]) or (process / "comm").read_text().strip()
+    return plain(command if len(command) <= COMMAND else f"{command[: COMMAND - 1]}…")
 
 
 def overruns(fd: int | None) -> int | None:

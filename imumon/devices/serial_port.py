@@ -20,6 +20,7 @@ import termios
 import threading
 import time
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -361,6 +362,8 @@ def _open_tty(path: str, baud: int) -> Any:
         kind = "directory" if stat.S_ISDIR(mode) else "file"
         cure = f"to read a recording, use imumon replay {path}"
         raise DeviceError("port_not_serial", f"{path} is a {kind}, not a serial port", cure)
+    if others := linux_tty.holders(path):  # one that locks nothing would take a part of the bytes
+        raise _busy(path, others)
     try:
         port = pyserial.Serial(path, baud, timeout=POLL_S, write_timeout=1.0, exclusive=True)
     except ValueError as error:
@@ -376,6 +379,15 @@ def _open_tty(path: str, baud: int) -> Any:
     return port
 
 
+def _busy(path: str, programs: Mapping[int, str]) -> DeviceError:
+    """Return that a port is in use, with the programs by process that have it open."""
+    if not programs:
+        cure = f"end it first: sudo fuser -v {path} names it"
+        return DeviceError("port_busy", f"{path} is in use by another user's program", cure)
+    cure = f"end it first: kill {' '.join(map(str, programs))}"
+    return DeviceError("port_busy", f"{path} is in use by {', '.join(programs.values())}", cure)
+
+
 def _open_error(path: str, error: Exception) -> DeviceError:
     """Return why a port that exists does not open, and the cure."""
     number = getattr(error, "errno", None) or next((a for a in error.args if isinstance(a, int)), None)
@@ -386,9 +398,7 @@ def _open_error(path: str, error: Exception) -> DeviceError:
         cure = f"sudo usermod -aG dialout {user}, then log in again"
         return DeviceError("port_permission_denied", f"no permission for {path}", cure)
     if number in (errno.EBUSY, errno.EAGAIN):
-        programs = ", ".join(linux_tty.holders(path))
-        used_by = f" by {programs}" if programs else ""
-        return DeviceError("port_busy", f"{path} is in use{used_by}", "end that program first")
+        return _busy(path, linux_tty.holders(path))
     if not os.path.exists(path) or number in (errno.EIO, errno.ENXIO, errno.ENODEV, errno.ENOENT):
         text = f"{path} vanished while it was being opened"
         return DeviceNotFound("port_vanished", text, "plug the adapter in again, and check the cable")

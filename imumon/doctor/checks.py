@@ -35,6 +35,7 @@ DEVICE_CHECKS = (
 """Order of the checks of a device; others follow."""
 
 RECONNECT_CURE = "check the plug, cable and power of the sensor; the daemon reconnects by itself"
+OTHER_READER = " or another user's program (sudo fuser -v PORT)"
 NO_PORT = Check(
     "port",
     "failed",
@@ -91,16 +92,18 @@ def _permission(port: PortObservation) -> Check:
 
 
 def _usage(port: PortObservation) -> Check:
+    if port.holders:
+        cure = "end it first"
+        if any(name.startswith(("imumon", "python")) for name in port.holders):
+            cure += "; if it is a daemon of imumon, give its endpoint with --connect"
+        if any(name.startswith("ModemManager") for name in port.holders):
+            cure = "sudo systemctl disable --now ModemManager, or a udev rule with ID_MM_DEVICE_IGNORE=1"
+        return Check("usage", "failed", f"{port.path} is in use by {', '.join(port.holders)}", cure)
     if port.daemon is not None:
         return Check("usage", "ok", f"the daemon {port.daemon} uses the port; its counters are checked")
-    if not port.holders:
-        return Check("usage", "ok", "no other program uses the port")
-    cure = "end that program first"
-    if any(name.startswith(("imumon", "python")) for name in port.holders):
-        cure += "; if it is a daemon of imumon, give its endpoint with --connect"
-    if any(name.startswith("ModemManager") for name in port.holders):
-        cure = "sudo systemctl disable --now ModemManager, or a udev rule with ID_MM_DEVICE_IGNORE=1"
-    return Check("usage", "failed", f"{port.path} is in use by {', '.join(port.holders)}", cure)
+    if not port.all_users:
+        return Check("usage", "ok", f"no other program of {port.user} uses the port")
+    return Check("usage", "ok", "no other program uses the port")
 
 
 def latency(port: PortObservation) -> Iterator[Check]:
@@ -224,7 +227,7 @@ def _rate(observation: Observation) -> Check:
     text = f"{rate:.1f} Hz" if rate is not None else f"{samples} samples"
     if missing := observation.missing or 0:
         share = missing / (missing + samples)
-        cure = "few gaps are harmless; a full line, a bad cable or a busy machine loses samples"
+        cure = f"few gaps are harmless; a full line, a bad cable, a busy machine{OTHER_READER} loses samples"
         status: CheckStatus = "failed" if share > MAX_MISSING else "warning"
         return Check("rate", status, f"{text}, {missing} samples missing", cure)
     if nominal is None and observation.clock_ratio is not None:  # the samples have a clock
@@ -242,7 +245,7 @@ def _rate(observation: Observation) -> Check:
         )
     if excess < -tolerance:
         status = "failed" if excess < -MAX_MISSING - tolerance else "warning"
-        return Check("rate", status, text, "whole messages are lost: check power, cable and adapter")
+        return Check("rate", status, text, f"whole messages are lost to power, cable, adapter{OTHER_READER}")
     return Check("rate", "ok", text)
 
 

@@ -27,7 +27,8 @@ class PortObservation:
     group: str | None = None  # of the file
     user: str = ""  # of this process
     group_member: bool = False  # the user database has the user in that group
-    holders: tuple[str, ...] = ()  # other processes that have it open, ``name (pid)``
+    holders: tuple[str, ...] = ()  # processes beside the daemon that have it open, ``command (pid)``
+    all_users: bool = True  # holders include the processes of other users
     daemon: str | None = None  # id of the daemon that reads it, according to its report; None: none
     latency_ms: int | None = None  # ms, timer of an open FTDI adapter; None: another adapter, or unknown
     description: str = ""  # of the adapter

@@ -13,7 +13,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from imumon.devices.linux_tty import holders
+from imumon.devices.linux_tty import holders, locker
 from imumon.devices.serial_port import find_ports
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation
 
@@ -37,6 +37,9 @@ def observe_port(path: str, daemon: str | None = None) -> PortObservation:
     except (OSError, ValueError):
         return replace(port, exists=False)
     group, group_member, user = None, False, _user()
+    programs = holders(path)
+    if daemon is not None:
+        programs.pop(locker(path) or 0, None)  # a daemon locks its port
     with contextlib.suppress(KeyError):
         entry = grp.getgrgid(status.st_gid)
         group, group_member = entry.gr_name, user in entry.gr_mem
@@ -47,8 +50,8 @@ def observe_port(path: str, daemon: str | None = None) -> PortObservation:
         group=group,
         user=user,
         group_member=group_member,
-        # the process behind a pseudo-terminal has it open itself: there, opening it shows whether it is free
-        holders=() if real.startswith("/dev/pts/") else tuple(holders(path)),
+        holders=tuple(programs.values()),
+        all_users=os.geteuid() == 0,
     )
 
 

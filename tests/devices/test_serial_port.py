@@ -24,7 +24,6 @@ from imumon.devices import serial_port as port_module
 from imumon.devices.base import DeviceError, DeviceLost
 from imumon.devices.linux_tty import holders, pseudo_terminal
 from imumon.devices.serial_port import PortInfo, SerialPort, find_again
-from imumon.devices.vn100.vn100_device import _other_readers
 
 
 def gather(port: SerialPort, size: int, seconds: float = 5.0) -> bytes:
@@ -296,7 +295,7 @@ def test_port_in_use_names_who_has_it(line: Line) -> None:
     try:
         assert other.stdout is not None
         other.stdout.readline()
-        assert any(f"({other.pid})" in holder for holder in holders(line.path))
+        assert list(holders(line.path)) == [other.pid]
         with pytest.raises(DeviceError, match=rf"\({other.pid}\)") as refused:
             SerialPort(line.path)
         assert refused.value.code == "port_busy"
@@ -306,14 +305,12 @@ def test_port_in_use_names_who_has_it(line: Line) -> None:
     SerialPort(line.path).close()
 
 
-def test_other_readers_of_a_port_are_named(tmp_path: Path) -> None:
-    path = tmp_path / "port"
-    path.touch()
-    assert _other_readers(str(path)) == ""
-    with path.open() as file, subprocess.Popen(["sleep", "60"], stdin=file) as other:
-        readers = _other_readers(str(path))
-        other.kill()
-    assert readers == f"sleep ({other.pid})"
+def test_program_that_is_not_visible_is_of_another_user(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(port_module.linux_tty, "holders", lambda path: {})
+    with SerialPort(line.path), pytest.raises(DeviceError) as refused:
+        SerialPort(line.path)
+    assert refused.value.code == "port_busy"
+    assert "another user's program" in refused.value.message
 
 
 def test_open_port_is_locked(line: Line) -> None:

@@ -234,7 +234,8 @@ PORT = PortObservation(path="/dev/ttyUSB0", group="dialout", user="ada")
         (replace(PORT, accessible=False, group_member=True), "log out and in again: the group is new"),
         (replace(PORT, accessible=False, group="root"), "udev"),
         (replace(PORT, holders=("ModemManager (7)",)), "systemctl disable --now ModemManager"),
-        (replace(PORT, holders=("minicom (7)",)), "end that program first"),
+        (replace(PORT, holders=("minicom (7)",)), "end it first"),
+        (replace(PORT, holders=("minicom (7)",), daemon="vn100-1"), "end it first"),
         (replace(PORT, holders=("imumon (7)",)), "--connect"),
     ],
 )
@@ -448,6 +449,52 @@ def test_a_running_daemon_is_queried_and_not_disturbed(tmp_path: Path) -> None:
     assert results["rate"]["status"] == "ok"
     assert results["compensation"]["status"] == "ok"
     assert (after.session.missing, after.session.gaps, after.session.bad_checksums) == (0, 0, 0)
+
+
+READER = "import sys; port = open(sys.argv[1], 'rb', buffering=0); print(flush=True); sys.stdin.read()"
+
+
+def test_another_reader_of_the_port_is_named(case: Case, tmp_path: Path) -> None:
+    """It locks nothing, as `cat` and most ROS drivers do, and takes a part of the bytes."""
+    with spawn(EmulatorSettings(seed=1)) as sensor:
+        with subprocess.Popen(
+            [sys.executable, "-c", READER, sensor.path, "driver"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        ) as other:
+            assert other.stdout is not None
+            other.stdout.readline()
+            usage = by_name(case, sensor.path)["usage"]
+            done = usage_of_run(sensor.path, tmp_path)
+            other.communicate()
+        free = by_name(replace(case, seconds=0.3), sensor.path)["usage"]
+    assert usage.status == "failed"
+    assert f"({other.pid})" in usage.text
+    assert "python" in usage.text
+    assert "end it first" in str(usage.cure)
+    assert done.returncode == 1
+    assert f"({other.pid}): end it first: kill {other.pid}\n" in done.stderr
+    assert free.status == "ok"
+
+
+def test_another_reader_beside_the_daemon_is_named(case: Case, tmp_path: Path) -> None:
+    with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path / "state") as daemon:
+        daemon.samples()
+        alone = observe_port(sensor.path, "vn100-0100056785")
+        with (
+            open(sensor.path, "rb", buffering=0) as port,
+            subprocess.Popen(["sleep", "60"], stdin=port) as other,
+        ):
+            both = observe_port(sensor.path, "vn100-0100056785")
+            other.kill()
+        daemon.stop()
+    assert alone.holders == ()
+    assert both.holders == (f"sleep 60 ({other.pid})",)
+
+
+def usage_of_run(port: str, state: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "imumon", "run", "--port", port, "--state", str(state)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
 
 
 @pytest.fixture

@@ -43,7 +43,7 @@ def shaking_hands(play: Scene) -> None:
     """The sensor does not answer yet."""
     play.sensor.ask("silence 30")
     pid = play.start().process.pid
-    until(lambda: any(f"({pid})" in holder for holder in holders(play.port)))
+    until(lambda: pid in holders(play.port))
 
 
 def first_samples(play: Scene) -> None:

@@ -14,9 +14,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from imumon.devices.base import Device, DeviceError, DeviceNotFound, DeviceOptions, Interrupted
-from imumon.devices.linux_tty import holders, pseudo_terminal
+from imumon.devices.linux_tty import pseudo_terminal
 from imumon.devices.serial_port import QUEUE_BYTES, PortInfo, SerialPort, find_again, find_ports
-from imumon.devices.vn100.commands import NotAVn100
 from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.devices.vn100.registers import FACTORY_BAUD
 from imumon.devices.vn100.vn100_session import StreamRequest, Vn100Session
@@ -177,13 +176,6 @@ class Vn100Device(Device):
                 paced=not self._time_lapse,
             )
             info = session.connect()
-        except NotAVn100 as error:
-            port.close()
-            if others := _other_readers(path):
-                raise NotAVn100(
-                    error.code, f"{error.message}; {others} has it open too", "end that program first"
-                ) from None
-            raise
         except BaseException:
             port.close()
             raise
@@ -328,8 +320,3 @@ def _saved_settings(path: Path) -> dict[str, str] | None:
         for name, text in saved.items()
     )
     return saved if valid and all(isinstance(text, str) for text in saved.values()) else None
-
-
-def _other_readers(path: str) -> str:
-    """Return who else has a port open, and so takes a part of its bytes; an emulator has its own terminal."""
-    return "" if os.path.realpath(path).startswith("/dev/pts/") else ", ".join(holders(path))
