@@ -242,6 +242,13 @@ class DeviceCounters:
 Item: TypeAlias = SampleBlock | Gap | Notice | RawBytes | DeviceInfo | DeviceCounters
 
 
+def selected(block: SampleBlock, rows: Bools | slice) -> SampleBlock:
+    """Some of the samples of a block."""
+    time = None if block.time_ns is None else block.time_ns[rows]
+    saturated = None if block.saturated is None else block.saturated[rows]
+    return SampleBlock(block.stream, block.values[rows], time, block.lost[rows], saturated)
+
+
 def concatenated(blocks: Sequence[SampleBlock]) -> SampleBlock:
     """Blocks of one stream that follow one another, as one; where a block does not say, nothing saturated."""
     import numpy as np

@@ -24,8 +24,9 @@ from imumon.noise.statistics.envelope import Envelope
 from imumon.noise.statistics.histogram import HistogramAccumulator
 from imumon.noise.stretches import RecordStatistics
 from imumon.noise.stretches.record_statistics import Ended
-from imumon.pipeline.gap_fill import Break, LongGap, fill_gaps
-from imumon.samples import Floats, sensor_of
+from imumon.noise.validity_groups import ValidityGroups
+from imumon.pipeline.gap_fill import Break, DenseBlock, LongGap, fill_gaps
+from imumon.samples import Bools, Floats, sensor_of
 from imumon.timebase.sample_clock import PlacedSamples
 
 ALLAN_SENSORS = ("gyro", "accel", "mag")
@@ -126,6 +127,7 @@ class Accumulators:
         self.interval_s = interval_s
         sensors = [sensor_of(name) for name in channels]
         self.groups = [list(dict.fromkeys(sensors)).index(sensor) for sensor in sensors]
+        self._by_sensor = ValidityGroups(len(channels), self.groups)
         self.allan_channels = sum(sensor in ALLAN_SENSORS for sensor in sensors)
         self.samples = self.missing = self.gaps = self.span = 0
         rate = 1.0 / interval_s
@@ -154,12 +156,17 @@ class Accumulators:
                 self._statistics.update(self.guard.skip(part.ticks))
             else:
                 self.span += len(part.values)
-                present = part.present
-                valid = None if present is None else np.repeat(present[:, None], max(self.groups) + 1, axis=1)
+                valid = self._valid(part)
                 self.envelope.update(part.values, valid)
                 self._statistics.update(self.guard.update(part.values, valid, part.saturated))
         self.missing = self.span - self.samples
         return self._happened()
+
+    def _valid(self, part: DenseBlock) -> Bools | None:
+        """Return (n, g) ticks at which a sensor has a sample; None: all. One without a number has none."""
+        present, shape = part.present, (len(part.values), max(self.groups) + 1)
+        valid = np.ones(shape, bool) if present is None else np.repeat(present[:, None], shape[1], axis=1)
+        return self._by_sensor.check(part.values, valid)[1]
 
     def flush(self) -> Happened:
         """Pass on what the guard holds back: the stream has ended or is interrupted."""

@@ -12,17 +12,19 @@ from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 from imumon.errors import RateRequired
 from imumon.evaluation import ExactCurve
 from imumon.history_report import HistoryPeriod
+from imumon.noise.validity_groups import ValidityGroups
 from imumon.pipeline.events import DetectedEvent, EventLog
 from imumon.pipeline.exact_curve import exact_curves
 from imumon.pipeline.record import MonitorOptions, Record, RecordMismatch, mismatch_of
 from imumon.pipeline.report_builder import signal
 from imumon.report import DeviceDescription, Report, SessionCounters, Signal, State, stamp
-from imumon.samples import SampleBlock, Stream
+from imumon.samples import SampleBlock, Stream, selected, sensor_of
 from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
 
 NO_CLOCK_SAMPLES = 100
@@ -94,6 +96,8 @@ class Monitor:
         self._ended_periods: list[HistoryPeriod] = []
         self._without_rate = _WithoutRate()
         self._other_streams_s = 0.0  # by the host clock, since the last block of this stream
+        self._invalid = 0  # samples that were no numbers, since the last one
+        self._invalid_reported = False
 
     def feed(self, block: SampleBlock, *, host_s: float | None = None) -> RecordMismatch | None:
         """Process a block. Blocks of other streams than the characterised one are ignored.
@@ -111,6 +115,7 @@ class Monitor:
         RateRequired : the stream has no clock and no rate is configured.
         """
         passed = None if host_s is None else self._other_streams_s + host_s
+        block = self._numbers(block)
         mismatch = self._choose(block.stream) if len(block) else None
         if not len(block) or self._source is None or self._source.stream != block.stream:
             self._other_streams_s = passed or 0.0
@@ -125,6 +130,24 @@ class Monitor:
             self._source = _Source(rest.stream, SampleClock(rest.stream.clock, tick_s=rest.stream.tick_s))
             mismatch = self.feed(rest) or mismatch
         return mismatch
+
+    def _numbers(self, block: SampleBlock) -> SampleBlock:
+        """Return the block without the samples whose gyroscope or accelerometer is no number: they are lost."""
+        inertial = [k for k, name in enumerate(block.stream.channels) if sensor_of(name) in ("gyro", "accel")]
+        _, valid = (
+            ValidityGroups(len(inertial)).check(block.values[:, inertial], None) if inertial else (0, None)
+        )
+        if valid is None and not self._invalid:
+            return block
+        keep = np.ones(len(block), bool) if valid is None else valid[:, 0]
+        if not keep.all() and not self._invalid_reported:
+            text = "a gyroscope or accelerometer value is no number: such samples count as missing"
+            self._events.add("garbage", text, self._record.accumulators if self._record else None)
+            self._invalid_reported = True
+        before = self._invalid + np.cumsum(block.lost + ~keep)  # lost up to each sample, itself included
+        lost = np.diff(before[keep], prepend=0)
+        self._invalid = int(before[-1] - lost.sum()) if len(block) else self._invalid
+        return replace(selected(block, keep), lost=lost)
 
     def gap(self, length_s: float | None = None) -> None:
         """Note that the connection was interrupted for `length_s` by the host clock; None: unknown."""
@@ -316,8 +339,8 @@ class Monitor:
 
     def _count_without_rate(self, block: SampleBlock, host_s: float) -> None:
         """Require a rate for a stream without a clock, unless another stream appears soon."""
-        if self._source is None:
-            known = self._without_rate
+        known = self._without_rate
+        if self._source is None and (len(block) or known.source):
             known.source = block.stream.source
             known.samples += len(block)
             known.seconds += host_s

@@ -68,11 +68,11 @@ def estimate_interval(
     """
     positive = steps[steps > 0.0]
     shortest = _shortest(positive)
-    single = float(np.mean(positive[positive < (1.0 + SINGLE_EXCESS) * shortest]))
+    singles = positive[positive < (1.0 + SINGLE_EXCESS) * shortest]
     guess = nominal_s if nominal_s is not None and _is_multiple(positive, nominal_s) else None
-    if tick_s is not None:
-        return guess or nearest_multiple(single, tick_s)
-    interval, error = regression_interval(steps, guess or single)
+    if tick_s is not None and (multiple := guess or common_multiple(singles, tick_s)):
+        return multiple
+    interval, error = regression_interval(steps, guess or float(np.mean(singles)))
     if error > RATE_PRECISION and not last:
         return None
     tolerance = min(max(SIGNIFICANT * error, RATE_PRECISION), NOMINAL_SHARE)
@@ -183,17 +183,23 @@ def round_to_hertz(interval_s: float, tolerance: float) -> float:
     return 1.0 / near if near and abs(rate / near - 1.0) <= max(tolerance, ROUNDING) else interval_s
 
 
-def nearest_multiple(interval_s: float, tick_s: float) -> float:
-    """Return the multiple of a tick that an interval is near to; the interval itself if there is none.
+def common_multiple(steps: Floats, tick_s: float) -> float | None:
+    """Return the multiple of a tick that all of (n,) steps, s, are near to; None: they differ.
 
-    >>> nearest_multiple(0.0251, 0.00125), nearest_multiple(0.0257, 0.00125)
-    (0.025, 0.0257)
+    Steps of different multiples are those of stamps that are rounded to the tick, of a clock that does not have it.
+
+    >>> common_multiple(np.array([0.0251, 0.0249]), 0.00125), common_multiple(np.array([0.009, 0.010]), 0.001)
+    (0.025, None)
     """
-    ticks = interval_s / tick_s
-    near = round(ticks)
-    if near >= 1 and abs(ticks - near) < min(WHOLE, NOMINAL_SHARE * near):
-        return near * tick_s
-    return interval_s
+    ticks = steps / tick_s
+    near = round(float(np.mean(ticks)))
+    if (
+        near < 1
+        or (np.rint(ticks) != near).any()
+        or abs(float(np.mean(ticks)) - near) >= min(WHOLE, NOMINAL_SHARE * near)
+    ):
+        return None
+    return near * tick_s
 
 
 def _is_multiple(steps: Floats, interval_s: float) -> bool:

@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, concatenated
+from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, concatenated, selected
 from imumon.timebase.interval import (
     AMBIGUOUS,
     NOMINAL_SHARE,
@@ -183,8 +183,8 @@ class SampleClock:
             return []
         at = self._rate_change(block)
         if at is not None:
-            self.rest = _rows(block, at)
-            block, final = _rows(block, 0, at), True
+            self.rest = selected(block, slice(at, None))
+            block, final = selected(block, slice(0, at)), True
         if not len(block):
             return []
         if self.clock not in ("startup", "counter"):
@@ -242,7 +242,7 @@ class SampleClock:
                 return
             if len(time) <= count and not final:
                 return
-            last = len(time) <= count or self._tick_s is not None or count >= LEARN_STEPS_MAX
+            last = len(time) <= count or count >= LEARN_STEPS_MAX
             steps = time[:count] if self.clock == "dt" else np.diff(np.sort(time[: count + 1]))
             if (steps > 0).any():
                 self._tried = count
@@ -252,7 +252,7 @@ class SampleClock:
             else:  # the clock does not run: keep the last sample only
                 same = min(count, len(time) - 1)
                 self.duplicates += same
-                block = _rows(block, same)
+                block = selected(block, slice(same, None))
                 self._pending = [block]
                 if not same:
                     return
@@ -334,7 +334,7 @@ class SampleClock:
             self._decide(time, steps, keep, np.flatnonzero(doubtful), far, final)
             if not final and keep[-1] and (steps[-1] < 0 or steps[-1] > far):
                 # a jump that nothing confirms yet: wait for the next sample
-                self._unconfirmed = _rows(block, len(block) - 1)
+                self._unconfirmed = selected(block, slice(len(block) - 1, None))
                 keep[-1] = False
             longest = LONGEST_GAP_S if self._open_s is None else _with_slack(self._open_s)
             steps[steps > max(far, int(longest / self.interval_s))] = BREAK
@@ -420,11 +420,3 @@ class SampleClock:
 def _with_slack(length_s: float) -> float:
     """Return the longest time that a time by another clock may be, s."""
     return (1.0 + GAP_SLACK_SHARE) * length_s + GAP_SLACK_S
-
-
-def _rows(block: SampleBlock, start: int, stop: int | None = None) -> SampleBlock:
-    """Return some of the samples of a block."""
-    rows = slice(start, stop)
-    time = None if block.time_ns is None else block.time_ns[rows]
-    saturated = None if block.saturated is None else block.saturated[rows]
-    return SampleBlock(block.stream, block.values[rows], time, block.lost[rows], saturated)

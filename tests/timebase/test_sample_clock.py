@@ -351,6 +351,15 @@ def test_the_learned_rate_has_no_bias(jitter: str) -> None:
     assert spread < 2e-4
 
 
+@pytest.mark.parametrize("rate", [104.0, 97.3, 99.5, 208.0])
+def test_stamps_rounded_to_a_millisecond_do_not_make_the_interval_a_multiple_of_it(rate: float) -> None:
+    clock = SampleClock("startup", tick_s=1e-3)
+    stamps = np.floor(np.arange(3000) / rate * 1e3).astype(np.int64) * 1_000_000
+    steps, _ = place(clock, block(stamps))
+    assert clock.interval_s == pytest.approx(1.0 / rate, rel=1e-4)
+    assert set(steps) == {1}
+
+
 @pytest.mark.parametrize("rate", [100.0, 99.9, 101.0])
 def test_a_clock_with_a_tick_has_a_multiple_of_it(rate: float) -> None:
     clock = SampleClock("startup", tick_s=LOOP_S)
