@@ -17,18 +17,24 @@ from types import FrameType
 from typing import Any
 
 from imumon.cli import options
-from imumon.cli.exit_codes import INTERRUPTED, NOT_REACHED, SUCCESS, USAGE, CommandError
+from imumon.cli.exit_codes import INTERRUPTED, NOT_FOUND, NOT_REACHED, SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser, positive
 from imumon.cli.output import print_report
 
 
 def add_run(parser: Parser) -> None:
-    from imumon.devices.registry import driver
-
     add = parser.add_argument
-    text = "device path, pyserial URL, sim, ros2:TOPIC, or NAME:... of another device; default: the only VN-100 found"
+    text = "device path, pyserial URL, sim, or NAME:... of another kind of device; default: the only sensor found"
     add("--port", metavar="PORT", help=text)
-    driver().add_run_options(parser)
+    text = "baud rate; default auto: detect it and do not change it"
+    add("--baud", type=_baud, metavar="auto|N", help=text)
+    text = "change the baud rate of the sensor to N until its power-off"
+    add("--set-baud", type=int, metavar="N", help=text)
+    add("--rate", type=options.rate, metavar="HZ", help="sample rate of samples without time stamps")
+    text = "write nothing to the sensor; a stream without a clock then needs --rate"
+    add("--listen-only", action="store_true", default=None, help=text)
+    text = "stream to request from the sensor; default deltas"
+    add("--stream", choices=options.STREAMS, help=text)
     add(
         "--id",
         metavar="NAME",
@@ -78,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = _settings(arguments)
     if settings.device.port == "sim":
         return _run_emulated(arguments, settings)
-    _check_options(arguments, settings.device.port)
+    _check_settings(settings)
     if arguments.speed != 1.0 or arguments.seed is not None:
         message = "--speed and --seed are for --port sim"
         raise CommandError("option_needs_sim", message, "add --port sim, or leave them out", USAGE)
@@ -92,19 +98,30 @@ def _stop_with_stdin() -> None:
     os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _check_options(arguments: argparse.Namespace, url: str) -> None:
-    """Refuse options of the default device for another one: it would ignore them, also --listen-only."""
-    from imumon.devices.registry import DEFAULT_SCHEME, driver, scheme_of
+def _baud(text: str) -> str | int:
+    if text == "auto":
+        return text
+    if not text.isdigit() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither auto nor a number")
+    return int(text)
 
-    given = [name for name, value in driver().run_overrides(arguments).items() if value is not None]
-    if scheme_of(url) != DEFAULT_SCHEME and given:
-        names = ", ".join(name.partition(".")[2] for name in given)
-        raise CommandError(
-            "option_not_for_device",
-            f"{url} has no option for {names}",
-            "leave it out, or put parameters into the URL",
-            USAGE,
-        )
+
+def _check_settings(settings: Any) -> None:
+    """Refuse settings and options that the device would ignore, such as --listen-only."""
+    from imumon.devices.registry import driver_of
+
+    device, default = settings.device, type(settings.device)()
+    used = driver_of(device.port).settings | {"port", "id"}
+    for name in type(device).model_fields:
+        origin = settings.origins.get(f"device.{name}", "default")
+        changed = origin == "command line" or getattr(device, name) != getattr(default, name)
+        if name in used or not changed:
+            continue
+        option = "--" + name.removesuffix("_hz").replace("_", "-")
+        given = option if origin == "command line" else f"{name} in {origin}"
+        message = f"{device.port or 'the sensor'} cannot use {given}"
+        cure = "leave it out, or put parameters into the URL of the port"
+        raise CommandError("option_not_for_device", message, cure, USAGE)
 
 
 def _run_emulated(arguments: argparse.Namespace, settings: Any) -> int:
@@ -153,9 +170,12 @@ def _temporary() -> Iterator[str]:
 
 def _settings(arguments: argparse.Namespace) -> Any:
     """Return the settings with the options of `run` on top."""
-    from imumon.devices.registry import driver
-
-    overrides = driver().run_overrides(arguments) | {
+    overrides = {
+        "device.baud": arguments.baud,
+        "device.set_baud": arguments.set_baud,
+        "device.rate_hz": arguments.rate,
+        "device.listen_only": arguments.listen_only,
+        "device.stream": arguments.stream,
         "device.port": arguments.port,
         "device.id": arguments.id,
         "zenoh.listen": arguments.listen,
@@ -194,10 +214,13 @@ def _run_daemon(
         raise options.with_origin(error, settings) from None
     finally:
         close_log()
+    if result.ended and not (result.report and result.report.session.samples):
+        cure = "check that the program that writes it prints samples"
+        raise CommandError("stream_without_samples", f"{url} ended without a sample", cure, NOT_FOUND)
     if result.report is None and result.signal is None:
         message = f"no sensor within {arguments.duration:g} s"
         raise CommandError("no_device_in_time", message, "give a longer --duration", NOT_REACHED)
-    if result.report is not None and (arguments.duration or arguments.json):
+    if result.report is not None and (arguments.duration or arguments.json or result.ended):
         print_report(result.report, arguments.json, run_options.baseline)
     return INTERRUPTED if result.signal == signal.SIGINT else SUCCESS
 

@@ -22,7 +22,6 @@ class Connection:
     state : as in a report.
     connected : it is open and was started.
     counters : of the device, in this run.
-    has_raw_bytes : the device has bytes that can be recorded.
     searched : the log says that the daemon looks for a device.
     problem : why it could not be opened; empty: it could, or was not tried since it was there.
     """
@@ -32,7 +31,6 @@ class Connection:
         self.state: State = "starting"
         self.connected = False
         self.counters = DeviceCounters()
-        self.has_raw_bytes = driver.decoder() is not None
         self.searched = False
         self.problem = ""
         self._scheme = driver.scheme

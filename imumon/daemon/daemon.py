@@ -21,7 +21,7 @@ from imumon.daemon.kept_record import KeptRecord
 from imumon.daemon.outputs import Outputs
 from imumon.daemon.run_limits import RunOptions, RunResult, Shutdown, Timer
 from imumon.daemon.sd_notify import ServiceNotifier, status_line
-from imumon.devices.base import DeviceError, DeviceOptions
+from imumon.devices.base import DeviceEnded, DeviceError, DeviceNotFound, DeviceOptions, InvalidOption
 from imumon.devices.device_reader import (
     DeviceReader,
     Disconnected,
@@ -58,6 +58,9 @@ class Daemon:
     def __init__(self, settings: Settings, options: RunOptions) -> None:
         self.settings, self.options = settings, options
         driver = driver_of(options.url)
+        if settings.record.file and driver.decoder() is None:
+            text = f"{options.url} sends no bytes that could be recorded"
+            raise InvalidOption("record_not_possible", text, "leave --record out")
         device_options = DeviceOptions(
             url=options.url,
             settings=settings.device,
@@ -89,10 +92,11 @@ class Daemon:
         with self._shutdown.handling_signals():
             try:
                 self._reader.start()
-                while not self._shutdown.requested:
+                while not (self._shutdown.requested or self._reader.ended):
                     self._handle(self._reader.get(WAIT_S))
                     self._do_duties(time.monotonic())
-                return RunResult(self._finish(), self._shutdown.signal)
+                ended = self._reader.ended
+                return RunResult(self._finish(), self._shutdown.signal, ended)
             except BaseException:
                 self._abort()
                 raise
@@ -113,6 +117,8 @@ class Daemon:
                 self._on_disconnect(error)
             case Progress(text):
                 self._on_progress(text)
+            case EndOfStream(DeviceEnded() as end):
+                self._outputs.event("disconnect", str(end), "notice")
             case EndOfStream(error) if error is not None:
                 raise error
 
@@ -162,7 +168,7 @@ class Daemon:
         self._notifier.status(text)
 
     def _on_reopen_failed(self, error: DeviceError) -> None:
-        if self._connection.failed(error) and error.code != "port_not_found":
+        if self._connection.failed(error) and not isinstance(error, DeviceNotFound):
             self._outputs.event("waiting", f"the device cannot be opened again yet: {error}")
 
     def _on_disconnect(self, error: DeviceError) -> None:
@@ -200,7 +206,7 @@ class Daemon:
         if samples:
             self._on_running()
         raw = any(isinstance(item, RawBytes) for item in items)
-        self._start_recording(possible=raw or connection.has_raw_bytes or not samples)
+        self._start_recording()
         data = raw or any(isinstance(item, SampleBlock) for item in items)
         data |= connection.counters.received_bytes > bytes_before
         self._check_silence(data=data, samples=samples)
@@ -222,12 +228,9 @@ class Daemon:
         for remark in self._connection.update(info):
             self._outputs.event("remark", remark, level)
 
-    def _start_recording(self, *, possible: bool) -> None:
-        """Start to record when it is known what; `possible`: the device has raw bytes, or may have."""
+    def _start_recording(self) -> None:
+        """Start to record when it is known what."""
         recorder, info, bus = self._record.recorder, self._connection.info, self._outputs.bus
-        if recorder.needs_header and not possible:
-            recorder.needs_header = False
-            self._outputs.event("recording", "nothing is recorded: this device has no raw bytes")
         if not recorder.needs_header or info is None or bus is None:
             return
         if (self._record.monitor.samples or recorder.full) and (

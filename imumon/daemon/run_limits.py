@@ -60,10 +60,18 @@ class RunOptions:
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """How a run ended: the final report, None if no device was ever there, and the signal that ended it."""
+    """How a run ended.
+
+    Attributes
+    ----------
+    report : the final one; None if no device was ever there.
+    signal : that ended it; None: none did.
+    ended : the stream of the device was complete.
+    """
 
     report: Report | None
     signal: int | None
+    ended: bool
 
 
 class Shutdown:

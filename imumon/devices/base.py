@@ -6,8 +6,8 @@ makes devices of one kind and says what else is known of them. A driver register
 
 Life of a device: `open` (find and identify, change nothing), `start` (make it send), then `read` until it is
 lost or the run ends, `restore` (undo what `start` changed), `close`. After a loss the same object is closed
-and opened again: it must find the same device, and its counters continue. `DeviceReader` runs all of this in
-one thread. Only `interrupt` is called from another thread.
+and opened again: it must find the same device, and its counters continue. After the end of its stream the run
+ends. `DeviceReader` runs all of this in one thread. Only `interrupt` is called from another thread.
 """
 
 from __future__ import annotations
@@ -42,6 +42,10 @@ class DeviceLost(DeviceError):
     """The device was there and is gone."""
 
 
+class DeviceEnded(DeviceLost):
+    """The stream is complete, and nothing will follow: the run ends with its report."""
+
+
 class InvalidOption(DeviceError):
     """An option has a value that the device, or its emulator, cannot have."""
 
@@ -57,8 +61,8 @@ class DeviceOptions:
     Attributes
     ----------
     url : value of ``--port``: scheme and parameters; empty: the one device that is found.
-    settings : the table ``[device]``, with attributes of the names in `imumon.config.DeviceSettings`. Only the
-        devices of this distribution use it; others take their parameters from the URL.
+    settings : the table ``[device]``, with attributes of the names in `imumon.config.DeviceSettings`: options of
+        the command line and the settings file. A driver lists those that it uses in `DeviceDriver.settings`.
     table : the table that has the name of the scheme, such as ``[ros2]``, in the same way; None: there is none.
     state_directory : for what must survive a crash, such as settings to put back; None: keep nothing.
     speed : seconds of the device per second of the host; other than 1 for an emulator in time-lapse, which
@@ -111,7 +115,7 @@ class Device(ABC):
 
     @abstractmethod
     def info(self) -> DeviceInfo:
-        """Return what is known by now; it may grow with the first samples."""
+        """Return what is known by now; it may grow with the samples. It is called after each read with items."""
 
     @abstractmethod
     def read(self, timeout_s: float) -> list[Item]:
@@ -119,11 +123,13 @@ class Device(ABC):
 
         It also works without `start`: the device then sends what it sends. After `start` it includes health
         checks of the device: what they find is a `Notice`, and a `Gap` where the stream has no clock that shows
-        its length. `RawBytes` come before the samples that were decoded from them.
+        its length. `RawBytes` come before the samples that were decoded from them. What `info` and `counters`
+        return is looked at after each call.
 
         Raises
         ------
         DeviceLost : it is gone. What arrived before that has been returned.
+        DeviceEnded : its stream is complete, such as a pipe whose writer has ended.
         """
 
     @property
@@ -255,10 +261,13 @@ class DeviceDriver(ABC):
     ----------
     scheme : URL scheme, the name of the entry point.
     title : name of the kind for people, such as "VectorNav VN-100".
+    settings : names of the table ``[device]`` that have an effect on it; `imumon run` refuses others. ``rate_hz``
+        gives samples without a clock their rate, whatever the device is.
     """
 
     scheme: ClassVar[str]
     title: ClassVar[str] = "device"
+    settings: ClassVar[frozenset[str]] = frozenset({"rate_hz"})
 
     @abstractmethod
     def create(self, options: DeviceOptions) -> Device:
@@ -271,8 +280,13 @@ class DeviceDriver(ABC):
 
     # what other packages ask for, with answers for devices that have nothing to say
 
-    def decoder(self) -> RawDecoder | None:
-        """Return a decoder of raw captures of this device; None if it has no bytes."""
+    def decoder(self, settings: Mapping[str, str] | None = None) -> RawDecoder | None:
+        """Return a decoder of raw captures of this device; None if it has no bytes, which cannot be recorded.
+
+        Parameters
+        ----------
+        settings : `DeviceInfo.settings` when the capture began; None: of a capture that does not say.
+        """
         return None
 
     def checks(self, observation: Observation, settings: Any) -> Iterator[Check]:
@@ -320,13 +334,6 @@ class DeviceDriver(ABC):
     def setting_text(self, name: str, value: str) -> str | None:
         """Return what a setting of the device does, in a few words; None if that is unknown."""
         return None
-
-    def add_run_options(self, parser: argparse.ArgumentParser) -> None:  # noqa: B027
-        """Add the options of `imumon run` that only this kind of device has (this distribution only)."""
-
-    def run_overrides(self, arguments: argparse.Namespace) -> dict[str, Any]:
-        """Return the settings that these options override, by dotted name; None: not given."""
-        return {}
 
     def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> AbstractContextManager[str]:
         """Return a running emulator as a context that gives its port.

@@ -18,13 +18,14 @@ from typing import TypeAlias
 from imumon.devices.base import (
     Device,
     DeviceDriver,
+    DeviceEnded,
     DeviceError,
     DeviceNotFound,
     DeviceOptions,
     Interrupted,
 )
 from imumon.errors import ImumonError
-from imumon.samples import DeviceInfo, Item
+from imumon.samples import DeviceCounters, DeviceInfo, Item, SampleBlock
 
 log = logging.getLogger(__name__)
 
@@ -33,7 +34,9 @@ BATCHES = 32
 READ_S = 0.2
 """s that one `Device.read` may wait for data."""
 RETRY_S = 0.5
-"""s between two attempts to open a device that was lost."""
+"""s between two attempts to open a device that was lost, and at least from one opening to the next."""
+LONGEST_RETRY_S = 16.0
+"""s to which that grows while a device opens and is lost again without a sample: the log must not fill."""
 FIRST_RETRY_S = 2.0
 """s between two attempts to open a device that was never there."""
 END_S = 1.0
@@ -89,7 +92,7 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class EndOfStream:
-    """Nothing follows. `error` is what ended the reader if `stop` did not."""
+    """Nothing follows. `error` is what ended the reader if `stop` did not: `DeviceEnded`, or a failure."""
 
     error: BaseException | None = None
 
@@ -122,6 +125,9 @@ class DeviceReader:
         self._discarding = False
         self._changed = False  # the device may have to be restored
         self._streaming = False
+        self._sent: tuple[DeviceInfo | None, DeviceCounters | None] = (None, None)
+        self._opened_s = 0.0  # monotonic
+        self._retry_s = RETRY_S
         self._thread = threading.Thread(target=self._run, name="imumon-device", daemon=True)
         device.progress = lambda text: self._put(Progress(text))
 
@@ -169,6 +175,9 @@ class DeviceReader:
                 self._connect_first()
                 while True:
                     lost = self._read_until_lost()
+                    if isinstance(lost, DeviceEnded):
+                        self._put_items(self._device.finish())
+                        raise lost
                     self._streaming = False
                     self._device.close()
                     self._put(Disconnected(lost))
@@ -195,8 +204,7 @@ class DeviceReader:
                 self._put(Opened(info))
                 self._wait(None)
                 self._changed = True
-                self._put(Started(self._device.start(), again=False))
-                self._streaming = True
+                self._started(again=False)
                 return
             except DeviceError as error:
                 self._leave()
@@ -208,22 +216,41 @@ class DeviceReader:
             self._wait(FIRST_RETRY_S)
 
     def _connect_again(self) -> None:
+        self._wait(max(0.0, self._opened_s + self._retry_s - time.monotonic()))
         while True:
             try:
                 self._device.open()
-                self._put(Started(self._device.start(), again=True))
-                self._streaming = True
+                self._started(again=True)
                 return
             except DeviceError as error:
                 self._leave()
                 self._put(OpenFailed(error, again=True))
             self._wait(RETRY_S)
 
+    def _started(self, *, again: bool) -> None:
+        info = self._device.start()
+        self._sent = (info, self._sent[1])
+        self._put(Started(info, again))
+        self._streaming, self._opened_s = True, time.monotonic()
+        self._retry_s = min(2.0 * self._retry_s, LONGEST_RETRY_S)
+
+    def _put_items(self, items: list[Item]) -> None:
+        """Put what the device returned, with the facts and the counters that have changed."""
+        info, counters = self._sent
+        self._sent = (self._device.info() if items else info, self._device.counters)
+        facts: list[Item] = [self._sent[0]] if self._sent[0] is not None and self._sent[0] != info else []
+        counts: list[Item] = (
+            [self._sent[1]] if self._sent[1] is not None and self._sent[1] != counters else []
+        )
+        if any(isinstance(item, SampleBlock) for item in items):
+            self._retry_s = RETRY_S
+        if items := [*facts, *items, *counts]:
+            self._put(Items(items))
+
     def _read_until_lost(self) -> DeviceError:
         try:
             while not self._stopping.is_set():
-                if items := self._device.read(READ_S):
-                    self._put(Items(items))
+                self._put_items(self._device.read(READ_S))
                 self.active_at = time.monotonic()
         except DeviceError as error:
             return error
@@ -246,10 +273,9 @@ class DeviceReader:
         with suppress(DeviceError):
             while time.monotonic() < end and (items := self._device.read(0.0)):
                 before = time.monotonic()
-                self._put(Items(items))
+                self._put_items(items)
                 end += time.monotonic() - before  # a full queue takes no time from the device
-        if items := self._device.finish():
-            self._put(Items(items))
+        self._put_items(self._device.finish())
 
     def _leave(self) -> None:
         """Restore what `start` changed, and close the device; whatever happens, the thread continues."""

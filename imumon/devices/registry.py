@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
@@ -56,6 +57,16 @@ def scheme_of(url: str) -> str:
     """
     found = _SCHEME.match(url)
     return found[1] if found else DEFAULT_SCHEME
+
+
+def scheme_of_bytes(data: bytes) -> str:
+    """Return the scheme of the driver that finds messages in bytes which do not name it; else the default."""
+    for scheme in (DEFAULT_SCHEME, *schemes()):
+        with suppress(DeviceError):
+            decoder = driver(scheme).decoder()
+            if decoder is not None and (decoder.feed(data) or decoder.messages):
+                return scheme
+    return DEFAULT_SCHEME
 
 
 def installed(scheme: str | None) -> DeviceDriver | None:

@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Iterable, Iterator, Sequence
 
 from imumon.devices.base import DeviceError, sample_blocks
-from imumon.devices.registry import DEFAULT_SCHEME, driver
+from imumon.devices.registry import DEFAULT_SCHEME, driver, scheme_of_bytes
 from imumon.files import open_regular
 from imumon.recordings.base import HEAD_BYTES, OptionNotApplicable, ReadOptions, Recording, RecordingError
 from imumon.recordings.columns import layout
@@ -30,7 +30,7 @@ class DecodedCapture(Recording):
 
     Parameters
     ----------
-    capture : its header names the driver; without one, the default driver is used.
+    capture : its header names the driver; without one, the driver that finds messages is used.
     block_bytes : bytes that are decoded at once.
 
     Raises
@@ -42,13 +42,14 @@ class DecodedCapture(Recording):
         self.header = capture.header
         self._capture = capture
         self._block_bytes = block_bytes
-        scheme = (capture.header or {}).get("driver", DEFAULT_SCHEME)
+        header = capture.header or {}
+        scheme = header.get("driver") or scheme_of_bytes(capture.head[:HEAD_BYTES])
         try:
             self._driver = driver(scheme)
         except DeviceError as error:
             cure = "install the package that adds this device"
             raise RecordingError(error.code, f"{capture.path}: {error.message}", cure) from None
-        decoder = self._driver.decoder()
+        decoder = self._driver.decoder(header.get("settings", {}) if capture.header else None)
         if decoder is None:
             raise RecordingError(
                 "no_decoder",

@@ -29,6 +29,7 @@ from imumon.devices import registry
 from imumon.devices.base import (
     Device,
     DeviceDriver,
+    DeviceEnded,
     DeviceError,
     DeviceLost,
     DeviceNotFound,
@@ -382,6 +383,58 @@ def test_a_failed_start_is_restored_before_the_next_try(monkeypatch: pytest.Monk
     assert reader.join(5.0)
 
 
+class ShortDevice(BrokenDevice):
+    """A device whose stream has some items and then ends, or is lost."""
+
+    def __init__(self, end: type[DeviceLost]) -> None:
+        super().__init__("")
+        self.end = end
+
+    def read(self, timeout_s: float) -> list[Item]:
+        self._call("read")
+        raise self.end("short", "that was all", "start it again")
+
+    def finish(self) -> list[Item]:
+        self._call("finish")
+        return [Gap(None)]
+
+    def close(self) -> None:
+        self._call("close")
+
+
+def test_the_end_of_a_stream_ends_the_reader_behind_what_was_held_back() -> None:
+    device = ShortDevice(DeviceEnded)
+    reader = DeviceReader(device)
+    reader.start()
+    events = []
+    while not reader.ended:
+        event = reader.get(5.0)
+        assert event is not None
+        reader.begin()
+        events.append(event)
+    assert [type(event) for event in events] == [Opened, Started, Items, EndOfStream]
+    assert isinstance(events[-1].error, DeviceEnded)
+    assert reader.join(5.0)
+    assert device.calls == ["start", "read", "finish", "restore", "close"]
+
+
+def test_a_device_that_is_lost_again_at_once_is_opened_ever_less_often(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("imumon.devices.device_reader.RETRY_S", 0.05)
+    device = ShortDevice(DeviceLost)
+    reader = DeviceReader(device)
+    reader.start()
+    until(lambda: isinstance(reader.get(0.1), Opened))
+    reader.begin()
+    end = time.monotonic() + 1.5
+    while time.monotonic() < end:
+        reader.get(0.1)
+    assert 3 <= device.calls.count("start") <= 6  # after 0.1, 0.3, 0.7, 1.5 s
+    reader.stop(discard=True)
+    assert reader.join(5.0)
+
+
 @pytest.mark.parametrize("scheme", registry.schemes())
 @pytest.mark.parametrize("chunk", [1, 13, 100_000])
 def test_a_decoder_discards_garbage_to_the_byte(scheme: str, chunk: int) -> None:
@@ -448,12 +501,28 @@ def test_a_device_that_is_missing_ends_run_with_one_line(installed: dict[str, st
     assert done.stderr.strip() == f"imumon: no file {tmp_path / 'none'}: create it"
 
 
-def test_options_of_the_vn100_are_refused_for_another_device(
+@pytest.mark.parametrize("given", ["option", "file"])
+def test_what_a_device_cannot_use_is_refused_by_name(
+    given: str, installed: dict[str, str], tmp_path: Path
+) -> None:
+    config = tmp_path / "config.toml"
+    config.write_text("[device]\nbaud = 'auto'\n" + ("listen_only = true\n" if given == "file" else ""))
+    words = ["run", "--port", "fake:x", "--config", str(config), "--state", str(tmp_path)]
+    done = imumon(*words, *(["--listen-only"] if given == "option" else []), env=installed)
+    assert done.returncode == 2
+    named = "--listen-only" if given == "option" else f"listen_only in {config}:3"
+    assert done.stderr.startswith(f"imumon: fake:x cannot use {named}: ")
+
+
+def test_a_recording_of_a_device_without_bytes_is_refused_at_the_start(
     installed: dict[str, str], tmp_path: Path
 ) -> None:
-    done = imumon("run", "--port", "fake:x", "--listen-only", "--state", str(tmp_path), env=installed)
+    (tmp_path / "device").touch()
+    words = ("--record", str(tmp_path / "file"), "--state", str(tmp_path))
+    done = imumon("run", "--port", f"fake:{tmp_path / 'device'}", *words, env=installed)
     assert done.returncode == 2
-    assert "listen_only" in done.stderr
+    assert "sends no bytes that could be recorded" in done.stderr
+    assert not (tmp_path / "file").exists()
 
 
 def test_an_unknown_scheme_ends_run_with_one_line(tmp_path: Path) -> None:

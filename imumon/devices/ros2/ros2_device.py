@@ -56,9 +56,7 @@ class Ros2Device(Device):
         self._earlier = DeviceCounters()  # of earlier connections
         self._nodes: tuple[str, ...] = ()  # that publish the topic
         self._heard_s = 0.0  # monotonic, of the last message or publisher
-        self._pending: DeviceError | None = None
         self._items: list[Item] = []  # that arrived while the topic was looked for
-        self._sent: tuple[DeviceInfo, DeviceCounters] | None = None
 
     # ------------------------------------------------------------------ start and end
 
@@ -105,7 +103,7 @@ class Ros2Device(Device):
             self._earlier = self.counters
             self._node.close()
         self._assembler, self._items = ImuAssembler(self._url, self._assembler), []
-        self._node = self._main = self._pending = None
+        self._node = self._main = None
         self._others = {}
 
     def expected(self) -> DeviceInfo | None:
@@ -128,9 +126,6 @@ class Ros2Device(Device):
         )
 
     def read(self, timeout_s: float) -> list[Item]:
-        if self._pending is not None:
-            error, self._pending = self._pending, None
-            raise error
         node = self._node
         if node is None:
             raise DeviceError("device_closed", "the device is not open", "open it first")
@@ -142,8 +137,9 @@ class Ros2Device(Device):
             self._heard_s = now
         elif not node.connected or now - self._heard_s > GONE_S:
             items += self._assembler.finish()
-            self._pending = self._gone(node)
-        return self._with_changes(items)
+            if not items:
+                raise self._gone(node)
+        return items
 
     def _take(self) -> bool:
         """Take what has arrived; return whether a message of the topic is among it."""
@@ -159,16 +155,8 @@ class Ros2Device(Device):
         text = f"{self._url.topic} has no publisher any more"
         return DeviceLost("ros2_publisher_gone", text, "start the driver again")
 
-    def _with_changes(self, items: list[Item]) -> list[Item]:
-        """Return items with the facts and counters that have changed."""
-        now = (self.info(), self.counters)
-        before, self._sent = self._sent, now
-        facts: list[Item] = [] if before and before[0] == now[0] else [now[0]]
-        counts: list[Item] = [] if before and before[1] == now[1] else [now[1]]
-        return [*facts, *counts, *items]
-
     def finish(self) -> list[Item]:
-        return self._with_changes(self._assembler.finish())
+        return self._assembler.finish()
 
     @property
     def counters(self) -> DeviceCounters:

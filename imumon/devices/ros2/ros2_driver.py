@@ -20,6 +20,7 @@ class Ros2Driver(DeviceDriver):
 
     scheme = "ros2"
     title = "ROS 2 topic"
+    settings = frozenset({"listen_only"})  # it never writes
 
     def create(self, options: DeviceOptions) -> Device:
         from imumon.devices.ros2.ros2_device import Ros2Device

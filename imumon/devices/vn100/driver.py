@@ -16,9 +16,6 @@ from imumon.devices.base import (
     Observation,
     RawDecoder,
 )
-from imumon.samples import FASTEST_HZ, SLOWEST_HZ
-
-STREAMS = ("deltas", "uncompensated", "compensated")
 
 
 class Vn100Driver(DeviceDriver):
@@ -26,13 +23,14 @@ class Vn100Driver(DeviceDriver):
 
     scheme = "vn100"
     title = "VectorNav VN-100"
+    settings = frozenset({"baud", "set_baud", "rate_hz", "listen_only", "stream"})
 
     def create(self, options: DeviceOptions) -> Device:
         from imumon.devices.vn100.vn100_device import Vn100Device
 
         return Vn100Device(options)
 
-    def decoder(self) -> RawDecoder:
+    def decoder(self, settings: Mapping[str, str] | None = None) -> RawDecoder:
         from imumon.devices.vn100.decoder import Vn100Decoder
 
         return Vn100Decoder()
@@ -57,34 +55,6 @@ class Vn100Driver(DeviceDriver):
 
         return describe_setting(name, value)
 
-    def add_run_options(self, parser: argparse.ArgumentParser) -> None:
-        add = parser.add_argument
-        add(
-            "--baud",
-            type=_baud,
-            metavar="auto|N",
-            help="baud rate; default auto: detect it and do not change it",
-        )
-        add(
-            "--set-baud",
-            type=int,
-            metavar="N",
-            help="change the baud rate of the sensor to N until its power-off",
-        )
-        add("--rate", type=_rate, metavar="HZ", help="sample rate of samples without time stamps")
-        text = "write nothing to the sensor; a stream without a clock then needs --rate"
-        add("--listen-only", action="store_true", default=None, help=text)
-        add("--stream", choices=STREAMS, help="stream to request from the sensor; default deltas")
-
-    def run_overrides(self, arguments: argparse.Namespace) -> dict[str, Any]:
-        return {
-            "device.baud": arguments.baud,
-            "device.set_baud": arguments.set_baud,
-            "device.rate_hz": arguments.rate,
-            "device.listen_only": arguments.listen_only,
-            "device.stream": arguments.stream,
-        }
-
     @contextmanager
     def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> Iterator[str]:
         from imumon.devices.vn100.emulator import EmulatorSettings, spawn
@@ -105,22 +75,3 @@ class Vn100Driver(DeviceDriver):
         if settings.rate == 0:  # for tests only: a sensor without output
             raise InvalidOption("rate_invalid", "--rate 0 is not an output rate", "give one, such as 40")
         return run(settings)
-
-
-def _baud(text: str) -> str | int:
-    if text == "auto":
-        return text
-    if not text.isdigit() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is neither auto nor a number")
-    return int(text)
-
-
-def _rate(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
-    if not SLOWEST_HZ <= value <= FASTEST_HZ:
-        limits = f"from {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz"
-        raise argparse.ArgumentTypeError(f"{text} Hz is not a sample rate; give a number {limits}")
-    return value

@@ -105,7 +105,6 @@ class Vn100Device(Device):
         self._identified = self._streaming = self._started = False
         self._info: DeviceInfo | None = None
         self._pending: DeviceError | None = None
-        self._counters_sent = DeviceCounters()
         self._saved_settings: Path | None = None
 
     # ------------------------------------------------------------------ start and end
@@ -259,13 +258,6 @@ class Vn100Device(Device):
             items += blocks
         if self._started:  # without `start` nothing may be repaired: that writes to the sensor
             items += self._health_items(session, keep=bool(items))
-        if items:
-            before = self._info
-            if self.info() != before and self._info is not None:
-                items.insert(0, self._info)
-        if (counters := self.counters) != self._counters_sent:
-            self._counters_sent = counters
-            items.append(counters)
         return items
 
     def _health_items(self, session: Vn100Session, keep: bool) -> list[Item]:
@@ -282,8 +274,7 @@ class Vn100Device(Device):
         return []
 
     def finish(self) -> list[Item]:
-        blocks: list[Item] = [item for item in self._decoder.finish() if isinstance(item, SampleBlock)]
-        return [*blocks, self.counters]
+        return [item for item in self._decoder.finish() if isinstance(item, SampleBlock)]
 
     @property
     def counters(self) -> DeviceCounters:
