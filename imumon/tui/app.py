@@ -48,6 +48,8 @@ POLL_S = 0.5
 """s between two polls of the source: the screen is drawn at most this often."""
 FIRST_POLL_S = 0.1
 """s between two polls while there is no report yet."""
+FORGET_S = 60.0
+"""s after which a daemon that has finished is no longer listed, unless it is selected or compared."""
 TERMINAL_POLL_S = 5.0
 """s between two checks whether the terminal is still open."""
 
@@ -157,9 +159,14 @@ class ImumonApp(App[int]):
         """Read the source; draw only if something is new."""
         if self.view_state.frozen:
             return
-        reports = self.source.reports()
         now = self.clock()
         alive, connected = frozenset(self.source.alive()), self.source.connected()
+        kept = (self.view_state.id, self.view_state.compared_id)
+        reports = {
+            name: (report, moment)
+            for name, (report, moment) in self.source.reports().items()
+            if report.state != "stopped" or now - moment < FORGET_S or name in kept or kept[0] is None
+        }
         ages = {name: max(now - moment, 0.0) for name, (_, moment) in reports.items()}
         shown_ages = {
             name: round(age) for name, age in ages.items() if age > STALE_PERIODS * reports[name][0].period_s
@@ -304,7 +311,7 @@ class ImumonApp(App[int]):
 
     def action_span(self, step: int) -> None:
         spans = list(SPANS)
-        self.change(span=spans[(spans.index(self.view_state.span) + step) % len(spans)])
+        self.change(span=spans[min(max(spans.index(self.view_state.span) + step, 0), len(spans) - 1)])
 
     def action_window(self, step: int) -> None:
         self.change(window=WINDOWS[(WINDOWS.index(self.view_state.window) + step) % len(WINDOWS)])

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from imumon.report import NOISE, Channel
 from imumon.samples import sensor_of
-from imumon.tui.formatting import CELL, Line, Notation, fitted, padded, with_background
+from imumon.tui.formatting import CELL, Line, fitted, padded, remaining_time, with_background
 from imumon.tui.view_state import ViewState
 from imumon.units import number, short
 
@@ -22,13 +22,13 @@ COLUMNS = {"mean": 10, "std": 8, **dict.fromkeys(NOISE, CELL + 1), "nearest": 11
 LABEL = 6
 
 
-def columns(width: int) -> list[str]:
-    """Return the columns that fit."""
-    kept = dict(COLUMNS)
+def columns(width: int, *, times: bool = False) -> list[str]:
+    """Return the columns that fit; `times`: those of the time to each precision."""
+    kept = {name: cells for name, cells in COLUMNS.items() if not times or name not in ("mean", "std")}
     for name in ("std", "mean", "nearest", *reversed(NOISE[1:])):
         if LABEL + sum(kept.values()) <= width:
             break
-        del kept[name]
+        kept.pop(name, None)
     return list(kept)
 
 
@@ -52,8 +52,9 @@ def rows_of(state: ViewState, width: int = TABLE, *, spaced: bool = False) -> li
     report = state.report
     if report is None:
         return []
-    shown = columns(width)
+    shown = columns(width, times=state.show_times)
     rows: list[tuple[Line, str | None]] = []
+    hint: list[Line] = [[("   p", "key"), (" values", "muted")]] if state.show_times else []
     last = None
     for name, channel in report.channels.items():
         group = sensor_of(name) if "/" in name else "surroundings"
@@ -61,7 +62,8 @@ def rows_of(state: ViewState, width: int = TABLE, *, spaced: bool = False) -> li
             if spaced and rows:
                 rows.append(([], None))
             if "/" in name:
-                rows.append((_heading(state.notation, group, shown), None))
+                rows.append((fitted([_heading(state, group, shown), *hint], width), None))
+                hint = []
         last = group
         line = _row(state, name, channel, shown) if "/" in name else _single(state, name, channel, width)
         line = padded(line, min(TABLE, width))
@@ -69,15 +71,17 @@ def rows_of(state: ViewState, width: int = TABLE, *, spaced: bool = False) -> li
     return rows
 
 
-def _heading(notation: Notation, sensor: str, shown: Sequence[str]) -> Line:
+def _heading(state: ViewState, sensor: str, shown: Sequence[str]) -> Line:
     """Return names and units of the columns for one sensor."""
+    notation, precision = state.notation, state.report.precision if state.report is not None else {}
     cells: dict[str, Line] = {
         "mean": [(f"mean {notation.scale(f'{sensor}/x')[1]}".rjust(COLUMNS["mean"]), "muted")],
         "std": [("std".rjust(COLUMNS["std"]), "muted")],
         "nearest": [(" nearest" if sensor in GRADED else "", "muted")],
     }
     for name in NOISE:
-        text = f"{name} {notation.coefficient_scale(sensor, name)[1]}"
+        goal = notation.goal(precision[name]) if name in precision else ""
+        text = f"{name} {goal if state.show_times else notation.coefficient_scale(sensor, name)[1]}"
         cells[name] = [(" " * (COLUMNS[name] - len(text)), "text"), (name, name), (text[1:], "muted")]
     return [(f" {sensor:<5}", "title"), *(span for name in shown for span in cells[name])]
 
@@ -95,7 +99,10 @@ def _row(state: ViewState, name: str, channel: Channel, shown: Sequence[str]) ->
     }
     for part in NOISE:
         seconds = (channel.time_to or {}).get(part)
-        cells[part] = state.notation.coefficient(channel.coefficients.get(part), seconds)
+        known = channel.coefficients.get(part)
+        cells[part] = (
+            remaining_time(known, seconds) if state.show_times else state.notation.coefficient(known, seconds)
+        )
     line: Line = [("▌" if name == state.channel else " ", "accent"), (f"  {name[-1]}  ", "strong")]
     return line + [(cells[c][0].rjust(COLUMNS[c]), cells[c][1]) for c in shown]
 

@@ -15,7 +15,7 @@ import numpy as np
 from imumon.report import COEFFICIENTS, NOISE, Allan, Channel, Histogram, Spectrum, Strip
 from imumon.samples import sensor_of
 from imumon.tui.braille_canvas import AxisScale, Canvas, Floats, PlotFrame, linear, logarithmic
-from imumon.tui.formatting import Line, Notation, approximate_duration, length, padded
+from imumon.tui.formatting import Line, Notation, approximate_duration, fitted, length, padded
 from imumon.tui.panels import precision_goal
 from imumon.tui.view_state import ViewState
 from imumon.units import number
@@ -25,9 +25,6 @@ EXTREME_VALUES = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 
 VISIBLE = 0.1
 """Share by which the model differs from the noise where both are drawn: a tenth of a line in half a decade."""
-
-LOW = 14
-"""Lines of a chart below which the screen has no room for the selected channel in full."""
 
 GUTTER = 7
 """Cells to the left of a frame, for its labels."""
@@ -71,20 +68,17 @@ def allan_chart(state: ViewState, width: int, height: int) -> list[Line]:
         _curve(frame, state.notation, selected, sensor_of(channel), factor)
     for column, row, grade in labels:
         canvas.text(column, row, grade, f"grade-{grade}")
-    return [_allan_title(state, channel, unit, width, state.zoomed or height < LOW), *canvas.rows()]
+    return [_allan_title(state, channel, unit, width), *canvas.rows()]
 
 
-def _goals(state: ViewState) -> Line:
-    """Return the time until the coefficients of the channel have their configured precision."""
+def _goals(state: ViewState) -> list[Line]:
+    """Return the time until each coefficient of the channel has its configured precision."""
     goals = [(letter, precision_goal(state, letter)) for letter in NOISE]
-    return [part for letter, goal in goals if goal for part in ((f"   {letter} ", letter), (goal, "muted"))]
+    return [[(f"  {letter} ", letter), (goal, "muted")] for letter, goal in goals if goal]
 
 
-def _allan_title(state: ViewState, channel: str, unit: str, width: int, alone: bool) -> Line:
-    """Return what is drawn, its unit, the way back, and the legend as far as it fits.
-
-    `alone`: no panel shows the coefficients in full, so what is missing to their precision is here.
-    """
+def _allan_title(state: ViewState, channel: str, unit: str, width: int) -> Line:
+    """Return what is drawn, its unit, the way back, and as far as they fit, the missing time and the legend."""
     name = sensor_of(channel) if state.overlay else channel.replace("/", " ")
     title: Line = [
         (" " * GUTTER, "text"),
@@ -107,9 +101,8 @@ def _allan_title(state: ViewState, channel: str, unit: str, width: int, alone: b
     if state.baseline is not None:
         legend.insert(1, [("━ ", "baseline"), (state.baseline_name, "muted")])
     back: Line = [("   esc", "key"), (" back ", "muted")] if state.zoomed else []
-    goals = _goals(state) if alone and not state.overlay else []
-    if length(title) + length(goals) + length(back) <= width:
-        back = [*goals, *back]
+    goals = _goals(state) if not (state.detailed or state.overlay) else []
+    back = [*fitted([[], *goals], width - length(title) - length(back)), *back]
     for item in legend:
         if length(title) + length(item) + 3 <= width - length(back):
             title += [("   ", "text"), *item]

@@ -119,6 +119,14 @@ class Notation:
         """
         return f"{value * self.coefficient_scale(sensor, name)[0]:.3g}"
 
+    def goal(self, share: float) -> str:
+        """Return a configured precision.
+
+        >>> Notation().goal(0.2)
+        '±20%'
+        """
+        return f"{self.symbol('±')}{100.0 * share:g}%"
+
     def coefficient(self, part: Estimate | None, seconds: float | None) -> Span:
         """Return a coefficient in at most `CELL` cells: value and uncertainty, `< bound`, or remaining time.
 
@@ -136,6 +144,22 @@ class Notation:
         if (why := no_value_text(part)) is not None:
             return why, "warn"
         return (f"in {approximate_duration(seconds)}", "muted") if seconds else ("pending", "faint")
+
+
+def remaining_time(part: Estimate | None, seconds: float | None) -> Span:
+    """Return the time until a coefficient has its configured precision in at most `CELL` cells.
+
+    Parameters
+    ----------
+    seconds : as in a report: 0 has it, None is unknown or more than a year.
+    """
+    if seconds is not None:
+        return (f"in {approximate_duration(seconds)}", "text") if seconds else ("reached", "good")
+    if part is None:
+        return "–", "faint"
+    return {"measured": ("> 1 year", "text"), "upper_bound": ("only a bound", "bound")}.get(
+        part.status, ("pending", "faint")
+    )
 
 
 def approximate_duration(seconds: float) -> str:

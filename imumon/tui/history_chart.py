@@ -34,12 +34,14 @@ def parse(channel: str, rows: bytes, events: bytes) -> HistorySeries | None:
     known = [row for each in _objects(rows)[:MOST_ROWS] if (row := _row(channel, each)) is not None]
     if not known:
         return None
-    known.sort(key=lambda row: row[0])
+    known.sort()
     table = np.array(known, dtype=np.float64)
-    values = {name: table[:, k] for k, name in enumerate(QUANTITIES, 1)}
+    begin, end = table[:, 0], table[:, 1]
+    values = {name: table[:, k] for k, name in enumerate(QUANTITIES, 2)}
     found = ((_time(each), plain(str(each.get("kind"))[:20])) for each in _objects(events))
     marks = [(when, kind) for when, kind in found if when is not None]
-    return HistorySeries(channel, table[:, 0], values, tuple(mark for mark in marks if mark[1] in MARKED))
+    shown = tuple(mark for mark in marks if mark[1] in MARKED)
+    return HistorySeries(channel, float(begin[0]), float(end.max()), 0.5 * (begin + end), values, shown)
 
 
 def _objects(data: bytes) -> list[dict[str, Any]]:
@@ -56,7 +58,7 @@ def _row(channel: str, each: dict[str, Any]) -> tuple[float, ...] | None:
         return None
     parts = [each.get(name) for name in GRADED]
     noise = [part.get("value") if isinstance(part, dict) else None for part in parts]
-    return (0.5 * (begin + end), *map(_number, (*noise, each.get("mean"), each.get("temperature"))))
+    return (begin, end, *map(_number, (*noise, each.get("mean"), each.get("temperature"))))
 
 
 def _number(value: object) -> float:
@@ -78,6 +80,7 @@ def history_chart(state: ViewState, width: int, height: int) -> list[Line]:
     title: Line = [(" " * GUTTER, "text"), (channel.replace("/", " "), "title"), ("   ", "text")]
     for name in SPANS:
         title.append((f" {name} ", "tab" if name == state.span else "muted"))
+    title += [("   + -", "key"), (" span", "muted")]
     if series is None or series.channel != channel:
         text = [
             "no history yet",
@@ -88,14 +91,14 @@ def history_chart(state: ViewState, width: int, height: int) -> list[Line]:
     title += [("   ▏", "warn"), ("event", "muted")] if series.events else []
     drawn = [name for name in QUANTITIES if np.isfinite(series.values[name]).any()]
     drawn = drawn[: max((height - 2) // 3, 1)]
-    span, end = SPANS[state.span][0], float(series.time[-1])
+    times = max(series.begin, series.end - SPANS[state.span][0]), series.end
     lines = [padded(title, width)]
     left = height - 2
     for k, name in enumerate(drawn):
         rows = left // (len(drawn) - k)
         left -= rows
-        lines += _panel(state, series, name, (end - span, end), width, rows)
-    return [*lines, _time_axis((end - span, end), width)][:height]
+        lines += _panel(state, series, name, times, width, rows)
+    return [*lines, _time_axis(times, width)][:height]
 
 
 def _panel(
@@ -133,8 +136,9 @@ def _scale(state: ViewState, channel: str, name: str) -> tuple[float, str]:
 def _time_axis(times: tuple[float, float], width: int) -> Line:
     """Return the labels of the time axis: clock times of a day, else dates."""
     inner, span = width - GUTTER - 2, times[1] - times[0]
-    form = "%H:%M" if span < 2 * 86400.0 else "%d %b" if span < 90 * 86400.0 else "%b %Y"
     count = max(2, min(7, inner // 12))
+    form = "%H:%M" if span < 2 * 86400.0 else "%d %b" if span < 90 * 86400.0 else "%b %Y"
+    form += ":%S" if span < 60.0 * count else ""
     text = [" "] * width
     for k in range(count):
         share = k / (count - 1)

@@ -210,11 +210,12 @@ def _mean(channel: Channel, notation: Notation, factor: float, unit: str) -> lis
 
 def precision_goal(state: ViewState, letter: str) -> str:
     """Return the time until a coefficient of the selected channel has its configured precision; empty: none."""
-    seconds = (state.selected.time_to or {}).get(letter) if state.selected is not None else None
-    share = state.report.precision.get(letter) if state.report is not None else None
-    if not seconds or share is None:
+    report, channel = state.report, state.selected
+    if report is None or channel is None or report.state != "running" or letter not in report.precision:
         return ""
-    return f"{state.notation.symbol('±')}{100.0 * share:g}% in {approximate_duration(seconds)}"
+    seconds = (channel.time_to or {}).get(letter)
+    goal = state.notation.goal(report.precision[letter])
+    return f"{goal} in {approximate_duration(seconds)}" if seconds else ""
 
 
 def _limits(notation: Notation, sensor: str, name: str, part: Estimate) -> Line:

@@ -53,12 +53,15 @@ class HistorySeries:
     Attributes
     ----------
     channel : its name.
+    begin, end : s since 1970, of the first and last row.
     time : (n,) s since 1970, middle of each row, rising.
     values : (n,) SI by quantity, NaN where unknown or only bounded.
     events : time, s since 1970, and kind of the events.
     """
 
     channel: str
+    begin: float
+    end: float
     time: Floats
     values: dict[str, Floats]
     events: tuple[tuple[float, str], ...]
@@ -74,6 +77,8 @@ class ViewState:
     alive : ids of devices with a running daemon.
     requested_id : device that the user asked for; None: any.
     id, channel : selected device and channel.
+    show_times : show the time to each precision instead of the values.
+    detailed : the selected channel is shown in full beside the chart.
     compared_id : device that is compared with the selected one.
     starting : message while a daemon is known to start and does not answer yet.
     ended : last message of that daemon after it has ended.
@@ -94,6 +99,8 @@ class ViewState:
     history: HistorySeries | None = None
     span: str = "day"
     show_limits: bool = False
+    show_times: bool = False
+    detailed: bool = True
     overlay: bool = False
     zoomed: bool = False
     baseline: Report | None = None

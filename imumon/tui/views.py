@@ -67,6 +67,7 @@ class Overview(ChannelView):
         Binding("z,enter", "app.switch('zoomed')", "only the chart, or all"),
         Binding("escape", "app.all_panels", ""),
         Binding("o", "app.switch('overlay')", "all three axes in one chart"),
+        Binding("p", "app.switch('show_times')", "time to each precision, or the values"),
         Binding("g", "app.switch('show_limits')", "limits of the grades"),
         Binding("b", "app.baseline", "keep this curve for comparison"),
     ]
@@ -87,7 +88,7 @@ class Overview(ChannelView):
             rows = min(rows, 12)
         self.query_one("#table", DrawnPanel).styles.height = max(rows, 1)
         self.set_class(state.zoomed, "zoomed")
-        super().show(state)
+        super().show(state.updated(detailed=size.width >= 132 and not state.zoomed))
 
     def on_click(self, event: Click) -> None:
         """Select the channel of a row of the table."""
@@ -121,8 +122,8 @@ class HistoryView(ChannelView):
 
     title = "history"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("w,right", "app.span(1)", "longer: day, month, year"),
-        Binding("left", "app.span(-1)", "shorter"),
+        Binding("plus,equals_sign,right,w", "app.span(1)", "longer: day, month, year"),
+        Binding("minus,left", "app.span(-1)", "shorter"),
     ]
 
     def compose(self) -> ComposeResult:
@@ -259,6 +260,7 @@ def keys_of(bindings: list[BindingType], ascii: bool) -> list[tuple[str, str]]:
     """Return keys and what they do."""
     arrows = {"down": "↓", "up": "↑", "left": "←", "right": "→"} if not ascii else {}
     names = {"slash": "/", "question_mark": "?", "pagedown": "page down", "pageup": "page up", **arrows}
+    names |= {"plus": "+", "minus": "-", "equals_sign": "="}
     shown: list[tuple[str, str]] = []
     for binding in bindings:
         if isinstance(binding, Binding) and binding.description:

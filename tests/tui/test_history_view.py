@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,6 +34,40 @@ def test_it_draws_every_quantity_that_fits_with_its_events(span: str, size: tupl
     if size[1] >= 20:
         assert all(f"{name} [" in text(lines) for name in QUANTITIES)
         assert "▏" in text(lines)
+
+
+@pytest.mark.parametrize("span", SPANS)
+def test_a_young_record_fills_the_chart(span: str) -> None:
+    rows, _ = reports.history_reply("gyro/x", 1800.0, "10m")
+    lines = text(
+        history_chart(replace(state(span), history=parse("gyro/x", rows, b"[]")), 80, 24)
+    ).splitlines()
+    assert lines[-1].split()[0] == "07:30"
+    assert lines[-1].split()[-1] == "08:00"
+    points = [k for line in lines[2:-1] for k in range(12, 80) if "\u2801" <= line[k] <= "\u28ff"]
+    assert min(points) < 30
+    assert max(points) > 60
+
+
+def test_the_minutes_of_a_very_young_record_have_seconds() -> None:
+    rows, _ = reports.history_reply("gyro/x", 600.0, "10m")
+    begin = json.loads(rows)[0] | {"time": "2026-03-01T07:58:10Z", "end": "2026-03-01T07:58:40Z"}
+    series = parse("gyro/x", json.dumps([begin]).encode(), b"[]")
+    assert "07:58:10" in text(history_chart(replace(state(), history=series), 80, 24))
+
+
+def test_plus_and_minus_change_the_span() -> None:
+    from test_tui import drive
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        await pilot.press("6")
+        seen = []
+        for key in ("plus", "plus", "plus", "minus", "minus", "minus"):
+            await pilot.press(key)
+            seen.append(app.view_state.span)
+        assert seen == ["month", "year", "year", "month", "day", "day"]
+
+    drive(reports.FakeSource(reports.warming_up()), script)
 
 
 def test_it_says_so_while_there_is_none() -> None:

@@ -209,6 +209,27 @@ def test_several_sensors_are_listed_switched_and_compared() -> None:
     drive(source, script)
 
 
+def test_a_finished_daemon_is_forgotten_after_a_minute() -> None:
+    ended = [reports.report(900.0, id=f"{OTHER}-{k}", state="stopped") for k in range(4)]
+    source = reports.FakeSource(reports.report(), *ended)
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        await pilot.press("5")
+        assert "1 of 5" in status(app)
+        source.now += 61.0
+        source.arrive(reports.report())
+        app.poll()
+        await pilot.pause()
+        assert " of " not in status(app)
+        assert f"{OTHER}-0" not in visible_text(app)
+        source.arrive(replace(reports.report(), state="stopped"))
+        source.now += 61.0
+        app.poll()
+        assert app.view_state.id == reports.ID  # what is selected stays
+
+    drive(source, script)
+
+
 def test_the_screen_waits_for_the_requested_device() -> None:
     """With --id, no other device is shown instead."""
     source = reports.FakeSource(reports.report())
@@ -407,19 +428,46 @@ def test_every_mode_shows_the_key_that_ends_it() -> None:
     drive(reports.FakeSource(reports.report()), script, (80, 24))
 
 
-@pytest.mark.parametrize("size", [(80, 24), (150, 40)])
-def test_the_time_to_the_configured_precision_is_visible(size: tuple[int, int]) -> None:
-    report = replace(reports.report(), precision={"N": 0.001, "B": 0.15, "K": 0.5})
-    times = {"N": 0.0, "B": 7200.0, "K": 259_200.0}
+def with_times(report: Report, times: dict[str, float | None]) -> Report:
+    """Return a report in which gyro z reaches the precision after these times."""
+    report = replace(report, precision={"N": 0.01, "B": 0.15, "K": 0.5})
     channel = replace(report.channels["gyro/z"], time_to=times)
-    report = replace(report, channels={**report.channels, "gyro/z": channel})
+    return replace(report, channels={**report.channels, "gyro/z": channel})
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 36), (150, 40)])
+def test_the_time_to_the_configured_precision_is_visible(size: tuple[int, int]) -> None:
+    report = with_times(reports.report(), {"N": 42.0, "B": 1500.0, "K": 259_200.0})
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("down", "down")
         text = visible_text(app)
-        assert "±15% in 2.0 h" in text
-        assert "±50% in 3.0 d" in text
-        assert "±0.1%" not in text
+        for goal in ("±1% in 42 s", "±15% in 25 min", "±50% in 3.0 d"):
+            assert text.count(goal) == 1
+        app.source.arrive(replace(report, state="stopped"))
+        app.poll()
+        await pilot.pause()
+        assert "±1% in" not in visible_text(app)  # it does not grow any more
+
+    drive(reports.FakeSource(report), script, size)
+
+
+@pytest.mark.parametrize("size", [(60, 20), (80, 24), (150, 40)])
+def test_the_time_to_each_precision_is_visible_at_once(size: tuple[int, int]) -> None:
+    report = with_times(reports.report(), {"N": 0.0, "B": 1500.0, "K": None})
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        await pilot.press("p")
+        rows = visible_text(app).splitlines()
+        (heading,) = (row for row in rows if row.startswith(" gyro") and "N ±" in row)
+        assert heading.split()[1:7] == ["N", "±1%", "B", "±15%", "K", "±50%"]
+        assert "p values" in heading or size[0] < 72
+        row = next(row for row in rows if row.startswith("   z"))
+        assert "reached" in row
+        assert "in 25 min" in row
+        assert "only a bound" in row
+        await pilot.press("p")
+        assert "reached" not in visible_text(app)
 
     drive(reports.FakeSource(report), script, size)
 
