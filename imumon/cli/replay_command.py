@@ -30,6 +30,8 @@ def add_read_options(parser: argparse._ActionsContainer) -> None:
     text = "columns of a table, fields of a topic: gyro/x=COLUMN:UNIT,...; a name, or a number from 1; also t and dt"
     add("--map", metavar="MAP", help=text)
     add("--topic", metavar="NAME", help="topic of a bag, or of a log: vehicle_imu/1, IMU/0")
+    text = "the only sensor that is read from a table or log, where gyro and accel have different rates"
+    add("--sensor", choices=("gyro", "accel"), help=text)
     text = "filter of the sensor, where the recording does not say: the samples that it averages, WINDOW@HZ if not "
     add("--filter", type=sensor_filter, metavar="none|factory|WINDOW", help=f"{text}of a VN-100")
     text = "also compute the fully overlapping Allan deviation; memory grows with the record"
@@ -60,7 +62,7 @@ def sensor_filter(text: str) -> Any:
 
 def given_options(arguments: argparse.Namespace) -> dict[str, str]:
     """Return the options of a recording that were given, as text by name."""
-    named = {name: getattr(arguments, name) for name in ("rate", "stream", "map", "topic", "taus")}
+    named = {name: getattr(arguments, name) for name in ("rate", "stream", "map", "topic", "sensor", "taus")}
     texts = {
         f"--{name}": f"{value:g}" if isinstance(value, float) else str(value)
         for name, value in named.items()
@@ -99,6 +101,7 @@ def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
         kind=arguments.stream,
         columns=parse_map(arguments.map) if arguments.map else {},
         topic=arguments.topic,
+        sensor=arguments.sensor,
         filter=arguments.filter,
         exact=(arguments.taus or "octave") if arguments.exact else None,
         **more,

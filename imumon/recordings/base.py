@@ -50,6 +50,7 @@ class ReadOptions:
     columns : channel to ``COLUMN`` or ``COLUMN:UNIT`` of a table; other channels are found by the names.
     rate_hz : Hz, configured sample rate; None: not configured.
     topic : of a bag or log; None: the only or best one.
+    sensor : of a table, ``gyro`` or ``accel``, the only one that is read; None: all.
     block_bytes : bytes of a raw capture that are decoded at once.
     """
 
@@ -57,6 +58,7 @@ class ReadOptions:
     columns: Mapping[str, str] | None = None
     rate_hz: float | None = None
     topic: str | None = None
+    sensor: str | None = None
     block_bytes: int = BLOCK_BYTES
 
 

@@ -65,7 +65,7 @@ _SENSORS = {
     "temperature": {"temp", "temperature"},
     "pressure": {"pres", "press", "pressure", "baro"},
 }
-_WITHOUT_AXIS = {"gyro", "gyr", "gyroscope", "accel", "acc", "accelerometer"}
+SENSOR_WORDS = {"gyro": {"gyro", "gyr", "gyroscope"}, "accel": {"accel", "acc", "accelerometer"}}
 """Words that name an inertial sensor even without an axis."""
 
 _EXCLUDED = {
@@ -250,8 +250,9 @@ def _meaning_without_axis(words: set[str]) -> tuple[str | None, Kind | None, int
     if at := words & set(_TIMES):
         rest = words - set(_TIMES) - _NEUTRAL - {"header", "startup"}
         return "t", None, max(min(_TIMES[word] for word in at) + 3 * len(rest) + 2, 0)
-    if words & _WITHOUT_AXIS:
-        return ("gyro" if words & _WITHOUT_AXIS & _SENSORS["gyro"] else "accel"), None, len(words)
+    for sensor, names in SENSOR_WORDS.items():
+        if words & names:
+            return sensor, None, len(words)
     return None, None, 0
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from imumon.recordings.base import OptionError, RecordingError
 from imumon.recordings.column_names import (
     NANOSECONDS,
+    SENSOR_WORDS,
     UNITS,
     Column,
     assigned_column,
@@ -32,6 +33,9 @@ SENSORS = {"gyro": "gyro", "angle": "gyro", "accel": "accel", "velocity": "accel
 
 INERTIAL = {"gyro", "accel"}
 """Sensors of which a table must have one."""
+
+READ_ALONE = "read each alone, --sensor gyro and --sensor accel"
+"""Cure for sensors of different rates."""
 
 SIMILAR = 0.3
 """Similarity of names (difflib ratio) from which one is suggested for another."""
@@ -68,7 +72,10 @@ class ColumnLayout:
 
 
 def layout(
-    names: Sequence[str], kind: Kind | None = None, given: Mapping[str, str] | None = None
+    names: Sequence[str],
+    kind: Kind | None = None,
+    given: Mapping[str, str] | None = None,
+    sensor: str | None = None,
 ) -> ColumnLayout:
     """Return the columns of a stream.
 
@@ -77,10 +84,12 @@ def layout(
     names : of all columns.
     kind : of a table with several streams; None: the best.
     given : channel (also ``t``, ``dt``) to ``COLUMN`` or ``COLUMN:UNIT``; others are found by the names.
+    sensor : ``gyro`` or ``accel``: the only sensor with axes that is used; None: all.
 
     Raises
     ------
-    RecordingError : there is no complete gyroscope or accelerometer, or not the requested stream.
+    RecordingError : there is no complete gyroscope or accelerometer, or not the requested stream, or each sensor has a
+        time of its own.
     """
     if len(names) > MOST_COLUMNS:
         text = f"it has {len(names):,} columns, more than {MOST_COLUMNS:,}"
@@ -90,11 +99,14 @@ def layout(
     used = {column.index for column in assigned.values()}
     columns = [*assigned.values()]
     columns += [c for c in named if c.index not in used and channel_of(c) not in assigned]
+    if sensor is not None:
+        columns = [c for c in columns if (SENSORS.get(c.quantity or "") or time_of(c) or sensor) == sensor]
     pointwise = any(sensor_of(channel) in INERTIAL for channel in assigned)
     for candidate in (kind,) if kind else KINDS[pointwise:]:
         if (stream := _stream(columns, candidate)) is not None:
             _check_units(stream)
-            _check_complete(stream, assigned)
+            _check_complete(stream, {} if sensor else assigned)
+            _check_one_time(stream)
             stream = replace(stream, remarks=tuple(_unused(columns, stream)))
             return stream if kind or _names_kind(stream) else replace(stream, kind="unknown")
     raise _no_stream(names, columns, kind)
@@ -132,6 +144,24 @@ def _check_complete(found: ColumnLayout, assigned: Mapping[str, Column]) -> None
             missing = [f"{sensor}/{axis}" for axis in AXES if f"{sensor}/{axis}" not in assigned]
             text = f"--map names only a part of a sensor: {_list(missing)} is missing and no name shows it"
             raise RecordingError("map_incomplete", text, f"name it too, {missing[0]}=COLUMN:UNIT")
+
+
+def time_of(column: Column) -> str | None:
+    """Return the inertial sensor that the name of a time has: ``t_gyro``; None: it has none."""
+    words = set(words_of(column.name)) if column.quantity == "t" and column.rank >= 0 else set()
+    return next((sensor for sensor in sorted(INERTIAL) if words & SENSOR_WORDS[sensor]), None)
+
+
+def _check_one_time(found: ColumnLayout) -> None:
+    """Check that the sensors of a stream do not have a time each."""
+    own = {sensor: column.name for column in reversed(found.times) if (sensor := time_of(column))}
+    if (
+        found.times
+        and time_of(found.times[0])
+        and own.keys() == {sensor_of(c) for c in found.channels} & INERTIAL == INERTIAL
+    ):
+        text = f"gyro has the time {own['gyro']} and accel {own['accel']}"
+        raise RecordingError("different_rates", text, READ_ALONE)
 
 
 def _unused(columns: Sequence[Column], found: ColumnLayout) -> list[str]:

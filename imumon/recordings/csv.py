@@ -128,7 +128,7 @@ class CsvFile(Table):
             if begin < len(seen) and (united := with_units(names, plain(seen[begin]), separator)) is not None:
                 names, begin = united, begin + 1
         try:
-            found = layout(names, self._options.kind, self._options.columns)
+            found = layout(names, self._options.kind, self._options.columns, self._options.sensor)
         except RecordingError as error:
             raise error.of(self.path) from None
         found = self._with_readable_times(found, seen[begin : begin + TIME_ROWS], separator)

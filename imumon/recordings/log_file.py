@@ -204,7 +204,7 @@ class LogFile(Table):
         used = {text.rpartition(":")[0] or text for text in known.values()}
         shown = names if options.columns else [name if name in used else "" for name in names]
         try:
-            found = layout(shown, None, {**known, **(options.columns or {})})
+            found = layout(shown, None, {**known, **(options.columns or {})}, options.sensor)
         except RecordingError as error:
             raise error.of(self.path) from None
         return replace(found, kind="deltas" if topic.averaged else options.kind or "unknown")

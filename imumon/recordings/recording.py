@@ -127,10 +127,13 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
         raise RecordingError("utf_16", f"{path} is text in UTF-16", "save it as UTF-8")
     if opened.header is None and (decoder := driver().decoder()) is not None:
         table = sentence_table(opened, options, decoder, DEFAULT_SCHEME)
-        if table is not None:
+        if table is not None and options.sensor is None:
             return table
     if _is_csv(opened, options):
         return CsvFile(opened, options)
+    if options.sensor is not None:
+        text = f"--sensor is for tables and logs, and {path} is neither"
+        raise OptionNotApplicable("sensor_not_applicable", text, "leave it out")
     return DecodedCapture(opened, options.block_bytes)
 
 

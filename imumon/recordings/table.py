@@ -19,6 +19,7 @@ from imumon.errors import RateRequired
 from imumon.recordings.base import Recording, RecordingError
 from imumon.recordings.column_names import UNITS, Column
 from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
+from imumon.recordings.row_selection import OwnRows, RowOrder
 from imumon.recordings.unit_inference import check_magnitudes, time_unit, unit_remarks
 from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, Stream, sensor_of
 from imumon.timebase.interval import NOMINAL_SHARE
@@ -73,7 +74,7 @@ class Table(Recording):
 
     def _finish(self) -> list[SampleBlock]:
         blocks = list(self._rows.finish())
-        self.remarks = self._rows.remarks
+        self.bad_checksums, self.remarks = self._rows.lost, self._rows.remarks
         return blocks
 
 
@@ -108,7 +109,9 @@ class TableRows:
         self._origin: Floats | None = None
         self._scales: list[float] = []  # ns in a unit of each column of time
         self._lost_before = 0  # rows lost before the next one
-        self._used: list[int] = []  # columns that are not left out
+        self._used: list[int] | None = None  # columns that are not left out
+        self._own_rows = OwnRows(path, columns)
+        self._order: RowOrder | None = None  # of a table with times
         self._host: HostStamps | None = None  # rows wait until their stamps have been placed
         self._late: LateStamps | None = None  # of stamps of a sample clock
         self._waiting: list[Floats] = []
@@ -135,6 +138,12 @@ class TableRows:
                 else f"{self._incomplete:,} rows lack a number and count"
             )
             remarks.append(f"{rows} as lost; first {self._first_incomplete}")
+        if others := self._own_rows.others:
+            sensor = sensor_of(self._layout.channels[0])
+            remarks.append(f"{others:,} rows have no number of {sensor}: they are no samples of it")
+        if self._order is not None and self._order.moved:
+            rows = "1 row is" if self._order.moved == 1 else f"{self._order.moved:,} rows are"
+            remarks.append(f"{rows} not in the order of {self._layout.times[0].name}: sorted by it")
         if self._copies:
             rows = "1 row repeats" if self._copies == 1 else f"{self._copies:,} rows repeat"
             remarks.append(f"{rows} the row before with its stamp: each sample counts once")
@@ -164,14 +173,26 @@ class TableRows:
 
         Raises
         ------
-        RecordingError : the numbers cannot have their unit. RateRequired : there is no time and no rate.
+        RecordingError : the numbers cannot have their unit, or the rows are in no order. RateRequired : there is no
+            time and no rate.
         """
-        if self._stream is not None:
-            rows = rows[:, self._used]
-        elif len(rows):
-            rows = self._begin(rows)
-        else:
+        if len(rows):
+            rows, places = self._own_rows.select(rows, _present(rows), places)
+        if not len(rows):
             return
+        if self._used is None:
+            self._choose_columns(rows)
+        rows = rows[:, self._used]
+        if self._order is not None:
+            rows, places = self._order.sort(rows, self._sort_times(rows), places)
+        yield from self._sorted_blocks(rows, places)
+
+    def _sorted_blocks(self, rows: Floats, places: Sequence[int]) -> Iterator[SampleBlock]:
+        """Yield blocks of some rows in order, with the columns that are used."""
+        if not len(rows):
+            return
+        if self._stream is None:
+            self._begin(rows)
         if self._doubled:
             rows, places = self._without_copies(rows, places)
         good = _present(rows).all(axis=1)
@@ -243,7 +264,16 @@ class TableRows:
         self._last = recent[-2:]
 
     def finish(self) -> Iterator[SampleBlock]:
-        """Yield the rows that still wait, at the end of the table."""
+        """Yield the rows that still wait, at the end of the table.
+
+        Raises
+        ------
+        RecordingError : see `blocks`.
+        """
+        self._own_rows.check()
+        if self._order is not None:
+            no_rows = np.empty((0, len(self._used or ())))
+            yield from self._sorted_blocks(*self._order.sort(no_rows, np.empty(0), (), final=True))
         if self._host is not None:
             yield from self._placed(self._host.place(np.empty(0), final=True))
         if self._late is not None:
@@ -268,9 +298,13 @@ class TableRows:
         self._waiting = [values[len(lost) :]]
         yield SampleBlock(self._stream, values[: len(lost)], None, lost)
 
-    def _begin(self, rows: Floats) -> Floats:
-        """Decide on columns, clock and interval; return the rows without the columns that are left out."""
-        rows = self._without_empty(rows)
+    def _sort_times(self, rows: Floats) -> Floats:
+        """Return (n,) times by which rows are sorted, in any unit."""
+        width = len(self._layout.columns)
+        return rows[:, width] if len(self._layout.times) == 1 else rows[:, width : width + 2] @ (1e9, 1.0)
+
+    def _begin(self, rows: Floats) -> None:
+        """Decide on clock and interval."""
         found = self._layout
         width = len(found.columns)
         check_magnitudes(self._path, self._what, found, np.where(_present(rows), rows, np.nan))
@@ -281,8 +315,7 @@ class TableRows:
             whole = whole[~np.append(False, _copies(whole))]
         if not len(whole):
             text = f"{self._path}: no row has numbers in all of {', '.join(c.name for c in found.columns)}"
-            cure = "if each sensor has separate rows, write one file per sensor"
-            raise RecordingError("no_complete_row", text, cure)
+            raise RecordingError("no_complete_row", text, "check that it is complete")
         interval: float | None = None if self._rate is None else 1.0 / self._rate
         clock: Clock = "none"
         if found.times:
@@ -294,7 +327,6 @@ class TableRows:
             raise self._rate_required()
         sensors = ", ".join(dict.fromkeys(sensor_of(channel) for channel in found.channels))
         self._stream = Stream(found.kind, found.channels, f"{self._source} ({sensors})", clock, interval)
-        return rows
 
     def _rate_required(self) -> RateRequired:
         """Return the error that lists the columns that may be a time."""
@@ -313,7 +345,7 @@ class TableRows:
         used = f"--rate {self._rate:g} is {'not used' if own else 'used'}"
         self._remarks.append(f"its time stamps show {1.0 / interval_s:.6g} Hz{clock}: {used}")
 
-    def _without_empty(self, rows: Floats) -> Floats:
+    def _choose_columns(self, rows: Floats) -> None:
         """Leave out columns with few numbers: an empty time, a slower magnetometer."""
         found = self._layout
         count = len(found.columns)
@@ -335,7 +367,8 @@ class TableRows:
             times=tuple(found.times[k] for k in times),
             interval=found.interval if interval else None,
         )
-        return rows[:, self._used]
+        if self._layout.times:
+            self._order = RowOrder(self._path, self._layout.times[0].name)
 
     def _empty_sensors(self, full: Floats) -> set[str]:
         """Return inertial sensors with an axis without numbers; none if no other would be left."""

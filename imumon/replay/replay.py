@@ -97,6 +97,7 @@ class ReplayOptions:
     kind : stream of a table that has several; None: the best.
     columns : channel to ``COLUMN:UNIT`` of a table; empty: by its header.
     topic : of a bag or log.
+    sensor : of a table or log, ``gyro`` or ``accel``, the only one that is read; None: all.
     filter : of the sensor; used where the recording does not say. None: not known.
     exact : grid of the exact Allan deviation, which needs memory for all samples; None: leave it out.
     """
@@ -111,13 +112,14 @@ class ReplayOptions:
     kind: Kind | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
     topic: str | None = None
+    sensor: str | None = None
     filter: SensorFilter | None = None
     exact: TauGrid | None = None
 
     def open(self) -> Recording:
         """Open the recording; see `open_recording`."""
         block_bytes = BLOCK_BYTES if self.speed is None else PACED_BLOCK_BYTES
-        options = ReadOptions(self.kind, self.columns, self.rate_hz, self.topic, block_bytes)
+        options = ReadOptions(self.kind, self.columns, self.rate_hz, self.topic, self.sensor, block_bytes)
         return open_recording(self.path, options)
 
 

@@ -300,14 +300,6 @@ def test_incomplete_rows_are_counted_and_the_first_is_named(tmp_path: Path, empt
     assert "checksum" not in shown
 
 
-def test_sensors_with_rows_of_their_own_are_an_error(tmp_path: Path) -> None:
-    t, gyro, accel = truth()
-    gyro[::2], accel[1::2] = np.nan, np.nan
-    with pytest.raises(RecordingError, match="gx, gy, gz, ax, ay, az") as error:
-        replayed(csv(tmp_path / "a.csv", BARE, t, gyro, accel))
-    assert error.value.code == "no_complete_row"
-
-
 def test_the_source_names_the_sensors_and_an_error_the_other_columns(tmp_path: Path) -> None:
     t, gyro, accel = truth()
     path = csv(tmp_path / "a.csv", ["Hora (s)", *BARE[1:]], t, gyro, accel)

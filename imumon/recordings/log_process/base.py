@@ -15,7 +15,7 @@ ROWS = 1 << 15
 """Rows in a block."""
 
 MATCHED = 0.99
-"""Share of the samples of a gyroscope that must have one of the accelerometer at the same time."""
+"""Share of the samples of a gyroscope that must have one of the accelerometer at the same time, and the reverse."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,6 +125,8 @@ def rows_at(own_us: npt.NDArray[Any], other_us: npt.NDArray[Any]) -> npt.NDArray
     [0, 1, 2, 3, 4]
     >>> rows_at(np.arange(5) * 10, np.arange(3) * 20) is None
     True
+    >>> rows_at(np.arange(3) * 20, np.arange(5) * 10) is None  # all of the own, but half of the other ones
+    True
     """
     step = step_s(own_us)
     if step is None or not len(other_us):
@@ -132,5 +134,7 @@ def rows_at(own_us: npt.NDArray[Any], other_us: npt.NDArray[Any]) -> npt.NDArray
     own, other = own_us.astype(np.float64), other_us.astype(np.float64)
     nearest = np.clip(np.searchsorted(other, own - step * 0.5e6), 0, len(other) - 1)
     near = np.abs(other[nearest] - own) < step * 0.5e6
-    single = len(np.unique(nearest[near])) == int(near.sum())
-    return np.where(near, nearest, -1) if single and near.mean() >= MATCHED else None
+    matched = len(np.unique(nearest[near]))
+    meanwhile = int(((other > own[0] - step * 0.5e6) & (other < own[-1] + step * 0.5e6)).sum())
+    same = matched == int(near.sum()) and min(near.mean(), matched / max(meanwhile, 1)) >= MATCHED
+    return np.where(near, nearest, -1) if same else None

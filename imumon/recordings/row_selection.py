@@ -1,0 +1,179 @@
+"""Row selection: the rows of a table that are samples of the stream, in the order of their time.
+
+A table may hold sensors of different rates: the slower one has blank cells. Rows that have both are too few for the
+faster one, and every other row is no loss of the slower one. So such a table is an error unless one sensor is
+selected; the rows without it are then no samples.
+
+Rows of a log that several threads write may be swapped. `RowOrder` puts a row back that is late by less than a window.
+A time that falls further is a clock that restarts, and stays. Rows in no order at all are an error.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+
+import numpy as np
+
+from imumon.recordings.base import RecordingError
+from imumon.recordings.columns import READ_ALONE, ColumnLayout
+from imumon.samples import Bools, Floats, sensor_of
+
+COMPLETE = 0.75
+"""Share of the rows of a sensor that must have the other one, for them to have one rate: a slower one has at most two
+of three."""
+
+WINDOW = 64
+"""Rows by which a row may be late and is still sorted: more than a datagram holds."""
+
+HOLE = 1.5
+"""Typical steps of time between two rows from which one is missing between them."""
+
+UNSORTED = 0.05
+"""Share of steps back, after sorting, above which rows are in no order: a clock does not restart that often."""
+
+
+class OwnRows:
+    """Rows of the only inertial sensor of a stream, or of two sensors that have the same rows.
+
+    Parameters
+    ----------
+    path : for messages.
+    found : columns of the stream.
+
+    Attributes
+    ----------
+    others : rows of another sensor, which were left out.
+    """
+
+    def __init__(self, path: str, found: ColumnLayout) -> None:
+        self._path = path
+        sensors = [sensor for sensor in ("gyro", "accel") if sensor in map(sensor_of, found.channels)]
+        self._columns = [
+            [k for k, name in enumerate(found.channels) if sensor_of(name) == sensor] for sensor in sensors
+        ]
+        self._rows, self._counts, self._both = 0, np.zeros(len(sensors), np.int64), 0
+        self._sparse = False  # the only sensor has a part of the rows
+        self.others = 0
+
+    def select(self, rows: Floats, present: Bools, places: Sequence[int]) -> tuple[Floats, Sequence[int]]:
+        """Return the rows that are samples, complete or not, and their places.
+
+        Parameters
+        ----------
+        rows, present : (n, k), and which numbers are there, with the columns of the layout first.
+        """
+        whole: Bools = np.stack([present[:, columns].all(axis=1) for columns in self._columns])
+        first = not self._rows
+        self._rows += len(rows)
+        self._counts += whole.sum(axis=1)
+        self._both += int(whole.all(axis=0).sum())
+        if first:
+            self.check()
+            self._sparse = len(whole) == 1 and bool(0 < self._counts[0] <= COMPLETE * self._rows)
+        if not self._sparse:
+            return rows, places
+        own: Bools = np.any(present[:, self._columns[0]], axis=1)
+        self.others += int((~own).sum())
+        return rows[own], [place for place, mine in zip(places, own.tolist(), strict=True) if mine]
+
+    def check(self) -> None:
+        """Raise `RecordingError` if the sensors have different rows; an empty sensor has none."""
+        counts = self._counts.tolist()
+        if len(counts) < 2 or not all(counts) or self._both > COMPLETE * max(counts):
+            return
+        text = (
+            f"{self._path}: gyro and accel have different rows: of {self._rows:,}, {counts[0]:,} have gyro, "
+        )
+        text += f"{counts[1]:,} have accel, {self._both:,} have both"
+        raise RecordingError("different_rates", text, READ_ALONE)
+
+
+class RowOrder:
+    """Puts rows in the order of their time. The last rows wait for those after them.
+
+    Attributes
+    ----------
+    moved : rows that were out of order.
+    """
+
+    def __init__(self, path: str, name: str) -> None:
+        self._path, self._name = path, name
+        self._rows: Floats | None = None
+        self._times = np.empty(0)
+        self._places: list[int] = []
+        self.moved = 0
+
+    def sort(
+        self, rows: Floats, times: Floats, places: Sequence[int], *, final: bool = False
+    ) -> tuple[Floats, list[int]]:
+        """Return the oldest rows that wait, in order, and their places.
+
+        Parameters
+        ----------
+        rows : (n, k), the next ones.
+        times : (n,) in any unit; not finite: the row stays where it is.
+        places : (n,) number of each row in its file.
+        final : these are the last rows.
+
+        Raises
+        ------
+        RecordingError : the rows are in no order.
+
+        >>> order = RowOrder("a.csv", "t")
+        >>> times = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 4.0, 6.0])
+        >>> order.sort(times[:, None], times, range(7), final=True)[1], order.moved
+        ([0, 1, 2, 3, 5, 4, 6], 1)
+        """
+        if self._rows is not None:
+            rows, times = np.concatenate([self._rows, rows]), np.concatenate([self._times, times])
+            places = [*self._places, *places]
+        order = self._order(_filled(times))
+        if order is not None:
+            rows, times, places = rows[order], times[order], [places[k] for k in order]
+            steps = np.diff(times)
+            back = float(np.mean(steps < 0.0))
+            if back > UNSORTED and (steps > 0.0).any():
+                text = f"{self._path}: its rows are not in the order of {self._name}: {back:.0%} of the steps go back"
+                raise RecordingError("rows_not_sorted", text, f"sort the rows by {self._name}")
+        ready = len(rows) if final else max(0, len(rows) - WINDOW)
+        self._rows, self._times, self._places = rows[ready:], times[ready:], list(places[ready:])
+        return rows[:ready], list(places[:ready])
+
+    def _order(self, times: Floats) -> list[int] | None:
+        """Return the order of the rows; None: they are in order.
+
+        A late row is put back where a row is missing, if the rows before it are no others than early ones.
+        """
+        steps = np.diff(times)
+        late = (np.flatnonzero(steps < 0.0) + 1).tolist()
+        if not late or not (steps > 0.0).any():
+            return None
+        hole = HOLE * float(np.median(steps[steps > 0.0]))
+        values, order, at, last = times.tolist(), list(range(len(times))), 0, np.nan
+        for first in late:
+            at = max(at, first)
+            while at < len(values) and values[at] < values[at - 1] < max(values[at : at + WINDOW]):
+                place = bisect_right(values, values[at], max(0, at - WINDOW), at)
+                copied = values[place - 1] == last == values[at]  # of a row that has been put back
+                if place in (0, at - WINDOW) or not (copied or values[place] - values[place - 1] >= hole):
+                    break
+                last = values[at]
+                for moved in (values, order):
+                    moved[place : at + 1] = [moved[at], *moved[place:at]]
+                self.moved += 1
+                at += 1
+        return order
+
+
+def _filled(times: Floats) -> Floats:
+    """Return times of which those that are not finite are the one before.
+
+    >>> _filled(np.array([np.nan, 1.0, np.nan, 3.0])).tolist()
+    [1.0, 1.0, 1.0, 3.0]
+    """
+    finite = np.isfinite(times)
+    if finite.all() or not finite.any():
+        return times
+    last = np.maximum.accumulate(np.where(finite, np.arange(len(times)), int(np.argmax(finite))))
+    return times[last]

@@ -1,0 +1,176 @@
+"""Rows of sensors with different rates, and rows that are not in the order of their time: an error, or sorted."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import imumon
+from logs import SENSOR, DataFlash, ulog
+from tables import csv, read, replayed, truth
+
+from imumon.recordings import OptionNotApplicable, RecordingError
+from imumon.recordings.row_selection import WINDOW
+
+NAMES = ["t", "gx [rad/s]", "gy [rad/s]", "gz [rad/s]", "ax [m/s2]", "ay [m/s2]", "az [m/s2]"]
+
+
+def of(path: Path, sensor: str) -> tuple[float, float, float, int]:
+    """Return the limits of N of an axis, in the SI unit, the rate and the missing samples of one sensor."""
+    report = json.loads(imumon("replay", path, "--sensor", sensor, "--json"))
+    channel = report["channels"][f"{sensor}/x"]["N"]
+    return channel["low"], channel["high"], report["device"]["sample_rate_hz"], report["session"]["missing"]
+
+
+def refused(path: Path) -> str:
+    with pytest.raises(RecordingError) as error:
+        replayed(path)
+    assert (error.value.code, error.value.cure) == (
+        "different_rates",
+        "read each alone, --sensor gyro and --sensor accel",
+    )
+    return error.value.message
+
+
+def half(path: Path, *, every: int = 2, ends: bool = False) -> Path:
+    """Write a gyroscope at 100 Hz, and an accelerometer with a sample in each so many rows, or in the first of all."""
+    t, gyro, accel = truth(40_000)
+    slow = np.full_like(accel, np.nan)
+    slow[slice(len(t) // every) if ends else slice(None, None, every)] = accel[: len(t) // every]
+    return csv(path, NAMES, t, gyro, slow)
+
+
+def test_sensors_of_different_rates_are_an_error_whose_cure_gives_the_right_noise(tmp_path: Path) -> None:
+    path = half(tmp_path / "a.csv")
+    path.write_text(path.read_text().replace("nan", ""))
+    assert "32,768 have gyro, 16,384 have accel" in refused(path) or "have gyro" in refused(path)
+    low, high, rate, missing = of(path, "gyro")
+    assert low < 7e-4 * 0.1 < high < 1.05 * low
+    assert (rate, missing) == (100.0, 0)
+    low, high, rate, missing = of(path, "accel")
+    assert low < 0.013 * 0.02**0.5 < high < 1.05 * low
+    assert (rate, missing) == (50.0, 0)
+    assert "20,000 rows have no number of accel" in replayed(path, sensor="accel")[1]
+
+
+def test_a_sensor_that_ends_early_is_one_of_another_rate(tmp_path: Path) -> None:
+    """Columns of two files side by side: the shorter one is complete in the first block."""
+    assert "have both" in refused(half(tmp_path / "a.csv", ends=True))
+
+
+def test_sensors_with_rows_of_their_own_are_read_one_by_one(tmp_path: Path) -> None:
+    t, gyro, accel = truth(4000)
+    gyro[::2], accel[1::2] = np.nan, np.nan
+    path = csv(tmp_path / "a.csv", NAMES, t, gyro, accel)
+    assert "0 have both" in refused(path)
+    assert [of(path, sensor)[2:] for sensor in ("gyro", "accel")] == [(50.0, 0), (50.0, 0)]
+
+
+def test_sensors_with_times_of_their_own_are_read_one_by_one(tmp_path: Path) -> None:
+    t, gyro, accel = truth(4000)
+    path = csv(tmp_path / "a.csv", ["t_gyro", *NAMES[1:4], "accel_time", *NAMES[4:]], t, gyro, 2 * t, accel)
+    assert "gyro has the time t_gyro and accel accel_time" in refused(path)
+    assert [of(path, sensor)[2:] for sensor in ("gyro", "accel")] == [(100.0, 0), (50.0, 0)]
+    assert replayed(path, columns={"t": "t_gyro"})[0].device.sample_rate_hz == 100.0
+
+
+def test_one_sensor_of_a_capture_is_no_choice(tmp_path: Path) -> None:
+    (tmp_path / "a.bin").write_bytes(b"$VNRRG,1*XX\r\n")
+    with pytest.raises(OptionNotApplicable) as error:
+        replayed(tmp_path / "a.bin", sensor="gyro")
+    assert error.value.code == "sensor_not_applicable"
+
+
+@pytest.mark.parametrize(("gyro_us", "accel_us"), [(10_000, 5000), (5000, 10_000)])
+def test_sensors_of_a_log_with_different_rates_are_not_joined(
+    tmp_path: Path, gyro_us: int, accel_us: int
+) -> None:
+    """Every second sample of a faster accelerometer would have its noise folded."""
+    _, gyro, accel = truth(2000)
+
+    def rows(values: np.ndarray, step: int) -> list[Sequence[float]]:
+        return [(10**6 + k * step, 10**6 + k * step, *v, 30.0) for k, v in enumerate(values[: 10**7 // step])]
+
+    path = ulog(
+        tmp_path / "a.ulg",
+        [("sensor_gyro", 0, SENSOR, rows(gyro, gyro_us)), ("sensor_accel", 0, SENSOR, rows(accel, accel_us))],
+    )
+    report, remarks = replayed(path, topic="sensor_gyro/0")
+    assert "accel/x" not in report.channels
+    assert "sensor_accel not used: its samples are at other times, --topic reads it alone" in remarks
+    assert replayed(path, topic="sensor_accel/0")[0].device.sample_rate_hz == pytest.approx(1e6 / accel_us)
+
+
+def test_the_faster_accelerometer_of_an_ardupilot_log_is_not_joined(tmp_path: Path) -> None:
+    log = DataFlash()
+    _, gyro, accel = truth(2000)
+    log.define("GYR", "QBQfff", "TimeUS,I,SampleUS,GyrX,GyrY,GyrZ")
+    log.define("ACC", "QBQfff", "TimeUS,I,SampleUS,AccX,AccY,AccZ")
+    for k in range(2000):
+        at = 10**6 + 5000 * k
+        log.add("ACC", at, 0, at, *accel[k])
+        if k % 2 == 0:
+            log.add("GYR", at, 0, at, *gyro[k])
+    report, remarks = replayed(log.write(tmp_path / "a.BIN"), topic="GYR/0")
+    assert "accel/x" not in report.channels
+    assert "ACC/0 not used: its samples are at other times" in remarks
+
+
+# ---------------------------------------------------------------- order
+
+
+def in_order(path: Path, order: np.ndarray, n: int = 4000) -> tuple[np.ndarray, Path]:
+    t, gyro, accel = truth(n)
+    return gyro, csv(path, NAMES, t[order], gyro[order], accel[order])
+
+
+@pytest.mark.parametrize("rate", [None, 100.0])
+def test_rows_in_random_order_are_an_error(tmp_path: Path, rate: float | None) -> None:
+    _, path = in_order(tmp_path / "a.csv", np.random.default_rng(1).permutation(4000))
+    with pytest.raises(RecordingError, match="of the steps go back") as error:
+        replayed(path, rate_hz=rate)
+    assert (error.value.code, error.value.cure) == ("rows_not_sorted", "sort the rows by t")
+
+
+def test_rows_that_lose_their_order_later_are_an_error(tmp_path: Path) -> None:
+    order = np.arange(80_000)
+    np.random.default_rng(1).shuffle(order[40_000:])
+    _, path = in_order(tmp_path / "a.csv", order, 80_000)
+    with pytest.raises(RecordingError) as error:
+        replayed(path)
+    assert error.value.code == "rows_not_sorted"
+
+
+def late_rows(n: int) -> np.ndarray:
+    """Swap neighbours, delay a row, and swap two datagrams, also where a block ends."""
+    order = np.arange(n)
+    for k in (5, 40, 900, 1200, 32_767, 32_800, n - 9):
+        order[[k, k + 1]] = order[[k + 1, k]]
+    order[2000 : 2000 + WINDOW - 4] = np.roll(order[2000 : 2000 + WINDOW - 4], -1)
+    order[3000:3020] = np.roll(order[3000:3020], 10)
+    return order
+
+
+def test_late_rows_are_sorted_and_none_is_lost(tmp_path: Path) -> None:
+    gyro, path = in_order(tmp_path / "a.csv", late_rows(70_000), 70_000)
+    block = read(path)
+    assert np.allclose(block.values[:, :3], gyro, rtol=1e-9)
+    report, remarks = replayed(path)
+    assert (report.session.samples, report.session.missing) == (70_000, 0)
+    assert "18 rows are not in the order of t: sorted by it" in remarks
+
+
+def test_a_clock_that_restarts_or_has_one_wrong_stamp_is_not_sorted(tmp_path: Path) -> None:
+    t, gyro, accel = truth(3000)
+    for name, stamps in (
+        ("restart", np.where(np.arange(3000) < 1500, t, t - t[1500])),
+        ("little", np.where(np.arange(3000) < 1500, t, t - 0.2)),
+        ("ahead", np.where(np.arange(3000) == 1500, t + 1e4, t)),
+        ("behind", np.where(np.arange(3000) == 1500, t - 10.0, t)),
+    ):
+        path = csv(tmp_path / f"{name}.csv", NAMES, stamps, gyro, accel)
+        assert np.allclose(read(path).values[:, :3], gyro, rtol=1e-9), name
+        assert "sorted" not in replayed(path)[1]
