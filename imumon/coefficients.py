@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
 
 from imumon.units import DEG, FLICKER, HOUR, STANDARD_GRAVITY
 
@@ -158,15 +158,34 @@ def unit_of(sensor: str, letter: str, si: str = "") -> CoefficientUnit:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Excess:
+    """Scatter of a coefficient between the quarters of a record beyond what their statistics explain."""
+
+    value: float | None = (
+        None  # 1, standard deviation as a share of the value; null: the quarters do not show it
+    )
+    low: float  # 1, lower 95 % limit; 0 of a bound
+    high: float  # 1, upper 95 % limit, or the 95 % bound
+    p_value: float  # 0 to 1, probability that statistics alone scatter as much
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
     """A coefficient with its 95 % limits; `value` is None unless measured."""
 
     value: float | None = None  # in `unit`
-    low: float | None = None  # in `unit`, lower 95 % limit; 0 of an upper bound, null while pending
-    high: float | None = None  # in `unit`, upper 95 % limit, or the upper bound; null while pending
+    low: float | None = (
+        None  # in `unit`, lower 95 % limit of the statistics; 0 of a bound, null while pending
+    )
+    high: float | None = (
+        None  # in `unit`, upper 95 % limit of the statistics, or the bound; null while pending
+    )
+    combined_low: float | None = None  # in `unit`, `low` with the whole uncertainty budget; null: unknown
+    combined_high: float | None = None  # in `unit`, `high` with the whole uncertainty budget; null: unknown
     status: Status = "pending"  # "upper_bound": does not show, at most `high`; "pending": unknown so far
     unit: str = ""  # such as rad/s/sqrt(Hz)
     scatter: float | None = None  # in `unit`, standard deviation between the quarters of the record
+    excess: Excess | None = None  # of this scatter; null: unknown
     reason: str | None = None  # why there is no value, or why there is no scatter
     reason_code: str | None = None  # "constant" or "resolution": more data will not give a value
 
@@ -178,6 +197,13 @@ class Estimate:
         """The same in the unit that people read."""
         own = _READABLE.get(self.unit)
         return self if own is None else self.scaled(own.factor, own.unit)
+
+    @property
+    def stated(self) -> Estimate:
+        """The same with the combined limits in place of those of the statistics, where they are known."""
+        if self.combined_low is None or self.combined_high is None:
+            return self
+        return replace(self, low=self.combined_low, high=self.combined_high)
 
     @property
     def size(self) -> float | None:
@@ -203,5 +229,6 @@ class Estimate:
         def times(size: float | None) -> float | None:
             return None if size is None else size * factor
 
-        value, low, high, scatter = map(times, (self.value, self.low, self.high, self.scatter))
-        return replace(self, value=value, low=low, high=high, scatter=scatter, unit=unit)
+        sizes = ("value", "low", "high", "combined_low", "combined_high", "scatter")
+        changed: dict[str, Any] = {name: times(getattr(self, name)) for name in sizes}
+        return replace(self, **changed, unit=unit)

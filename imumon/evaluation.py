@@ -39,7 +39,12 @@ class UncertaintyComponent:
 
     source: str  # statistics, scatter, repeatability, resolution, aliasing or time base
     kind: Literal["A", "B"]  # by statistics of observations, or by other means (JCGM 100)
-    standard: float | None  # in the unit of the coefficient, standard uncertainty; null: see `basis`
+    standard: (
+        float | None
+    )  # in the unit of the coefficient, standard uncertainty; null: not combined, see `basis`
+    bound: float | None = (
+        None  # in the unit of the coefficient, 95 % bound of what does not show; null: unknown
+    )
     dof: float | None = None  # 1, degrees of freedom; null: infinite
     basis: str  # how it was obtained, or why it is unknown
 
@@ -54,7 +59,9 @@ class UncertaintyBudget:
     combined: float  # in `unit`, combined standard uncertainty of the components that are known
     dof: float | None = None  # 1, effective degrees of freedom (Welch-Satterthwaite); null: infinite
     coverage: float  # 1, factor for 95 %
-    expanded: float  # in `unit`, expanded uncertainty
+    expanded: float  # in `unit`, expanded uncertainty: half the width of the limits
+    low: float | None = None  # in `unit`, combined lower 95 % limit; null: made before there was one
+    high: float | None = None  # in `unit`, combined upper 95 % limit; null: made before there was one
 
     def is_plausible(self) -> bool:
         """Return whether the value is not 0, and no uncertainty is negative. A bias may be negative, its spread not."""
@@ -72,8 +79,8 @@ class LimitCheck:
     limit: float  # in `unit`
     basis: str  # "maximum" or "typical"
     value: float | None  # in `unit`, measured; null: only bounded, or not known
-    low: float | None  # in `unit`, lower 95 % limit
-    high: float | None  # in `unit`, upper 95 % limit, or the upper bound
+    low: float | None  # in `unit`, combined lower 95 % limit
+    high: float | None  # in `unit`, combined upper 95 % limit, or the upper bound
     verdict: Verdict  # whether the value is at most the limit
     probability: float | None  # 0 to 1, of being at most the limit; null: only bounded, or not known
     reason: str | None = None  # why it is undecided or without a probability

@@ -21,8 +21,11 @@ from reports import report as report_at
 
 from imumon.cli.main import main
 from imumon.cli.traceability import evaluated, with_provenance
+from imumon.coefficients import Excess
 from imumon.datasheet import document
 from imumon.datasheet.evidence import excluding_events
+from imumon.datasheet.tables import coefficient_text
+from imumon.evaluation import UncertaintyBudget
 from imumon.filter_report import FilterReport
 from imumon.noise.allan.overlapping import SampleStore, averaging_lengths, overlapping_deviation
 from imumon.noise.synthesis import synthesise
@@ -386,8 +389,11 @@ def test_a_budget_adds_up() -> None:
         budget, part = budgets[name][letter], report.channels[name].coefficients.get(letter)
         known = [c.standard for c in budget.components if c.standard is not None]
         assert budget.combined == pytest.approx(np.sqrt(np.sum(np.square(known))))
-        assert budget.expanded == pytest.approx(budget.coverage * budget.combined)
         assert budget.coverage >= 1.95
+        assert budget.low <= part.low < budget.value < part.high <= budget.high
+        assert budget.expanded == pytest.approx((budget.high - budget.low) / 2.0)
+        relative = budget.coverage * budget.combined / budget.value
+        assert np.log(budget.high / budget.low) / 2.0 == pytest.approx(relative, rel=0.05)
         assert budget.expanded >= 0.99 * (part.high - part.low) / 2.0
         assert {c.source for c in budget.components} >= {"statistics", "scatter", "resolution", "time base"}
         assert ("aliasing" in {c.source for c in budget.components}) == (letter == "N")
@@ -429,15 +435,51 @@ def test_the_alias_factor_of_deltas_is_not_that_of_the_magnetometer() -> None:
     assert "filter of mag is unknown" in part.basis
 
 
-def test_scatter_beyond_statistics_has_three_degrees_of_freedom() -> None:
+def with_excess(excess: Excess | None) -> tuple[Report, UncertaintyBudget]:
+    """Return a report of one channel whose N has this excess, evaluated, and its budget."""
     report = make_report()
     channel = report.channels["gyro/x"]
-    n = channel.coefficients["N"]
-    assert n.value is not None
-    moved = with_coefficients(channel, N=replace(n, scatter=0.1 * n.value))
-    budget = uncertainty_budgets(replace(report, channels={"gyro/x": moved}))["gyro/x"]["N"]
-    assert budget.coverage == pytest.approx(3.18, abs=0.01)  # Student's t, 3 degrees of freedom
-    assert budget.combined == pytest.approx(0.1 * n.value, rel=0.05)
+    moved = with_coefficients(channel, N=replace(channel.coefficients["N"], excess=excess))
+    device = replace(report.device, model="A1")
+    made = evaluated(replace(report, channels={"gyro/x": moved}, device=device))
+    assert made.evaluation is not None
+    return made, made.evaluation.budgets["gyro/x"]["N"]
+
+
+def test_scatter_that_shows_has_three_degrees_of_freedom() -> None:
+    shown_, budget = with_excess(Excess(value=0.1, low=0.05, high=0.4, p_value=1e-4))
+    (part,) = (c for c in budget.components if c.source == "scatter")
+    assert part.standard == pytest.approx(0.05 * budget.value)  # of the mean of four quarters
+    assert budget.dof == pytest.approx(3.0, rel=1e-3)
+    assert budget.coverage == pytest.approx(3.18, abs=0.01)  # Student's t
+    n = shown_.channels["gyro/x"].coefficients["N"]
+    assert (n.combined_low, n.combined_high) == (budget.low, budget.high)
+    assert np.log(budget.high / budget.value) == pytest.approx(3.18 * 0.05, rel=0.05)
+
+
+def test_scatter_that_does_not_show_is_a_bound_and_not_combined() -> None:
+    made, budget = with_excess(Excess(low=0.0, high=0.1, p_value=0.6))
+    (part,) = (c for c in budget.components if c.source == "scatter")
+    assert part.standard is None
+    assert part.bound == pytest.approx(0.05 * budget.value)
+    assert budget.coverage == pytest.approx(1.96, abs=0.001)
+    assert budget.combined == with_excess(None)[1].combined
+    assert "(\\< 5.0 %)" in shown(made)
+
+
+def test_one_interval_is_in_all_tables_of_a_document_and_decides_the_verdict(tmp_path: Path) -> None:
+    """The limits of the fit pass, the combined ones do not."""
+    made, budget = with_excess(Excess(value=0.1, low=0.05, high=0.4, p_value=1e-4))
+    n = made.channels["gyro/x"].coefficients["N"]
+    factor = COEFFICIENTS["N"].units["gyro"].factor
+    sheet = sheet_file(tmp_path, gyro=0.5 * (n.high + n.combined_high) * factor)
+    text = coefficient_text(n)
+    page = shown(evaluated(made, read_sheet(sheet)))
+    assert page.count(text) == 3  # the coefficients, the check, the budget
+    assert f"{n.high * factor:.4g}" not in text
+    (check,) = evaluated(made, read_sheet(sheet)).evaluation.conformity.checks
+    assert (check.verdict, check.high) == ("undecided", pytest.approx(budget.high * factor))
+    assert 0.9 < check.probability < 0.975
 
 
 def test_rounding_is_a_component_of_n() -> None:

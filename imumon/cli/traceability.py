@@ -42,20 +42,23 @@ def evaluated(report: Report, sheet: Any = None, rows: Sequence[Mapping[str, Any
     SheetError : the sheet is of another device.
     """
     from imumon.history.repeatability import day_scatter
-    from imumon.noise.uncertainty import bias_budgets, not_covered, uncertainty_budgets
+    from imumon.noise.uncertainty import bias_budgets, not_covered, uncertainty_budgets, with_combined
     from imumon.references import conformity
 
-    before = report.evaluation or Evaluation()
-    found = _checked(report, sheet) or _sheet_of_model(report)
-    made = replace(before, conformity=before.conformity if found is None else conformity(report, found))
-    if not before.not_covered:
+    made = report.evaluation or Evaluation()
+    if not made.not_covered:
         made = replace(
             made,
             budgets=uncertainty_budgets(report, day_scatter(rows)),
             bias_budgets=bias_budgets(report),
             not_covered=not_covered(report),
         )
-    return replace(report, evaluation=made)
+        report = replace(report, channels=with_combined(report, made.budgets))
+    report = replace(report, evaluation=made)
+    found = _checked(report, sheet) or _sheet_of_model(report)
+    if found is not None:
+        report = replace(report, evaluation=replace(made, conformity=conformity(report, found)))
+    return report
 
 
 def _checked(report: Report, sheet: Any) -> Any:

@@ -99,8 +99,8 @@ def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> It
         yield _coefficient_table(report, sensor)
     if report.channels:
         yield Paragraph(
-            "Each value with its 95 % limits. < is a 95 % upper bound of a coefficient that this record does "
-            "not show: the true value is smaller, and only a longer record can measure it."
+            "Each value with its 95 % limits, those of the uncertainty budget. < is a 95 % upper bound of what "
+            "this record does not show: the true value is smaller, and only a longer record can measure it."
         )
     if sensors:
         yield Heading("Allan deviation")

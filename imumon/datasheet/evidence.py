@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 
 from imumon.coefficients import COEFFICIENTS, unit_of
 from imumon.datasheet.elements import DataTable, Element, Heading, Paragraph
-from imumon.datasheet.tables import significant_digits
+from imumon.datasheet.tables import coefficient_text, significant_digits
 from imumon.evaluation import Conformity, LimitCheck, UncertaintyBudget, UncertaintyComponent
 from imumon.report import Event, Report, stamp
 from imumon.samples import sensor_of
@@ -46,8 +46,9 @@ def conformity_elements(report: Report) -> Iterator[Element]:
     yield Paragraph(_sheet_text(made))
     yield Paragraph(
         "Pass: the upper 95 % limit does not exceed the limit. Fail: the lower one does. Else undecided (guard band "
-        "after JCGM 106:2012). The probability is that of being at most the limit, by the limits of this record "
-        "alone. A typical value is no guarantee: about half of the devices exceed it."
+        "after JCGM 106:2012). The limits are the combined ones of the uncertainty budget, and the probability of "
+        "being at most the limit follows from them. A typical value is no guarantee: about half of "
+        "the devices exceed it."
     )
 
 
@@ -128,12 +129,14 @@ def budget_elements(report: Report) -> Iterator[Element]:
             for source in SOURCES
             if source != "repeatability" or any(_part(budget, source) for _, _, budget in pairs)
         ]
-        head = ("", "value", *sources, "combined", "k", "expanded, 95 %")
-        yield DataTable(head, tuple(_budget_row(*pair, sources) for pair in pairs))
+        head = ("", *sources, "combined", "k", "value (95 % limits)")
+        yield DataTable(head, tuple(_budget_row(report, *pair, sources) for pair in pairs))
         yield Paragraph(
-            "Standard uncertainties in percent of the value, after JCGM 100:2008 (GUM); the expanded one is k times "
-            "the combined one, k of Student's t for the effective degrees of freedom. – is not known and not "
-            f"combined. {_bases([budget for _, _, budget in pairs])}"
+            "Standard uncertainties in percent of the value, after JCGM 100:2008 (GUM); k of Student's t for the "
+            "effective degrees of freedom. The limits are those of all tables of this document: value × exp(±k u), "
+            "with u of each side from the limit of the fit on that side and the other components. In brackets: a 95 % "
+            "bound of what the record does not show, not combined. –: not known, not combined. "
+            f"{_bases([budget for *_, budget in pairs])}"
         )
     yield from _bias_elements(made.bias_budgets)
     bounded = "Coefficients that are only bounded have no budget." if pairs else "Nothing is measured yet."
@@ -169,28 +172,33 @@ def _bias_elements(budgets: Mapping[str, UncertaintyBudget]) -> Iterator[Element
         )
 
 
-def _budget_row(name: str, letter: str, budget: UncertaintyBudget, sources: Sequence[str]) -> tuple[str, ...]:
+def _budget_row(
+    report: Report, name: str, letter: str, budget: UncertaintyBudget, sources: Sequence[str]
+) -> tuple[str, ...]:
     readable = COEFFICIENTS[letter].units[sensor_of(name)]
     parts = {each.source: each for each in budget.components}
     shares = (_share(parts[source], budget.value) if source in parts else "0" for source in sources)
-    expanded = budget.expanded * readable.factor
-    unit = pretty(readable.unit)
+    channel = report.channels.get(name)
+    limits = coefficient_text(channel.coefficients.get(letter)) if channel is not None else ""
     return (
         f"{name} {letter}",
-        f"{figures(budget.value * readable.factor, 4)} {unit}",
         *shares,
-        f"{figures(100.0 * budget.combined / budget.value, 2)} %",
+        _percent_of(budget.combined, budget.value),
         f"{budget.coverage:.2f}",
-        f"±{figures(expanded, 2)} {unit}",
+        f"{limits} {pretty(readable.unit)}" if limits else "–",
     )
 
 
 def _share(part: UncertaintyComponent, value: float) -> str:
     if part.standard is None:
-        return "–"
+        return "–" if part.bound is None else f"(< {_percent_of(part.bound, value)})"
     if 0.0 < part.standard < LEAST_SHARE * value:
         return f"< {100.0 * LEAST_SHARE:g} %"
-    return f"{figures(100.0 * part.standard / value, 2)} %" if part.standard else "0"
+    return _percent_of(part.standard, value) if part.standard else "0"
+
+
+def _percent_of(part: float, whole: float) -> str:
+    return f"{figures(100.0 * part / whole, 2)} %"
 
 
 def _bases(budgets: list[UncertaintyBudget]) -> str:

@@ -377,7 +377,8 @@ def _marks(report: Report, sensor: str, curves: Mapping[str, Allan]) -> Iterator
         first, last = curve.tau_s[0], curve.tau_s[-1]
         noise = [(value, tau) for value, tau in zip(curve.noise, curve.tau_s, strict=True) if value]
         lowest = min(noise)[1] if noise else math.sqrt(first * last)
-        for letter, part in channel.coefficients.items():
+        for letter, each in channel.coefficients.items():
+            part = each.stated
             if part.status == "pending" or part.high is None:
                 continue
             row = COEFFICIENTS[letter]

@@ -145,10 +145,10 @@ def shown_letters(channels: Iterable[Channel]) -> tuple[str, ...]:
 
 
 def coefficient_text(coefficient: Estimate | None) -> str:
-    """Return a coefficient with its limits in readable units: ``0.358 (0.353 to 0.364)``, ``< 8.72``."""
+    """Return a coefficient with the limits that documents state, in readable units: ``0.358 (0.353 to 0.364)``."""
     if coefficient is None:
         return ""
-    shown = coefficient.readable
+    shown = coefficient.stated.readable
     if coefficient.status == "measured" and shown.value is not None:
         if shown.low is None or shown.high is None:
             return figures(shown.value)
@@ -220,9 +220,10 @@ def _rows(report: Report, layout: TableLayout, letters: Sequence[str]) -> list[s
 
 def _abbreviated(coefficient: Estimate | None) -> str:
     """Return a coefficient with the half-width of its limits or their factor: ``0.358 ±1.5%``, ``3.5 ×÷2.1``."""
-    if coefficient is None or coefficient.status != "measured" or coefficient.readable.value is None:
+    shown = Estimate() if coefficient is None else coefficient.stated.readable
+    if shown.status != "measured" or shown.value is None:
         return coefficient_text(coefficient)
-    return measured(coefficient.readable.value, coefficient.readable.low, coefficient.readable.high)
+    return measured(shown.value, shown.low, shown.high)
 
 
 def _heading(axes: Sequence[Channel], layout: TableLayout, letters: Sequence[str]) -> str:

@@ -1,16 +1,18 @@
 """Uncertainty of N, B and K: conformity with a limit, and the budget after JCGM 100:2008 (GUM).
 
-Conformity follows the rule of guarded acceptance and guarded rejection with the 95 % limits of the value as guard
-band (JCGM 106:2012, section 8.3): pass if the upper limit does not exceed the limit of the data sheet, fail if the
-lower one does, else undecided. The probability is that of a log-normal value whose two halves have the two half-widths:
-coefficients are positive, and their limits are not symmetric.
+Conformity follows the rule of guarded acceptance and guarded rejection with the combined 95 % limits as guard band
+(JCGM 106:2012, section 8.3): pass if the upper limit does not exceed the limit of the data sheet, fail if the
+lower one does, else undecided. The probability is that of the same distribution of the logarithm: coefficients are
+positive, and their limits are not symmetric.
 
-The value of a budget is that of the record: what the fit estimates. The budget lists what this value may differ by from
-the same quantity of the sensor under the same conditions. Components of a coefficient C:
+The budget lists what the value of the record may differ by from the mean of the same quantity of the sensor under the
+same conditions. Components of a coefficient C:
 
-- statistics (type A): half the width of the 95 % limits over 1.96.
-- scatter (type A): how much C moves between the quarters of the record beyond what statistics explain. A quarter
-  has a quarter of the data, so statistics alone give a standard deviation of 2 u. Three degrees of freedom.
+- statistics (type A): the 95 % limits of the fit, as a standard deviation of the logarithm.
+- scatter (type A): how much C varies between the quarters of the record beyond what statistics explain
+  (`stretches.quarters.excess`), over the root of their number: the quarters count as independent. Where they do not
+  show it, its bound is stated and not combined. Statistics and scatter together are estimated from four values: they
+  have 3 degrees of freedom.
 - repeatability (type A): how much C scatters between the days of the history of the sensor, beyond the statistics of a
   day and the scatter of this record. n - 1 degrees of freedom of n days. Only where the history is known.
 - resolution (type B): rounding to a step q adds a white variance of q^2/12 per sample, N_q^2 = q^2 / (12 rate).
@@ -20,10 +22,12 @@ the same quantity of the sensor under the same conditions. Components of a coeff
 - time base (type B): a clock that runs fast by e changes tau: N by e/2, K by -e/2. Deltas divided by the interval
   also change by -e. Rectangular, with an assumed tolerance of the clock.
 
+The combined limits are value exp(-k u) and value exp(k u), with u of each side from the limit of the fit on that side.
+
 The budget of the bias has the statistics of the mean and the turn-on bias repeatability. Without a history there is
 none: what the power cycle adds exceeds the rest by far.
 
-The effective degrees of freedom are those of Welch and Satterthwaite (JCGM 100, G.4.1), the coverage factor is
+The effective degrees of freedom are those of Welch and Satterthwaite (JCGM 100, G.4.1), the coverage factor k is
 Student's t for 95 %.
 """
 
@@ -31,8 +35,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
-from scipy.special import ndtr, stdtrit
+from scipy.special import ndtr, stdtr, stdtrit
 
 from imumon.evaluation import UncertaintyBudget, UncertaintyComponent, Verdict
 from imumon.history_report import DayScatter
@@ -41,8 +46,8 @@ from imumon.samples import sensor_of
 
 HALF_WIDTH = 1.959964
 """Standard errors of a 95 % limit (normal distribution)."""
-QUARTERS_DOF = 3.0
-"""Degrees of freedom of a standard deviation of four quarters."""
+QUARTERS = 4
+"""Parts of a record between which scatter is known."""
 CRYSTAL_TOLERANCE = 1e-4
 """Share by which the clock of a sensor is assumed to be off at most: 100 parts in a million, ten times a usual
 crystal over temperature."""
@@ -70,18 +75,48 @@ def verdict(limit: float, low: float | None, high: float | None) -> Verdict:
     return "fail" if low is not None and low > limit else "undecided"
 
 
-def probability_at_most(limit: float, value: float, low: float, high: float) -> float | None:
+def probability_at_most(
+    limit: float, value: float, low: float, high: float, dof: float | None = None
+) -> float | None:
     """Return the probability that a quantity is at most `limit`, 0 to 1; None if its limits show no spread.
 
+    Parameters
+    ----------
+    dof : degrees of freedom of the 95 % limits; None: infinite.
+
+    Examples
+    --------
     >>> round(probability_at_most(1.1, 1.0, 0.9, 1.1), 3), probability_at_most(1.0, 1.0, 0.9, 1.1)
     (0.975, 0.5)
+    >>> round(probability_at_most(1.1, 1.0, 0.9, 1.1, 3.0), 3)
+    0.975
     """
-    beyond = limit > value
-    end = high if beyond else low
+    end = high if limit > value else low
     if not (limit > 0.0 and value > 0.0 and end > 0.0) or end == value:
         return None
-    spread = abs(math.log(end / value)) / HALF_WIDTH
-    return float(ndtr(math.log(limit / value) / spread))
+    errors = math.log(limit / value) / abs(math.log(end / value)) * _coverage(dof)
+    return float(ndtr(errors) if dof is None else stdtr(_whole(dof), errors))
+
+
+def with_combined(
+    report: Report, budgets: Mapping[str, Mapping[str, UncertaintyBudget]]
+) -> dict[str, Channel]:
+    """Return the channels of a report with the combined limits of their coefficients; those of a bound are its own."""
+
+    def combined(part: Estimate, made: UncertaintyBudget | None) -> Estimate:
+        low, high = (part.low, part.high) if made is None else (made.low, made.high)
+        return replace(part, combined_low=low, combined_high=high)
+
+    return {
+        name: replace(
+            channel,
+            coefficients={
+                letter: combined(part, budgets.get(name, {}).get(letter))
+                for letter, part in channel.coefficients.items()
+            },
+        )
+        for name, channel in report.channels.items()
+    }
 
 
 def uncertainty_budgets(
@@ -162,8 +197,10 @@ def _budget(
     value = part.value
     if part.status != "measured" or not value or part.low is None or part.high is None:
         return None
-    statistics = (part.high - part.low) / (2.0 * HALF_WIDTH)
-    scatter = _scatter(part, statistics)
+    wide = not 0.0 < part.low < value < part.high
+    spread = part.high - part.low if wide else value * math.log(part.high / part.low)
+    statistics = spread / (2.0 * HALF_WIDTH)
+    scatter = _scatter(part, value, statistics)
     components = (
         UncertaintyComponent(
             source="statistics", kind="A", standard=statistics, basis="95 % limits of the fit"
@@ -174,16 +211,36 @@ def _budget(
         *([_aliasing(report, name)] if letter == "N" else []),
         _time_base(report, name, letter, value),
     )
-    return _combined(part.unit, value, components)
+    made = _combined(part.unit, value, components)
+    if wide:
+        return replace(made, low=max(0.0, value - made.expanded))
+    others = math.sqrt(max(0.0, made.combined**2 - statistics**2)) / value
+
+    def half(limit: float) -> float:
+        return made.coverage * math.hypot(math.log(limit / value) / HALF_WIDTH, others)
+
+    low, high = value * math.exp(-half(part.low)), value * math.exp(half(part.high))
+    return replace(made, low=low, high=high, expanded=0.5 * (high - low))
+
+
+def _coverage(dof: float | None) -> float:
+    """Return the coverage factor for 95 %."""
+    return HALF_WIDTH if dof is None else float(stdtrit(_whole(dof), 0.975))
+
+
+def _whole(dof: float) -> float:
+    """Return degrees of freedom truncated to the next lower integer, at least 1 (JCGM 100, G.4.2)."""
+    return max(1.0, math.floor(dof * (1.0 + 1e-9)))
 
 
 def _combined(unit: str, value: float, components: tuple[UncertaintyComponent, ...]) -> UncertaintyBudget:
-    """Return a budget of the components that are known."""
+    """Return a budget of the components that are known, with symmetric limits."""
     known = [(each.standard, each.dof) for each in components if each.standard]
     combined = math.sqrt(sum(u * u for u, _ in known))
     spread = sum(u**4 / dof for u, dof in known if dof is not None)
     dof = combined**4 / spread if spread > 0.0 else None
-    coverage = float(stdtrit(math.floor(dof), 0.975)) if dof is not None and dof < 1e6 else HALF_WIDTH
+    coverage = _coverage(dof)
+    expanded = coverage * combined
     return UncertaintyBudget(
         unit=unit,
         value=value,
@@ -191,19 +248,25 @@ def _combined(unit: str, value: float, components: tuple[UncertaintyComponent, .
         combined=combined,
         dof=dof,
         coverage=coverage,
-        expanded=coverage * combined,
+        expanded=expanded,
+        low=value - expanded,
+        high=value + expanded,
     )
 
 
-def _scatter(part: Estimate, statistics: float) -> UncertaintyComponent:
-    """Return how much the coefficient moves between the quarters beyond what statistics explain."""
-    if part.scatter is None:
+def _scatter(part: Estimate, value: float, statistics: float) -> UncertaintyComponent:
+    """Return how much the mean of the quarters is uncertain by what they scatter beyond statistics."""
+    if (found := part.excess) is None:
         reason = (part.reason or "the quarters do not show it").removeprefix("scatter: ")
         return UncertaintyComponent(source="scatter", kind="A", standard=None, basis=reason)
-    excess = math.sqrt(max(0.0, part.scatter**2 - (2.0 * statistics) ** 2))
-    text = "between the quarters of the record, beyond statistics"
-    basis = text if excess else f"{text}: none"
-    return UncertaintyComponent(source="scatter", kind="A", standard=excess, dof=QUARTERS_DOF, basis=basis)
+    if not found.value:
+        most = value * found.high / math.sqrt(QUARTERS)
+        basis = "the quarters of the record do not show it: a 95 % bound, not combined"
+        return UncertaintyComponent(source="scatter", kind="A", standard=None, bound=most, basis=basis)
+    standard = value * found.value / math.sqrt(QUARTERS)
+    dof = (QUARTERS - 1) * (standard**2 / (standard**2 + statistics**2)) ** 2
+    basis = "between the quarters of the record, beyond statistics"
+    return UncertaintyComponent(source="scatter", kind="A", standard=standard, dof=dof, basis=basis)
 
 
 def _repeatability(days: DayScatter, scatter: float) -> UncertaintyComponent:

@@ -13,16 +13,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from imumon.coefficients import LIMIT_95, Excess
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit, Estimator
 from imumon.noise.grading import LIMITS, grade_sensor
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.histogram import DistributionShape
+from imumon.noise.stretches.quarters import excess
 from imumon.noise.stretches.warmup import still_settles
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
 from imumon.report import NOISE, Channel, Estimate, SensorGrade
-from imumon.samples import UNITS, Floats, sensor_of
+from imumon.samples import UNITS, sensor_of
 
 YOUNG_GROWTH = 0.1
 """Growth of a young record, as a share, after which it is analysed again: each result changes visibly."""
@@ -72,7 +74,7 @@ class Analysis:
         self._record = record
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
         self._quarters = Estimator(averaged=averaged, time_to=False)
-        self._scatter: Floats | None = None
+        self._scatter: list[dict[str, tuple[float, Excess]]] = []  # by channel and letter
         self._scatter_due_s = 0.0
         self.warming_up = self.heats_up = False
         self._due_s = 0.0
@@ -99,12 +101,8 @@ class Analysis:
         curve, self.shapes = noise.curve(), statistics.histogram.result()
         steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.allan_channels]]
         self.resolution = steps
-        fits = self._estimator.fit(
-            curve,
-            renew=force or None,
-            resolution=steps,
-            kurtosis=record.excess_kurtosis().tolist(),
-        )
+        kurtosis = record.excess_kurtosis().tolist()
+        fits = self._estimator.fit(curve, renew=force or None, resolution=steps, kurtosis=kurtosis)
         inertial = [fits[c] for c in noise.warmup_channels if c < len(fits)]
         settles = still_settles(inertial, record.elapsed_s - noise.begin_s)
         self.heats_up = record.guarded and noise.is_warming_up(curve)
@@ -116,7 +114,7 @@ class Analysis:
         robust = record.robust_deviations(steps)
         self.robust = dict(zip(record.channels, robust, strict=False))
         self.fits = dict(zip(record.channels, fits, strict=False))
-        self._update_scatter(force=force)
+        self._update_scatter(kurtosis, force=force)
         spectrum = None if curve.sums is None else curve.sums.spectrum
         graded: dict[str, dict[str, Mapping[str, Estimate]]] = {}  # by sensor and axis
         for name, each in self.fits.items():
@@ -129,7 +127,8 @@ class Analysis:
                 unit=UNITS[sensor], resolution=step or None, histogram=report_builder.histogram(shape)
             )
             if fit is not None:
-                made = report_builder.with_fit(channel, sensor, curve, column, fit, self._scatter_of(column))
+                scatter = self._scatter[column] if column < len(self._scatter) else {}
+                made = report_builder.with_fit(channel, sensor, curve, column, fit, scatter)
                 channel = replace(
                     made,
                     spectrum=None if spectrum is None else report_builder.spectrum(sensor, spectrum, column),
@@ -138,29 +137,33 @@ class Analysis:
                 )
             self.channels[name] = channel
 
-    def _update_scatter(self, *, force: bool) -> None:
-        """Compute the standard deviations between the quarters, when the record has grown enough."""
+    def _update_scatter(self, kurtosis: Sequence[float], *, force: bool) -> None:
+        """Compute the scatter between the quarters, when the record has grown enough."""
         record = self._record
         if not force and record.elapsed_s < self._scatter_due_s:
             return
         self._scatter_due_s = SCATTER_GROWTH * record.elapsed_s
-        quarters = record.statistics.noise.quarters()
-        if quarters is None:
-            self._scatter = None
-            return
         parts = [
-            self._quarters.fit_sums(sums, span, self.resolution, like=self._estimator)
-            for sums, span in quarters
+            self._quarters.fit_sums(sums, span, self.resolution, kurtosis, like=self._estimator)
+            for sums, span in record.statistics.noise.quarters() or ()
         ]
-        values = [[[fit.coefficients[letter].value for letter in NOISE] for fit in part] for part in parts]
-        self._scatter = np.std(np.array(values, dtype=np.float64), axis=0, ddof=1)
+        self._scatter = [
+            {
+                letter: made
+                for letter in NOISE
+                if (made := _between([fit.coefficients[letter] for fit in fits])) is not None
+            }
+            for fits in zip(*parts, strict=True)
+        ]
 
-    def _scatter_of(self, column: int) -> dict[str, float | None]:
-        """Return the standard deviations of a channel between quarters, by letter; None: unknown."""
-        if self._scatter is None:
-            return {}
-        known = zip(NOISE, self._scatter[column].tolist(), strict=True)
-        return {letter: value if np.isfinite(value) else None for letter, value in known}
+
+def _between(quarters: Sequence[Estimate]) -> tuple[float, Excess] | None:
+    """Return the standard deviation between quarters, and which part of it is beyond statistics; None: unknown."""
+    known = [(each.value, each.low, each.high) for each in quarters]
+    if not all(value and low and high and low < high for value, low, high in known):
+        return None
+    values, low, high = np.array(known, dtype=np.float64).T
+    return float(np.std(values, ddof=1)), excess(values, np.log(high / low) / (2.0 * LIMIT_95))
 
 
 def _bounded(walk: Estimate) -> Estimate:

@@ -17,6 +17,7 @@ from imumon.coefficients import default_precision
 from imumon.errors import ImumonError
 from imumon.history_report import HistoryPeriod
 from imumon.noise.grading import LIMITS
+from imumon.noise.uncertainty import uncertainty_budgets, with_combined
 from imumon.pipeline import assessment
 from imumon.pipeline.accumulators import Accumulators, Happened
 from imumon.pipeline.analysis import Analysis
@@ -148,7 +149,7 @@ class Record:
             limit_curves=LIMIT_CURVES,
         )
         log.update_alarms(made, own)
-        return made
+        return replace(made, channels=with_combined(made, uncertainty_budgets(made)))
 
     def counted(self, link: SessionCounters) -> SessionCounters:
         """Return the counters of the link with those of the record."""

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from imumon import report
-from imumon.coefficients import COEFFICIENTS, LIMIT_95, NOISE
+from imumon.coefficients import COEFFICIENTS, LIMIT_95, NOISE, Excess
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit
 from imumon.noise.fit.results import SIGNIFICANT
@@ -54,18 +54,16 @@ CURVE_DIGITS = 5
 
 
 def coefficients(
-    sensor: str, fit: ChannelFit, scatter: Mapping[str, float | None]
+    sensor: str, fit: ChannelFit, scatter: Mapping[str, tuple[float, Excess]]
 ) -> dict[str, report.Estimate]:
     """Return the coefficients of a channel by letter, with their units and their scatter."""
-    return {
-        letter: replace(
-            each,
-            unit=COEFFICIENTS[letter].units[sensor].si,
-            scatter=scatter.get(letter),
-            reason=each.reason or (NO_SCATTER if letter in NOISE and scatter.get(letter) is None else None),
-        )
-        for letter, each in fit.coefficients.items()
-    }
+    made = {}
+    for letter, each in fit.coefficients.items():
+        own, beyond = scatter.get(letter) or (None, None)
+        reason = each.reason or (NO_SCATTER if letter in NOISE and own is None else None)
+        unit = COEFFICIENTS[letter].units[sensor].si
+        made[letter] = replace(each, unit=unit, scatter=own, excess=beyond, reason=reason)
+    return made
 
 
 def allan(curve: AllanCurve, column: int, fit: ChannelFit) -> report.Allan:
@@ -89,13 +87,13 @@ def with_fit(
     curve: AllanCurve,
     column: int,
     fit: ChannelFit,
-    scatter: Mapping[str, float | None],
+    scatter: Mapping[str, tuple[float, Excess]],
 ) -> report.Channel:
     """Return the channel with curve, coefficients and grade.
 
     Parameters
     ----------
-    scatter : SI by letter, standard deviation between the quarters of the record; None: unknown.
+    scatter : by letter, standard deviation between the quarters of the record in SI, and its excess.
     """
     return replace(
         channel,

@@ -40,13 +40,15 @@ def _check(report: Report, name: str, channel: Channel, limit: Limit) -> LimitCh
     factor = ratio * UNITS[sensor_of(name), letter][limit.unit]
     part = channel.coefficients[letter]
     known = part.status != "pending"
-    shown = part.scaled(factor) if known else Estimate()
+    shown = part.stated.scaled(factor) if known else Estimate()
     value, low, high = shown.value, shown.low, shown.high
     found: Verdict = verdict(limit.at_most, low if part.status == "measured" else None, high)
     chance = None
     reason = None if known else part.reason or "not known"
     if part.status == "measured" and value is not None and low is not None and high is not None:
-        chance = probability_at_most(limit.at_most, value, low, high)
+        budgets = report.evaluation.budgets if report.evaluation is not None else {}
+        budget = budgets.get(name, {}).get(letter)
+        chance = probability_at_most(limit.at_most, value, low, high, None if budget is None else budget.dof)
     if part.status == "upper_bound":
         reason = "only a 95 % upper bound is known"
     if (doubt := _doubt(report, name, limit, found)) is not None:

@@ -948,7 +948,7 @@ def test_wide_limits_are_a_factor() -> None:
     report = make_report()
     k = replace(report.channels["gyro/x"].coefficients["K"], status="measured")
     si = 1.0 / COEFFICIENTS["K"].units["gyro"].factor
-    k = replace(k, value=3.5 * si, low=1.0 * si, high=9.0 * si)
+    k = replace(k, value=3.5 * si, low=1.0 * si, high=9.0 * si, combined_low=None)
     one = with_coefficients(report.channels["gyro/x"], K=k)
     shown = report_table(replace(report, channels={"gyro/x": one}), 100)
     assert "3.5 ×÷3.0" in shown

@@ -13,7 +13,7 @@ from imumon.noise.allan.windows import WindowedCascade
 from imumon.noise.fit.results import pending_fit
 from imumon.noise.stretches import RecordStatistics
 from imumon.noise.stretches.change import detect_changes
-from imumon.noise.stretches.quarters import Quarters
+from imumon.noise.stretches.quarters import Quarters, excess
 from imumon.noise.stretches.stretches import STEPS_S, Stretch
 from imumon.noise.stretches.warmup import is_warming_up
 from imumon.samples import Floats
@@ -68,6 +68,20 @@ def test_the_quarters_of_a_steady_record_scatter_as_their_limits_say() -> None:
     assert sum(held) >= 26  # of 32, at 95 %
     held = [fit.B.low <= B <= fit.B.high for each in fits for fit in each]  # type: ignore[operator]
     assert sum(held) >= 26
+
+
+def test_the_excess_of_quarters_is_that_of_random_effects() -> None:
+    """Steady quarters show none in three of four records; limits hold the deviation that is there in 95 %."""
+    rng = np.random.default_rng(8)
+    errors = np.array([0.01, 0.01, 0.02, 0.015])
+    for deviation in (0.0, 0.1):
+        logs = rng.standard_normal((400, 4)) * np.hypot(errors, deviation)
+        found = [excess(np.exp(row), errors) for row in logs]
+        shows = np.mean([each.value is not None for each in found])
+        assert shows > 0.97 if deviation else 0.17 < shows < 0.33
+        held = np.mean([each.low <= deviation <= each.high for each in found if each.value or not deviation])
+        assert 0.91 < held < 0.99 if deviation else held > 0.8  # those that show are the largest
+    assert float(np.median([each.value or 0.0 for each in found])) == pytest.approx(0.09, abs=0.02)
 
 
 def test_the_quarters_do_not_depend_on_chunks_and_continue_from_a_saved_state() -> None:

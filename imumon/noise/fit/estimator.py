@@ -125,6 +125,7 @@ class Estimator:
         sums: NoiseSums,
         span: int,
         resolution: Sequence[float] | None = None,
+        kurtosis: Sequence[float] | None = None,
         like: Estimator | None = None,
     ) -> tuple[ChannelFit, ...]:
         """Fit every channel of the sums of a part of a record, without a curve.
@@ -132,7 +133,7 @@ class Estimator:
         Parameters
         ----------
         span : samples of the part.
-        resolution : see `fit`.
+        resolution, kurtosis : see `fit`.
         like : estimator of the whole record, whose descriptions the parts share; None: each part has its own, which
             is kept while the part grows.
         """
@@ -151,9 +152,12 @@ class Estimator:
             found = self._describe(sums, channel, known, sums.degrees, whole=like is None)
             if like is None:
                 self._parts[channel] = _Known(span, found)
-            out.append(
-                pending_fit(0, found) if isinstance(found, str) else self._stated(curve, channel, found, 0.0)
-            )
+            if isinstance(found, str):
+                out.append(pending_fit(0, found))
+            else:
+                out.append(
+                    self._stated(curve, channel, found, 0.0 if kurtosis is None else kurtosis[channel])
+                )
         return tuple(out)
 
     def _stated(self, curve: AllanCurve, channel: int, found: Description, kurtosis: float) -> ChannelFit:
