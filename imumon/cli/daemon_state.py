@@ -20,6 +20,9 @@ from imumon.units import duration
 GRACE_S = 0.5
 """s beyond two periods that a report may be old, and that the next one is waited for."""
 
+LATE_S = 3.0
+"""Periods after which a report is called old."""
+
 EVENTS_S = 2.0
 """s that the events of a device may arrive after its first report."""
 

@@ -153,6 +153,14 @@ def add_config(parser: Parser, help: str = "settings; options override the file"
     parser.add_argument("--config", metavar="FILE", help=help)
 
 
+def add_output(parser: Parser, json: str) -> None:
+    """Add ``--json`` and ``--values``; `json` is the help of the former."""
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument("--json", action="store_true", help=json)
+    text = "print a plain line per axis: channel, N, B and K in SI, separated by tabs; a bound begins with <"
+    group.add_argument("--values", action="store_true", help=text)
+
+
 def add_appearance(parser: Parser) -> None:
     """Add the options of the terminal UI."""
     add = parser.add_argument

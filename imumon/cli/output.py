@@ -17,6 +17,7 @@ from dataclasses import asdict
 from functools import cache
 from typing import Any
 
+from imumon.coefficients import NOISE
 from imumon.errors import ImumonError
 from imumon.report import plain
 
@@ -97,6 +98,21 @@ def print_json(text: str) -> None:
     except UnicodeEncodeError:
         text = json.dumps(json.loads(text))
     print(text)
+
+
+def print_values(report: Any) -> None:
+    """Print channel, N, B and K in SI of each axis, tab-separated: a bound with ``<``, what is not known empty."""
+    for name, channel in report.channels.items():
+        if channel.coefficients:
+            print("\t".join([name, *(_value(channel.coefficients.get(letter)) for letter in NOISE)]))
+
+
+def _value(coefficient: Any) -> str:
+    if coefficient is None or coefficient.status == "pending":
+        return ""
+    bound = coefficient.status == "upper_bound"
+    value = coefficient.high if bound else coefficient.value
+    return "" if value is None else f"{'<' if bound else ''}{value:.6g}"
 
 
 def print_report(report: Any, as_json: bool, baseline: Any = None) -> None:

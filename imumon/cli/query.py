@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shutil
 import sys
 import time
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from typing import Any
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, NOT_REACHED, SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
-from imumon.cli.output import print_json, print_message, print_report, print_status
+from imumon.cli.output import print_json, print_message, print_report, print_status, print_values
 from imumon.coefficients import GRADES, NOISE
 
 ANSWER_S = 2.0
@@ -34,8 +35,11 @@ def add_tui(parser: Parser) -> None:
 def add_status(parser: Parser) -> None:
     _add_connection(parser)
     options.add_id(parser, "device; default: all, one line each if there are several")
-    text = "print the report as JSON, or a list of them if several daemons answer"
-    parser.add_argument("--json", action="store_true", help=text)
+    options.add_output(parser, "print the report as JSON, or a list of them if several daemons answer")
+    text = (
+        "print everything: limits, biases, each caveat with its meaning, the time until each axis is precise"
+    )
+    parser.add_argument("--verbose", action="store_true", help=text)
 
 
 def add_wait(parser: Parser) -> None:
@@ -91,8 +95,14 @@ def status(arguments: argparse.Namespace) -> int:
 
     with options.subscriber(arguments) as subscriber:
         names = options.answering(subscriber, arguments.id, ANSWER_S, _cure(arguments))
-        if len(names) == 1 or arguments.id:
-            print_report(options.first_report(subscriber, arguments.id, ANSWER_S, ""), arguments.json)
+        if len(names) == 1 or arguments.id or arguments.values:
+            report = options.first_report(subscriber, arguments.id, ANSWER_S, "")
+            if arguments.values:
+                print_values(report)
+            elif arguments.json or arguments.verbose:
+                print_report(report, arguments.json)
+            else:
+                _print_status_table(subscriber, report)
             return SUCCESS
         reports = current_reports(subscriber, names)
         for name in names:
@@ -102,6 +112,19 @@ def status(arguments: argparse.Namespace) -> int:
     else:
         print("\n".join(status_lines(reports)))
     return SUCCESS
+
+
+def _print_status_table(subscriber: Any, report: Any) -> None:
+    """Print a report on one screen, with its age and with why the sensor delivers nothing."""
+    from imumon.cli.daemon_state import EVENTS_S, LATE_S, current_reports, current_trouble
+    from imumon.datasheet.status_table import status_table
+    from imumon.units import duration
+
+    ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
+    late = current_trouble(subscriber, report, time.monotonic() + EVENTS_S)
+    if age_s > LATE_S * report.period_s:
+        late = f"the report is {duration(age_s)} old"
+    print(status_table(report, shutil.get_terminal_size().columns, late))
 
 
 def _condition(arguments: argparse.Namespace) -> Any:

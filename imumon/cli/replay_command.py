@@ -9,7 +9,7 @@ from typing import Any
 from imumon.cli import options
 from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
-from imumon.cli.output import print_message, print_report
+from imumon.cli.output import print_message, print_report, print_values
 
 FILES = (
     "bytes of the sensor (ASCII, binary, mixed), --record file, CSV, all also gzipped; NPZ, rosbag, MCAP, ulg (PX4), "
@@ -131,7 +131,7 @@ def add_replay(parser: Parser) -> None:
     add_read_options(parser)
     add_datasheet(parser)
     add("--speed", default="max", metavar="X|max", help="times as fast as real time; default max")
-    add("--json", action="store_true", help="the report as JSON")
+    options.add_output(parser, "the report as JSON")
     add("--publish", action="store_true", help="publish on Zenoh while replaying")
     options.add_config(parser)
     add("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
@@ -148,7 +148,7 @@ def run_replay(arguments: argparse.Namespace) -> int:
         wanted = replay_options(arguments, speed=speed, baseline=baseline)
         report = replayed(arguments, wanted, bus)
     report = evaluated(report, sheet)
-    print_report(report, arguments.json, baseline)
+    print_values(report) if arguments.values else print_report(report, arguments.json, baseline)
     return SUCCESS
 
 

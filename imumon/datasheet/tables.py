@@ -119,21 +119,7 @@ def report_table(report: Report, width: int | None = None) -> str:
     ----------
     width : cells of the terminal; None if the output is no terminal: nothing is abbreviated.
     """
-    letters = shown_letters(report.channels.values())
-    if width is not None and LAYOUTS[-1].width(len(letters)) > width:
-        letters = NOISE
-    fitting = (layout for layout in LAYOUTS if width is None or layout.width(len(letters)) <= width)
-    layout = next(fitting, LAYOUTS[-1])
-    legend = [uncertainty()] if report.channels and not layout.limits else []
-    parts = [
-        *_header(report),
-        "",
-        *_rows(report, layout, letters),
-        *legend,
-        "",
-        *_grades(report),
-        *_goals(report),
-    ]
+    parts = [*_header(report), "", *channel_rows(report, width), "", *grade_lines(report), *_goals(report)]
     parts += [*_caveats(report), *_events(report)]
     return "\n".join(parts)
 
@@ -199,7 +185,13 @@ def invalid_noun(device: DeviceDescription) -> str:
     return "invalid row" if table else "bad checksum"
 
 
-def _rows(report: Report, layout: TableLayout, letters: Sequence[str]) -> list[str]:
+def channel_rows(report: Report, width: int | None) -> list[str]:
+    """Return a line per channel below a heading per sensor, in the widest layout that fits."""
+    letters = shown_letters(report.channels.values())
+    if width is not None and LAYOUTS[-1].width(len(letters)) > width:
+        letters = NOISE
+    fitting = (layout for layout in LAYOUTS if width is None or layout.width(len(letters)) <= width)
+    layout = next(fitting, LAYOUTS[-1])
     lines, before = [], ""
     for name, channel in report.channels.items():
         if (sensor := sensor_of(name)) != before:
@@ -215,7 +207,7 @@ def _rows(report: Report, layout: TableLayout, letters: Sequence[str]) -> list[s
         cells += [f"{meets:<{GRADE}}"] if layout.limits else []
         cells.append(nearest)
         lines.append(" ".join(cells).rstrip())
-    return lines
+    return [*lines, uncertainty()] if lines and not layout.limits else lines
 
 
 def _abbreviated(coefficient: Estimate | None) -> str:
@@ -245,12 +237,14 @@ def _number(value: float | None) -> str:
     return f"{value:>11.4e}" if value is not None else f"{'':>11}"
 
 
-def _grades(report: Report) -> list[str]:
+def grade_lines(report: Report, *, reasons: bool = True) -> list[str]:
+    """Return the headline grade of each sensor with what decides it, and why it is provisional."""
     lines = []
     for sensor, grade in report.grade.items():
         decided = grade.decided_by
         by = f"; decided by {decided.coefficient} of {decided.axis}" if decided else ""
-        lines.append(f"{sensor}: {grade_text(grade)}{by}{f'; {grade.reason}' if grade.reason else ''}")
+        reason = f"; {grade.reason}" if grade.reason and (reasons or not decided) else ""
+        lines.append(f"{sensor}: {grade_text(grade)}{by}{reason}")
     return lines
 
 

@@ -202,7 +202,7 @@ def test_of_several_daemons_status_lists_all_and_others_need_a_name() -> None:
         assert (code, output) == (3, f"IMUMON UNKNOWN - several daemons answer: {listed_names}\n")
         code, output, errors = run_inside(["status", *places, "--id", "ber"])
         assert (code, errors) == (0, "")
-        assert output.startswith("bert  ")
+        assert output.startswith("running: bert, ")
         code, output, errors = run_inside(["status", *places, "--id", "ann"])
         assert (code, output) == (2, "")
         assert errors.endswith("names that begin with ann: give one with --id: anna, anne\n")
