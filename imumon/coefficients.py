@@ -174,12 +174,8 @@ class Estimate:
     """A coefficient with its 95 % limits; `value` is None unless measured."""
 
     value: float | None = None  # in `unit`
-    low: float | None = (
-        None  # in `unit`, lower 95 % limit of the statistics; 0 of a bound, null while pending
-    )
-    high: float | None = (
-        None  # in `unit`, upper 95 % limit of the statistics, or the bound; null while pending
-    )
+    low: float | None = None  # in `unit`, lower 95 % limit of statistics; 0 of a bound, null while pending
+    high: float | None = None  # in `unit`, upper 95 % limit of statistics, or bound; null while pending
     combined_low: float | None = None  # in `unit`, `low` with the whole uncertainty budget; null: unknown
     combined_high: float | None = None  # in `unit`, `high` with the whole uncertainty budget; null: unknown
     status: Status = "pending"  # "upper_bound": does not show, at most `high`; "pending": unknown so far

@@ -39,12 +39,8 @@ class UncertaintyComponent:
 
     source: str  # statistics, scatter, repeatability, resolution, aliasing or time base
     kind: Literal["A", "B"]  # by statistics of observations, or by other means (JCGM 100)
-    standard: (
-        float | None
-    )  # in the unit of the coefficient, standard uncertainty; null: not combined, see `basis`
-    bound: float | None = (
-        None  # in the unit of the coefficient, 95 % bound of what does not show; null: unknown
-    )
+    standard: float | None  # in the unit of the coefficient, standard uncertainty; null: not combined
+    bound: float | None = None  # in the unit of the coefficient, 95 % bound of what does not show
     dof: float | None = None  # 1, degrees of freedom; null: infinite
     basis: str  # how it was obtained, or why it is unknown
 
