@@ -161,9 +161,7 @@ def unit_of(sensor: str, letter: str, si: str = "") -> CoefficientUnit:
 class Excess:
     """Scatter of a coefficient between the quarters of a record beyond what their statistics explain."""
 
-    value: float | None = (
-        None  # 1, standard deviation as a share of the value; null: the quarters do not show it
-    )
+    value: float | None = None  # 1, standard deviation over the value; null: the quarters do not show it
     low: float  # 1, lower 95 % limit; 0 of a bound
     high: float  # 1, upper 95 % limit, or the 95 % bound
     p_value: float  # 0 to 1, probability that statistics alone scatter as much

@@ -16,6 +16,19 @@ Verdict: TypeAlias = Literal["pass", "fail", "undecided"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Item:
+    """What was measured, by whom, where and how, as the user states it; null: not stated."""
+
+    model: str | None = None  # of the sensor; it takes precedence over that of the device
+    serial: str | None = None  # serial number; it takes precedence over that of the device
+    operator: str | None = None  # who measured
+    place: str | None = None  # where the record was made
+    ambient: str | None = None  # temperature and humidity, with their units
+    procedure: str | None = None  # document that the measurement follows
+    note: str | None = None  # anything else
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
     """Where the numbers come from: program, input, options, host."""
 

@@ -21,7 +21,7 @@ from imumon.coefficients import NOISE as NOISE
 from imumon.coefficients import Estimate as Estimate
 from imumon.coefficients import GradeName as GradeName
 from imumon.coefficients import Status as Status
-from imumon.evaluation import Evaluation, ExactCurve, UncertaintyBudget
+from imumon.evaluation import Evaluation, ExactCurve, Item, UncertaintyBudget
 from imumon.report_json import MAX_BYTES as MAX_BYTES
 from imumon.report_json import MAX_ITEMS as MAX_ITEMS
 from imumon.report_json import MAX_NUMBER as MAX_NUMBER
@@ -368,6 +368,7 @@ class Report:
     precision: Mapping[str, float] = field(default_factory=dict)  # 1, configured half-width of N, B and K
     alarm_limits: Mapping[str, float] = field(default_factory=dict)  # 1, configured, by alarm: loss
     events: tuple[Event, ...] = ()  # of the record, at most 256; only in a report of `replay` or `report`
+    item: Item | None = None  # identity of the item and the measurement, of a document; null: not stated
     evaluation: Evaluation | None = None  # for documents; on the bus only `provenance`, that of the daemon
 
 

@@ -608,3 +608,61 @@ def test_nothing_refers_to_a_device_that_was_not_measured(tmp_path: Path) -> Non
         for form in ("md", "html", "csv", "svg"):
             text = imumon("report", saved, "--format", form)
             assert not [word for word in wrong if word in text], (name, form)
+
+
+# ---------------------------------------------------------------- item
+
+
+def test_the_item_is_in_every_document(recording: Path, tmp_path: Path) -> None:
+    item = tmp_path / "item.toml"
+    item.write_text('operator = "A. Person"\nambient = "23.1 °C, 45 %"\nplace = "room 3"\n')
+    out = tmp_path / "x.json"
+    imumon("report", recording, "--item", item, "--item", "serial=S-17", "--item", "place=room 4", "-o", out)
+    report = from_json(Report, out.read_text())
+    assert report.item is not None
+    assert (report.item.operator, report.item.place, report.device.serial) == ("A. Person", "room 4", "S-17")
+    for form in ("md", "html"):
+        page = imumon("report", out, "--format", form, "--item", "note=<script>x</script>")
+        for text in ("A. Person", "23.1 °C, 45 %", "room 4", "S-17", "not stated"):
+            assert text in page
+        assert "<script>" not in page
+    assert "Item and measurement" not in imumon("report", recording)
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "colour=red", "operator=", "note=" + "x" * 1_000_000, "nothing.toml", "=", "operator",
+        "FILE:operator = 3\n[place]\n", "FILE:= 1", "FILE:colour = 'red'", "FILE:note = '" + "x" * 200_000,
+    ],
+)  # fmt: skip
+def test_a_wrong_item_is_one_line(word: str, recording: Path, tmp_path: Path) -> None:
+    if word.startswith("FILE:"):
+        (tmp_path / "item.toml").write_text(word[5:])
+        word = str(tmp_path / "item.toml")
+    message = imumon("report", recording, "--item", word, code=2)
+    assert message.startswith("imumon: --item: ")
+    assert len(message.splitlines()) == 1
+    assert len(message) < 400
+
+
+def test_control_characters_of_an_item_are_left_out(recording: Path) -> None:
+    page = imumon("report", recording, "--item", "note=a\x1b[2J\nb\u202e | c")
+    assert "| a[2J b \\| c |" in page
+
+
+def test_the_date_of_a_record_is_known_where_its_clock_shows_it(recording: Path, tmp_path: Path) -> None:
+    rows = np.loadtxt(recording, delimiter=",", skiprows=1)
+    np.savez(tmp_path / "unix.npz", t=rows[:, 0] + 1.75e9, gyro=rows[:, 1:4], accel=rows[:, 4:])
+    assert replayed(tmp_path / "unix.npz").session.started == "2025-06-15T15:06:40.000Z"
+    assert replayed(recording).session.started is None
+    assert "| Start | 2025-06-15T15:06:40.000Z |" in " ".join(imumon("report", tmp_path / "unix.npz").split())
+
+
+def test_strict_settings_rest_on_measured_numbers_only(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "imu.yaml"
+    message = imumon("report", recording, "--strict", "-o", out, code=1)
+    assert message.startswith("imumon: --strict: not measured, but at most bounded: gyro/x B, gyro/x K")
+    assert not out.exists()
+    assert "linear_acceleration_covariance" in imumon("report", recording, "--strict", "--format", "ros")
+    assert "# " in imumon("report", recording, "--format", "kalibr")

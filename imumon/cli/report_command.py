@@ -12,6 +12,7 @@ from typing import Any
 
 from imumon.cli import options
 from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
+from imumon.cli.item import KEYS, with_item
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message
 from imumon.cli.query import ANSWER_S
@@ -42,6 +43,13 @@ def add_report(parser: Parser) -> None:
     horizon = "longest time without a fix that numbers for filters hold for, such as 90, 10m; default 600 s"
     add("--horizon", type=options.horizon, metavar="S", help=horizon)
     add("-o", "--output", metavar="OUT", help="file to write; default: standard output")
+    text = f"KEY=VALUE, or a TOML file of them: {', '.join(KEYS)}; may be repeated"
+    add("--item", action="append", default=[], metavar="ITEM", help=text)
+    add(
+        "--strict",
+        action="store_true",
+        help="settings for other software from measured numbers only, else exit 1",
+    )
     add_datasheet(parser)
     add_read_options(parser.add_argument_group("of a recording"))
     options.add_config(parser)
@@ -77,7 +85,9 @@ def report(arguments: argparse.Namespace) -> int:
             source = with_provenance(source, None, {}, None)
             if not (FORMS[form].settings or FORMS[form].binary):
                 rows = published_days(subscriber, source.device.id)
-    source = evaluated(source, sheet, rows)
+    source = evaluated(with_item(source, arguments.item), sheet, rows)
+    if arguments.strict and FORMS[form].settings:
+        _check_measured(source, form)
     if FORMS[form].settings and (warning := short_record_text(source)) is not None:
         print_message(warning)
     data = document(source, form, _filters(source, arguments.horizon, FORMS[form].filters), rows)
@@ -90,6 +100,16 @@ def report(arguments: argparse.Namespace) -> int:
         message = f"cannot write {arguments.output}: {_reason(error)}"
         raise CommandError("output_not_writable", message, "name another file with -o") from None
     return SUCCESS
+
+
+def _check_measured(report: Any, form: str) -> None:
+    """Raise an error if a number of the settings would be half a bound, or is missing."""
+    from imumon.datasheet import not_measured
+
+    if missing := not_measured(report, form):
+        message = f"--strict: not measured, but at most bounded: {', '.join(missing)}"
+        cure = "record longer, or leave --strict away: half of a bound is then used"
+        raise CommandError("not_measured", message, cure)
 
 
 def _filters(report: Any, horizon_s: float | None, needed: bool) -> Any:

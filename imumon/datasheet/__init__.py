@@ -14,8 +14,8 @@ signal_text      bias, drift, spectral lines and changes as lines of text
 program_settings settings of other programs: templates and factors
 """
 
-from imumon.datasheet.datasheet import FORMS, document
+from imumon.datasheet.datasheet import FORMS, document, not_measured
 from imumon.datasheet.figures import NoCurve
 from imumon.datasheet.filter_values import short_record_text
 
-__all__ = ["FORMS", "NoCurve", "document", "short_record_text"]
+__all__ = ["FORMS", "NoCurve", "document", "not_measured", "short_record_text"]

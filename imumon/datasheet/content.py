@@ -89,6 +89,7 @@ def datasheet_content(report: Report, filters: FilterReport, history: HistoryRow
 
 
 def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> Iterator[Element]:
+    yield from _item(report)
     yield from _grade_summaries(report)
     yield from _cautions(report)
     sensors = [sensor for sensor in SENSOR_TITLES if any(_axes(report, sensor))]
@@ -124,6 +125,25 @@ def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> It
         )
         yield Listing("yaml", settings_document("kalibr", report, filters).rstrip("\n"))
     yield from traceability_elements(report)
+
+
+def _item(report: Report) -> Iterator[Element]:
+    """Yield what was measured, by whom, where and how, if the user states any of it."""
+    if (item := report.item) is None:
+        return
+    device = report.device
+    rows = [
+        ("Model", item.model or device.model),
+        ("Serial number", item.serial or device.serial),
+        ("Firmware", device.firmware),
+        ("Operator", item.operator),
+        ("Place", item.place),
+        ("Ambient conditions", item.ambient),
+        ("Procedure", item.procedure),
+        ("Note", item.note),
+    ]
+    yield Heading("Item and measurement")
+    yield DataTable(("", ""), tuple((name, text or "not stated") for name, text in rows))
 
 
 # ---------------------------------------------------------------- grades and caveats

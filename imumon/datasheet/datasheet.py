@@ -14,7 +14,8 @@ from imumon.datasheet.history_figure import HistoryRows
 from imumon.datasheet.html import html_page
 from imumon.datasheet.program_settings import PROGRAMS, settings_document
 from imumon.filter_report import FilterReport
-from imumon.report import Report, to_json
+from imumon.report import NOISE, Report, to_json
+from imumon.samples import AXES
 
 
 class DocumentForm(NamedTuple):
@@ -26,6 +27,20 @@ class DocumentForm(NamedTuple):
     binary: bool = False  # whether it must not go to a terminal
     history: bool = False  # whether it shows the history
     settings: bool = False  # whether it holds numbers for a filter, for which a record can be too short
+
+
+def not_measured(report: Report, form: str) -> list[str]:
+    """Return the numbers that settings in one of the `FORMS` rest on, and that the report only bounds or lacks."""
+    letters = PROGRAMS[form].letters if form in PROGRAMS else NOISE
+    names = [f"{sensor}/{axis}" for sensor in ("gyro", "accel") for axis in AXES]
+    return [
+        f"{name} {letter}"
+        for name in names
+        for letter in letters
+        if name not in report.channels
+        or (part := report.channels[name].coefficients.get(letter)) is None
+        or part.status != "measured"
+    ]
 
 
 def document(report: Report, form: str, filters: FilterReport, history: HistoryRows = ()) -> bytes:

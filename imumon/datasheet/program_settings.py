@@ -19,7 +19,7 @@ from pathlib import Path
 from imumon.datasheet.filter_values import axis_values, settings_header, value_text, worst_axis
 from imumon.datasheet.tables import sensor_axes
 from imumon.filter_report import FilterReport
-from imumon.report import Report
+from imumon.report import NOISE, Report
 from imumon.samples import AXES
 from imumon.units import DEG, HOUR
 
@@ -44,6 +44,7 @@ class Program:
     rate_hz : Hz, of the steps of the program; None: the sample rate of the record.
     power : 1 for a standard deviation, 2 for a variance.
     known, unknown : lines of a number, and those of one that is not known.
+    letters : coefficients that its numbers rest on.
     """
 
     text: str
@@ -53,13 +54,14 @@ class Program:
     power: int = 1
     known: str = "{name}: {value:.6e}{bound}"
     unknown: str = "# {name}: ?{why}"
+    letters: tuple[str, ...] = NOISE
 
 
 PROGRAMS: Mapping[str, Program] = {
     # continuous time
     "kalibr": Program("Kalibr imu.yaml"),
     # variance of a sample
-    "ros": Program("covariances of a ROS sensor_msgs/Imu"),
+    "ros": Program("covariances of a ROS sensor_msgs/Imu", letters=("N",)),
     # deviation in a step of length dt, which adds (s dt)^2 to a variance
     "px4": Program(
         "PX4 EKF2 parameters",

@@ -68,6 +68,7 @@ class Recording:
     Attributes
     ----------
     header : what is known of the device, or None.
+    started : ISO 8601 in UTC, date of the first sample; None: its clock shows no date.
     driver : URL scheme of the driver whose format it has; None: a format of no device.
     problem : why reading ended early, or None.
     remarks : what was left out or is doubtful, one line each.
@@ -76,6 +77,7 @@ class Recording:
     """
 
     header: Mapping[str, Any] | None = None
+    started: str | None = None
     driver: str | None = None
     problem: str | None = None
     remarks: Sequence[str] = ()

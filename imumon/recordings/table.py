@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from imumon.recordings.column_names import UNITS, Column
 from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
 from imumon.recordings.row_selection import OwnRows, RowOrder
 from imumon.recordings.unit_inference import check_magnitudes, time_unit, unit_remarks
+from imumon.report import stamp
 from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, Stream, sensor_of
 from imumon.timebase.interval import NOMINAL_SHARE
 from imumon.timebase.late_stamps import LateStamps
@@ -34,6 +36,9 @@ LARGEST = 1e100
 
 FILLED = 0.9
 """Share of the first rows in which a column of time or of a slow sensor must have a number."""
+
+UNIX_S = (946_684_800.0, 4_102_444_800.0)
+"""s since 1970 of the years 2000 and 2100: a time stamp between them is a date."""
 
 LONGEST_NS = 4e18
 """ns, longest time since the first row; a time beyond it is invalid, and would not fit 64 bits."""
@@ -68,13 +73,14 @@ class Table(Recording):
 
     def _blocks(self, rows: Floats, places: Sequence[int]) -> list[SampleBlock]:
         """Return the blocks of some rows and update the counters; see `TableRows.blocks`."""
-        blocks = list(self._rows.blocks(rows, places))
-        self.bad_checksums, self.remarks = self._rows.lost, self._rows.remarks
-        return blocks
+        return self._counted(list(self._rows.blocks(rows, places)))
 
     def _finish(self) -> list[SampleBlock]:
-        blocks = list(self._rows.finish())
+        return self._counted(list(self._rows.finish()))
+
+    def _counted(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
         self.bad_checksums, self.remarks = self._rows.lost, self._rows.remarks
+        self.started = self._rows.started
         return blocks
 
 
@@ -93,6 +99,7 @@ class TableRows:
     Attributes
     ----------
     lost : rows that lacked a number.
+    started : see `Recording`.
     """
 
     def __init__(
@@ -107,6 +114,7 @@ class TableRows:
         self._path, self._layout, self._what, self._rate = path, columns, what, rate_hz
         self._stream: Stream | None = None
         self._origin: Floats | None = None
+        self.started: str | None = None
         self._scales: list[float] = []  # ns in a unit of each column of time
         self._lost_before = 0  # rows lost before the next one
         self._used: list[int] | None = None  # columns that are not left out
@@ -400,6 +408,7 @@ class TableRows:
             unit, remark = time_unit(self._path, self._what, found[0], raw, self._rate)
             self._scales = [UNITS["t"][unit]]
             self._remarks += [remark] if remark else []
+        self.started = _date(float(self._origin @ np.array(self._scales)) * 1e-9)
         t = self._nanoseconds(times).astype(np.float64)
         interval, steady = stamp_interval(t)
         self._compare(interval * 1e-9, own=steady)
@@ -478,3 +487,8 @@ def _are_doubled(rows: Floats, times: slice) -> bool:
         and np.diff(moving).max() <= MOST_COPIES
         and (not len(constant) or constant.mean() < 0.5)
     )
+
+
+def _date(unix_s: float) -> str | None:
+    """Return the date of a time stamp, s; None if it is no time since 1970: a clock that began with the device."""
+    return stamp(datetime.fromtimestamp(unix_s, UTC)) if UNIX_S[0] <= unix_s < UNIX_S[1] else None

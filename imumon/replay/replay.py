@@ -236,7 +236,7 @@ class _Run:
     def report(self, state: report.State) -> report.Report:
         """Return a report of what has been read so far."""
         session = report.SessionCounters(
-            started=self.started,
+            started=self.started or self.recording.started,
             discarded_bytes=self.recording.discarded,
             bad_checksums=self.recording.bad_checksums,
             received_bytes=self.recording.fed,
