@@ -1,10 +1,10 @@
 """Files that another user may have prepared: opened without following a link, waiting, or reading without end.
 
 A directory may be writable for others. A name in it may then be a symbolic link to another file, a pipe whose
-opening never returns, a device without an end, or a file larger than the memory. `open_regular` opens
-regular files only, and `read_bounded` reads at most a given number of bytes. `write_new` never writes through
-something that exists. The type is checked before opening, because opening has effects, and after it, because a
-name may change between a check and its use.
+opening never returns, a device without an end, or a file larger than the memory. `open_regular` opens regular files
+only, and `read_bounded` reads at most a given number of bytes. `write_new` never writes through something that
+exists, and `replace_file` never leaves a part of a file. The type is checked before opening, because opening has
+effects, and after it, because a name may change between a check and its use.
 """
 
 from __future__ import annotations
@@ -72,6 +72,26 @@ def read_at_most(file: BinaryIO, limit: int) -> bytes:
         if size > limit:
             raise OSError(errno.EFBIG, f"it is larger than {limit:,} bytes")
     return b"".join(pieces)
+
+
+def replace_file(path: str | Path, data: bytes) -> None:
+    """Write a file beside its place and give it its name when it is complete.
+
+    What is no regular file is written as it is, and so is a file in a directory that takes no other.
+
+    Raises
+    ------
+    OSError : it cannot be written; then the file is as before.
+    """
+    target = Path(os.path.realpath(path))
+    if (target.exists() and not target.is_file()) or not os.access(target.parent, os.W_OK):
+        target.write_bytes(data)
+        return
+    new = target.with_name(f".{target.name}.{os.getpid()}.new")
+    write_new(new, data)
+    if target.exists():
+        new.chmod(stat.S_IMODE(target.stat().st_mode))
+    os.replace(new, target)
 
 
 def write_new(path: Path, data: bytes) -> None:

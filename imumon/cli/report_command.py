@@ -24,6 +24,7 @@ from imumon.cli.replay_command import (
     replay_options,
     replayed,
 )
+from imumon.files import replace_file
 
 REPORT_CURE = "make one with imumon report --format json"
 
@@ -95,7 +96,7 @@ def report(arguments: argparse.Namespace) -> int:
         sys.stdout.buffer.write(data)
         return SUCCESS
     try:
-        Path(arguments.output).write_bytes(data)
+        replace_file(arguments.output, data)
     except OSError as error:
         message = f"cannot write {arguments.output}: {_reason(error)}"
         raise CommandError("output_not_writable", message, "name another file with -o") from None

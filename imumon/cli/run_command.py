@@ -222,6 +222,8 @@ def _run_daemon(
         raise CommandError("no_device_in_time", message, "give a longer --duration", NOT_REACHED)
     if result.report is not None and (arguments.duration or arguments.json or result.ended):
         print_report(result.report, arguments.json, run_options.baseline)
+    if result.unsaved is not None:
+        raise CommandError("state_not_saved", "the state is not saved", result.unsaved)
     return INTERRUPTED if result.signal == signal.SIGINT else SUCCESS
 
 

@@ -96,7 +96,8 @@ class Daemon:
                     self._handle(self._reader.get(WAIT_S))
                     self._do_duties(time.monotonic())
                 ended = self._reader.ended
-                return RunResult(self._finish(), self._shutdown.signal, ended)
+                final = self._finish()
+                return RunResult(final, self._shutdown.signal, ended, self._record.unsaved())
             except BaseException:
                 self._abort()
                 raise

@@ -184,6 +184,11 @@ class KeptRecord:
         for about_history in self.history.problems():
             yield "history", *about_history
 
+    def unsaved(self) -> str | None:
+        """Return why the last state could not be saved; None if it was, or if there is none to keep."""
+        kept = self.persistence if self.monitor.samples and not self._options.temporary else None
+        return None if kept is None else kept.failed
+
     def end_text(self) -> str:
         """Return what the run leaves behind, for the log."""
         samples = self.monitor.samples

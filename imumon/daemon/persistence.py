@@ -64,6 +64,11 @@ class Persistence:
         self.fed_s: float | None = None
 
     @property
+    def failed(self) -> str | None:
+        """Why the last save failed, with the cure; None if it did not."""
+        return self._checkpoint.failed
+
+    @property
     def path(self) -> Path | None:
         """File of the state; None if the last save failed."""
         return None if self._checkpoint.failed else self._checkpoint.path

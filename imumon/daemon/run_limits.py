@@ -67,11 +67,13 @@ class RunResult:
     report : the final one; None if no device was ever there.
     signal : that ended it; None: none did.
     ended : the stream of the device was complete.
+    unsaved : why the last state is not saved; None: it is, or there is none.
     """
 
     report: Report | None
     signal: int | None
     ended: bool
+    unsaved: str | None = None
 
 
 class Shutdown:

@@ -190,7 +190,12 @@ class CaptureWriter:
 
     def _stop(self, why: str) -> None:
         if self.stopped is None:
-            self.stopped = f"recording to {self.path} has ended: {why}; {self.written_bytes} bytes are kept"
+            kept = ""
+            with contextlib.suppress(
+                OSError, ValueError
+            ):  # what a full disk took of the last bytes counts, too
+                kept = f"; the file has {os.fstat(self._file.fileno()).st_size:,} bytes"
+            self.stopped = f"recording to {self.path} has ended: {why}{kept}"
 
 
 def _open_pipe(path: str) -> BinaryIO:

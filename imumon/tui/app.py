@@ -19,6 +19,7 @@ from textual.containers import Container
 from textual.events import Click
 from textual.screen import Screen
 
+from imumon.files import replace_file
 from imumon.messages import matching
 from imumon.report import Report
 from imumon.samples import sensor_of
@@ -372,7 +373,7 @@ class ImumonApp(App[int]):
             if self.is_web:  # nothing is written here: the browser saves it
                 self.deliver_text(io.StringIO(content), save_filename=target.name, open_method="download")
                 return
-            target.write_text(content, encoding="utf-8")
+            replace_file(target, content.encode())
             saved = export.convert_to_png(target) if form == "png" else target
             hint = "" if saved else " (no converter to PNG: apt install librsvg2-bin)"
             files = f"{target} and {saved.name}" if saved not in (None, target) else target
