@@ -23,6 +23,7 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   timebase/      sample clock: which tick each sample belongs to
   filter_report.py  parameters for Kalman filters, as a message
   history_report.py  one period of the history, as a message
+  column_names.py  quantity, axis and unit in the name of a column
   alarms.py      what of a report is too much, with its limit
   report.py      published data model; standard library only
   report_json.py  JSON of its messages, with bounds for what comes from outside

@@ -3,7 +3,11 @@
 base           the contract: Device, DeviceDriver and what other packages need of a device
 registry       URL scheme to driver, by entry points
 device_reader  one device in a thread of its own, its items in one bounded queue
-serial_port    serial ports and pyserial URLs
+conformance    the contract as tests, for pytest
+port_device    what sensors on serial lines share
+serial_port    serial ports, pyserial URLs, UDP and standard input
 linux_tty      what the kernel knows of a serial port
 vn100          the VectorNav VN-100
+ros2           IMU topics of ROS 2
+lines          any sensor that prints numbers
 """

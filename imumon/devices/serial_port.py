@@ -1,4 +1,4 @@
-"""Serial port: bytes from and to a serial device or a pyserial URL.
+"""Serial port: bytes from and to a serial device or a pyserial URL; also from standard input and UDP.
 
 Reading must never stall: a Linux tty holds 4 kB, which is 44 ms at 921600 baud. So one thread drains the port
 into a bounded queue and does nothing else; bytes that do not fit are dropped and counted. This is the only
@@ -15,7 +15,9 @@ import io
 import os
 import re
 import select
+import socket
 import stat
+import sys
 import termios
 import threading
 import time
@@ -28,7 +30,7 @@ import serial as _pyserial
 import serial.tools.list_ports
 
 from imumon.devices import linux_tty
-from imumon.devices.base import DeviceError, DeviceLost, DeviceNotFound
+from imumon.devices.base import DeviceEnded, DeviceError, DeviceLost, DeviceNotFound
 
 pyserial: Any = _pyserial  # it has no types
 
@@ -42,8 +44,12 @@ COLLECT_S = 0.05
 """s for which the reader collects bytes otherwise, to save wake-ups; less than a tty holds at any baud rate."""
 COLLECT_BYTES = 2048
 """Bytes from which the reader does not wait: half of what a tty holds."""
-READ_BYTES = 1 << 14
-"""Bytes of one read from the port: four times what a tty holds."""
+READ_BYTES = 1 << 16
+"""Bytes of one read from the port: more than a tty holds, and the longest datagram."""
+DATAGRAM_BYTES = 1 << 22
+"""Bytes of datagrams for which the kernel is asked, in case the reader is late; it may give less."""
+STANDARD_INPUT = "-"
+"""Path of standard input."""
 PIECE_BYTES = 1 << 16
 """Bytes that `SerialPort.read` returns at most: after a stall there may be megabytes."""
 
@@ -96,11 +102,13 @@ class SerialPort:
 
     Parameters
     ----------
-    path : device path, or any pyserial URL (``socket://host:port``, ``rfc2217://host:port``).
+    path : device path, or any pyserial URL (``socket://host:port``, ``rfc2217://host:port``); to read only also ``-``,
+        standard input, and ``udp://host:port``, datagrams that arrive there, each a line or more.
     baud : bit/s.
     queue_bytes : size of the queue; what does not fit is dropped and counted.
     lossless : stop draining while the queue is full, so that the other end waits: for an emulator in
-        time-lapse, never for a sensor.
+        time-lapse or a pipe, never for a sensor.
+    mark : bytes put where others were dropped.
 
     Attributes
     ----------
@@ -114,16 +122,23 @@ class SerialPort:
     """
 
     def __init__(
-        self, path: str, baud: int = 115200, *, queue_bytes: int = QUEUE_BYTES, lossless: bool = False
+        self,
+        path: str,
+        baud: int = 115200,
+        *,
+        queue_bytes: int = QUEUE_BYTES,
+        lossless: bool = False,
+        mark: bytes = b"",
     ) -> None:
         self.name = path
         self.received_bytes = self.dropped_bytes = self.most_queued = 0
-        self._baud, self._limit, self._lossless = baud, queue_bytes, lossless
+        self._baud, self._limit, self._lossless, self._mark = baud, queue_bytes, lossless, mark
         self._queue: deque[bytes] = deque()
         self._queued = self._episodes = 0
         self._changed = threading.Condition()
         self._kernel_before: int | None = None
-        self._loss: tuple[str, str, str] | None = None
+        self._loss: DeviceLost | None = None
+        self._serial: Any = None
         self._fd: int | None = None
         self._open()
 
@@ -135,7 +150,7 @@ class SerialPort:
     @property
     def fixed_baud(self) -> bool:
         """Whether the baud rate has no effect, as on a bare TCP socket."""
-        return self.name.startswith("socket://")
+        return self.name.startswith(("socket://", "udp://")) or self.name == STANDARD_INPUT
 
     @property
     def gone(self) -> bool:
@@ -164,12 +179,13 @@ class SerialPort:
         Raises
         ------
         DeviceLost : nothing is queued and nothing will arrive.
+        DeviceEnded : so it is, and that is the end of standard input.
         """
         with self._changed:
             if not self._queue and self._loss is None:
                 self._changed.wait(timeout)
             if not self._queue and self._loss is not None:
-                raise DeviceLost(*self._loss)
+                raise self._loss
             piece, size = [], 0
             while self._queue and size < PIECE_BYTES:
                 piece.append(self._queue.popleft())
@@ -186,7 +202,7 @@ class SerialPort:
         DeviceLost : the port has vanished or takes no bytes.
         """
         if self._loss is not None:
-            raise DeviceLost(*self._loss)
+            raise self._loss
         self._dialogue_until = time.monotonic() + DIALOGUE_S
         try:
             self._serial.write(data)
@@ -253,14 +269,21 @@ class SerialPort:
         self.close()
 
     def _open(self) -> None:
-        self._serial = (_open_url if "://" in self.name else _open_tty)(self.name, self._baud)
+        udp = self.name.startswith("udp://")
+        self._datagrams = _open_udp(self.name) if udp else None
+        if self.name == STANDARD_INPUT and sys.stdin is None:
+            raise DeviceNotFound("input_closed", "standard input is closed", "give it a file or a pipe")
+        if self._datagrams is not None or self.name == STANDARD_INPUT:
+            self._serial = _Descriptor(self._datagrams)
+        else:
+            self._serial = (_open_url if "://" in self.name else _open_tty)(self.name, self._baud)
         self._fd = None
         with contextlib.suppress(io.UnsupportedOperation, AttributeError):
             self._fd = self._serial.fileno()
         self._closing, self._loss, self._dropping, self._empty = False, None, False, 0
         try:
             self._kernel_start = linux_tty.overruns(self._fd) or 0
-            if not self.set_baud(self._baud):
+            if not self.fixed_baud and not self.set_baud(self._baud):
                 text = f"the adapter of {self.name} cannot do {self._baud} baud"
                 raise DeviceError("baud_unsupported", text, "choose another --baud")
         except DeviceLost as error:
@@ -293,10 +316,14 @@ class SerialPort:
         if not select.select([self._fd], [], [], POLL_S)[0]:
             self._empty = 0
             return b""
+        if self._datagrams is not None:
+            return _received(self._datagrams)
         try:
             data = os.read(self._fd, READ_BYTES)
         except (BlockingIOError, InterruptedError):
             return b""
+        if not data and self.name == STANDARD_INPUT:
+            raise EOFError
         # Ready without data: Linux shows an unplugged adapter so, or a flush between the two calls.
         self._empty = 0 if data else self._empty + 1
         if not data and (self.fixed_baud or self._empty > 100 or linux_tty.hung_up(self._fd)):
@@ -313,6 +340,8 @@ class SerialPort:
                 self.dropped_bytes += len(data)
                 self._episodes += not dropped_before
                 return
+            if dropped_before:
+                data = self._mark + data
             self._queue.append(data)
             self._queued += len(data)
             self.most_queued = max(self.most_queued, self._queued)
@@ -326,18 +355,73 @@ class SerialPort:
 
         pyserial raises `SerialException` without a number if a port is ready to read and has no data: unplugged.
         """
+        if isinstance(error, EOFError):
+            ended = DeviceEnded("input_ended", "standard input has ended", "give it more to read")
+            return self._note_loss(ended)
         number = next((arg for arg in error.args if isinstance(arg, int)), None)
         unplugged = isinstance(error, pyserial.SerialException) and number is None
         if unplugged or number in (errno.EIO, errno.ENXIO, errno.ENODEV):
             why = "unplugged or hung up"
         else:
             why = (os.strerror(number) if number else str(error)).lower()
-        loss = "device_lost", f"{self.name} is gone ({why})", "plug it in again"
+        lost = DeviceLost("device_lost", f"{self.name} is gone ({why})", "plug it in again")
+        return self._note_loss(lost)
+
+    def _note_loss(self, lost: DeviceLost) -> DeviceLost:
         with self._changed:
             if self._loss is None and not self._closing:
-                self._loss = loss
+                self._loss = lost
             self._changed.notify_all()
-        return DeviceLost(*loss)
+        return lost
+
+
+class _Descriptor:
+    """Standard input, or a socket, in the place of a port of pyserial."""
+
+    def __init__(self, datagrams: socket.socket | None) -> None:
+        self._socket = datagrams
+
+    def fileno(self) -> int:
+        return 0 if self._socket is None else self._socket.fileno()
+
+    def write(self, data: bytes) -> None:
+        raise OSError(errno.EBADF, "it can only be read")
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+
+
+def _open_udp(url: str) -> socket.socket:
+    """Return a socket that receives the datagrams of a URL; without a host, those of this machine."""
+    match = re.fullmatch(r"udp://(?:\[([^]]+)\]|([^/:]*)):(\d+)/?", url)
+    if match is None or not 0 < int(match[3]) < 1 << 16:
+        raise DeviceNotFound(
+            "port_url_invalid", f"cannot open {url}", "write udp://:PORT or udp://ADDRESS:PORT"
+        )
+    address = (match[1] or match[2] or "127.0.0.1", int(match[3]))
+    opened = socket.socket(socket.AF_INET6 if match[1] else socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, DATAGRAM_BYTES)
+        opened.bind(address)
+        opened.setblocking(False)
+    except OSError as error:
+        opened.close()
+        text = f"cannot open {url} ({error})"
+        cure = "name an address of this machine and a port that no other program has"
+        raise DeviceNotFound("port_url_unreachable", text, cure) from None
+    return opened
+
+
+def _received(datagrams: socket.socket) -> bytes:
+    """Return the datagrams that have arrived, each with an end of line: one is lost as a whole or not at all."""
+    pieces, size = list[bytes](), 0
+    with contextlib.suppress(BlockingIOError, InterruptedError):
+        while size < READ_BYTES:
+            data = datagrams.recv(READ_BYTES)
+            pieces.append(data if data.endswith(b"\n") else data + b"\n")
+            size += len(pieces[-1])
+    return b"".join(pieces)
 
 
 def _open_url(url: str, baud: int) -> Any:

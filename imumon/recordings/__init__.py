@@ -11,7 +11,6 @@ log_file          topics of bags and of logs of autopilots
 log_process       program that reads them, with limits
 table             rows of numbers as samples
 columns           columns of a table that form a stream
-column_names      quantity, axis and unit in the name of a column
 unit_inference    possible units of the numbers of a column
 """
 

@@ -12,8 +12,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from imumon.recordings.base import OptionError, RecordingError
-from imumon.recordings.column_names import (
+from imumon.column_names import (
     NANOSECONDS,
     SENSOR_WORDS,
     UNITS,
@@ -23,6 +22,7 @@ from imumon.recordings.column_names import (
     unit_of,
     words_of,
 )
+from imumon.recordings.base import OptionError, RecordingError
 from imumon.samples import ACCEL, AXES, GYRO, MAG, Kind, sensor_of
 
 KINDS: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from imumon.column_names import UNITS, unit_of
 from imumon.recordings.base import HEAD_LINES, LONGEST_LINE, ReadOptions, RecordingError
-from imumon.recordings.column_names import UNITS, unit_of
 from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout
 from imumon.recordings.csv_rows import (
     MISSING,

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.lib import format as npy
 
+from imumon.column_names import parse_name
 from imumon.errors import ImumonError
 from imumon.files import open_regular
 from imumon.recordings.base import ReadOptions, RecordingError
-from imumon.recordings.column_names import parse_name
 from imumon.recordings.columns import SENSORS, layout
 from imumon.recordings.raw_capture import ACCESS
 from imumon.recordings.table import ROWS, Table, TableRows

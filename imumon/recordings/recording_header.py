@@ -13,8 +13,8 @@ from typing import Any
 
 from imumon.report import plain, stamp
 
-MAX_CHARACTERS = 200
-"""Characters of a text that are kept."""
+MAX_CHARACTERS = 500
+"""Characters of a text that are kept: names of columns have the most."""
 
 
 def read_header(line: bytes) -> dict[str, Any] | None:

@@ -15,9 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from imumon.column_names import Column, parse_name
 from imumon.devices.base import RawDecoder, sample_blocks
 from imumon.recordings.base import HEAD_BYTES, HEAD_LINES, LONGEST_LINE, ReadOptions, RecordingError
-from imumon.recordings.column_names import Column, parse_name
 from imumon.recordings.columns import ColumnLayout
 from imumon.recordings.csv_rows import DateReader, decoded, separator_of, split
 from imumon.recordings.raw_capture import RawCapture

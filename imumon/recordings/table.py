@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from imumon.column_names import UNITS, Column
 from imumon.errors import RateRequired
 from imumon.recordings.base import Recording, RecordingError
-from imumon.recordings.column_names import UNITS, Column
 from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
 from imumon.recordings.row_selection import OwnRows, RowOrder
 from imumon.recordings.unit_inference import check_magnitudes, time_unit, unit_remarks

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from imumon.column_names import UNITS, Column
 from imumon.recordings.base import RecordingError
-from imumon.recordings.column_names import UNITS, Column
 from imumon.recordings.columns import ColumnLayout, channel_of, without_unit
 from imumon.samples import Floats
 from imumon.timebase.timestamps import typical_step

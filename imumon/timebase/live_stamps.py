@@ -23,7 +23,14 @@ import numpy as np
 from imumon.samples import FASTEST_HZ, SLOWEST_HZ, Floats, Ints
 from imumon.timebase.interval import NOMINAL_SHARE
 from imumon.timebase.late_stamps import LateStamps
-from imumon.timebase.timestamps import AHEAD_S, LONG_WINDOW, HostStamps, rate_obstacle, stamp_interval
+from imumon.timebase.timestamps import (
+    AHEAD_S,
+    COARSE_STEPS,
+    LONG_WINDOW,
+    HostStamps,
+    rate_obstacle,
+    stamp_interval,
+)
 
 FIRST_ROWS = 128
 """Rows whose stamps are assessed first; the number doubles while they are uneven."""
@@ -50,6 +57,7 @@ wrong, or the clock was set."""
 WRONG_STAMPS = 8
 """Such stamps in a row after which the clock was set."""
 
+COARSE = "its time stamps are too coarse for its rate: only their mean rate is used"
 UNEVEN = "its time stamps are late or in batches, as those of a host: only their mean rate is used"
 ROUGH_LOSSES = ", and single missing samples cannot be detected"
 MISSING = "its header.stamp is not set: the time of publication is used"
@@ -68,13 +76,18 @@ class RowColumn(IntEnum):
 class LiveStamps:
     """Times of samples, from their stamps.
 
+    Parameters
+    ----------
+    resolution : ns to which the stamps are rounded; 0: to much less than their steps.
+
     Attributes
     ----------
     remark : what is wrong with the stamps, one line; None: nothing, or not decided yet.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, resolution: float = 0.0) -> None:
         self.remark: str | None = None
+        self._resolution = resolution
         self._steady: bool | None = None  # None: undecided
         self._used = RowColumn.STAMPS  # column of the times that are used
         self._waiting = np.empty((0, 4), np.int64)  # not decided
@@ -129,18 +142,18 @@ class LiveStamps:
             return
         self._next_rows = max(self._next_rows, 2 * count)
         stamps = self._waiting[:, RowColumn.STAMPS]
-        found = _interval(stamps)
+        found = self._interval_of(stamps)
         if not due and not (found is not None and found[1]):
             return
         times = (RowColumn.STAMPS, RowColumn.PUBLISHED, RowColumn.ARRIVED)
-        usable = [each for each in times if _interval(self._waiting[:, each]) is not None]
+        usable = [each for each in times if self._interval_of(self._waiting[:, each]) is not None]
         self._used = usable[0] if usable else RowColumn.STAMPS
         self._origin = int(self._waiting[0, self._used])
         self._begin_grid(self._waiting[:, self._used])
 
     def _begin_grid(self, times: Ints) -> None:
         """Use stamps like (n,) `times` as they are, or begin an even grid for them."""
-        found = _interval(times)
+        found = self._interval_of(times)
         self._steady = found is None or (found[1] and self._used == RowColumn.STAMPS)
         self.remark = {RowColumn.STAMPS: None, RowColumn.PUBLISHED: MISSING, RowColumn.ARRIVED: UNUSABLE}[
             self._used
@@ -155,7 +168,8 @@ class LiveStamps:
         self._host = HostStamps((times - self._origin).astype(np.float64), self._interval)
         self._lost, self._lost_before = 0, np.empty(0, np.int64)
         if self._used == RowColumn.STAMPS:
-            self.remark = UNEVEN + (ROUGH_LOSSES if self._host.rough else "")
+            coarse = self._interval <= COARSE_STEPS * self._resolution
+            self.remark = (COARSE if coarse else UNEVEN) + (ROUGH_LOSSES if self._host.rough else "")
 
     def _contradicting(self, rows: Ints) -> Ints | None:
         """Return the last stamps if they contradict the decision for the second time in a row."""
@@ -163,7 +177,7 @@ class LiveStamps:
         if len(self._recent) < CHECK_ROWS:
             return None
         recent, self._recent = self._recent, self._recent[:0]
-        found = _interval(recent)
+        found = self._interval_of(recent)
         if found is None:
             return None
         interval, steady = found
@@ -239,9 +253,10 @@ class LiveStamps:
             times[k] = stamp - self._origin
         return times
 
-
-def _interval(stamps: Ints) -> tuple[float, bool] | None:
-    """Return the interval of stamps, ns, and whether they are those of a sample clock; None: they show none."""
-    relative = (stamps - stamps[0]).astype(np.float64)
-    found = None if rate_obstacle(relative) is not None else stamp_interval(relative)
-    return found if found is not None and SLOWEST_HZ <= 1e9 / found[0] <= FASTEST_HZ else None
+    def _interval_of(self, stamps: Ints) -> tuple[float, bool] | None:
+        """Return the interval of stamps, ns, and whether they are those of a sample clock; None: they show none."""
+        relative = (stamps - stamps[0]).astype(np.float64)
+        if rate_obstacle(relative) is not None:
+            return None
+        found = stamp_interval(relative, self._resolution)
+        return found if SLOWEST_HZ <= 1e9 / found[0] <= FASTEST_HZ else None

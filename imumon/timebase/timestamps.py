@@ -42,6 +42,9 @@ BURST_GAPS = 3
 LOSS_DOUBTED = 0.01
 """Share of lost samples above which an estimate without losses is tried as well."""
 
+COARSE_STEPS = 4.0
+"""Resolutions of a stamp below which its steps do not show an interval: half of one is an eighth of it."""
+
 AHEAD_S = 1.0
 """s. A stall that is made up for within this time is a delay; a longer one counts as lost samples."""
 
@@ -97,12 +100,13 @@ def rate_obstacle(times: Floats) -> RateObstacle | None:
     return "time_too_coarse" if 2 * forward < len(steps) and forward < FEW_STEPS else None
 
 
-def stamp_interval(times: Floats) -> tuple[float, bool]:
+def stamp_interval(times: Floats, resolution: float = 0.0) -> tuple[float, bool]:
     """Return the sampling interval, and whether the stamps are those of a sample clock.
 
     Parameters
     ----------
     times : (n,) ns, at least two that differ.
+    resolution : ns to which they are rounded; 0: to much less than their steps.
 
     Returns
     -------
@@ -114,7 +118,8 @@ def stamp_interval(times: Floats) -> tuple[float, bool]:
     interval = float(ahead[ahead < (1.0 + SINGLE_EXCESS) * shortest].mean())
     counts = steps / interval
     steady = float(np.mean((np.abs(counts - np.rint(counts)) < WHOLE) & (counts > 0.5))) >= STEADY_SHARE
-    if steady and not _in_bursts(counts):
+    fine = interval > COARSE_STEPS * resolution
+    if steady and fine and not _in_bursts(counts):
         return _near_hertz(_refined(times, interval, 1)), True
     candidates = []
     for window in {min(window, len(times) - 1) for window in (SHORT_WINDOW, LONG_WINDOW)}:

@@ -22,7 +22,7 @@ import pytest
 
 from imumon.checkpoint import FILE_BYTES, FORMAT, Checkpoint, SavedState, StateError, decode, encode
 from imumon.daemon.persistence import Persistence
-from imumon.devices.vn100.vn100_device import _saved_settings
+from imumon.devices.port_device import _saved_settings
 from imumon.pipeline import Monitor
 from imumon.report import DeviceDescription, SessionCounters, to_json
 from imumon.samples import DeviceInfo, SampleBlock, Stream

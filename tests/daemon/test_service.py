@@ -28,8 +28,7 @@ from imumon.devices.base import DeviceLost, DeviceNotFound, DeviceOptions
 from imumon.devices.device_reader import Items
 from imumon.devices.serial_port import PortInfo
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.devices.vn100.vn100_device import Vn100Device
-from imumon.devices.vn100.vn100_session import Vn100Session
+from imumon.devices.vn100.vn100_session import Vn100Device, Vn100Session
 from imumon.samples import DeviceInfo, RawBytes
 
 UNIT = ROOT / "systemd" / "imumon@.service"
@@ -144,7 +143,7 @@ def test_ready_comes_with_the_first_waiting(tmp_path: Path) -> None:
 def test_ready_comes_without_any_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     manager = NotifySocket(tmp_path)
     monkeypatch.setenv("NOTIFY_SOCKET", str(manager.path))
-    monkeypatch.setattr("imumon.devices.vn100.vn100_device.find_ports", list)
+    monkeypatch.setattr("imumon.devices.port_device.find_ports", list)
     outcome = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path, duration_s=0.3)).run()
     assert outcome.report is None
     assert manager.until("READY=1") < manager.until("STATUS=waiting: no serial port on this machine")
@@ -223,7 +222,7 @@ def searching(monkeypatch: pytest.MonkeyPatch, lost: str = "") -> Vn100Device:
     """A device that searches two ports; the one named `lost` vanishes meanwhile."""
     device = Vn100Device(DeviceOptions(url="", settings=Settings().device))
     ports = [PortInfo("/a", ""), PortInfo("/b", "")]
-    monkeypatch.setattr("imumon.devices.vn100.vn100_device.find_ports", lambda: ports)
+    monkeypatch.setattr("imumon.devices.port_device.find_ports", lambda: ports)
 
     def opened(path: str) -> DeviceInfo:
         if path == lost:

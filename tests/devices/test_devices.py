@@ -10,10 +10,9 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Callable, Iterator
-from contextlib import suppress
-from dataclasses import dataclass
-from datetime import UTC, datetime
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.metadata import distribution
 from pathlib import Path
 
 import numpy as np
@@ -21,178 +20,108 @@ import pytest
 import ros2_actors
 from daemons import free_endpoint
 from fake_device import RATE_HZ, FakeDriver, install_fake
+from line_sender import LineSender
 from paths import ROOT
 from waiting import until
 
-from imumon.config import Settings
 from imumon.devices import registry
 from imumon.devices.base import (
     Device,
-    DeviceDriver,
     DeviceEnded,
     DeviceError,
     DeviceLost,
-    DeviceNotFound,
     DeviceOptions,
     Interrupted,
+    sample_blocks,
 )
-from imumon.devices.device_reader import DeviceReader, Disconnected, EndOfStream, Items, Opened, Started
+from imumon.devices.conformance import Bench, DeviceConformance, read_for
+from imumon.devices.device_reader import DeviceReader, EndOfStream, Items, Opened, Started
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.pipeline import Monitor
-from imumon.report import DeviceDescription, SessionCounters
-from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, SampleBlock
+from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item
 
 
-@dataclass
-class Bench:
-    """A device that can be unplugged."""
+class TestConformance(DeviceConformance):
+    """Every device of the trunk, and the fake."""
 
-    driver: DeviceDriver
-    url: str
-    missing_url: str
-    unplug: Callable[[], object]
-    replug: Callable[[], object]
-    lose_samples: Callable[[], object]
-    state: Path
-
-    def device(self, url: str | None = None) -> Device:
-        options = DeviceOptions(url=url or self.url, settings=Settings().device, state_directory=self.state)
-        return self.driver.create(options)
+    @pytest.fixture(params=["vn100", "ros2", "fake", "lines over pty", "lines over tcp", "lines over udp"])
+    def bench(self, request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
+        scheme, _, transport = request.param.partition(" over ")
+        with {"vn100": vn100, "ros2": ros2, "fake": fake, "lines": lines}[scheme](
+            tmp_path, transport
+        ) as made:
+            yield made
 
 
-@pytest.fixture(params=["vn100", "ros2", "fake"])
-def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
-    """Every registered device, and the fake."""
-    path = tmp_path / "device"
-    if request.param == "fake":
-        path.touch()
-        url, missing = f"fake:{path}", f"fake:{tmp_path / 'missing'}"
-        yield Bench(FakeDriver(), url, missing, path.unlink, path.touch, lambda: None, tmp_path)
-        return
-    if request.param == "ros2":
-        endpoint = ros2_actors.free_router()
-        with (
-            ros2_actors.router(endpoint),
-            ros2_actors.publisher(endpoint, "/imu/data", 200.0) as driver,
-        ):
-            yield Bench(
-                registry.driver("ros2"),
-                f"ros2:/imu/data?router={endpoint}",
-                f"ros2:/missing?router={endpoint}",
-                lambda: driver.ask("unplug"),
-                lambda: driver.ask("replug"),
-                lambda: driver.ask("hide 9"),
-                tmp_path,
-            )
-        return
-    with spawn(EmulatorSettings(seed=1, link=str(path))) as sensor:
+@contextmanager
+def fake(directory: Path, _: str) -> Iterator[Bench]:
+    path = directory / "device"
+    path.touch()
+    yield Bench(
+        driver=FakeDriver(), url=f"fake:{path}", missing_url=f"fake:{directory / 'missing'}", state=directory,
+        unplug=path.unlink, replug=path.touch, lose_samples=lambda: None,
+    )  # fmt: skip
 
-        def ask(command: str) -> Callable[[], object]:
-            return lambda: sensor.ask(command)
 
+@contextmanager
+def ros2(directory: Path, _: str) -> Iterator[Bench]:
+    endpoint = ros2_actors.free_router()
+    with ros2_actors.router(endpoint), ros2_actors.publisher(endpoint, "/imu/data", 200.0) as driver:
         yield Bench(
-            registry.driver("vn100"),
-            str(path),
-            str(tmp_path / "missing"),
-            ask("unplug"),
-            ask("replug"),
-            ask("fault drop=0.05"),
-            tmp_path,
-        )
+            driver=registry.driver("ros2"), state=directory,
+            url=f"ros2:/imu/data?router={endpoint}", missing_url=f"ros2:/missing?router={endpoint}",
+            unplug=lambda: driver.ask("unplug"), replug=lambda: driver.ask("replug"),
+            lose_samples=lambda: driver.ask("hide 9"),
+        )  # fmt: skip
 
 
-def identified(bench: Bench, device: Device) -> DeviceInfo:
-    """Open a device; a VN-100 again if it was too slow to say its serial number, as on a busy machine."""
-    info = device.open()
-    for _ in range(3 if bench.driver.scheme == "vn100" else 0):
-        if info.serial is not None:
-            break
-        device.close()
+class Vn100Bench(Bench):
+    def opened(self, device: Device) -> DeviceInfo:
+        """Open a VN-100; again if it was too slow to say its serial number, as on a busy machine."""
         info = device.open()
-    return info
+        for _ in range(3):
+            if info.serial is not None:
+                break
+            device.close()
+            info = device.open()
+        return info
 
 
-def test_every_registered_device_has_a_bench() -> None:
-    assert set(registry.schemes()) == {"vn100", "ros2"}
+@contextmanager
+def vn100(directory: Path, _: str) -> Iterator[Bench]:
+    path = directory / "device"
+    with spawn(EmulatorSettings(seed=1, link=str(path))) as sensor:
+        yield Vn100Bench(
+            driver=registry.driver("vn100"), state=directory,
+            url=str(path), missing_url=str(directory / "missing"),
+            unplug=lambda: sensor.ask("unplug"), replug=lambda: sensor.ask("replug"),
+            lose_samples=lambda: sensor.ask("fault drop=0.05"),
+        )  # fmt: skip
 
 
-def read_for(device: Device, seconds: float, enough: int = 10**9) -> list[Item]:
-    items: list[Item] = []
-    end = time.monotonic() + seconds
-    while time.monotonic() < end and sum(map(len, blocks(items))) < enough:
-        items += device.read(0.1)
-    return items
+@contextmanager
+def lines(directory: Path, transport: str) -> Iterator[Bench]:
+    sender = LineSender(transport, directory)  # type: ignore[arg-type]
+    missing = {
+        "pty": "lines:/dev/missing",
+        "tcp": "lines:tcp://127.0.0.1:1",
+        "udp": "lines:udp://192.0.2.1:4000",
+    }
+    lost = transport != "udp"  # a socket for datagrams does not see that their sender is gone
+    try:
+        yield Bench(
+            driver=registry.driver("lines"), state=directory, url=sender.url, missing_url=missing[transport],
+            unplug=sender.unplug if lost else None, replug=sender.replug if lost else None,
+            lose_samples=sender.lose_samples,
+        )  # fmt: skip
+    finally:
+        sender.close()
 
 
-def blocks(items: list[Item]) -> list[SampleBlock]:
-    return [item for item in items if isinstance(item, SampleBlock)]
-
-
-def test_it_opens_identifies_itself_and_streams(bench: Bench) -> None:
-    device = bench.device()
-    info = identified(bench, device)
-    assert info.id
-    assert info.port
-    assert device.start().id == info.id
-    items = read_for(device, 30.0, enough=100)
-    for block in blocks(items):
-        assert block.values.shape == (len(block), len(block.stream.channels))
-        assert np.isfinite(block.values).all()
-        assert block.lost.shape == (len(block),)
-        assert block.stream.clock == "none" or block.time_ns is not None
-    assert sum(map(len, blocks(items))) >= 100
-    assert device.info().id == info.id
-    assert device.restore()
-    device.close()
-    device.close()
-
-
-def test_reading_works_without_start(bench: Bench) -> None:
-    """`imumon doctor` changes nothing."""
-    device = bench.device()
-    device.open()
-    assert read_for(device, 30.0, enough=1)
-    device.close()
-
-
-def test_a_device_that_is_not_there_is_an_error_with_a_cure(bench: Bench) -> None:
-    device = bench.device(bench.missing_url)
-    with pytest.raises(DeviceNotFound) as missing:
-        device.open()
-    assert missing.value.code
-    assert missing.value.cure
-    device.close()
-
-
-def test_lost_samples_show_in_the_clock(bench: Bench) -> None:
-    device = bench.device()
-    device.open()
-    device.start()
-    items = read_for(device, 30.0, enough=50)
-    bench.lose_samples()
-    monitor = Monitor()
-    for block in blocks(items):
-        monitor.feed(block)
-    end = time.monotonic() + 30.0
-    while session_of(monitor).missing == 0 and time.monotonic() < end:
-        some = device.read(0.1)
-        items += some
-        for block in blocks(some):
-            monitor.feed(block)
-    monitor.flush()
-    made = session_of(monitor)
-    assert made.missing > 0
-    assert made.samples == sum(map(len, blocks(items)))
-    rate = monitor.sample_rate_hz
-    assert rate is not None
-    assert round(made.elapsed_s * rate) == made.samples + made.missing
-    device.restore()
-    device.close()
-
-
-def session_of(monitor: Monitor) -> SessionCounters:
-    made = monitor.report(datetime.now(UTC), DeviceDescription(id="x"), "running", SessionCounters())
-    return made.session
+def test_every_device_of_this_distribution_is_registered_and_has_a_bench() -> None:
+    points = distribution("imumon").entry_points.select(group=registry.GROUP)
+    assert {point.name for point in points} == {"vn100", "ros2", "lines"}
+    assert set(registry.schemes()) >= {"vn100", "ros2", "lines"}
 
 
 def test_the_rate_of_the_fake_is_its_own(tmp_path: Path) -> None:
@@ -200,95 +129,9 @@ def test_the_rate_of_the_fake_is_its_own(tmp_path: Path) -> None:
     device = FakeDriver().create(DeviceOptions(url=f"fake:{tmp_path / 'device'}"))
     device.open()
     monitor = Monitor()
-    for block in blocks(read_for(device, 4.0)):
+    for block in sample_blocks(read_for(device, 4.0)):
         monitor.feed(block)
     assert monitor.sample_rate_hz == pytest.approx(RATE_HZ, rel=2e-3)
-
-
-def test_a_lost_device_is_an_error_and_comes_back_as_the_same(bench: Bench) -> None:
-    device = bench.device()
-    info = identified(bench, device)
-    device.start()
-    read_for(device, 30.0, enough=20)
-    before = device.counters
-    bench.unplug()
-    with pytest.raises(DeviceLost):
-        read_for(device, 30.0)
-    device.close()
-    with pytest.raises(DeviceError):
-        device.open()
-    bench.replug()
-    assert identified(bench, device).id == info.id
-    device.start()
-    assert blocks(read_for(device, 30.0, enough=20))
-    assert device.counters.received_bytes >= before.received_bytes
-    device.restore()
-    device.close()
-
-
-def test_an_interrupt_ends_a_wait(bench: Bench) -> None:
-    device = bench.device()
-    device.open()
-    device.start()
-    device.interrupt()
-    begin = time.monotonic()
-    with pytest.raises(Interrupted):
-        read_for(device, 60.0)
-    assert time.monotonic() - begin < 30.0
-    device.interrupted.clear()
-    device.restore()
-    device.close()
-
-
-def test_the_reader_runs_it_from_open_to_close(bench: Bench) -> None:
-    reader, events = DeviceReader(bench.device()), []
-    reader.start()
-
-    def read_to(kind: type, seconds: float = 60.0) -> None:
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            event = reader.get(0.1)
-            if event is not None:
-                events.append(event)
-                if isinstance(event, kind):
-                    return
-        raise AssertionError(f"no {kind.__name__} among {[type(event).__name__ for event in events]}")
-
-    read_to(Opened)
-    assert not any(isinstance(event, Started) for event in events)
-    reader.begin()
-    read_to(Started)
-    read_to(Items)
-    bench.unplug()
-    read_to(Disconnected)
-    bench.replug()
-    read_to(Started)
-    read_to(Items)
-    reader.stop()
-    read_to(EndOfStream)
-    assert events[-1].error is None
-    assert reader.join(10.0)
-    assert reader.restored is True
-    kinds = (SampleBlock, DeviceInfo, DeviceCounters, Gap)
-    items = [item for event in events if isinstance(event, Items) for item in event.items]
-    assert any(isinstance(item, kinds) for item in items)
-
-
-def test_a_full_queue_holds_the_reader_and_loses_nothing_of_the_device(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("imumon.devices.device_reader.BATCHES", 2)
-    reader = DeviceReader(bench.device())
-    reader.start()
-    while not isinstance(reader.get(10.0), Opened):
-        pass
-    reader.begin()
-    while not isinstance(reader.get(10.0), Started):
-        pass
-    until(reader._queue.full)
-    reader.stop(discard=True)
-    assert reader.join(10.0)
-    assert reader.restored is True
 
 
 class BrokenDevice(Device):
@@ -433,23 +276,6 @@ def test_a_device_that_is_lost_again_at_once_is_opened_ever_less_often(
     assert 3 <= device.calls.count("start") <= 6  # after 0.1, 0.3, 0.7, 1.5 s
     reader.stop(discard=True)
     assert reader.join(5.0)
-
-
-@pytest.mark.parametrize("scheme", registry.schemes())
-@pytest.mark.parametrize("chunk", [1, 13, 100_000])
-def test_a_decoder_discards_garbage_to_the_byte(scheme: str, chunk: int) -> None:
-    decoder = registry.driver(scheme).decoder()
-    if decoder is None:
-        pytest.skip("this device has no bytes")
-    data = np.random.default_rng(11).integers(0, 256, 20_000, np.uint8).tobytes()
-    items: list[object] = []
-    for at in range(0, len(data), chunk):
-        items += decoder.feed(data[at : at + chunk])
-        assert decoder.fed == decoder.message_bytes + decoder.discarded + decoder.pending
-        assert decoder.pending < 4096
-    items += decoder.finish()
-    assert not any(isinstance(item, SampleBlock) for item in items)
-    assert (decoder.fed, decoder.messages, decoder.discarded, decoder.pending) == (len(data), 0, len(data), 0)
 
 
 # ---------------------------------------------------------------------- a device of another distribution

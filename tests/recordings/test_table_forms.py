@@ -11,10 +11,10 @@ import pytest
 from commands import imumon
 from tables import RATE, G, csv, read, replayed, sentences, truth
 
+from imumon.column_names import parse_name
 from imumon.errors import RateRequired
 from imumon.recordings import RecordingError
 from imumon.recordings.base import OptionError
-from imumon.recordings.column_names import parse_name
 from imumon.recordings.columns import parse_map
 from imumon.timebase.timestamps import stamp_interval
 

@@ -14,9 +14,9 @@ from commands import imumon
 from paths import RECORDINGS, needs_recordings
 from tables import DEG, RATE, G, csv, read, truth
 
+from imumon.column_names import parse_name
 from imumon.errors import RateRequired
 from imumon.recordings import ReadOptions, RecordingError, open_recording
-from imumon.recordings.column_names import parse_name
 from imumon.recordings.csv import CsvFile
 from imumon.replay import ReplayOptions, replay
 from imumon.timebase.timestamps import HostStamps, stamp_interval

@@ -26,7 +26,7 @@ class Vn100Driver(DeviceDriver):
     settings = frozenset({"baud", "set_baud", "rate_hz", "listen_only", "stream"})
 
     def create(self, options: DeviceOptions) -> Device:
-        from imumon.devices.vn100.vn100_device import Vn100Device
+        from imumon.devices.vn100.vn100_session import Vn100Device
 
         return Vn100Device(options)
 

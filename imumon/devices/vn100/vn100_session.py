@@ -1,6 +1,6 @@
-"""Session with one VN-100: identification, configuration, health checks and restored settings.
+"""The VN-100 as a device: identification, configuration, health checks and restored settings.
 
-The port and the clock are arguments; this module opens nothing and waits only in `Port.read`. Rules:
+The port and the clock of a session are arguments; it waits only in `Port.read`. `PortDevice` opens the port. Rules:
 
 - Only `configuration` changes the sensor and restores it; with `StreamRequest.listen_only` nothing is written.
 - `check_health` repairs what can be repaired in place: a paused sensor, a restarted one, another baud rate, a
@@ -12,16 +12,18 @@ Life of a session: `connect`, `save_settings` (keep the result on disk), `config
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from imumon.devices.base import ARRIVAL_S, ARRIVAL_SAMPLES, RATE_TOLERANCE, DeviceNotFound
+from imumon.devices.base import ARRIVAL_S, ARRIVAL_SAMPLES, RATE_TOLERANCE, DeviceNotFound, DeviceOptions
+from imumon.devices.port_device import InterruptiblePort, PortDevice, Session
 from imumon.devices.vn100.ascii import ERRORS, SensorError
 from imumon.devices.vn100.commands import BAUD_RATES, CommandChannel, NotAVn100, OtherSensor, Port
 from imumon.devices.vn100.configuration import Configuration
 from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.devices.vn100.device_info import device_info, nominal_rate
-from imumon.devices.vn100.registers import CHANGE_THE_DATA, LOOP_RATE, RegisterNumber
+from imumon.devices.vn100.registers import CHANGE_THE_DATA, FACTORY_BAUD, LOOP_RATE, RegisterNumber
 from imumon.samples import DeviceInfo, Kind, Notice, SampleBlock, Stream
 
 __all__ = ["Port", "RateCheck", "StreamRequest", "Vn100Session"]
@@ -110,7 +112,7 @@ class RateCheck:
         return f"samples arrive at {self._rate_hz:.3g} Hz, not at the configured {nominal_hz:g} Hz: correct the rate"
 
 
-class Vn100Session:
+class Vn100Session(Session):
     """One sensor on one port.
 
     Parameters
@@ -399,3 +401,38 @@ class Vn100Session:
         if kind not in self._troubles:
             self._notices.append(Notice(kind, text))
             self._troubles.add(kind)
+
+
+class Vn100Device(PortDevice):
+    """One VN-100.
+
+    Parameters
+    ----------
+    options : `url` is a path or a pyserial URL; empty: the only VN-100 on the serial ports.
+    """
+
+    title = "VN-100"
+
+    def __init__(self, options: DeviceOptions) -> None:
+        settings = options.settings
+        self._request = StreamRequest(
+            stream=settings.stream,
+            listen_only=settings.listen_only,
+            baud=None if settings.baud == "auto" else settings.baud,
+            set_baud=settings.set_baud or None,
+            rate_hz=settings.rate_hz or None,
+        )
+        self._messages = Vn100Decoder()
+        path = options.url.removeprefix("vn100:")
+        super().__init__(options, path, self._request.baud or FACTORY_BAUD, self._messages)
+
+    def _new_session(self, port: InterruptiblePort) -> Vn100Session:
+        return Vn100Session(
+            port,
+            self._request,
+            time.monotonic,
+            decoder=self._messages,
+            serial=self._serial,
+            progress=lambda text: self.progress(text),
+            paced=not self._time_lapse,
+        )

@@ -1,7 +1,8 @@
-"""The VN-100 as a device: a session on a serial port, found, lost and found again.
+"""Device on a port: what sensors on serial lines share, whatever they send.
 
-While the settings of the sensor are changed, a file in the state directory holds the original ones: a process
-that was killed leaves it behind, and the next one restores the sensor at its end.
+A family of sensors is a `Session`: what its bytes mean, and what it writes. `PortDevice` finds the port, loses it and
+finds it again, keeps the counters over all connections, and keeps the original settings of a sensor on disk while
+they are changed: a process that was killed leaves the file behind, and the next one restores the sensor at its end.
 """
 
 from __future__ import annotations
@@ -10,15 +11,23 @@ import json
 import os
 import re
 import time
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import ClassVar
 
-from imumon.devices.base import Device, DeviceError, DeviceNotFound, DeviceOptions, Interrupted
+from imumon.devices.base import (
+    Device,
+    DeviceError,
+    DeviceLost,
+    DeviceNotFound,
+    DeviceOptions,
+    Interrupted,
+    RawDecoder,
+)
 from imumon.devices.linux_tty import pseudo_terminal
 from imumon.devices.serial_port import QUEUE_BYTES, PortInfo, SerialPort, find_again, find_ports
-from imumon.devices.vn100.decoder import Vn100Decoder
-from imumon.devices.vn100.registers import FACTORY_BAUD
-from imumon.devices.vn100.vn100_session import StreamRequest, Vn100Session
 from imumon.files import read_bounded, write_new
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Notice, RawBytes, SampleBlock
 
@@ -73,31 +82,82 @@ class InterruptiblePort:
         self.port.reopen()
 
 
-class Vn100Device(Device):
-    """One VN-100.
+class Session(ABC):
+    """What a family of sensors does on an open port. A sensor that only sends needs `info` alone."""
+
+    def connect(self) -> DeviceInfo:
+        """Identify the sensor, without changing it.
+
+        Raises
+        ------
+        DeviceNotFound : the sensor of this family, or the one that was lost, is not on the port.
+        """
+        return self.info()
+
+    @abstractmethod
+    def info(self) -> DeviceInfo:
+        """Return what is known of the sensor and its stream."""
+
+    def save_settings(self, saved: Mapping[str, str] | None = None) -> dict[str, str]:
+        """Return the settings to restore at the end; empty: nothing will be changed.
+
+        Parameters
+        ----------
+        saved : the return value in an earlier process that ended without `restore`; None: there was none.
+        """
+        return {}
+
+    def configure(self) -> DeviceInfo:
+        """Make the sensor stream."""
+        return self.info()
+
+    @abstractmethod
+    def read(self, timeout: float) -> bytes:
+        """Return bytes of the stream; wait up to `timeout` seconds for the first."""
+
+    @abstractmethod
+    def decode(self, data: bytes) -> Sequence[object]:
+        """Return the items in bytes that `read` returned."""
+
+    def check_health(self) -> list[Notice]:
+        """Check the sensor, and repair what can be repaired; called a few times a second once it was started."""
+        return []
+
+    def restore(self) -> bool:
+        """Restore the saved settings; return whether the sensor has confirmed each."""
+        return True
+
+
+class PortDevice(Device):
+    """A device on a serial port or a pyserial URL.
 
     Parameters
     ----------
-    options : `url` is a path or a pyserial URL; empty: the only VN-100 on the serial ports.
+    options : see `DeviceOptions`.
+    path : of the port; empty: the only one on which a session connects.
+    baud : bit/s at which the port is opened.
+    decoder : of all connections, so that its counters continue.
+    lossless : the other end waits for its reader, and nothing may be dropped.
+
+    Attributes
+    ----------
+    title : noun for the sensor, such as "VN-100".
+    mark : bytes put where others were dropped, see `SerialPort`.
     """
 
-    def __init__(self, options: DeviceOptions) -> None:
+    title: ClassVar[str]
+    mark: ClassVar[bytes] = b""
+
+    def __init__(
+        self, options: DeviceOptions, path: str, baud: int, decoder: RawDecoder, *, lossless: bool = False
+    ) -> None:
         super().__init__()
-        settings = options.settings
-        self._given_path = options.url.removeprefix("vn100:")
-        self._path = self._given_path
-        self._request = StreamRequest(
-            stream=settings.stream,
-            listen_only=settings.listen_only,
-            baud=None if settings.baud == "auto" else settings.baud,
-            set_baud=settings.set_baud or None,
-            rate_hz=settings.rate_hz or None,
-        )
+        self._given_path = self._path = path
+        self._baud, self._decoder, self._lossless = baud, decoder, lossless
         self._state_directory = options.state_directory
         self._time_lapse = options.speed != 1.0
-        self._decoder = Vn100Decoder()
         self._port: SerialPort | None = None
-        self._session: Vn100Session | None = None
+        self._session: Session | None = None
         self._earlier = DeviceCounters()  # of earlier connections
         self._ports: list[PortInfo] = []  # when the sensor was found
         self._terminal: int | None = None  # also then, see `pseudo_terminal`
@@ -107,6 +167,10 @@ class Vn100Device(Device):
         self._pending: DeviceError | None = None
         self._saved_settings: Path | None = None
 
+    @abstractmethod
+    def _new_session(self, port: InterruptiblePort) -> Session:
+        """Return a session on an open port. `_serial` is that of the sensor that was lost; None: any may be there."""
+
     # ------------------------------------------------------------------ start and end
 
     def open(self) -> DeviceInfo:
@@ -114,7 +178,7 @@ class Vn100Device(Device):
 
         Raises
         ------
-        DeviceNotFound : there is no such port, or nothing on it replies like a VN-100.
+        DeviceNotFound : there is no such port, or no sensor of this family on it.
         DeviceError : the port cannot be used, or another sensor is on it.
         """
         if not self._identified:  # until it was started, another sensor may take its place
@@ -162,18 +226,11 @@ class Vn100Device(Device):
 
     def _open(self, path: str) -> DeviceInfo:
         limit = TIME_LAPSE_QUEUE_BYTES if self._time_lapse else QUEUE_BYTES
-        baud = self._request.baud or FACTORY_BAUD
-        port = SerialPort(path, baud, queue_bytes=limit, lossless=self._time_lapse)
+        port = SerialPort(
+            path, self._baud, queue_bytes=limit, lossless=self._time_lapse or self._lossless, mark=self.mark
+        )
         try:
-            session = Vn100Session(
-                InterruptiblePort(port, self),
-                self._request,
-                time.monotonic,
-                decoder=self._decoder,
-                serial=self._serial,
-                progress=lambda text: self.progress(text),
-                paced=not self._time_lapse,
-            )
+            session = self._new_session(InterruptiblePort(port, self))
             info = session.connect()
         except BaseException:
             port.close()
@@ -185,7 +242,7 @@ class Vn100Device(Device):
         return info
 
     def _search(self) -> str:
-        """Return the path of the only VN-100 on the serial ports."""
+        """Return the path of the only sensor of this family on the serial ports."""
         ports = find_ports()
         if not ports:
             raise DeviceNotFound(
@@ -206,11 +263,10 @@ class Vn100Device(Device):
         if found:
             names = ", ".join(text for _, text in found)
             raise DeviceNotFound("several_devices", f"several sensors: {names}", "choose one with --port")
-        raise DeviceNotFound(
-            "no_device", f"no VN-100 on the serial ports: {'; '.join(problems)}", "name one with --port"
-        )
+        text = f"no {self.title} on the serial ports: {'; '.join(problems)}"
+        raise DeviceNotFound("no_device", text, "name one with --port")
 
-    def _save_settings(self, session: Vn100Session) -> None:
+    def _save_settings(self, session: Session) -> None:
         """Write the original settings to disk before they are changed."""
         directory = self._state_directory
         if directory is None or self._info is None:
@@ -225,7 +281,7 @@ class Vn100Device(Device):
                 os.replace(new, path)
             self._saved_settings = path
 
-    def _connected(self) -> Vn100Session:
+    def _connected(self) -> Session:
         if self._session is None:
             raise DeviceError("device_closed", "the device is not open", "open it first")
         return self._session
@@ -250,7 +306,13 @@ class Vn100Device(Device):
             error, self._pending = self._pending, None
             raise error
         items: list[Item] = []
-        data = session.read(timeout_s)
+        try:
+            data = session.read(timeout_s)
+        except DeviceLost as lost:
+            if rest := self.finish():
+                self._pending = lost
+                return rest
+            raise
         if data:
             items.append(RawBytes(data))
             blocks = [item for item in session.decode(data) if isinstance(item, SampleBlock)]
@@ -260,7 +322,7 @@ class Vn100Device(Device):
             items += self._health_items(session, keep=bool(items))
         return items
 
-    def _health_items(self, session: Vn100Session, keep: bool) -> list[Item]:
+    def _health_items(self, session: Session, keep: bool) -> list[Item]:
         """Return what the health check finds; with samples to deliver first, an error waits for the next read."""
         try:
             return [item for notice in session.check_health() for item in _with_gap(notice)]
@@ -298,7 +360,7 @@ def _with_gap(notice: Notice) -> list[Item]:
 def _saved_settings(path: Path) -> dict[str, str] | None:
     """Return the settings that a killed run saved; None if there are none that can be read.
 
-    They are written to the sensor at the end: a value has the characters of a register, and no other command.
+    They are written to the sensor at the end: a value has the characters of a setting, and no other command.
     """
     try:
         saved = json.loads(read_bounded(path, SETTINGS_BYTES))

@@ -1,0 +1,1 @@
+"""Any sensor that prints numbers, a line for each sample."""

@@ -1,0 +1,99 @@
+"""Driver of sensors that print numbers: the interface for other packages, through the registry."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+from urllib.parse import parse_qsl
+
+from imumon.devices.base import (
+    Check,
+    Device,
+    DeviceDriver,
+    DeviceOptions,
+    InvalidOption,
+    Observation,
+    RawDecoder,
+)
+from imumon.devices.lines.line_columns import DEFAULT_COLUMNS, SENSORS, LinesUrl, columns_of
+from imumon.samples import FASTEST_HZ, SLOWEST_HZ
+
+FILTER = "Lines do not say how the sensor filters: see the settings that its program writes."
+TEXTS = {"columns": "numbers of a line"} | dict.fromkeys(SENSORS, "unit")
+DEFAULT_BAUD = 115200
+PARAMETERS = ("columns", *SENSORS, "baud", "rate", "id")
+URL_CURE = "write lines:/dev/ttyACM0, lines:tcp://HOST:PORT, lines:udp://:PORT or lines:-"
+
+
+class LinesDriver(DeviceDriver):
+    """Lines of numbers on a serial port, TCP, UDP or standard input."""
+
+    scheme = "lines"
+    title = "sensor that prints lines"
+    settings = frozenset({"baud", "rate_hz", "listen_only"})  # it never writes
+
+    def create(self, options: DeviceOptions) -> Device:
+        from imumon.devices.lines.lines_device import LinesDevice
+
+        return LinesDevice(options, parse_url(options.url, options.settings))
+
+    def decoder(self, settings: Mapping[str, str] | None = None) -> RawDecoder:
+        from imumon.devices.lines.line_decoder import LineDecoder
+
+        return LineDecoder(settings or {}, needs_header=settings is None)
+
+    def checks(self, observation: Observation, settings: Any) -> Iterator[Check]:
+        yield Check("model", "ok", f"columns {observation.info.settings.get('columns', 'not known yet')}")
+        cure = "configure the sensor to average over the interval of its lines"
+        yield Check("aliasing", "warning", "unknown: lines do not say how the sensor filters", cure)
+        for remark in observation.info.remarks:
+            cure = "see docs/LINES.md: columns=, units and baud= of the URL"
+            yield Check("lines", "warning", remark, cure)
+
+    def filter_advice(self, rate_hz: float | None) -> Mapping[str, str]:
+        return {"unknown": FILTER}
+
+    def setting_text(self, name: str, value: str) -> str | None:
+        return TEXTS.get(name)
+
+
+def parse_url(url: str, device: Any = None) -> LinesUrl:
+    """Return the parts of a URL; `device` is the table of settings, which apply where the URL says nothing.
+
+    >>> parse_url("lines:tcp://10.0.0.7:4000?gyro=deg/s&rate=100").path
+    'socket://10.0.0.7:4000'
+
+    Raises
+    ------
+    InvalidOption : it is wrong.
+    """
+    path, _, query = url.partition(":")[2].partition("?")
+    given = dict(parse_qsl(query.replace("+", "%2B"), keep_blank_values=True))
+    if unknown := [name for name in given if name not in PARAMETERS]:
+        cure = f"there are {', '.join(PARAMETERS)}"
+        raise InvalidOption("lines_parameter_unknown", f"{url} has an unknown parameter {unknown[0]!r}", cure)
+    if not path:
+        raise InvalidOption("lines_url_invalid", f"{url} names no port", URL_CURE)
+    known = getattr(device, "baud", "auto")
+    baud = given.get("baud", str(DEFAULT_BAUD if known == "auto" else known))
+    rate = given.get("rate", str(getattr(device, "rate_hz", 0.0) or ""))
+    if not baud.isdigit() or not 0 < int(baud) < 1e8:
+        raise InvalidOption("lines_url_invalid", f"{baud!r} is no baud rate", "write for example baud=115200")
+    settings = {name: given[name] for name in ("columns", *SENSORS) if name in given}
+    columns_of({"columns": DEFAULT_COLUMNS} | settings)  # raises what is wrong with them
+    name = re.sub(r"[^a-z0-9]+", "-", path.removeprefix("/dev/").lower()).strip("-") or "stdin"
+    path = re.sub("^tcp://", "socket://", path)
+    return LinesUrl(
+        path, int(baud), _rate(rate) if rate else None, given.get("id") or f"lines-{name}", settings
+    )
+
+
+def _rate(text: str) -> float:
+    try:
+        rate_hz = float(text)
+    except ValueError:
+        rate_hz = 0.0
+    if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        raise InvalidOption("lines_url_invalid", f"{text!r} is no sample rate", "write for example rate=100")
+    return rate_hz
