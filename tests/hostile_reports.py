@@ -30,7 +30,7 @@ from imumon.tui.view_state import VIEWS, WINDOWS, ViewState
 DOCS = ROOT / "docs"
 SCHEMA = json.loads((DOCS / "report.schema.json").read_text("utf-8"))["$defs"]
 SIZES = ((1, 1), (20, 5), (80, 24), (220, 60))
-DRAWN_FORMS = ("html", "png", "svg", "pdf")
+DRAWN_FORMS = ("html", "png", "svg", "pdf-figure")
 """Forms with figures of matplotlib, which take a second each."""
 PANELS: tuple[Callable[[ViewState, int, int], Any], ...] = (
     panels.status, panels.headlines, panels.detail, panels.welcome, channel_table.table, charts.allan_chart,

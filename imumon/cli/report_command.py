@@ -66,7 +66,7 @@ def report(arguments: argparse.Namespace) -> int:
 
     form = _form(arguments)
     if FORMS[form].binary and arguments.output is None and sys.stdout.isatty():
-        message = f"a figure ({form}) cannot be shown in a terminal"
+        message = f"a {form} file cannot be shown in a terminal"
         raise CommandError("binary_to_terminal", message, "name a file with -o", USAGE)
     if arguments.file and arguments.id:
         raise CommandError("two_sources", "FILE and --id are both given", "give only one of them", USAGE)
@@ -84,7 +84,7 @@ def report(arguments: argparse.Namespace) -> int:
             source = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
             source = replace(source, events=tuple(subscriber.events(source.device.id)))
             source = with_provenance(source, None, {}, None)
-            if not (FORMS[form].settings or FORMS[form].binary):
+            if FORMS[form].history:
                 rows = published_days(subscriber, source.device.id)
     source = evaluated(with_item(source, arguments.item), sheet, rows)
     if arguments.strict and FORMS[form].settings:

@@ -6,6 +6,8 @@ Every number comes from the report; an unknown one is given with its reason.
 
 from __future__ import annotations
 
+import hashlib
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -69,10 +71,13 @@ from imumon.report import (
     DeviceDescription,
     Report,
     SensorGrade,
+    to_json,
 )
 from imumon.samples import sensor_of
 from imumon.units import counted, duration, figures, pretty
 
+DOCUMENT_DIGITS = 12
+"""Hexadecimal digits of the number of a document: none of a million documents have the same one."""
 MARKED = ("aliased", "compensated", "not_at_rest", "warming_up")
 """Caveats that are repeated below the table of coefficients."""
 
@@ -85,7 +90,29 @@ def datasheet_content(report: Report, filters: FilterReport, history: HistoryRow
     history : rows of its history; empty: none is known.
     """
     subtitle = f"Noise datasheet · {record_title(report)} · {report.time}"
-    return Document(sensor_title(report), subtitle, tuple(_elements(report, filters, history)))
+    elements = (*_elements(report, filters, history), *_signatures(report))
+    return Document(sensor_title(report), subtitle, elements, _running(report))
+
+
+def _running(report: Report) -> str:
+    """Return the number of a document, which follows from all its numbers, and the revision of what wrote it."""
+    number = hashlib.sha256(to_json(report).encode()).hexdigest()[:DOCUMENT_DIGITS]
+    made = report.evaluation.provenance if report.evaluation is not None else None
+    parts = [f"document {number}"]
+    if made is not None:
+        parts.append(made.written_by or f"{made.software}, revision {made.commit or 'unknown'}")
+    return re.sub(r"([0-9a-f]{12})[0-9a-f]{28}", r"\1", " · ".join(parts))
+
+
+def _signatures(report: Report) -> Iterator[Element]:
+    """Yield a table to sign in."""
+    operator = report.item.operator if report.item is not None else None
+    rows = [
+        (role, name or "", "", "")
+        for role, name in (("Measured", operator), ("Checked", ""), ("Approved", ""))
+    ]
+    yield Heading("Signatures")
+    yield DataTable(("", "name", "date", "signature"), tuple(rows), tall=True)
 
 
 def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> Iterator[Element]:

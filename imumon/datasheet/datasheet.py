@@ -12,6 +12,7 @@ from imumon.datasheet.csv_table import csv_table
 from imumon.datasheet.elements import markdown
 from imumon.datasheet.history_figure import HistoryRows
 from imumon.datasheet.html import html_page
+from imumon.datasheet.pdf import pdf_pages
 from imumon.datasheet.program_settings import PROGRAMS, settings_document
 from imumon.filter_report import FilterReport
 from imumon.report import NOISE, Report, to_json
@@ -73,8 +74,14 @@ FORMS: Mapping[str, DocumentForm] = {
         "the datasheet as one page to print",
         history=True,
     ),
+    "pdf": DocumentForm(
+        lambda r, f, h: pdf_pages(datasheet_content(r, f, h), r, f),
+        "the datasheet as PDF (extra pdf)",
+        binary=True,
+        history=True,
+    ),
     "svg": _figure("svg", "the Allan curves as a vector figure"),
-    "pdf": _figure("pdf", "the same figure as PDF"),
+    "pdf-figure": _figure("pdf", "the same figure as PDF"),
     "png": _figure("png", "the same figure as a picture"),
     "json": DocumentForm(
         lambda r, _: to_json(r, indent=1) + "\n", "the report itself; --baseline reads it", filters=False

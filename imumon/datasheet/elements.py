@@ -45,6 +45,7 @@ class DataTable:
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
     strong: frozenset[int] = frozenset()
+    tall: bool = False  # whether rows leave room to write in them
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,9 +98,12 @@ Element: TypeAlias = (
 
 @dataclass(frozen=True, slots=True)
 class Document:
+    """A datasheet; `running` is repeated on each page: its number, its revision, and what makes it."""
+
     title: str
     subtitle: str
     elements: tuple[Element, ...]
+    running: str = ""
 
 
 def markdown(document: Document) -> str:

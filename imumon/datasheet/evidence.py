@@ -181,11 +181,11 @@ def _budget_row(
     channel = report.channels.get(name)
     limits = coefficient_text(channel.coefficients.get(letter)) if channel is not None else ""
     return (
-        f"{name} {letter}",
+        f"{name} {letter}, {pretty(readable.unit)}",
         *shares,
         _percent_of(budget.combined, budget.value),
         f"{budget.coverage:.2f}",
-        f"{limits} {pretty(readable.unit)}" if limits else "–",
+        limits or "–",
     )
 
 

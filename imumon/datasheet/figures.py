@@ -65,7 +65,7 @@ _SVG_REPLACEMENTS = (
     (r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", ""),
     (r' id="(?:figure|axes|patch|text|line2d|legend|[xy]tick|\w+Collection|matplotlib\.axis)_\d+"', ""),
     (r" font-family: [^;\"]*;?", ""),
-    (r"(\.\d\d)\d+", r"\1"),
+    (r"(\.\d\d)\d+(?=[^<>]*>)", r"\1"),  # of numbers in tags, not in text
     ("xlink:href", "href"),
     (r"\s*\n\s*", "\n"),
 )
@@ -185,6 +185,13 @@ def _load_fonts() -> None:
             import matplotlib.font_manager  # noqa: F401
         finally:
             del os.environ["MPLCONFIGDIR"]
+
+
+def font_directory() -> str:
+    """Return the directory of the fonts that come with matplotlib."""
+    import matplotlib
+
+    return os.path.join(matplotlib.get_data_path(), "fonts", "ttf")
 
 
 def _saved(figure: Figure, form: str, title: str | None = None) -> bytes:

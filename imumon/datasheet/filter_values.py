@@ -128,7 +128,8 @@ def _unknown(sensor: str, parts: Mapping[str, Estimate]) -> str:
 
 
 def value_text(part: Estimate) -> str:
-    """Return a coefficient with its 95 % limits."""
+    """Return a coefficient with the limits that documents state."""
+    part = part.stated
     if part.status == "measured" and part.value is not None:
         known = part.low is not None and part.high is not None
         return f"{part.value:.4e}" + (f" (95 %: {part.low:.3e} to {part.high:.3e})" if known else "")
@@ -181,5 +182,5 @@ def _precision(report: Report, letter: str) -> str:
         return f"{letter} not known yet"
     if any(part.status == "upper_bound" for part in parts):
         return f"{letter} only bounded"
-    widths = [100.0 * part.half_width for part in parts if part.half_width is not None]
+    widths = [100.0 * half for part in parts if (half := part.stated.half_width) is not None]
     return f"{letter} ±{figures(max(widths), 2)} %" if widths else f"{letter} measured"

@@ -46,7 +46,7 @@ p { margin: .6rem 0; }
 .note, figcaption { font-size: .87rem; }
 .grades { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.3rem 0 1rem; }
 .grade { flex: 1 1 18rem; background: var(--soft); border-radius: 6px; padding: .7rem 1rem .8rem; }
-.grade b { display: element; font-size: 1.2rem; line-height: 1.3; }
+.grade b { display: block; font-size: 1.2rem; line-height: 1.3; }
 .grade b::first-letter { text-transform: uppercase; }
 .grade span { font-size: .87rem; color: var(--muted); }
 .caution { margin: .5rem 0; padding: .5rem .9rem; max-width: none; background: var(--warn-soft);
@@ -62,17 +62,17 @@ tbody th { font-weight: 600; } tbody th, .one { white-space: nowrap; }
 tr.strong td, tr.strong th { background: var(--soft); font-weight: 700; }
 table.facts { width: auto; } table.facts th { font-weight: 400; color: var(--muted); padding-right: 1.6rem; }
 figure { margin: 1rem 0 1.6rem; }
-svg.allan { width: 100%; height: auto; display: element; }
+svg.allan { width: 100%; height: auto; display: block; }
 svg.allan text { font-family: system-ui, "Segoe UI", Arial, "DejaVu Sans", sans-serif; }
 @media screen and (max-width: 36rem) { body { padding: 1.4rem .9rem 2rem; } figure { overflow-x: auto; }
   svg.allan { min-width: 34rem; } }
 pre { background: var(--soft); border-radius: 6px; padding: .8rem 1rem; overflow-x: auto; font: 12.5px/1.45
   ui-monospace, "SF Mono", Consolas, "DejaVu Sans Mono", monospace; }
-@page { margin: 14mm; }
+table.tall td, table.tall tbody th { height: 2.6rem; vertical-align: bottom; }
 @media print { body { padding: 0; max-width: none; font-size: 9pt; } h1 { font-size: 15pt; }
   h2 { break-after: avoid; margin-top: 1.4rem; font-size: 11pt; }
   figure { margin: .5rem 0; text-align: center; }
-  svg.allan { width: 62%; margin: 0 auto; } th, td { padding: .18rem .7rem .18rem 0; }
+  svg.allan { width: 82%; margin: 0 auto; } th, td { padding: .18rem .7rem .18rem 0; }
   .short, figure, pre, tr, .caution, .grade { break-inside: avoid; }
   .wide { overflow: visible; margin: .5rem 0; }
   table { font-size: 7.8pt; } .note, figcaption, .caution, .grade span { font-size: 8pt; }
@@ -98,13 +98,27 @@ def html_page(document: Document, report: Report, filters: FilterReport) -> str:
         [
             '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f"<title>{title}: noise datasheet</title><style>{STYLE}</style></head><body>",
+            f"<title>{title}: noise datasheet</title><style>{STYLE}{_page(document)}</style></head><body>",
             f'<h1>{title}</h1><p class="subtitle">{html.escape(document.subtitle)}</p>',
             f'<div class="grades">{grades}</div>' if grades else "",
             *rest,
             "</body></html>\n",
         ]
     )
+
+
+def _page(document: Document) -> str:
+    """Return the style of printed pages: each has item, date, number, revision and its place."""
+    head, foot = (_css_text(text) for text in (f"{document.title} · {document.subtitle}", document.running))
+    return f"""@page {{ size: A4; margin: 20mm 15mm 18mm; font: 7.5pt "DejaVu Sans", sans-serif; color: #444;
+  @top-left {{ content: {head}; width: 100%; }} @bottom-left {{ content: {foot}; width: 75%; }}
+  @bottom-right {{ content: "page " counter(page) " of " counter(pages); }} }}
+"""
+
+
+def _css_text(text: str) -> str:
+    """Return a text as a string of CSS in a page: all but plain characters as their numbers."""
+    return '"' + "".join(c if c.isalnum() and c.isascii() else f"\\{ord(c):06x}" for c in text) + '"'
 
 
 def _element(element: Element, report: Report, filters: FilterReport) -> str:
@@ -141,9 +155,10 @@ def _table(table: DataTable) -> str:
         cells = "".join(f"<td>{cell}</td>" for cell in rest)
         out.append(f'<tr{mark}><th scope="row">{first}</th>{cells}</tr>')
     facts = not any(table.head)
+    kind = " class=facts" if facts else " class=tall" if table.tall else ""
     head = "".join(f'<th scope="col">{_title(cell)}</th>' for cell in table.head)
     return (
-        f'<div class="wide{" short" if short else ""}"><table{" class=facts" if facts else ""}>'
+        f'<div class="wide{" short" if short else ""}"><table{kind}>'
         + (f"<caption>{html.escape(table.caption)}</caption>" if table.caption else "")
         + ("" if facts else f"<thead><tr>{head}</tr></thead>")
         + f"<tbody>{''.join(out)}</tbody></table></div>"

@@ -1,0 +1,65 @@
+"""The datasheet as PDF: pages that a metrologist signs."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import pypdfium2
+import pytest
+from pypdfium2 import raw
+from reports import report
+
+from imumon.cli.traceability import evaluated, with_provenance
+from imumon.datasheet import document
+from imumon.datasheet.content import datasheet_content
+from imumon.datasheet.pdf import PdfNotAvailable
+from imumon.errors import ImumonError
+from imumon.evaluation import Item
+from imumon.filter_report import FilterReport
+from imumon.report import Report
+
+
+@pytest.fixture(scope="module")
+def sheet() -> Report:
+    made = with_provenance(report(7200.0), None, {}, True)
+    item = Item(operator="A. Person", note='<b>bold</b> } @page { content: none; } "quoted"')
+    return evaluated(replace(made, item=item))
+
+
+@pytest.fixture(scope="module")
+def pdf(sheet: Report) -> pypdfium2.PdfDocument:
+    return pypdfium2.PdfDocument(document(sheet, "pdf", FilterReport(time=sheet.time, device=sheet.device)))
+
+
+def test_each_page_has_number_revision_item_and_date(sheet: Report, pdf: pypdfium2.PdfDocument) -> None:
+    texts = [page.get_textpage().get_text_range() for page in pdf]
+    content = datasheet_content(sheet, FilterReport(time=sheet.time, device=sheet.device))
+    number = content.running.partition(" · ")[0]
+    assert len(texts) >= 3
+    for k, text in enumerate(texts, 1):
+        for part in (f"page {k} of {len(texts)}", number, "imumon", "revision", "VN-100T-CR", sheet.time):
+            assert part in text, (k, part)
+    whole = "".join(texts)
+    for part in ("Signatures", "A. Person", "<b>bold</b>", "Uncertainty budget", "0.001", "√h"):
+        assert part in whole
+
+
+def test_figures_are_vectors_and_fonts_are_embedded(pdf: pypdfium2.PdfDocument) -> None:
+    pages = list(pdf)
+    objects = [item for page in pages for item in page.get_objects(max_depth=5)]
+    kinds = [item.type for item in objects]
+    assert raw.FPDF_PAGEOBJ_IMAGE not in kinds
+    assert kinds.count(raw.FPDF_PAGEOBJ_PATH) > 300
+    fonts = [raw.FPDFTextObj_GetFont(item) for item in objects if item.type == raw.FPDF_PAGEOBJ_TEXT]
+    assert fonts
+    assert all(raw.FPDFFont_GetIsEmbedded(font) == 1 for font in fonts)
+
+
+def test_without_the_extra_it_says_what_to_install(sheet: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "weasyprint", None)
+    with pytest.raises(PdfNotAvailable) as raised:
+        document(sheet, "pdf", FilterReport(time=sheet.time, device=sheet.device))
+    assert isinstance(raised.value, ImumonError)
+    assert raised.value.code == "pdf_not_installed"
+    assert "imumon[pdf]" in raised.value.cure
