@@ -2,9 +2,9 @@
 
 A block ```` ```sh ```` or ```` ```python ```` runs unchanged, next to a daemon on an emulated sensor, a recording
 and its report. A second word says why a block does not run: ``sensor`` (it needs a real one), ``service`` (a service
-manager), ``root``, ``setup`` (it installs), ``long``, ``example`` (tests/devices/test_devices.py runs it), ``hook``
-(git runs it). A ``slow`` block runs with the slow tests. The options of all blocks are checked against the command
-line.
+manager), ``root``, ``setup`` (it installs), ``long``, ``example`` and ``lines`` (tests/devices run them), ``board``
+(it runs on another computer), ``hook`` (git runs it). A ``slow`` block runs with the slow tests. The options of all
+blocks are checked against the command line.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ DOCUMENTS = [
     *sorted((ROOT / "docs").glob("*.md")),
 ]
 OWN_TESTS = {"ZENOH.md"}  # tests/bus/test_bus_docs.py
-REASONS = {"", "slow", "sensor", "service", "root", "setup", "long", "example", "hook"}
+REASONS = {"", "slow", "sensor", "service", "root", "setup", "long", "example", "lines", "board", "hook"}
 
 
 class Block(NamedTuple):

@@ -41,7 +41,10 @@ POLL_S = 0.1
 DIALOGUE_S = 1.0
 """s after a write in which the reader delivers every byte at once, because a reply is expected."""
 COLLECT_S = 0.05
-"""s for which the reader collects bytes otherwise, to save wake-ups; less than a tty holds at any baud rate."""
+"""s for which the reader collects bytes otherwise, to save wake-ups."""
+FEW_BYTES = 512
+"""Bytes of one read from which it collects for less time: at a steady rate, a read then has at most half of what a
+tty holds up to 1 Mbit/s. The baud rate does not show it: a board on USB ignores it."""
 COLLECT_BYTES = 2048
 """Bytes from which the reader does not wait: half of what a tty holds."""
 READ_BYTES = 1 << 16
@@ -305,7 +308,7 @@ class SerialPort:
                 if data:
                     self._keep(data)
                     if len(data) < COLLECT_BYTES and time.monotonic() > self._dialogue_until:
-                        time.sleep(min(COLLECT_S, 10 * COLLECT_BYTES / self._baud))
+                        time.sleep(COLLECT_S * min(1.0, FEW_BYTES / len(data)))
         except Exception as error:  # whatever it is, `read` must raise it
             self._fail(error)
 

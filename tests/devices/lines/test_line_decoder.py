@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
+import shlex
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from paths import ROOT
 
 from imumon.devices.base import InvalidOption, sample_blocks
 from imumon.devices.lines.line_decoder import LONGEST_LINE, LineDecoder
@@ -205,3 +208,32 @@ def test_a_url_that_is_wrong_has_a_code_and_a_cure(url: str, code: str) -> None:
         parse_url(url)
     assert wrong.value.code == code
     assert wrong.value.cure
+
+
+SKETCHES = re.findall(
+    r"```text lines\n(.*?)```\n+```sh lines\n(.*?)```", (ROOT / "docs" / "LINES.md").read_text(), re.S
+)
+BOARDS = ["MPU-6050", "ICM-20948", "BNO085", "MicroPython", "pipe"]
+
+
+@pytest.mark.parametrize(("printed", "command"), SKETCHES, ids=BOARDS)
+def test_a_sketch_of_the_documentation_prints_samples(printed: str, command: str) -> None:
+    words = shlex.split(command)
+    given = parse_url(words[words.index("--port") + 1]).settings
+    *header, first, second = printed.encode().splitlines()
+    separator = b"," if b"," in first else b" "
+    start, step = (
+        int(first.split(separator)[0]),
+        int(second.split(separator)[0]) - int(first.split(separator)[0]),
+    )
+    values = [line.split(separator, 1)[1] for line in (first, second)]
+    lines = [*header, *(b"%d%s%s" % (start + k * step, separator, values[k % 2]) for k in range(300)), b""]
+    blocks, decoder = decoded(b"\r\n".join(lines), dict(given))
+    assert len(rows(blocks)) == 300
+    assert (decoder.bad_checksums, decoder.remarks) == (0, ())
+    channels = blocks[0].stream.channels
+    acceleration = rows(blocks)[:, [channels.index(name) for name in ACCEL]]
+    assert np.linalg.norm(acceleration, axis=1) == pytest.approx(9.81, rel=0.05)
+    assert np.abs(rows(blocks)[:, [channels.index(name) for name in GYRO]]).max() < 0.1
+    if "temperature" in channels:
+        assert rows(blocks)[:, channels.index("temperature")] == pytest.approx(25.5, abs=2.0)
