@@ -152,13 +152,13 @@ EXCLUSION_CURES: Mapping[str, str] = {
 
 NEVER_CHANGES = "never changes"
 ROUNDED_AWAY = "rounded away"
-_NO_VALUE = {"constant": NEVER_CHANGES, "resolution": ROUNDED_AWAY}
+_NO_VALUE = {"constant": NEVER_CHANGES, "resolution": ROUNDED_AWAY, "excluded": "excluded"}
 
 FILTER_NOT_KNOWN = "filter not known"
 
 
 def no_value_text(coefficient: Estimate) -> str | None:
-    """Return why a coefficient will never be known, in at most 14 cells; None if more data may show it."""
+    """Return why a coefficient is not known, in at most 14 cells; None if more data of the kind may show it."""
     return _NO_VALUE.get(coefficient.reason_code or "")
 
 

@@ -82,7 +82,7 @@ class SessionCounters:
     most_queued_bytes: int | None = None  # most bytes that waited for the daemon at once, in this run
     # s by reason; `magnetic` is not part of excluded_s of a stream with gyro or accel
     excluded_by: Mapping[str, float] = field(default_factory=dict)
-    recent_loss: float | None = None  # missing samples of the last 60 s over those of 60 s, 0 to 1
+    recent_loss: float | None = None  # missing samples, share of the last 60 s or of a shorter record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

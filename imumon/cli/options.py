@@ -74,6 +74,13 @@ def speed(text: str) -> float:
         raise CommandError("speed_invalid", f"--speed: {error}", "give one, such as 60", USAGE) from None
 
 
+def file_name(text: str) -> str:
+    """Return the name of a file, which a shell variable that is not set leaves empty."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("the name of the file is empty")
+    return text
+
+
 def rate(text: str) -> float:
     """Return a sample rate, Hz, within the limits of the settings."""
     from imumon.samples import FASTEST_HZ, SLOWEST_HZ

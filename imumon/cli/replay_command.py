@@ -127,7 +127,7 @@ def replayed(arguments: argparse.Namespace, wanted: Any, bus: Any = None) -> Any
 
 def add_replay(parser: Parser) -> None:
     add = parser.add_argument
-    add("file", metavar="FILE", help=f"{FILES}; - is standard input")
+    add("file", metavar="FILE", type=options.file_name, help=f"{FILES}; - is standard input")
     add_read_options(parser)
     add_datasheet(parser)
     add("--speed", default="max", metavar="X|max", help="times as fast as real time; default max")

@@ -38,7 +38,7 @@ def add_report(parser: Parser) -> None:
     forms = "; ".join(f"{name}: {form.text}" for name, form in FORMS.items())
     add = parser.add_argument
     text = f"saved report or state, or a recording ({FILES}); default: ask a daemon"
-    add("file", nargs="?", metavar="FILE", help=text)
+    add("file", nargs="?", metavar="FILE", type=options.file_name, help=text)
     options.add_id(parser, "device of the daemon; needed if several answer")
     add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
     horizon = "longest time without a fix that numbers for filters hold for, such as 90, 10m; default 600 s"

@@ -29,6 +29,7 @@ MEANINGS = {"N": "white noise density", "K": "random walk of the bias"}
 CURES = {
     "constant": "find out why it is dead or stuck, and record again",
     "resolution": "record with more digits, or a finer range",
+    "excluded": "keep the sensor still, or correct the unit of its columns, and record again",
 }
 """What to do about a coefficient that more data will not give, by its `reason_code`."""
 

@@ -22,7 +22,7 @@ from imumon.noise.statistics.histogram import DistributionShape
 from imumon.noise.stretches.quarters import excess
 from imumon.noise.stretches.warmup import still_settles
 from imumon.pipeline import report_builder
-from imumon.pipeline.accumulators import Accumulators
+from imumon.pipeline.accumulators import UNGRADED_SHARE, Accumulators
 from imumon.report import NOISE, Channel, Estimate, SensorGrade
 from imumon.samples import UNITS, sensor_of
 
@@ -111,6 +111,8 @@ class Analysis:
             fits = tuple(
                 replace(fit, coefficients={**fit.coefficients, "K": _bounded(fit.K)}) for fit in fits
             )
+        if record.excluded_share > UNGRADED_SHARE:
+            fits = tuple(_without_samples(fit) for fit in fits)
         robust = record.robust_deviations(steps)
         self.robust = dict(zip(record.channels, robust, strict=False))
         self.fits = dict(zip(record.channels, fits, strict=False))
@@ -171,6 +173,16 @@ def _bounded(walk: Estimate) -> Estimate:
     if walk.status != "measured":
         return walk
     return Estimate(low=0.0, high=walk.high, status="upper_bound", reason="the sensor is still warming up")
+
+
+def _without_samples(fit: ChannelFit) -> ChannelFit:
+    """Return the fit with the reason why coefficients are pending: the samples are excluded."""
+    excluded = Estimate(reason="most of the record is excluded", reason_code="excluded")
+    known = {
+        name: part if part.status != "pending" or part.reason_code else excluded
+        for name, part in fit.coefficients.items()
+    }
+    return replace(fit, coefficients=known)
 
 
 def _range(curve: AllanCurve) -> tuple[float, float] | None:

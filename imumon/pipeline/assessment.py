@@ -12,15 +12,13 @@ from dataclasses import asdict, replace
 from imumon.messages import excluded_text
 from imumon.noise.stretches.change import compare_with_report
 from imumon.pipeline import report_builder
-from imumon.pipeline.accumulators import Accumulators
+from imumon.pipeline.accumulators import UNGRADED_SHARE, Accumulators
 from imumon.pipeline.analysis import Analysis
 from imumon.report import Change, Channel, ChannelGrade, Report, SensorGrade
 from imumon.samples import sensor_of
 
 NOTED_SHARE = 0.1
 """Share of the samples from which exclusions, or missing ones, are a caveat of the record."""
-UNGRADED_SHARE = 0.5
-"""Share of the samples excluded or stuck above which nothing is graded: the rest is not representative."""
 
 
 def record_caveats(record: Accumulators, analysis: Analysis, *, guarded: bool) -> tuple[str, ...]:

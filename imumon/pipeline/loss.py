@@ -4,8 +4,8 @@ A gap is an event for a reader of the log; a link that loses single messages all
 an alarm. The window is a minute of the sample clock in bins of a second, each with its missing samples. An
 interruption (the device was disconnected, or restarted) has its own events, and the window starts again after it.
 
-The share refers to all samples of a full window, also while the window is younger. A single lost sample shortly
-after the start therefore is no alarm, and a link that loses a fifth is one after three seconds.
+The share refers to the samples of the window. The alarm needs as many missing samples as in a full window: a single
+lost sample shortly after the start is no alarm, and a link that loses a fifth is one after three seconds.
 """
 
 from __future__ import annotations
@@ -41,16 +41,19 @@ class LossWindow:
 
     @property
     def share(self) -> float:
-        """Samples missing in the window over those of a full one, 0 to 1."""
-        return min(self._missing / self._full, 1.0)
+        """Samples missing in the window over all of it, 0 to 1."""
+        return self._share(self._ticks)
 
-    def update(self, steps: Ints) -> list[tuple[float, float, bool]]:
+    def _share(self, ticks: int) -> float:
+        return min(self._missing / max(min(ticks, self._full), 1.0), 1.0)
+
+    def update(self, steps: Ints) -> list[tuple[float, float, float]]:
         """Add samples by their (n,) grid steps since the sample before.
 
         Returns
         -------
-        shares : of each second, its age, s before the end of the samples, the share at its end, and whether the
-            window is full. While nothing is missing, only the second in which it becomes full is there.
+        shares : of each second, its age, s before the end of the samples, the share at its end, and the share of
+            the window that is full. While nothing is missing, only the second in which it becomes full is there.
         """
         if not self._ticks and len(steps):
             steps = np.concatenate(([1], steps[1:]))
@@ -65,7 +68,9 @@ class LossWindow:
             here = seconds == second
             self._add(second, int((ticks - 1)[here].sum()))
             end = int(ends[here][-1])
-            shares.append(((self._ticks - end) * self._interval_s, self.share, end >= self._full))
+            shares.append(
+                ((self._ticks - end) * self._interval_s, self._share(end), min(end / self._full, 1.0))
+            )
         return shares
 
     def _add(self, second: int, missing: int) -> None:

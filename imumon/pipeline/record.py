@@ -98,7 +98,7 @@ class Record:
         log.update_happened(happened, own)
         limit = self._options.alarm_limits["loss"]
         for age_s, share, full in self.loss.update(placed.steps):
-            log.update_alarm("loss", share, limit, own.elapsed_s - age_s, ends=full)
+            log.update_alarm("loss", share, limit / full, own.elapsed_s - age_s, ends=full >= 1.0)
         return ended
 
     def flush(self, log: EventLog) -> list[HistoryPeriod]:

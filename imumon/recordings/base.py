@@ -72,6 +72,7 @@ class Recording:
     driver : URL scheme of the driver whose format it has; None: a format of no device.
     problem : why reading ended early, or None.
     remarks : what was left out or is doubtful, one line each.
+    assumed_unit : which unit was assumed, and how to give another; empty: none that matters.
     fed, discarded, bad_checksums : bytes read, bytes of no message, messages or rows that were invalid.
     progress : share that has been read, 0 to 1; None: unknown.
     """
@@ -81,6 +82,7 @@ class Recording:
     driver: str | None = None
     problem: str | None = None
     remarks: Sequence[str] = ()
+    assumed_unit = ""
     fed = discarded = bad_checksums = 0
     progress: float | None = None
 

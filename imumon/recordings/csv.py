@@ -29,13 +29,20 @@ from imumon.recordings.csv_rows import (
 from imumon.recordings.raw_capture import RawCapture
 from imumon.recordings.table import ROWS, Table, TableRows
 from imumon.report import plain
-from imumon.samples import SampleBlock
+from imumon.samples import AXES, SampleBlock
 
 COMPLETE = "check that it is complete"
 """Cure for a table without rows."""
 
 BLOCK_BYTES = 1 << 23
 """Bytes of lines that are parsed at once."""
+
+ECHOED = (
+    "sec", "nanosec", "frame_id", *("orientation",) * 13,
+    *(f"angular_velocity.{axis} [rad/s]" for axis in AXES), *("covariance",) * 9,
+    *(f"linear_acceleration.{axis}" for axis in AXES), *("covariance",) * 9,
+)  # fmt: skip
+"""Columns that ``ros2 topic echo --csv`` prints of `sensor_msgs/Imu`, without a header."""
 
 TIME_ROWS = 1000
 """Rows that show whether a column of time is readable."""
@@ -119,12 +126,21 @@ class CsvFile(Table):
                 raise RecordingError("no_rows", f"{self.path} has no rows", COMPLETE)
             separator = separator_of(seen[begin])
             names = [str(k + 1) for k in range(len(split(seen[begin], separator)))]
-            if not self._options.columns:
-                text = f"{self.path} has no line that names its {len(names)} columns"
-                raise RecordingError("no_header", text, "add one, or --map gyro/x=2:rad/s,... by number")
+            echoed = next((k for k, line in enumerate(seen) if is_echoed(line)), None)
+            if echoed is not None and not self._options.columns:
+                begin, separator, names = echoed, ",", list(ECHOED)
+            elif not self._options.columns:
+                many = len(names) > 1
+                text = (
+                    f"{self.path} has no line that names its {f'{len(names)} columns' if many else 'column'}"
+                )
+                cure = f"add one, or --map gyro/x={2 if many else 1}:rad/s,... by number"
+                raise RecordingError("no_header", text, cure)
         else:
             header, begin, separator = seen[at], at + 1, separator_of(seen[at])
             names = [plain(name) for name in split(header, separator)]
+            if _is_one_number("".join(seen[begin : begin + 1])):
+                names, separator = [plain(header.strip())], None
             if begin < len(seen) and (united := with_units(names, plain(seen[begin]), separator)) is not None:
                 names, begin = united, begin + 1
         try:
@@ -161,13 +177,34 @@ class CsvFile(Table):
         return RecordingError("no_rows", f"{self.path} has a header and no row of numbers after it", COMPLETE)
 
 
+def is_echoed(line: str) -> bool:
+    """Return whether a line is a message that ``ros2 topic echo --csv`` prints of an IMU."""
+    cells = split(line, ",")
+    return len(cells) == len(ECHOED) and all(map(is_number, (*cells[:2], *cells[3:])))
+
+
+def _is_one_number(line: str) -> bool:
+    return len(line.split()) == 1 and is_number(line)
+
+
 def header_line(lines: Sequence[str]) -> int | None:
     """Return which of the first lines names the columns.
 
-    Most of its cells are no numbers, and it has as many as the first row of numbers.
+    Most of its cells are no numbers, and it has as many as the first row of numbers. A table of one column has it
+    before the first three numbers.
+
+    >>> header_line(["t,gx", "0,1"]), header_line(["10", "gyro_z", "1", "2", "3"]), header_line(["1", "2"])
+    (0, 1, None)
     """
     candidates: list[int] = []
     for k, line in enumerate(lines[:HEAD_LINES]):
+        if (
+            k
+            and lines[k - 1].strip()
+            and not is_number(lines[k - 1])
+            and all(map(_is_one_number, lines[k : k + 3]))
+        ):
+            return k - 1
         cells = split(line, separator_of(line))
         if len(cells) > 1 and sum(not is_number(cell) for cell in cells if cell) > len(cells) / 2:
             candidates.append(k)

@@ -30,7 +30,7 @@ from imumon.recordings.table import Table, TableRows
 from imumon.report import plain
 from imumon.samples import SampleBlock
 
-NOUNS = {"bag": "bag", "px4": "PX4 log", "ardupilot": "ArduPilot log"}
+NOUNS = {"bag": "a bag", "px4": "a PX4 log", "ardupilot": "an ArduPilot log"}
 """Kinds of logs in messages."""
 
 PACKAGES = {"px4": "pyulog", "ardupilot": "pymavlink"}
@@ -74,7 +74,7 @@ class LogFile(Table):
         self.path, self._kind = path, kind
         package = PACKAGES.get(kind)
         if package is not None and importlib.util.find_spec(package) is None:
-            text = f"{path} is a {NOUNS[kind]}, and the package {package} that reads it is not installed"
+            text = f"{path} is {NOUNS[kind]}, and the package {package} that reads it is not installed"
             raise RecordingError("package_missing", text, f"pip install 'imumon[{kind}]'")
         self._check_files()
         self._pipe, other_end = Pipe()
@@ -128,7 +128,7 @@ class LogFile(Table):
 
     def _corrupt(self, why: str) -> RecordingError:
         code = "bag_corrupt" if self._kind == "bag" else "log_corrupt"
-        text = f"{self.path} cannot be read as a {NOUNS[self._kind]}: {why}"
+        text = f"{self.path} cannot be read as {NOUNS[self._kind]}: {why}"
         return RecordingError(code, text, CURES.get(self._kind, "copy it again from the autopilot"))
 
     def _receive_bytes(self) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterable, Iterator, Sequence
 
 from imumon.devices.base import DeviceError, sample_blocks
@@ -10,7 +11,7 @@ from imumon.devices.registry import DEFAULT_SCHEME, driver, scheme_of_bytes
 from imumon.files import open_regular
 from imumon.recordings.base import HEAD_BYTES, OptionNotApplicable, ReadOptions, Recording, RecordingError
 from imumon.recordings.columns import layout
-from imumon.recordings.csv import CsvFile, header_line
+from imumon.recordings.csv import CsvFile, header_line, is_echoed
 from imumon.recordings.csv_rows import is_number, separator_of, split
 from imumon.recordings.log_file import LogFile, log_kind
 from imumon.recordings.npz import NpzFile
@@ -109,6 +110,9 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     OptionNotApplicable : a topic was given, and it has no topics.
     """
     head = b""
+    if os.path.isdir(path) and log_kind(path, head) is None:
+        cure = "name a file in it, or let ros2 bag reindex make the metadata.yaml of a bag"
+        raise RecordingError("is_directory", f"{path} is a directory and no bag", cure)
     if path != "-":
         # not of a pipe, which can be read only once
         with contextlib.suppress(OSError), open(open_regular(path, follow=True), "rb") as file:
@@ -141,7 +145,7 @@ def _is_numbers(lines: Sequence[str]) -> bool:
     """Return whether the first lines are rows of as many numbers: a table without a header."""
     rows = [split(line, separator_of(line)) for line in lines[:NUMBER_LINES] if line.strip()]
     rows = rows[:-1] if len(rows) > 1 else rows  # the last one may end elsewhere
-    return bool(rows) and all(len(row) == len(rows[0]) > 1 and all(map(is_number, row)) for row in rows)
+    return bool(rows) and all(len(row) == len(rows[0]) and all(map(is_number, row)) for row in rows)
 
 
 def _is_csv(capture: RawCapture, options: ReadOptions) -> bool:
@@ -161,9 +165,9 @@ def _is_csv(capture: RawCapture, options: ReadOptions) -> bool:
     lines = head.decode("utf-8-sig", "replace").splitlines()
     at = header_line(lines)
     if at is None:
-        return _is_numbers(lines)
+        return _is_numbers(lines) or any(map(is_echoed, lines))
     try:
-        layout(split(lines[at], separator_of(lines[at])))
+        layout([lines[at], *split(lines[at], separator_of(lines[at]))])
     except RecordingError:
         return False
     return True

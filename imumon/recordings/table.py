@@ -80,7 +80,7 @@ class Table(Recording):
 
     def _counted(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
         self.bad_checksums, self.remarks = self._rows.lost, self._rows.remarks
-        self.started = self._rows.started
+        self.started, self.assumed_unit = self._rows.started, self._rows.assumed_unit
         return blocks
 
 
@@ -100,6 +100,7 @@ class TableRows:
     ----------
     lost : rows that lacked a number.
     started : see `Recording`.
+    assumed_unit : see `Recording`.
     """
 
     def __init__(
@@ -133,6 +134,7 @@ class TableRows:
         self._last_row: Floats | None = None
         self._copies = 0  # rows left out because of that
         self.lost = 0
+        self.assumed_unit = ""
 
     @property
     def remarks(self) -> list[str]:
@@ -316,7 +318,9 @@ class TableRows:
         found = self._layout
         width = len(found.columns)
         check_magnitudes(self._path, self._what, found, np.where(_present(rows), rows, np.nan))
-        self._remarks += unit_remarks(self._what, found.columns)
+        assumed = unit_remarks(self._what, found.columns)
+        self.assumed_unit = (assumed or [""])[0]
+        self._remarks += assumed
         self._doubled = bool(found.times) and _are_doubled(rows, slice(width, width + len(found.times)))
         whole = rows[_present(rows).all(axis=1)]
         if self._doubled:

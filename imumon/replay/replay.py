@@ -36,6 +36,9 @@ PUBLISH_S = 1.0
 """s between two reports on the bus, as of the daemon."""
 
 
+EXCLUDED = 0.5
+"""Share of a recording that is excluded from which its assumed unit is in doubt."""
+
 TauGrid: TypeAlias = Literal["octave", "decade"]
 
 
@@ -260,7 +263,10 @@ class _Run:
             f"{self._restart_texts[code]}{f' (the last of {n:,} such events)' if n > 1 else ''}"
             for code, n in self._restarts.items()
         ]
-        remarks = tuple(map(report.plain, (*self.recording.remarks, *breaks, *remark)))
+        noted, assumed = list(self.recording.remarks), self.recording.assumed_unit
+        if assumed in noted and current.session.excluded_s > EXCLUDED * current.session.elapsed_s:
+            noted[noted.index(assumed)] = f"most of it is excluded, as with a wrong unit: {assumed}"
+        remarks = tuple(map(report.plain, (*noted, *breaks, *remark)))
         return replace(current, device=replace(current.device, remarks=remarks))
 
     def _filtered(self) -> tuple[DeviceDescription, tuple[str, ...]]:

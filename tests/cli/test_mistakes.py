@@ -26,6 +26,8 @@ from imumon.tui.view_state import ViewState
     [
         (("run", "--port", "sim", "--speed", "1e300"), "--speed 1e+300"),
         (("run", "--port", "sim", "--seed", "-1"), "--seed -1"),
+        (("replay", ""), "the name of the file is empty"),
+        (("report", " "), "the name of the file is empty"),
         (("sim", "--rate", "0"), "--rate 0"),
         (("sim", "--gyro-n", "abc"), "'abc': give one number"),
         (("sim", "--accel-k", "nan"), "'nan': give one number"),

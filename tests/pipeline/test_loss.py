@@ -58,7 +58,7 @@ class JudgedWindow(LossWindow):
 
     def alarms(self, steps: Ints) -> list[tuple[bool, float]]:
         for _, share, full in self.update(steps):
-            self._log.update_alarm("loss", share, 0.01, 0.0, ends=full)
+            self._log.update_alarm("loss", share, 0.01 / full, 0.0, ends=full >= 1.0)
         return [(event.level is None, self.share) for event in self._log.drain()]
 
 
@@ -103,6 +103,12 @@ def test_a_clean_link_after_a_reconnection_has_recovered_after_a_minute() -> Non
     assert [second for second in range(70) if window.alarms(ones)] == [59]
 
 
+def test_the_share_of_a_short_record_refers_to_its_length() -> None:
+    window = JudgedWindow()
+    window.update(lossy(20.0, 0.1))
+    assert window.share == pytest.approx(0.1, abs=0.02)
+
+
 def test_the_monitor_reports_loss_with_its_level_and_time() -> None:
     monitor = Monitor(MonitorOptions(alarm_limits={"loss": 0.05}))
     whole = block(12_000)
@@ -144,7 +150,8 @@ def test_a_daemon_warns_of_a_lossy_link_and_of_a_disconnected_sensor(tmp_path: P
     with spawn(EmulatorSettings(seed=1, link=port)) as sensor, Daemon(port, tmp_path) as daemon:
         daemon.samples(100)
         sensor.ask("fault drop=0.2")
-        report = daemon.wait(lambda r: (r.session.recent_loss or 0.0) > 0.015)
+        id = daemon.wait(lambda r: (r.session.recent_loss or 0.0) > 0.015).device.id
+        report = daemon.wait(lambda r: any(event.kind == "loss" for event in daemon.viewer.events(id)))
         sensor.ask("fault")
         sensor.ask("unplug")
         daemon.wait(lambda r: r.state == "waiting")

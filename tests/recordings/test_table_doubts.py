@@ -328,3 +328,21 @@ def test_an_invalid_stamp_is_one_lost_sample_and_no_step_back(tmp_path: Path, st
     report, remarks = replayed(timed(tmp_path / "a.csv", stamps, "time [s]"))
     assert (report.session.samples, report.session.missing, report.device.clock) == (len(K) - 1, 1, "startup")
     assert not remarks
+
+
+def test_a_record_that_is_excluded_as_a_whole_names_the_unit(tmp_path: Path) -> None:
+    t, gyro, accel = truth(4000)
+    path = csv(tmp_path / "a.csv", ["t [s]", *BARE[1:4], *AXES[3:]], t, gyro * 500 / DEG, accel)
+    remarks: list[str] = []
+    report = replay(ReplayOptions(path=str(path)), remark=remarks.append)
+    (doubt,) = [text for text in remarks if "most of it is excluded, as with a wrong unit" in text]
+    assert "--map gyro/x=gx:deg/s" in doubt
+    assert report.channels["gyro/x"].coefficients["N"].reason_code == "excluded"
+    assert "too short" not in imumon("replay", path)
+
+
+def test_a_directory_is_no_recording(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError) as error:
+        replayed(tmp_path)
+    assert error.value.code == "is_directory"
+    assert "ros2 bag reindex" in error.value.cure

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import imumon
-from tables import RATE, G, csv, read, replayed, sentences, truth
+from tables import DEG, RATE, G, csv, read, replayed, sentences, truth
 
 from imumon.column_names import parse_name
 from imumon.errors import RateRequired
@@ -201,3 +201,70 @@ def test_a_wrong_channel_of_a_map_suggests_the_one_that_is_meant(given: str, mea
         parse_map(given)
     assert error.value.code == "map_syntax"
     assert error.value.cure == f"write {meant}=COLUMN:UNIT"
+
+
+# ---------------------------------------------------------------- few columns, and none with a name
+
+
+@pytest.mark.parametrize(
+    ("header", "options", "unit"),
+    [
+        ("gyro_z", (), 1.0),
+        ("gyro z (deg/s)", (), DEG),
+        ("p", ("--map", "gyro/z=p:deg/s"), DEG),
+        ("", ("--map", "gyro/z=1"), 1.0),
+    ],
+)
+@pytest.mark.parametrize("name", ["a.csv", "a.txt"])
+def test_a_table_of_one_column_is_read(
+    tmp_path: Path, header: str, options: tuple[str, ...], unit: float, name: str
+) -> None:
+    values = np.random.default_rng(1).normal(0.0, 1e-3, 500)
+    lines = [*([header] if header else []), *(f"{v:.9g}" for v in values)]
+    (tmp_path / name).write_text("\n".join(lines) + "\n")
+    report = json.loads(imumon("replay", tmp_path / name, *options, "--rate", "100", "--json"))
+    assert report["session"]["samples"] == 500
+    assert report["channels"]["gyro/z"]["std"] == pytest.approx(unit * values.std(ddof=1), rel=1e-6)
+
+
+def test_a_column_without_a_name_is_asked_for_by_number(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("\n".join(["0.001"] * 30) + "\n")
+    with pytest.raises(RecordingError) as error:
+        replayed(tmp_path / "a.txt")
+    assert (error.value.code, error.value.cure) == (
+        "no_header",
+        "add one, or --map gyro/x=1:rad/s,... by number",
+    )
+
+
+@pytest.mark.parametrize("frame", ["imu_link", "", "7"])
+def test_the_output_of_ros2_topic_echo_is_known(tmp_path: Path, frame: str) -> None:
+    _, gyro, accel = truth(500)
+    rows = [
+        [
+            1_700_000_000 + k // 100,
+            k % 100 * 10**7,
+            frame,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+            *[0.0] * 9,
+            *g,
+            *[0.0] * 9,
+            *a,
+            *[0.0] * 9,
+        ]
+        for k, (g, a) in enumerate(zip(gyro.tolist(), accel.tolist(), strict=True))
+    ]
+    for name in ("a.csv", "a.log"):
+        text = "A message was lost!!!\n" + "\n".join(",".join(map(str, row)) for row in rows) + "\n"
+        (tmp_path / name).write_text(text)
+        report, remarks = replayed(tmp_path / name)
+        assert (report.device.sample_rate_hz, report.session.samples, report.session.missing) == (
+            100.0,
+            500,
+            0,
+        )
+        assert report.channels["accel/y"].mean == pytest.approx(accel[:, 1].mean())
+        assert remarks == ""
