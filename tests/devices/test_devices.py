@@ -369,11 +369,27 @@ def test_a_broken_driver_disturbs_no_other(installed: dict[str, str], tmp_path: 
         assert imumon("--version", env=installed).returncode == 0
 
 
-def code_block(language: str) -> str:
+def code_block(language: str, number: int = 0) -> str:
     text = (ROOT / "docs" / "DEVICES.md").read_text()
-    found = re.search(rf"```{language} example\n(.*?)```", text, re.S)
-    assert found is not None
-    return found[1]
+    found: list[str] = re.findall(rf"```{language} example\n(.*?)```", text, re.S)
+    return found[number]
+
+
+def test_a_third_party_holds_its_device_to_the_contract_without_copying(tmp_path: Path) -> None:
+    (tmp_path / "imumon_udp.py").write_text(code_block("python"))
+    (tmp_path / "test_udp.py").write_text(code_block("python", 1))
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-rA", "test_udp.py"]
+    path = os.pathsep.join([str(ROOT), str(tmp_path)])
+    done = subprocess.run(
+        command,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    assert "6 passed, 5 skipped" in done.stdout
 
 
 def test_the_example_of_the_documentation_runs(tmp_path: Path) -> None:
