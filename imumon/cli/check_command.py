@@ -47,11 +47,11 @@ def add_check(parser: Parser) -> None:
     options.add_id(parser)
     options.add_endpoints(parser)
     options.add_config(parser, "settings of Zenoh; options override the file")
-    text = f"critical if the report is older than S seconds; default {MAX_AGE_S:g}"
-    add("--max-age", type=options.positive, default=MAX_AGE_S, metavar="S", help=text)
+    text = f"critical if the report is older than T (5, 90s, 10m); default {MAX_AGE_S:g}"
+    add("--max-age", type=options.seconds, default=MAX_AGE_S, metavar="T", help=text)
     for alarm in ALARMS:
         text = f"warning if more {alarm.what}; default: the setting {alarm.setting} of the daemon"
-        add(f"--max-{alarm.name}", type=options.positive, metavar="PERCENT", help=text)
+        add(f"--max-{alarm.name}", type=options.percentage, metavar="PERCENT", help=text)
     text = "critical if gyroscope or accelerometer is certainly worse than this grade"
     add("--grade", choices=GRADES, help=text)
     add("--baseline", metavar="FILE", help="warning if N or B differs from an earlier report (JSON)")
@@ -68,7 +68,7 @@ def check(arguments: argparse.Namespace) -> int:
         ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
         stopped = current_trouble(subscriber, report, time.monotonic() + EVENTS_S)
     given = {alarm.name: getattr(arguments, f"max_{alarm.name}") for alarm in ALARMS}
-    chosen = {name: percent / 100.0 for name, percent in given.items() if percent is not None}
+    chosen = {name: share for name, share in given.items() if share is not None}
     report = replace(report, alarm_limits={**report.alarm_limits, **chosen})
     critical, warnings = [], []
     if report.state == "stopped":

@@ -7,6 +7,7 @@ import difflib
 import os
 import re
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -98,9 +99,11 @@ _SECONDS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 def seconds(text: str) -> float:
     """Return a duration in seconds.
 
-    >>> seconds("90"), seconds("90s"), seconds("10m"), seconds("1h30m"), seconds("0.5 d")
-    (90.0, 90.0, 600.0, 5400.0, 43200.0)
+    >>> seconds("90"), seconds("90s"), seconds("10m"), seconds("1h30m"), seconds("0.5 d"), seconds("1e3")
+    (90.0, 90.0, 600.0, 5400.0, 43200.0, 1000.0)
     """
+    with suppress(argparse.ArgumentTypeError):
+        return positive(text)
     parts = re.findall(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)\s*", text.lower())
     complete = "".join(f"{value}{unit}" for value, unit in parts) == re.sub(r"\s+", "", text.lower())
     try:
@@ -121,6 +124,15 @@ def horizon(text: str) -> float:
         message = f"{text} is no horizon; give one from {SHORTEST_HORIZON_S:g} s to {LONGEST_HORIZON_S:g} s"
         raise argparse.ArgumentTypeError(message)
     return value
+
+
+def percentage(text: str) -> float:
+    """Return a share that is given in percent.
+
+    >>> percentage("2"), percentage("0.5%")
+    (0.02, 0.005)
+    """
+    return positive(text.removesuffix("%")) / 100.0
 
 
 def share(text: str) -> float:

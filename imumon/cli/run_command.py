@@ -18,8 +18,9 @@ from typing import Any
 
 from imumon.cli import options
 from imumon.cli.exit_codes import INTERRUPTED, NOT_FOUND, NOT_REACHED, SUCCESS, USAGE, CommandError
-from imumon.cli.options import Parser, positive
+from imumon.cli.options import Parser
 from imumon.cli.output import print_report
+from imumon.units import duration
 
 
 def add_run(parser: Parser) -> None:
@@ -45,7 +46,8 @@ def add_run(parser: Parser) -> None:
     add("--fresh", action="store_true", help="start a new record; the old state is kept under another name")
     add("--record", metavar="FILE", help="also save the raw bytes, for replay")
     options.add_config(parser)
-    add("--duration", type=positive, metavar="S", help="stop after S seconds and print the final report")
+    text = "stop after T (90, 90s, 10m, 2h, 7d) and print the final report"
+    add("--duration", type=options.seconds, metavar="T", help=text)
     add("--json", action="store_true", help="print the final report as JSON")
     add("--no-guards", action="store_true", default=None, help="exclude no sample")
     add("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
@@ -218,7 +220,7 @@ def _run_daemon(
         cure = "check that the program that writes it prints samples"
         raise CommandError("stream_without_samples", f"{url} ended without a sample", cure, NOT_FOUND)
     if result.report is None and result.signal is None:
-        message = f"no sensor within {arguments.duration:g} s"
+        message = f"no sensor within {duration(arguments.duration)}"
         raise CommandError("no_device_in_time", message, "give a longer --duration", NOT_REACHED)
     if result.report is not None and (arguments.duration or arguments.json or result.ended):
         print_report(result.report, arguments.json, run_options.baseline)

@@ -214,7 +214,7 @@ def _allowed(found: Any, info: Any) -> str:
     if Ge in limits:
         return f"a number from {limits[Ge].ge:.9g} to {limits[Le].le:.9g}"
     if Gt in limits:
-        return f"a number between {limits[Gt].gt:g} and {limits[Lt].lt:g}"
+        return f'a number between {limits[Gt].gt:g} and {limits[Lt].lt:g}, or a text in percent, such as "5%"'
     if found["type"] == "string_too_long":
         return f"at most {limits[MaxLen].max_length} characters"
     return _TYPES.get(found["type"]) or str(found["msg"]).lower()

@@ -7,11 +7,12 @@ A setting is declared once: its type and limits are checked by pydantic, its des
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from imumon.alarms import DEFAULT_LIMITS
 from imumon.coefficients import NOISE, GradeName
@@ -21,6 +22,18 @@ Baud: TypeAlias = Literal["auto", 9600, 19200, 38400, 57600, 115200, 128000, 230
 NewBaud: TypeAlias = Literal[0, 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
 TextList: TypeAlias = Annotated[tuple[str, ...], Field(strict=False)]
 """A TOML list of texts; not strict, because a list is not a tuple."""
+
+
+def _from_percent(value: Any) -> Any:
+    """Return the share that a text such as ``2%`` gives; other values as they are."""
+    if isinstance(value, str) and value.endswith("%"):
+        with suppress(ValueError):
+            return float(value[:-1]) / 100.0
+    return value
+
+
+Share: TypeAlias = Annotated[float, BeforeValidator(_from_percent)]
+"""A share, as a number or as a text in percent."""
 
 
 class Section(BaseModel):
@@ -124,11 +137,11 @@ class ReportSettings(Section):
 
     period_s: float = Field(1.0, ge=0.1, le=60.0)
     """time between two reports, in seconds"""
-    precision_n: float = Field(0.01, gt=0.0, lt=1.0)
-    """required half-width of the 95 % limits of N, as a share of N"""
-    precision_b: float = Field(0.2, gt=0.0, lt=1.0)
+    precision_n: Share = Field(0.01, gt=0.0, lt=1.0)
+    """required half-width of the 95 % limits of N, as a share of N, such as 0.01 or "1%\""""
+    precision_b: Share = Field(0.2, gt=0.0, lt=1.0)
     """the same for B"""
-    precision_k: float = Field(0.5, gt=0.0, lt=1.0)
+    precision_k: Share = Field(0.5, gt=0.0, lt=1.0)
     """the same for K"""
     grade: Literal["", GradeName] = ""
     """grade for imumon wait: navigation, tactical, industrial or consumer; empty: it ends at the first sample"""
@@ -179,8 +192,8 @@ class AlertSettings(Section):
 
     command: str = ""
     """given to /bin/sh for each event of level warning or higher, with the event as JSON on standard input"""
-    max_loss: float = Field(DEFAULT_LIMITS["loss"], gt=0.0, lt=1.0)
-    """share of the samples of a minute that may be missing without a warning"""
+    max_loss: Share = Field(DEFAULT_LIMITS["loss"], gt=0.0, lt=1.0)
+    """share of the samples of a minute that may be missing without a warning, such as 0.01 or "1%\""""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -132,6 +132,8 @@ def test_thresholds_grade_and_baseline(report: Report, tmp_path: Path) -> None:
     final = SensorGrade(nearest="industrial", meets="industrial", provisional=False)
     with published(with_loss(replace(report, grade={"gyro": final, "accel": final}))) as place:
         assert plugin("--connect", place, "--max-loss", "25")[0] == 0
+        assert plugin("--connect", place, "--max-loss", "25%")[0] == 0
+        assert plugin("--connect", place, "--max-loss", "0.25")[0] == 1
         code, text, _ = plugin("--connect", place, "--max-loss", "25", "--grade", "tactical")
         assert (code, text.count("meets industrial, nearest industrial")) == (2, 2)
         assert plugin("--connect", place, "--max-loss", "25", "--grade", "industrial")[0] == 0

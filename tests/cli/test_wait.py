@@ -19,6 +19,7 @@ from test_check import measured, published
 from waiting import until
 
 from imumon.cli.daemon_state import current_trouble
+from imumon.cli.main import parsers
 from imumon.cli.options import seconds, share
 from imumon.cli.wait_condition import WaitCondition
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
@@ -132,6 +133,21 @@ def test_an_empty_condition_is_the_first_sample(long: Report) -> None:
 def test_an_invalid_duration_is_refused(text: str) -> None:
     with pytest.raises(Exception, match="not a duration"):
         seconds(text)
+
+
+@pytest.mark.parametrize("text", ["600", "600s", "10m", "10 min", "6e2"])
+def test_every_duration_has_the_same_form(text: str) -> None:
+    """Those of run, check, wait and report."""
+    for command, option in (
+        (["run"], "--duration"),
+        (["check"], "--max-age"),
+        (["wait"], "--timeout"),
+        (["report"], "--horizon"),
+    ):
+        parsed, _ = parsers()[0].parse_known_args([*command, option, text])
+        assert getattr(parsed, option[2:].replace("-", "_")) == 600.0
+        code, _, errors = run_inside([*command, option, "10 parsecs"])
+        assert (code, errors.count("is not a duration")) == ((3, 0) if command == ["check"] else (2, 1))
 
 
 @pytest.mark.parametrize("text", ["", "0", "1", "-5%", "100%", "nan", "one"])

@@ -79,6 +79,22 @@ def test_shipped_file_is_the_defaults_with_a_comment_each() -> None:
             assert lines[number - 1].startswith("# ")
 
 
+@pytest.mark.parametrize("value", ["0.02", '"2%"', '"2.0%"'])
+def test_a_share_is_a_number_or_a_percentage(tmp_path: Path, value: str) -> None:
+    file = tmp_path / "config.toml"
+    file.write_text(f"[alert]\nmax_loss = {value}\n[report]\nprecision_n = {value}\n")
+    loaded = load(file)
+    assert (loaded.alert.max_loss, loaded.report.precision_n) == (0.02, 0.02)
+
+
+@pytest.mark.parametrize("value", ['"2"', '"x%"', '"200%"', '"nan%"', "true", "2"])
+def test_what_is_no_share(tmp_path: Path, value: str) -> None:
+    file = tmp_path / "config.toml"
+    file.write_text(f"[alert]\nmax_loss = {value}\n")
+    with pytest.raises(ConfigError, match="give a number between 0 and 1"):
+        load(file)
+
+
 def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
     assert faults(write(tmp_path, BAD), device__set_baud=12) == [
         ("unknown_setting", "config.toml:1: baud: no such setting; did you mean device.baud?"),
@@ -94,7 +110,7 @@ def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
         ("invalid_value", "config.toml:12: report.period_s: 1000 is not valid; give a number from 0.1 to 60"),
         (
             "invalid_value",
-            'config.toml:13: report.precision_n: "a" is not valid; give a number between 0 and 1',
+            'config.toml:13: report.precision_n: "a" is not valid; give a number between 0 and 1, or a text in percent, such as "5%"',
         ),
         (
             "unknown_setting",
