@@ -31,6 +31,8 @@ def add_run(parser: Parser) -> None:
     add("--baud", type=_baud, metavar="auto|N", help=text)
     text = "change the baud rate of the sensor to N until its power-off"
     add("--set-baud", type=int, metavar="N", help=text)
+    text = "output rate to set on the sensor until the end of the run; default: the highest that fits the baud rate"
+    add("--set-rate", type=options.rate, metavar="HZ", help=text)
     add("--rate", type=options.rate, metavar="HZ", help="sample rate of samples without time stamps")
     text = "write nothing to the sensor; a stream without a clock then needs --rate"
     add("--listen-only", action="store_true", default=None, help=text)
@@ -175,6 +177,7 @@ def _settings(arguments: argparse.Namespace) -> Any:
     overrides = {
         "device.baud": arguments.baud,
         "device.set_baud": arguments.set_baud,
+        "device.set_rate_hz": arguments.set_rate,
         "device.rate_hz": arguments.rate,
         "device.listen_only": arguments.listen_only,
         "device.stream": arguments.stream,

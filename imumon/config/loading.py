@@ -247,13 +247,13 @@ def _contradictions(sections: Mapping[str, Any], places: Places) -> Iterator[Con
         if getattr(zenoh, name) and not getattr(zenoh, other):
             yield fault(f"zenoh.{name}", f"zenoh.{other} is missing", "set both or neither")
     device = sections.get("device", DeviceSettings())
-    if device.listen_only and device.set_baud:
-        text = "is not possible with device.listen_only"
-        yield fault("device.set_baud", text, "remove one of the two")
-    if 0.0 < device.rate_hz < SLOWEST_HZ:
-        message = f"{device.rate_hz:g} is not valid"
-        cure = f"give 0, or a number from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
-        yield fault("device.rate_hz", message, cure, "invalid_value")
+    for name in ("set_baud", "set_rate_hz") if device.listen_only else ():
+        if getattr(device, name):
+            yield fault(f"device.{name}", "is not possible with device.listen_only", "remove one of the two")
+    for name in ("rate_hz", "set_rate_hz"):
+        if 0.0 < (rate := getattr(device, name)) < SLOWEST_HZ:
+            cure = f"give 0, or a number from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
+            yield fault(f"device.{name}", f"{rate:g} is not valid", cure, "invalid_value")
     metrics = sections.get("metrics", MetricsSettings())
     if metrics.listen and not re.fullmatch(r"(\[[0-9a-fA-F:]+\]|[^\s:/\[\]]+):\d{1,5}", metrics.listen):
         message = f"{toml_text(metrics.listen)} is not valid"

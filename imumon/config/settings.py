@@ -53,6 +53,8 @@ class DeviceSettings(Section):
     '"auto" detects it'
     set_baud: NewBaud = 0
     """change the baud rate of the sensor until its next power-up; 0: never"""
+    set_rate_hz: float = Field(0.0, ge=0.0, le=FASTEST_HZ)
+    """output rate to set on the sensor while the daemon runs, in Hz; 0: the highest that fits the baud rate"""
     rate_hz: float = Field(0.0, ge=0.0, le=FASTEST_HZ)
     """sample rate of samples without time stamps, in Hz; 0: not given"""
     listen_only: bool = False

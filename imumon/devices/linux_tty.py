@@ -34,12 +34,21 @@ def holders(path: str) -> dict[int, str]:
     it open itself and takes no bytes of it.
     """
     programs, target, owner = {}, os.path.realpath(path), locker(path)
-    for process in Path("/proc").glob("[0-9]*"):
+    for process in Path("/proc").glob("[0-9]*") if _has_terminal_driver(target) else ():
         pid = int(process.name)
         with contextlib.suppress(OSError):
             if pid != os.getpid() and (pid == owner or _reads(process, target)):
                 programs[pid] = f"{_command(process)} ({pid})"
     return programs
+
+
+def _has_terminal_driver(path: str) -> bool:
+    """Return whether a path names a terminal, without opening it: that resets some boards."""
+    with contextlib.suppress(OSError):
+        major = str(os.major(os.stat(path).st_rdev))
+        drivers = Path("/proc/tty/drivers").read_text().splitlines()
+        return any(line.split()[-3] == major for line in drivers)
+    return False
 
 
 def locker(path: str) -> int | None:

@@ -111,6 +111,10 @@ class Session(ABC):
         """Make the sensor stream."""
         return self.info()
 
+    def changes(self) -> str | None:
+        """Return which output was changed and what is restored at the end; None without a change."""
+        return None
+
     @abstractmethod
     def read(self, timeout: float) -> bytes:
         """Return bytes of the stream; wait up to `timeout` seconds for the first."""
@@ -165,6 +169,7 @@ class PortDevice(Device):
         self._identified = self._streaming = self._started = False
         self._info: DeviceInfo | None = None
         self._pending: DeviceError | None = None
+        self._changes: str | None = None  # of the outputs of the sensor, to report once
         self._saved_settings: Path | None = None
 
     @abstractmethod
@@ -204,6 +209,7 @@ class PortDevice(Device):
         self._save_settings(session)
         self._started = True
         self._info = session.configure()
+        self._changes = session.changes()
         self._identified = True
         return self._info
 
@@ -306,6 +312,9 @@ class PortDevice(Device):
             error, self._pending = self._pending, None
             raise error
         items: list[Item] = []
+        if self._changes is not None:
+            items.append(Notice("reconfigured", self._changes, "info"))
+            self._changes = None
         try:
             data = session.read(timeout_s)
         except DeviceLost as lost:

@@ -110,7 +110,8 @@ def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
         ("invalid_value", "config.toml:12: report.period_s: 1000 is not valid; give a number from 0.1 to 60"),
         (
             "invalid_value",
-            'config.toml:13: report.precision_n: "a" is not valid; give a number between 0 and 1, or a text in percent, such as "5%"',
+            'config.toml:13: report.precision_n: "a" is not valid; give a number between 0 and 1, or a text in '
+            'percent, such as "5%"',
         ),
         (
             "unknown_setting",

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from imumon.devices.base import DeviceNotFound
+from imumon.devices.base import DeviceNotFound, InvalidOption
 from imumon.devices.vn100.ascii import Response
 from imumon.devices.vn100.commands import BAUD_RATES, CommandChannel, baud_unsupported
 from imumon.devices.vn100.decoder import Vn100Decoder
@@ -24,6 +24,7 @@ from imumon.devices.vn100.stream_settings import (
     off_port,
     originals,
     output,
+    own_output,
     parse_output,
     same,
     windowed,
@@ -67,6 +68,7 @@ class Configuration:
     channel : to the sensor, whose settings are read before anything is called here.
     kind : of samples to request.
     baud : bit/s, to set on the sensor; None: never.
+    rate_hz : Hz, output rate to set; None: the highest that fits the baud rate.
     clock : s, monotonic.
 
     Attributes
@@ -75,11 +77,16 @@ class Configuration:
     """
 
     def __init__(
-        self, channel: CommandChannel, kind: Kind, baud: int | None, clock: Callable[[], float]
+        self,
+        channel: CommandChannel,
+        kind: Kind,
+        baud: int | None,
+        rate_hz: float | None,
+        clock: Callable[[], float],
     ) -> None:
         self.remarks: list[str] = []
         self._channel, self._port, self._clock = channel, channel.port, clock
-        self._kind, self._baud = kind, baud
+        self._kind, self._baud, self._rate_hz = kind, baud, rate_hz
         self._originals: dict[int, str] | None = None
         self._paused = False
 
@@ -105,10 +112,12 @@ class Configuration:
         Raises
         ------
         DeviceNotFound : it has stopped replying.
+        InvalidOption : it has no such output rate, or not at its baud rate.
         """
         self.remarks.clear()
         if self._originals is None:
             self.save_originals()
+        self._check_rate()
         self._paused = True
         if self._channel.request("VNASY,0") is None:
             text = f"the sensor on {self._port.name} has stopped replying"
@@ -118,10 +127,26 @@ class Configuration:
         stream = self._start_binary()
         if stream is None:
             self._use_ascii()
-        elif stream.divisor != divisors(self._kind, self._port.baud)[0]:
+        elif stream.divisor != divisors(self._kind, self._port.baud, self._rate_hz)[0]:
             self.remarks.append("the sensor refused a higher rate at this baud rate")
         self._paused = False
         return stream
+
+    def _check_rate(self) -> None:
+        """Raise `InvalidOption` if the requested rate is none of the sensor, or does not fit the baud rate."""
+        rate_hz, baud = self._rate_hz, self._baud or self._port.baud
+        if rate_hz is None or divisors(self._kind, baud, rate_hz):
+            return
+        rates = [f"{LOOP_RATE // divisor}" for divisor in reversed(divisors(self._kind, baud))]
+        text = f"{rate_hz:g} Hz is no output rate of the sensor at {baud} baud"
+        cure = f"give --set-rate one of {', '.join(rates)}, or --set-baud a higher one"
+        raise InvalidOption("rate_not_possible", text, cure)
+
+    def changes(self) -> str | None:
+        """Return which output was changed and what is restored at the end; None without a change."""
+        settings = self._channel.settings
+        now, before = own_output(settings), own_output({**settings, **(self._originals or {})})
+        return None if now == before else f"the sensor sends {now} now; {before} is restored at the end"
 
     def revert(self) -> bool:
         """Restore the original settings; return whether the sensor has confirmed each."""
@@ -195,7 +220,7 @@ class Configuration:
     def _write_output(self, mode: int) -> int | None:
         """Set the binary output at the highest rate that the sensor accepts; return its divisor."""
         channel, register = self._channel, BINARY_OUTPUTS[0]
-        for divisor in divisors(self._kind, self._port.baud):
+        for divisor in divisors(self._kind, self._port.baud, self._rate_hz):
             text = output(self._kind, divisor, mode)
             if channel.write(register, text) and same(channel.read(register) or "", text):
                 return divisor

@@ -23,7 +23,7 @@ class Vn100Driver(DeviceDriver):
 
     scheme = "vn100"
     title = "VectorNav VN-100"
-    settings = frozenset({"baud", "set_baud", "rate_hz", "listen_only", "stream"})
+    settings = frozenset({"baud", "set_baud", "set_rate_hz", "rate_hz", "listen_only", "stream"})
 
     def create(self, options: DeviceOptions) -> Device:
         from imumon.devices.vn100.vn100_session import Vn100Device

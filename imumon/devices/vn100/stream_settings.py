@@ -46,13 +46,27 @@ def output(kind: Kind, divisor: int, mode: int) -> str:
     return f"{mode},{divisor},05,0001,{_OUTPUTS[kind][0]:04X}"
 
 
-def divisors(kind: Kind, baud: int) -> list[int]:
-    """Return the divisors whose stream fits the baud rate, the fastest first.
+def divisors(kind: Kind, baud: int, rate_hz: float | None = None) -> list[int]:
+    """Return the divisors whose stream fits the baud rate, the fastest first; `rate_hz`: of that rate only.
 
     >>> [LOOP_RATE // divisors("deltas", baud)[0] for baud in (9600, 115200, 921600)]
     [8, 100, 800]
     """
-    return [d for d in DIVISORS if _OUTPUTS[kind][1] * LOOP_RATE / d <= LOAD * baud / 10]
+    fitting = [d for d in DIVISORS if _OUTPUTS[kind][1] * LOOP_RATE / d <= LOAD * baud / 10]
+    return [d for d in fitting if rate_hz is None or d * rate_hz == LOOP_RATE]
+
+
+def own_output(settings: Texts) -> str:
+    """Return what the sensor sends by its settings, in words.
+
+    >>> own_output({6: "19", 7: "40"}), own_output({6: "0", 75: "1,8,05,0001,00F2"})
+    ('ASCII at 40 Hz', 'binary at 100 Hz')
+    """
+    kind, rate = settings.get(RegisterNumber.OUTPUT_TYPE, "0"), settings.get(RegisterNumber.OUTPUT_RATE, "")
+    outputs = [f"ASCII at {rate or '?'} Hz"] if kind != "0" else []
+    parsed = (parse_output(settings.get(register, OFF)) for register in BINARY_OUTPUTS)
+    outputs += [f"binary at {LOOP_RATE / each[1]:g} Hz" for each in parsed if each and each[0] and each[1]]
+    return " and ".join(outputs) or "nothing"
 
 
 def parse_output(text: str) -> tuple[int, int, int, tuple[int, ...]] | None:

@@ -59,6 +59,7 @@ class StreamRequest:
     listen_only : write nothing.
     baud : bit/s; None: detect it.
     set_baud : bit/s, change the baud rate of the sensor to this; None: never.
+    set_rate_hz : Hz, output rate to set; None: the highest that fits the baud rate.
     rate_hz : Hz, rate of a stream without a clock if the sensor does not give it.
     """
 
@@ -66,6 +67,7 @@ class StreamRequest:
     listen_only: bool = False
     baud: int | None = None
     set_baud: int | None = None
+    set_rate_hz: float | None = None
     rate_hz: float | None = None
 
 
@@ -144,7 +146,9 @@ class Vn100Session(Session):
         self.decoder = Vn100Decoder() if decoder is None else decoder
         self._port, self._request, self._clock, self._progress = port, request, clock, progress
         self._channel = CommandChannel(port, clock, request.listen_only, progress)
-        self._configuration = Configuration(self._channel, request.stream, request.set_baud, clock)
+        self._configuration = Configuration(
+            self._channel, request.stream, request.set_baud, request.set_rate_hz, clock
+        )
         self._serial, self._paced = serial, paced
         self._identity: dict[int, str] = {}
         self._divisor: int | None = None  # of the configured stream; None if the sensor sends its own
@@ -201,6 +205,10 @@ class Vn100Session(Session):
                 self._divisor, self._unread = configured.divisor, configured.unread
         self._reset_health(self._clock())
         return self.info()
+
+    def changes(self) -> str | None:
+        """Return which output was changed and what is restored at the end; None without a change."""
+        return None if self._request.listen_only else self._configuration.changes()
 
     def restore(self) -> bool:
         """Restore the original settings; return whether the sensor has confirmed each.
@@ -420,6 +428,7 @@ class Vn100Device(PortDevice):
             listen_only=settings.listen_only,
             baud=None if settings.baud == "auto" else settings.baud,
             set_baud=settings.set_baud or None,
+            set_rate_hz=settings.set_rate_hz or None,
             rate_hz=settings.rate_hz or None,
         )
         self._messages = Vn100Decoder()

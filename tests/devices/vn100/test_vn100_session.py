@@ -19,7 +19,7 @@ from pathlib import Path
 
 import pytest
 
-from imumon.devices.base import DeviceLost, DeviceNotFound
+from imumon.devices.base import DeviceLost, DeviceNotFound, InvalidOption
 from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.ascii import ERRORS, encode
 from imumon.devices.vn100.commands import BAUD_RATES, NotAVn100, OtherSensor
@@ -233,6 +233,26 @@ def test_only_the_configured_baud_is_tried() -> None:
         bench.session(StreamRequest(baud=9600)).connect()
     assert refused.value.code == "device_sends_garbage"
     assert bench.session(StreamRequest(baud=115200)).connect().baud == 115200
+
+
+def test_the_requested_output_rate_is_set_and_the_change_is_said() -> None:
+    bench = Bench()
+    session = bench.streaming(StreamRequest(set_rate_hz=50.0))
+    samples, _ = bench.run(session, 2.0)
+    assert session.info().sample_rate_hz == 50.0
+    assert samples == pytest.approx(100, abs=5)
+    changed = "the sensor sends binary at 50 Hz now; ASCII at 40 Hz is restored at the end"
+    assert session.changes() == changed
+    assert session.restore()
+    assert session.changes() is None
+
+
+@pytest.mark.parametrize("rate", [70.0, 200.0])
+def test_an_output_rate_that_is_not_possible_is_refused(rate: float) -> None:
+    bench = Bench()
+    with pytest.raises(InvalidOption, match=r"at 115200 baud: give --set-rate one of 1, 2, .*, 100, or"):
+        bench.streaming(StreamRequest(set_rate_hz=rate))
+    assert bench.streaming(StreamRequest(set_rate_hz=200.0, set_baud=230400)).info().sample_rate_hz == 200.0
 
 
 def test_unsupported_baud_is_skipped_or_an_error() -> None:
