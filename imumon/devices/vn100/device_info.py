@@ -14,6 +14,21 @@ DATA_REGISTERS = (23, 25, 26, 35, 43, 44, 82, 84, 85)
 not among them: they make another stream, which the pipeline sees itself."""
 
 
+FAMILY = "VN-100"
+"""Family of a sensor that does not say its model."""
+PROTOCOL = "its messages and registers are read as those of a VN-100"
+
+
+def family_of(model: str | None) -> str:
+    """Return the family of a model.
+
+    >>> family_of("VN-100T-CR"), family_of("VN-210-CR"), family_of("?"), family_of(None)
+    ('VN-100', 'VN-210', 'VN-100', 'VN-100')
+    """
+    found = re.match(r"VN-?(\d{3})", (model or "").upper())
+    return f"VN-{found[1]}" if found else FAMILY
+
+
 def device_info(
     port: str,
     baud: int | None,
@@ -40,6 +55,7 @@ def device_info(
     known = [factor for factor in factors.values() if factor is not None]
     worst = max(known) if len(known) == len(factors) else None
     model, serial = identity.get(1), identity.get(3)
+    family = family_of(model)
     control = (
         settings.get(RegisterNumber.DELTA_CONTROL) if stream is not None and any(stream.averaged) else ""
     )
@@ -47,9 +63,7 @@ def device_info(
         "listen-only: model, serial number and settings are unknown": not identity,
         "the filter or the rate of the sensor is unknown: aliasing may inflate N": kind is not None
         and worst is None,
-        f"the sensor is a {model}: it is treated like a VN-100": not (model or "VN-100")
-        .upper()
-        .startswith("VN-100"),
+        f"the sensor is a {model}: {PROTOCOL}": family != FAMILY,
         f"register {RegisterNumber.DELTA_CONTROL} is unknown: the deltas may be compensated": control is None,
     }
     caveats = {
@@ -59,8 +73,8 @@ def device_info(
     }
     names = {r: f"{r} {REGISTERS[r].name}" for r in sorted(settings)}
     return DeviceInfo(
-        id=f"vn100-{serial or _slug(port)}",
-        kind="VN-100",
+        id=f"{family.lower().replace('-', '')}-{serial or _slug(port)}",
+        kind=family,
         model=model,
         serial=serial,
         firmware=identity.get(4),

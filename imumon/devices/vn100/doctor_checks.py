@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from imumon.devices.base import Check, Observation
+from imumon.devices.vn100.device_info import FAMILY, PROTOCOL, family_of
 from imumon.devices.vn100.registers import LOOP_RATE, RegisterNumber
 from imumon.devices.vn100.stream_settings import divisors
 from imumon.samples import ALIASED, DeviceInfo
@@ -56,9 +57,9 @@ def _model(info: DeviceInfo) -> Iterator[Check]:
     if info.model is None:
         text = "unknown: device.listen_only prevents imumon from asking the sensor"
         yield Check("model", "warning", text, "set device.listen_only = false to read model and settings")
-    elif not info.model.upper().startswith("VN-100"):
+    elif family_of(info.model) != FAMILY:
         serial = info.serial or "without a serial number"
-        text = f"{info.model} {serial}, firmware {info.firmware or 'unknown'}: it is treated like a VN-100"
+        text = f"{info.model} {serial}, firmware {info.firmware or 'unknown'}: {PROTOCOL}"
         yield Check("model", "warning", text, "check its filter yourself")
 
 

@@ -17,12 +17,15 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from imumon.devices.base import DeviceLost, DeviceNotFound, InvalidOption
 from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.ascii import ERRORS, encode
+from imumon.devices.vn100.binary import BinaryLayout
 from imumon.devices.vn100.commands import BAUD_RATES, NotAVn100, OtherSensor
+from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, spawn
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
 from imumon.devices.vn100.emulator.emulator import make_device
@@ -287,11 +290,26 @@ def test_the_other_port_keeps_its_stream() -> None:
     assert bench.device.registers.read(76) == ("3", "80", "01", "0001")
 
 
-def test_another_model_is_used_with_a_remark() -> None:
-    bench = Bench(model="VN-300T-CR")
+@pytest.mark.parametrize("family", ["VN-110", "VN-200", "VN-210", "VN-300", "VN-310"])
+def test_another_model_has_its_own_name_and_a_remark(family: str) -> None:
+    bench = Bench(model=f"{family}T-CR")
     info = bench.streaming().info()
-    assert info.model == "VN-300T-CR"
-    assert any("VN-300T-CR" in remark for remark in info.remarks)
+    assert (info.model, info.kind) == (f"{family}T-CR", family)
+    assert info.id == f"{family.lower().replace('-', '')}-0100056785"
+    assert any(f"{family}T-CR" in remark for remark in info.remarks)
+
+
+def test_packets_of_another_model_are_no_garbage() -> None:
+    """GNSS and INS: groups 4, 6 and 7."""
+    decoder = Vn100Decoder()
+    layouts = [
+        BinaryLayout.of({4: 0x1FFF}),
+        BinaryLayout.of({6: 0x07FF}),
+        BinaryLayout.of({1: 0x0441, 7: 0x0001}),
+    ]
+    data = b"".join(layout.encode({layout.fields[0]: np.zeros(20)}) for layout in layouts)
+    decoder.feed(data)
+    assert (decoder.messages, decoder.discarded) == (60, 0)
 
 
 # ---------------------------------------------------------------------- other devices
