@@ -58,6 +58,7 @@ class DeviceDescription:
     remarks: tuple[str, ...] = ()  # what is unknown or not as it should be, one line each
     driver: str | None = None  # URL scheme of the device driver, such as vn100; null: unknown
     setting_texts: Mapping[str, str] = field(default_factory=dict)  # effect of those settings that are known
+    topic: str | None = None  # topic in ROS that supplies the samples; null: none, or unknown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -175,6 +175,7 @@ class DeviceInfo:
     baud : bit/s; None for devices without a baud rate.
     stream : kind of the samples; None before the first one if the device does not say.
     source : message that the samples are taken from.
+    topic : in ROS, that supplies the samples.
     clock : see `Stream.clock`.
     sample_rate_hz : Hz, nominal.
     alias_factor : factor by which the filter of the sensor inflates N, the worse of gyroscope and
@@ -196,6 +197,7 @@ class DeviceInfo:
     baud: int | None = None
     stream: Kind | None = None
     source: str | None = None
+    topic: str | None = None
     clock: str | None = None
     sample_rate_hz: float | None = None
     alias_factor: float | None = None

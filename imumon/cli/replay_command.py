@@ -29,7 +29,11 @@ def add_read_options(parser: argparse._ActionsContainer) -> None:
     )
     text = "columns of a table, fields of a topic: gyro/x=COLUMN:UNIT,...; a name, or a number from 1; also t and dt"
     add("--map", metavar="MAP", help=text)
-    add("--topic", metavar="NAME", help="topic of a bag, or of a log: vehicle_imu/1, IMU/0")
+    add(
+        "--topic",
+        metavar="NAME",
+        help="topic of a bag, or of a log: vehicle_imu/1, IMU/0; also in settings of other software",
+    )
     text = "the only sensor that is read from a table or log, where gyro and accel have different rates"
     add("--sensor", choices=("gyro", "accel"), help=text)
     text = "filter of the sensor, where the recording does not say: the samples that it averages, WINDOW@HZ if not "

@@ -51,6 +51,8 @@ def add_report(parser: Parser) -> None:
         action="store_true",
         help="settings for other software from measured numbers only, else exit 1",
     )
+    text = "rate at which the program gets samples, where its settings have one; default: that of the record"
+    add("--update-rate", type=options.rate, metavar="HZ", help=text)
     add_datasheet(parser)
     add_read_options(parser.add_argument_group("of a recording"))
     options.add_config(parser)
@@ -62,12 +64,15 @@ def report(arguments: argparse.Namespace) -> int:
     from imumon.bus.subscriber import KEPT_BYTES
     from imumon.cli.history_command import published_days, stored_days
     from imumon.cli.traceability import evaluated, with_provenance
-    from imumon.datasheet import FORMS, document, short_record_text
+    from imumon.datasheet import FORMS, document, programs_with, short_record_text
 
     form = _form(arguments)
     if FORMS[form].binary and arguments.output is None and sys.stdout.isatty():
         message = f"a {form} file cannot be shown in a terminal"
         raise CommandError("binary_to_terminal", message, "name a file with -o", USAGE)
+    if arguments.update_rate and form not in (having := programs_with("rate")):
+        message = f"--update-rate is for {', '.join(having)}, and the format is {form}"
+        raise CommandError("update_rate_not_applicable", message, "leave it out", USAGE)
     if arguments.file and arguments.id:
         raise CommandError("two_sources", "FILE and --id are both given", "give only one of them", USAGE)
     if arguments.output:
@@ -91,7 +96,13 @@ def report(arguments: argparse.Namespace) -> int:
         _check_measured(source, form)
     if FORMS[form].settings and (warning := short_record_text(source)) is not None:
         print_message(warning)
-    data = document(source, form, _filters(source, arguments.horizon, FORMS[form].filters), rows)
+    filters = _filters(source, arguments.horizon, FORMS[form].filters)
+    fed = replace(
+        filters.device,
+        topic=arguments.topic or source.device.topic,
+        sample_rate_hz=arguments.update_rate or filters.device.sample_rate_hz,
+    )
+    data = document(source, form, replace(filters, device=fed) if FORMS[form].settings else filters, rows)
     if arguments.output in (None, "-"):
         sys.stdout.buffer.write(data)
         return SUCCESS
@@ -178,7 +189,17 @@ def _from_file(arguments: argparse.Namespace) -> Any:
     if head.lstrip().startswith(b"{"):
         _check_recording(arguments, "a saved report")
         return with_provenance(_from_report(Path(arguments.file)), arguments.file, {}, None)
-    return replayed(arguments, replay_options(arguments))
+    from imumon.datasheet import FORMS
+    from imumon.recordings import OptionNotApplicable
+
+    wanted = replay_options(arguments)
+    try:
+        return replayed(arguments, wanted)
+    except OptionNotApplicable as error:
+        named = error.code == "topic_not_applicable" and FORMS[_form(arguments)].settings
+        if not named or arguments.file == "-":
+            raise
+    return replayed(arguments, replace(wanted, topic=None))  # it names the topic in the settings
 
 
 def _check_recording(arguments: argparse.Namespace, source: str) -> None:

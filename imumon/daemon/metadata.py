@@ -27,6 +27,7 @@ def description(name: str, info: DeviceInfo | None) -> report.DeviceDescription:
         sample_rate_hz=info.sample_rate_hz,
         alias_factor=info.alias_factor,
         source=info.source,
+        topic=info.topic,
         clock=info.clock,
         settings=info.settings,
         remarks=info.remarks,

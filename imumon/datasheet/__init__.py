@@ -18,5 +18,6 @@ program_settings settings of other programs: templates and factors
 from imumon.datasheet.datasheet import FORMS, document, not_measured
 from imumon.datasheet.figures import NoCurve
 from imumon.datasheet.filter_values import short_record_text
+from imumon.datasheet.program_settings import programs_with
 
-__all__ = ["FORMS", "NoCurve", "document", "not_measured", "short_record_text"]
+__all__ = ["FORMS", "NoCurve", "document", "not_measured", "programs_with", "short_record_text"]

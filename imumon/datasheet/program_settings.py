@@ -154,6 +154,11 @@ def settings_document(program: str, report: Report, filters: FilterReport) -> st
     return "\n".join([*lines, ""])
 
 
+def programs_with(word: str) -> list[str]:
+    """Return the programs whose settings have a line of a word of `LINES`, such as ``rate``."""
+    return [name for name in PROGRAMS if f"@{word} " in (TEMPLATES / f"{name}.template").read_text("utf-8")]
+
+
 def comments(lines: Sequence[str]) -> list[str]:
     """Return lines as comments."""
     return [f"# {line}" for line in lines]
@@ -185,7 +190,13 @@ def _about(context: TemplateContext, words: str) -> list[str]:
 def _rate(context: TemplateContext, words: str) -> list[str]:
     """Return the line with the sample rate, or the comment that it is not known."""
     known, _, unknown = words.partition(" || ")
-    return [known.format(rate=float(f"{context.rate:.6g}"))] if context.rate else comments([unknown])
+    rate = context.filters.device.sample_rate_hz
+    return [known.format(rate=float(f"{rate:.6g}"))] if rate else comments([unknown])
+
+
+def _topic(context: TemplateContext, name: str) -> list[str]:
+    """Return the line with the topic of the record, else with the usual one."""
+    return [f"{name}: {context.filters.device.topic or '/imu/data'}"]
 
 
 def _at_rate(context: TemplateContext, text: str) -> list[str]:
@@ -259,6 +270,7 @@ LINES: Mapping[str, Callable[[TemplateContext, str], list[str]]] = {
     "number": _number,
     "about": _about,
     "rate": _rate,
+    "topic": _topic,
     "at_rate": _at_rate,
     "sample_covariance": _sample_covariance,
     "covariance_with_walk": _covariance_with_walk,

@@ -70,6 +70,7 @@ class Recording:
     header : what is known of the device, or None.
     started : ISO 8601 in UTC, date of the first sample; None: its clock shows no date.
     driver : URL scheme of the driver whose format it has; None: a format of no device.
+    topic : of a bag, that is read; None: it has no topics of ROS.
     problem : why reading ended early, or None.
     remarks : what was left out or is doubtful, one line each.
     assumed_unit : which unit was assumed, and how to give another; empty: none that matters.
@@ -80,6 +81,7 @@ class Recording:
     header: Mapping[str, Any] | None = None
     started: str | None = None
     driver: str | None = None
+    topic: str | None = None
     problem: str | None = None
     remarks: Sequence[str] = ()
     assumed_unit = ""

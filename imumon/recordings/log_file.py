@@ -109,6 +109,7 @@ class LogFile(Table):
         self._columns = [*found.columns, *found.times, *([found.interval] if found.interval else [])]
         self._names = [self._topic.columns[column.index] for column in self._columns]
         source = f"{kind} {self._topic.name}"
+        self.topic = self._topic.name if kind == "bag" else None
         self._rows = TableRows(path, found, kind, options.rate_hz, source=source)
 
     @property

@@ -198,6 +198,7 @@ class _Run:
             id=id,
             driver=driver.scheme if driver is not None else header.get("driver", recording.driver),
             setting_texts=registry.setting_texts(driver, settings),
+            topic=recording.topic,
             model=header.get("model"),
             serial=serial,
             firmware=header.get("firmware"),

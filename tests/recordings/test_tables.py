@@ -403,14 +403,17 @@ def write_bag1(path: Path, messages: list[tuple[int, np.ndarray, np.ndarray]]) -
 
 
 def write_bag2(
-    path: Path, messages: list[tuple[int, np.ndarray, np.ndarray]], plugin: str = "SQLITE3"
+    path: Path,
+    messages: list[tuple[int, np.ndarray, np.ndarray]],
+    plugin: str = "SQLITE3",
+    topic: str = "/imu/data",
 ) -> Path:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     with Writer(path, version=9, storage_plugin=StoragePlugin[plugin]) as bag:
-        connection = bag.add_connection("/imu/data", "sensor_msgs/msg/Imu", typestore=store)
+        connection = bag.add_connection(topic, "sensor_msgs/msg/Imu", typestore=store)
         for stamp, gyro, accel in messages:
             data = store.serialize_cdr(imu(store, stamp, gyro, accel), "sensor_msgs/msg/Imu")
             bag.write(connection, stamp + 5_000_000, data)
@@ -516,3 +519,22 @@ def test_real_irregular_times_are_put_on_a_grid() -> None:
     assert report.session.samples == 1264
     assert report.session.elapsed_s == pytest.approx(82.6, rel=0.02)
     assert 15.0 < (report.device.sample_rate_hz or 0.0) < 16.0
+
+
+def test_the_settings_name_the_topic_of_the_bag_and_the_rate(tmp_path: Path) -> None:
+    t, gyro, accel = truth(500)
+    stamps = 1_700_000_000_000_000_000 + np.rint(t * 1e9).astype(np.int64)
+    rows = list(zip(stamps.tolist(), gyro, accel, strict=True))
+    bag = write_bag2(tmp_path / "bag", rows, topic="/imu/raw")
+    table = csv(tmp_path / "a.csv", ["t [s]", "gx", "gy", "gz", "ax", "ay", "az"], t, gyro, accel)
+
+    def settings(*words: str | Path, form: str = "kalibr") -> str:
+        return imumon("report", *words, "--format", form)
+
+    assert "rostopic: /imu/raw\nupdate_rate: 100\n" in settings(bag)
+    assert "rostopic: /imu/data\nupdate_rate: 100\n" in settings(table)
+    assert "rostopic: /a\nupdate_rate: 40\n" in settings(table, "--topic", "/a", "--update-rate", "40")
+    assert "  rostopic: /imu/raw\n" in settings(bag, form="openvins")
+    assert "IMU.Frequency: 40.0\n" in settings(bag, "--update-rate", "40", form="orbslam3")
+    refused = imumon("report", bag, "--format", "px4", "--update-rate", "40", code=2)
+    assert "--update-rate is for kalibr, openvins, orbslam3" in refused

@@ -119,6 +119,7 @@ class Ros2Device(Device):
             port=self._port,
             stream="unknown",
             source=f"{IMU} on {self._url.topic}",
+            topic=self._url.topic,
             clock=None if stream is None else stream.clock,
             settings={"publisher": ", ".join(self._nodes)} if self._nodes else {},
             caveats=("unknown_compensation",),
