@@ -7,6 +7,7 @@ import pytest
 import scipy.stats
 
 from imumon.noise import OctaveCascade, fit_curve, read_slopes, synthesise
+from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit.expected_curve import (
     degrees_of_freedom,
     density_variances,
@@ -131,7 +132,17 @@ def test_what_regressors_move_has_the_stated_curve(kind: str) -> None:
     at = np.arange(n) / n
     signal = {"ramp": at, "wave": np.sin(12.0 * at), "step": (at > 0.4) * 1.0}[kind]
     means = signal.reshape(-1, length).mean(axis=1)
-    series = block_series(means, np.ones(len(means)), np.zeros(len(means), dtype=np.int64), length)
+    series = block_series(
+        BlockMeans(
+            means[:, None],
+            np.ones((len(means), 1)),
+            np.zeros(len(means), dtype=np.int64),
+            length,
+            1.0,
+            np.zeros(1),
+        ),
+        0,
+    )
     assert series is not None
     m, avar = curve_of(signal[:, None])
     stated = moved_variances(m, series, means)

@@ -268,6 +268,18 @@ def test_a_growing_record_keeps_its_fit_until_it_has_grown_by_two_per_cent(recor
     assert again.B.high != seen[-1].high
 
 
+@pytest.mark.parametrize("period", [400, 1000, 4000])
+def test_limits_hold_the_truth_where_every_second_stretch_is_missing(period: int) -> None:
+    """As of a link that drops out, or of a guard that excludes what moves: 5 s to 50 s on, as long off."""
+    values = noise(2 * LENGTH, 24, seed=5)
+    valid = (np.arange(len(values)) // (period // 2) % 2 == 0)[:, None]
+    cascade = OctaveCascade(24, tau0=1.0 / RATE)
+    cascade.update(values, valid)
+    fits = fit_curve(cascade.result(), averaged=False)
+    assert held(fits, "N", N) >= 20  # 19 or fewer of 24 are 1 in 200 by chance
+    assert held(fits, "B", B) >= 20
+
+
 # --- valid numbers -----------------------------------------------------------------------------------------
 
 

@@ -19,8 +19,8 @@ BLOCKS = 1024
 """Most blocks. Half of them widen the limits of B by 2 %, twice as many narrow them by 3 %."""
 PIECE = 256
 """Samples that are added up together: a block of the cascade, so that any chunking of it gives the same bits."""
-LEAST_SHARE = 0.45
-"""Share of valid samples from which the mean of a block counts, as in the Allan variance."""
+LEAST_SHARE = 0.2
+"""Share of valid samples from which the mean of a block counts, as of a segment of the spectrum."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +48,17 @@ class BlockMeans:
     def length_s(self) -> float:
         """s, length of a block."""
         return self.length * self.interval_s
+
+    def joined(self) -> BlockMeans:
+        """Return the means over pairs of blocks; a pair of two segments counts as missing."""
+        n = len(self.segment) // 2 * 2
+        shares, segment = self.share[:n].reshape(-1, 2, self.share.shape[1]), self.segment[:n].reshape(-1, 2)
+        total = shares.sum(axis=1)
+        sums = np.nansum(shares * self.means[:n].reshape(shares.shape), axis=1)
+        known = (0.5 * total >= LEAST_SHARE) & (segment[:, 0] == segment[:, 1])[:, None]
+        means = np.where(known, sums / np.where(known, total, 1.0), np.nan)
+        share = np.where(known, 0.5 * total, 0.0)
+        return replace(self, means=means, share=share, segment=segment[:, 0], length=2 * self.length)
 
     def part(self, begin: int, end: int) -> BlockMeans:
         """Return the blocks that lie between two samples of the record, counted from its beginning."""
@@ -152,15 +163,18 @@ class BlockAccumulator:
         self._n += other._n
 
     def result(self) -> BlockMeans:
-        """Return the means so far; of a block in progress, those of its samples."""
-        n = -(-self._n // self._length)
-        counts = self._counts[self._groups, :n].T
+        """Return the means so far.
+
+        A block in progress, and one in which a segment ends, do not count: a line averages out over whole blocks only.
+        """
+        n = self._n // self._length
+        counts, segment = self._counts[self._groups, :n].T, self._segment[:n].copy()
         share = counts / self._length
-        if self._n % self._length:
-            share[-1] = np.minimum(1.0, share[-1])
-        known = (share >= LEAST_SHARE) & (self._segment[:n] >= 0)[:, None]
+        known = (share >= LEAST_SHARE) & (segment >= 0)[:, None]
+        if self._length > 1:
+            known[:-1][(segment[:-1] != segment[1:]) & (segment[1:] >= 0)] = False
         means = np.where(known, self._sums[:, :n].T / np.maximum(counts, 1.0), np.nan)
-        share, segment = np.where(known, share, 0.0), self._segment[:n].copy()
+        share = np.where(known, share, 0.0)
         return BlockMeans(means, share, segment, self._length, self.interval_s, np.nan_to_num(self._offset))
 
     def copy(self) -> BlockAccumulator:

@@ -36,8 +36,6 @@ N_ERRORS = 2.2
 EVIDENCE = 4.8
 """Twice the log likelihood ratio against zero from which B or K is measured: 1.4 % false detections (half of the
 records have the best value at zero)."""
-BOUND_95 = 1.645
-"""Standard errors of a 95 % upper bound."""
 MISFIT_P = 0.01
 """Probability of the misfit below which the caveat ``misfit`` is given."""
 OSCILLATES = 30.0
@@ -135,16 +133,16 @@ def _coefficients(found: Description, kurtosis: float, length_s: float) -> dict[
         value = root(0.0)
         white = Estimate(value=value, low=value / half, high=value * half, status="measured")
     else:
-        white = _bound(root(BOUND_95))
+        white = _bound(root(LIMIT_95))
     out = {"N": white}
     for axis, letter in enumerate("BK"):
-        value, low, high, bound = quantiles(surface, axis, np.array([0.5, 0.025, 0.975, 0.95])).tolist()
+        value, low, high = quantiles(surface, axis, np.array([0.5, 0.025, 0.975])).tolist()
         if length_s < LEAST_B_K_S:
             out[letter] = Estimate(reason=TOO_SHORT)
         elif evidence(surface, axis) > EVIDENCE and low < value < high:
             out[letter] = Estimate(value=value, low=low, high=high, status="measured")
         else:
-            out[letter] = _bound(bound)
+            out[letter] = _bound(high)
     if found.likelihood.shape == "quantised" and (quantised := _quantised(found)) is not None:
         out["Q"] = quantised
     return out

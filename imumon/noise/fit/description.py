@@ -99,7 +99,6 @@ class Describer:
     ----------
     sums, column : the sums, and the channel in them.
     averaged : the samples are true averages over their interval, else point samples.
-    degrees : (blocks,) degC, temperature; None: there is none.
     previous : choice at an earlier length of the record; None: there was none.
     slow_terms : look for settling and steps; False for parts of a record.
     """
@@ -111,13 +110,12 @@ class Describer:
         series: BlockSeries,
         *,
         averaged: bool,
-        degrees: Floats | None = None,
         previous: Choice | None = None,
         slow_terms: bool = True,
     ) -> None:
         self._sums, self._column, self._averaged, self._previous = sums, column, averaged, previous
         self._grids, slow_grids = (None, None) if previous is None else previous.grids
-        search = SlowTermSearch(series, degrees, slow_grids, whole=slow_terms)
+        search = SlowTermSearch(series, slow_grids, whole=slow_terms)
         self._slow = search.result()
         self._slow_grids = search.surface.B, search.surface.K
         self._grids = self._grids or self._slow_grids

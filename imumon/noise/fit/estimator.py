@@ -184,9 +184,7 @@ class Estimator:
         """
         if sums is None:
             return "the curve has no sums of its noise"
-        blocks = sums.blocks
-        own = blocks.means[:, channel], blocks.share[:, channel], blocks.segment, blocks.length
-        series = block_series(*own)
+        series = block_series(sums.blocks, channel, degrees)
         if series is None:
             return TOO_SHORT
         if not np.var(series.series) > LEAST_VARIANCE:
@@ -202,7 +200,6 @@ class Estimator:
             channel,
             series,
             averaged=self._flag(channel),
-            degrees=degrees,
             previous=previous,
             slow_terms=whole,
         )

@@ -16,6 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from imumon.noise.blocks import BlockMeans
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.power_law import coefficient_variances
 from imumon.noise.spectrum.expectation import (
@@ -40,6 +41,8 @@ LEAST_BLOCKS = 12
 LONGEST_HOLE = 0.04
 """Share of the blocks up to which a hole is filled by interpolation; a longer one separates two segments, as does a gap
 of unknown length."""
+MOST_FILLED = 0.05
+"""Share of the blocks that holes may be."""
 LEAST_SEGMENT = 8
 """Blocks from which a segment counts."""
 
@@ -89,19 +92,19 @@ class BlockSeries:
     Attributes
     ----------
     length : samples of a block.
-    rows : (n,) number of the block of each value of the series, without holes.
     begin, count : (s,) first value and number of values of each segment.
     series : (n,) channel unit, means, about an offset, holes filled.
+    degrees : (n,) degC, temperature of the same blocks, NaN where missing; None: there is none.
     y : (m,) channel unit, coefficients of all segments, without that of the constant.
     variance : (3, m) for a = b = k = 1.
     f : (m,) cycles per sample.
     """
 
     length: int
-    rows: Ints
     begin: Ints
     count: Ints
     series: Floats
+    degrees: Floats | None
     y: Floats
     variance: Floats
     f: Floats
@@ -122,20 +125,30 @@ class BlockSeries:
         return np.concatenate(parts)
 
 
-def block_series(means: Floats, share: Floats, segment: Ints, length: int) -> BlockSeries | None:
+def block_series(blocks: BlockMeans, column: int, degrees: Floats | None = None) -> BlockSeries | None:
     """Return the coefficients of the means of a channel; None with too few of them.
+
+    Where many short holes lie between the blocks, they are joined in pairs until few are left: what fills a hole has
+    no noise of its own.
 
     Parameters
     ----------
-    means, share, segment : (n,) see `BlockMeans`.
-    length : samples of a block.
+    degrees : (blocks,) degC, temperature of the blocks, NaN where missing; None: there is none.
     """
-    known = np.isfinite(means)
-    if known.sum() < LEAST_BLOCKS:
-        return None
-    at = np.flatnonzero(known)
-    hole = max(2.0, LONGEST_HOLE * known.sum())
-    borders = np.flatnonzero((np.diff(at) > hole) | (np.diff(segment[at]) != 0)) + 1
+    while True:
+        means, share, segment = blocks.means[:, column], blocks.share[:, column], blocks.segment
+        at = np.flatnonzero(np.isfinite(means))
+        if at.size < LEAST_BLOCKS:
+            return None
+        steps = np.diff(at)
+        apart = (steps > max(2.0, LONGEST_HOLE * at.size)) | (np.diff(segment[at]) != 0)
+        if (steps[~apart] - 1).sum() <= MOST_FILLED * at.size:
+            break
+        blocks = blocks.joined()
+        if degrees is not None:
+            pairs = degrees[: degrees.size // 2 * 2].reshape(-1, 2)
+            degrees = np.where(np.isnan(pairs[:, 0]), pairs[:, 1], pairs[:, 0])
+    length, borders = blocks.length, np.flatnonzero(apart) + 1
     rows, begin, count, series, variance, f = [], [], [], [], [], []
     total = 0
     for part in np.split(at, borders):
@@ -157,10 +170,10 @@ def block_series(means: Floats, share: Floats, segment: Ints, length: int) -> Bl
         return None
     made = BlockSeries(
         length,
-        np.concatenate(rows),
         np.array(begin),
         np.array(count),
         np.concatenate(series),
+        None if degrees is None else degrees[np.concatenate(rows)],
         np.zeros(0),
         np.concatenate(variance, axis=1),
         np.concatenate(f),

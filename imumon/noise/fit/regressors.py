@@ -64,16 +64,11 @@ def drifts(series: BlockSeries) -> list[Regressor]:
     return out
 
 
-def temperature(series: BlockSeries, degrees: Floats | None) -> tuple[Regressor | None, str]:
-    """Return the temperature as a regressor, degC, or why it is none.
-
-    Parameters
-    ----------
-    degrees : (blocks,) degC, means over the same blocks; NaN where missing. None: there is none.
-    """
-    if degrees is None:
+def temperature(series: BlockSeries) -> tuple[Regressor | None, str]:
+    """Return the temperature as a regressor, degC, or why it is none."""
+    own = series.degrees
+    if own is None:
         return None, "no_temperature"
-    own = degrees[series.rows]
     known = np.isfinite(own)
     if known.sum() < max(STEP_MARGIN, 0.5 * own.size) or np.ptp(own[known]) < LEAST_SPAN_DEGC:
         return None, "small_range"

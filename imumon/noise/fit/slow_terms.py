@@ -137,7 +137,6 @@ class SlowTermSearch:
 
     Parameters
     ----------
-    degrees : (blocks,) degC, temperature; None: there is none.
     grids : B and K of an earlier search; None: unknown.
     whole : look for settling and steps; False for parts of a record.
     """
@@ -145,14 +144,13 @@ class SlowTermSearch:
     def __init__(
         self,
         series: BlockSeries,
-        degrees: Floats | None,
         grids: tuple[Floats, Floats] | None,
         *,
         whole: bool = True,
     ) -> None:
         self._series, self._whole, self._grids = series, whole, grids
         self._top = meeting_frequency(series)
-        heat, reason = columns_of.temperature(series, degrees)
+        heat, reason = columns_of.temperature(series)
         regressors = [*columns_of.drifts(series), *([] if heat is None else [heat])]
         masked = np.zeros(series.y.size, dtype=bool)
         self.terms = SlowTerms(

@@ -7,7 +7,8 @@ out of the lower levels (59 dB), which averages over two samples would not.
 
 Missing samples need no model. With w = 1 for a valid sample and 0 for a missing one, both w x and w pass the filters.
 A segment transforms w x - mean w, where mean is the sum of w x over the sum of w, and divides by the mean share of w.
-White noise of density N^2 then has density N^2 / share whatever the pattern of the losses, because w x stays white.
+White noise of density N^2 then has this density times mean(h^2 w) / mean(h^2) / mean(w)^2 with the window h, whatever
+the pattern of the losses, because w x stays white.
 Slow noise keeps its density, and its variance within the segment times the relative variance of w is added as white
 noise, which is known too. Segments in which w varies much do not count: with few losses every level has segments, with
 many only the levels whose samples are sums over several.
@@ -38,7 +39,7 @@ from imumon.samples import Floats
 
 LEVELS = 30
 """Most levels: 2^37 samples are five years at 800 Hz."""
-MOST_VARIATION, MOST_VARIATION_BELOW, BELOW = 0.25, 0.06, 5
+MOST_VARIATION, MOST_VARIATION_BELOW, BELOW = 0.35, 0.06, 5
 """Relative variance of the share of valid samples within a segment that counts, and the same from level `BELOW` on: so
 much of the variance of the slow noise within the segment appears as white noise. Single losses have averaged out on the
 lower levels, where slow noise prevails and only long gaps remain."""
@@ -271,7 +272,9 @@ class SpectrumAccumulator:
             holes = shares.var(axis=2) / safe**2
             enough &= holes <= (MOST_VARIATION if s < BELOW else MOST_VARIATION_BELOW)
             level.holes = _sum(level.holes, enough * holes)
-            level.white = _sum(level.white, enough / safe)
+            level.white = _sum(
+                level.white, enough * (shares * WINDOW**2).sum(axis=2) / (WINDOW_POWER * safe**2)
+            )
             level.averages += enough.sum(axis=1)
             of = self._groups
             level_of = segments.sum(axis=2) / (safe[of] * SEGMENT)
