@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
+from scipy.special import gammaincc
 
 from imumon.noise.fit.likelihood import Likelihood, Surface, mixed, rows_up_to
 from imumon.noise.fit.observations import BlockSeries, Powers, meeting_frequency, spectral_powers
@@ -69,7 +70,7 @@ class Description:
     excess : (m,) (channel unit)^2, what the coefficients that are left out hold above the noise.
     first : octaves of frequency that are left out at the upper end.
     window : samples of a moving average in the sensor; 1: none.
-    misfit, dof, p_value : of the bands, with the tolerance of the model.
+    misfit, dof, p_value : of the bands, with the tolerance of the model, and of the single coefficients.
     offset : channel unit, what the series is about.
     choice : for the next fit.
     """
@@ -240,7 +241,7 @@ class Describer:
             other = settled.search(self._samples, self._grids)
             surface = _either(likelihood, surface, settled, other, self._slow.odds)
         tested = replace(likelihood, error=TOLERANCE)
-        misfit, dof = tested.misfit(surface)
+        misfit, dof = np.add(tested.misfit(surface), likelihood.slow_misfit(surface)).tolist()
         grids = (surface.B, surface.K), self._slow_grids
         choice = Choice(self._judged_at, first, window, shape, grids)
         return Description(
@@ -252,7 +253,7 @@ class Describer:
             window,
             misfit,
             dof,
-            tested.p_value(surface),
+            float(gammaincc(0.5 * dof, 0.5 * misfit)),
             float(self._sums.blocks.offset[self._column]),
             choice,
         )

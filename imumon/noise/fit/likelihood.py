@@ -39,6 +39,10 @@ LEAST_INFORMATION = 1e-100
 SAME_COLUMNS = 1e-12
 """Share of the information below which columns of few coefficients are alike."""
 
+SLOW_BANDS, SLOW_DEGREES = (0, 6, 16), 3.0
+"""First coefficients of the bands in which the misfit of the single ones is judged, and least degrees of freedom of a
+band."""
+
 B_DECADES = np.concatenate(([0.0], np.geomspace(1e-5, 1e7, WIDE - 1)))
 K_DECADES = np.concatenate(([0.0], np.geomspace(1e-7, 1e9, WIDE - 1)))
 
@@ -239,6 +243,22 @@ class Likelihood:
         deviance = self.dof[:rows] * (ratio - 1.0 - np.log(ratio))
         # two or three terms are fitted, most of them to the powers
         return float(deviance.sum()), max(float(ratio.size) - 2.0 - bool(self.shape), 1.0)
+
+    def slow_misfit(self, surface: Surface) -> tuple[float, float]:
+        """Return the misfit of the single coefficients, in bands, and its degrees of freedom."""
+        y, X = self.coefficients.y, self.coefficients.X
+        w = 1.0 / (surface.powers @ self.coefficients.variance)
+        inverse = np.linalg.inv(normal_matrix(w[None], X)[0])
+        ratio = w * (y - X @ surface.beta[surface.best]) ** 2
+        own = 1.0 - w * np.einsum("nq,qr,nr->n", X, inverse, X)  # what the regression leaves of each
+        starts = np.array([n for n in SLOW_BANDS if n < y.size], dtype=np.int64)
+        if not starts.size:
+            return 0.0, 0.0
+        dof = np.maximum(np.add.reduceat(own, starts), LEAST_INFORMATION)
+        known = dof >= SLOW_DEGREES
+        dof = dof[known]
+        ratio = np.maximum(np.add.reduceat(ratio, starts)[known] / dof, LEAST_SHARE)
+        return float((dof * (ratio - 1.0 - np.log(ratio))).sum()), float(dof.size)
 
     def model(self, surface: Surface) -> Floats:
         """Return (r,) the expected powers at the greatest likelihood."""
