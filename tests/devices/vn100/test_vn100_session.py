@@ -303,7 +303,7 @@ def test_packets_of_another_model_are_no_garbage() -> None:
     """GNSS and INS: groups 4, 6 and 7."""
     decoder = Vn100Decoder()
     layouts = [
-        BinaryLayout.of({4: 0x1FFF}),
+        BinaryLayout.of({4: 0x0FFF}),
         BinaryLayout.of({6: 0x07FF}),
         BinaryLayout.of({1: 0x0441, 7: 0x0001}),
     ]
