@@ -6,11 +6,11 @@ The terminal UI, the datasheet and the text table show the same things with the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 from imumon.alarms import ALARMS
-from imumon.report import Drift, Estimate, Report, SensorGrade
+from imumon.report import Drift, Estimate, Event, Report, SensorGrade
 from imumon.samples import Level, sensor_of
 
 
@@ -221,6 +221,12 @@ def exclusions(report: Report, text: Callable[[float], str]) -> tuple[str, ...]:
     reasons = ", ".join(f"{reason} {text(seconds)}" for reason, seconds in by.items())
     parts = [f"{text(total)} ({reasons})" if reasons else text(total)] if total else []
     return (*parts, *([f"{text(alone)} of the magnetometer alone"] if alone else []))
+
+
+def one_warmup(events: Sequence[Event]) -> tuple[Event, ...]:
+    """Return the events without the ends of a warm-up that a later one replaces: a record has one."""
+    ends = [event for event in events if event.kind == "warmup"]
+    return tuple(event for event in events if event not in ends[:-1])
 
 
 def spreadsheet_cell(value: object) -> object:

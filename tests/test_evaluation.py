@@ -103,7 +103,7 @@ def replayed(*words: object) -> Report:
 def test_the_exact_deviation_is_that_of_allantools(octaves: bool) -> None:
     values = 9.8 + synthesise(5000, HZ, N=[1e-3], B=[1e-4], K=[1e-4], seed=2)[:, 0]
     lengths = averaging_lengths(len(values), octaves=octaves)
-    sigma, terms = overlapping_deviation(values, np.ones(len(values), dtype=bool), lengths)
+    sigma, terms = overlapping_deviation(values, np.ones(len(values), dtype=int), lengths)
     _, expected, _, counts = allantools.oadev(values, rate=HZ, data_type="freq", taus=np.array(lengths) / HZ)
     np.testing.assert_allclose(sigma[: len(expected)], expected, rtol=1e-9)
     np.testing.assert_array_equal(terms[: len(counts)], counts)
@@ -112,12 +112,12 @@ def test_the_exact_deviation_is_that_of_allantools(octaves: bool) -> None:
 
 def test_no_difference_spans_a_gap() -> None:
     values = np.random.default_rng(1).normal(size=(100, 2))
-    store = SampleStore(2)
+    store = SampleStore([0, 0])
     store.update(values[:60])
     store.break_()
-    store.update(values[60:], np.arange(40) != 20)
+    store.update(values[60:], (np.arange(40) != 20)[:, None])
     kept, valid = store.result()
-    sigma, terms = overlapping_deviation(kept[:, 0], valid, [1, 8])
+    sigma, terms = overlapping_deviation(kept[:, 0], valid[:, 0], [1, 8])
     pieces = [values[:60, 0], values[60:80, 0], values[81:, 0]]
     for k, m in enumerate((1, 8)):
         squares = [
@@ -666,3 +666,18 @@ def test_strict_settings_rest_on_measured_numbers_only(recording: Path, tmp_path
     assert not out.exists()
     assert "linear_acceleration_covariance" in imumon("report", recording, "--strict", "--format", "ros")
     assert "# " in imumon("report", recording, "--format", "kalibr")
+
+
+def test_the_exact_curve_has_the_samples_of_the_other_with_guards(recording: Path, tmp_path: Path) -> None:
+    """A knock is excluded from both; the difference stays that of the overlap."""
+    rows = np.loadtxt(recording, delimiter=",", skiprows=1)
+    rows = np.vstack([rows + np.eye(7)[0] * later for later in (0.0, 50.0, 100.0)])
+    rows[4000:4040, 1:4] += np.sin(np.arange(40))[:, None]
+    np.savez(tmp_path / "k.npz", t=rows[:, 0], gyro=rows[:, 1:4], accel=rows[:, 4:])
+    report = replayed(tmp_path / "k.npz", "--exact")
+    assert report.session.excluded_s > 0.5
+    curve = report.evaluation.exact["gyro/x"]  # type: ignore[union-attr]
+    assert curve.tau_s[-1] > 10.0
+    assert max(abs(d) for d, tau in zip(curve.difference, curve.tau_s, strict=True) if d and tau < 5.0) < 0.05
+    with_exact = document(report, "svg", FilterReport(time=report.time, device=report.device)).decode()
+    assert ">exact<" in with_exact

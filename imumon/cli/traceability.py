@@ -19,6 +19,7 @@ from typing import Any
 
 from imumon import __version__
 from imumon.evaluation import Evaluation, Provenance
+from imumon.messages import one_warmup
 from imumon.report import Report, plain
 
 COMPUTING = ("numpy", "scipy")
@@ -45,6 +46,7 @@ def evaluated(report: Report, sheet: Any = None, rows: Sequence[Mapping[str, Any
     from imumon.noise.uncertainty import bias_budgets, not_covered, uncertainty_budgets, with_combined
     from imumon.references import conformity
 
+    report = replace(report, events=one_warmup(report.events))
     made = report.evaluation or Evaluation()
     if not made.not_covered:
         made = replace(

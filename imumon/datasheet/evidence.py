@@ -12,6 +12,7 @@ from imumon.coefficients import COEFFICIENTS, unit_of
 from imumon.datasheet.elements import DataTable, Element, Heading, Paragraph
 from imumon.datasheet.tables import coefficient_text, significant_digits
 from imumon.evaluation import Conformity, LimitCheck, UncertaintyBudget, UncertaintyComponent
+from imumon.messages import one_warmup
 from imumon.report import Event, Report, stamp
 from imumon.samples import sensor_of
 from imumon.units import figures, pretty
@@ -247,13 +248,10 @@ def exact_elements(report: Report) -> Iterator[Element]:
         "largest difference",
     )
     yield DataTable(head, tuple(rows))
-    made = report.evaluation
-    guards = made.provenance.guards if made is not None and made.provenance is not None else None
-    more = " It has all valid samples, and the curve of the fit excludes disturbances and warm-up."
     yield Paragraph(
-        "The fully overlapping Allan deviation (NIST SP 1065, section 5.2.4) of all samples, against the curve of the "
-        "fit, which overlaps by a quarter of τ, at the octaves that both have: all with --taus octave."
-        f"{more if guards else ''}"
+        "The fully overlapping Allan deviation (NIST SP 1065, section 5.2.4) of the samples that count, against the "
+        "curve of the fit, which overlaps by a quarter of τ and has the same samples, at the octaves that both have: "
+        "all with --taus octave. An average counts with at least 90 % of its samples."
     )
 
 
@@ -316,7 +314,6 @@ def _begin_s(event: Event) -> float:
 
 
 def excluding_events(report: Report) -> list[Event]:
-    """Return the events that are stretches whose samples do not count; of warm-ups only the last."""
-    found = [e for e in report.events if e.kind in EXCLUDING and e.length_s and e.elapsed_s is not None]
-    warmups = [event for event in found if event.kind == "warmup"]
-    return [event for event in found if event not in warmups[:-1]]
+    """Return the events that are stretches whose samples do not count."""
+    events = one_warmup(report.events)
+    return [e for e in events if e.kind in EXCLUDING and e.length_s and e.elapsed_s is not None]

@@ -225,9 +225,9 @@ def _draw(panel: Axes, report: Report, sensor: str, colours: Mapping[str, str]) 
         _draw_limit(panel, grade, limit, scale.factor, colours, taken)
     for axis, curve in curves.items():
         _draw_curve(panel, axis, curve, colours)
-    _draw_exact(panel, report, sensor, curves, colours)
+    exact = _draw_exact(panel, report, sensor, curves, colours)
     _draw_marks(panel, marks, colours)
-    _draw_legend(panel, curves, colours)
+    _draw_legend(panel, list(curves), colours, exact=exact)
 
 
 def _extent(
@@ -345,8 +345,8 @@ def _draw_curve(panel: Axes, axis: str, curve: Allan, colours: Mapping[str, str]
 
 def _draw_exact(
     panel: Axes, report: Report, sensor: str, curves: Mapping[str, Allan], colours: Mapping[str, str]
-) -> None:
-    """Draw the exact curves as dots on a thin line."""
+) -> bool:
+    """Draw the exact curves as dots on a thin line; return whether there are some."""
     exact = report.evaluation.exact if report.evaluation is not None else {}
     for axis in curves:
         if (curve := exact.get(f"{sensor}/{axis}")) is not None:
@@ -355,6 +355,7 @@ def _draw_exact(
                 curve.tau_s, sigma, color=colours[axis], linewidth=0.5, marker=".", markersize=2.2,
                 markeredgewidth=0.0, label="_", zorder=2.2,
             )  # fmt: skip
+    return any(f"{sensor}/{axis}" in exact for axis in curves)
 
 
 MARK_SHIFT = 1.35  # factor of tau between the marks of two axes
@@ -432,7 +433,7 @@ def _draw_marks(panel: Axes, marks: Sequence[_Mark], colours: Mapping[str, str])
             )  # fmt: skip
 
 
-def _draw_legend(panel: Axes, axes: Sequence[str] | Mapping[str, Allan], colours: Mapping[str, str]) -> None:
+def _draw_legend(panel: Axes, axes: Sequence[str], colours: Mapping[str, str], *, exact: bool) -> None:
     """Name the axes above the frame, and explain band, line and hollow marks."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -449,6 +450,11 @@ def _draw_legend(panel: Axes, axes: Sequence[str] | Mapping[str, Allan], colours
         Patch(color=muted, alpha=0.25, linewidth=0.0, label="95 %"),
         Line2D([], [], color=muted, linewidth=1.2, label="model"),
         Line2D([], [], color=muted, label="not used", **hollow),
+        *(
+            [Line2D([], [], color=muted, linewidth=0.5, marker=".", markersize=4.0, label="exact")]
+            if exact
+            else []
+        ),
     ]
     panel.legend(
         handles=entries, frameon=False, ncols=len(entries), loc="lower right", bbox_to_anchor=(1.0, 1.0),

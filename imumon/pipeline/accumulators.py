@@ -70,6 +70,7 @@ class GuardedStatistics:
     noise : curve and spectrum of these columns and moments of all, without the warm-up.
     histogram : of all columns.
     differences : of neighbouring samples in the columns with a curve, warm-up included.
+    store : the samples of these columns, warm-up included; None: they are not kept.
     """
 
     allan_channels: int
@@ -77,6 +78,7 @@ class GuardedStatistics:
     noise: RecordStatistics
     histogram: HistogramAccumulator
     differences: DifferenceAccumulator
+    store: SampleStore | None = None
 
     def update(self, items: Iterable[GuardedSamples]) -> None:
         """Add what the guard passed on."""
@@ -85,12 +87,16 @@ class GuardedStatistics:
                 self.differences.break_()
             if item.broken:
                 self.noise.break_()
+            if self.store is not None and (item.broken or item.skipped):
+                self.store.break_()
             if item.skipped:
                 self.noise.skip(item.skipped)
             if len(item.values):
                 valid = None if item.valid.all() else item.valid
                 allan_valid = None if valid is None else valid[:, : self.allan_groups]
                 self.noise.update(item.values, valid)
+                if self.store is not None:
+                    self.store.update(item.values, valid)
                 self.histogram.update(item.values, valid)
                 self.differences.update(item.values[:, : self.allan_channels], allan_valid)
 
@@ -108,6 +114,7 @@ class Accumulators:
     interval_s : s between two ticks.
     averaged : (c,) channels that are true averages over their interval.
     guarded : exclude disturbances and warm-up.
+    stored : keep the samples of the channels with a curve, for exact curves.
 
     Attributes
     ----------
@@ -115,7 +122,6 @@ class Accumulators:
     groups : (c,) number of the sensor of each channel.
     allan_channels : number of leading columns with an Allan curve.
     envelope : sees all received samples, the statistics only those that the guard passes.
-    store : all received samples of the channels with a curve, for exact curves; None: they are not kept.
     """
 
     def __init__(
@@ -135,10 +141,9 @@ class Accumulators:
         self.allan_channels = sum(sensor in ALLAN_SENSORS for sensor in sensors)
         self.samples = self.missing = self.gaps = self.span = 0
         rate = 1.0 / interval_s
-        self.guarded, self._averaged = guarded, averaged
+        self.guarded, self._averaged, self._stored = guarded, averaged, stored
         self.guard = Guard(sensors, rate, excludes=guarded)  # without excluding it still detects motion
         self.envelope = Envelope(self.groups, rate)
-        self.store = SampleStore(self.allan_channels) if stored else None
         self.temperature = sensors.index("temperature") if "temperature" in sensors else None
         self._statistics = self._new_statistics()
 
@@ -147,11 +152,6 @@ class Accumulators:
         self.samples += len(placed.steps)
         self.gaps += int(np.count_nonzero(placed.steps != 1))
         for part in fill_gaps(placed):
-            if self.store is not None:
-                if isinstance(part, Break | LongGap):
-                    self.store.break_()
-                else:
-                    self.store.update(part.values, part.present)
             if isinstance(part, Break):
                 self._statistics.update(self.guard.break_())
             elif isinstance(part, LongGap):
@@ -301,4 +301,6 @@ class Accumulators:
         allan_groups = max(groups, default=-1) + 1
         differences = DifferenceAccumulator(groups)
         allan = self.allan_channels, allan_groups
-        return GuardedStatistics(*allan, noise, histogram, differences)
+        return GuardedStatistics(
+            *allan, noise, histogram, differences, SampleStore(groups) if self._stored else None
+        )

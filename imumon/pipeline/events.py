@@ -23,6 +23,8 @@ from imumon.samples import Ints, Level
 from imumon.timebase.sample_clock import BREAK
 from imumon.units import duration
 
+WARM_S = 1800.0
+"""s since the first sample before which no sensor counts as warm: the time that the documents give."""
 GAP_EVENT_S = 10.0
 """s of device time between two events about gaps, or about resets of the clock: a lossy link or a broken clock
 must not flood the log."""
@@ -145,10 +147,11 @@ class EventLog:
     def update_warmup(self, record: Accumulators, warming_up: bool, *, heats_up: bool) -> None:
         """Add, once, the end of a warm-up of which nothing is excluded; else `update_happened` adds it.
 
-        The temperature begins it: means that seem to settle for a while are no event.
+        The temperature begins it: means that seem to settle for a while are no event. A temperature that rests for a
+        while in the first half hour does not end it.
         """
-        over = self._warming_up and not warming_up
-        self._warming_up = warming_up and (self._warming_up or heats_up)
+        over = self._warming_up and not warming_up and record.elapsed_s >= WARM_S
+        self._warming_up = (self._warming_up and not over) or (warming_up and heats_up)
         if over and not self._warmup_reported and not record.warmup_s:
             self._warmup_reported = True
             text = "the warm-up is over: it does not show in the record so far, nothing is excluded"

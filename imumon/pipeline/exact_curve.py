@@ -22,7 +22,7 @@ from imumon.samples import Floats, Ints
 
 
 def exact_curves(
-    store: SampleStore, channels: dict[str, Channel], interval_s: float, *, octaves: bool
+    store: SampleStore, channels: dict[str, Channel], interval_s: float, *, begin: int, octaves: bool
 ) -> dict[str, ExactCurve]:
     """Return the exact curve of each channel that has an Allan curve.
 
@@ -31,12 +31,15 @@ def exact_curves(
     store : samples of these channels, in this order.
     channels : of the report, those with a curve.
     interval_s : s between two samples.
+    begin : samples of the grid at the beginning that do not count.
     octaves : averaging times are the octaves; else ten per decade.
     """
     values, valid = store.result()
-    lengths = averaging_lengths(len(values), octaves=octaves)
+    lengths = averaging_lengths(len(values) - begin, octaves=octaves)
     return {
-        name: _curve(channel, *overlapping_deviation(values[:, k], valid, lengths), lengths, interval_s)
+        name: _curve(
+            channel, *overlapping_deviation(values[begin:, k], valid[begin:, k], lengths), lengths, interval_s
+        )
         for k, (name, channel) in enumerate(channels.items())
     }
 

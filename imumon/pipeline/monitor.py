@@ -253,10 +253,11 @@ class Monitor:
     def exact_curves(self, report: Report, *, octaves: bool = True) -> dict[str, ExactCurve]:
         """Return the fully overlapping Allan deviation by channel; empty unless the samples are stored."""
         own = self._record.accumulators if self._record is not None else None
-        if own is None or own.store is None:
+        if own is None or (store := own.statistics.store) is None:
             return {}
         channels = {name: report.channels[name] for name in own.channels[: own.allan_channels]}
-        return exact_curves(own.store, channels, own.interval_s, octaves=octaves)
+        begin = round(own.statistics.noise.begin_s / own.interval_s)
+        return exact_curves(store, channels, own.interval_s, begin=begin, octaves=octaves)
 
     # ------------------------------------------------------------------ saved state
 

@@ -5,8 +5,8 @@ and other tools compute, for comparison and for figures with more points: with t
 
     sigma^2(m) = sum over i of (P[i + 2m] - 2 P[i + m] + P[i])^2 / (2 m^2 terms)
 
-(NIST SP 1065, section 5.2.4; IEEE Std 952 annex C). A difference needs 2m consecutive valid samples, so none
-spans a gap.
+(NIST SP 1065, section 5.2.4; IEEE Std 952 annex C). Where samples are missing or excluded, an average is that of those
+that are there, and counts if nearly all are.
 """
 
 from __future__ import annotations
@@ -21,6 +21,10 @@ from imumon.samples import Bools, Floats, Ints
 
 POINTS_PER_DECADE = 10
 """Averaging times per decade of the finer grid."""
+LEAST_SHARE = 0.9
+"""Share of the samples of an average that must be there: the rest adds at most a tenth to white variance."""
+BROKEN = -(1 << 40)
+"""Count of a gap of unknown length: no average that holds it has enough samples."""
 TAIL = 0.025
 """Probability beyond each 95 % limit."""
 
@@ -30,33 +34,33 @@ class SampleStore:
 
     Parameters
     ----------
-    columns : number of leading columns to keep.
+    groups : (c,) group of each column; the samples of a group are valid together.
     """
 
-    def __init__(self, columns: int) -> None:
-        self._columns = columns
+    def __init__(self, groups: Sequence[int]) -> None:
+        self._groups = list(groups)
         self._values: list[Floats] = []
-        self._valid: list[Bools] = []
+        self._valid: list[Ints] = []
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
-        """Add (n, c) consecutive samples; `valid` (n,) says which are there, None: all."""
-        kept = np.array(values[:, : self._columns])
-        present = np.asarray(np.isfinite(kept).all(axis=1))
+        """Add (n, c) consecutive samples, of which those with `valid` (n, g) count; None: all."""
+        kept = np.array(values[:, : len(self._groups)])
+        present = np.asarray(np.isfinite(kept))
         if valid is not None:
-            present &= valid
+            present &= valid[:, self._groups]
         kept[~present] = 0.0
         self._values.append(kept)
-        self._valid.append(present)
+        self._valid.append(present.astype(np.int64))
 
     def break_(self) -> None:
-        """Note a gap, however long: one invalid sample keeps every difference from spanning it."""
-        self._values.append(np.zeros((1, self._columns)))
-        self._valid.append(np.zeros(1, dtype=bool))
+        """Note a gap, however long: no average and no difference spans it."""
+        self._values.append(np.zeros((1, len(self._groups))))
+        self._valid.append(np.full((1, len(self._groups)), BROKEN))
 
-    def result(self) -> tuple[Floats, Bools]:
-        """Return (n, c) samples, 0 where invalid, and (n,) which are valid."""
-        empty = np.zeros((0, self._columns))
-        return np.concatenate([empty, *self._values]), np.concatenate([np.zeros(0, dtype=bool), *self._valid])
+    def result(self) -> tuple[Floats, Ints]:
+        """Return (n, c) samples, 0 where invalid, and (n, c) 1 where they are valid, 0 or less where not."""
+        empty = np.zeros((0, len(self._groups)))
+        return np.concatenate([empty, *self._values]), np.concatenate([empty.astype(np.int64), *self._valid])
 
 
 def averaging_lengths(samples: int, *, octaves: bool) -> list[int]:
@@ -74,13 +78,13 @@ def averaging_lengths(samples: int, *, octaves: bool) -> list[int]:
     return sorted({round(10 ** (k / POINTS_PER_DECADE)) for k in steps})
 
 
-def overlapping_deviation(values: Floats, valid: Bools, lengths: Sequence[int]) -> tuple[Floats, Ints]:
+def overlapping_deviation(values: Floats, valid: Ints, lengths: Sequence[int]) -> tuple[Floats, Ints]:
     """Return the fully overlapping Allan deviation of one channel.
 
     Parameters
     ----------
     values : (n,) channel unit, samples at equal intervals, 0 where invalid.
-    valid : (n,) which are valid.
+    valid : (n,) 1 where they are valid, 0 where not, `BROKEN` in a gap of unknown length.
     lengths : (k,) averaging times in samples.
 
     Returns
@@ -88,23 +92,23 @@ def overlapping_deviation(values: Floats, valid: Bools, lengths: Sequence[int]) 
     sigma : (k,) channel unit, 0 without a term.
     terms : (k,) differences that were averaged.
 
-    >>> sigma, terms = overlapping_deviation(np.array([0.0, 1.0, 0.0, 1.0]), np.ones(4, bool), [1, 2])
+    >>> sigma, terms = overlapping_deviation(np.array([0.0, 1.0, 0.0, 1.0]), np.ones(4, int), [1, 2])
     >>> sigma.round(3).tolist(), terms.tolist()
     ([0.707, 0.0], [3, 1])
     """
     sigma, terms = np.zeros(len(lengths)), np.zeros(len(lengths), dtype=np.int64)
-    if not valid.any():
+    there = valid > 0
+    if not there.any():
         return sigma, terms
-    centred = np.where(valid, values - values[valid].mean(), 0.0)  # keeps the digits of the sums
-    sums = np.concatenate([[0.0], np.cumsum(centred)])
-    gaps = None if valid.all() else np.concatenate([[0], np.cumsum(~valid)])
+    centred = np.where(there, values - values[there].mean(), 0.0)  # keeps the digits of the sums
+    sums, counts = (np.concatenate([[0], np.cumsum(each)]) for each in (centred, valid))
     for k, m in enumerate(lengths):
-        difference = sums[2 * m :] - 2.0 * sums[m : len(sums) - m] + sums[: len(sums) - 2 * m]
-        if gaps is not None:
-            difference = difference[gaps[2 * m :] == gaps[: len(gaps) - 2 * m]]
+        count = counts[m:] - counts[:-m]
+        mean, whole = (sums[m:] - sums[:-m]) / np.maximum(count, 1), count >= LEAST_SHARE * m
+        difference = (mean[m:] - mean[:-m])[whole[m:] & whole[:-m]]
         terms[k] = len(difference)
         if terms[k]:
-            sigma[k] = math.sqrt(float(difference @ difference) / (2.0 * m * m * terms[k]))
+            sigma[k] = math.sqrt(float(difference @ difference) / (2.0 * terms[k]))
     return sigma, terms
 
 
