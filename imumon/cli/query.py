@@ -59,6 +59,13 @@ def add_wait(parser: Parser) -> None:
     add("--timeout", type=options.seconds, metavar="T", help=text)
 
 
+def require_terminal(instead: str) -> None:
+    """Raise `CommandError` if there is no terminal; `instead` is the command that needs none."""
+    if "TEXTUAL_DRIVER" not in os.environ and not (sys.stdin.isatty() and sys.stderr.isatty()):
+        cure = f"without one use: {instead}"
+        raise CommandError("no_terminal", "the terminal UI needs a terminal", cure, USAGE)
+
+
 def tui(
     arguments: argparse.Namespace, starting: str | None = None, ended: Callable[[], str | None] | None = None
 ) -> int:
@@ -69,9 +76,7 @@ def tui(
     starting : what to show until the daemon answers, if it is being started.
     ended : returns why the daemon has ended, None while it runs.
     """
-    if "TEXTUAL_DRIVER" not in os.environ and not (sys.stdin.isatty() and sys.stderr.isatty()):
-        cure = "without one use: imumon status --json"
-        raise CommandError("no_terminal", "the terminal UI needs a terminal", cure, USAGE)
+    require_terminal("imumon status --json")
     from imumon.tui import run
 
     baseline = options.baseline(arguments.baseline)

@@ -234,8 +234,9 @@ def _run_daemon(
 
 def demo(arguments: argparse.Namespace) -> int:
     """Run emulator and daemon in another process and the terminal UI here; quitting ends all three."""
-    from imumon.cli.query import tui
+    from imumon.cli.query import require_terminal, tui
 
+    require_terminal("imumon run --port sim --duration 60")
     with _temporary() as directory, _demo_daemon(arguments, directory) as (endpoint, last_line):
         arguments.connect, arguments.id, arguments.baseline = [endpoint], "demo", None
         return tui(arguments, "The emulated sensor is starting.", last_line)

@@ -7,7 +7,7 @@ import os
 import re
 
 from imumon.cli import options
-from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
+from imumon.cli.exit_codes import INTERRUPTED, SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message
 
@@ -58,5 +58,4 @@ def web(arguments: argparse.Namespace) -> int:
     def ready(address: str) -> None:
         print_message(f"the screen is at {address}; end with ctrl+c")
 
-    serve(words, host, int(port), ready)
-    return SUCCESS
+    return INTERRUPTED if serve(words, host, int(port), ready) else SUCCESS

@@ -66,6 +66,8 @@ class MetricsServer:
                 continue
             if handler := getattr(self._server, "RequestHandlerClass", None):
                 handler.timeout = REQUEST_S
+            # a client that stops in its request is no fault of the daemon: the server would print a traceback
+            setattr(self._server, "handle_error", lambda request, client: None)  # noqa: B010
             self.address = f"{host}:{number}"
             return
         message = f"metrics cannot be served on {listen} or the next {PORTS - 1} ports: {reason}"

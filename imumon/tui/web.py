@@ -8,7 +8,9 @@ goes to the browser.
 
 from __future__ import annotations
 
+import asyncio
 import shlex
+import signal
 import sys
 from collections.abc import Awaitable, Callable, Sequence
 from ipaddress import ip_address
@@ -38,8 +40,8 @@ class WebError(ImumonError):
     """The page cannot be served."""
 
 
-def serve(arguments: Sequence[str], host: str, port: int, ready: Callable[[str], None]) -> None:
-    """Serve the terminal UI until SIGINT or SIGTERM.
+def serve(arguments: Sequence[str], host: str, port: int, ready: Callable[[str], None]) -> bool:
+    """Serve the terminal UI until SIGINT or SIGTERM; return whether it was SIGINT.
 
     Parameters
     ----------
@@ -80,6 +82,7 @@ def serve(arguments: Sequence[str], host: str, port: int, ready: Callable[[str],
         return response
 
     browsers: set[int] = set()
+    interrupts: list[int] = []
 
     class GuardedServer(Server):
         """The server of textual-serve, without its banner, behind `guarded`."""
@@ -93,7 +96,12 @@ def serve(arguments: Sequence[str], host: str, port: int, ready: Callable[[str],
             """Log nothing: standard error is for messages of imumon."""
 
         async def on_startup(self, app: Any) -> None:
+            asyncio.get_running_loop().add_signal_handler(signal.SIGINT, self.interrupt)
             ready(f"http://{shown}:{port}")
+
+        def interrupt(self) -> None:
+            interrupts.append(signal.SIGINT)
+            self.request_exit()
 
     # a relative address in the page: the browser may know this machine by another name, or through a proxy
     server = GuardedServer(f"exec {own}", host=host, port=port, title="imumon")
@@ -103,6 +111,7 @@ def serve(arguments: Sequence[str], host: str, port: int, ready: Callable[[str],
         reason = "in use" if error.errno == 98 else (error.strerror or str(error)).lower()
         cure = "choose another address with --listen"
         raise WebError("web_not_served", f"{shown}:{port}: {reason}", cure) from None
+    return bool(interrupts)
 
 
 def allowed(listen: str, host: str, origin: str | None) -> bool:

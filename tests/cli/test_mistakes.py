@@ -280,3 +280,13 @@ def test_nothing_of_the_demo_outlives_it() -> None:
         time.sleep(0.05)
     os.close(screen)
     assert running() == []
+
+
+@pytest.mark.parametrize(
+    ("command", "instead"), [("demo", "imumon run --port sim --duration 60"), ("tui", "imumon status --json")]
+)
+def test_without_a_terminal_the_screen_names_a_command_that_needs_none(command: str, instead: str) -> None:
+    words = [sys.executable, "-m", "imumon", command]
+    done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == f"imumon: the terminal UI needs a terminal: without one use: {instead}\n"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import socket
+import struct
 import subprocess
 import time
 import urllib.request
@@ -162,3 +164,23 @@ def test_prometheus_scrapes_a_daemon_and_raises_the_alert_when_it_ends(tmp_path:
             until("alerts", "ImumonDown", "alertname")
         finally:
             prometheus.terminate()
+
+
+def test_a_request_that_stops_prints_nothing(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A client that is slow, or gone, is no traceback in the log of the daemon."""
+    monkeypatch.setattr("imumon.history.metrics.REQUEST_S", 0.2)
+    server = MetricsServer(f"127.0.0.1:{free_port()}")
+    host, _, port = server.address.rpartition(":")
+    clients = [socket.create_connection((host, int(port))) for _ in range(20)]
+    for client in clients:
+        client.sendall(b"GET /metrics HT")
+    for client in clients[:10]:
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        client.close()  # with a reset
+    for client in clients[10:]:
+        with client:
+            assert client.recv(1) == b""  # the server gives up
+    server.close()
+    assert capfd.readouterr() == ("", "")

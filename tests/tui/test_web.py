@@ -77,6 +77,12 @@ def test_only_the_page_itself_may_connect(tmp_path: Path) -> None:
         assert process.wait(10) in (0, -signal.SIGTERM)
 
 
+def test_ctrl_c_is_an_interrupt(tmp_path: Path) -> None:
+    with page(tmp_path) as (_, process):
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 130
+
+
 @pytest.mark.parametrize("words", [("--listen", "0.0.0.0:8448"), ("--listen", "8448"), ("--theme", "none")])
 def test_errors_of_the_command(words: tuple[str, ...]) -> None:
     imumon("web", *words, code=2)
