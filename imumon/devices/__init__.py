@@ -10,4 +10,5 @@ linux_tty      what the kernel knows of a serial port
 vn100          the VectorNav VN-100
 ros2           IMU topics of ROS 2
 lines          any sensor that prints numbers
+xsens          Xsens MTi
 """

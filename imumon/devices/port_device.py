@@ -378,7 +378,7 @@ def _saved_settings(path: Path) -> dict[str, str] | None:
     if not isinstance(saved, dict):
         return None
     valid = all(
-        re.fullmatch(r"[0-9]{1,3}|[a-z ]+", name) and re.fullmatch(r"[A-Za-z0-9.,+-]{0,200}", str(text))
+        re.fullmatch(r"[0-9]{1,3}|[a-z ]+", name) and re.fullmatch(r"[A-Za-z0-9.,+-]{0,400}", str(text))
         for name, text in saved.items()
     )
     return saved if valid and all(isinstance(text, str) for text in saved.values()) else None

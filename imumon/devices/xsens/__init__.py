@@ -1,0 +1,1 @@
+"""Xsens (Movella) MTi sensors that send MTData2 messages."""

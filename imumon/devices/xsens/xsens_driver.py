@@ -1,0 +1,67 @@
+"""Driver of Xsens MTi sensors: the interface for other packages, through the registry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from imumon.devices.base import (
+    Check,
+    Device,
+    DeviceDriver,
+    DeviceOptions,
+    InvalidOption,
+    Observation,
+    RawDecoder,
+)
+
+
+class XsensDriver(DeviceDriver):
+    """MTi on a serial port or a pyserial URL."""
+
+    scheme = "xsens"
+    title = "Xsens MTi"
+    settings = frozenset({"baud", "rate_hz", "set_rate_hz", "listen_only", "stream"})
+
+    def create(self, options: DeviceOptions) -> Device:
+        from imumon.devices.xsens.mt_session import XsensDevice
+
+        return XsensDevice(options)
+
+    def decoder(self, settings: Mapping[str, str] | None = None) -> RawDecoder:
+        from imumon.devices.xsens.mt_decoder import MtDecoder
+
+        return MtDecoder()
+
+    def checks(self, observation: Observation, settings: Any) -> Iterator[Check]:
+        info = observation.info
+        if info.model is None:
+            text = "unknown: device.listen_only prevents imumon from asking the sensor"
+            yield Check("model", "warning", text, "set device.listen_only = false to read model and settings")
+        if info.stream == "deltas":
+            yield Check("aliasing", "ok", "none: DeltaQ and DeltaV are integrals over their interval")
+        elif info.stream is not None:
+            cure = 'set device.stream = "deltas"'
+            yield Check(
+                "aliasing", "warning", "unknown: rate of turn and acceleration are point samples", cure
+            )
+
+    def filter_advice(self, rate_hz: float | None) -> Mapping[str, str]:
+        return {
+            "unknown": "Use DeltaQ and DeltaV (--stream deltas), which are integrals over their interval."
+        }
+
+    def setting_text(self, name: str, value: str) -> str | None:
+        return "fields of a message and their rates" if name == "output configuration" else None
+
+    @contextmanager
+    def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> Iterator[str]:
+        from imumon.devices.xsens.mt_emulator import MtEmulator
+
+        if speed != 1.0:
+            raise InvalidOption(
+                "speed_invalid", "the emulator of the MTi has no time-lapse", "leave --speed out"
+            )
+        with MtEmulator(seed=seed) as running:
+            yield f"xsens:{running.path}"
