@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from imumon.units import share_text
+
 if TYPE_CHECKING:
     from imumon.report import Report
 
@@ -38,11 +40,11 @@ class Alarm:
 
     def text(self, value: float) -> str:
         """Return a value as a sentence, such as ``3 % of the samples of the last minute are missing``."""
-        return f"{100.0 * value:.2g} % {self.what}"
+        return f"{share_text(value)} {self.what}"
 
     def label(self, value: float | None) -> str:
         """Return a value in a few words, such as ``loss 3 %``."""
-        return f"{self.name} {'not known' if value is None else f'{100.0 * value:.2g} %'}"
+        return f"{self.name} {'not known' if value is None else share_text(value)}"
 
 
 ALARMS: tuple[Alarm, ...] = (

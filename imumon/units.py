@@ -71,6 +71,16 @@ def percent(relative: float) -> str:
     return f"{max(relative, 0.1):.1f}%" if relative < 9.95 else f"{relative:.0f}%"
 
 
+def share_text(share: float) -> str:
+    """Return a share in percent with two digits.
+
+    >>> share_text(0.03), share_text(0.0312), share_text(1.0), share_text(12.34)
+    ('3 %', '3.1 %', '100 %', '1,200 %')
+    """
+    percent = 100.0 * share
+    return f"{percent:.2g} %" if abs(percent) < 99.5 else f"{figures(percent, 2)} %"
+
+
 WIDE_PERCENT = 50.0
 """Percent, half-width of limits beyond which they are shown as a factor: they are skewed, and above 0."""
 

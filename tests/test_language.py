@@ -85,3 +85,10 @@ def test_texts_of_the_modules() -> None:
         for text in prose(path)
         for words in found(text)
     ]
+
+
+def test_no_percentage_is_a_power_of_ten() -> None:
+    """`share_text` and `measured` write percentages; a format with two digits would write 130 % as 1.3e+02 %."""
+    power = re.compile(r"(\.\d[ge]|:[+]?e)\} ?%")
+    texts = {path: path.read_text("utf-8") for path in MODULES}
+    assert [path.name for path, text in texts.items() if power.search(text)] == ["units.py"]

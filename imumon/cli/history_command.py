@@ -223,8 +223,8 @@ def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
 
 
 def _readable(sensor: str, letter: str, part: dict[str, Any] | None) -> str:
-    """Return a coefficient with its half-width in the readable unit."""
-    from imumon.units import number, pretty
+    """Return a coefficient in the readable unit, with its half-width or the factor of its limits."""
+    from imumon.units import measured, number, pretty
 
     unit = COEFFICIENTS[letter].units.get(sensor)
     if part is None or unit is None:
@@ -234,5 +234,5 @@ def _readable(sensor: str, letter: str, part: dict[str, Any] | None) -> str:
         return f"< {number(part['high'] * unit.factor, 3)} {name}"
     if part["value"] is None:
         return "pending"
-    half = 50.0 * (part["high"] - part["low"]) / part["value"]
-    return f"{number(part['value'] * unit.factor, 4)} ±{half:.2g} % {name}"
+    value, low, high = (part[limit] * unit.factor for limit in ("value", "low", "high"))
+    return f"{measured(value, low, high)} {name}"

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from imumon.messages import grade_text
 from imumon.report import GRADED, GRADES, Channel, GradeName, Report
 from imumon.samples import sensor_of
-from imumon.units import duration, figures, pretty
+from imumon.units import duration, figures, pretty, share_text
 
 GRADED_SENSORS = ("gyro", "accel")
 EXCLUDED_SHARE = 0.5
@@ -67,7 +67,7 @@ class WaitCondition:
             known = {n: c.coefficients.get(self.coefficient) for n, c in chosen.items()}
             halves = {n: (part and part.half_width) or 0.0 for n, part in known.items()}
             worst = max(halves, key=lambda name: halves[name])
-            reached = f"{self.coefficient} known to {100 * halves[worst]:.2g} % ({worst}) or better"
+            reached = f"{self.coefficient} known to {share_text(halves[worst])} ({worst}) or better"
             parts.append(f"{reached}, required {100 * self.precision:g} %")
         if self.grade is not None or not parts:
             sensors = {sensor_of(name) for name in chosen}
@@ -135,7 +135,7 @@ class WaitCondition:
             if half > self.precision:
                 left = (channel.time_to or {}).get(self.coefficient)
                 ahead = f", about {duration(left)} to the precision of the settings" if left else ""
-                return f"{subject} is known to {half:.2g}, required {self.precision:g}{ahead}"
+                return f"{subject} is known to {figures(half, 2)}, required {self.precision:g}{ahead}"
         return None
 
 

@@ -74,7 +74,7 @@ from imumon.report import (
     to_json,
 )
 from imumon.samples import sensor_of
-from imumon.units import counted, duration, figures, pretty
+from imumon.units import counted, duration, figures, pretty, share_text
 
 DOCUMENT_DIGITS = 12
 """Hexadecimal digits of the number of a document: none of a million documents have the same one."""
@@ -344,9 +344,9 @@ def _record(report: Report) -> Iterator[Element]:
     disturbances = counted(session.disturbances, "disturbance")
     missing = "none"
     if session.missing:
-        share = 100.0 * session.missing / (session.samples + session.missing)
+        share = session.missing / (session.samples + session.missing)
         gaps = counted(session.gaps, "gap")
-        missing = f"{counted(session.missing, 'sample')} in {gaps}, {share:.2g} %"
+        missing = f"{counted(session.missing, 'sample')} in {gaps}, {share_text(share)}"
     invalid = counted(session.bad_checksums, invalid_noun(device))
     discarded = counted(session.discarded_bytes, "byte")
     length = f"{duration(session.elapsed_s)} ({session.elapsed_s:,.0f} s)"

@@ -15,7 +15,7 @@ from imumon.evaluation import Conformity, LimitCheck, UncertaintyBudget, Uncerta
 from imumon.messages import one_warmup
 from imumon.report import Event, Report, stamp
 from imumon.samples import sensor_of
-from imumon.units import figures, pretty
+from imumon.units import figures, pretty, share_text
 
 QUANTITIES = {"floor": "floor (0.664 B)", "density": "density (√2 N)"}
 """Names of quantities that are not N, B or K."""
@@ -229,8 +229,10 @@ def _exact_rows(report: Report) -> Iterator[tuple[str, str, str, str, str]]:
             name,
             f"{len(curve.tau_s)}",
             f"{len(pairs)} of {len(allan.tau_s) if allan is not None else 0}",
-            "–" if short is None else f"{100.0 * short:.2g} %",
-            "–" if largest is None else f"{100.0 * largest[0]:+.2g} % at {largest[1]:.4g} s",
+            "–" if short is None else share_text(short),
+            "–"
+            if largest is None
+            else f"{'+' * (largest[0] > 0.0)}{share_text(largest[0])} at {largest[1]:.4g} s",
         )
 
 

@@ -18,7 +18,7 @@ from imumon.tui.channel_table import GRADED
 from imumon.tui.compare import comparison
 from imumon.tui.formatting import Line, approximate_duration, fitted, length, padded, with_background, wrap
 from imumon.tui.view_state import ViewState
-from imumon.units import duration, number
+from imumon.units import duration, number, share_text
 
 
 def _pair(name: str, value: object, note: str = "", role: str = "text") -> Line:
@@ -110,7 +110,7 @@ def _settings(report: Report, width: int) -> list[Line]:
 def _transmission(report: Report) -> list[Line]:
     s = report.session
     expected = s.samples + s.missing
-    share = f"{100 * s.missing / expected:.2g} %" if s.missing and expected else ""
+    share = share_text(s.missing / expected) if s.missing and expected else ""
     received = f"of {s.received_bytes:,}" if s.received_bytes else ""
     return [
         _title("Transmission"),
@@ -248,9 +248,9 @@ def _shape(channel: Channel, width: int) -> Line:
     verdict = shape.verdict if shape is not None and shape.verdict else "not known yet"
     parts: list[Line] = [[(_LABEL.format("shape"), "muted"), (verdict[: width - 15], "text")]]
     if channel.skewness is not None:
-        parts.append([(f"   skewness {channel.skewness:.2g}", "muted")])
+        parts.append([(f"   skewness {number(channel.skewness, 2)}", "muted")])
     if channel.excess_kurtosis is not None:
-        parts.append([(f"   excess kurtosis {channel.excess_kurtosis:.2g}", "muted")])
+        parts.append([(f"   excess kurtosis {number(channel.excess_kurtosis, 2)}", "muted")])
     return fitted(parts, width)
 
 

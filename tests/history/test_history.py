@@ -19,6 +19,7 @@ from histories import BEGIN, NAMES, RECORD, coefficient, period, write, year
 from paths import TESTS
 from waiting import until
 
+from imumon.cli.history_command import _readable
 from imumon.history import History, HistoryError, HistoryStore
 from imumon.history.history import MOST_PENDING
 from imumon.history.history_file import devices, set_aside
@@ -380,3 +381,19 @@ def test_the_command_names_the_devices_if_there_are_several(tmp_path: Path) -> N
 def test_errors_of_the_command(tmp_path: Path, words: tuple[str, ...], code: int) -> None:
     write(tmp_path, "imu", [period(0)])
     imumon("history", "--state", tmp_path, *words, code=code)
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "text"),
+    [
+        (1.0, 0.99, 1.01, "±1.0%"),
+        (1.0, 0.6, 1.4, "±40%"),
+        (1.0, 0.3, 2.9, "×÷3.1"),
+        (1.0, 0.0, 2.9, "×÷>9"),
+    ],
+)
+def test_the_limits_of_a_row_are_a_percentage_or_a_factor(
+    value: float, low: float, high: float, text: str
+) -> None:
+    part = {"value": value, "low": low, "high": high, "status": "measured"}
+    assert _readable("gyro", "N", part).split()[1] == text
