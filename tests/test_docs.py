@@ -14,6 +14,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -193,6 +194,14 @@ def test_tests_and_benchmarks_that_are_named_exist() -> None:
         for name in re.findall(r"(?:tests|benchmarks)/[\w/]+\.py", path.read_text("utf-8"))
     }
     assert not [name for name in named if not (ROOT / name).exists()]
+
+
+def test_the_table_of_extras_is_complete() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    listed = re.findall(
+        r"^\| `(\w+)` \| .* \| [\d.]+ \|$", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE
+    )
+    assert sorted(listed) == sorted(project["optional-dependencies"].keys() - {"test", "peers"})
 
 
 def test_no_line_is_wider_than_150_characters() -> None:

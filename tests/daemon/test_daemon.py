@@ -252,9 +252,9 @@ def test_what_is_no_vn100_is_said(tmp_path: Path, kind: str, word: str) -> None:
         assert re.search(word, said)
 
 
-def test_readmes_subscriber_reads_what_the_daemon_says(tmp_path: Path) -> None:
+def test_the_subscriber_of_the_documents_reads_what_the_daemon_says(tmp_path: Path) -> None:
     program = re.search(
-        r"```python\n(import json\nimport zenoh.*?)```", (ROOT / "README.md").read_text(), re.S
+        r"```python\n(import json\nimport zenoh.*?)```", (ROOT / "docs" / "ZENOH.md").read_text(), re.S
     )
     assert program is not None
     assert len(program[1].strip().splitlines()) <= 16
