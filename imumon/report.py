@@ -222,7 +222,7 @@ class Drift:
 class ModelColumn:
     """A regressor of the fit: what moves the mean and is not noise."""
 
-    name: str  # "drift", "temperature", "settling" or "step"
+    name: str  # "drift", "temperature", "temperature_2" (its square), "temperature_3", "settling" or "step"
     value: float  # in `unit`
     low: float  # in `unit`, lower 95 % limit
     high: float  # in `unit`, upper 95 % limit
@@ -238,6 +238,28 @@ class ModelColumn:
     def sigma(self) -> float:
         """Standard errors by which it differs from zero."""
         return abs(self.value) / self.error if self.error > 0.0 else 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BiasCurve:
+    """Bias against the temperature: a polynomial about a reference, of the whole record with its warm-up."""
+
+    reason: str | None = (
+        None  # why there are no terms: "no_temperature", "small_range", "collinear", "too_short"
+    )
+    reference_degC: float | None = None  # degC, middle of the temperatures that the record covers
+    terms: tuple[ModelColumn, ...] = ()  # "degree 0" (the bias at the reference) to at most "degree 3"
+    hysteresis: ModelColumn | None = (
+        None  # greatest difference, warming less cooling; null: not both in the record
+    )
+    degC: tuple[float, ...] = ()  # degC, temperatures of the curve; the curve does not hold beyond
+    bias: tuple[float, ...] = ()  # channel unit, the curve
+    low: tuple[float, ...] = ()  # channel unit, lower 95 % limits
+    high: tuple[float, ...] = ()  # channel unit, upper 95 % limits
+    std_without: float | None = (
+        None  # channel unit, standard deviation of the means over blocks about their drift
+    )
+    std_with: float | None = None  # channel unit, the same about drift and curve
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -323,6 +345,7 @@ class Channel:
     resolution: float | None = None  # channel unit, step of the values; null: none seen
     robust: Robust | None = None  # white noise without outliers; null: no curve, too coarse, or too short
     drift: Drift | None = None  # slope of the mean; null: no fit
+    bias_curve: BiasCurve | None = None  # bias against the temperature; null: no fit
     changes: tuple[Change, ...] = ()  # changes beyond chance
 
 

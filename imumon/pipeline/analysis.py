@@ -23,7 +23,7 @@ from imumon.noise.stretches.quarters import excess
 from imumon.noise.stretches.warmup import still_settles
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import UNGRADED_SHARE, Accumulators
-from imumon.report import NOISE, Channel, Estimate, SensorGrade
+from imumon.report import NOISE, BiasCurve, Channel, Estimate, SensorGrade
 from imumon.samples import UNITS, sensor_of
 
 YOUNG_GROWTH = 0.1
@@ -75,7 +75,8 @@ class Analysis:
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
         self._quarters = Estimator(averaged=averaged, time_to=False)
         self._scatter: list[dict[str, tuple[float, Excess]]] = []  # by channel and letter
-        self._scatter_due_s = 0.0
+        self._bias_curves: tuple[BiasCurve, ...] = ()
+        self._slow_due_s = 0.0
         self.warming_up = self.heats_up = False
         self._due_s = 0.0
         self._analysed = (-1, -1, 0.0, False)  # length, samples past the guard, warm-up, and `force`
@@ -95,7 +96,7 @@ class Analysis:
         if early or current == self._analysed:
             return
         if record.warmup_s != self._analysed[2]:
-            self._scatter_due_s = 0.0
+            self._slow_due_s = 0.0
         self._analysed, self._due_s = current, elapsed + pause_s(elapsed)
         noise = statistics.noise
         curve, self.shapes = noise.curve(), statistics.histogram.result()
@@ -116,7 +117,7 @@ class Analysis:
         robust = record.robust_deviations(steps)
         self.robust = dict(zip(record.channels, robust, strict=False))
         self.fits = dict(zip(record.channels, fits, strict=False))
-        self._update_scatter(kurtosis, force=force)
+        self._update_slowly(kurtosis, force=force)
         spectrum = None if curve.sums is None else curve.sums.spectrum
         graded: dict[str, dict[str, Mapping[str, Estimate]]] = {}  # by sensor and axis
         for name, each in self.fits.items():
@@ -136,15 +137,20 @@ class Analysis:
                     spectrum=None if spectrum is None else report_builder.spectrum(sensor, spectrum, column),
                     drift=report_builder.drift(fit, noise.begin_s, _range(curve)),
                     robust=report_builder.robust(self.robust[name]),
+                    bias_curve=report_builder.bias_curve(sensor, self._bias_curves[column])
+                    if column < len(self._bias_curves)
+                    else None,
                 )
             self.channels[name] = channel
 
-    def _update_scatter(self, kurtosis: Sequence[float], *, force: bool) -> None:
-        """Compute the scatter between the quarters, when the record has grown enough."""
+    def _update_slowly(self, kurtosis: Sequence[float], *, force: bool) -> None:
+        """Compute the scatter between the quarters and the curves of the bias, when the record has grown enough."""
         record = self._record
-        if not force and record.elapsed_s < self._scatter_due_s:
+        if not force and record.elapsed_s < self._slow_due_s:
             return
-        self._scatter_due_s = SCATTER_GROWTH * record.elapsed_s
+        self._slow_due_s = SCATTER_GROWTH * record.elapsed_s
+        sums = record.statistics.noise.whole_sums()
+        self._bias_curves = () if sums is None else self._estimator.bias_curves(sums)
         parts = [
             self._quarters.fit_sums(sums, span, self.resolution, kurtosis, like=self._estimator)
             for sums, span in record.statistics.noise.quarters() or ()

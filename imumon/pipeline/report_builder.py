@@ -230,6 +230,7 @@ def noise_model(sensor: str, fit: ChannelFit) -> report.NoiseModel | None:
         return None
     unit = UNITS[sensor]
     units = {"drift": f"{unit}/s", "temperature": f"{unit}/degC"}
+    units |= {f"temperature_{power}": f"{unit}/degC^{power}" for power in (2, 3)}
     return report.NoiseModel(
         columns=tuple(replace(each, unit=units.get(each.name, unit)) for each in fit.columns),
         lines_hz=fit.lines_hz,
@@ -257,6 +258,15 @@ def drift(fit: ChannelFit, begin_s: float, covered: tuple[float, float] | None) 
         per_degC_high=temperature.high if temperature else None,
         explained=fit.explained if temperature else None,
     )
+
+
+def bias_curve(sensor: str, curve: report.BiasCurve) -> report.BiasCurve:
+    """Return the curve with the units of its terms."""
+    unit = UNITS[sensor]
+    units = [unit, f"{unit}/degC", f"{unit}/degC^2", f"{unit}/degC^3"]
+    terms = tuple(replace(term, unit=own) for term, own in zip(curve.terms, units, strict=False))
+    hysteresis = None if curve.hysteresis is None else replace(curve.hysteresis, unit=unit)
+    return replace(curve, terms=terms, hysteresis=hysteresis)
 
 
 def robust(deviation: RobustDeviation | None) -> report.Robust | None:

@@ -14,12 +14,14 @@ import numpy as np
 
 from imumon.coefficients import NOISE, default_precision
 from imumon.noise.allan import AllanCurve
+from imumon.noise.fit.bias_curve import bias_curve
 from imumon.noise.fit.channel_results import TOO_SHORT, channel_fit
 from imumon.noise.fit.description import Choice, Describer, Description
 from imumon.noise.fit.observations import block_series
 from imumon.noise.fit.results import ChannelFit, pending_fit
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.level_sums import SUB_BAND
+from imumon.report import BiasCurve
 from imumon.samples import Floats
 
 RENEWAL_GROWTH = 1.02
@@ -158,6 +160,20 @@ class Estimator:
                 out.append(
                     self._stated(curve, channel, found, 0.0 if kurtosis is None else kurtosis[channel])
                 )
+        return tuple(out)
+
+    def bias_curves(self, sums: NoiseSums) -> tuple[BiasCurve, ...]:
+        """Return the bias of every channel against the temperature, with the noise of the last fit.
+
+        Parameters
+        ----------
+        sums : of the whole record, with its warm-up.
+        """
+        out = []
+        for channel in range(len(sums.group)):
+            known = self._known.get(channel)
+            noise = None if known is None or isinstance(known.found, str) else known.found.surface
+            out.append(bias_curve(sums.blocks, channel, sums.degrees, noise))
         return tuple(out)
 
     def _stated(self, curve: AllanCurve, channel: int, found: Description, kurtosis: float) -> ChannelFit:

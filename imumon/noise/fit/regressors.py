@@ -42,7 +42,8 @@ class Regressor:
 
     Attributes
     ----------
-    name : ``drift``, ``temperature``, ``settling``, ``settling_time``, ``step`` or one of `OSCILLATION`.
+    name : ``drift``, ``temperature``, ``temperature_2``, ``temperature_3``, ``settling``, ``settling_time``, ``step``
+        or one of `OSCILLATION`.
     series : (n,) value at each block; the column is its transform.
     at : blocks, its place, time constant or period; 0.0 where it has none.
     scale : of the column, so that its norm is one.
@@ -84,6 +85,11 @@ def temperature(series: BlockSeries) -> tuple[Regressor | None, str]:
     if np.std(slow) <= TEMPERATURE_SNR * noise / 2.0:
         return None, "collinear"
     return Regressor("temperature", own), ""
+
+
+def bends(heat: Regressor) -> list[Regressor]:
+    """Return the square and the cube of a temperature about its mean, degC^2 and degC^3."""
+    return [Regressor(f"temperature_{power}", heat.series**power) for power in (2, 3)]
 
 
 def settling(series: BlockSeries, share: float) -> list[Regressor]:

@@ -1,9 +1,9 @@
 """What moves the mean of one channel and is not noise, found in its block means alone.
 
 The likelihood of the cosine coefficients says how much a term explains, with the best B and K beside it. The strongest
-of settling, a step and an oscillation of few cycles is added, until chance explains what is left. Of other
-oscillations a coefficient far above its expectation is left out, with those to which it leaks: their period wanders.
-An exponential in doubt counts in proportion to its likelihood.
+of settling, a step, a bend in the effect of the temperature and an oscillation of few cycles is added, until chance
+explains what is left. Of other oscillations a coefficient far above its expectation is left out, with those to which
+it leaks: their period wanders. An exponential in doubt counts in proportion to its likelihood.
 
 Block means lie below the upper end of the spectrum, where few filters in sensors reach. In a record of some thousand
 samples the blocks are single samples, and a filter shows in them, too.
@@ -52,6 +52,8 @@ SETTLING_CERTAIN = 20.0
 """Twice the log likelihood ratio from which it counts alone: odds of 10^3."""
 STEP_EVIDENCE = 30.0
 """Twice the log likelihood ratio of a step: 10^-7 by chance, at any of a thousand places."""
+BEND_EVIDENCE = 14.0
+"""Twice the log likelihood ratio of the square and the cube of the temperature: 10^-3 by chance."""
 MOST_TERMS = 12
 """Terms, and searches for oscillations, in one record: one with more is not at rest."""
 SEARCHED = 256
@@ -151,6 +153,7 @@ class SlowTermSearch:
         self._series, self._whole, self._grids = series, whole, grids
         self._top = meeting_frequency(series)
         heat, reason = columns_of.temperature(series)
+        self._bends = columns_of.bends(heat) if heat is not None and whole else []
         regressors = [*columns_of.drifts(series), *([] if heat is None else [heat])]
         masked = np.zeros(series.y.size, dtype=bool)
         self.terms = SlowTerms(
@@ -178,7 +181,7 @@ class SlowTermSearch:
 
         An exponential that is in doubt is kept beside the terms.
         """
-        candidates = [*self._falls(), *self._steps(), *self._waves()]
+        candidates = [*self._falls(), *self._steps(), *self._waves(), *self._curves()]
         if not candidates:
             return False
         widths = [each.columns.shape[1] for each in candidates]
@@ -207,6 +210,13 @@ class SlowTermSearch:
         steps = columns_of.likely_steps(self._series) if self._whole else []
         return self._candidates(STEP_EVIDENCE, [[each] for each in steps])
 
+    def _curves(self) -> list[_Candidate]:
+        """Return the square and the cube of the temperature, together; none where they are among the terms."""
+        if not self._bends or any(each.name == self._bends[0].name for each in self.terms.regressors):
+            return []
+        columns = self._series.transform(np.stack([each.series for each in self._bends], axis=1))
+        return [_Candidate(BEND_EVIDENCE, np.linalg.qr(columns)[0], self._bends)]
+
     def _candidates(self, threshold: float, terms: list[list[Regressor]]) -> list[_Candidate]:
         """Return candidates of which the first regressor is tested."""
         if not terms:
@@ -232,7 +242,7 @@ class SlowTermSearch:
         falls = [
             (float(gain), each.regressors)
             for gain, each in zip(gains, candidates, strict=True)
-            if len(each.regressors) == 2 and gain > SETTLING_GATE
+            if each.regressors and each.regressors[0].name == "settling" and gain > SETTLING_GATE
         ]
         gain, pair = max(falls, key=lambda fall: fall[0], default=(-np.inf, []))
         odds = float(np.exp(0.5 * gain - SETTLING_PENALTY))

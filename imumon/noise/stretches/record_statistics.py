@@ -154,6 +154,11 @@ class RecordStatistics:
         )
         return curve if self._temperature is None else curve.with_temperature()
 
+    def whole_sums(self) -> NoiseSums | None:
+        """Return the sums of the whole record, with its warm-up; None: there are none."""
+        sums = self._cascade.cascade.result().sums
+        return None if sums is None else self._own(sums)
+
     def is_warming_up(self, curve: AllanCurve) -> bool:
         """Return whether the temperature of the sensor has not come to rest at the end of a curve of this record."""
         if curve.sums is None or curve.sums.degrees is None:

@@ -1,0 +1,205 @@
+"""Bias of one channel against the temperature, from the means of the whole record.
+
+The same restricted likelihood as of N, B and K, of the block means alone, with other columns: a polynomial of the
+temperature beside the drift of each segment. The degree is the highest whose last term shows. A record that warms and
+cools has one column more, the difference between the two directions: hysteresis. What the noise may do between the
+blocks widens every limit. A warm-up is no part of N, B and K, and the best part of a record for this curve.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from imumon.coefficients import LIMIT_95
+from imumon.noise.blocks import BlockMeans
+from imumon.noise.fit import regressors as columns_of
+from imumon.noise.fit.expected_curve import noise_variances
+from imumon.noise.fit.likelihood import Likelihood, Surface, averaged, normal_matrix
+from imumon.noise.fit.observations import SINGLE, BlockSeries, block_series, meeting_frequency
+from imumon.noise.fit.regressors import COLLINEAR, Regressor
+from imumon.noise.fit.slow_terms import SlowTerms
+from imumon.report import BiasCurve, ModelColumn
+from imumon.samples import Floats
+
+MOST_DEGREE = 3
+"""Degree of the polynomials of flight controllers."""
+TERM_SIGMA = 2.6
+"""Standard errors from which a term of a higher degree is one: 1 % of records show one by chance."""
+SPAN_PER_DEGREE_DEGC = 2.0
+"""degC, span that each degree above the first one needs: sensors bend little within less."""
+POINTS = 25
+"""Temperatures at which the curve is given."""
+DIRECTION_SHARE = 0.2
+"""Share of the span that the temperature moves back before the direction has changed: less is noise."""
+BOTH_WAYS = 0.15
+"""Share of the blocks, and of the span, that each direction has at least where hysteresis can be seen."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """Regression with the noise that is likeliest beside it."""
+
+    regressors: list[Regressor]
+    value: Floats  # (q,) in the scale of each column, as is the covariance
+    covariance: Floats  # (q, q)
+    mean_variance: float  # (channel unit)^2, of the mean of the record against that of another one as long
+
+    def sigma(self, at: int) -> float:
+        return float(abs(self.value[at]) / math.sqrt(self.covariance[at, at]))
+
+
+def bias_curve(
+    blocks: BlockMeans, column: int, degrees: Floats | None, noise: Surface | None = None
+) -> BiasCurve:
+    """Return the bias against the temperature, or a curve without terms and with the reason why there is none.
+
+    Parameters
+    ----------
+    blocks : means of the whole record.
+    column : channel in them.
+    degrees : (blocks,) degC, temperature of the blocks, NaN where missing; None: there is none.
+    noise : likelihood of N, B and K of the channel; None: that of the blocks.
+    """
+    series = block_series(blocks, column, degrees)
+    if series is None:
+        return BiasCurve(reason="too_short")
+    straight, reason = columns_of.temperature(series)
+    if straight is None or series.degrees is None:
+        return BiasCurve(reason=reason)
+    known = np.isfinite(series.degrees)
+    at = np.arange(known.size)
+    own = np.interp(at, at[known], series.degrees[known])
+    low, high = float(own.min()), float(own.max())
+    reference, half = 0.5 * (low + high), 0.5 * (high - low)
+    u = (own - reference) / half
+    loop = _direction(own)
+    fit = _fitted(series, u, loop, 1, noise)
+    names = [each.name for each in fit.regressors]
+    one, drift = names.index("temperature"), names.index("drift") if "drift" in names else None
+    if drift is not None and _correlation(fit.covariance, one, drift) > COLLINEAR:
+        return BiasCurve(reason="collinear")
+    degree = 1
+    for more in range(2, MOST_DEGREE + 1):
+        if high - low >= SPAN_PER_DEGREE_DEGC * more:
+            other = _fitted(series, u, loop, more, noise)
+            if other.sigma(one + more - 1) > TERM_SIGMA:
+                fit, degree = other, more
+    return _stated(series, fit, blocks.offset[column], one, degree, reference, half, u)
+
+
+def _fitted(series: BlockSeries, u: Floats, loop: Floats | None, degree: int, noise: Surface | None) -> _Fit:
+    """Return the regression on a polynomial of u (n,), and the direction (n,) where both occur."""
+    heat = [Regressor("temperature", u**power) for power in range(1, degree + 1)]
+    if loop is not None:
+        heat.append(Regressor("hysteresis", loop * (1.0 - u * u)))
+    _, regressors = columns_of.columns(series, [*columns_of.drifts(series), *heat])
+    masked = np.zeros(series.y.size, dtype=bool)
+    terms = SlowTerms(series, regressors, masked, min(4 * SINGLE, masked.size // 3), [], 0.0, "")
+    top = meeting_frequency(series)
+    likelihood = Likelihood(*terms.observations(top, top))
+    if noise is None:
+        surface = likelihood.search(series.samples)
+    else:
+        surface = replace(likelihood.surface(noise.B, noise.K), log=noise.log, a=noise.a)
+    mean, error = averaged(surface, surface.beta, surface.beta_variance)
+    coefficients = likelihood.coefficients
+    variance = surface.powers @ coefficients.variance
+    inverse = np.linalg.inv(normal_matrix(1.0 / variance[None], coefficients.X)[0])
+    # the noise is not known exactly: the errors are those over all N, B and K, the correlations of the likeliest
+    wider = error / np.sqrt(np.diagonal(inverse))
+    scale = np.array([each.scale for each in regressors])
+    covariance = inverse * np.outer(wider * scale, wider * scale)
+    mean_variance = 2.0 * surface.powers @ noise_variances(np.array([series.samples]), averaged=True)
+    return _Fit(regressors, mean * scale, covariance, float(mean_variance[0]))
+
+
+def _stated(
+    series: BlockSeries,
+    fit: _Fit,
+    offset: float,
+    one: int,
+    degree: int,
+    reference: float,
+    half: float,
+    u: Floats,
+) -> BiasCurve:
+    """Return the curve of a regression whose temperature columns begin at number `one`."""
+    columns = np.stack([each.series for each in fit.regressors], axis=1)
+    own = slice(one, one + degree)
+    # the bias at the reference temperature, in the middle of the record and between the two directions
+    middle = columns.mean(axis=0)
+    bias = float(offset + series.series.mean() - middle @ fit.value)
+    rows = [(bias, fit.mean_variance + float(middle @ fit.covariance @ middle))]
+    rows += [
+        (
+            float(fit.value[one + i]) / half ** (i + 1),
+            float(fit.covariance[one + i, one + i]) / half ** (2 * i + 2),
+        )
+        for i in range(degree)
+    ]
+    at = np.linspace(-1.0, 1.0, POINTS)
+    powers = at[:, None] ** np.arange(1, degree + 1)
+    combined = np.tile(-middle, (POINTS, 1))
+    combined[:, own] += powers
+    curve = bias + powers @ fit.value[own]
+    error = LIMIT_95 * np.sqrt(
+        fit.mean_variance + np.einsum("pq,qr,pr->p", combined, fit.covariance, combined)
+    )
+    drifts = [i for i, each in enumerate(fit.regressors) if each.name == "drift"]
+    without = series.series - columns[:, drifts] @ fit.value[drifts]
+    hysteresis = None
+    if fit.regressors[-1].name == "hysteresis":
+        hysteresis = _column("hysteresis", float(fit.value[-1]), float(fit.covariance[-1, -1]))
+    return BiasCurve(
+        reference_degC=reference,
+        terms=tuple(_column(f"degree {i}", *row) for i, row in enumerate(rows)),
+        hysteresis=hysteresis,
+        degC=tuple((reference + half * at).tolist()),
+        bias=tuple(curve.tolist()),
+        low=tuple((curve - error).tolist()),
+        high=tuple((curve + error).tolist()),
+        std_without=float(np.std(without)),
+        std_with=float(np.std(series.series - columns @ fit.value)),
+    )
+
+
+def _column(name: str, value: float, variance: float) -> ModelColumn:
+    error = LIMIT_95 * math.sqrt(variance)
+    return ModelColumn(name=name, value=value, low=value - error, high=value + error)
+
+
+def _correlation(covariance: Floats, i: int, j: int) -> float:
+    return float(abs(covariance[i, j]) / math.sqrt(covariance[i, i] * covariance[j, j]))
+
+
+def _direction(degrees: Floats) -> Floats | None:
+    """Return (n,) +0.5 while the temperature (n,) rises and -0.5 while it falls; None where not both occur enough.
+
+    The direction changes at an extreme from which the temperature has come back by a share of the span.
+    """
+    span = float(np.ptp(degrees))
+    turns, extreme, rising = [0], 0, None
+    for i, value in enumerate(degrees.tolist()):
+        ahead = value - degrees[extreme]
+        if rising is None:
+            rising = None if abs(value - degrees[0]) < DIRECTION_SHARE * span else value > degrees[0]
+            extreme = i
+        elif (ahead > 0.0) == rising:
+            extreme = i
+        elif abs(ahead) > DIRECTION_SHARE * span:
+            turns.append(extreme)
+            extreme, rising = i, not rising
+    if rising is None or len(turns) == 1:
+        return None
+    first = rising if len(turns) % 2 else not rising
+    out = np.empty(degrees.size)
+    for number, (begin, end) in enumerate(pairwise([*turns, degrees.size])):
+        out[begin:end] = 0.5 if first == (number % 2 == 0) else -0.5
+    for side in (out > 0.0, out < 0.0):
+        if side.mean() < BOTH_WAYS or np.ptp(degrees[side]) < BOTH_WAYS * span:
+            return None
+    return out

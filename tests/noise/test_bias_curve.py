@@ -1,0 +1,123 @@
+"""Laws of the bias against the temperature: limits hold the truth, and what cannot be told apart has a reason."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from imumon.noise import Estimator, OctaveCascade, synthesise
+from imumon.noise.blocks import BlockAccumulator
+from imumon.report import BiasCurve
+from imumon.samples import Floats
+
+N, B, RATE, LENGTH, CHANNELS = 6.1e-5, 2.4e-5, 40.0, 72_000, 32
+TIME = np.arange(LENGTH) / LENGTH
+WARMING = 1.0 - np.exp(-TIME / 0.2)
+BOTH_WAYS = np.sin(np.pi * TIME) ** 2
+OFFSET = 9.8
+
+
+def curves(effect: Floats, degrees: Floats, k: float, *, drift: float = 0.0) -> tuple[BiasCurve, ...]:
+    """Return the curves of channels of noise with an effect (n,) of the temperature (n,) and a drift."""
+    values = synthesise(LENGTH, RATE, N=[N] * CHANNELS, B=B, K=k, seed=8)
+    values = values + (OFFSET + effect + drift * (TIME - 0.5))[:, None]
+    cascade = OctaveCascade(CHANNELS, tau0=1.0 / RATE)
+    cascade.update(values)
+    curve = cascade.result()
+    heat = BlockAccumulator([0], 1.0 / RATE)
+    heat.update(degrees[None], None, np.zeros(1))
+    means = heat.result()
+    estimator = Estimator(averaged=True, time_to=False)
+    estimator.fit(curve, degrees=means.means[:, 0])
+    assert curve.sums is not None
+    return estimator.bias_curves(replace(curve.sums, degrees=means.means[:, 0] + means.offset[0]))
+
+
+def polynomial(degrees: Floats, terms: tuple[float, ...]) -> Floats:
+    middle = 0.5 * (degrees.min() + degrees.max())
+    return np.asarray(np.polynomial.polynomial.polyval(degrees - middle, (0.0, *terms)))
+
+
+@pytest.mark.parametrize("k", [0.0, 3e-6])
+@pytest.mark.parametrize(
+    ("terms", "shape"),
+    [
+        ((1e-5,), WARMING),
+        ((1e-5, 1e-6, 1e-7), WARMING),
+        ((1e-5,), BOTH_WAYS),
+        ((1e-5, 1e-6, 1e-7), BOTH_WAYS),
+    ],
+)
+def test_limits_hold_the_terms_and_the_curve(terms: tuple[float, ...], shape: Floats, k: float) -> None:
+    degrees = 20.0 + 40.0 * shape
+    found = curves(polynomial(degrees, terms), degrees, k, drift=2e-4 * (shape is WARMING))
+    right = [each for each in found if len(each.terms) == len(terms) + 1]
+    assert len(right) >= 0.9 * CHANNELS
+    for power, truth in enumerate(terms, 1):
+        held = sum(each.terms[power].low <= truth <= each.terms[power].high for each in right)
+        assert held >= 0.85 * len(right)  # of 29 with 95 % each, fewer once in 100 times
+    shape_held = []
+    for each in right:
+        at = np.array(each.degC)
+        truth_curve = np.polynomial.polynomial.polyval(at - each.reference_degC, (0.0, *terms))
+        middle = len(at) // 2
+        rise = np.array(each.bias) - each.bias[middle]
+        shape_held.append(np.abs(rise - truth_curve) <= np.array(each.high) - np.array(each.bias))
+        assert each.std_with < each.std_without
+    assert np.mean(shape_held) >= 0.9
+
+
+def test_hysteresis_is_the_difference_between_the_ways() -> None:
+    degrees = 20.0 + 10.0 * BOTH_WAYS
+    way = np.where(TIME < 0.5, 0.5, -0.5) * (1.0 - (BOTH_WAYS * 2.0 - 1.0) ** 2)
+    for size in (0.0, 1e-4):
+        found = curves(1e-5 * degrees + size * way, degrees, 0.0)
+        columns = [each.hysteresis for each in found if each.hysteresis is not None]
+        assert len(columns) == CHANNELS
+        assert sum(each.low <= size <= each.high for each in columns) >= 0.85 * CHANNELS
+    one_way = curves(1e-5 * degrees, 20.0 + 10.0 * WARMING, 0.0)
+    assert all(each.hysteresis is None for each in one_way)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "reason"),
+    [
+        (np.full(LENGTH, 25.0), "small_range"),
+        (25.0 + 0.01 * np.random.default_rng(1).standard_normal(LENGTH), "small_range"),
+        (25.0 + 4.0 * TIME, "collinear"),
+        (np.full(LENGTH, np.nan), "small_range"),
+    ],
+)
+def test_a_temperature_that_says_nothing_gives_a_reason(degrees: Floats, reason: str) -> None:
+    for each in curves(np.zeros(LENGTH), degrees, 0.0):
+        assert each == BiasCurve(reason=reason)
+
+
+def test_steps_and_holes_of_the_temperature_do_no_harm() -> None:
+    degrees = 20.0 + 40.0 * WARMING
+    coarse = np.round(degrees * 2.0) / 2.0
+    for seen in (coarse, np.where(np.abs(TIME - 0.5) < 0.05, np.nan, degrees)):
+        found = curves(1e-5 * degrees, seen, 0.0)
+        held = [each.terms[1].low <= 1e-5 <= each.terms[1].high for each in found if len(each.terms) == 2]
+        assert len(held) >= 0.9 * CHANNELS
+        assert sum(held) >= 0.85 * len(held)
+
+
+def test_the_noise_beside_a_bent_effect_is_that_without_one() -> None:
+    """Within 5 %: a cubic effect is no random walk."""
+    degrees = 20.0 + 40.0 * WARMING
+    heat = BlockAccumulator([0], 1.0 / RATE)
+    heat.update(degrees[None], None, np.zeros(1))
+    values, fits = synthesise(LENGTH, RATE, N=[N] * 8, B=B, seed=9), []
+    for effect in (0.0 * degrees, polynomial(degrees, (1e-5, 1e-6, 2e-7))):
+        cascade = OctaveCascade(8, tau0=1.0 / RATE)
+        cascade.update(values + effect[:, None])
+        estimator = Estimator(averaged=True, time_to=False)
+        fits.append(estimator.fit(cascade.result(), degrees=heat.result().means[:, 0]))
+    for plain, warm in zip(*fits, strict=True):
+        assert warm.column("temperature_3") is not None
+        assert warm.N.value == pytest.approx(plain.N.value, rel=0.01)
+        assert warm.B.high == pytest.approx(plain.B.high, rel=0.05)
+        assert warm.K.high < 2.0 * plain.K.high
