@@ -244,21 +244,18 @@ class ModelColumn:
 class BiasCurve:
     """Bias against the temperature: a polynomial about a reference, of the whole record with its warm-up."""
 
-    reason: str | None = (
-        None  # why there are no terms: "no_temperature", "small_range", "collinear", "too_short"
-    )
+    # why there are no terms: "no_temperature", "small_range", "collinear" or "too_short"
+    reason: str | None = None
     reference_degC: float | None = None  # degC, middle of the temperatures that the record covers
     terms: tuple[ModelColumn, ...] = ()  # "degree 0" (the bias at the reference) to at most "degree 3"
-    hysteresis: ModelColumn | None = (
-        None  # greatest difference, warming less cooling; null: not both in the record
-    )
+    # greatest difference, warming less cooling; null: not both in the record
+    hysteresis: ModelColumn | None = None
     degC: tuple[float, ...] = ()  # degC, temperatures of the curve; the curve does not hold beyond
     bias: tuple[float, ...] = ()  # channel unit, the curve
     low: tuple[float, ...] = ()  # channel unit, lower 95 % limits
     high: tuple[float, ...] = ()  # channel unit, upper 95 % limits
-    std_without: float | None = (
-        None  # channel unit, standard deviation of the means over blocks about their drift
-    )
+    # channel unit, standard deviation of the means over blocks about their drift
+    std_without: float | None = None
     std_with: float | None = None  # channel unit, the same about drift and curve
 
 
