@@ -74,8 +74,8 @@ class Analysis:
         self._record = record
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
         self._quarters = Estimator(averaged=averaged, time_to=False)
-        self._scatter: list[dict[str, tuple[float, Excess]]] = []  # by channel and letter
-        self._bias_curves: tuple[BiasCurve, ...] = ()
+        self._scatter: dict[int, dict[str, tuple[float, Excess]]] = {}  # by column and letter
+        self._bias_curves: dict[int, BiasCurve] = {}  # by column
         self._slow_due_s = 0.0
         self.warming_up = self.heats_up = False
         self._due_s = 0.0
@@ -98,11 +98,28 @@ class Analysis:
         if record.warmup_s != self._analysed[2]:
             self._slow_due_s = 0.0
         self._analysed, self._due_s = current, elapsed + pause_s(elapsed)
-        noise = statistics.noise
-        curve, self.shapes = noise.curve(), statistics.histogram.result()
-        steps = [shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.allan_channels]]
-        self.resolution = steps
+        curve, self.shapes = statistics.noise.curve(), statistics.histogram.result()
+        self.resolution = [
+            shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.allan_channels]
+        ]
         kurtosis = record.excess_kurtosis().tolist()
+        robust = record.robust_deviations(self.resolution)
+        self.robust = dict(zip(record.channels, robust, strict=False))
+        self.fits = dict(
+            zip(record.channels, self._fitted(curve, self.resolution, kurtosis, force=force), strict=False)
+        )
+        self._update_slowly(kurtosis, force=force)
+        graded: dict[str, dict[str, Mapping[str, Estimate]]] = {}  # by sensor and axis
+        for name, each in self.fits.items():
+            graded.setdefault(sensor_of(name), {})[name.partition("/")[2]] = each.coefficients
+        self.grades = {sensor: grade_sensor(sensor, graded[sensor]) for sensor in LIMITS if sensor in graded}
+        self.channels = {name: self._channel(curve, c, name) for c, name in enumerate(record.channels)}
+
+    def _fitted(
+        self, curve: AllanCurve, steps: list[float], kurtosis: list[float], *, force: bool
+    ) -> Sequence[ChannelFit]:
+        """Return the fits, as far as the state of the record lets them count; decide whether it warms up."""
+        record, noise = self._record, self._record.statistics.noise
         fits = self._estimator.fit(curve, renew=force or None, resolution=steps, kurtosis=kurtosis)
         inertial = [fits[c] for c in noise.warmup_channels if c < len(fits)]
         settles = still_settles(inertial, record.elapsed_s - noise.begin_s)
@@ -114,34 +131,25 @@ class Analysis:
             )
         if record.excluded_share > UNGRADED_SHARE:
             fits = tuple(_without_samples(fit) for fit in fits)
-        robust = record.robust_deviations(steps)
-        self.robust = dict(zip(record.channels, robust, strict=False))
-        self.fits = dict(zip(record.channels, fits, strict=False))
-        self._update_slowly(kurtosis, force=force)
+        return fits
+
+    def _channel(self, curve: AllanCurve, column: int, name: str) -> Channel:
+        """Return the fields of a channel that come from the analysis."""
+        sensor, fit, shape = sensor_of(name), self.fits.get(name), self.shapes[column]
+        step = shape.step if shape is not None else None
+        channel = Channel(
+            unit=UNITS[sensor], resolution=step or None, histogram=report_builder.histogram(shape)
+        )
+        if fit is None:
+            return channel
         spectrum = None if curve.sums is None else curve.sums.spectrum
-        graded: dict[str, dict[str, Mapping[str, Estimate]]] = {}  # by sensor and axis
-        for name, each in self.fits.items():
-            graded.setdefault(sensor_of(name), {})[name.partition("/")[2]] = each.coefficients
-        self.grades = {sensor: grade_sensor(sensor, graded[sensor]) for sensor in LIMITS if sensor in graded}
-        for column, name in enumerate(record.channels):
-            sensor, fit, shape = sensor_of(name), self.fits.get(name), self.shapes[column]
-            step = shape.step if shape is not None else None
-            channel = Channel(
-                unit=UNITS[sensor], resolution=step or None, histogram=report_builder.histogram(shape)
-            )
-            if fit is not None:
-                scatter = self._scatter[column] if column < len(self._scatter) else {}
-                made = report_builder.with_fit(channel, sensor, curve, column, fit, scatter)
-                channel = replace(
-                    made,
-                    spectrum=None if spectrum is None else report_builder.spectrum(sensor, spectrum, column),
-                    drift=report_builder.drift(fit, noise.begin_s, _range(curve)),
-                    robust=report_builder.robust(self.robust[name]),
-                    bias_curve=report_builder.bias_curve(sensor, self._bias_curves[column])
-                    if column < len(self._bias_curves)
-                    else None,
-                )
-            self.channels[name] = channel
+        return replace(
+            report_builder.with_fit(channel, sensor, curve, column, fit, self._scatter.get(column, {})),
+            spectrum=None if spectrum is None else report_builder.spectrum(sensor, spectrum, column),
+            drift=report_builder.drift(fit, self._record.statistics.noise.begin_s, _range(curve)),
+            robust=report_builder.robust(self.robust[name]),
+            bias_curve=report_builder.bias_curve(sensor, self._bias_curves.get(column)),
+        )
 
     def _update_slowly(self, kurtosis: Sequence[float], *, force: bool) -> None:
         """Compute the scatter between the quarters and the curves of the bias, when the record has grown enough."""
@@ -150,19 +158,19 @@ class Analysis:
             return
         self._slow_due_s = SCATTER_GROWTH * record.elapsed_s
         sums = record.statistics.noise.whole_sums()
-        self._bias_curves = () if sums is None else self._estimator.bias_curves(sums)
+        self._bias_curves = {} if sums is None else dict(enumerate(self._estimator.bias_curves(sums)))
         parts = [
             self._quarters.fit_sums(sums, span, self.resolution, kurtosis, like=self._estimator)
             for sums, span in record.statistics.noise.quarters() or ()
         ]
-        self._scatter = [
-            {
+        self._scatter = {
+            column: {
                 letter: made
                 for letter in NOISE
                 if (made := _between([fit.coefficients[letter] for fit in fits])) is not None
             }
-            for fits in zip(*parts, strict=True)
-        ]
+            for column, fits in enumerate(zip(*parts, strict=True))
+        }
 
 
 def _between(quarters: Sequence[Estimate]) -> tuple[float, Excess] | None:

@@ -260,8 +260,10 @@ def drift(fit: ChannelFit, begin_s: float, covered: tuple[float, float] | None) 
     )
 
 
-def bias_curve(sensor: str, curve: report.BiasCurve) -> report.BiasCurve:
+def bias_curve(sensor: str, curve: report.BiasCurve | None) -> report.BiasCurve | None:
     """Return the curve with the units of its terms."""
+    if curve is None:
+        return None
     unit = UNITS[sensor]
     units = [unit, f"{unit}/degC", f"{unit}/degC^2", f"{unit}/degC^3"]
     terms = tuple(replace(term, unit=own) for term, own in zip(curve.terms, units, strict=False))

@@ -346,6 +346,17 @@ def test_no_input_raises_or_gives_nan(averaged: bool) -> None:
     assert found["white"].N.status == "measured"
 
 
+def test_breaks_every_few_seconds_are_the_reason() -> None:
+    cascade, values = OctaveCascade(1, tau0=1.0 / RATE), noise(LENGTH, 1, seed=2)
+    for begin in range(0, LENGTH, 200):
+        cascade.update(values[begin : begin + 200])
+        cascade.break_()
+    (fit,) = fit_curve(cascade.result(), averaged=False)
+    assert {fit.coefficients[letter].reason for letter in "NBK"} == {
+        "gaps of unknown length cut the record into parts that are too short"
+    }
+
+
 def test_a_channel_without_valid_samples_is_pending() -> None:
     values = np.random.default_rng(4).standard_normal((2000, 2))
     cascade = OctaveCascade(2, tau0=0.01, groups=[0, 1])

@@ -24,6 +24,7 @@ from imumon.noise.spectrum.level_sums import SUB_BAND
 from imumon.report import BiasCurve
 from imumon.samples import Floats
 
+CUT = "gaps of unknown length cut the record into parts that are too short"
 RENEWAL_GROWTH = 1.02
 """1, growth of the record after which a fit is computed again: limits shrink by 1 % meanwhile."""
 LEAST_VARIANCE = 1e-100
@@ -202,7 +203,7 @@ class Estimator:
             return "the curve has no sums of its noise"
         series = block_series(sums.blocks, channel, degrees)
         if series is None:
-            return TOO_SHORT
+            return TOO_SHORT if len(np.unique(sums.blocks.segment)) <= 2 else CUT
         if not np.var(series.series) > LEAST_VARIANCE:
             return "the channel is constant"
         steps = np.diff(series.series, 2)
