@@ -19,6 +19,12 @@ from dataclasses import dataclass, field
 from imumon.report import DeviceDescription
 
 FILTER_SCHEMA = "imumon.filter/1"
+FIX_WORDS = (
+    "A fix is a measurement of the angle or the velocity from another source. NEES (normalised estimation error "
+    "squared) is the mean squared error over the variance that the filter states: 1 is consistent, above 1 is "
+    "overconfident."
+)
+"""Meaning of the words in numbers for filters, in each file that has them."""
 DEFAULT_HORIZON_S = 600.0  # s, horizon of every format without --horizon
 SHORTEST_HORIZON_S = 1.0  # s, one interval between two fixes of the reference scenario
 LONGEST_HORIZON_S = 86400.0  # s, a day without any fix
@@ -77,4 +83,5 @@ class FilterReport:
     device: DeviceDescription  # device that the numbers describe
     horizon_s: float = DEFAULT_HORIZON_S  # s, longest time without a fix that the numbers hold for
     elapsed_s: float = 0.0  # s, length of the record that they rest on
+    words: str = FIX_WORDS  # meaning of a fix and of NEES
     channels: Mapping[str, FilterChannel] = field(default_factory=dict)  # gyro/x ... accel/z

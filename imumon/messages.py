@@ -181,8 +181,14 @@ def uncertainty(about: str = "±", times: str = "×÷") -> str:
 
 
 def filter_not_known(report: Report) -> str | None:
-    """Return a warning about point samples of a sensor whose filter is unknown; None for other streams."""
+    """Return a warning about point samples of a sensor whose filter is unknown; None where it cannot matter.
+
+    A spectrum that falls towards half the sampling rate shows a filter that lets nothing fold.
+    """
     if report.device.alias_factor is not None or report.device.stream in ("deltas", None):
+        return None
+    inertial = [channel for name, channel in report.channels.items() if sensor_of(name) in ("gyro", "accel")]
+    if report.channels and all("correlated" in channel.caveats for channel in inertial):
         return None
     return (
         "The filter of the sensor is unknown. If it does not average over the output interval, noise folds and "
@@ -347,6 +353,13 @@ def matching(name: str | None, names: Iterable[str]) -> list[str]:
     """
     known = sorted(names)
     return [name] if name in known else [each for each in known if each.startswith(name or "")]
+
+
+GRADE_WORDS = (
+    "Meets: the best grade whose limits no value exceeds, the one to quote. Nearest: the grade whose limits are "
+    "nearest on a logarithmic scale."
+)
+"""Meaning of both grades, printed beside them."""
 
 
 def grade_text(grade: SensorGrade) -> str:

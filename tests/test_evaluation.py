@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import io
 import json
@@ -681,3 +682,68 @@ def test_the_exact_curve_has_the_samples_of_the_other_with_guards(recording: Pat
     assert max(abs(d) for d, tau in zip(curve.difference, curve.tau_s, strict=True) if d and tau < 5.0) < 0.05
     with_exact = document(report, "svg", FilterReport(time=report.time, device=report.device)).decode()
     assert ">exact<" in with_exact
+
+
+# ---------------------------------------------------------------- words and the table of numbers
+
+
+def table_of(report: Report) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(shown(report, "csv"))))
+
+
+def test_each_row_of_the_table_has_its_device_caveats_and_origin(recording: Path) -> None:
+    report = replayed(recording, "--filter", "factory", "--no-guards")
+    rows = table_of(report)
+    digest = hashlib.sha256(recording.read_bytes()).hexdigest()
+    assert {row["sha256"] for row in rows} == {digest}
+    assert {row["device"] for row in rows} == {"rest.csv"}
+    assert all(row["unit"] for row in rows if row["value"])
+    n = report.channels["gyro/x"].coefficients["N"]
+    (own,) = (r for r in rows if (r["kind"], r["channel"], r["name"]) == ("coefficient", "gyro/x", "N"))
+    assert [float(own[key]) for key in ("low", "combined_low", "combined_high", "k")] == pytest.approx(
+        [n.low, n.combined_low, n.combined_high, report.evaluation.budgets["gyro/x"]["N"].coverage]  # type: ignore[union-attr]
+    )
+    assert set(own["caveats"].split()) == set(report.channels["gyro/x"].caveats)
+    (corrected,) = (r for r in rows if (r["kind"], r["channel"]) == ("corrected", "gyro/x"))
+    assert float(own["value"]) / float(corrected["value"]) == pytest.approx(np.sqrt(5.0))
+
+
+def test_n_without_aliasing_stands_beside_the_read_one(recording: Path) -> None:
+    page = imumon("report", recording, "--filter", "factory")
+    assert page.count("N without aliasing (read N / 2.24, nominal)") == 2
+    assert "without aliasing" not in imumon("report", recording, "--filter", "20")
+
+
+def test_words_are_explained_where_they_are_printed(recording: Path, tmp_path: Path) -> None:
+    for text in (imumon("replay", recording), imumon("report", recording)):
+        assert "the one to quote" in text
+    for form in ("filter", "kalibr", "px4", "ros"):
+        text = " ".join(imumon("report", recording, "--format", form).replace("#", "").split())
+        assert ("A fix is a measurement" in text) == ("fix" in text.replace("prefix", "")), form
+    page = imumon("report", recording).partition("## For Kalibr")[0]
+    assert page.count("noise folds") == 1
+    assert "--filter names it" in page
+
+
+def test_a_table_whose_spectrum_shows_a_filter_has_no_warning_that_noise_folds(tmp_path: Path) -> None:
+    noise = synthesise(20_000, HZ, N=[6e-5] * 3 + [1.4e-3] * 3, seed=4)
+    smooth = sum(noise[k : k + 19_990] for k in range(8)) / 8.0
+    smooth[:, 5] += 9.8
+    np.savez(tmp_path / "s.npz", t=np.arange(len(smooth)) / HZ, gyro=smooth[:, :3], accel=smooth[:, 3:])
+    report = replayed(tmp_path / "s.npz")
+    assert all("correlated" in channel.caveats for channel in report.channels.values())
+    assert "noise folds" not in shown(report)
+
+
+def test_readings_with_a_vibration_and_misfits_are_marked() -> None:
+    report = evaluated(report_at(7200.0))
+    page = shown(report)
+    (row,) = [line for line in page.partition("## The fit")[2].splitlines() if line.startswith("| accel/y")]
+    assert "\\*" in row
+    assert "has a line, a vibration or an oscillation in it" in page
+    for channel in report.channels.values():
+        p = channel.fit.p_value if channel.fit is not None else None
+        assert ("misfit" in channel.caveats) == (p is not None and p < 0.01)
+    worse = replace(report.channels["gyro/z"], caveats=("misfit",))
+    page = shown(replace(report, channels={**report.channels, "gyro/z": worse}))
+    assert "Caution: misfit (z); see above." in page

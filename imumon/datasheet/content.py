@@ -51,12 +51,14 @@ from imumon.datasheet.tables import (
     sensor_title,
     shown_letters,
     significant_digits,
+    without_aliasing,
 )
-from imumon.filter_report import FilterReport
+from imumon.filter_report import FIX_WORDS, FilterReport
 from imumon.messages import (
     CAVEATS,
     CLOCKS,
     FILTER_NOT_KNOWN,
+    GRADE_WORDS,
     caveats,
     exclusions,
     grade_text,
@@ -80,6 +82,10 @@ DOCUMENT_DIGITS = 12
 """Hexadecimal digits of the number of a document: none of a million documents have the same one."""
 MARKED = ("aliased", "compensated", "not_at_rest", "warming_up")
 """Caveats that are repeated below the table of coefficients."""
+
+
+MIXED = {"vibration", "oscillation"}
+"""Caveats of channels whose classical readings hold what is no noise."""
 
 
 def datasheet_content(report: Report, filters: FilterReport, history: HistoryRows = ()) -> Document:
@@ -130,6 +136,8 @@ def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> It
             "Each value with its 95 % limits, those of the uncertainty budget. < is a 95 % upper bound of what "
             "this record does not show: the true value is smaller, and only a longer record can measure it."
         )
+    if report.grade:
+        yield Paragraph(GRADE_WORDS)
     if sensors:
         yield Heading("Allan deviation")
         for sensor in sensors:
@@ -217,18 +225,30 @@ def _axes(report: Report, sensor: str) -> Iterator[tuple[str, Channel]]:
 
 
 def _coefficient_table(report: Report, sensor: str) -> DataTable:
-    graded = sensor in report.grade
+    graded, factor = sensor in report.grade, report.device.alias_factor
     rows = []
     letters = shown_letters(channel for _, channel in _axes(report, sensor))
+    corrects = False
     for axis, channel in _axes(report, sensor):
         cells = [coefficient_text(channel.coefficients.get(letter)) or "–" for letter in letters]
+        if (n := without_aliasing(report, f"{sensor}/{axis}", channel.coefficients.get("N"))) is not None:
+            corrects = True
+            cells.insert(1, coefficient_text(n) or "–")
         rows.append((axis, *cells, *((grade or "–" for grade in axis_grades(channel)) if graded else ())))
     names = [f"{_title(sensor, letter)}, {_unit(sensor, letter)}" for letter in letters]
+    if corrects:
+        names.insert(1, f"N without aliasing (read N / {factor:.2f}, nominal), {_unit(sensor, 'N')}")
+    head = (SENSOR_TITLES[sensor], *names, *(["meets", "nearest"] if graded else []))
+    return DataTable(head, tuple(rows), _marks(report, sensor))
+
+
+def _marks(report: Report, sensor: str) -> str:
+    """Return the caveats that are repeated below the table of coefficients."""
     # only the gyroscope is compensated
     marks = [c for c in MARKED if c in report.caveats and (c != "compensated" or sensor == "gyro")]
-    caption = f"Caution: {', '.join(marks).replace('_', ' ')}; see above." if marks else ""
-    head = (SENSOR_TITLES[sensor], *names, *(["meets", "nearest"] if graded else []))
-    return DataTable(head, tuple(rows), caption)
+    axes = [axis for axis, channel in _axes(report, sensor) if "misfit" in channel.caveats]
+    marks += [f"misfit ({', '.join(axes)})"] if axes else []
+    return f"Caution: {', '.join(marks).replace('_', ' ')}; see above." if marks else ""
 
 
 def _unit(sensor: str, letter: str) -> str:
@@ -277,8 +297,7 @@ def _grade_limits(report: Report) -> Iterator[Element]:
     yield DataTable(("at most", *units), rows, strong=strong)
     yield Paragraph(
         "Limits of classes of sensors, not of a device: VectorNav Technologies, Inertial Navigation Primer, table 3.1. "
-        "The grade of a sensor is the nearest on a logarithmic scale, the worst over N and B and over the axes. "
-        "A sensor meets the best grade whose limits no value exceeds."
+        "The grade of a sensor is the worst over N and B and over the axes."
     )
 
 
@@ -322,9 +341,8 @@ def _filters(filters: FilterReport) -> Iterator[Element]:
     )
     yield DataTable(head, tuple(rows))
     yield Paragraph(
-        f"For at most {filters.horizon_s:g} s without a fix (--horizon). NEES is the mean squared error over the "
-        "variance that the filter states, at its worst time: 1 is consistent, above 1 is overconfident. Gauss–Markov "
-        "terms, which are better still: imumon report --format filter."
+        f"For at most {filters.horizon_s:g} s without a fix (--horizon). {FIX_WORDS} The table has its worst time. "
+        "Gauss–Markov terms, which are better still: imumon report --format filter."
     )
     for sensor in QUANTITIES:
         if (shown := shown_axis(filters, sensor)) is not None:
@@ -426,11 +444,15 @@ def _fit(report: Report, sensors: Sequence[str]) -> Iterator[Element]:
                 quality = f"χ² {fit.chi2:.1f} for {fit.dof}"
                 quality += f", p {fit.p_value:.2g}" if fit.p_value is not None else ""
             cells = []
+            mixed = bool(MIXED & set(channel.caveats)) or (
+                channel.model is not None and channel.model.lines_hz
+            )
             for letter in NOISE:
                 value = (readings or {}).get(letter)
                 factor = COEFFICIENTS[letter].units[sensor].factor
                 unit = _unit(sensor, letter)
-                cells.append(f"{figures(value * factor)} {unit}" if value is not None else "none")
+                mark = "*" if mixed else ""
+                cells.append(f"{figures(value * factor)} {unit}{mark}" if value is not None else "none")
             texts = ", ".join(channel.caveats).replace("_", " ") or "–"
             rows.append((f"{sensor}/{axis}", quality, *cells, texts))
     yield Heading("The fit")
@@ -440,5 +462,6 @@ def _fit(report: Report, sensors: Sequence[str]) -> Iterator[Element]:
         "N, B and K above come from one likelihood of the spectrum and of the block means of the record, without "
         "drift, temperature, lines and oscillations. The model of the figure is σ²(τ) = N²/τ + (2 ln 2/π) B² + "
         "K² τ/3 and what these add. The classical readings off the curve (σ at "
-        "τ = 1 s on the −½ slope, floor / 0.664, σ at τ = 3 s on the +½ slope) are for comparison: they have no limits."
+        "τ = 1 s on the −½ slope, floor / 0.664, σ at τ = 3 s on the +½ slope) are for comparison: they have no "
+        "limits. *: the reading has a line, a vibration or an oscillation in it, as if that were noise."
     )

@@ -7,6 +7,7 @@ kind         name                      value
 record       counters of the session   seconds, bytes or counts
 statistic    mean, std, min, max       of the samples that count
 coefficient  its letter                with 95 % limits; only `high` where it is an upper bound; Q and R where they show
+corrected    N                         without aliasing, by the nominal factor of the sensor, where that is known
 allan        sigma                     Allan deviation at tau_s, with limits, model, noise and whether the fit uses it
 exact        sigma                     fully overlapping Allan deviation; `difference` of the other one, a share
 uncertainty  its letter, bias          standard uncertainty by `source`; combined and expanded too
@@ -22,12 +23,14 @@ from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any
 
+from imumon.datasheet.tables import sensor_title, without_aliasing
 from imumon.messages import spreadsheet_cell
-from imumon.report import Channel, Report
+from imumon.report import Channel, Estimate, Report
 
 COLUMNS = (
     "kind", "channel", "name", "unit", "tau_s", "time_s", "value", "low", "high", "status", "edf", "model",
-    "noise", "used", "difference", "source", "limit", "probability",
+    "noise", "used", "difference", "source", "limit", "probability", "combined_low", "combined_high", "device",
+    "caveats", "k", "sha256",
 )  # fmt: skip
 STATISTICS = ("mean", "std", "min", "max")
 COUNTERS_NOT_SHOWN = ("started", "excluded_by")
@@ -43,7 +46,12 @@ def csv_table(report: Report) -> str:
     out = io.StringIO()
     writer = csv.DictWriter(out, COLUMNS, lineterminator="\n")
     writer.writeheader()
-    for row in _rows(report):
+    made = report.evaluation.provenance if report.evaluation is not None else None
+    common = {"device": sensor_title(report), "sha256": made.input_sha256 if made is not None else None}
+    for each in _rows(report):
+        channel = report.channels.get(each.get("channel") or "")
+        caveats = report.caveats if channel is None else channel.caveats
+        row = each | common | {"caveats": " ".join(caveats)}
         writer.writerow({name: spreadsheet_cell(value) for name, value in row.items()})
     return out.getvalue()
 
@@ -58,8 +66,15 @@ def _rows(report: Report) -> Iterator[Row]:
                 "unit": unit,
                 "value": getattr(report.session, each.name),
             }
+    budgets = report.evaluation.budgets if report.evaluation is not None else {}
     for name, channel in report.channels.items():
         yield from ({"channel": name} | row for row in _channel_rows(channel))
+        factors = {letter: budget.coverage for letter, budget in budgets.get(name, {}).items()}
+        for letter, part in channel.coefficients.items():
+            row = _coefficient(part) | {"name": letter, "k": factors.get(letter)}
+            yield {"kind": "coefficient", "channel": name} | row
+            if letter == "N" and (corrected := without_aliasing(report, name, part)) is not None:
+                yield {"kind": "corrected", "channel": name} | row | _coefficient(corrected)
     if report.evaluation is not None:
         yield from _evaluation_rows(report)
     for event in report.events:
@@ -70,13 +85,15 @@ def _rows(report: Report) -> Iterator[Row]:
             }  # fmt: skip
 
 
+def _coefficient(part: Estimate) -> Row:
+    names = ("unit", "value", "low", "high", "status", "combined_low", "combined_high")
+    return {name: getattr(part, name) for name in names}
+
+
 def _channel_rows(channel: Channel) -> Iterator[Row]:
     row: Row
     for name in STATISTICS:
         yield {"kind": "statistic", "name": name, "unit": channel.unit, "value": getattr(channel, name)}
-    for name, part in channel.coefficients.items():
-        row = {"value": part.value, "low": part.low, "high": part.high, "status": part.status}
-        yield {"kind": "coefficient", "name": name, "unit": part.unit} | row
     if (curve := channel.allan) is not None:
         columns = ("tau_s", "value", "low", "high", "edf", "model", "noise", "used")
         points = zip(
@@ -114,10 +131,12 @@ def _evaluation_rows(report: Report) -> Iterator[Row]:
                     "source": part.source,
                     "status": part.kind,
                     "value": part.standard,
+                    "high": part.bound,
                     "edf": part.dof,
                 }
-            yield base | {"source": "combined", "value": budget.combined, "edf": budget.dof}
-            yield base | {"source": "expanded, 95 %", "value": budget.expanded}
+            whole = {"k": budget.coverage, "combined_low": budget.low, "combined_high": budget.high}
+            yield base | {"source": "combined", "value": budget.combined, "edf": budget.dof} | whole
+            yield base | {"source": "expanded, 95 %", "value": budget.expanded} | whole
     if made.conformity is not None:
         for check in made.conformity.checks:
             yield {

@@ -9,11 +9,12 @@ plain K, and the length of the record. Every caveat comes first. No margin for t
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from imumon.datasheet.tables import filter_warning, record_title, sensor_axes, sensor_title
-from imumon.filter_report import FilterReport
+from imumon.filter_report import FIX_WORDS, FilterReport
 from imumon.messages import (
     FILTER_NOT_KNOWN,
     caveats,
@@ -33,6 +34,8 @@ CURES = {
 }
 """What to do about a coefficient that more data will not give, by its `reason_code`."""
 
+WIDTH = 110
+"""Characters of a line of comments."""
 RECOMMENDED_RECORD_S = 8 * 3600.0
 """s, record that usually shows K or bounds it well below what matters."""
 
@@ -147,6 +150,7 @@ def settings_header(report: Report, filters: FilterReport) -> list[str]:
         f"{record_title(report)}, {duration(excluded) if excluded else 'nothing'} excluded",
         f"walks for at most {filters.horizon_s:g} s without a fix: imumon report --horizon",
     ]
+    lines += textwrap.wrap(FIX_WORDS, WIDTH)
     if (short := short_record_text(report)) is not None:
         lines.append(f"WARNING: {short}")
     by_caveat = caveats(report)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -10,6 +11,7 @@ from imumon.alarms import known
 from imumon.devices import registry
 from imumon.messages import (
     FILTER_NOT_KNOWN,
+    GRADE_WORDS,
     caveats,
     exclusions,
     filter_not_known,
@@ -20,7 +22,7 @@ from imumon.messages import (
     uncertainty,
 )
 from imumon.report import COEFFICIENTS, NOISE, Allan, Channel, DeviceDescription, Estimate, Report
-from imumon.samples import AXES, sensor_of
+from imumon.samples import ALIASED, AXES, sensor_of
 from imumon.units import counted, duration, figures, measured, pretty
 
 SHOWN_EVENTS = 30
@@ -119,7 +121,15 @@ def report_table(report: Report, width: int | None = None) -> str:
     ----------
     width : cells of the terminal; None if the output is no terminal: nothing is abbreviated.
     """
-    parts = [*_header(report), "", *channel_rows(report, width), "", *grade_lines(report), *_goals(report)]
+    parts = [
+        *_header(report),
+        "",
+        *channel_rows(report, width),
+        "",
+        *grade_lines(report),
+        *_grade_words(report, width),
+        *_goals(report),
+    ]
     parts += [*_caveats(report), *_events(report)]
     return "\n".join(parts)
 
@@ -144,6 +154,14 @@ def coefficient_text(coefficient: Estimate | None) -> str:
     if coefficient.status == "upper_bound" and shown.high is not None:
         return f"< {figures(shown.high)}"
     return no_value_text(coefficient) or "too short"
+
+
+def without_aliasing(report: Report, name: str, part: Estimate | None) -> Estimate | None:
+    """Return N of a channel over the nominal alias factor of the sensor; None: none is known, or it is 1."""
+    factor = report.device.alias_factor or 1.0
+    if part is None or factor <= ALIASED or sensor_of(name) not in ("gyro", "accel"):
+        return None
+    return part.scaled(1.0 / factor, part.unit)
 
 
 def significant_digits(value: float, width: float) -> int:
@@ -246,6 +264,12 @@ def grade_lines(report: Report, *, reasons: bool = True) -> list[str]:
         reason = f"; {grade.reason}" if grade.reason and (reasons or not decided) else ""
         lines.append(f"{sensor}: {grade_text(grade)}{by}{reason}")
     return lines
+
+
+def _grade_words(report: Report, width: int | None) -> list[str]:
+    """Return the meaning of both grades, if there are some."""
+    graded = any(grade.nearest for grade in report.grade.values())
+    return textwrap.wrap(GRADE_WORDS, width or len(GRADE_WORDS)) if graded else []
 
 
 def _goals(report: Report) -> list[str]:
