@@ -31,7 +31,7 @@ TERM_SIGMA = 2.6
 """Standard errors from which a term of a higher degree is one: 1 % of records show one by chance."""
 SPAN_PER_DEGREE_DEGC = 2.0
 """degC, span that each degree above the first one needs: sensors bend little within less."""
-POINTS = 25
+POINTS = 9
 """Temperatures at which the curve is given."""
 DIRECTION_SHARE = 0.2
 """Share of the span that the temperature moves back before the direction has changed: less is noise."""
