@@ -18,6 +18,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from imumon.devices.base import (
+    ARRIVAL_S,
+    ARRIVAL_SAMPLES,
+    RATE_TOLERANCE,
     Device,
     DeviceError,
     DeviceLost,
@@ -41,6 +44,14 @@ BATCH_S = 0.25
 """s for which bytes are collected: each batch has a fixed cost. A report is at most this much behind."""
 INTERRUPTIONS = ("reconfigured", "found", "lost", "garbage", "silent")
 """Kinds of notices after which a stream without a clock has a gap of unknown length."""
+
+
+QUIET_UNKNOWN_S = 3.0
+"""The same in s for a stream of unknown rate. The comparison of the rate starts again after it, too."""
+RATE_SHORTEST_S = 5.0
+"""s of samples before the rate is judged."""
+RATE_LONGEST_S = 120.0
+"""s after which the comparison starts again, so that a change of the rate shows."""
 
 
 class InterruptiblePort:
@@ -80,6 +91,49 @@ class InterruptiblePort:
 
     def reopen(self) -> None:
         self.port.reopen()
+
+
+class RateCheck:
+    """Compare the rate at which samples arrive with the configured one.
+
+    A stream without a clock gets its time from a configured rate alone, and a wrong one makes all of N, B and K
+    wrong. So it is compared with the host clock.
+    """
+
+    def __init__(self) -> None:
+        self._rate_hz: float | None = None  # at which samples arrive; None: the configured one
+        self._start: float | None = None
+        self._last, self._count = 0.0, 0
+
+    def restart(self) -> None:
+        """Discard earlier samples."""
+        self._start = None
+
+    def update(self, count: int, now: float, nominal_hz: float) -> None:
+        """Add `count` samples, lost ones included, that arrived at `now`, s monotonic."""
+        if self._start is None or now - self._last > max(QUIET_UNKNOWN_S, 4.0 / nominal_hz):
+            self._start, self._last, self._count = now, now, 0
+            return
+        self._last = now
+        self._count += count
+        span = now - self._start
+        if span < RATE_SHORTEST_S:
+            return
+        error_s = abs(self._count / nominal_hz - span)
+        if error_s > RATE_TOLERANCE * span + ARRIVAL_S + ARRIVAL_SAMPLES / nominal_hz:
+            rate = self._count / span
+            if self._rate_hz is None or abs(rate / self._rate_hz - 1.0) > RATE_TOLERANCE:
+                self._rate_hz = rate
+        elif error_s < RATE_TOLERANCE * span:
+            self._rate_hz = None
+        if span > RATE_LONGEST_S:
+            self._start = None
+
+    def remark(self, nominal_hz: float) -> str | None:
+        """Return the remark for the report; None if the rate is correct."""
+        if self._rate_hz is None:
+            return None
+        return f"samples arrive at {self._rate_hz:.3g} Hz, not at the configured {nominal_hz:g} Hz: correct the rate"
 
 
 class Session(ABC):

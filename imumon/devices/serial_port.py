@@ -105,8 +105,8 @@ class SerialPort:
 
     Parameters
     ----------
-    path : device path, or any pyserial URL (``socket://host:port``, ``rfc2217://host:port``); to read only also ``-``,
-        standard input, and ``udp://host:port``, datagrams that arrive there, each a line or more.
+    path : device path, or any pyserial URL (``socket://host:port`` or ``tcp://host:port``, ``rfc2217://host:port``);
+        to read only also ``-``, standard input, and ``udp://host:port``, datagrams, each a line or more.
     baud : bit/s.
     queue_bytes : size of the queue; what does not fit is dropped and counted.
     lossless : stop draining while the queue is full, so that the other end waits: for an emulator in
@@ -153,7 +153,7 @@ class SerialPort:
     @property
     def fixed_baud(self) -> bool:
         """Whether the baud rate has no effect, as on a bare TCP socket."""
-        return self.name.startswith(("socket://", "udp://")) or self.name == STANDARD_INPUT
+        return self.name.startswith(("socket://", "tcp://", "udp://")) or self.name == STANDARD_INPUT
 
     @property
     def gone(self) -> bool:
@@ -428,11 +428,13 @@ def _received(datagrams: socket.socket) -> bytes:
 
 
 def _open_url(url: str, baud: int) -> Any:
-    network = re.match(r"(socket|rfc2217)://", url)
+    network = re.match(r"(socket|tcp|rfc2217)://", url)
     if network and not re.match(r"[^/]+:\d+", url[network.end() :]):
         raise DeviceNotFound("port_url_invalid", f"cannot open {url}", f"write {network[0]}HOST:PORT")
     try:
-        return pyserial.serial_for_url(url, baudrate=baud, timeout=POLL_S, write_timeout=1.0)
+        return pyserial.serial_for_url(
+            re.sub("^tcp:", "socket:", url), baudrate=baud, timeout=POLL_S, write_timeout=1.0
+        )
     except (OSError, ValueError) as error:
         cure = "check that the server is running and that the URL is correct"
         raise DeviceNotFound("port_url_unreachable", f"cannot open {url} ({error})", cure) from None

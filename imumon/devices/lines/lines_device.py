@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+
 from imumon.devices.base import DeviceOptions
 from imumon.devices.lines.line_columns import SENSORS, LinesUrl
 from imumon.devices.lines.line_decoder import LONGEST_LINE, LineDecoder
-from imumon.devices.port_device import InterruptiblePort, PortDevice, Session
+from imumon.devices.port_device import InterruptiblePort, PortDevice, RateCheck, Session
 from imumon.devices.serial_port import STANDARD_INPUT
 from imumon.samples import DeviceInfo, SampleBlock
 
+CLOCK_S = 5.0
+"""s for which the time of the lines is compared with the host clock."""
+CLOCK_RATIO = 2.0
+"""Factor between the two beyond which the unit of the time is doubted; wrong units differ by 1000."""
 DROPPED = b"\n?"
 """Bytes in the place of dropped ones: the halves of the lines there do not become one line, or a whole one."""
 
@@ -18,6 +25,10 @@ class LinesSession(Session):
 
     def __init__(self, port: InterruptiblePort, url: LinesUrl, name: str, decoder: LineDecoder) -> None:
         self._port, self._url, self._name, self._decoder = port, url, name, decoder
+        self._paced = not url.path.startswith(STANDARD_INPUT)  # a file arrives faster than it was measured
+        self._rate_check = RateCheck()
+        self._clock_begin: tuple[float, int] | None = None  # s of the host clock and ns of the lines
+        self._clock_ratio: float | None = None
         self._first: bytes | None = None if url.path.startswith(("udp:", STANDARD_INPUT)) else b""
 
     def info(self) -> DeviceInfo:
@@ -34,8 +45,17 @@ class LinesSession(Session):
             settings=columns.settings if columns else {},
             data_settings=tuple(SENSORS),
             caveats=columns.stream.caveats if columns else (),
-            remarks=decoder.remarks,
+            remarks=(*decoder.remarks, *self._doubts()),
         )
+
+    def _doubts(self) -> Iterator[str]:
+        """Yield what does not fit the host clock: the time of the lines, or the rate that is given."""
+        if self._clock_ratio is not None and not 1.0 / CLOCK_RATIO < self._clock_ratio < CLOCK_RATIO:
+            ratio = f"{float(f'{self._clock_ratio:.2g}'):,g}"
+            yield f"the time of the lines advances by {ratio} s in a second: check its unit, t_s, t_ms, t_us or t_ns"
+        rate_hz = self._url.rate_hz
+        if rate_hz is not None and (remark := self._rate_check.remark(rate_hz)) is not None:
+            yield remark
 
     def read(self, timeout: float) -> bytes:
         """Return bytes; on a line that was on already, from the end of the first line on, for it may be half of one.
@@ -53,7 +73,21 @@ class LinesSession(Session):
         return data
 
     def decode(self, data: bytes) -> list[SampleBlock]:
-        return self._decoder.feed(data)
+        blocks = self._decoder.feed(data)
+        for block in blocks if self._paced else ():
+            now = time.monotonic()
+            if block.time_ns is None and self._url.rate_hz is not None:
+                self._rate_check.update(len(block) + int(block.lost.sum()), now, self._url.rate_hz)
+            elif block.time_ns is not None and len(block):
+                self._compare_clock(now, int(block.time_ns[-1]))
+        return blocks
+
+    def _compare_clock(self, now: float, time_ns: int) -> None:
+        """Compare the time of the lines with the host clock, once there is enough of it."""
+        if self._clock_begin is None or time_ns < self._clock_begin[1]:
+            self._clock_begin = now, time_ns
+        elif self._clock_ratio is None and now - self._clock_begin[0] > CLOCK_S:
+            self._clock_ratio = (time_ns - self._clock_begin[1]) * 1e-9 / (now - self._clock_begin[0])
 
 
 class LinesDevice(PortDevice):
@@ -65,7 +99,7 @@ class LinesDevice(PortDevice):
     def __init__(self, options: DeviceOptions, url: LinesUrl) -> None:
         self._url, self._name = url, options.url
         self._lines = LineDecoder(self._url.settings)
-        waits = self._url.path.startswith(("socket:", STANDARD_INPUT))
+        waits = self._url.path.startswith(("socket:", "tcp:", STANDARD_INPUT))
         super().__init__(options, self._url.path, self._url.baud, self._lines, lossless=waits)
 
     def _new_session(self, port: InterruptiblePort) -> LinesSession:

@@ -62,7 +62,7 @@ def parse_url(url: str, device: Any = None) -> LinesUrl:
     """Return the parts of a URL; `device` is the table of settings, which apply where the URL says nothing.
 
     >>> parse_url("lines:tcp://10.0.0.7:4000?gyro=deg/s&rate=100").path
-    'socket://10.0.0.7:4000'
+    'tcp://10.0.0.7:4000'
 
     Raises
     ------
@@ -83,7 +83,6 @@ def parse_url(url: str, device: Any = None) -> LinesUrl:
     settings = {name: given[name] for name in ("columns", *SENSORS) if name in given}
     columns_of({"columns": DEFAULT_COLUMNS} | settings)  # raises what is wrong with them
     name = re.sub(r"[^a-z0-9]+", "-", path.removeprefix("/dev/").lower()).strip("-") or "stdin"
-    path = re.sub("^tcp://", "socket://", path)
     return LinesUrl(
         path, int(baud), _rate(rate) if rate else None, given.get("id") or f"lines-{name}", settings
     )

@@ -218,7 +218,8 @@ class _Evidence:
         if self._text:
             shown = self._text.splitlines()[0][:40].decode("ascii")
             text = f"{port} sends text that is not from a VN-100 ({shown!r})"
-            return NotAVn100("device_sends_text", text, other_port)
+            cure = f"choose another --port, or if it prints numbers, --port lines:{port}"
+            return NotAVn100("device_sends_text", text, cure)
         text = f"{port} sends bytes ({self.count} received) but no valid message {where}"
         cure = "choose another --port or --baud, or a cable of other levels (RS-232, 3 V)"
         return NotAVn100("device_sends_garbage", text, cure)

@@ -16,8 +16,8 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from imumon.devices.base import ARRIVAL_S, ARRIVAL_SAMPLES, RATE_TOLERANCE, DeviceNotFound, DeviceOptions
-from imumon.devices.port_device import InterruptiblePort, PortDevice, Session
+from imumon.devices.base import DeviceNotFound, DeviceOptions
+from imumon.devices.port_device import QUIET_UNKNOWN_S, InterruptiblePort, PortDevice, RateCheck, Session
 from imumon.devices.vn100.ascii import ERRORS, SensorError
 from imumon.devices.vn100.commands import BAUD_RATES, CommandChannel, NotAVn100, OtherSensor, Port
 from imumon.devices.vn100.configuration import Configuration
@@ -30,8 +30,6 @@ __all__ = ["Port", "RateCheck", "StreamRequest", "Vn100Session"]
 
 QUIET_S = 1.0
 """s without data after which the sensor is resumed; or four samples, if they take longer."""
-QUIET_UNKNOWN_S = 3.0
-"""The same in s for a stream of unknown rate. The comparison of the rate starts again after it, too."""
 RETRY_S = 5.0
 """s between two scans for a sensor that does not reply. A scan takes up to ten seconds."""
 RESTART_NS = 1_000_000_000
@@ -40,11 +38,6 @@ GARBAGE_BYTES = 64
 """Bytes without a valid message that count as garbage; fewer may be the rest of a message."""
 ERROR_NOTICE_S = 60.0
 """s between two notices of one error of the sensor, which may repeat a hundred times a second."""
-
-RATE_SHORTEST_S = 5.0
-"""s of samples before the rate is judged."""
-RATE_LONGEST_S = 120.0
-"""s after which the comparison starts again, so that a change of the rate shows."""
 
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 
@@ -69,49 +62,6 @@ class StreamRequest:
     set_baud: int | None = None
     set_rate_hz: float | None = None
     rate_hz: float | None = None
-
-
-class RateCheck:
-    """Compare the rate at which samples arrive with the configured one.
-
-    A stream without a clock gets its time from a configured rate alone, and a wrong one makes all of N, B and K
-    wrong. So it is compared with the host clock.
-    """
-
-    def __init__(self) -> None:
-        self._rate_hz: float | None = None  # at which samples arrive; None: the configured one
-        self._start: float | None = None
-        self._last, self._count = 0.0, 0
-
-    def restart(self) -> None:
-        """Discard earlier samples."""
-        self._start = None
-
-    def update(self, count: int, now: float, nominal_hz: float) -> None:
-        """Add `count` samples, lost ones included, that arrived at `now`, s monotonic."""
-        if self._start is None or now - self._last > max(QUIET_UNKNOWN_S, 4.0 / nominal_hz):
-            self._start, self._last, self._count = now, now, 0
-            return
-        self._last = now
-        self._count += count
-        span = now - self._start
-        if span < RATE_SHORTEST_S:
-            return
-        error_s = abs(self._count / nominal_hz - span)
-        if error_s > RATE_TOLERANCE * span + ARRIVAL_S + ARRIVAL_SAMPLES / nominal_hz:
-            rate = self._count / span
-            if self._rate_hz is None or abs(rate / self._rate_hz - 1.0) > RATE_TOLERANCE:
-                self._rate_hz = rate
-        elif error_s < RATE_TOLERANCE * span:
-            self._rate_hz = None
-        if span > RATE_LONGEST_S:
-            self._start = None
-
-    def remark(self, nominal_hz: float) -> str | None:
-        """Return the remark for the report; None if the rate is correct."""
-        if self._rate_hz is None:
-            return None
-        return f"samples arrive at {self._rate_hz:.3g} Hz, not at the configured {nominal_hz:g} Hz: correct the rate"
 
 
 class Vn100Session(Session):

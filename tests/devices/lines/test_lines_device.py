@@ -138,6 +138,24 @@ def test_the_first_line_of_a_port_may_be_half_of_one(tmp_path: Path) -> None:
         sender.close()
 
 
+@pytest.mark.parametrize("wrong", ["columns=t_ms,gx,gy,gz,ax,ay,az", "columns=-,gx,gy,gz,ax,ay,az&rate=50"])
+def test_a_wrong_unit_of_the_time_or_a_wrong_rate_is_doubted(
+    wrong: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("imumon.devices.lines.lines_device.CLOCK_S", 1.0)
+    monkeypatch.setattr("imumon.devices.port_device.RATE_SHORTEST_S", 1.0)
+    sender = LineSender("pty", tmp_path)
+    try:
+        device = driver("lines").create(DeviceOptions(url=f"lines:{tmp_path / 'board'}?{wrong}"))
+        device.open()
+        device.start()
+        told = "the time of the lines advances by" if "t_ms" in wrong else "not at the configured 50 Hz"
+        until(lambda: (device.read(0.1), any(told in remark for remark in device.info().remarks))[1])
+        device.close()
+    finally:
+        sender.close()
+
+
 def test_a_full_queue_does_not_join_two_halves(tmp_path: Path) -> None:
     sender = LineSender("pty", tmp_path, rate_hz=5000.0)
     try:
