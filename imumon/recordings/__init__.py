@@ -5,7 +5,8 @@ base              contract of recordings, options for reading, errors
 raw_capture       raw bytes of a device, read back
 capture_writer    raw bytes of a device, written to disk
 recording_header  description of the device in a capture
-csv, csv_rows, npz  tables
+csv, csv_rows     tables as text
+array_file        arrays of NumPy, MATLAB and Parquet
 sentence_table    tables of raw sentences of a device
 log_file          topics of bags and of logs of autopilots
 log_process       program that reads them, with limits

@@ -44,7 +44,21 @@ _FOREIGN = {
     b"\x89PNG": ("png", "an image", _OTHER),
     b"%PDF": ("pdf", "a PDF document", _OTHER),
     b"\x7fELF": ("elf", "a program", _OTHER),
-    b"\x93NUMPY": ("npy", "a NumPy array", "save it in an .npz archive"),
+    b"\x89HDF\r\n\x1a\n": ("hdf5", "an HDF5 file", "write its columns as CSV: pandas.read_hdf(FILE).to_csv"),
+    b"MATLAB 7.3": ("mat_73", "a MATLAB 7.3 file", "save it again with save FILE.mat -v7"),
+    b"\xd0\xcf\x11\xe0": ("xls", "a workbook of Excel", "save the sheet as CSV"),
+    b"ARROW1": ("arrow", "an Arrow file", "write it as Parquet or CSV: pandas.read_feather(FILE).to_csv"),
+    b"\x80\x04\x95": (
+        "pickle",
+        "a pickle of Python, which can run any program",
+        "write it as CSV or with numpy.savez",
+    ),
+    b"\x80\x05\x95": (
+        "pickle",
+        "a pickle of Python, which can run any program",
+        "write it as CSV or with numpy.savez",
+    ),
+    b"TDSm": ("tdms", "a TDMS file of LabVIEW", "export it as CSV"),
     b"FMT, 128, ": ("dataflash_text", "an ArduPilot log as text", "use the .BIN file it was made from"),
     b"SQLite format 3": ("sqlite", "an SQLite database", "name the directory of the bag, or another file"),
 }

@@ -9,12 +9,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from imumon.devices.base import DeviceError, sample_blocks
 from imumon.devices.registry import DEFAULT_SCHEME, driver, scheme_of_bytes
 from imumon.files import open_regular
+from imumon.recordings.array_file import ArrayFile, array_kind
 from imumon.recordings.base import HEAD_BYTES, OptionNotApplicable, ReadOptions, Recording, RecordingError
 from imumon.recordings.columns import layout
 from imumon.recordings.csv import CsvFile, header_line, is_echoed
 from imumon.recordings.csv_rows import is_number, separator_of, split
 from imumon.recordings.log_file import LogFile, log_kind
-from imumon.recordings.npz import NpzFile
 from imumon.recordings.raw_capture import RawCapture
 from imumon.recordings.sentence_table import sentence_table
 from imumon.samples import Gap, SampleBlock
@@ -119,12 +119,12 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
             head = file.read(16)
     if (kind := log_kind(path, head)) is not None:
         return LogFile(path, kind, options)
-    archive = head.startswith(b"PK\x03\x04") and path.endswith(".npz")
-    opened = NpzFile(path, options) if archive else RawCapture(path)
+    arrays = array_kind(path, head)
+    opened = RawCapture(path) if arrays is None else ArrayFile(path, arrays, options)
     if options.topic is not None:
         text = f"--topic is for bags and logs of autopilots, and {path} is none"
         raise OptionNotApplicable("topic_not_applicable", text, "leave it out")
-    if isinstance(opened, NpzFile):
+    if isinstance(opened, ArrayFile):
         return opened
     start = opened.head[:200]
     if start.startswith((b"\xff\xfe", b"\xfe\xff")) and start.count(0) > UTF_16_ZEROS:

@@ -49,7 +49,13 @@ MOST_COPIES = 4
 COPIED = 0.99
 """Share of the rows with the stamp of the row before that must be copies of it, for rows to be doubled."""
 
-ROW_NAMES = {"csv": "line", "npz": "sample", "bag": "message", "px4": "message", "ardupilot": "message"}
+ROW_NAMES = {
+    "csv": "line",
+    **dict.fromkeys(("npz", "npy", "mat", "parquet"), "sample"),
+    "bag": "message",
+    "px4": "message",
+    "ardupilot": "message",
+}
 """Word for a row of a table in messages."""
 
 RATE_CURE = "give the sample rate with --rate"
@@ -91,7 +97,7 @@ class TableRows:
     ----------
     path : for messages.
     columns : columns of the stream.
-    what : kind of the table: ``csv``, ``npz``, ``bag``, ``px4``, ``ardupilot``.
+    what : kind of the table: ``csv``, ``npz``, ``npy``, ``mat``, ``parquet``, ``bag``, ``px4``, ``ardupilot``.
     rate_hz : Hz, configured sample rate; None: not configured.
     names : of all columns of the table.
     source : what the samples are taken from, for people; empty: `what`.

@@ -1,0 +1,166 @@
+"""Arrays of NumPy, MATLAB and Parquet: read, or named with what to do."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import imumon
+from tables import DEG, G, read, replayed, truth
+
+from imumon.recordings import RecordingError
+
+T, GYRO, ACCEL = truth(500)
+ROWS = np.column_stack([T, GYRO, ACCEL])
+BY_NUMBER = dict(
+    zip(("t", "gyro/x", "gyro/y", "gyro/z", "accel/x", "accel/y", "accel/z"), "1234567", strict=True)
+)
+
+
+def fields() -> np.ndarray:
+    names = ["t", "gx", "gy", "gz", "ax", "ay", "az"]
+    return np.array([tuple(row) for row in ROWS], dtype=[(name, "f8") for name in names])
+
+
+def mat(path: Path, **arrays: Any) -> None:
+    from scipy.io import savemat
+
+    savemat(path, arrays, do_compression=True)
+
+
+def parquet(path: Path, **arrays: Any) -> None:
+    arrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    parquet.write_table(
+        arrow.table({name: arrow.array(array) for name, array in arrays.items()}), path, row_group_size=77
+    )
+
+
+def columns() -> dict[str, np.ndarray]:
+    return {name: ROWS[:, k] for k, name in enumerate(("t", "gx", "gy", "gz", "ax", "ay", "az"))}
+
+
+WRITERS: dict[str, Callable[[Path], Any]] = {
+    "three.npz": lambda path: np.savez_compressed(path, t=T, gyro=GYRO, accel=ACCEL),
+    "by_column.npz": lambda path: np.savez(
+        path, t=T, gyro=np.asfortranarray(GYRO), accel=np.asfortranarray(ACCEL)
+    ),
+    "n_by_1.npz": lambda path: np.savez(
+        path, t=T[:, None], gyro=GYRO, **{f"a{x}": ACCEL[:, [k]] for k, x in enumerate("xyz")}
+    ),
+    "objects.npz": lambda path: np.savez(
+        path, t=T, gyro=GYRO, accel=ACCEL, note=np.array([None, "a"], dtype=object)
+    ),
+    "fields.npy": lambda path: np.save(path, fields()),
+    "flat.mat": lambda path: mat(path, t=T, gyro=GYRO, accel=ACCEL, name="a"),
+    "nested.mat": lambda path: mat(
+        path, imu={"t": T, "gyro_dps": GYRO / DEG, "accel_g": ACCEL / G, "name": "a"}
+    ),
+    "a.parquet": lambda path: parquet(path, name=["a"] * len(T), **columns()),
+    "stamps.parquet": lambda path: parquet(
+        path, **{**columns(), "t": np.rint(1.7e9 * 1e9 + T * 1e9).astype("datetime64[ns]")}
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_arrays_with_names_are_read(tmp_path: Path, name: str) -> None:
+    WRITERS[name](tmp_path / name)
+    block = read(tmp_path / name)
+    assert np.allclose(block.values, np.hstack([GYRO, ACCEL]), rtol=1e-9)
+    assert block.time_ns is not None
+    assert np.allclose(block.time_ns * 1e-9, T - T[0], atol=1e-6)
+
+
+def test_arrays_without_names_are_listed_and_read_by_number(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.asfortranarray(ROWS))
+    np.savez(tmp_path / "a.npz", t=T, imu=ROWS[:, 1:])
+    mat(tmp_path / "a.mat", data=ROWS)
+    for name, shown in (
+        ("a.npy", "one array (500, 7)"),
+        ("a.npz", "t (500,), imu (500, 6)"),
+        ("a.mat", "data (500, 7)"),
+    ):
+        with pytest.raises(RecordingError) as error:
+            replayed(tmp_path / name)
+        assert error.value.code == "no_sensor"
+        assert shown in error.value.message
+        block = read(tmp_path / name, columns=BY_NUMBER)
+        assert np.allclose(block.values, np.hstack([GYRO, ACCEL]), rtol=1e-9)
+    named = {"gyro/x": "imu.1:rad/s", "gyro/y": "imu.2", "gyro/z": "imu.3"}
+    assert np.allclose(read(tmp_path / "a.npz", columns=named).values, GYRO)
+
+
+def test_arrays_of_two_lengths_are_read_one_by_one(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, t_gyro=T, gyro=GYRO, t_accel=T[::2], accel=ACCEL[::2])
+    with pytest.raises(RecordingError) as error:
+        replayed(path)
+    assert error.value.code == "different_rates"
+    assert replayed(path, sensor="accel")[0].device.sample_rate_hz == 50.0
+    np.savez(path, t=T, gyro=GYRO, accel=ACCEL[::2])
+    with pytest.raises(RecordingError, match="accel 250, t 500") as error:
+        replayed(path)
+    assert error.value.code == "array_lengths"
+    assert replayed(path, sensor="gyro")[0].session.samples == 500
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("share", [0.3, 0.95])
+def test_a_file_that_is_cut_is_one_line(tmp_path: Path, name: str, share: float) -> None:
+    WRITERS[name](tmp_path / name)
+    data = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(data[: int(share * len(data))])
+    assert "corrupt" in imumon("replay", tmp_path / name, code=1)
+
+
+@pytest.mark.parametrize(
+    ("head", "code"),
+    [
+        (b"\x89HDF\r\n\x1a\n", "format_hdf5"),
+        (b"MATLAB 7.3 MAT-file", "format_mat_73"),
+        (b"\xd0\xcf\x11\xe0", "format_xls"),
+        (b"ARROW1\0\0", "format_arrow"),
+        (b"\x80\x04\x95", "format_pickle"),
+        (b"TDSm", "format_tdms"),
+    ],
+)
+def test_files_of_other_programs_are_named_with_what_to_do(tmp_path: Path, head: bytes, code: str) -> None:
+    (tmp_path / "a.dat").write_bytes(head + bytes(999))
+    with pytest.raises(RecordingError) as error:
+        replayed(tmp_path / "a.dat")
+    assert error.value.code == code
+    assert error.value.cure
+
+
+def test_a_workbook_is_named(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.xlsx", "w") as archive:
+        archive.writestr("xl/workbook.xml", "<workbook/>")
+    with pytest.raises(RecordingError) as error:
+        replayed(tmp_path / "a.xlsx")
+    assert error.value.code == "format_xlsx"
+
+
+PEAK = """
+import resource, sys
+from imumon.replay import ReplayOptions
+for _ in ReplayOptions(path=sys.argv[1]).open(): pass
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+"""
+
+
+def test_the_memory_of_an_archive_does_not_grow_with_it(tmp_path: Path) -> None:
+    def peak(n: int) -> int:
+        path = tmp_path / f"{n}.npz"
+        np.savez(path, t=np.arange(n) / 100.0, gyro=np.ones((n, 3)), accel=np.full((n, 3), 9.8))
+        words = [sys.executable, "-c", PEAK, str(path)]
+        return int(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
+
+    assert peak(900_000) - peak(100_000) < 20e6  # bytes; the arrays have 45 MB more
