@@ -60,6 +60,7 @@ class MtSession(Session):
         self._firmware: str | None = None
         self._configuration: bytes | None = None  # that the sensor has
         self._original: bytes | None = None  # to restore
+        self._changed = False  # something was written, whether or not the sensor has confirmed it
         self._kind: Kind | None = None  # of the samples that arrived
         self._remarks: tuple[str, ...] = ()
         self._sample_at, self._silent = time.monotonic(), False
@@ -144,12 +145,11 @@ class MtSession(Session):
         return self.info()
 
     def restore(self) -> bool:
-        if self._original is None or self._original == self._configuration:
-            return True
-        return self._write(self._original)
+        return self._original is None or not self._changed or self._write(self._original)
 
     def _write(self, configuration: bytes) -> bool:
         """Set the output configuration; return whether the sensor has confirmed it. It then measures in any case."""
+        self._changed = configuration != self._original
         try:
             self._ask(MessageId.GO_TO_CONFIG)
             reply = self._ask(MessageId.OUTPUT_CONFIGURATION, configuration)

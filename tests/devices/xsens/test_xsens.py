@@ -17,12 +17,13 @@ from hypothesis import strategies as st
 from waiting import until
 
 from imumon.config import DeviceSettings
-from imumon.devices.base import Device, DeviceError, DeviceNotFound, DeviceOptions, sample_blocks
+from imumon.devices.base import Device, DeviceError, DeviceNotFound, DeviceOptions, Interrupted, sample_blocks
 from imumon.devices.conformance import Bench, DeviceConformance, read_for
 from imumon.devices.registry import driver
 from imumon.devices.xsens.mt_decoder import MtDecoder, rotation
 from imumon.devices.xsens.mt_emulator import ACCEL_N, FACTORY, GYRO_N, MtEmulator
 from imumon.devices.xsens.mt_messages import DataId, Message, MessageId, encode, fields, outputs
+from imumon.samples import Notice
 
 GOLDEN = bytes.fromhex(
     "102002A655 106004 0057472E 201010 3F7F7DC4BC10107D3BA15770BD7EC656 40200C BDA21AF8BE2A8E96411D27A2"
@@ -200,6 +201,49 @@ def test_what_a_killed_run_left_behind_is_restored(tmp_path: Path) -> None:
         assert device.restore()
         device.close()
         assert sensor.configuration == FACTORY
+
+
+def test_an_interrupted_start_is_restored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with MtEmulator(link=tmp_path / "mti") as sensor:
+        device = device_of(sensor, tmp_path)
+        device.open()
+        configured = sensor._configured
+
+        def interrupt(data: bytes) -> bytes:
+            if data and data != FACTORY:
+                device.interrupt()
+            return configured(data)
+
+        monkeypatch.setattr(sensor, "_configured", interrupt)
+        with pytest.raises(Interrupted):
+            device.start()
+        device.interrupted.clear()
+        assert sensor.configuration != FACTORY
+        assert device.restore()
+        assert sensor.configuration == FACTORY
+        assert sensor.measuring
+        device.close()
+
+
+def test_a_sensor_that_stops_is_started_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("imumon.devices.xsens.mt_session.QUIET_S", 0.5)
+    with MtEmulator(link=tmp_path / "mti") as sensor:
+        device = device_of(sensor, tmp_path)
+        device.open()
+        device.start()
+        read_for(device, 20.0, enough=20)
+        sensor.measuring, sensor.configuration = False, FACTORY
+        items = read_for(device, 20.0, enough=20)
+        kinds = [item.kind for item in items if isinstance(item, Notice)]
+        until(
+            lambda: (
+                kinds.extend(i.kind for i in device.read(0.1) if isinstance(i, Notice)) or "resumed" in kinds
+            )
+        )
+        assert kinds == ["silent", "resumed"]
+        assert sensor.configuration != FACTORY
+        assert device.restore()
+        device.close()
 
 
 def test_listen_only_writes_nothing(tmp_path: Path) -> None:
