@@ -18,7 +18,8 @@ import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from terminals import Tmux, until
+from terminals import Tmux
+from waiting import until
 
 ALIVE_S, SETTLED_S = 5.0, 120.0
 CELL = re.compile(r"(\S+ (?:±|×÷)\S+|< \S+|in \S+ \w+|pending|never changes|rounded away|–)")

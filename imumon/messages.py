@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 from imumon.alarms import ALARMS
-from imumon.report import Drift, Estimate, Event, Report, SensorGrade
+from imumon.report import Change, Drift, Estimate, Event, Report, SensorGrade
 from imumon.samples import Level, sensor_of
 
 
@@ -218,6 +218,15 @@ def excluded_text(share: float, by: Mapping[str, float]) -> str:
     own = {reason: seconds for reason, seconds in by.items() if reason != "magnetic"} or dict(by)
     reason = max(own, key=own.__getitem__)
     return f"{share:.0%} excluded as {reason}: {EXCLUSION_CURES[reason]}"
+
+
+def change_text(channel: str, change: Change) -> str:
+    """Return a change as text, such as ``gyro/x: N has grown by 40 % against the baseline``."""
+    against = f"against the {change.against}"
+    if change.ratio is None:
+        return f"{channel}: the bias has moved from {change.before:.3g} to {change.now:.3g} {against}"
+    verb = "grown" if change.ratio > 1.0 else "fallen"
+    return f"{channel}: {change.quantity} has {verb} by {abs(change.ratio - 1.0):.0%} {against}"
 
 
 def exclusions(report: Report, text: Callable[[float], str]) -> tuple[str, ...]:

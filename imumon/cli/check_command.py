@@ -128,8 +128,7 @@ def _worse(report: Any, grade: Any) -> Iterator[str]:
 
 def _caveats(report: Any, baseline: Any) -> Iterator[str]:
     """Yield what is a warning of the caveats, and what has changed."""
-    from imumon.messages import caveats, joined, line
-    from imumon.pipeline.report_builder import change_text
+    from imumon.messages import caveats, change_text, joined, line
 
     found = caveats(report)
     for caveat in WARNED:

@@ -16,9 +16,6 @@ from typing import Any
 from imumon.cli.exit_codes import SUCCESS
 from imumon.cli.options import Parser
 
-VARIABLE = "_ARGCOMPLETE"
-"""Environment variable that the script of argcomplete sets."""
-
 QUERY_S = 0.5
 """How long to wait for running daemons, s."""
 

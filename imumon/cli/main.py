@@ -8,7 +8,6 @@ a defect.
 from __future__ import annotations
 
 import argparse
-import difflib
 import errno
 import os
 import resource
@@ -16,41 +15,37 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from importlib import import_module
+from types import ModuleType
 from typing import TypeAlias
 
 from imumon import __version__
-from imumon.cli import admin, check_command, completion, history_command, query, run_command
 from imumon.cli.exit_codes import INTERRUPTED, SUCCESS, USAGE, CommandError, exit_code
 from imumon.cli.options import Parser
 from imumon.cli.output import discard_stdout, prepare_streams, print_error
-from imumon.cli.replay_command import add_replay, run_replay
-from imumon.cli.report_command import add_report, report
-from imumon.cli.web_command import add_web, web
 from imumon.errors import ImumonError
 
 Handler: TypeAlias = Callable[[argparse.Namespace], int]
 
-COMMANDS: dict[str, tuple[Handler, Callable[[Parser], None], str]] = {
-    "run": (run_command.run, run_command.add_run, "read a device and publish its noise figures"),
-    "demo": (run_command.demo, run_command.add_demo, "emulator, daemon and terminal UI in one command"),
-    "tui": (query.tui, query.add_tui, "show the live terminal UI"),
-    "web": (web, add_web, "show the terminal UI in a browser"),
-    "status": (query.status, query.add_status, "print one report from a running daemon"),
-    "check": (check_command.check, check_command.add_check, "monitoring plugin: one line and an exit code"),
-    "wait": (query.wait, query.add_wait, "wait until a grade or a precision is reached"),
-    "history": (
-        history_command.history,
-        history_command.add_history,
-        "print what the sensor did over months",
-    ),
-    "sim": (run_command.sim, run_command.add_sim, "run an emulated VN-100 on a pseudo-terminal"),
-    "replay": (run_replay, add_replay, "process a recording with the same pipeline"),
-    "report": (report, add_report, "write the datasheet of a sensor, or configuration for other software"),
-    "doctor": (admin.doctor, admin.add_doctor, "check port, device, Zenoh, state and service"),
-    "config": (admin.config, admin.add_config, "show the settings with their origin, or check them"),
-    "completion": (completion.completion, completion.add_completion, "print a shell completion script"),
+COMMANDS = {
+    "run": ("run_command", "read a device and publish its noise figures"),
+    "demo": ("run_command", "emulator, daemon and terminal UI in one command"),
+    "tui": ("query", "show the live terminal UI"),
+    "web": ("web_command", "show the terminal UI in a browser"),
+    "status": ("query", "print one report from a running daemon"),
+    "check": ("check_command", "monitoring plugin: one line and an exit code"),
+    "wait": ("query", "wait until a grade or a precision is reached"),
+    "history": ("history_command", "print what the sensor did over months"),
+    "sim": ("run_command", "run an emulated VN-100 on a pseudo-terminal"),
+    "replay": ("replay_command", "process a recording with the same pipeline"),
+    "report": ("report_command", "write the datasheet of a sensor, or configuration for other software"),
+    "doctor": ("admin", "check port, device, Zenoh, state and service"),
+    "config": ("admin", "show the settings with their origin, or check them"),
+    "completion": ("completion", "print a shell completion script"),
 }
-"""Function, options and help text of each command."""
+"""Module and help text of each command NAME; the module has its functions ``NAME`` and ``add_NAME``."""
+COMPLETING = "_ARGCOMPLETE"
+"""Environment variable that the script of argcomplete sets."""
 
 _FILES = 8192
 """File descriptors that the limit of the process is raised to, as far as it may be: each connection to the daemon
@@ -75,7 +70,9 @@ def _run(argv: Sequence[str] | None) -> int:
     # a thread pool of OpenBLAS costs 64 MB of address space and does not speed up this program
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     prepare_streams()
-    if completion.VARIABLE in os.environ:
+    if COMPLETING in os.environ:
+        from imumon.cli import completion
+
         completion.complete(parsers)
     words = list(sys.argv[1:] if argv is None else argv)
     arguments = argparse.Namespace(json="--json" in words, plugin=words[:1] == ["check"])
@@ -121,6 +118,8 @@ def _parse(argv: Sequence[str], arguments: argparse.Namespace) -> Handler:
     name = argv[0] if argv else ""
     parser, commands = parsers(only=name)
     if name and not name.startswith("-") and name not in commands:
+        import difflib
+
         close = difflib.get_close_matches(name, commands, 1, 0.5)
         cure = f"did you mean {close[0]}?" if close else "imumon --help lists the commands"
         raise CommandError("unknown_command", f"no command {name!r}", cure, USAGE)
@@ -131,12 +130,20 @@ def _parse(argv: Sequence[str], arguments: argparse.Namespace) -> Handler:
     if unknown:
         command = commands[arguments.command]
         command.error(f"unknown argument {unknown[0]}{command.suggestion(unknown[0])}")
-    return COMMANDS[arguments.command][0]
+    handler: Handler = getattr(_module(arguments.command), arguments.command)
+    return handler
+
+
+def _module(name: str) -> ModuleType:
+    """Return the module of a command. It is imported when it is used, so that others start sooner."""
+    return import_module(f"imumon.cli.{COMMANDS[name][0]}")
 
 
 def _fail(error: ImumonError, arguments: argparse.Namespace) -> int:
     """Print an error and return its exit code."""
     if arguments.plugin:
+        from imumon.cli import check_command
+
         return check_command.fail(error)
     print_error(error, as_json=getattr(arguments, "json", False))
     return exit_code(error)
@@ -167,9 +174,9 @@ def parsers(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
         title="commands", dest="command", metavar="COMMAND", parser_class=Parser
     )
     commands: dict[str, Parser] = {}
-    for name, (_, add_options, text) in COMMANDS.items():
+    for name, (_, text) in COMMANDS.items():
         command = subparsers.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
         if only in (None, name):
-            add_options(command)
+            getattr(_module(name), f"add_{name}")(command)
         commands[name] = command
     return parser, commands

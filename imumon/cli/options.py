@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import os
 import re
 import time
@@ -35,6 +34,8 @@ class Parser(argparse.ArgumentParser):
 
     def suggestion(self, argument: str) -> str:
         """Return ``; did you mean --port?`` if an option of this parser is similar, else empty text."""
+        import difflib
+
         known = {name.lstrip("-"): name for action in self._actions for name in action.option_strings}
         close = difflib.get_close_matches(argument.partition("=")[0].lstrip("-"), known, 1, 0.6)
         return f"; did you mean {known[close[0]]}?" if close else ""

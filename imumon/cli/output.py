@@ -9,17 +9,12 @@ from __future__ import annotations
 
 import codecs
 import io
-import json
 import os
-import shutil
 import sys
-from dataclasses import asdict
 from functools import cache
 from typing import Any
 
-from imumon.coefficients import NOISE
 from imumon.errors import ImumonError
-from imumon.report import plain
 
 STATUS_COLUMNS = 120
 """Longest status line, characters."""
@@ -67,6 +62,8 @@ def discard_stdout() -> None:
 
 def print_message(text: str) -> None:
     """Print one line on standard error; the text may hold names from files, keys and other programs."""
+    from imumon.report_json import plain
+
     lines = "\n".join(map(plain, text.split("\n")))  # faults of settings are one line each
     print(f"imumon: {lines}", file=sys.stderr)
 
@@ -79,6 +76,9 @@ def print_error(error: ImumonError, as_json: bool = False) -> None:
     if not as_json:
         print_message(str(error))
         return
+    import json
+    from dataclasses import asdict
+
     described: dict[str, Any] = {"code": error.code, "message": error.message, "cure": error.cure}
     if faults := getattr(error, "faults", ()):
         described["faults"] = [asdict(fault) for fault in faults]
@@ -87,6 +87,8 @@ def print_error(error: ImumonError, as_json: bool = False) -> None:
 
 def print_status(text: str) -> None:
     """Overwrite the status line of a terminal; print nothing where standard error is not one."""
+    from imumon.report_json import plain
+
     if sys.stderr.isatty():
         print(f"\r\x1b[K{plain(text)[:STATUS_COLUMNS]}", end="", file=sys.stderr, flush=True)
 
@@ -96,12 +98,16 @@ def print_json(text: str) -> None:
     try:
         text.encode(sys.stdout.encoding or "utf-8")
     except UnicodeEncodeError:
+        import json
+
         text = json.dumps(json.loads(text))
     print(text)
 
 
 def print_values(report: Any) -> None:
     """Print channel, N, B and K in SI of each axis, tab-separated: a bound with ``<``, what is not known empty."""
+    from imumon.coefficients import NOISE
+
     for name, channel in report.channels.items():
         if channel.coefficients:
             print("\t".join([name, *(_value(channel.coefficients.get(letter)) for letter in NOISE)]))
@@ -122,6 +128,8 @@ def print_report(report: Any, as_json: bool, baseline: Any = None) -> None:
 
         print_json(to_json(report))
         return
+    import shutil
+
     from imumon.datasheet.evidence import evidence_lines
     from imumon.datasheet.signal_text import baseline_summary, signal_lines
     from imumon.datasheet.tables import report_table

@@ -142,7 +142,7 @@ def add_replay(parser: Parser) -> None:
     options.add_endpoints(parser, listen=True)
 
 
-def run_replay(arguments: argparse.Namespace) -> int:
+def replay(arguments: argparse.Namespace) -> int:
     from imumon.cli.traceability import evaluated
 
     sheet = reference_sheet(arguments)

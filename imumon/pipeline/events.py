@@ -14,9 +14,8 @@ from datetime import datetime
 import numpy as np
 
 from imumon.alarms import ALARMS, RECOVERED, known
-from imumon.messages import EVENT_LEVELS, grade_text
+from imumon.messages import EVENT_LEVELS, change_text, grade_text
 from imumon.noise.stretches.record_statistics import HOURS_BEFORE
-from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators, Happened
 from imumon.report import Change, Event, Report, SensorGrade, stamp
 from imumon.samples import Ints, Level
@@ -255,7 +254,7 @@ class EventLog:
         hourly: bool,
     ) -> None:
         current = {
-            (column, each.against, each.quantity): report_builder.change_text(channels[column], each)
+            (column, each.against, each.quantity): change_text(channels[column], each)
             for column, of_channel in changes.items()
             for each in of_channel
             if (each.against == HOURS_BEFORE) == hourly

@@ -276,15 +276,6 @@ def robust(deviation: RobustDeviation | None) -> report.Robust | None:
     return None if deviation is None else report.Robust(sigma=deviation.sigma, ratio=deviation.ratio)
 
 
-def change_text(channel: str, change: report.Change) -> str:
-    """Return a change as text, such as ``gyro/x: N has grown by 40 % against the baseline``."""
-    against = f"against the {change.against}"
-    if change.ratio is None:
-        return f"{channel}: the bias has moved from {change.before:.3g} to {change.now:.3g} {against}"
-    verb = "grown" if change.ratio > 1.0 else "fallen"
-    return f"{channel}: {change.quantity} has {verb} by {abs(change.ratio - 1.0):.0%} {against}"
-
-
 def correlations(axes: Sequence[str], covariance: Floats | None) -> dict[str, dict[str, float]]:
     """Return the correlation of each axis of a sensor with the others, -1 to 1, by channel.
 
