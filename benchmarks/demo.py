@@ -4,7 +4,7 @@
 
 Runs it in a terminal multiplexer of 150 x 40 and reads the screen there: when the first numbers stand, how
 many of the 18 coefficients of gyroscope and accelerometer are measured (the others are bounds, or pending),
-how long the curve is, and since when the grades are no longer "for now". Misses are said, and exit 1.
+how long the curve is, and since when the grades are no longer provisional. Misses are said, and exit 1.
 With a picture it saves the screen at the end, by its own key: so `docs/screen.svg` is made.
 """
 
@@ -39,8 +39,8 @@ def seen(text: str) -> tuple[int, int, str, str]:
     """Measured coefficients, all there are, length of the curve, and how the grades stand."""
     cells = coefficients(text)
     octaves = OCTAVES.search(text)
-    names = re.findall(r"nearest grade(, for now)?", text)
-    grades = f"{len(names)} graded, {names.count(', for now')} for now"
+    names = re.findall(r"^ *(?:gyro|accel) +meets \w+, nearest \w+(, provisional)?", text, re.MULTILINE)
+    grades = f"{len(names)} graded, {len(names) - names.count('')} provisional"
     length = f"{octaves[2]} octaves to {octaves[3]}" if octaves else "no curve yet"
     return sum("±" in cell or "×÷" in cell for cell in cells), len(cells), length, grades
 
@@ -54,7 +54,7 @@ def watch(seconds: float, picture: Path | None = None) -> int:
             alive, settled, first, last = _watched(pane, begin, seconds)
             if picture is not None:
                 pane.press("s")
-                until(lambda: "save what is seen" in pane.text())
+                until(lambda: "save this view" in pane.text())
                 pane.press("v")
                 until(lambda: list(Path(folder).glob("*.svg")))
                 until(lambda: "saved imumon" in pane.text())
@@ -80,7 +80,7 @@ def _watched(pane: Tmux, begin: float, seconds: float) -> tuple[float | None, fl
         if known == 18 and alive is None:
             alive, first = now, measured
         last = measured if known == 18 else last
-        if "2 graded, 0 for now" in grades:
+        if "2 graded, 0 provisional" in grades:
             settled = now if settled is None else settled
         else:
             settled = None

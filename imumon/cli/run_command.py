@@ -116,7 +116,7 @@ def _check_settings(settings: Any) -> None:
 
     device, default = settings.device, type(settings.device)()
     used = driver_of(device.port).settings | {"port", "id"}
-    for name in type(device).model_fields:
+    for name in vars(device):
         origin = settings.origins.get(f"device.{name}", "default")
         changed = origin == "command line" or getattr(device, name) != getattr(default, name)
         if name in used or not changed:

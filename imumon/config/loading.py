@@ -6,24 +6,25 @@ All faults of a file are reported at once, each with its line, what is allowed a
 
 from __future__ import annotations
 
-import difflib
+import ast
 import os
 import re
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import fields
+from functools import cache
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, cast, get_args, get_origin
-
-from annotated_types import Ge, Gt, Le, Lt, MaxLen
-from pydantic import ValidationError
+from typing import Annotated, Any, Literal, cast, get_args, get_origin, get_type_hints
 
 from imumon.config.settings import (
     NAMES,
     SECTIONS,
     DeviceSettings,
     MetricsSettings,
-    Section,
     Settings,
+    Share,
     ZenohSettings,
 )
 from imumon.config.toml_file import (
@@ -82,7 +83,7 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
         if isinstance(table := values.setdefault(section, {}), dict):
             table[setting] = value
         places.known[name] = "command line"
-    sections: dict[str, Section] = {}
+    sections: dict[str, Any] = {}
     faults: list[ConfigFault] = []
     for section, table in values.items():
         try:
@@ -109,11 +110,56 @@ def render(settings: Settings) -> str:
     lines = [_FILE_COMMENT, ""]
     for section, cls in SECTIONS.items():
         lines.append(f"[{section}]  # {(cls.__doc__ or '').strip()}")
-        for name, info in cls.model_fields.items():
+        for name, description in _descriptions(cls).items():
             value = getattr(getattr(settings, section), name)
-            lines += [f"# {info.description}", f"{name} = {toml_text(value)}"]
+            lines += [f"# {description}", f"{name} = {toml_text(value)}"]
         lines.append("")
     return "\n".join(lines[:-1]) + "\n"
+
+
+def _descriptions(cls: type) -> dict[str, str]:
+    """Return the text below each setting of a section in the source, by name."""
+    import inspect
+
+    (section,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
+    assert isinstance(section, ast.ClassDef)
+    return {
+        setting.target.id: text.value.value
+        for setting, text in pairwise(section.body)
+        if isinstance(setting, ast.AnnAssign)
+        and isinstance(setting.target, ast.Name)
+        and isinstance(text, ast.Expr)
+        and isinstance(text.value, ast.Constant)
+        and isinstance(text.value.value, str)
+    }
+
+
+@cache
+def _model(section: str) -> Any:
+    """Return a model of pydantic that checks a section."""
+    from pydantic import BeforeValidator, ConfigDict, Strict, create_model
+    from pydantic import Field as ModelField
+
+    cls = SECTIONS[section]
+    hints = get_type_hints(cls, include_extras=True)
+    config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+    members: dict[str, Any] = {}
+    for each in fields(cls):
+        kind = hints[each.name]
+        if kind == Share:
+            kind = Annotated[float, BeforeValidator(_from_percent)]
+        elif get_origin(kind) is tuple:  # a TOML list is not a tuple
+            kind = Annotated[kind, Strict(False)]
+        members[each.name] = kind, ModelField(None, **each.metadata)
+    return create_model(cls.__name__, __config__=config, **members)
+
+
+def _from_percent(value: Any) -> Any:
+    """Return the share that a text such as ``2%`` gives; other values as they are."""
+    if isinstance(value, str) and value.endswith("%"):
+        with suppress(ValueError):
+            return float(value[:-1]) / 100.0
+    return value
 
 
 def origin_lines(settings: Settings) -> list[str]:
@@ -127,7 +173,7 @@ def origin_lines(settings: Settings) -> list[str]:
     return lines
 
 
-def _check_section(section: str, table: Any, places: Places) -> Section:
+def _check_section(section: str, table: Any, places: Places) -> Any:
     """Return the checked section; raise `ConfigError` with all its faults."""
     if section not in SECTIONS:
         raise ConfigError(_unknown(section, isinstance(table, dict), places))
@@ -146,8 +192,12 @@ def _check_section(section: str, table: Any, places: Places) -> Section:
         ConfigFault("invalid_character", places.of(name), name, *_INVALID_CHARACTER)
         for name in (f"{section}.{name}" for name in bad)
     ]
+    from pydantic import ValidationError
+
     try:
-        checked = cls.model_validate({name: value for name, value in table.items() if name not in bad})
+        checked = _model(section).model_validate(
+            {name: value for name, value in table.items() if name not in bad}
+        )
     except ValidationError as error:
         # a list has a fault for each of its items: the first is enough
         first = {str(found["loc"][0]): found for found in reversed(error.errors())}
@@ -155,7 +205,7 @@ def _check_section(section: str, table: Any, places: Places) -> Section:
         faults += [_fault(section, name, found, table, places) for name, found in shown]
     if faults:
         raise ConfigError(*faults)
-    return checked
+    return cls(**{name: getattr(checked, name) for name in table})
 
 
 def _fault(section: str, name: str, found: Any, table: Mapping[str, Any], places: Places) -> ConfigFault:
@@ -165,7 +215,7 @@ def _fault(section: str, name: str, found: Any, table: Mapping[str, Any], places
         return _unknown(full, False, places)
     value = toml_text(_value_at(table, found["loc"]))
     shown = value if len(value) <= SHOWN_CHARACTERS else value[: SHOWN_CHARACTERS - 3] + "..."
-    cure = f"give {_allowed(found, SECTIONS[section].model_fields[name])}"
+    cure = f"give {_allowed(found, _model(section).model_fields[name])}"
     return ConfigFault("invalid_value", places.of(full), full, f"{shown} is not valid", cure)
 
 
@@ -174,6 +224,8 @@ _NAMES_CURE = "imumon config show prints all of them"
 
 def _unknown(name: str, is_section: bool, places: Places) -> ConfigFault:
     """Return the fault of an unknown name, with the nearest valid one."""
+    import difflib
+
     place = places.of(name)
     if is_section:
         near = difflib.get_close_matches(name, SECTIONS, n=1)
@@ -208,6 +260,8 @@ _TYPES = {
 
 def _allowed(found: Any, info: Any) -> str:
     """Return what a setting may be."""
+    from annotated_types import Ge, Gt, Le, Lt, MaxLen
+
     if get_origin(info.annotation) is Literal:
         return "one of " + ", ".join(map(toml_text, get_args(info.annotation)))
     limits = {type(limit): limit for limit in info.metadata}

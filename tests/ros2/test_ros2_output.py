@@ -174,7 +174,7 @@ def test_a_daemon_publishes_diagnostics_and_covariances(tmp_path: Path) -> None:
 def test_the_accelerometer_of_another_topic_is_not_that_of_the_messages() -> None:
     """The main topic has an accelerometer of its own: what was measured of another one does not describe it."""
     endpoint = free_router()
-    settings = Settings().ros2.model_copy(update={"covariance": "/out"})
+    settings = replace(Settings().ros2, covariance="/out")
     with ros2_actors.router(endpoint), ros2_actors.publisher(endpoint, "/gyro", 200.0):
         made = RosOutput(settings, f"ros2:/gyro?accel=/accel&router={endpoint}")
         node = open_node(parse_url(f"ros2:/x?router={endpoint}"), "listener")
@@ -197,7 +197,7 @@ def test_the_accelerometer_of_another_topic_is_not_that_of_the_messages() -> Non
 )
 def test_covariances_need_another_topic(port: str, topic: str, words: str) -> None:
     with pytest.raises(RosError) as caught:
-        RosOutput(Settings().ros2.model_copy(update={"covariance": topic}), port)
+        RosOutput(replace(Settings().ros2, covariance=topic), port)
     assert words in caught.value.message
     assert caught.value.cure
     assert exit_code(caught.value) == 2

@@ -6,6 +6,7 @@ import os
 import signal
 import struct
 import time
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -73,9 +74,7 @@ def test_a_bridged_sensor_has_the_numbers_of_its_port(tmp_path: Path) -> None:
         spawn(settings) as emulator,
     ):
         sensor = registry.driver("vn100").create(
-            DeviceOptions(
-                url=emulator.path, settings=Settings().device.model_copy(update={"baud": BAUD}), speed=SPEED
-            )
+            DeviceOptions(url=emulator.path, settings=replace(Settings().device, baud=BAUD), speed=SPEED)
         )
         sensor.open()
         sensor.start()
