@@ -665,6 +665,9 @@ def test_strict_settings_rest_on_measured_numbers_only(recording: Path, tmp_path
     message = imumon("report", recording, "--strict", "-o", out, code=1)
     assert message.startswith("imumon: --strict: not measured, but at most bounded: gyro/x B, gyro/x K")
     assert not out.exists()
+    assert "--strict is for settings" in imumon(
+        "report", recording, "--strict", "-o", tmp_path / "x.html", code=2
+    )
     assert "linear_acceleration_covariance" in imumon("report", recording, "--strict", "--format", "ros")
     assert "# " in imumon("report", recording, "--format", "kalibr")
 

@@ -67,6 +67,9 @@ def report(arguments: argparse.Namespace) -> int:
     from imumon.datasheet import FORMS, document, programs_with, short_record_text
 
     form = _form(arguments)
+    if arguments.strict and not FORMS[form].settings:
+        message = f"--strict is for settings of other software, and {form} is none"
+        raise CommandError("strict_not_applicable", message, "leave it out, or name such a --format", USAGE)
     if FORMS[form].binary and arguments.output is None and sys.stdout.isatty():
         message = f"a {form} file cannot be shown in a terminal"
         raise CommandError("binary_to_terminal", message, "name a file with -o", USAGE)
@@ -92,7 +95,7 @@ def report(arguments: argparse.Namespace) -> int:
             if FORMS[form].history:
                 rows = published_days(subscriber, source.device.id)
     source = evaluated(with_item(source, arguments.item), sheet, rows)
-    if arguments.strict and FORMS[form].settings:
+    if arguments.strict:
         _check_measured(source, form)
     if FORMS[form].settings and (warning := short_record_text(source)) is not None:
         print_message(warning)

@@ -48,7 +48,10 @@ def evaluated(report: Report, sheet: Any = None, rows: Sequence[Mapping[str, Any
 
     report = replace(report, events=one_warmup(report.events))
     made = report.evaluation or Evaluation()
-    if not made.not_covered:
+    parts = [budget for budgets in made.budgets.values() for budget in budgets.values()]
+    if not made.not_covered or any(
+        budget.low is None for budget in parts
+    ):  # an earlier version has no limits
         made = replace(
             made,
             budgets=uncertainty_budgets(report, day_scatter(rows)),

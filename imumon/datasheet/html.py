@@ -55,6 +55,7 @@ p { margin: .6rem 0; }
 .wide { overflow-x: auto; margin: .7rem 0; }
 table { border-collapse: collapse; width: 100%; font-size: .88rem; font-variant-numeric: tabular-nums; }
 caption { caption-side: bottom; text-align: left; color: var(--warn); padding-top: .3rem; }
+table.facts td { overflow-wrap: anywhere; }
 th, td { text-align: left; vertical-align: top; padding: .3rem .9rem .3rem 0;
   border-bottom: 1px solid var(--rule); }
 thead th { color: var(--muted); font-weight: 600; vertical-align: bottom; }

@@ -62,6 +62,7 @@ def _faces() -> str:
         for name, (family, weight) in FACES.items()
     ]
     rules += [
-        'body, svg text { font-family: "DejaVu Sans" !important; } pre { font-family: "DejaVu Sans Mono" !important; }'
+        'body, svg text { font-family: "DejaVu Sans", sans-serif !important; } '
+        'pre { font-family: "DejaVu Sans Mono", monospace !important; }'
     ]
     return "".join(rules)
