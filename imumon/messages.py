@@ -69,7 +69,7 @@ CAVEATS: Mapping[str, CaveatText] = {
         "The cause is a filter, or values that repeat.",
     ),
     "ramp": CaveatText("the mean drifts steadily: a ramp is part of the model", "K is fitted beside it."),
-    "changed": CaveatText("differs from the hours before or from the baseline: see the events"),
+    "changed": CaveatText("differs from the time before or from the baseline: see the events"),
     "truncated": CaveatText(
         "the recording is damaged or truncated", "Only what precedes the damage is used."
     ),

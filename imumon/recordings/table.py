@@ -49,6 +49,9 @@ MOST_COPIES = 4
 COPIED = 0.99
 """Share of the rows with the stamp of the row before that must be copies of it, for rows to be doubled."""
 
+HELD = 0.25
+"""Share of the rows that repeat all axes of a sensor above which it is slower than the rows; rounding repeats few."""
+
 ROW_NAMES = {
     "csv": "line",
     **dict.fromkeys(("npz", "npy", "mat", "parquet"), "sample"),
@@ -343,6 +346,7 @@ class TableRows:
             self._compare(float(np.median(whole[:, -1])) * found.interval.factor, own=True)
         elif interval is None:
             raise self._rate_required()
+        self._remarks += list(_repeating(found, whole))
         sensors = ", ".join(dict.fromkeys(sensor_of(channel) for channel in found.channels))
         self._stream = Stream(found.kind, found.channels, f"{self._source} ({sensors})", clock, interval)
 
@@ -467,6 +471,15 @@ class TableRows:
 def _present(rows: Floats) -> Bools:
     """Return which of some numbers are there: finite and possible."""
     return np.abs(rows) < LARGEST
+
+
+def _repeating(found: ColumnLayout, rows: Floats) -> Iterator[str]:
+    """Yield a remark on each inertial sensor that is slower than its rows and holds its values between."""
+    for sensor in sorted(INERTIAL & set(map(sensor_of, found.channels)), reverse=True):
+        own = [k for k, name in enumerate(found.channels) if sensor_of(name) == sensor]
+        share = float(_copies(rows[:, own]).mean()) if len(rows) > 1 else 0.0
+        if HELD < share < COPIED:
+            yield f"{sensor} repeats its values in {share:.0%} of the rows: it is slower than they are"
 
 
 def _copies(rows: Floats) -> Bools:

@@ -77,6 +77,17 @@ def test_sensors_with_times_of_their_own_are_read_one_by_one(tmp_path: Path) -> 
     assert replayed(path, columns={"t": "t_gyro"})[0].device.sample_rate_hz == 100.0
 
 
+def test_a_sensor_that_holds_its_values_is_slower_than_its_rows(tmp_path: Path) -> None:
+    t, gyro, accel = truth(20_000)
+    report, remarks = replayed(csv(tmp_path / "a.csv", NAMES, t, gyro, accel[np.arange(len(t)) // 2]))
+    assert "accel repeats its values in 50% of the rows" in remarks
+    n = report.channels["accel/x"].coefficients["N"]
+    assert n.low is not None
+    assert n.high is not None
+    assert n.low < 0.013 * 0.02**0.5 < n.high
+    assert "outliers" not in report.channels["accel/x"].caveats
+
+
 def test_one_sensor_of_a_capture_is_no_choice(tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(b"$VNRRG,1*XX\r\n")
     with pytest.raises(OptionNotApplicable) as error:

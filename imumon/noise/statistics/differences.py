@@ -39,6 +39,10 @@ DENSE = 8192
 PERIOD, WINDOW = 1024, 64
 """Samples from one window to the next, and of one, in which differences count afterwards."""
 
+REPEATED = 0.25
+"""Share of differences of zero above which values repeat, of a sensor slower than its samples: their median says
+nothing. Rounding to `LEAST_STEPS` gives a tenth."""
+
 LEAST_STEPS = 3.0
 """Quantisation steps that sigma(tau0) has at least: the median of fewer levels says little."""
 LEVEL_STEPS = 8
@@ -148,7 +152,8 @@ class DifferenceAccumulator:
     def result(self, steps: Sequence[float]) -> list[RobustDeviation | None]:
         """Return the robust deviation of each channel.
 
-        None with few differences, and where the deviation has fewer than `LEAST_STEPS` quantisation steps.
+        None with few differences, where values repeat, and where the deviation has fewer than `LEAST_STEPS`
+        quantisation steps.
 
         Parameters
         ----------
@@ -163,6 +168,8 @@ class DifferenceAccumulator:
             return None
         sigma = math.sqrt(0.5 * float(self._sums[c, 0]) / n)
         if sigma < LEAST_STEPS * step:
+            return None
+        if self._counts[c, 0] > REPEATED * n:
             return None
         below = np.concatenate(([0], np.cumsum(self._counts[c]))) / n  # at the edges of the bins
         edges = _edges()
