@@ -51,6 +51,8 @@ READ_BYTES = 1 << 16
 """Bytes of one read from the port: more than a tty holds, and the longest datagram."""
 DATAGRAM_BYTES = 1 << 22
 """Bytes of datagrams for which the kernel is asked, in case the reader is late; it may give less."""
+CONNECT_S = 5.0
+"""s to wait for the answer of a TCP server."""
 STANDARD_INPUT = "-"
 """Path of standard input."""
 PIECE_BYTES = 1 << 16
@@ -105,8 +107,8 @@ class SerialPort:
 
     Parameters
     ----------
-    path : device path, or any pyserial URL (``socket://host:port`` or ``tcp://host:port``, ``rfc2217://host:port``);
-        to read only also ``-``, standard input, and ``udp://host:port``, datagrams, each a line or more.
+    path : device path, or any pyserial URL (``socket://host:port``, ``rfc2217://host:port``); to read only also ``-``,
+        standard input, ``tcp://host:port``, and ``udp://host:port``, datagrams, each a line or more.
     baud : bit/s.
     queue_bytes : size of the queue; what does not fit is dropped and counted.
     lossless : stop draining while the queue is full, so that the other end waits: for an emulator in
@@ -272,12 +274,13 @@ class SerialPort:
         self.close()
 
     def _open(self) -> None:
-        udp = self.name.startswith("udp://")
-        self._datagrams = _open_udp(self.name) if udp else None
+        self._datagrams = _open_udp(self.name) if self.name.startswith("udp://") else None
         if self.name == STANDARD_INPUT and sys.stdin is None:
             raise DeviceNotFound("input_closed", "standard input is closed", "give it a file or a pipe")
-        if self._datagrams is not None or self.name == STANDARD_INPUT:
+        if self.name == STANDARD_INPUT or self._datagrams is not None:
             self._serial = _Descriptor(self._datagrams)
+        elif self.name.startswith("tcp://"):
+            self._serial = _Descriptor(_open_tcp(self.name))
         else:
             self._serial = (_open_url if "://" in self.name else _open_tty)(self.name, self._baud)
         self._fd = None
@@ -367,7 +370,8 @@ class SerialPort:
             why = "unplugged or hung up"
         else:
             why = (os.strerror(number) if number else str(error)).lower()
-        lost = DeviceLost("device_lost", f"{self.name} is gone ({why})", "plug it in again")
+        cure = "start its server again" if "://" in self.name else "plug it in again"
+        lost = DeviceLost("device_lost", f"{self.name} is gone ({why})", cure)
         return self._note_loss(lost)
 
     def _note_loss(self, lost: DeviceLost) -> DeviceLost:
@@ -379,10 +383,10 @@ class SerialPort:
 
 
 class _Descriptor:
-    """Standard input, or a socket, in the place of a port of pyserial."""
+    """Standard input, or a socket, in the place of a port of pyserial; it is only read."""
 
-    def __init__(self, datagrams: socket.socket | None) -> None:
-        self._socket = datagrams
+    def __init__(self, opened: socket.socket | None) -> None:
+        self._socket = opened
 
     def fileno(self) -> int:
         return 0 if self._socket is None else self._socket.fileno()
@@ -393,6 +397,18 @@ class _Descriptor:
     def close(self) -> None:
         if self._socket is not None:
             self._socket.close()
+
+
+def _open_tcp(url: str) -> socket.socket:
+    """Return a connection to the server of a URL. pyserial would discard the first bytes, such as a header."""
+    match = re.fullmatch(r"tcp://(?:\[([^]]+)\]|([^/:]+)):(\d+)/?", url)
+    if match is None or not 0 < int(match[3]) < 1 << 16:
+        raise DeviceNotFound("port_url_invalid", f"cannot open {url}", "write tcp://HOST:PORT")
+    try:
+        return socket.create_connection((match[1] or match[2], int(match[3])), timeout=CONNECT_S)
+    except OSError as error:
+        cure = "check that the server is running and that the URL is correct"
+        raise DeviceNotFound("port_url_unreachable", f"cannot open {url} ({error})", cure) from None
 
 
 def _open_udp(url: str) -> socket.socket:
@@ -428,7 +444,7 @@ def _received(datagrams: socket.socket) -> bytes:
 
 
 def _open_url(url: str, baud: int) -> Any:
-    network = re.match(r"(socket|tcp|rfc2217)://", url)
+    network = re.match(r"(socket|rfc2217)://", url)
     if network and not re.match(r"[^/]+:\d+", url[network.end() :]):
         raise DeviceNotFound("port_url_invalid", f"cannot open {url}", f"write {network[0]}HOST:PORT")
     try:

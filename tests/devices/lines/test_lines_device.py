@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import socket
 import subprocess
 import sys
+import threading
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -12,9 +16,10 @@ from daemons import Daemon, free_endpoint
 from line_sender import COLUMNS, LineSender
 from waiting import until
 
-from imumon.devices.base import DeviceEnded, DeviceOptions
+from imumon.devices.base import DeviceEnded, DeviceLost, DeviceOptions
 from imumon.devices.registry import driver
 from imumon.devices.serial_port import SerialPort
+from imumon.samples import SampleBlock
 
 
 def imumon(*words: str, text: bytes = b"") -> subprocess.CompletedProcess[bytes]:
@@ -136,6 +141,32 @@ def test_the_first_line_of_a_port_may_be_half_of_one(tmp_path: Path) -> None:
         device.close()
     finally:
         sender.close()
+
+
+def test_a_header_that_a_server_sends_first_is_used() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            client, _ = server.accept()
+            with client:
+                client.sendall(b"Booting v1.2\r\ntime_ms,gyro_x,gyro_y,gyro_z,battery\r\n")
+                client.sendall(b"".join(b"%d,1,2,3,3.7\r\n" % (10 * k) for k in range(300)))
+                time.sleep(0.5)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        device = driver("lines").create(DeviceOptions(url=f"lines:tcp://127.0.0.1:{server.getsockname()[1]}"))
+        device.open()
+        device.start()
+        count = 0
+        with suppress(DeviceLost):
+            while True:
+                count += sum(len(item) for item in device.read(0.2) if isinstance(item, SampleBlock))
+        thread.join()
+    assert count == 300
+    assert device.counters.bad_checksums == 1
+    assert device.info().source == "lines of time_ms,gyro_x,gyro_y,gyro_z,-"
+    device.close()
 
 
 @pytest.mark.parametrize("wrong", ["columns=t_ms,gx,gy,gz,ax,ay,az", "columns=-,gx,gy,gz,ax,ay,az&rate=50"])
