@@ -45,8 +45,8 @@ _SPELLINGS = {
         ("degc", "c celsius"),
         ("k", "kelvin"),
         ("s", "sec secs second seconds sek sekunden secondes"),
-        ("ms", "msec milliseconds millisekunden millisecondes"),
-        ("us", "usec microseconds"),
+        ("ms", "msec millis milliseconds millisekunden millisecondes"),
+        ("us", "usec micros microseconds"),
         ("ns", "nsec nsecs nanosec nanoseconds"),
         ("m/s", "ms-1 mps"),
         ("rad", "radians"),
@@ -69,6 +69,7 @@ SENSOR_WORDS = {"gyro": {"gyro", "gyr", "gyroscope"}, "accel": {"accel", "acc", 
 """Words that name an inertial sensor even without an axis."""
 
 _EXCLUDED = {
+    "fine",  # SampleTimeFine of Xsens counts 100 us, which is no unit
     "cov", "covariance", "var", "variance", "std", "sigma", "bias", "offset", "error", "ned", "enu",
     "world", "inertial", "orientation", "quaternion", "quat", "ypr", "status", "valid", "ok", "week",
     "cycle"
@@ -109,8 +110,11 @@ _NO_TIME_RANK = 9
 _TIMES = {"t": 0, "time": 0, "timestamp": 0, "stamp": 1, "startup": -2, "sec": 2, "secs": 2, "seconds": 2}
 """Words of a time, with their rank: the lower is preferred."""
 
-_SECONDS = {"secs", "seconds"}
-"""Names of a time that are its unit; ``sec`` alone may be a part of a stamp."""
+_TICKS = {"ms", "us", "msec", "usec", "millis", "micros", "milliseconds", "microseconds"}
+"""Names of a time that are its unit, without another word."""
+
+_SECONDS = {"secs", "seconds", *_TICKS}
+"""Words of a time that are its unit; ``sec`` alone may be a part of a stamp."""
 NANOSECONDS = {"nsec", "nsecs", "nanosec", "nanosecs"}
 _INTERVALS = ({"dt"}, {"delta", "time"}, {"delta", "t"})
 
@@ -247,6 +251,8 @@ def _meaning_without_axis(words: set[str]) -> tuple[str | None, Kind | None, int
     for name in ("temperature", "pressure"):
         if words & _SENSORS[name]:
             return name, None, len(words - _SENSORS[name] - _NEUTRAL)
+    if len(words) == 1 and words <= _TICKS:
+        return "t", None, max(_TIMES.values())
     if at := words & set(_TIMES):
         rest = words - set(_TIMES) - _NEUTRAL - {"header", "startup"}
         return "t", None, max(min(_TIMES[word] for word in at) + 3 * len(rest) + 2, 0)

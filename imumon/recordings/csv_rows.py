@@ -64,7 +64,7 @@ def has_cells(line: str) -> bool:
 
 def separator_of(line: str) -> str | None:
     """Return the character between the cells; None: blanks."""
-    found = max((";", ",", "\t"), key=line.count)
+    found = max((";", ",", "\t", "|"), key=line.count)
     return found if line.count(found) else None
 
 

@@ -138,7 +138,22 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     if options.sensor is not None:
         text = f"--sensor is for tables and logs, and {path} is neither"
         raise OptionNotApplicable("sensor_not_applicable", text, "leave it out")
+    advice = None if opened.header is not None else _text_cure(opened.head[:HEAD_BYTES])
+    if advice is not None:
+        raise RecordingError(
+            "no_table", f"{path} is text, but no table with a line that names its columns", cure
+        )
     return DecodedCapture(opened, options.block_bytes)
+
+
+def _text_cure(head: bytes) -> str | None:
+    """Return how to make a table of text that has no sentences of a sensor; None: it is something else."""
+    text = head.decode("utf-8-sig", "ignore")
+    if not text.strip() or b"$" in head or not all(c.isprintable() or c in "\t\r\n" for c in text):
+        return None
+    if text.lstrip()[0] in "[{":
+        return "it is JSON: write it as CSV, pandas.read_json(FILE).to_csv(...)"
+    return "write one line of names and one line of numbers per sample, with one separator"
 
 
 def _is_numbers(lines: Sequence[str]) -> bool:

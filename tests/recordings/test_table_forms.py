@@ -268,3 +268,48 @@ def test_the_output_of_ros2_topic_echo_is_known(tmp_path: Path, frame: str) -> N
         )
         assert report.channels["accel/y"].mean == pytest.approx(accel[:, 1].mean())
         assert remarks == ""
+
+
+# ---------------------------------------------------------------- what new users bring
+
+
+@pytest.mark.parametrize(
+    ("name", "unit_s"), [("ms", 1e-3), ("millis", 1e-3), ("micros", 1e-6), ("Microseconds", 1e-6)]
+)
+def test_a_time_may_have_the_name_of_its_unit(tmp_path: Path, name: str, unit_s: float) -> None:
+    t, gyro, accel = truth()
+    report, remarks = replayed(
+        csv(tmp_path / "a.csv", [name, "gx", "gy", "gz", "ax", "ay", "az"], t / unit_s, gyro, accel)
+    )
+    assert report.device.sample_rate_hz == 100.0
+    assert f"{name} without a unit" not in remarks
+
+
+def test_the_fine_time_of_an_xsens_is_no_time_of_a_guessed_unit(tmp_path: Path) -> None:
+    t, gyro, accel = truth()
+    names = ["SampleTimeFine", "Acc_X", "Acc_Y", "Acc_Z", "Gyr_X", "Gyr_Y", "Gyr_Z"]
+    with pytest.raises(RateRequired):
+        replayed(csv(tmp_path / "a.csv", names, t * 1e4, accel, gyro))
+    assert replayed(tmp_path / "a.csv", rate_hz=100.0)[0].session.samples == len(t)
+
+
+def test_a_bar_separates_cells(tmp_path: Path) -> None:
+    t, gyro, accel = truth()
+    path = csv(tmp_path / "a.txt", ["t", "gx", "gy", "gz", "ax", "ay", "az"], t, gyro, accel, sep="|")
+    assert replayed(path)[0].session.samples == len(t)
+
+
+@pytest.mark.parametrize(
+    ("line", "cure"),
+    [
+        ('{"t": 1.0, "gyro": [0.1, 0.2, 0.3]}', "pandas.read_json"),
+        ('[{"t": 1.0, "gx": 0.1},', "pandas.read_json"),
+        ("gx:0.1 gy:0.2 gz:0.3", "one line of names"),
+    ],
+)
+def test_text_that_is_no_table_is_not_called_a_capture(tmp_path: Path, line: str, cure: str) -> None:
+    (tmp_path / "a.txt").write_text("\n".join([line] * 100))
+    with pytest.raises(RecordingError) as error:
+        replayed(tmp_path / "a.txt")
+    assert error.value.code == "no_table"
+    assert cure in error.value.cure
