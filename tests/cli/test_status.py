@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -73,3 +76,18 @@ def test_a_replay_prints_values_too(tmp_path: Path) -> None:
     name, *texts = values.rstrip("\n").split("\t")
     assert (code, name, len(texts)) == (0, "gyro/x", 3)
     assert float(texts[0]) == pytest.approx(1e-4, rel=0.1)
+
+
+@pytest.mark.parametrize("command", ["status", "check"])
+def test_a_short_command_imports_nothing_heavy(report: Report, command: str, tmp_path: Path) -> None:
+    """Without a settings file: monitoring systems run them every minute, on small computers."""
+    code = "import sys; from imumon.cli import main; main(sys.argv[1:]); print(*sys.modules)"
+    with published(report) as endpoint:
+        words = [sys.executable, "-P", "-c", code, command, "--connect", endpoint]
+        environment = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path)}
+        done = subprocess.run(
+            words, capture_output=True, text=True, check=True, cwd=tmp_path, env=environment
+        )
+    loaded = {name.partition(".")[0] for name in done.stdout.split()}
+    assert "zenoh" in loaded
+    assert not loaded & {"numpy", "scipy", "pydantic", "textual", "matplotlib", "serial", "rosbags"}
