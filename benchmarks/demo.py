@@ -57,7 +57,6 @@ def watch(seconds: float, picture: Path | None = None) -> int:
                 until(lambda: "save this view" in pane.text())
                 pane.press("v")
                 until(lambda: list(Path(folder).glob("*.svg")))
-                until(lambda: "saved imumon" in pane.text())
                 shutil.copy(next(Path(folder).glob("*.svg")), picture)
             pane.press("q")
         finally:

@@ -10,11 +10,14 @@ from imumon.tui.view_state import ViewState
 from imumon.units import short
 
 NAME = 26
-"""Cells of the name of a sensor."""
+"""Cells of the name of a sensor, at most."""
+AXIS = 6
+"""Cells in front of it."""
 
 
-def comparison(state: ViewState) -> list[Line]:
+def comparison(state: ViewState, width: int) -> list[Line]:
     """Return the selected device and the compared one, one below the other, with their ratios."""
+    cells = max(min(NAME, width - AXIS - len(NOISE) * (CELL + 1) - 1), 2)  # 1: the scrollbar
     own, other = state.report, state.reports.get(state.compared_id or "")
     if own is None or other is None or state.id is None or state.compared_id is None:
         return []
@@ -25,11 +28,11 @@ def comparison(state: ViewState) -> list[Line]:
         if "/" not in name or match is None:
             continue
         if sensor != last:
-            lines.append(_heading(state.notation, sensor))
+            lines.append(_heading(state.notation, sensor, cells))
         last = sensor
-        lines.append(_row(name[-1], state.id, channel, state.notation))
-        lines.append(_row("", state.compared_id, match, state.notation))
-        lines.append(_ratios(channel, match))
+        lines.append(_row(name[-1], state.id, channel, state.notation, cells))
+        lines.append(_row("", state.compared_id, match, state.notation, cells))
+        lines.append(_ratios(channel, match, cells))
     return [*_legend(own, other), *lines]
 
 
@@ -44,25 +47,25 @@ def _legend(own: Report, other: Report) -> list[Line]:
     return [*lines, []]
 
 
-def _heading(notation: Notation, sensor: str) -> Line:
-    head: Line = [(f" {sensor:<{NAME + 5}}", "title")]
+def _heading(notation: Notation, sensor: str, cells: int) -> Line:
+    head: Line = [(f" {sensor:<{cells + AXIS - 1}}", "title")]
     for name in NOISE:
         text = f"{name} {notation.coefficient_scale(sensor, name)[1]}"
         head += [(" " * (CELL + 1 - len(text)), "text"), (name, name), (text[1:], "muted")]
     return head
 
 
-def _row(axis: str, id: str, channel: Channel, notation: Notation) -> Line:
-    shown = id if len(id) <= NAME - 2 else f"{id[: NAME - 3]}…"
-    line: Line = [(f"   {axis:<3}", "strong"), (f"{shown:<{NAME}}", "text" if axis else "muted")]
+def _row(axis: str, id: str, channel: Channel, notation: Notation, cells: int) -> Line:
+    shown = id if len(id) < cells else f"…{id[len(id) - cells + 2 :]}"  # names often differ at their end
+    line: Line = [(f"   {axis:<3}", "strong"), (f"{shown:<{cells}}", "text" if axis else "muted")]
     for name in NOISE:
         text, role = notation.coefficient(channel.coefficients.get(name), None)
         line.append((text.rjust(CELL + 1), role))
     return line
 
 
-def _ratios(channel: Channel, match: Channel) -> Line:
-    line: Line = [(f"{'':<6}{'ratio':<{NAME}}", "faint")]
+def _ratios(channel: Channel, match: Channel, cells: int) -> Line:
+    line: Line = [(f"{'':<{AXIS}}{'ratio':<{cells}}", "faint")]
     for name in NOISE:
         text, role = ratio_text(channel.coefficients.get(name), match.coefficients.get(name))
         line.append((text.rjust(CELL + 1), role))

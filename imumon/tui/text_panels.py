@@ -189,6 +189,7 @@ def events(state: ViewState, width: int, height: int = 0) -> list[Line]:
 def sensors(state: ViewState, width: int, height: int = 0) -> list[Line]:
     """Return every device with status, elapsed time and grades, and the comparison of two."""
     lines: list[Line] = [[(" sensors ", "title"), (str(len(state.reports)), "muted")], []]
+    cells = 24 if width >= 66 else 17  # of the name
     for name, report in sorted(state.reports.items()):
         now = state.connection_status(name)
         age = "" if now.live else f"{approximate_duration(state.ages.get(name, 0.0))} ago"
@@ -199,7 +200,7 @@ def sensors(state: ViewState, width: int, height: int = 0) -> list[Line]:
         ]
         line: Line = [
             *padded(status, 19),
-            (f"{name:<24}" if len(name) < 24 else f"{name[:22]}… ", "strong"),
+            (f"{name:<{cells}}" if len(name) < cells else f"{name[: cells - 2]}… ", "strong"),
             (f"{duration(report.session.elapsed_s):<12}", "text"),
             ("compared" if compared else age, "bound" if compared else "warn"),
         ]
@@ -211,7 +212,7 @@ def sensors(state: ViewState, width: int, height: int = 0) -> list[Line]:
     keys = "c: the next one, then none" if state.compared_id else "c compares the selected one with the next"
     several = len(state.reports) > 1
     hint = f"arrows select · {keys}" if several else "other sensors appear here when their daemons answer"
-    lines += [[], [(f"   {hint}", "faint")], [], *comparison(state)]
+    lines += [[], [(f"   {hint}", "faint")], [], *comparison(state, width)]
     return [padded(line, width) for line in lines]
 
 

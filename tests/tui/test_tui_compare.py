@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import reports
 from hypothesis import given
 from hypothesis import strategies as st
 
 from imumon.messages import coefficient_ratio
 from imumon.report import Estimate
-from imumon.tui.compare import ratio_text
+from imumon.tui.compare import comparison, ratio_text
+from imumon.tui.view_state import ViewState
 
 
 def known(value: float, spread: float) -> Estimate:
@@ -81,3 +83,13 @@ def _estimate(spread: float, deviation: float) -> Estimate:
     value = math.exp(spread * deviation)
     wide = math.exp(1.96 * spread)
     return replace(known(1.0, 0.1), value=value, low=value / wide, high=value * wide)
+
+
+def test_no_number_is_truncated_on_a_narrow_screen() -> None:
+    one, two = reports.report(), reports.report(900.0, id="vn100-0100056799", scale=2.0)
+    state = ViewState(reports={reports.ID: one, two.device.id: two}, id=reports.ID, compared_id=two.device.id)
+    wide, narrow = ([[text for text, _ in line] for line in comparison(state, cells)] for cells in (120, 59))
+    assert len(wide) == len(narrow)
+    for row, small in zip(wide[2:], narrow[2:], strict=True):
+        assert sum(map(len, small)) <= 58
+        assert row[-3:] == small[-3:]
