@@ -140,9 +140,8 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
         raise OptionNotApplicable("sensor_not_applicable", text, "leave it out")
     advice = None if opened.header is not None else _text_cure(opened.head[:HEAD_BYTES])
     if advice is not None:
-        raise RecordingError(
-            "no_table", f"{path} is text, but no table with a line that names its columns", cure
-        )
+        text = f"{path} is text, but no table with a line that names its columns"
+        raise RecordingError("no_table", text, advice)
     return DecodedCapture(opened, options.block_bytes)
 
 
