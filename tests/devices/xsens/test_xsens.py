@@ -8,6 +8,7 @@ import signal
 import struct
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -159,9 +160,9 @@ class TestMti(DeviceConformance):
             )  # fmt: skip
 
 
-def device_of(sensor: MtEmulator, state: Path | None = None, **given: object) -> Device:
+def device_of(sensor: MtEmulator, state: Path | None = None, **given: Any) -> Device:
     options = DeviceOptions(
-        url=f"xsens:{sensor.path}", settings=DeviceSettings.model_validate(given), state_directory=state
+        url=f"xsens:{sensor.path}", settings=DeviceSettings(**given), state_directory=state
     )
     return driver("xsens").create(options)
 
