@@ -33,6 +33,7 @@ class LineColumns:
     used : columns of the channels, in the order of `stream.channels`.
     stream : stream of the samples.
     settings : what `columns_of` makes the same from.
+    inertial : number of leading channels of gyroscope and accelerometer: a sample has all of them.
     """
 
     count: int
@@ -40,11 +41,7 @@ class LineColumns:
     used: tuple[Column, ...]
     stream: Stream
     settings: Mapping[str, str]
-
-    @property
-    def inertial(self) -> int:
-        """Number of leading channels of gyroscope and accelerometer: a sample has all of them."""
-        return sum(name.startswith(("gyro/", "accel/")) for name in self.stream.channels)
+    inertial: int
 
     @property
     def wrapping_ns(self) -> int:
@@ -138,7 +135,9 @@ def _layout(columns: Sequence[Column], settings: Mapping[str, str]) -> LineColum
     source = ",".join(column.name if column in used else "-" for column in columns)
     stream = Stream(kind, channels, source=f"lines of {source}", clock="none" if time is None else "startup")
     kept = {"columns": source} | {name: settings[name] for name in SENSORS if name in settings}
-    return LineColumns(len(columns), time, tuple(by_channel[name] for name in channels), stream, kept)
+    inertial = sum(sensor_of(name) in ("gyro", "accel") for name in channels)
+    taken = tuple(by_channel[name] for name in channels)
+    return LineColumns(len(columns), time, taken, stream, kept, inertial)
 
 
 def _channel(column: Column) -> str | None:
