@@ -14,7 +14,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.lib import format as npy
@@ -35,13 +35,22 @@ MOST_RATIO = 100
 FREE_BYTES = 1 << 26
 """Bytes to which every file may decompress."""
 
+
+class Form(NamedTuple):
+    """What a file of arrays is, the codes of errors in it, and the cure."""
+
+    what: str
+    unreadable: str
+    corrupt: str
+    cure: str
+
+
 FORMS = {
-    "npz": ("a NumPy archive of plain arrays", "save it again with numpy.savez"),
-    "npy": ("a NumPy array of numbers", "save it again with numpy.save"),
-    "mat": ("a MATLAB 5 file", "save it again with save FILE.mat -v7"),
-    "parquet": ("a Parquet file", "write it again"),
+    "npz": Form("a NumPy archive of plain arrays", "no_npz", "npz_corrupt", "save it again with numpy.savez"),
+    "npy": Form("a NumPy array of numbers", "no_npy", "no_npy", "save it again with numpy.save"),
+    "mat": Form("a MATLAB 5 file", "no_mat", "mat_corrupt", "save it again with save FILE.mat -v7"),
+    "parquet": Form("a Parquet file", "no_parquet", "no_parquet", "write it again"),
 }
-"""What a file is, and the cure for one that cannot be read."""
 
 MAGIC = {b"\x93NUMPY": "npy", b"MATLAB 5.0": "mat", b"PAR1": "parquet"}
 """First bytes of the files of each form."""
@@ -133,8 +142,8 @@ class ArrayFile(Table):
     @contextmanager
     def _errors(self) -> Iterator[None]:
         """Turn what libraries raise on a corrupt file into an error."""
-        what, cure = FORMS[self._kind]
-        corrupt = (f"no_{self._kind}", f"{self.path} is corrupt, or is not {what}", cure)
+        form = FORMS[self._kind]
+        corrupt = (form.unreadable, f"{self.path} is corrupt, or is not {form.what}", form.cure)
         try:
             yield
         except (ImumonError, MemoryError, GeneratorExit):
@@ -240,7 +249,7 @@ def _npy_header(file: IO[bytes], path: str, name: str, held: int) -> _Npy | None
     size = math.prod(shape) * dtype.itemsize
     if size != held - begin:
         text = f"{path} is corrupt: {name} claims {size:,} bytes and has {held - begin:,}"
-        raise RecordingError("npz_corrupt", text, FORMS["npz"][1])
+        raise RecordingError(FORMS["npz"].corrupt, text, FORMS["npz"].cure)
     plain_fields = dtype.names and len(shape) == 1 and all(dtype[name].kind in "iuf" for name in dtype.names)
     return _Npy(shape, by_column, dtype, begin) if dtype.kind in "iuf" or plain_fields else None
 
@@ -306,7 +315,7 @@ def _check_size(path: str, total: int, kind: str) -> None:
     """Raise `RecordingError` if a file claims far more than its size allows."""
     if total > FREE_BYTES + MOST_RATIO * os.path.getsize(path):
         text = f"{path} is corrupt: it claims to hold {total:,} bytes, far more than its size allows"
-        raise RecordingError(f"{kind}_corrupt", text, FORMS[kind][1])
+        raise RecordingError(FORMS[kind].corrupt, text, FORMS[kind].cure)
 
 
 # ---------------------------------------------------------------- other programs
