@@ -141,7 +141,7 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     advice = None if opened.header is not None else _text_cure(opened.head[:HEAD_BYTES])
     if advice is not None:
         text = f"{path} is text, but no table with a line that names its columns"
-        raise RecordingError("no_table", text, advice)
+        raise RecordingError("no_messages", text, advice)
     return DecodedCapture(opened, options.block_bytes)
 
 

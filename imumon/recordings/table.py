@@ -23,7 +23,7 @@ from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
 from imumon.recordings.row_selection import OwnRows, RowOrder
 from imumon.recordings.unit_inference import check_magnitudes, time_unit, unit_remarks
 from imumon.report import stamp
-from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, Stream, sensor_of
+from imumon.samples import AXES, Bools, Clock, Floats, Ints, SampleBlock, Stream, sensor_of
 from imumon.timebase.interval import NOMINAL_SHARE
 from imumon.timebase.late_stamps import LateStamps
 from imumon.timebase.timestamps import HostStamps, RateObstacle, rate_obstacle, stamp_interval
@@ -51,6 +51,9 @@ COPIED = 0.99
 
 HELD = 0.25
 """Share of the rows that repeat all axes of a sensor above which it is slower than the rows; rounding repeats few."""
+
+ZEROS = 0.05
+"""Share of the rows of an accelerometer that are exactly zero above which they are no samples; all: it has none."""
 
 ROW_NAMES = {
     "csv": "line",
@@ -347,8 +350,17 @@ class TableRows:
         elif interval is None:
             raise self._rate_required()
         self._remarks += list(_repeating(found, whole))
+        self._check_zeros(whole)
         sensors = ", ".join(dict.fromkeys(sensor_of(channel) for channel in found.channels))
         self._stream = Stream(found.kind, found.channels, f"{self._source} ({sensors})", clock, interval)
+
+    def _check_zeros(self, rows: Floats) -> None:
+        """Check that no program wrote zeros where an accelerometer has no sample."""
+        own = [k for k, name in enumerate(self._layout.channels) if sensor_of(name) == "accel"]
+        share = float((rows[:, own] == 0.0).all(axis=1).mean()) if len(own) == len(AXES) else 0.0
+        if ZEROS < share < 1.0 - ZEROS:
+            text = f"{self._path}: accel is exactly 0 on all axes in {share:.0%} of the rows: no sensor at rest is"
+            raise RecordingError("zero_samples", text, "leave these cells empty")
 
     def _rate_required(self) -> RateRequired:
         """Return the error that lists the columns that may be a time."""

@@ -88,6 +88,14 @@ def test_a_sensor_that_holds_its_values_is_slower_than_its_rows(tmp_path: Path) 
     assert "outliers" not in report.channels["accel/x"].caveats
 
 
+def test_zeros_in_place_of_samples_are_an_error(tmp_path: Path) -> None:
+    t, gyro, accel = truth(4000)
+    accel[::2] = 0.0
+    with pytest.raises(RecordingError, match="in 50% of the rows") as error:
+        replayed(csv(tmp_path / "a.csv", NAMES, t, gyro, accel))
+    assert (error.value.code, error.value.cure) == ("zero_samples", "leave these cells empty")
+
+
 def test_one_sensor_of_a_capture_is_no_choice(tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(b"$VNRRG,1*XX\r\n")
     with pytest.raises(OptionNotApplicable) as error:

@@ -311,5 +311,5 @@ def test_text_that_is_no_table_is_not_called_a_capture(tmp_path: Path, line: str
     (tmp_path / "a.txt").write_text("\n".join([line] * 100))
     with pytest.raises(RecordingError) as error:
         replayed(tmp_path / "a.txt")
-    assert error.value.code == "no_table"
+    assert error.value.code == "no_messages"
     assert cure in error.value.cure
