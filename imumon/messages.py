@@ -311,6 +311,38 @@ def drifts_with_temperature(drift: Drift | None) -> bool:
     return drift is not None and drift.reason == "collinear"
 
 
+NO_BIAS_CURVE: Mapping[str, tuple[str, str]] = {
+    "no_temperature": (
+        "the record holds no temperature",
+        "record the temperature of the sensor beside its samples",
+    ),
+    "small_range": (
+        "the temperature hardly moves, or is missing in most of the record",
+        "cool the sensor down, and record while it warms up",
+    ),
+    "collinear": (
+        "a drift in time and the effect of the temperature cannot be told apart",
+        "record until the temperature comes to rest, or let it return",
+    ),
+    "too_short": ("the record is too short", "record longer"),
+    "implausible": (
+        "its values are no temperature of a sensor in degC",
+        "name the unit of the column, such as temperature (K)",
+    ),
+    "no_axis": ("the record does not hold its three axes", "record all three axes"),
+}
+"""Why the bias has no curve against the temperature, and what to do, by the reason of the report."""
+
+
+def no_bias_curve(reason: str) -> tuple[str, str]:
+    """Return why there is no curve of the bias, and what to do.
+
+    >>> no_bias_curve("of_tomorrow")
+    ('of tomorrow', 'record longer')
+    """
+    return NO_BIAS_CURVE.get(reason, (reason.replace("_", " "), "record longer"))
+
+
 def within(meets: str | None) -> str:
     """Return the text of the grade that every figure meets, for use beside the nearest grade.
 

@@ -244,7 +244,7 @@ class ModelColumn:
 class BiasCurve:
     """Bias against the temperature: a polynomial about a reference, of the whole record with its warm-up."""
 
-    # why there are no terms: "no_temperature", "small_range", "collinear" or "too_short"
+    # why there are no terms: "no_temperature", "small_range", "collinear", "too_short", "implausible"
     reason: str | None = None
     reference_degC: float | None = None  # degC, middle of the temperatures that the record covers
     terms: tuple[ModelColumn, ...] = ()  # "degree 0" (the bias at the reference) to at most "degree 3"

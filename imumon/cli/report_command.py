@@ -97,7 +97,8 @@ def report(arguments: argparse.Namespace) -> int:
     source = evaluated(with_item(source, arguments.item), sheet, rows)
     if arguments.strict:
         _check_measured(source, form)
-    if FORMS[form].settings and (warning := short_record_text(source)) is not None:
+    filter_numbers = FORMS[form].settings and not FORMS[form].curves
+    if filter_numbers and (warning := short_record_text(source)) is not None:
         print_message(warning)
     filters = _filters(source, arguments.horizon, FORMS[form].filters)
     fed = replace(
@@ -119,11 +120,13 @@ def report(arguments: argparse.Namespace) -> int:
 
 def _check_measured(report: Any, form: str) -> None:
     """Raise an error if a number of the settings would be half a bound, or is missing."""
-    from imumon.datasheet import not_measured
+    from imumon.datasheet import FORMS, not_measured
 
     if missing := not_measured(report, form):
         message = f"--strict: not measured, but at most bounded: {', '.join(missing)}"
         cure = "record longer, or leave --strict away: half of a bound is then used"
+        if FORMS[form].curves:
+            cure = "record over more temperatures, or leave --strict away: 0 is written for what is not seen"
         raise CommandError("not_measured", message, cure)
 
 

@@ -12,6 +12,7 @@ csv_table        every number as one tidy CSV table
 filter_values    numbers for filters, with comments: unit, origin, factor against plain K, record length
 filter_figure    predicted error of a filter: figure and table
 signal_text      bias, drift, spectral lines and changes as lines of text
+temperature_settings  bias against the temperature for flight controllers
 program_settings settings of other programs: templates and factors
 """
 

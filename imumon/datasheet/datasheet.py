@@ -14,6 +14,7 @@ from imumon.datasheet.history_figure import HistoryRows
 from imumon.datasheet.html import html_page
 from imumon.datasheet.pdf import pdf_pages
 from imumon.datasheet.program_settings import PROGRAMS, settings_document
+from imumon.datasheet.temperature_settings import curves_not_shown
 from imumon.filter_report import FilterReport
 from imumon.report import NOISE, Report, to_json
 from imumon.samples import AXES
@@ -27,11 +28,14 @@ class DocumentForm(NamedTuple):
     filters: bool = True  # whether it uses the parameters for filters
     binary: bool = False  # whether it must not go to a terminal
     history: bool = False  # whether it shows the history
-    settings: bool = False  # whether it holds numbers for a filter, for which a record can be too short
+    settings: bool = False  # whether it holds numbers for other software
+    curves: bool = False  # whether these are of the bias against the temperature, else of a filter
 
 
 def not_measured(report: Report, form: str) -> list[str]:
     """Return the numbers that settings in one of the `FORMS` rest on, and that the report only bounds or lacks."""
+    if FORMS[form].curves:
+        return curves_not_shown(report)
     letters = PROGRAMS[form].letters if form in PROGRAMS else NOISE
     names = [f"{sensor}/{axis}" for sensor in ("gyro", "accel") for axis in AXES]
     return [
@@ -55,6 +59,7 @@ def document(report: Report, form: str, filters: FilterReport, history: HistoryR
     Raises
     ------
     NoCurve : the format is a figure, and the report has no curve yet.
+    NoBiasCurve : the format is of bias curves, and the report has none.
     """
     sheet = FORMS[form].history
     data = FORMS[form].make(report, filters, history) if sheet else FORMS[form].make(report, filters)
@@ -93,7 +98,13 @@ FORMS: Mapping[str, DocumentForm] = {
         settings=True,
     ),
     **{
-        name: DocumentForm(partial(settings_document, name), program.text, settings=True)
+        name: DocumentForm(
+            partial(settings_document, name),
+            program.text,
+            filters=bool(program.letters),
+            settings=True,
+            curves=not program.letters,
+        )
         for name, program in PROGRAMS.items()
     },
 }

@@ -144,7 +144,7 @@ def value_text(part: Estimate) -> str:
 
 def settings_header(report: Report, filters: FilterReport) -> list[str]:
     """Return the comments in front of every format: sensor, record, horizon and caveats."""
-    device, excluded = report.device, report.session.excluded_s + report.session.warmup_s
+    excluded = report.session.excluded_s + report.session.warmup_s
     lines = [
         f"{sensor_title(report)}: noise at rest, measured by imumon, {report.time}",
         f"{record_title(report)}, {duration(excluded) if excluded else 'nothing'} excluded",
@@ -153,7 +153,16 @@ def settings_header(report: Report, filters: FilterReport) -> list[str]:
     lines += textwrap.wrap(FIX_WORDS, WIDTH)
     if (short := short_record_text(report)) is not None:
         lines.append(f"WARNING: {short}")
-    by_caveat = caveats(report)
+    return [
+        *lines,
+        *caveat_lines(report),
+        "No margin is added: vibration, temperature and mounting may need one",
+    ]
+
+
+def caveat_lines(report: Report) -> list[str]:
+    """Return a warning for each caveat, as comments."""
+    lines, device, by_caveat = [], report.device, caveats(report)
     if "aliased" in by_caveat:
         by = f" by {device.alias_factor:.2f}" if device.alias_factor else ""
         lines.append(f"WARNING: aliased: N is too high{by}: right for this stream, wrong for the sensor")
@@ -163,7 +172,7 @@ def settings_header(report: Report, filters: FilterReport) -> list[str]:
         if caveat != "aliased":
             where = f" ({joined(channels)})" if channels else ""
             lines.append(f"WARNING: {caveat.replace('_', ' ')}{where}: {line(caveat)}")
-    return [*lines, "No margin is added: vibration, temperature and mounting may need one"]
+    return lines
 
 
 def short_record_text(report: Report) -> str | None:

@@ -88,6 +88,7 @@ def test_hysteresis_is_the_difference_between_the_ways() -> None:
         (25.0 + 0.01 * np.random.default_rng(1).standard_normal(LENGTH), "small_range"),
         (25.0 + 4.0 * TIME, "collinear"),
         (np.full(LENGTH, np.nan), "small_range"),
+        (293.15 + 40.0 * WARMING, "implausible"),
     ],
 )
 def test_a_temperature_that_says_nothing_gives_a_reason(degrees: Floats, reason: str) -> None:

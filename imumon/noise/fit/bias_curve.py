@@ -31,6 +31,8 @@ TERM_SIGMA = 2.6
 """Standard errors from which a term of a higher degree is one: 1 % of records show one by chance."""
 SPAN_PER_DEGREE_DEGC = 2.0
 """degC, span that each degree above the first one needs: sensors bend little within less."""
+LOWEST_DEGC, HIGHEST_DEGC = -100.0, 200.0
+"""degC, of inertial sensors: values beyond have another unit, such as kelvin."""
 POINTS = 9
 """Temperatures at which the curve is given."""
 DIRECTION_SHARE = 0.2
@@ -74,6 +76,8 @@ def bias_curve(
     at = np.arange(known.size)
     own = np.interp(at, at[known], series.degrees[known])
     low, high = float(own.min()), float(own.max())
+    if low < LOWEST_DEGC or high > HIGHEST_DEGC:
+        return BiasCurve(reason="implausible")
     reference, half = 0.5 * (low + high), 0.5 * (high - low)
     u = (own - reference) / half
     loop = _direction(own)
