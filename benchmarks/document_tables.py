@@ -19,7 +19,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 RESULTS = Path(__file__).parent / "results"
-DOCUMENTS = [Path(__file__).parents[1] / "docs" / name for name in ("ACCURACY.md", "PERFORMANCE.md")]
+NAMES = ("ACCURACY.md", "PERFORMANCE.md", "TEMPERATURE.md")
+DOCUMENTS = [Path(__file__).parents[1] / "docs" / name for name in NAMES]
 _TABLE = re.compile(r"^<!-- table: ([\w-]+) -->\n((?:\|.*\n)*)", re.MULTILINE)
 
 

@@ -321,7 +321,7 @@ NO_BIAS_CURVE: Mapping[str, tuple[str, str]] = {
         "cool the sensor down, and record while it warms up",
     ),
     "collinear": (
-        "a drift in time and the effect of the temperature cannot be told apart",
+        "it moves like a drift in time, which hides its effect",
         "record until the temperature comes to rest, or let it return",
     ),
     "too_short": ("the record is too short", "record longer"),

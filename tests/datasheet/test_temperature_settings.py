@@ -99,7 +99,7 @@ def test_ardupilot_reads_the_curve(warm: tuple[Path, Report], tmp_path: Path) ->
     [
         (np.full(LENGTH, 25.0), "hardly moves"),
         (293.15 + 40.0 * WARMING, "no temperature of a sensor"),  # kelvin, of a column that says degC
-        (20.0 + 10.0 * TIME, "cannot be told apart"),
+        (20.0 + 10.0 * TIME, "like a drift in time"),
     ],
 )
 def test_without_a_curve_nothing_is_written(tmp_path: Path, degrees: Floats, reason: str) -> None:
