@@ -53,7 +53,7 @@ def polynomial(degrees: Floats, terms: tuple[float, ...]) -> Floats:
 def test_limits_hold_the_terms_and_the_curve(terms: tuple[float, ...], shape: Floats, k: float) -> None:
     degrees = 20.0 + 40.0 * shape
     found = curves(polynomial(degrees, terms), degrees, k, drift=2e-4 * (shape is WARMING))
-    right = [each for each in found if len(each.terms) == len(terms) + 1]
+    right = [each for each in found if len(each.terms) > len(terms)]
     assert len(right) >= 0.9 * CHANNELS
     for power, truth in enumerate(terms, 1):
         held = sum(each.terms[power].low <= truth <= each.terms[power].high for each in right)
@@ -101,7 +101,7 @@ def test_steps_and_holes_of_the_temperature_do_no_harm() -> None:
     coarse = np.round(degrees * 2.0) / 2.0
     for seen in (coarse, np.where(np.abs(TIME - 0.5) < 0.05, np.nan, degrees)):
         found = curves(1e-5 * degrees, seen, 0.0)
-        held = [each.terms[1].low <= 1e-5 <= each.terms[1].high for each in found if len(each.terms) == 2]
+        held = [each.terms[1].low <= 1e-5 <= each.terms[1].high for each in found if each.terms]
         assert len(held) >= 0.9 * CHANNELS
         assert sum(held) >= 0.85 * len(held)
 

@@ -1,9 +1,10 @@
 """Bias of one channel against the temperature, from the means of the whole record.
 
 The same restricted likelihood as of N, B and K, of the block means alone, with other columns: a polynomial of the
-temperature beside the drift of each segment. The degree is the highest whose last term shows. A record that warms and
-cools has one column more, the difference between the two directions: hysteresis. What the noise may do between the
-blocks widens every limit. A warm-up is no part of N, B and K, and the best part of a record for this curve.
+temperature beside the drift of each segment. The degree is the highest whose last term is not near zero. A
+record that warms and cools has one column more, the difference between the two directions: hysteresis. What the noise
+may do between the blocks widens every limit. A warm-up is no part of N, B and K, and the best part of a record for this
+curve.
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ from imumon.samples import Floats
 
 MOST_DEGREE = 3
 """Degree of the polynomials of flight controllers."""
-TERM_SIGMA = 2.6
-"""Standard errors from which a term of a higher degree is one: 1 % of records show one by chance."""
+TERM_SIGMA = 1.15
+"""Standard errors from which a term of a higher degree is one: 25 % by chance (Bancroft 1944). Limits do not hold
+beside a term in doubt that is left out."""
 SPAN_PER_DEGREE_DEGC = 2.0
 """degC, span that each degree above the first one needs: sensors bend little within less."""
 LOWEST_DEGC, HIGHEST_DEGC = -100.0, 200.0

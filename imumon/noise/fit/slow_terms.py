@@ -52,8 +52,8 @@ SETTLING_CERTAIN = 20.0
 """Twice the log likelihood ratio from which it counts alone: odds of 10^3."""
 STEP_EVIDENCE = 30.0
 """Twice the log likelihood ratio of a step: 10^-7 by chance, at any of a thousand places."""
-BEND_EVIDENCE = 14.0
-"""Twice the log likelihood ratio of the square and the cube of the temperature: 10^-3 by chance."""
+BEND_EVIDENCE = 9.2
+"""Twice the log likelihood ratio of the square and the cube of the temperature: 1 % by chance."""
 MOST_TERMS = 12
 """Terms, and searches for oscillations, in one record: one with more is not at rest."""
 SEARCHED = 256
