@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 from imumon.coefficients import unit_of
 from imumon.messages import drifts_with_temperature, follows_temperature
-from imumon.report import GRADED, Channel, Drift, Report
+from imumon.report import GRADED, Channel, Drift, ModelColumn, Report
 from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty
 
@@ -101,6 +101,10 @@ def _slope(drift: Drift, unit: str) -> str:
     return f"follows the temperature by {slope:.2e}{half} {unit} per degree{share}; N, B and K are without this effect"
 
 
+def _limits(column: ModelColumn) -> tuple[float, float, float]:
+    return column.value, column.low, column.high
+
+
 def _notes(name: str, channel: Channel) -> Iterator[str]:
     """Yield the properties that only some channels have, one sentence each."""
     unit, shape, drift = pretty(channel.unit), channel.distribution, channel.drift
@@ -117,6 +121,13 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
         yield "time and temperature are not separable: the drift includes the effect of the temperature"
     if drift is not None and follows_temperature(drift):
         yield _slope(drift, unit)
+    curve = channel.bias_curve
+    if curve is not None and (len(curve.terms) > 2 or (curve.terms and follows_temperature(drift))):
+        text = f"bias against the temperature of degree {len(curve.terms) - 1}, {curve.degC[0]:.1f} to "
+        text += f"{curve.degC[-1]:.1f} {pretty('degC')}: {with_half_width(*_limits(curve.terms[1]))} {unit} per degree"
+        if curve.hysteresis is not None:
+            text += f", hysteresis {with_half_width(*_limits(curve.hysteresis))} {unit}"
+        yield text
     if turn_on := turn_on_text(name, channel):
         yield f"turn-on bias repeatability {turn_on}"
     for change in channel.changes:

@@ -86,7 +86,9 @@ def test_a_real_px4_log_has_the_samples_of_pyulog(path: Path) -> None:
     expected = log.get_dataset("sensor_combined").data
     report, remarks = replayed(path)
     assert report.session.samples == len(expected["timestamp"])
-    assert report.device.source == "px4 sensor_combined/0 (gyro, accel)"
+    alone = sum(each.name == "sensor_gyro" for each in log.data_list) == 1
+    has = "gyro, accel, temperature" if alone else "gyro, accel"
+    assert report.device.source == f"px4 sensor_combined/0 ({has})"
     assert "sensor_combined/0 is used" in remarks
     found = read(path)
     for k in range(3):
@@ -146,6 +148,22 @@ def test_integrals_that_cover_the_time_are_used_first(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="vehicle_imu/1") as error:
         read(path, topic="vehicle_imu/2")
     assert error.value.code == "unknown_topic"
+
+
+def test_averages_have_the_temperature_of_their_gyroscope(tmp_path: Path) -> None:
+    rare = [(t, t, 0.0, 0.0, 0.0, 20.0 + k) for k, t in enumerate(T4[:: len(T4) // 4].tolist())]
+    topics = [
+        ("vehicle_imu", 0, VEHICLE_IMU, integrals(T4, RATE_RAD, FORCE)),
+        ("sensor_gyro", 0, SENSOR, rare),
+    ]
+    samples = read(ulog(tmp_path / "a.ulg", topics), topic="vehicle_imu/0")
+    degrees = samples.values[:, -1]
+    assert samples.values.shape[1] == 7
+    assert degrees[0] == 20.0
+    assert degrees[-1] == 20.0 + len(rare) - 1
+    assert (np.diff(degrees) >= 0.0).all()
+    both = [*topics, ("sensor_gyro", 1, SENSOR, rare)]  # without numbers of chips, nobody knows which
+    assert read(ulog(tmp_path / "b.ulg", both), topic="vehicle_imu/0").values.shape[1] == 6
 
 
 @pytest.mark.parametrize(("dt", "used"), [(3700, "vehicle_imu/0"), (3520, "sensor_gyro/0")])

@@ -78,6 +78,9 @@ def _described(name: str, instance: int, data: Mapping[tuple[str, int], Arrays])
             known["temperature"] = "temperature:degC"
         if name == "sensor_gyro" and (other := data.get(("sensor_accel", instance))) is not None:
             note = _add_accelerometer(arrays, other, time, known)
+    if known and "temperature" not in known and (degrees := _temperature(arrays, time, data)) is not None:
+        arrays["sensor_gyro.temperature"] = degrees
+        known["temperature"] = "sensor_gyro.temperature:degC"
     known = known if all(text.rpartition(":")[0] in arrays for text in known.values()) else {}
     if covered is not None and covered < COVERED:
         note = f"its integrals cover {covered:.0%} of the time: each value is a short average"
@@ -94,6 +97,25 @@ def _described(name: str, instance: int, data: Mapping[tuple[str, int], Arrays])
         note=note if known else "",
     )
     return topic, arrays
+
+
+def _temperature(arrays: Arrays, time: str, data: Mapping[tuple[str, int], Arrays]) -> Floats | None:
+    """Return the temperature of the gyroscope of these samples, between the rare messages that have it; None: unknown.
+
+    The number of the chip chooses the gyroscope. A topic without one is that of the only gyroscope.
+    """
+    sources = [each for (name, _), each in data.items() if name == "sensor_gyro" and "temperature" in each]
+    if "gyro_device_id" in arrays:
+        chip = arrays["gyro_device_id"][:1]
+        sources = [each for each in sources if chip.tolist() == each.get("device_id", chip[:0])[:1].tolist()]
+    if len(sources) != 1 or time not in arrays:
+        return None
+    degrees = sources[0]["temperature"].astype(np.float64)
+    known = np.isfinite(degrees)
+    if not known.any():
+        return None
+    times = sources[0]["timestamp"].astype(np.float64)
+    return np.interp(arrays[time].astype(np.float64), times[known], degrees[known])
 
 
 def _integrals(arrays: Arrays, time: str) -> tuple[dict[str, str], float]:
