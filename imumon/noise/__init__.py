@@ -13,7 +13,7 @@ are available at any time. The same five lines serve a record of two seconds and
 >>> f"N = {fit.N.value:.2e} [{fit.N.low:.2e}, {fit.N.high:.2e}] {fit.N.status}"
 'N = 6.08e-05 [6.05e-05, 6.11e-05] measured'
 >>> f"K < {fit.K.high:.0e} {fit.K.status}"
-'K < 7e-06 upper_bound'
+'K < 8e-06 upper_bound'
 
 The curve with its 95 % limits, the octaves that the fit uses and the caveats:
 
