@@ -58,8 +58,11 @@ class Coefficient:
     units: Mapping[str, CoefficientUnit]
 
     def deviation(self, tau_s: float) -> float:
-        """Return the Allan deviation of a coefficient of 1 at an averaging time."""
-        return self.level * math.pow(tau_s, self.slope)
+        """Return the Allan deviation of a coefficient of 1 at an averaging time; inf beyond the range of numbers."""
+        try:
+            return self.level * math.pow(tau_s, self.slope)
+        except OverflowError:  # a hostile report has averaging times of 1e-320 s
+            return math.inf
 
     @property
     def read_s(self) -> float | None:
