@@ -222,7 +222,8 @@ class Drift:
 class ModelColumn:
     """A regressor of the fit: what moves the mean and is not noise."""
 
-    name: str  # "drift", "temperature", "temperature_2" (its square), "temperature_3", "settling" or "step"
+    # "drift", "temperature", "temperature_2" (its square), "temperature_3", "hysteresis", "settling" or "step"
+    name: str
     value: float  # in `unit`
     low: float  # in `unit`, lower 95 % limit
     high: float  # in `unit`, upper 95 % limit

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from imumon.noise import Estimator, OctaveCascade, synthesise
+from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.blocks import BlockAccumulator
 from imumon.report import BiasCurve
 from imumon.samples import Floats
@@ -106,19 +106,32 @@ def test_steps_and_holes_of_the_temperature_do_no_harm() -> None:
         assert sum(held) >= 0.85 * len(held)
 
 
+def fits_beside(effect: Floats, degrees: Floats) -> tuple[ChannelFit, ...]:
+    """Return the fits of noise with an effect (n,) of the temperature (n,)."""
+    heat = BlockAccumulator([0], 1.0 / RATE)
+    heat.update(degrees[None], None, np.zeros(1))
+    cascade = OctaveCascade(8, tau0=1.0 / RATE)
+    cascade.update(synthesise(LENGTH, RATE, N=[N] * 8, B=B, seed=9) + effect[:, None])
+    estimator = Estimator(averaged=True, time_to=False)
+    return estimator.fit(cascade.result(), degrees=heat.result().means[:, 0])
+
+
 def test_the_noise_beside_a_bent_effect_is_that_without_one() -> None:
     """Within 5 %: a cubic effect is no random walk."""
     degrees = 20.0 + 40.0 * WARMING
-    heat = BlockAccumulator([0], 1.0 / RATE)
-    heat.update(degrees[None], None, np.zeros(1))
-    values, fits = synthesise(LENGTH, RATE, N=[N] * 8, B=B, seed=9), []
-    for effect in (0.0 * degrees, polynomial(degrees, (1e-5, 1e-6, 2e-7))):
-        cascade = OctaveCascade(8, tau0=1.0 / RATE)
-        cascade.update(values + effect[:, None])
-        estimator = Estimator(averaged=True, time_to=False)
-        fits.append(estimator.fit(cascade.result(), degrees=heat.result().means[:, 0]))
-    for plain, warm in zip(*fits, strict=True):
+    bent = fits_beside(polynomial(degrees, (1e-5, 1e-6, 2e-7)), degrees)
+    for plain, warm in zip(fits_beside(0.0 * degrees, degrees), bent, strict=True):
         assert warm.column("temperature_3") is not None
         assert warm.N.value == pytest.approx(plain.N.value, rel=0.01)
         assert warm.B.high == pytest.approx(plain.B.high, rel=0.05)
         assert warm.K.high < 2.0 * plain.K.high
+
+
+def test_hysteresis_is_no_random_walk() -> None:
+    degrees = 20.0 + 40.0 * BOTH_WAYS
+    way = np.where(TIME < 0.5, 0.5, -0.5) * (1.0 - (BOTH_WAYS * 2.0 - 1.0) ** 2)
+    plain, bent = fits_beside(0.0 * degrees, degrees), fits_beside(1e-5 * degrees + 4e-4 * way, degrees)
+    for one, other in zip(plain, bent, strict=True):
+        assert other.column("hysteresis") is not None
+        assert other.B.high == pytest.approx(one.B.high, rel=0.05)
+        assert other.K.high < 1.5 * one.K.high

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -37,10 +36,6 @@ LOWEST_DEGC, HIGHEST_DEGC = -100.0, 200.0
 """degC, of inertial sensors: values beyond have another unit, such as kelvin."""
 POINTS = 9
 """Temperatures at which the curve is given."""
-DIRECTION_SHARE = 0.2
-"""Share of the span that the temperature moves back before the direction has changed: less is noise."""
-BOTH_WAYS = 0.15
-"""Share of the blocks, and of the span, that each direction has at least where hysteresis can be seen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +77,7 @@ def bias_curve(
         return BiasCurve(reason="implausible")
     reference, half = 0.5 * (low + high), 0.5 * (high - low)
     u = (own - reference) / half
-    loop = _direction(own)
+    loop = columns_of.hysteresis(own)
     fit = _fitted(series, u, loop, 1, noise)
     names = [each.name for each in fit.regressors]
     one, drift = names.index("temperature"), names.index("drift") if "drift" in names else None
@@ -97,11 +92,13 @@ def bias_curve(
     return _stated(series, fit, blocks.offset[column], one, degree, reference, half, u)
 
 
-def _fitted(series: BlockSeries, u: Floats, loop: Floats | None, degree: int, noise: Surface | None) -> _Fit:
-    """Return the regression on a polynomial of u (n,), and the direction (n,) where both occur."""
+def _fitted(
+    series: BlockSeries, u: Floats, loop: Regressor | None, degree: int, noise: Surface | None
+) -> _Fit:
+    """Return the regression on a polynomial of u (n,), and on hysteresis where both directions occur."""
     heat = [Regressor("temperature", u**power) for power in range(1, degree + 1)]
     if loop is not None:
-        heat.append(Regressor("hysteresis", loop * (1.0 - u * u)))
+        heat.append(loop)
     _, regressors = columns_of.columns(series, [*columns_of.drifts(series), *heat])
     masked = np.zeros(series.y.size, dtype=bool)
     terms = SlowTerms(series, regressors, masked, min(4 * SINGLE, masked.size // 3), [], 0.0, "")
@@ -180,32 +177,3 @@ def _column(name: str, value: float, variance: float) -> ModelColumn:
 
 def _correlation(covariance: Floats, i: int, j: int) -> float:
     return float(abs(covariance[i, j]) / math.sqrt(covariance[i, i] * covariance[j, j]))
-
-
-def _direction(degrees: Floats) -> Floats | None:
-    """Return (n,) +0.5 while the temperature (n,) rises and -0.5 while it falls; None where not both occur enough.
-
-    The direction changes at an extreme from which the temperature has come back by a share of the span.
-    """
-    span = float(np.ptp(degrees))
-    turns, extreme, rising = [0], 0, None
-    for i, value in enumerate(degrees.tolist()):
-        ahead = value - degrees[extreme]
-        if rising is None:
-            rising = None if abs(value - degrees[0]) < DIRECTION_SHARE * span else value > degrees[0]
-            extreme = i
-        elif (ahead > 0.0) == rising:
-            extreme = i
-        elif abs(ahead) > DIRECTION_SHARE * span:
-            turns.append(extreme)
-            extreme, rising = i, not rising
-    if rising is None or len(turns) == 1:
-        return None
-    first = rising if len(turns) % 2 else not rising
-    out = np.empty(degrees.size)
-    for number, (begin, end) in enumerate(pairwise([*turns, degrees.size])):
-        out[begin:end] = 0.5 if first == (number % 2 == 0) else -0.5
-    for side in (out > 0.0, out < 0.0):
-        if side.mean() < BOTH_WAYS or np.ptp(degrees[side]) < BOTH_WAYS * span:
-            return None
-    return out

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -30,6 +31,10 @@ SETTLING_COEFFICIENTS = 6
 """Single coefficients of a segment in which an exponential is sought, beside its drift and the time constant."""
 COEFFICIENTS_PER_COLUMN = 6
 """Single coefficients that a drift of a segment needs."""
+DIRECTION_SHARE = 0.2
+"""Share of the span that the temperature moves back before the direction has changed: less is noise."""
+BOTH_WAYS = 0.15
+"""Share of the blocks, and of the span, that each direction has at least where hysteresis can be seen."""
 STEP_WIDTHS, STEP_PLACES = (1, 4, 16), 2
 """Blocks before and after a place whose means are compared, and places that are tried for each."""
 STEP_MARGIN = 6
@@ -42,8 +47,8 @@ class Regressor:
 
     Attributes
     ----------
-    name : ``drift``, ``temperature``, ``temperature_2``, ``temperature_3``, ``settling``, ``settling_time``, ``step``
-        or one of `OSCILLATION`.
+    name : ``drift``, ``temperature``, ``temperature_2``, ``temperature_3``, ``hysteresis``, ``settling``,
+        ``settling_time``, ``step`` or one of `OSCILLATION`.
     series : (n,) value at each block; the column is its transform.
     at : blocks, its place, time constant or period; 0.0 where it has none.
     scale : of the column, so that its norm is one.
@@ -88,8 +93,51 @@ def temperature(series: BlockSeries) -> tuple[Regressor | None, str]:
 
 
 def bends(heat: Regressor) -> list[Regressor]:
-    """Return the square and the cube of a temperature about its mean, degC^2 and degC^3."""
-    return [Regressor(f"temperature_{power}", heat.series**power) for power in (2, 3)]
+    """Return what a straight line leaves of the effect of a temperature: its square, its cube, and hysteresis."""
+    loop = hysteresis(heat.series)
+    powers = [Regressor(f"temperature_{power}", heat.series**power) for power in (2, 3)]
+    return powers if loop is None else [*powers, loop]
+
+
+def hysteresis(degrees: Floats) -> Regressor | None:
+    """Return half the difference between the directions of a temperature (n,), none at the ends of its span.
+
+    None where it does not both rise and fall.
+    """
+    way = _direction(degrees)
+    if way is None:
+        return None
+    u = 2.0 * (degrees - degrees.min()) / np.ptp(degrees) - 1.0
+    return Regressor("hysteresis", way * (1.0 - u * u))
+
+
+def _direction(degrees: Floats) -> Floats | None:
+    """Return (n,) +0.5 while the temperature (n,) rises and -0.5 while it falls; None where not both occur enough.
+
+    The direction changes at an extreme from which the temperature has come back by a share of the span.
+    """
+    span = float(np.ptp(degrees))
+    turns, extreme, rising = [0], 0, None
+    for i, value in enumerate(degrees.tolist()):
+        ahead = value - degrees[extreme]
+        if rising is None:
+            rising = None if abs(value - degrees[0]) < DIRECTION_SHARE * span else value > degrees[0]
+            extreme = i
+        elif (ahead > 0.0) == rising:
+            extreme = i
+        elif abs(ahead) > DIRECTION_SHARE * span:
+            turns.append(extreme)
+            extreme, rising = i, not rising
+    if rising is None or len(turns) == 1:
+        return None
+    first = rising if len(turns) % 2 else not rising
+    out = np.empty(degrees.size)
+    for number, (begin, end) in enumerate(pairwise([*turns, degrees.size])):
+        out[begin:end] = 0.5 if first == (number % 2 == 0) else -0.5
+    for side in (out > 0.0, out < 0.0):
+        if side.mean() < BOTH_WAYS or np.ptp(degrees[side]) < BOTH_WAYS * span:
+            return None
+    return out
 
 
 def settling(series: BlockSeries, share: float) -> list[Regressor]:

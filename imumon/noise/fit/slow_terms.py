@@ -52,8 +52,8 @@ SETTLING_CERTAIN = 20.0
 """Twice the log likelihood ratio from which it counts alone: odds of 10^3."""
 STEP_EVIDENCE = 30.0
 """Twice the log likelihood ratio of a step: 10^-7 by chance, at any of a thousand places."""
-BEND_EVIDENCE = 9.2
-"""Twice the log likelihood ratio of the square and the cube of the temperature: 1 % by chance."""
+BEND_CHANCE = 0.01
+"""Probability that noise alone bends the effect of the temperature."""
 MOST_TERMS = 12
 """Terms, and searches for oscillations, in one record: one with more is not at rest."""
 SEARCHED = 256
@@ -211,11 +211,12 @@ class SlowTermSearch:
         return self._candidates(STEP_EVIDENCE, [[each] for each in steps])
 
     def _curves(self) -> list[_Candidate]:
-        """Return the square and the cube of the temperature, together; none where they are among the terms."""
+        """Return what bends the effect of the temperature, together; none where it is among the terms."""
         if not self._bends or any(each.name == self._bends[0].name for each in self.terms.regressors):
             return []
         columns = self._series.transform(np.stack([each.series for each in self._bends], axis=1))
-        return [_Candidate(BEND_EVIDENCE, np.linalg.qr(columns)[0], self._bends)]
+        threshold = 2.0 * float(gammainccinv(0.5 * len(self._bends), BEND_CHANCE))  # of a chi-square
+        return [_Candidate(threshold, np.linalg.qr(columns)[0], self._bends)]
 
     def _candidates(self, threshold: float, terms: list[list[Regressor]]) -> list[_Candidate]:
         """Return candidates of which the first regressor is tested."""
