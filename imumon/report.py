@@ -209,7 +209,8 @@ class Drift:
     per_hour_high: float | None = None  # channel unit per hour, upper 95 % limit
     significant: bool | None = None  # whether per_hour is beyond 3.9 standard errors; null: collinear
     begin_s: float | None = None  # s since the first sample, end of the warm-up: only later samples count
-    per_degC: float | None = None  # channel unit per degC, estimated together with per_hour; null: see reason
+    # channel unit per degC at the mean temperature, estimated together with per_hour; null: see reason
+    per_degC: float | None = None
     per_degC_low: float | None = None  # channel unit per degC, lower 95 % limit
     per_degC_high: float | None = None  # channel unit per degC, upper 95 % limit
     reason: str | None = None  # why per_degC is null: "no_temperature", "small_range", "collinear"

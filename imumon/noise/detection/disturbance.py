@@ -353,9 +353,8 @@ class DisturbanceDetector(ArrayState):
         self.open = []
         level, deviation = self._reference
         distance = np.maximum(self._range[1] - level, level - self._range[0])
-        with np.errstate(
-            divide="ignore", invalid="ignore"
-        ):  # a channel without noise is the worst that moves
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # a channel without noise is the worst that moves
             share = np.where(distance > 0.0, distance / deviation, 0.0)
         worst = int(np.argmax(share))
         sized = code != STUCK and distance[worst] > 0.0

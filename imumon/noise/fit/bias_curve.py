@@ -69,15 +69,11 @@ def bias_curve(
     straight, reason = columns_of.temperature(series)
     if straight is None or series.degrees is None:
         return BiasCurve(reason=reason)
-    known = np.isfinite(series.degrees)
-    at = np.arange(known.size)
-    own = np.interp(at, at[known], series.degrees[known])
-    low, high = float(own.min()), float(own.max())
+    low, high = float(np.nanmin(series.degrees)), float(np.nanmax(series.degrees))
     if low < LOWEST_DEGC or high > HIGHEST_DEGC:
         return BiasCurve(reason="implausible")
     reference, half = 0.5 * (low + high), 0.5 * (high - low)
-    u = (own - reference) / half
-    loop = columns_of.hysteresis(own)
+    u, loop = columns_of.unit_span(straight.series), columns_of.hysteresis(straight.series)
     fit = _fitted(series, u, loop, 1, noise)
     names = [each.name for each in fit.regressors]
     one, drift = names.index("temperature"), names.index("drift") if "drift" in names else None

@@ -21,7 +21,7 @@ from imumon.noise.fit.expected_curve import (
 from imumon.noise.fit.likelihood import averaged as average_over
 from imumon.noise.fit.likelihood import evidence, normal_matrix, quantiles
 from imumon.noise.fit.observations import meeting_frequency, observed_density
-from imumon.noise.fit.regressors import COLLINEAR, OSCILLATION
+from imumon.noise.fit.regressors import BENT, COLLINEAR, OSCILLATION
 from imumon.noise.fit.results import SIGNIFICANT, ChannelFit, read_slopes
 from imumon.noise.fit.time_to_precision import seconds_to
 from imumon.noise.power_law import sampled_density
@@ -199,9 +199,11 @@ def _columns(found: Description, tau0: float) -> tuple[tuple[ModelColumn, ...], 
             )
         )
     collinear = False
-    names = [each.name for each in found.slow.regressors]
+    # beside its square, its cube and hysteresis a slope is always less certain: its limits say by how much
+    names = [each.name for each in found.slow.regressors if each.name not in BENT]
     if "temperature" in names:
-        X = found.likelihood.coefficients.X
+        own = [each.name not in BENT for each in found.slow.regressors]
+        X = found.likelihood.coefficients.X[:, own]
         v = found.surface.powers @ found.likelihood.coefficients.variance
         inverse = np.linalg.inv(normal_matrix(1.0 / v[None], X)[0])
         one, two = names.index("drift"), names.index("temperature")

@@ -19,6 +19,8 @@ from imumon.samples import Floats, Ints
 
 OSCILLATION = ("oscillation", "oscillation_sine", "oscillation_growth", "oscillation_sine_growth")
 """Columns of an oscillation: two phases, and the same growing in time."""
+BENT = ("temperature_2", "temperature_3", "hysteresis")
+"""Columns of the effect of a temperature beside a straight line."""
 LEAST_SPAN_DEGC = 0.3
 """degC, least range of the temperature from which its effect is estimated."""
 TEMPERATURE_SNR = 3.0
@@ -95,7 +97,7 @@ def temperature(series: BlockSeries) -> tuple[Regressor | None, str]:
 def bends(heat: Regressor) -> list[Regressor]:
     """Return what a straight line leaves of the effect of a temperature: its square, its cube, and hysteresis."""
     loop = hysteresis(heat.series)
-    powers = [Regressor(f"temperature_{power}", heat.series**power) for power in (2, 3)]
+    powers = [Regressor(name, heat.series**power) for name, power in zip(BENT, (2, 3), strict=False)]
     return powers if loop is None else [*powers, loop]
 
 
@@ -107,8 +109,12 @@ def hysteresis(degrees: Floats) -> Regressor | None:
     way = _direction(degrees)
     if way is None:
         return None
-    u = 2.0 * (degrees - degrees.min()) / np.ptp(degrees) - 1.0
-    return Regressor("hysteresis", way * (1.0 - u * u))
+    return Regressor(BENT[-1], way * (1.0 - unit_span(degrees) ** 2))
+
+
+def unit_span(degrees: Floats) -> Floats:
+    """Return (n,) a temperature as -1 at the lowest to 1 at the highest."""
+    return np.asarray(2.0 * (degrees - degrees.min()) / np.ptp(degrees) - 1.0)
 
 
 def _direction(degrees: Floats) -> Floats | None:

@@ -124,7 +124,7 @@ class SlowTerms:
 class _Candidate(NamedTuple):
     """A term that may be added: twice its gain in log likelihood exceeds the threshold.
 
-    `columns` (m, 1) or (m, 2) are tested. An oscillation has the number of a coefficient, and its regressors are made
+    `columns` (m, k) are tested together. An oscillation has the number of a coefficient, and its regressors are made
     when it is the strongest.
     """
 
@@ -181,7 +181,7 @@ class SlowTermSearch:
 
         An exponential that is in doubt is kept beside the terms.
         """
-        candidates = [*self._falls(), *self._steps(), *self._waves(), *self._curves()]
+        candidates = [*self._falls(), *self._steps(), *self._waves(), *self._bent()]
         if not candidates:
             return False
         widths = [each.columns.shape[1] for each in candidates]
@@ -210,7 +210,7 @@ class SlowTermSearch:
         steps = columns_of.likely_steps(self._series) if self._whole else []
         return self._candidates(STEP_EVIDENCE, [[each] for each in steps])
 
-    def _curves(self) -> list[_Candidate]:
+    def _bent(self) -> list[_Candidate]:
         """Return what bends the effect of the temperature, together; none where it is among the terms."""
         if not self._bends or any(each.name == self._bends[0].name for each in self.terms.regressors):
             return []
