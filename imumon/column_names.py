@@ -146,6 +146,11 @@ class Column:
     unknown_unit: str | None = None
 
     @property
+    def channel(self) -> str:
+        """Quantity and axis in the form of a channel: ``gyro/x``, also ``angle/x``, ``t`` and ``dt``."""
+        return f"{self.quantity}/{self.axis}" if self.axis else f"{self.quantity}"
+
+    @property
     def factor(self) -> float:
         """Factor to SI, gauss, degC, kPa; of a time to ns, of an interval to s."""
         return 1.0 if self.unit is None or self.quantity is None else UNITS[self.quantity][self.unit]

@@ -23,15 +23,18 @@ from imumon.column_names import (
     words_of,
 )
 from imumon.recordings.base import OptionError, RecordingError
-from imumon.samples import ACCEL, AXES, GYRO, MAG, Kind, sensor_of
+from imumon.samples import AXES, CHANNELS, Kind, sensor_of
 
 KINDS: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
-"""Kinds of streams, the best first."""
+"""Kinds of streams, the best first; all but the first are of point samples."""
 
 SENSORS = {"gyro": "gyro", "angle": "gyro", "accel": "accel", "velocity": "accel", "mag": "mag"}
 """Sensor with axes that a quantity belongs to."""
 
-INERTIAL = {"gyro", "accel"}
+POINTS, INCREMENTS = ("gyro", "accel"), ("angle", "velocity")
+"""Quantities of a gyroscope and an accelerometer, and their increments."""
+
+INERTIAL = set(POINTS)
 """Sensors of which a table must have one."""
 
 READ_ALONE = "read each alone, --sensor gyro and --sensor accel"
@@ -95,12 +98,7 @@ def layout(
         text = f"it has {len(names):,} columns, more than {MOST_COLUMNS:,}"
         raise RecordingError("too_many_columns", text, "write a table with those of the sensor only")
     assigned = {channel: _assigned(names, channel, text, kind) for channel, text in (given or {}).items()}
-    named = [column for k, name in enumerate(names) if (column := parse_name(k, name)).quantity]
-    used = {column.index for column in assigned.values()}
-    columns = [*assigned.values()]
-    columns += [c for c in named if c.index not in used and channel_of(c) not in assigned]
-    if sensor is not None:
-        columns = [c for c in columns if (SENSORS.get(c.quantity or "") or time_of(c) or sensor) == sensor]
+    columns = _known_columns(names, assigned, sensor)
     pointwise = any(sensor_of(channel) in INERTIAL for channel in assigned)
     for candidate in (kind,) if kind else KINDS[pointwise:]:
         if (stream := _stream(columns, candidate)) is not None:
@@ -110,6 +108,17 @@ def layout(
             stream = replace(stream, remarks=tuple(_unused(columns, stream)))
             return stream if kind or _names_kind(stream) else replace(stream, kind="unknown")
     raise _no_stream(names, columns, kind)
+
+
+def _known_columns(names: Sequence[str], assigned: Mapping[str, Column], sensor: str | None) -> list[Column]:
+    """Return the assigned columns, then those whose names have a meaning; of one sensor only, if it is given."""
+    named = [column for k, name in enumerate(names) if (column := parse_name(k, name)).quantity]
+    used = {column.index for column in assigned.values()}
+    columns = [*assigned.values()]
+    columns += [c for c in named if c.index not in used and channel_of(c) not in assigned]
+    if sensor is None:
+        return columns
+    return [c for c in columns if (SENSORS.get(c.quantity or "") or time_of(c) or sensor) == sensor]
 
 
 def _names_kind(found: ColumnLayout) -> bool:
@@ -133,7 +142,7 @@ def _assigned(names: Sequence[str], channel: str, text: str, kind: Kind | None) 
 def channel_of(column: Column) -> str:
     """Return the channel of a column, also ``t`` and ``dt``."""
     sensor = SENSORS.get(column.quantity or "", column.quantity)
-    return f"{sensor}/{column.axis}" if column.axis else f"{sensor}"
+    return replace(column, quantity=sensor).channel
 
 
 def _check_complete(found: ColumnLayout, assigned: Mapping[str, Column]) -> None:
@@ -169,29 +178,28 @@ def _unused(columns: Sequence[Column], found: ColumnLayout) -> list[str]:
     used = {column.index for column in found.columns}
     reasons: dict[str, list[str]] = {}
     for column in columns:
-        if column.quantity not in SENSORS or column.index in used:
-            continue
-        sensor = SENSORS[column.quantity]
-        axes = {c.axis for c in columns if c.quantity == column.quantity}
-        missing = [f"{sensor}/{axis}" for axis in AXES if axis not in axes]
-        if column.axis is None:
-            why = "the name has no axis x, y or z"
-        elif missing:
-            why = f"{_list(missing)} is missing, name it with --map {missing[0]}=COLUMN:UNIT"
-        elif any(_same(column, other) for other in found.columns):
-            why = "another column is the same axis"
-        else:
-            why = f"the stream used is {found.kind}, --stream or --map selects another"
-        reasons.setdefault(why, []).append(column.name)
-    alone = [
-        c for c in found.columns if SENSORS.get(c.quantity or "") in INERTIAL and _alone(c, found.columns)
+        if column.quantity in SENSORS and column.index not in used:
+            reasons.setdefault(_why_unused(column, columns, found), []).append(column.name)
+    sensors = list(map(sensor_of, found.channels))
+    notes = [
+        f"{sensor} has one axis only, {column.axis} (column {column.name})"
+        for sensor, column in zip(sensors, found.columns, strict=True)
+        if sensor in INERTIAL and sensors.count(sensor) == 1
     ]
-    notes = [f"{SENSORS[c.quantity or '']} has one axis only, {c.axis} (column {c.name})" for c in alone]
     return [*notes, *(f"{_list(names)} not used: {why}" for why, names in reasons.items())]
 
 
-def _alone(column: Column, columns: Sequence[Column]) -> bool:
-    return [c.quantity for c in columns].count(column.quantity) == 1
+def _why_unused(column: Column, columns: Sequence[Column], found: ColumnLayout) -> str:
+    """Return why a column of a sensor is not in the stream."""
+    axes = {c.axis for c in columns if c.quantity == column.quantity}
+    missing = [f"{SENSORS[column.quantity or '']}/{axis}" for axis in AXES if axis not in axes]
+    if column.axis is None:
+        return "the name has no axis x, y or z"
+    if missing:
+        return f"{_list(missing)} is missing, name it with --map {missing[0]}=COLUMN:UNIT"
+    if any(_same(column, other) for other in found.columns):
+        return "another column is the same axis"
+    return f"the stream used is {found.kind}, --stream or --map selects another"
 
 
 def _same(one: Column, other: Column) -> bool:
@@ -210,18 +218,10 @@ def _check_units(found: ColumnLayout) -> None:
 
 def _stream(columns: Sequence[Column], kind: Kind) -> ColumnLayout | None:
     """Return the columns of a stream of a kind; None if there is none."""
-    if kind == "deltas":
-        sets = [_triple(columns, "angle", kind), _triple(columns, "velocity", kind)]
-    else:
-        sets = [_triple(columns, sensor, kind) for sensor in ("gyro", "accel")]
-        if not sets[0] and any(_triple(columns, "gyro", other) for other in ("uncompensated", "compensated")):
-            return None  # its gyroscope is of the other kind
-        explicit = any(c.quantity == "gyro" and (c.kind or c.rank < 0) for c in columns)
-        if kind == "compensated" and not explicit:
-            return None  # no name says that it is compensated
-    if not any(sets):
+    sets = [_axes(columns, name, kind) for name in (INCREMENTS if kind == "deltas" else POINTS)]
+    if not any(sets) or (kind != "deltas" and _is_of_other_kind(columns, kind, sets[0])):
         return None
-    rest = [_triple(columns, "mag", "uncompensated")]
+    rest = [_axes(columns, "mag", "uncompensated")]
     rest += [(one,) if (one := _best(columns, name)) else () for name in ("temperature", "pressure")]
     used = tuple(column for found in (*sets, *rest) for column in found)
     channels = tuple(map(channel_of, used))
@@ -229,24 +229,29 @@ def _stream(columns: Sequence[Column], kind: Kind) -> ColumnLayout | None:
     return ColumnLayout(kind, channels, used, times, _best(columns, "dt"), split_time)
 
 
-def _triple(columns: Sequence[Column], quantity: str, kind: Kind) -> tuple[Column, ...]:
+def _is_of_other_kind(columns: Sequence[Column], kind: Kind, gyro: tuple[Column, ...]) -> bool:
+    """Return whether the gyroscope is of the other kind, or no name says that it is compensated."""
+    if not gyro and any(_axes(columns, "gyro", other) for other in KINDS[1:]):
+        return True
+    return kind == "compensated" and not any(c.quantity == "gyro" and (c.kind or c.rank < 0) for c in columns)
+
+
+def _axes(columns: Sequence[Column], quantity: str, kind: Kind) -> tuple[Column, ...]:
     """Return the axes of a sensor of a kind, else of unknown, else of any other kind but deltas.
 
     A sensor has three axes, or one: two are a part of one.
     """
-    others: tuple[Kind | None, ...] = ("deltas",) if kind == "deltas" else (kind, None)
-    if kind != "deltas" and quantity != "gyro":
-        others += ("uncompensated", "compensated")
-    for each in others:
-        fitting = [c for c in columns if c.quantity == quantity and (c.kind == each or c.rank < 0)]
-        axes = [_best([c for c in fitting if c.axis == axis], quantity) for axis in AXES]
-        if None not in axes:
-            return tuple(filter(None, axes))
+    others: tuple[Kind | None, ...] = ("deltas",)
+    if kind != "deltas":
+        others = (kind, None) if quantity == "gyro" else (kind, None, *KINDS[1:])
     present = [c for c in columns if c.quantity == quantity and c.axis]
-    alone = len({column.axis for column in present}) == 1 and SENSORS[quantity] in INERTIAL
-    fitting = [c for c in present if c.kind in others or c.rank < 0]
-    best = _best(fitting, quantity) if alone else None
-    return () if best is None else (best,)
+    single = len({c.axis for c in present}) == 1 and SENSORS[quantity] in INERTIAL
+    for each in others:
+        fitting = [c for c in present if c.kind == each or c.rank < 0]
+        axes = [_best([c for c in fitting if c.axis == axis], quantity) for axis in AXES]
+        if None not in axes or (single and any(axes)):
+            return tuple(filter(None, axes))
+    return ()
 
 
 def _best(columns: Iterable[Column], quantity: str) -> Column | None:
@@ -287,17 +292,13 @@ def _find(names: Sequence[str], text: str, quantity: str) -> tuple[int, str | No
 def parse_map(text: str) -> dict[str, str]:
     """Return ``gyro/x=wx:deg/s,t=stamp:ns`` as a dict; raise `OptionError` if it has another form."""
     columns = {}
-    channels = (*GYRO, *ACCEL, *MAG, "temperature", "pressure", "t", "dt")
+    channels = (*CHANNELS, "t", "dt")
     for part in text.split(","):
         channel, equals, column = part.strip().partition("=")
         if not equals or channel not in channels:
-            named = channel_of(
-                parse_name(0, channel)
-            )  # gx means gyro/x, not mag/x, whose letters are more similar
-            similar = (
-                [named] if named in channels else difflib.get_close_matches(channel, channels, 1, SIMILAR)
-            )
-            cure = f"write {similar[0] if similar else 'gyro/x'}=COLUMN:UNIT"
+            named = channel_of(parse_name(0, channel))  # of gx, gyro/x; mag/x has more similar letters
+            similar = difflib.get_close_matches(channel, channels, 1, SIMILAR) or ["gyro/x"]
+            cure = f"write {named if named in channels else similar[0]}=COLUMN:UNIT"
             raise OptionError("map_syntax", f"--map {part.strip()!r} names no channel", cure)
         columns[channel] = column.strip()
     return columns

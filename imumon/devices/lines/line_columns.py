@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from imumon.column_names import UNITS, Column, parse_name, unit_of
 from imumon.devices.base import InvalidOption
-from imumon.samples import AXES, Kind, Stream, sensor_of
+from imumon.samples import ACCEL, AXES, CHANNELS, GYRO, Stream
 
 DEFAULT_COLUMNS = "t_ms,gx,gy,gz,ax,ay,az"
 MOST_COLUMNS = 64
@@ -111,43 +111,26 @@ def _time_named(column: Column) -> Column:
 
 def _layout(columns: Sequence[Column], settings: Mapping[str, str]) -> LineColumns | None:
     """Return the columns with the units of the settings; None: nothing inertial is among them, or one is twice."""
-    units = {
-        SENSORS[name]: _known_unit(settings[name], SENSORS[name]) for name in SENSORS if name in settings
-    }
-    columns = [
-        replace(column, unit=units[column.quantity])
-        if column.quantity in units and not column.unit
-        else column
-        for column in columns
-    ]
-    by_channel: dict[str, Column] = {}
-    for column in columns:
-        if (name := _channel(column)) is not None and by_channel.setdefault(name, column) is not column:
-            return None
-    order = [f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in AXES]
-    channels = tuple(name for name in (*order, "temperature", "pressure") if name in by_channel)
-    if not channels or sensor_of(channels[0]) not in ("gyro", "accel"):
+    given = {name: settings[name] for name in SENSORS if name in settings}
+    columns = _with_units(columns, given)
+    used = sorted((c for c in columns if c.channel in CHANNELS), key=lambda c: CHANNELS.index(c.channel))
+    channels = tuple(column.channel for column in used)
+    inertial = [column for column in used if column.channel in (*GYRO, *ACCEL)]
+    if not inertial or len(set(channels)) < len(channels):
         return None
     time = next((column for column in columns if column.quantity == "t"), None)
-    kinds: set[Kind | None] = {by_channel[n].kind for n in channels if sensor_of(n) in ("gyro", "accel")}
-    kind = (kinds.pop() if len(kinds) == 1 else None) or "unknown"
-    used = (*by_channel.values(), time)
-    source = ",".join(column.name if column in used else "-" for column in columns)
-    stream = Stream(kind, channels, source=f"lines of {source}", clock="none" if time is None else "startup")
-    kept = {"columns": source} | {name: settings[name] for name in SENSORS if name in settings}
-    inertial = sum(sensor_of(name) in ("gyro", "accel") for name in channels)
-    taken = tuple(by_channel[name] for name in channels)
-    return LineColumns(len(columns), time, taken, stream, kept, inertial)
-
-
-def _channel(column: Column) -> str | None:
-    if column.quantity in ("temperature", "pressure"):
-        return column.quantity
-    return (
-        f"{column.quantity}/{column.axis}"
-        if column.quantity in ("gyro", "accel", "mag") and column.axis
-        else None
+    kind = inertial[0].kind if len({column.kind for column in inertial}) == 1 else None
+    source = ",".join(column.name if column in (*used, time) else "-" for column in columns)
+    stream = Stream(
+        kind or "unknown", channels, source=f"lines of {source}", clock="none" if time is None else "startup"
     )
+    return LineColumns(len(columns), time, tuple(used), stream, {"columns": source} | given, len(inertial))
+
+
+def _with_units(columns: Sequence[Column], given: Mapping[str, str]) -> list[Column]:
+    """Return the columns; those whose names have no unit get the given one of their quantity."""
+    units = {SENSORS[name]: _known_unit(text, SENSORS[name]) for name, text in given.items()}
+    return [c if c.unit else replace(c, unit=units.get(c.quantity or "")) for c in columns]
 
 
 def _known_unit(text: str, quantity: str) -> str:
