@@ -183,25 +183,28 @@ Opened = tuple[Mapping[str, tuple[Shape, Sequence[str]]], Reader]
 
 def _columns(array: str, shape: Shape, fields: Sequence[str]) -> list[ArrayColumn]:
     """Return the columns of an array; raise `RecordingError` if it is that of a sensor, but transposed."""
-    stem, _, suffix = plain(array).rpartition("_")
-    unit = f" [{suffix}]" if stem and suffix in ARRAY_UNITS else ""
-    bare = stem if unit else plain(array)
-    rows = max(shape, default=0) if len(shape) == 2 and 1 in shape else shape[0] if shape else 0
+    bare, unit = _name_and_unit(plain(array))
+    shape = (max(shape),) if len(shape) == 2 and 1 in shape else shape
     if fields:
-        return [ArrayColumn(plain(name), array, rows, name) for name in fields]
-    if len(shape) == 1 or (len(shape) == 2 and 1 in shape):
-        return [ArrayColumn(f"{bare}{unit}", array, rows)]
+        return [ArrayColumn(plain(name), array, shape[0], name) for name in fields]
+    if len(shape) == 1:
+        return [ArrayColumn(f"{bare}{unit}", array, shape[0])]
     if len(shape) != 2:
         return []
-    if shape[1] == len(AXES):
-        return [ArrayColumn(f"{bare}_{axis}{unit}", array, rows, k) for k, axis in enumerate(AXES)]
-    if shape[0] == len(AXES) and parse_name(0, f"{bare}_x").quantity in SENSORS:
+    rows, width = shape
+    if rows == len(AXES) != width and parse_name(0, f"{bare}_x").quantity in SENSORS:
         cure = f"transpose it to n x 3, {array}={array}.T"
         raise RecordingError("array_transposed", f"the array {array} is 3 x n", cure)
-    return [
-        ArrayColumn(f"{bare}.{k + 1}" if bare else f"{k + 1}", array, rows, k)
-        for k in range(min(shape[1], ROWS))
-    ]
+    names = [f"{bare}.{k + 1}" if bare else f"{k + 1}" for k in range(min(width, ROWS))]
+    if width == len(AXES):
+        names = [f"{bare}_{axis}{unit}" for axis in AXES]
+    return [ArrayColumn(name, array, rows, k) for k, name in enumerate(names)]
+
+
+def _name_and_unit(array: str) -> tuple[str, str]:
+    """Return the name of an array without a unit at its end, and that unit in brackets."""
+    stem, _, suffix = array.rpartition("_")
+    return (stem, f" [{suffix}]") if stem and suffix in ARRAY_UNITS else (array, "")
 
 
 def _in_blocks(

@@ -121,21 +121,7 @@ class CsvFile(Table):
             raise RecordingError("line_too_long", text, "check that it is a table with one row per line")
         at = header_line(seen)
         if at is None:
-            header, begin = "", next((k for k, line in enumerate(seen) if has_cells(line)), None)
-            if begin is None:
-                raise RecordingError("no_rows", f"{self.path} has no rows", COMPLETE)
-            separator = separator_of(seen[begin])
-            names = [str(k + 1) for k in range(len(split(seen[begin], separator)))]
-            echoed = next((k for k, line in enumerate(seen) if is_echoed(line)), None)
-            if echoed is not None and not self._options.columns:
-                begin, separator, names = echoed, ",", list(ECHOED)
-            elif not self._options.columns:
-                many = len(names) > 1
-                text = (
-                    f"{self.path} has no line that names its {f'{len(names)} columns' if many else 'column'}"
-                )
-                cure = f"add one, or --map gyro/x={2 if many else 1}:rad/s,... by number"
-                raise RecordingError("no_header", text, cure)
+            header, (names, begin, separator) = "", self._without_header(seen)
         else:
             header, begin, separator = seen[at], at + 1, separator_of(seen[at])
             names = [plain(name) for name in split(header, separator)]
@@ -151,6 +137,22 @@ class CsvFile(Table):
         self._rows = TableRows(self.path, found, "csv", self._options.rate_hz, names)
         self._parser = RowParser(self.path, header, separator, self._rows.columns, self._dates)
         return head.split(b"\n", begin)[begin], begin
+
+    def _without_header(self, seen: Sequence[str]) -> tuple[list[str], int, str | None]:
+        """Return the names of columns that no line names, the first row, and the separator."""
+        begin = next((k for k, line in enumerate(seen) if has_cells(line)), None)
+        if begin is None:
+            raise RecordingError("no_rows", f"{self.path} has no rows", COMPLETE)
+        separator = separator_of(seen[begin])
+        count = len(split(seen[begin], separator))
+        if self._options.columns:
+            return [str(k + 1) for k in range(count)], begin, separator
+        echoed = next((k for k, line in enumerate(seen) if is_echoed(line)), None)
+        if echoed is not None:
+            return list(ECHOED), echoed, ","
+        what, first = ("column", 1) if count == 1 else (f"{count} columns", 2)
+        cure = f"add one, or --map gyro/x={first}:rad/s,... by number"
+        raise RecordingError("no_header", f"{self.path} has no line that names its {what}", cure)
 
     def _with_readable_times(
         self, found: ColumnLayout, lines: Sequence[str], separator: str | None

@@ -48,6 +48,9 @@ MAGIC = {
 }
 """First bytes of the files of each kind."""
 
+NAME_FIELDS = "name the fields, --topic TOPIC --map gyro/x=FIELD:UNIT,...; --topic TOPIC alone lists them"
+"""Cure for a log without a known IMU."""
+
 IMU = "sensor_msgs/msg/Imu"
 PROGRAM = (sys.executable, "-P", "-m", "imumon.recordings.log_process")
 """The program that reads a log; its arguments are kind, path, and the descriptor of a connection."""
@@ -159,30 +162,23 @@ class LogFile(Table):
         """Return the index of the given topic, else of the best or only one with an IMU."""
         imus = self._imus()
         names = sorted({self._topics[k].name for k in imus})
-        cure = f"choose --topic {' or '.join(names)}"
+        cure = f"choose --topic {' or '.join(names)}" if names else f"choose one of {self._listed()}"
         if options.topic is not None:
             wanted = (options.topic, f"{options.topic}/0")
             matching = [k for k, topic in enumerate(self._topics) if topic.name in wanted]
             if not matching:
-                text = f"{self.path} has no topic {options.topic}"
-                raise RecordingError(
-                    "unknown_topic", text, cure if names else f"choose one of {self._listed()}"
-                )
-            return next((k for k in matching if k in imus), matching[0])
+                raise RecordingError("unknown_topic", f"{self.path} has no topic {options.topic}", cure)
+            return min(matching, key=lambda k: k not in imus)
+        is_bag = self._kind == "bag"
         if not imus:
-            what = IMU if self._kind == "bag" else "topic with a gyroscope or an accelerometer"
+            what = IMU if is_bag else "topic with a gyroscope or an accelerometer"
             text = f"{self.path} has no {what}; there are {self._listed() or 'no messages'}"
-            cure = (
-                "name the fields, --topic TOPIC --map gyro/x=FIELD:UNIT,...; --topic TOPIC alone lists them"
-            )
-            raise RecordingError("no_imu_topic", text, cure)
-        if options.kind is not None and self._kind != "bag":
-            fitting = [k for k in imus if self._topics[k].averaged == (options.kind == "deltas")]
-            return (fitting or imus)[0]
-        if self._kind == "bag" and len(names) > 1:
-            text = f"{self.path} has several topics with {IMU}"
-            raise RecordingError("several_topics", text, cure)
-        return imus[0]
+            raise RecordingError("no_imu_topic", text, NAME_FIELDS)
+        if is_bag and len(names) > 1:
+            raise RecordingError("several_topics", f"{self.path} has several topics with {IMU}", cure)
+        if options.kind is None or is_bag:
+            return imus[0]
+        return min(imus, key=lambda k: self._topics[k].averaged != (options.kind == "deltas"))
 
     def _listed(self) -> str:
         """Return the topics with their types."""
@@ -191,10 +187,10 @@ class LogFile(Table):
 
     def _layout(self, options: ReadOptions) -> ColumnLayout:
         """Return the columns of the stream: the known ones, unless the user names others."""
-        topic = self._topic
-        names = [plain(name) for name in topic.columns]
+        topic, given = self._topic, options.columns or {}
+        names = list(map(plain, topic.columns))
         known = {channel: plain(text) for channel, text in topic.map.items()}
-        if not options.columns and self._at not in self._imus():
+        if not given and self._at not in self._imus():
             fields = ", ".join(names) or "none that can be read"
             text = f"the topic {topic.name} of {self.path} ({topic.type}) is not known as an IMU"
             cure = f"name its fields with --map gyro/x=FIELD:UNIT,...; there are {fields}"
@@ -202,10 +198,11 @@ class LogFile(Table):
         if options.kind == "deltas" and not topic.averaged:
             text = f"{topic.name} of {self.path} has no averages over its interval"
             raise RecordingError("no_stream", text, "leave --stream out")
-        used = {text.rpartition(":")[0] or text for text in known.values()}
-        shown = names if options.columns else [name if name in used else "" for name in names]
+        if not given:
+            used = {text.partition(":")[0] for text in known.values()}
+            names = [name if name in used else "" for name in names]
         try:
-            found = layout(shown, None, {**known, **(options.columns or {})}, options.sensor)
+            found = layout(names, None, {**known, **given}, options.sensor)
         except RecordingError as error:
             raise error.of(self.path) from None
         return replace(found, kind="deltas" if topic.averaged else options.kind or "unknown")

@@ -113,8 +113,7 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     if os.path.isdir(path) and log_kind(path, head) is None:
         cure = "name a file in it, or let ros2 bag reindex make the metadata.yaml of a bag"
         raise RecordingError("is_directory", f"{path} is a directory and no bag", cure)
-    if path != "-":
-        # not of a pipe, which can be read only once
+    if path != "-":  # a pipe can be read only once
         with contextlib.suppress(OSError), open(open_regular(path, follow=True), "rb") as file:
             head = file.read(16)
     if (kind := log_kind(path, head)) is not None:
@@ -126,23 +125,28 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
         raise OptionNotApplicable("topic_not_applicable", text, "leave it out")
     if isinstance(opened, ArrayFile):
         return opened
-    start = opened.head[:200]
-    if start.startswith((b"\xff\xfe", b"\xfe\xff")) and start.count(0) > UTF_16_ZEROS:
-        raise RecordingError("utf_16", f"{path} is text in UTF-16", "save it as UTF-8")
-    if opened.header is None and (decoder := driver().decoder()) is not None:
-        table = sentence_table(opened, options, decoder, DEFAULT_SCHEME)
-        if table is not None and options.sensor is None:
-            return table
-    if _is_csv(opened, options):
-        return CsvFile(opened, options)
+    text_file = _text_file(opened, options) if opened.header is None else None
+    if text_file is not None:
+        return text_file
     if options.sensor is not None:
         text = f"--sensor is for tables and logs, and {path} is neither"
         raise OptionNotApplicable("sensor_not_applicable", text, "leave it out")
-    advice = None if opened.header is not None else _text_cure(opened.head[:HEAD_BYTES])
-    if advice is not None:
+    if opened.header is None and (advice := _text_cure(opened.head[:HEAD_BYTES])) is not None:
         text = f"{path} is text, but no table with a line that names its columns"
         raise RecordingError("no_messages", text, advice)
     return DecodedCapture(opened, options.block_bytes)
+
+
+def _text_file(capture: RawCapture, options: ReadOptions) -> Recording | None:
+    """Return the recording that the text of a file without a header of imumon is; None: it is no table."""
+    start = capture.head[:200]
+    if start.startswith((b"\xff\xfe", b"\xfe\xff")) and start.count(0) > UTF_16_ZEROS:
+        raise RecordingError("utf_16", f"{capture.path} is text in UTF-16", "save it as UTF-8")
+    if options.sensor is None and (decoder := driver().decoder()) is not None:
+        table = sentence_table(capture, options, decoder, DEFAULT_SCHEME)
+        if table is not None:
+            return table
+    return CsvFile(capture, options) if _is_csv(capture, options) else None
 
 
 def _text_cure(head: bytes) -> str | None:
@@ -165,8 +169,6 @@ def _is_numbers(lines: Sequence[str]) -> bool:
 def _is_csv(capture: RawCapture, options: ReadOptions) -> bool:
     """Return whether text is a table: its name says so, or its header names an inertial sensor."""
     head = capture.head[:HEAD_BYTES]
-    if capture.header is not None:
-        return False
     if (decoder := driver().decoder()) is not None:
         decoder.feed(head)
         if decoder.messages:

@@ -43,6 +43,9 @@ GYRO, ACCEL = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
 BATCHES = {0: ("accel", "m/s2"), 1: ("gyro", "rad/s")}
 """Sensor and unit of a batch by its type."""
 
+TIMES = {"SampleUS": "us", "TimeUS": "us", "TimeMS": "ms"}
+"""Columns of time, the best first, and their units."""
+
 BOARD = re.compile(r"^(\S+) [0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8}$")
 """Text with the name of the board and its number."""
 
@@ -84,6 +87,18 @@ class _Messages:
 def _is_imu(topic: Topic) -> bool:
     """Return whether a topic has the values that the autopilot uses."""
     return topic.type.startswith("IMU") and {"gyro/x", "accel/x"} <= set(topic.map)
+
+
+def _map_of(numbers: Sequence[str]) -> dict[str, str]:
+    """Return the columns of the channels and of the time, with their units, among columns of numbers."""
+    known: dict[str, str] = {}
+    for sensor, columns, unit in (("gyro", GYRO, "rad/s"), ("accel", ACCEL, "m/s2")):
+        if set(columns) <= set(numbers):
+            known |= {f"{sensor}/{a}": f"{c}:{unit}" for a, c in zip(AXES, columns, strict=True)}
+    if known and "T" in numbers:
+        known["temperature"] = "T:degC"
+    time = next((c for c in TIMES if c in numbers), None)
+    return known if time is None else known | {"t": f"{time}:{TIMES[time]}"}
 
 
 class DataFlashLog(Log):
@@ -144,30 +159,23 @@ class DataFlashLog(Log):
             return
         kinds = {c: messages.dtype[c] for c in messages.dtype.names or ()}
         numbers = [c for c, kind in kinds.items() if kind.kind in "iuf" and not kind.shape]
-        known: dict[str, str] = {}
-        for sensor, columns, unit in (("gyro", GYRO, "rad/s"), ("accel", ACCEL, "m/s2")):
-            if set(columns) <= set(numbers):
-                known |= {f"{sensor}/{a}": f"{c}:{unit}" for a, c in zip(AXES, columns, strict=True)}
-        if known and "T" in numbers:
-            known["temperature"] = "T:degC"
-        time = next((c for c in ("SampleUS", "TimeUS", "TimeMS") if c in numbers), None)
-        if time is not None:
-            known["t"] = f"{time}:{'ms' if time == 'TimeMS' else 'us'}"
+        known = _map_of(numbers)
+        time, _, unit = known.get("t", "").partition(":")
         instances: dict[str, _Messages] = {name: messages}
         if "I" in numbers:
             instance = messages.column("I")
             instances = {f"{name}/{k}": messages.only(instance == k) for k in np.unique(instance).tolist()}
         for each, chosen in instances.items():
             self._messages[each] = chosen
-            step = None if time is None or len(known) < 2 else step_s(chosen.column(time))
-            step = step * 1e3 if step is not None and time == "TimeMS" else step
+            step = step_s(chosen.column(time)) if time and len(known) > 1 else None
+            rate_hz = None if step is None else (1e-3 if unit == "ms" else 1.0) / step
             yield Topic(
                 name=each,
                 type=name,
                 count=len(chosen.places),
                 columns=numbers,
                 map=known,
-                rate_hz=None if step is None else 1.0 / step,
+                rate_hz=rate_hz,
             )
 
     def _with_accelerometers(self, topics: Sequence[Topic]) -> Iterator[Topic]:

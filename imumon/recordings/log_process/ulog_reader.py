@@ -64,25 +64,15 @@ def _described(name: str, instance: int, data: Mapping[tuple[str, int], Arrays])
     arrays = dict(data[name, instance])
     if name in FIFO:
         return _fifo(name, instance, arrays)
-    known: dict[str, str] = {}
     time = "timestamp_sample" if "timestamp_sample" in arrays else "timestamp"
-    covered, note = None, ""
-    if name == "vehicle_imu":
-        known, covered = _integrals(arrays, time)
-    elif name == "sensor_combined":
-        known, covered = _averages(arrays, time)
-    elif name in ("sensor_gyro", "sensor_accel"):
-        sensor, unit = FIFO[f"{name}_fifo"]
-        known = {f"{sensor}/{axis}": f"{axis}:{unit}" for axis in AXES}
-        if "temperature" in arrays:
-            known["temperature"] = "temperature:degC"
-        if name == "sensor_gyro" and (other := data.get(("sensor_accel", instance))) is not None:
-            note = _add_accelerometer(arrays, other, time, known)
+    known, covered, note = _known_fields(name, arrays, time, data.get(("sensor_accel", instance)))
     if known and "temperature" not in known and (degrees := _temperature(arrays, time, data)) is not None:
         arrays["sensor_gyro.temperature"] = degrees
         known["temperature"] = "sensor_gyro.temperature:degC"
-    known = known if all(text.rpartition(":")[0] in arrays for text in known.values()) else {}
-    if covered is not None and covered < COVERED:
+    if not all(text.rpartition(":")[0] in arrays for text in known.values()):
+        known = {}
+    averaged = covered is not None and covered >= COVERED
+    if covered is not None and not averaged:
         note = f"its integrals cover {covered:.0%} of the time: each value is a short average"
     times = arrays.get(time, np.zeros(0))
     step = step_s(times)
@@ -92,11 +82,30 @@ def _described(name: str, instance: int, data: Mapping[tuple[str, int], Arrays])
         count=len(times),
         columns=list(arrays),
         map={**known, "t": f"{time}:us"},
-        averaged=covered is not None and covered >= COVERED,
+        averaged=averaged,
         rate_hz=None if step is None else 1.0 / step,
         note=note if known else "",
     )
     return topic, arrays
+
+
+def _known_fields(
+    name: str, arrays: Arrays, time: str, accel: Arrays | None
+) -> tuple[dict[str, str], float | None, str]:
+    """Return the fields of a known topic; the share of the time that its averages cover, if it has some; a note."""
+    if name == "vehicle_imu":
+        return *_integrals(arrays, time), ""
+    if name == "sensor_combined":
+        return *_averages(arrays, time), ""
+    if name not in ("sensor_gyro", "sensor_accel"):
+        return {}, None, ""
+    sensor, unit = FIFO[f"{name}_fifo"]
+    known = {f"{sensor}/{axis}": f"{axis}:{unit}" for axis in AXES}
+    if "temperature" in arrays:
+        known["temperature"] = "temperature:degC"
+    if name == "sensor_accel" or accel is None:
+        return known, None, ""
+    return known, None, _add_accelerometer(arrays, accel, time, known)
 
 
 def _temperature(arrays: Arrays, time: str, data: Mapping[tuple[str, int], Arrays]) -> Floats | None:
