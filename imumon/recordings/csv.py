@@ -65,18 +65,20 @@ class CsvFile(Table):
         waiting, count, size = [first], first.count(b"\n"), len(first)
         for block in blocks:
             if count >= ROWS or size > BLOCK_BYTES:
-                yield self._parsed(b"".join(waiting), before)
+                yield self._parsed(waiting, range(before + 1, before + count + 1))
                 before += count
                 waiting, count, size = [], 0, 0
             waiting.append(block)
             count += block.count(b"\n")
             size += len(block)
         if size:
-            yield self._parsed(b"".join(waiting), before, last=True)
+            yield self._parsed(waiting, range(before + 1, before + count + 1), last=True)
         yield self._with_invalid_rows(self._finish())
 
-    def _parsed(self, lines: bytes, before: int, *, last: bool = False) -> list[SampleBlock]:
-        return self._with_invalid_rows(self._blocks(*self._parser.numbers(lines, before, last=last)))
+    def _parsed(self, lines: list[bytes], places: range, *, last: bool = False) -> list[SampleBlock]:
+        return self._with_invalid_rows(
+            self._blocks(*self._parser.numbers(b"".join(lines), places, last=last))
+        )
 
     def _with_invalid_rows(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
         """Return the same blocks and put the remark on invalid rows in front of the others."""

@@ -160,22 +160,25 @@ class RowParser:
         )
         return [f"{rows} as lost; first {self._first_invalid}"] if self.invalid else []
 
-    def numbers(self, block: bytes, before: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
-        """Return (n, k) numbers of the columns, and (n,) the line number of each row.
+    def numbers(self, block: bytes, places: Sequence[int], *, last: bool) -> tuple[Floats, Sequence[int]]:
+        """Return (n, k) numbers of the columns of some lines, and (n,) the line number of each row.
 
         An invalid row is NaN, and its line 0. Too many invalid rows raise a `RecordingError`.
+
+        Parameters
+        ----------
+        places : number of each line.
+        last : they end the table.
         """
-        places: Sequence[int] = range(before + 1, before + 1 + block.count(b"\n"))
-        regular = block
-        if b"\n\n" in block or block.startswith(b"\n"):
-            lines = block.split(b"\n")[:-1]
-            places = [before + k + 1 for k, line in enumerate(lines) if line.strip()]
-            regular = b"\n".join(line for line in lines if line.strip()) + b"\n"
-        found = self._regular(regular) if len(places) else np.empty((0, len(self._columns)))
+        found = None if block.isspace() else self._regular(block)
+        lines = places
+        if found is not None and len(found) < len(lines):  # blank lines are no rows
+            filled = zip(lines, block.split(b"\n")[:-1], strict=True)
+            places = [place for place, line in filled if line.strip()]
         if found is None or len(found) != len(places):
             whole = lines_of(block)
             end = len(whole) - 1 if last else -1
-            parsed = [self._row(line, before + k + 1, k == end) for k, line in enumerate(whole)]
+            parsed = [self._row(line, lines[k], k == end) for k, line in enumerate(whole)]
             found = np.array([row for row, _ in parsed if row]).reshape(-1, len(self._columns))
             places = [place for row, place in parsed if row]
         self.read += len(found)
