@@ -15,6 +15,7 @@ from imumon.noise.fit.expected_curve import (
     limit_factors,
     line_variances,
     moved_variances,
+    moved_variances_at,
     noise_variances,
     share_of_expectation,
 )
@@ -145,7 +146,7 @@ def test_what_regressors_move_has_the_stated_curve(kind: str) -> None:
     )
     assert series is not None
     m, avar = curve_of(signal[:, None])
-    stated = moved_variances(m, series, means)
+    stated = moved_variances_at(m, moved_variances(series, means))
     used = m >= length if kind == "step" else m > 1
     size = 0.1 * avar[:, 0].max() * (kind == "wave")  # differences of a wave may be small by chance
     np.testing.assert_allclose(stated[used], avar[used, 0], rtol=0.06, atol=size)

@@ -90,7 +90,7 @@ def test_k_is_rarely_measured_without_a_random_walk(quiet_fits: tuple[ChannelFit
 def test_n_and_b_are_as_precise_as_the_data_allow(fits: tuple[ChannelFit, ...]) -> None:
     """The Cramér-Rao bound of the spectrum; the standard error of a standard deviation of 48 values is 10 %."""
     powers = np.array([N**2 * RATE, B**2, K**2 / RATE])
-    bounds = relative_errors(powers, LENGTH, 0.5)
+    bounds = relative_errors(powers, np.array([LENGTH]), 0.5)[0]
     for name, truth, bound, most in (("N", N, bounds[0], 1.3), ("B", B, bounds[1], 1.5)):
         ratio = column(fits, name, "value") / truth
         assert abs(np.nanmean(ratio) - 1.0) < 4.0 * bound / math.sqrt(CHANNELS), name

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from imumon.noise.fit.expected_curve import (
     limit_factors,
     line_variances,
     moved_variances,
+    moved_variances_at,
     noise_variances,
 )
 from imumon.noise.fit.likelihood import averaged as average_over
@@ -24,6 +25,7 @@ from imumon.noise.fit.observations import meeting_frequency, observed_density
 from imumon.noise.fit.regressors import BENT, COLLINEAR, OSCILLATION
 from imumon.noise.fit.results import SIGNIFICANT, ChannelFit, read_slopes
 from imumon.noise.fit.time_to_precision import seconds_to
+from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.power_law import sampled_density
 from imumon.noise.spectrum.expectation import window_power
 from imumon.report import COEFFICIENTS, NOISE, Change, Estimate, ModelColumn
@@ -58,25 +60,34 @@ NOT_SHOWN = "the record does not show it"
 TOO_SHORT = "the record is too short"
 
 
-def channel_fit(
-    curve: AllanCurve,
-    channel: int,
-    found: Description,
-    averaged: bool,
-    kurtosis: float,
-    precision: Floats | None,
-) -> ChannelFit:
-    """Return the fit of one channel.
+@dataclass(frozen=True, slots=True, eq=False)
+class Stated:
+    """What one description of a channel states, whatever the curve.
+
+    Attributes
+    ----------
+    found : the description.
+    fit : without a curve.
+    moved : (2, j) the Allan variance of what the regressors move; see `moved_variances`.
+    """
+
+    found: Description
+    fit: ChannelFit
+    moved: Floats
+
+
+def stated(
+    sums: NoiseSums, channel: int, found: Description, kurtosis: float, precision: Floats | None
+) -> Stated:
+    """Return what a description of one channel states.
 
     Parameters
     ----------
-    curve : of the record; without octaves: there is none.
-    averaged : the samples are true averages over their interval, else point samples.
+    sums : those of the description.
     kurtosis : 1, excess kurtosis of the samples.
     precision : (3,) 1, requested relative half-widths of N, B and K; None: no times are wanted.
     """
-    tau0, series = curve.tau0, found.slow.series
-    samples = float(series.count.sum() * series.length)
+    tau0, samples = sums.tau0, found.slow.series.samples
     coefficients = {
         letter: each.scaled(math.pow(tau0, -COEFFICIENTS[letter].slope))
         for letter, each in _coefficients(found, kurtosis / samples, samples * tau0).items()
@@ -86,7 +97,14 @@ def channel_fit(
     if drift is not None and drift.sigma > SIGNIFICANT and not collinear:
         coefficients["R"] = _ramp(drift)
     highest = float(found.likelihood.powers.top.max())
-    none, lines = np.zeros(0), _lines(curve, channel)
+    none, lines = np.zeros(0), _lines(sums, channel)
+    oscillations = _periods(found, lines, tau0)
+    holds = {
+        "misfit": found.p_value < MISFIT_P,
+        "correlated": found.window > 1 or found.likelihood.shape == "filtered",
+        "quantised": "Q" in coefficients,
+        "oscillation": bool(oscillations),
+    }
     fit = ChannelFit(
         coefficients=coefficients,
         chi2=found.misfit,
@@ -98,21 +116,20 @@ def channel_fit(
         low=none,
         high=none,
         edf=none,
+        caveats=tuple(caveat for caveat, true in holds.items() if true),
         columns=columns,
         no_slope="collinear" if collinear else found.slow.no_temperature,
         explained=_explained(found),
         step=_step(found, columns),
         lines_hz=tuple((lines[:, 0] / tau0).tolist()),
-        oscillations_s=_periods(found, lines, tau0),
+        oscillations_s=oscillations,
         highest_hz=highest / tau0,
     )
     if precision is not None:
         widths = np.array([coefficients[letter].half_width or math.inf for letter in NOISE])
         seconds = seconds_to(found.surface.powers, widths, samples, tau0, highest, precision)
         fit = replace(fit, time_to=dict(zip(NOISE, seconds, strict=True)))
-    if len(curve.m):
-        fit = _with_curve(fit, curve, channel, found, averaged)
-    return _with_caveats(fit, found, curve, channel)
+    return Stated(found, fit, moved_variances(found.slow.series, _moved(found, lines)))
 
 
 def _coefficients(found: Description, kurtosis: float, length_s: float) -> dict[str, Estimate]:
@@ -148,24 +165,38 @@ def _coefficients(found: Description, kurtosis: float, length_s: float) -> dict[
     return out
 
 
-def _with_curve(
-    fit: ChannelFit, curve: AllanCurve, channel: int, found: Description, averaged: bool
+def with_curve(
+    stated: Stated, curve: AllanCurve, sums: NoiseSums, channel: int, averaged: bool
 ) -> ChannelFit:
-    """Return the fit with the Allan deviations that it states, and the limits of the measured ones."""
-    powers, m = found.surface.powers, curve.m
+    """Return a fit with the Allan deviations that it states, the limits of the measured ones, and their caveats.
+
+    Parameters
+    ----------
+    curve, sums : of the record.
+    averaged : the samples are true averages over their interval, else point samples.
+    """
+    found, fit, m, lines = stated.found, stated.fit, curve.m, _lines(sums, channel)
+    powers = found.surface.powers
+    line_shares = np.array([line_variances(m, *line) for line in lines.tolist()]).reshape(-1, m.size)
     noise = powers @ noise_variances(m, averaged=averaged)
-    random = np.maximum(noise + _departure(curve, channel, found, averaged), 1e-3 * noise)
+    departure = _departure(m, sums, channel, found, averaged, line_shares.sum(axis=0))
+    random = np.maximum(noise + departure, 1e-3 * noise)
     present = curve.terms[:, channel] > 0
-    fixed = _moved(found, m, _lines(curve, channel))
+    fixed = moved_variances_at(m, stated.moved)
     edf = degrees_of_freedom(m, curve.terms[:, channel], curve.span, powers)
     # a product of noise and what is not random adds twice its share; a line is noise of its own width
     share = np.where(edf > 0.0, (random**2 + 2.0 * random * fixed) / np.maximum(edf, 1e-9), 1.0)
-    for f, width, power in _lines(curve, channel).tolist():
-        share = share + line_variances(m, f, width, power) ** 2 / (LINE_DEGREES * width * curve.span + 1.0)
+    share = share + (line_shares**2 / (LINE_DEGREES * lines[:, 1:2] * curve.span + 1.0)).sum(axis=0)
     edf = np.where(present, (random + fixed) ** 2 / share, 0.0)
     low, high = limit_factors(np.maximum(edf, 1.0))
     sigma = curve.sigma[:, channel]
     positive = present & (sigma > 0.0)
+    visible, drift = BENDS * (random + fixed), fit.column("drift")
+    caveats = list(fit.caveats)
+    if (line_shares.sum(axis=0) > visible).any():
+        caveats.append("vibration")
+    if "R" in fit.coefficients and drift and (0.5 * (drift.value * curve.tau) ** 2 > visible).any():
+        caveats.append("ramp")
     return replace(
         fit,
         model=np.sqrt(random + fixed),
@@ -175,6 +206,7 @@ def _with_curve(
         high=np.where(present, sigma * high, 0.0),
         edf=edf,
         readings=read_slopes(curve.tau[positive], sigma[positive]),
+        caveats=tuple(caveats),
     )
 
 
@@ -233,19 +265,10 @@ def _step(found: Description, columns: tuple[ModelColumn, ...]) -> Change | None
     )
 
 
-def _line_shares(curve: AllanCurve, channel: int) -> Floats:
-    """Return (k,) the Allan variance of the lines of the spectrum."""
-    out = np.zeros(len(curve.m))
-    for f, width, power in _lines(curve, channel).tolist():
-        out = out + line_variances(curve.m, f, width, power)
-    return out
-
-
-def _lines(curve: AllanCurve, channel: int) -> Floats:
+def _lines(sums: NoiseSums, channel: int) -> Floats:
     """Return (l, 3) frequency and width, cycles per sample, and power of the lines of a channel, strongest first."""
-    spectrum = None if curve.sums is None else curve.sums.spectrum
-    bands = () if spectrum is None else spectrum.bands[channel]
-    scaled = [(band.frequency_hz * curve.tau0, band.width_hz * curve.tau0, band.power) for band in bands]
+    bands = () if sums.spectrum is None else sums.spectrum.bands[channel]
+    scaled = [(band.frequency_hz * sums.tau0, band.width_hz * sums.tau0, band.power) for band in bands]
     return np.array(scaled).reshape(-1, 3)
 
 
@@ -312,20 +335,20 @@ def _periods(found: Description, lines: Floats, tau0: float) -> tuple[float, ...
     return tuple(sorted(out))
 
 
-def _departure(curve: AllanCurve, channel: int, found: Description, averaged: bool) -> Floats:
+def _departure(
+    m: Ints, sums: NoiseSums, channel: int, found: Description, averaged: bool, line_share: Floats
+) -> Floats:
     """Return (k,) what the spectrum has beyond N, B and K.
 
     Its shape where the fit uses it, what was observed above the highest frequency in use, and everywhere where the fit
     counts an error of the model. The lines are as observed at the shortest octaves. At longer ones the bins are too
     wide for the oscillation of their contribution with tau, and each line has its frequency and width.
     """
-    if curve.sums is None:
-        return np.zeros(len(curve.m))
-    likelihood, surface, m = found.likelihood, found.surface, curve.m
+    likelihood, surface = found.likelihood, found.surface
     whole = likelihood.powers.top.max() > 0.499 and not likelihood.shape and found.window == 1
-    if whole and not found.error and not _lines(curve, channel).size:
-        return np.zeros(len(m))
-    f, width, density, lines = observed_density(curve.sums, channel)
+    if whole and not found.error and not line_share.any():
+        return np.zeros(m.size)
+    f, width, density, lines = observed_density(sums, channel)
     above = f > meeting_frequency(found.slow.series)
     f, width, density, lines = f[above], width[above], density[above], lines[above]
     noise = surface.powers @ sampled_density(f, averaged=averaged)
@@ -343,13 +366,13 @@ def _departure(curve: AllanCurve, channel: int, found: Description, averaged: bo
     long = density_variances(m, f, width, stated - noise)
     if not lines.any():
         return long
-    long = long + _line_shares(curve, channel)
+    long = long + line_share
     short = density_variances(m, f, width, np.where(lines, density, stated) - noise)
     return np.where(m <= SMOOTH_OCTAVES_END, short, long)
 
 
-def _moved(found: Description, m: Ints, lines: Floats) -> Floats:
-    """Return (k,) the Allan variance of what the regressors move, and of the oscillations as they are."""
+def _moved(found: Description, lines: Floats) -> Floats:
+    """Return (n,) channel unit, what the regressors move at each block, and the oscillations as they are."""
     import scipy.fft
 
     series, beta = found.slow.series, found.surface.beta[found.surface.best]
@@ -364,7 +387,7 @@ def _moved(found: Description, m: Ints, lines: Floats) -> Floats:
         for number, (begin, count) in enumerate(zip(series.begin, series.count, strict=True)):
             own = np.concatenate(([0.0], left_out[begin - number : begin - number + count - 1]))
             moved[begin : begin + count] += scipy.fft.idct(own, norm="ortho")
-    return moved_variances(m, series, moved)
+    return moved
 
 
 def _explained(found: Description) -> float | None:
@@ -380,23 +403,3 @@ def _explained(found: Description) -> float | None:
     if total - white <= BENDS * total:
         return None
     return min(1.0, max(0.0, (total - rest) / (total - white)))
-
-
-def _with_caveats(fit: ChannelFit, found: Description, curve: AllanCurve, channel: int) -> ChannelFit:
-    """Return the fit with its caveats; see `ChannelFit`."""
-    bends = ramps = False
-    if len(curve.m):
-        model = fit.model**2
-        bends = bool((_line_shares(curve, channel) > BENDS * model).any())
-        drift = fit.column("drift")
-        if "R" in fit.coefficients and drift is not None:
-            ramps = bool((0.5 * (drift.value * curve.tau) ** 2 > BENDS * model).any())
-    holds = {
-        "misfit": found.p_value < MISFIT_P,
-        "vibration": bends,
-        "correlated": found.window > 1 or found.likelihood.shape == "filtered",
-        "quantised": "Q" in fit.coefficients,
-        "ramp": ramps,
-        "oscillation": bool(fit.oscillations_s),
-    }
-    return replace(fit, caveats=tuple(caveat for caveat, true in holds.items() if true))

@@ -15,8 +15,8 @@ import numpy as np
 from imumon.coefficients import NOISE, default_precision
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.bias_curve import bias_curve
-from imumon.noise.fit.channel_results import TOO_SHORT, channel_fit
-from imumon.noise.fit.description import Choice, Describer, Description
+from imumon.noise.fit.channel_results import TOO_SHORT, Stated, stated, with_curve
+from imumon.noise.fit.description import Choice, Describer
 from imumon.noise.fit.observations import block_series
 from imumon.noise.fit.results import ChannelFit, pending_fit
 from imumon.noise.noise_sums import NoiseSums
@@ -40,7 +40,7 @@ class _Known:
     """Fit of a channel at one length of its record."""
 
     span: int
-    found: Description | str
+    found: Stated | str
 
 
 class Estimator:
@@ -103,25 +103,21 @@ class Estimator:
                 self._known.pop(channel, None)
                 out.append(pending_fit(len(curve.m), *reason))
                 continue
-            found = self._found(curve, channel, renew, degrees)
-            if isinstance(found, str):
-                out.append(pending_fit(len(curve.m), found))
-            else:
+            if curve.sums is None:
+                out.append(pending_fit(len(curve.m), "the curve has no sums of its noise"))
+                continue
+            known = self._known.get(channel)
+            current = known is not None and known.span <= curve.span < known.span * RENEWAL_GROWTH
+            if known is None or renew or (renew is None and not current):
                 excess = 0.0 if kurtosis is None else float(kurtosis[channel])
-                out.append(self._stated(curve, channel, found, excess))
+                found = self._stated(curve.sums, channel, None if renew else known, degrees, excess)
+                known = self._known[channel] = _Known(curve.span, found)
+            out.append(
+                pending_fit(len(curve.m), known.found)
+                if isinstance(known.found, str)
+                else with_curve(known.found, curve, curve.sums, channel, self._flag(channel))
+            )
         return tuple(out)
-
-    def _found(
-        self, curve: AllanCurve, channel: int, renew: bool | None, degrees: Floats | None
-    ) -> Description | str:
-        """Return the description of a channel, the last one while it is current; see `fit`."""
-        known = self._known.get(channel)
-        current = known is not None and known.span <= curve.span < known.span * RENEWAL_GROWTH
-        if known is None or renew or (renew is None and not current):
-            earlier = None if renew else known
-            known = _Known(curve.span, self._describe(curve.sums, channel, earlier, degrees))
-            self._known[channel] = known
-        return known.found
 
     def fit_sums(
         self,
@@ -140,9 +136,6 @@ class Estimator:
         like : estimator of the whole record, whose descriptions the parts share; None: each part has its own, which
             is kept while the part grows.
         """
-        none, no_octaves = np.zeros((0, len(sums.group))), np.zeros(0, dtype=np.int64)
-        valid = np.zeros(len(sums.group), dtype=np.int64)
-        curve = AllanCurve(sums.tau0, no_octaves, none, none.astype(np.int64), span, valid, 1)
         out = []
         for channel in range(len(sums.group)):
             step = 0.0 if resolution is None else float(resolution[channel])
@@ -152,15 +145,11 @@ class Estimator:
             known = self._parts.get(channel) if like is None else like._known.get(channel)
             if like is None and known is not None and known.span > span:
                 known = None  # another part
-            found = self._describe(sums, channel, known, sums.degrees, whole=like is None)
+            excess = 0.0 if kurtosis is None else float(kurtosis[channel])
+            found = self._stated(sums, channel, known, sums.degrees, excess, whole=like is None)
             if like is None:
                 self._parts[channel] = _Known(span, found)
-            if isinstance(found, str):
-                out.append(pending_fit(0, found))
-            else:
-                out.append(
-                    self._stated(curve, channel, found, 0.0 if kurtosis is None else kurtosis[channel])
-                )
+            out.append(pending_fit(0, found) if isinstance(found, str) else found.fit)
         return tuple(out)
 
     def bias_curves(self, sums: NoiseSums) -> tuple[BiasCurve, ...]:
@@ -173,34 +162,29 @@ class Estimator:
         out = []
         for channel in range(len(sums.group)):
             known = self._known.get(channel)
-            noise = None if known is None or isinstance(known.found, str) else known.found.surface
+            noise = None if known is None or isinstance(known.found, str) else known.found.found.surface
             out.append(bias_curve(sums.blocks, channel, sums.degrees, noise))
         return tuple(out)
-
-    def _stated(self, curve: AllanCurve, channel: int, found: Description, kurtosis: float) -> ChannelFit:
-        precision = np.array([self.precision[name] for name in NOISE]) if self._time_to else None
-        return channel_fit(curve, channel, found, self._flag(channel), kurtosis, precision)
 
     def _flag(self, channel: int) -> bool:
         return self.averaged if isinstance(self.averaged, bool) else bool(self.averaged[channel])
 
-    def _describe(
+    def _stated(
         self,
-        sums: NoiseSums | None,
+        sums: NoiseSums,
         channel: int,
         known: _Known | None,
         degrees: Floats | None,
+        kurtosis: float,
         *,
         whole: bool = True,
-    ) -> Description | str:
-        """Return the description of a channel, or why there is none.
+    ) -> Stated | str:
+        """Return what the description of a channel states, or why there is none.
 
         Parameters
         ----------
         whole : the sums are those of which `known` is an earlier state, else a part of them.
         """
-        if sums is None:
-            return "the curve has no sums of its noise"
         series = block_series(sums.blocks, channel, degrees)
         if series is None:
             return TOO_SHORT if len(np.unique(sums.blocks.segment)) <= 2 else CUT
@@ -211,7 +195,8 @@ class Estimator:
             return "a straight line without noise"
         previous: Choice | None = None
         if known is not None and not isinstance(known.found, str):
-            previous = known.found.choice if whole else replace(known.found.choice, grids=(None, None))
+            choice = known.found.found.choice
+            previous = choice if whole else replace(choice, grids=(None, None))
         describer = Describer(
             sums,
             channel,
@@ -220,7 +205,11 @@ class Estimator:
             previous=previous,
             slow_terms=whole,
         )
-        return describer.describe()
+        found = describer.describe()
+        if isinstance(found, str):
+            return found
+        precision = np.array([self.precision[name] for name in NOISE]) if self._time_to else None
+        return stated(sums, channel, found, kurtosis, precision)
 
 
 def fit_curve(

@@ -119,26 +119,34 @@ def line_variances(m: Ints, frequency: float, width: float, power: float) -> Flo
     return np.asarray(2.0 * power * (sine**4 / np.multiply.outer(m, np.sin(np.pi * f)) ** 2) @ weight)
 
 
-def moved_variances(m: Ints, series: BlockSeries, moved: Floats) -> Floats:
-    """Return (k,) the Allan variance of what the regressors move, (n,) channel unit at each block."""
-    out, clusters, shares = np.zeros(m.size), [], []
+def moved_variances(series: BlockSeries, moved: Floats) -> Floats:
+    """Return (2, j) clusters in samples, and the Allan variance there of what the regressors move.
+
+    Parameters
+    ----------
+    moved : (n,) channel unit at each block.
+    """
+    found = []
     size = 1
-    while True:
+    while 2 * size <= series.count.max():
         squares, count = 0.0, 0
         for begin, number in zip(series.begin, series.count, strict=True):
             if number >= 2 * size:
                 total = np.concatenate(([0.0], np.cumsum(moved[begin : begin + number])))
                 steps = (total[2 * size :] - 2.0 * total[size:-size] + total[: -2 * size]) / size
                 squares, count = squares + float(steps @ steps), count + steps.size
-        if not count:
-            break
-        clusters.append(float(size * series.length))
-        shares.append(0.5 * squares / count)
+        found.append((float(size * series.length), 0.5 * squares / count))
         size *= 2
-    if not clusters or max(shares) <= 0.0:
-        return out
+    return np.array(found).reshape(-1, 2).T
+
+
+def moved_variances_at(m: Ints, variances: Floats) -> Floats:
+    """Return (k,) the Allan variance of `moved_variances` at clusters of m samples."""
+    clusters, shares = variances
+    if not shares.any():
+        return np.zeros(m.size)
     # over m^2 it is smooth; within a block it is a straight line
-    smooth = np.log(np.maximum(shares, 1e-300) / np.array(clusters) ** 2)
+    smooth = np.log(np.maximum(shares, 1e-300) / clusters**2)
     return np.asarray(np.exp(np.interp(np.log(m), np.log(clusters), smooth)) * m.astype(np.float64) ** 2)
 
 

@@ -16,36 +16,32 @@ from imumon.samples import Floats
 
 MAX_SECONDS = 3.15576e7
 """s, one year: longer times are not reported, because no sensor stays the same that long."""
-GROWTH = 2.0
-"""Factor between the lengths of records that are compared."""
 FREQUENCIES = 60
 """Points of the integral, even in the logarithm of frequency."""
 LOWEST_CYCLES = 1.5
 """Half cycles per record, lowest frequency that is free of constant and drift."""
 
 
-def relative_errors(powers: Floats, samples: float, highest: float) -> Floats:
-    """Return (3,) relative standard errors of N, B and K of a record; inf where nothing is known.
+def relative_errors(powers: Floats, samples: Floats, highest: float) -> Floats:
+    """Return (j, 3) relative standard errors of N, B and K of records; inf where nothing is known.
 
     Parameters
     ----------
     powers : (3,) N^2, B^2, K^2 in units of tau0.
+    samples : (j,) lengths of the records.
     highest : cycles per sample.
     """
     lowest = LOWEST_CYCLES / (2.0 * samples)
-    if not lowest < highest:
-        return np.full(3, np.inf)
-    f = np.geomspace(lowest, highest, FREQUENCIES)
-    rate = 2.0 * np.pi * f
-    density = powers[:, None] * np.stack((np.ones_like(f), 1.0 / rate, 1.0 / rate**2))
-    share = density / np.maximum(density.sum(axis=0), 1e-300)
-    weight = samples * f * math.log(f[1] / f[0])
-    information = (share * weight) @ share.T
-    known = np.diag(information) > 0.0
-    out = np.full(3, np.inf)
-    if known.any():
-        inverse = np.linalg.pinv(information[np.ix_(known, known)])
-        out[known] = 0.5 * np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    out, known, longer = np.full((samples.size, 3), np.inf), powers > 0.0, lowest < highest
+    if not known.any() or not longer.any():
+        return out
+    rate = 2.0 * np.pi * np.geomspace(lowest[longer], highest, FREQUENCIES, axis=-1)
+    density = np.stack([powers[i] / rate**i for i in np.flatnonzero(known)], axis=1)
+    share = density / density.sum(axis=1, keepdims=True)
+    weight = samples[longer, None] * rate / (2.0 * np.pi) * np.log(rate[:, 1:2] / rate[:, :1])
+    inverse = np.linalg.pinv((share * weight[:, None]) @ share.swapaxes(1, 2))
+    variances = np.maximum(np.diagonal(inverse, axis1=1, axis2=2), 0.0)
+    out[np.ix_(longer, known)] = 0.5 * np.sqrt(variances)
     return out
 
 
@@ -67,24 +63,21 @@ def seconds_to(
     -------
     s; None where a coefficient is not measured, or not as precise within `MAX_SECONDS`.
     """
-    out: list[float | None] = [None, None, None]
-    waiting = []
+    doublings = np.arange(
+        2 + max(0, math.ceil(math.log2(1.0 + MAX_SECONDS / (samples * tau0)))), dtype=np.float64
+    )
+    errors = relative_errors(powers, samples * np.exp2(doublings), highest)
+    out: list[float | None] = []
     for term, (width, least) in enumerate(zip(widths.tolist(), precision.tolist(), strict=True)):
+        known = math.isfinite(width) and math.isfinite(errors[0, term])
+        reached = width * errors[:, term] / errors[0, term] if known else errors[:, term]
+        at = int((reached <= least).argmax())
         if width <= least:
-            out[term] = 0.0
-        elif math.isfinite(width):
-            waiting.append(term)
-    length, before = samples, relative_errors(powers, samples, highest)
-    first = before
-    while waiting and (length - samples) * tau0 < MAX_SECONDS:
-        length *= GROWTH
-        now = relative_errors(powers, length, highest)
-        for term in list(waiting):
-            reached, last = (widths[term] * errors[term] / first[term] for errors in (now, before))
-            if reached <= precision[term]:
-                part = math.log(last / precision[term]) / math.log(last / reached) if last > reached else 1.0
-                seconds = (length * GROWTH ** (part - 1.0) - samples) * tau0
-                out[term] = float(seconds) if seconds < MAX_SECONDS else None
-                waiting.remove(term)
-        before = now
+            out.append(0.0)
+        elif not known or not at:
+            out.append(None)
+        else:
+            part = math.log(reached[at - 1] / least) / math.log(reached[at - 1] / reached[at])
+            seconds = samples * (2.0 ** (at - 1.0 + part) - 1.0) * tau0
+            out.append(seconds if seconds < MAX_SECONDS else None)
     return out
