@@ -212,7 +212,7 @@ def test_a_step_is_found_with_its_place_and_size_and_is_no_random_walk(quiet: Fl
         column = fit.column("step")
         assert (column is not None) == (fit.step is not None) == (c % 2 == 0)
         if column is not None and fit.step is not None:
-            found = estimator._known[c].found
+            found = estimator._known[c].found.found
             (place,) = (each.at for each in found.slow.regressors if each.name == "step")
             assert place * found.slow.series.length / RATE == pytest.approx(at * LENGTH / RATE, abs=60.0)
             assert column.value == pytest.approx(1e-4, abs=4.0 * column.error)

@@ -73,7 +73,7 @@ def bias_curve(
     if low < LOWEST_DEGC or high > HIGHEST_DEGC:
         return BiasCurve(reason="implausible")
     reference, half = 0.5 * (low + high), 0.5 * (high - low)
-    u, loop = columns_of.unit_span(straight.series), columns_of.hysteresis(straight.series)
+    u, loop = columns_of.unit_span(straight.series), columns_of.hysteresis(series, straight.series)
     fit = _fitted(series, u, loop, 1, noise)
     names = [each.name for each in fit.regressors]
     one, drift = names.index("temperature"), names.index("drift") if "drift" in names else None
@@ -92,10 +92,10 @@ def _fitted(
     series: BlockSeries, u: Floats, loop: Regressor | None, degree: int, noise: Surface | None
 ) -> _Fit:
     """Return the regression on a polynomial of u (n,), and on hysteresis where both directions occur."""
-    heat = [Regressor("temperature", u**power) for power in range(1, degree + 1)]
+    heat = [columns_of.of_series(series, "temperature", u**power) for power in range(1, degree + 1)]
     if loop is not None:
         heat.append(loop)
-    _, regressors = columns_of.columns(series, [*columns_of.drifts(series), *heat])
+    regressors = [*columns_of.drifts(series), *heat]
     masked = np.zeros(series.y.size, dtype=bool)
     terms = SlowTerms(series, regressors, masked, min(4 * SINGLE, masked.size // 3), [], 0.0, "")
     top = meeting_frequency(series)

@@ -11,6 +11,7 @@ Limits are quantiles of the likelihood, normalised over amplitudes >= 0. Nothing
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import gammaincc
@@ -75,13 +76,18 @@ class Surface:
         return int(self.log.argmax())
 
     @property
+    def pairs(self) -> tuple[Floats, Floats]:
+        """(g h,) B^2 and K^2 of each point."""
+        return _pairs(self.B, self.K)
+
+    @property
     def powers(self) -> Floats:
         """(3,) N^2, B^2 and K^2 there."""
         i, j = divmod(self.best, self.K.size)
         return np.array([self.a[self.best], self.B[i] ** 2, self.K[j] ** 2])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Likelihood:
     """Observations of one channel with a description: rows, regressors and the terms that are free.
 
@@ -98,7 +104,7 @@ class Likelihood:
     shape: str = ""
     error: float = 0.0
 
-    @property
+    @cached_property
     def dof(self) -> Floats:
         """(r,) degrees of freedom, with the error of the model."""
         return np.asarray(1.0 / (1.0 / self.powers.dof + 0.5 * self.error**2))
@@ -110,7 +116,7 @@ class Likelihood:
         ----------
         c : first value of the shape.
         """
-        b, k = (axis.ravel() ** 2 for axis in np.meshgrid(B, K, indexing="ij"))
+        b, k = _pairs(B, K)
         a, c_best, log, variance = self._profile(b, k, c)
         more, beta, beta_variance = self._restricted(a, b, k)
         # without any noise there is no likelihood
@@ -126,7 +132,7 @@ class Likelihood:
         P, E, half = self.powers.power, self.powers.expected, 0.5 * self.dof
         base = np.multiply.outer(b, E[:, 1]) + np.multiply.outer(k, E[:, 2])
         floor, x, white = self._floor, self._x, E[:, 0]
-        a, c = np.full(b.size, self._white()), np.full(b.size, first)
+        a, c = np.full(b.size, self._white), np.full(b.size, first)
         most = 1e-6 * a[0]
         for step in range(SCORING_STEPS + 1):
             model = np.multiply.outer(a, white) + base
@@ -156,16 +162,17 @@ class Likelihood:
         _, _, cc, determinant = _information(weight, slopes)
         return a, c, log, cc / determinant
 
-    @property
+    @cached_property
     def _x(self) -> Floats:
         """(r,) 4 sin^2(pi f) of each band, as the shape needs it."""
         return np.asarray(self.powers.expected[:, 4 if self.shape == "filtered" else 3])
 
-    @property
+    @cached_property
     def _floor(self) -> Floats:
         """(r,) least power of a model."""
         return np.asarray(np.maximum(LEAST_POWER * self.powers.power, LEAST_SHARE * self.powers.power.max()))
 
+    @cached_property
     def _white(self) -> float:
         """Return a first value of N^2: the median of the upper bands, behind a filter of those below."""
         order = np.argsort(-self.powers.top)
@@ -181,7 +188,7 @@ class Likelihood:
         base = b * E[:, 1] + k * E[:, 2]
         best, least = 0.0, np.inf
         for c in (0.0, *np.geomspace(1e-3, 1e3, 25)):
-            white = self._white()
+            white = self._white
             for _ in range(SCORING_STEPS):
                 fall = 1.0 / (1.0 + c * self._x) if self.shape == "filtered" else 1.0
                 extra = c * white * self._x if self.shape == "quantised" else 0.0
@@ -216,7 +223,7 @@ class Likelihood:
         samples : length of the record.
         start : grids of an earlier search; None: unknown.
         """
-        white, c = self._white(), 0.0
+        white, c = self._white, 0.0
         if start is None:
             B, K = (
                 np.sqrt(white * 240.0 / samples * B_DECADES),
@@ -331,6 +338,10 @@ def normal_matrix(w: Floats, X: Floats) -> Floats:
     XX = (w @ (X[:, :, None] * X[:, None, :]).reshape(n, -1)).reshape(-1, q, q)
     ridge = SAME_COLUMNS * np.einsum("mii->m", XX) + LEAST_INFORMATION
     return np.asarray(XX + ridge[:, None, None] * np.eye(q))
+
+
+def _pairs(B: Floats, K: Floats) -> tuple[Floats, Floats]:
+    return np.repeat(B**2, K.size), np.tile(K**2, B.size)
 
 
 def _probability(surface: Surface) -> Floats:

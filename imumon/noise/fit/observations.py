@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 
@@ -32,6 +31,8 @@ from imumon.samples import Bools, Floats, Ints
 
 BAND_EDGES = (46, 70, 94, 128)
 """Bins between which the power of a level is one observation: within it no noise changes by more than 2.3 times."""
+LEAST_BINS = 2
+"""Bins without a line from which a band counts."""
 LEAST_SEGMENTS = 4
 """Segments from which a level counts."""
 SINGLE = 48
@@ -98,6 +99,7 @@ class BlockSeries:
     y : (m,) channel unit, coefficients of all segments, without that of the constant.
     variance : (3, m) for a = b = k = 1.
     f : (m,) cycles per sample.
+    order : (m,) numbers of the coefficients, lowest frequency first.
     """
 
     length: int
@@ -108,6 +110,7 @@ class BlockSeries:
     y: Floats
     variance: Floats
     f: Floats
+    order: Ints
 
     @property
     def samples(self) -> float:
@@ -168,6 +171,7 @@ def block_series(blocks: BlockMeans, column: int, degrees: Floats | None = None)
         total += n
     if not rows:
         return None
+    frequency = np.concatenate(f)
     made = BlockSeries(
         length,
         np.array(begin),
@@ -176,7 +180,8 @@ def block_series(blocks: BlockMeans, column: int, degrees: Floats | None = None)
         None if degrees is None else degrees[np.concatenate(rows)],
         np.zeros(0),
         np.concatenate(variance, axis=1),
-        np.concatenate(f),
+        frequency,
+        np.argsort(frequency, kind="stable"),
     )
     return replace(made, y=made.transform(made.series))
 
@@ -195,45 +200,39 @@ def spectral_powers(sums: NoiseSums, column: int, *, averaged: bool, window: int
     window : samples of a moving average in the sensor; 1: none.
     """
     masks = () if sums.spectrum is None else sums.spectrum.masks
-    rows: list[tuple[float, float, Floats, float]] = []
+    found = [np.zeros((8, 0))]
     group = int(sums.group[column])
     for s, level in enumerate(sums.levels):
         count = float(level.averages[group])
         if count < LEAST_SEGMENTS:
             continue
-        power, white, holes = (
-            level.power[column] / count,
-            level.white[group] / count,
-            level.holes[group] / count,
-        )
         bins = np.arange(FIRST_BIN, last_bin(s))
         mask = masks[s][column][bins] if s < len(masks) else np.zeros(bins.size, dtype=bool)
         expected = bin_expectation(s, averaged=averaged, window=window)
-        expected = np.concatenate((expected, short_term_density(s)[None]))
-        expected = expected * np.array([white, 1.0, 1.0, 1.0])[:, None]
-        if holes:
+        expected = np.concatenate((expected, short_term_density(s)[None], 1.0 / short_term_density(s)[None]))
+        expected[0] *= level.white[group] / count
+        if holes := level.holes[group] / count:
             leak = holes * segment_variances(s) * np.array([1.0, 1.0, 2.0**s]) * 2.0**s
             expected[:3] += leak[:, None]
-        if sums.pooled:
-            edges = np.arange(0, bins.size, SUB_BAND)
-            mask = np.logical_or.reduceat(mask, edges)[np.arange(bins.size) // SUB_BAND]
-        for low, high in pairwise(BAND_EDGES):
-            if low >= bins[-1]:
-                break
-            own = (bins >= low) & (bins < high) & ~mask
-            if sums.pooled:
-                pools = np.unique((bins[own] - FIRST_BIN) // SUB_BAND)
-                total = float(power[pools].sum())
-            else:
-                total = float(power[own].sum())
-            if own.sum() >= 2:
-                dof = _band_dof(bins[own].tobytes(), count)
-                mean = np.append(expected[:, own].mean(axis=1), 1.0 / np.mean(1.0 / expected[3, own]))
-                rows.append((total / own.sum() * 2.0**s, dof, mean, high / SEGMENT / 2.0**s))
-    if not rows:
-        return Powers(np.zeros(0), np.zeros(0), np.zeros((0, 5)), np.zeros(0))
-    power_, dof_, expected_, top = zip(*rows, strict=True)
-    return Powers(np.array(power_), np.array(dof_), np.stack(expected_), np.array(top))
+        pool = SUB_BAND if sums.pooled else 1
+        starts = np.array([low for low in BAND_EDGES[:-1] if low < bins[-1]]) - FIRST_BIN
+        firsts = np.arange(0, bins.size, pool)
+        keep = ~np.logical_or.reduceat(mask, firsts)  # a line in a sub-band leaves out all of it
+        total = np.add.reduceat(level.power[column] * keep, starts // pool)
+        keep = np.repeat(keep, pool)[: bins.size]
+        number = np.add.reduceat(keep.astype(np.float64), starts)
+        mean = np.add.reduceat(expected * keep, starts, axis=1) / np.maximum(number, 1.0)
+        mean[4] = 1.0 / np.maximum(mean[4], 1e-300)
+        own = [bins[part] for part in np.split(np.arange(bins.size), starts[1:])]
+        dof = [
+            _band_dof(part[keep[part - FIRST_BIN]].tobytes(), count) if size >= LEAST_BINS else 0.0
+            for part, size in zip(own, number.tolist(), strict=True)
+        ]
+        top = np.array(BAND_EDGES[1 : 1 + starts.size]) / SEGMENT / 2.0**s
+        power = total / np.maximum(number, 1.0) / count * 2.0**s
+        found.append(np.concatenate((np.stack((power, dof, top)), mean))[:, number >= LEAST_BINS])
+    power, dof_, top, *expected_ = np.concatenate(found, axis=1)
+    return Powers(power, dof_, np.stack(expected_, axis=1), top)
 
 
 @lru_cache(maxsize=64)
@@ -296,8 +295,7 @@ def pooled_coefficients(
     residual : (m,) channel unit, coefficients without the regressors.
     masked : (m,) coefficients that do not count.
     """
-    order = np.argsort(series.f, kind="stable")
-    order = order[single:]
+    order = series.order[single:]
     order = order[series.f[order] <= top]
     order = order[~masked[order]]
     if not order.size:

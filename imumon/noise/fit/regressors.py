@@ -7,7 +7,8 @@ oscillation of few cycles are further columns.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 
@@ -43,7 +44,7 @@ STEP_MARGIN = 6
 """Blocks on each side of a step."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Regressor:
     """One column.
 
@@ -51,25 +52,69 @@ class Regressor:
     ----------
     name : ``drift``, ``temperature``, ``temperature_2``, ``temperature_3``, ``hysteresis``, ``settling``,
         ``settling_time``, ``step`` or one of `OSCILLATION`.
-    series : (n,) value at each block; the column is its transform.
+    series : (n,) value at each block.
+    column : (m,) its coefficients, of norm one.
+    scale : norm one over that of the coefficients of the values.
     at : blocks, its place, time constant or period; 0.0 where it has none.
-    scale : of the column, so that its norm is one.
     """
 
     name: str
     series: Floats
+    column: Floats
+    scale: float
     at: float = 0.0
-    scale: float = field(default=1.0)
+
+
+def regressors(
+    names: Sequence[str], lines: Floats, columns: Floats, at: Floats | None = None
+) -> list[Regressor]:
+    """Return regressors of values (n, t) at each block, and their coefficients (m, t)."""
+    scale = 1.0 / np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-300)
+    places = np.zeros(len(names)) if at is None else at
+    each = zip(names, lines.T, (columns * scale).T, scale.tolist(), places.tolist(), strict=True)
+    return [Regressor(*values) for values in each]
+
+
+def of_series(series: BlockSeries, name: str, values: Floats) -> Regressor:
+    """Return the regressor of values (n,) at each block."""
+    return regressors([name], values[:, None], series.transform(values[:, None]))[0]
+
+
+def matrix(series: BlockSeries, columns: Sequence[Regressor]) -> Floats:
+    """Return (m, q) the columns of regressors."""
+    return np.array([each.column for each in columns]).reshape(-1, series.y.size).T
+
+
+def _within(
+    series: BlockSeries, segment: int, names: Sequence[str], lines: Floats, columns: Floats, at: Floats
+) -> list[Regressor]:
+    """Return regressors of values (count, t) and coefficients (count - 1, t) in a segment, zero outside of it."""
+    begin, count = int(series.begin[segment]), int(series.count[segment])
+    values, coefficients = np.zeros((series.series.size, len(names))), np.zeros((series.y.size, len(names)))
+    values[begin : begin + count] = lines
+    coefficients[begin - segment : begin - segment + count - 1] = columns
+    return regressors(names, values, coefficients, at)
+
+
+def _transform(lines: Floats) -> Floats:
+    """Return (count - 1, t) the coefficients of values (count, t) in a segment, without that of the constant."""
+    import scipy.fft
+
+    return np.asarray(scipy.fft.dct(lines, axis=0, norm="ortho")[1:])
 
 
 def drifts(series: BlockSeries) -> list[Regressor]:
     """Return a straight drift of each segment that is long enough, per block."""
-    out, held = [], _held(series, 1)
-    for begin, count in zip(series.begin[held], series.count[held], strict=True):
-        line = np.zeros(series.series.size)
-        line[begin : begin + count] = np.arange(count) - 0.5 * (count - 1)
-        out.append(Regressor("drift", line))
+    out = []
+    for segment in _held(series, 1).tolist():
+        out += _within(series, segment, ["drift"], *_line(int(series.count[segment])), np.zeros(1))
     return out
+
+
+@lru_cache(maxsize=4)  # the channels of a record have the same
+def _line(count: int) -> tuple[Floats, Floats]:
+    line = np.arange(count, dtype=np.float64)[:, None] - 0.5 * (count - 1)
+    return line, _transform(line)
 
 
 def temperature(series: BlockSeries) -> tuple[Regressor | None, str]:
@@ -91,17 +136,17 @@ def temperature(series: BlockSeries) -> tuple[Regressor | None, str]:
     slow = np.convolve(bend, np.full(4, 0.25), mode="valid")
     if np.std(slow) <= TEMPERATURE_SNR * noise / 2.0:
         return None, "collinear"
-    return Regressor("temperature", own), ""
+    return of_series(series, "temperature", own), ""
 
 
-def bends(heat: Regressor) -> list[Regressor]:
+def bends(series: BlockSeries, heat: Regressor) -> list[Regressor]:
     """Return what a straight line leaves of the effect of a temperature: its square, its cube, and hysteresis."""
-    loop = hysteresis(heat.series)
-    powers = [Regressor(name, heat.series**power) for name, power in zip(BENT, (2, 3), strict=False)]
+    loop = hysteresis(series, heat.series)
+    powers = [of_series(series, name, heat.series**power) for name, power in zip(BENT, (2, 3), strict=False)]
     return powers if loop is None else [*powers, loop]
 
 
-def hysteresis(degrees: Floats) -> Regressor | None:
+def hysteresis(series: BlockSeries, degrees: Floats) -> Regressor | None:
     """Return half the difference between the directions of a temperature (n,), none at the ends of its span.
 
     None where it does not both rise and fall.
@@ -109,7 +154,7 @@ def hysteresis(degrees: Floats) -> Regressor | None:
     way = _direction(degrees)
     if way is None:
         return None
-    return Regressor(BENT[-1], way * (1.0 - unit_span(degrees) ** 2))
+    return of_series(series, BENT[-1], way * (1.0 - unit_span(degrees) ** 2))
 
 
 def unit_span(degrees: Floats) -> Floats:
@@ -146,18 +191,20 @@ def _direction(degrees: Floats) -> Floats | None:
     return out
 
 
-def settling(series: BlockSeries, share: float) -> list[Regressor]:
-    """Return an exponential from the beginning of the last long segment on, and its derivative by the time constant."""
-    last = int(_held(series, SETTLING_COEFFICIENTS)[-1])
-    begin, count = int(series.begin[last]), int(series.count[last])
-    line = np.zeros((2, series.series.size))
-    fall = np.exp(-(np.arange(count) + 0.5) / (share * count))
-    line[0, begin : begin + count] = fall
-    line[1, begin : begin + count] = -fall * np.log(fall)
-    return [
-        Regressor(name, own, share * count)
-        for name, own in zip(("settling", "settling_time"), line, strict=True)
-    ]
+def settlings(series: BlockSeries) -> list[list[Regressor]]:
+    """Return exponentials from the beginning of the last long segment on, with derivatives by the time constant."""
+    segment = int(_held(series, SETTLING_COEFFICIENTS)[-1])
+    count = int(series.count[segment])
+    names = ("settling", "settling_time") * SETTLING_SHARES.size
+    made = _within(series, segment, names, *_falls(count), np.repeat(SETTLING_SHARES * count, 2))
+    return [list(pair) for pair in zip(made[::2], made[1::2], strict=True)]
+
+
+@lru_cache(maxsize=4)
+def _falls(count: int) -> tuple[Floats, Floats]:
+    falls = np.exp(-np.multiply.outer(np.arange(count) + 0.5, 1.0 / (SETTLING_SHARES * count)))
+    lines = np.stack((falls, -falls * np.log(falls)), axis=2).reshape(count, -1)
+    return lines, _transform(lines)
 
 
 def waves(series: BlockSeries, numbers: Floats) -> Floats:
@@ -168,13 +215,11 @@ def waves(series: BlockSeries, numbers: Floats) -> Floats:
     return out
 
 
-@lru_cache(maxsize=2)  # the channels of a record have the same
+@lru_cache(maxsize=2)
 def _waves(count: int, numbers: bytes) -> Floats:
-    import scipy.fft
-
     angles = np.multiply.outer(np.arange(count) + 0.5, np.pi * np.frombuffer(numbers) / count)
     pairs = np.stack((np.cos(angles), np.sin(angles)), axis=2).reshape(count, -1)
-    return np.asarray(scipy.fft.dct(pairs, axis=0, norm="ortho")[1:])
+    return _transform(pairs)
 
 
 def oscillation(series: BlockSeries, number: float) -> list[Regressor]:
@@ -184,16 +229,13 @@ def oscillation(series: BlockSeries, number: float) -> list[Regressor]:
     ----------
     number : of the cosine coefficient with its frequency; not an integer in general.
     """
-    begin, count = int(series.begin[-1]), int(series.count[-1])
+    count = int(series.count[-1])
     at = np.arange(count) + 0.5
     angle = np.pi * number / count
-    slope = at / count - 0.5
-    out: list[Regressor] = []
-    for name, wave in zip(OSCILLATION, (np.cos(angle * at), np.sin(angle * at)) * 2, strict=True):
-        line = np.zeros(series.series.size)
-        line[begin : begin + count] = wave if len(out) < 2 else wave * slope
-        out.append(Regressor(name, line, 2.0 * count / number))
-    return out
+    pair = np.stack((np.cos(angle * at), np.sin(angle * at)), axis=1)
+    lines = np.concatenate((pair, pair * (at / count - 0.5)[:, None]), axis=1)
+    periods = np.full(len(OSCILLATION), 2.0 * count / number)
+    return _within(series, len(series.count) - 1, OSCILLATION, lines, _transform(lines), periods)
 
 
 def _held(series: BlockSeries, least: int) -> Ints:
@@ -203,52 +245,37 @@ def _held(series: BlockSeries, least: int) -> Ints:
     """
     single = max(1, min(SINGLE, series.y.size // 3))
     last = 0.5 * least / (series.count * series.length)
-    held = np.flatnonzero((last <= np.sort(series.f)[single - 1] * (1.0 + 1e-9)) & (series.count > 1))
+    held = np.flatnonzero((last <= series.f[series.order[single - 1]] * (1.0 + 1e-9)) & (series.count > 1))
     longest = np.argsort(-series.count[held], kind="stable")[: max(1, single // COEFFICIENTS_PER_COLUMN)]
     return np.sort(held[longest]) if held.size else np.array([int(series.count.argmax())])
 
 
-def step(series: BlockSeries, at: int, share: float) -> Regressor:
-    """Return a step within a value of the series, which has this share of it."""
-    line = np.zeros(series.series.size)
-    segment = int(np.searchsorted(series.begin, at, side="right")) - 1
-    line[at : series.begin[segment] + series.count[segment]] = 1.0
-    line[at] = share
-    return Regressor("step", line, float(at))
-
-
 def likely_steps(series: BlockSeries) -> list[Regressor]:
-    """Return steps where the means before and after a place differ most, over several widths."""
-    places: set[int] = set()
-    for begin, count in zip(series.begin.tolist(), series.count.tolist(), strict=True):
-        total = np.concatenate(([0.0], np.cumsum(series.series[begin : begin + count])))
+    """Return steps where the means before and after a place differ most, over several widths.
+
+    The value at the place itself has the share of the step that it shows.
+    """
+    out = []
+    for segment, (begin, count) in enumerate(zip(series.begin.tolist(), series.count.tolist(), strict=True)):
+        own = series.series[begin : begin + count]
+        total = np.concatenate(([0.0], np.cumsum(own)))
+        places: set[int] = set()
         for width in STEP_WIDTHS:
             if count >= 2 * max(width, STEP_MARGIN):
                 jumps = np.abs(total[2 * width :] - 2.0 * total[width:-width] + total[: -2 * width])
                 ends = np.argsort(-jumps)[:STEP_PLACES] + width
-                own = ends[(ends >= STEP_MARGIN) & (ends <= count - STEP_MARGIN)].tolist()
-                places |= {begin + place + shift for place in own for shift in (-1, 0)}
-    out = []
-    for at in sorted(places):
-        before, after = (
-            float(series.series[part].mean()) for part in (slice(at - 4, at), slice(at + 1, at + 5))
-        )
-        share = (float(series.series[at]) - before) / (after - before) if after != before else 1.0
-        out.append(step(series, at, min(max(share, 0.0), 1.0)))
+                ends = ends[(ends >= STEP_MARGIN) & (ends <= count - STEP_MARGIN)]
+                places |= {*ends.tolist(), *(ends - 1).tolist()}
+        if places:
+            at = np.array(sorted(places))
+            before, after = total[at] - total[at - 4], total[at + 5] - total[at + 1]
+            height = 0.25 * (after - before)
+            share = np.divide(own[at] - 0.25 * before, height, out=np.ones(at.size), where=height != 0.0)
+            lines = (np.arange(count)[:, None] > at).astype(np.float64)
+            lines[at, np.arange(at.size)] = np.clip(share, 0.0, 1.0)
+            names = ["step"] * at.size
+            out += _within(series, segment, names, lines, _transform(lines), (begin + at).astype(np.float64))
     return out
-
-
-def columns(series: BlockSeries, regressors: list[Regressor]) -> tuple[Floats, list[Regressor]]:
-    """Return (m, q) the columns, each of norm one, and the regressors with their scales."""
-    if not regressors:
-        return np.zeros((series.y.size, 0)), []
-    X = series.transform(np.stack([each.series for each in regressors], axis=1))
-    norm = np.maximum(np.sqrt((X**2).sum(axis=0)), 1e-300)
-    scaled = [
-        Regressor(each.name, each.series, each.at, float(1.0 / size))
-        for each, size in zip(regressors, norm, strict=True)
-    ]
-    return X / norm, scaled
 
 
 def gains(coefficients: Coefficients, surface: Surface, more: Floats, starts: Ints) -> Floats:
@@ -263,7 +290,7 @@ def gains(coefficients: Coefficients, surface: Surface, more: Floats, starts: In
     starts : (s,) first column of each term; the columns of one are nearly orthogonal.
     """
     y, X, variance = coefficients.y, coefficients.X, coefficients.variance
-    b, k = (axis.ravel() ** 2 for axis in np.meshgrid(surface.B, surface.K, indexing="ij"))
+    b, k = surface.pairs
     w = 1.0 / (np.stack((surface.a, b, k), axis=1) @ variance)
     q, t = X.shape[1], more.shape[1]
     with_y, with_self = w @ (more * y[:, None]), w @ more**2

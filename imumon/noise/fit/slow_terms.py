@@ -27,7 +27,7 @@ from imumon.noise.fit.observations import (
     meeting_frequency,
     pooled_coefficients,
 )
-from imumon.noise.fit.regressors import SETTLING_SHARES, Regressor
+from imumon.noise.fit.regressors import Regressor
 from imumon.samples import Bools, Floats, Ints
 
 CHANCE = 0.01
@@ -99,11 +99,11 @@ class SlowTerms:
         unsettled : with the exponential in doubt.
         """
         series = self.series
-        X, _ = columns_of.columns(series, [*self.regressors, *(self.settling if unsettled else ())])
+        X = columns_of.matrix(series, [*self.regressors, *(self.settling if unsettled else ())])
         weighted = X * (series.f * ~self.masked)[:, None]
         beta = np.linalg.lstsq(weighted.T @ X, weighted.T @ series.y, rcond=None)[0]
         pooled = pooled_coefficients(series, series.y - X @ beta, self.masked, self.single, min(top, highest))
-        own = np.argsort(series.f, kind="stable")[: self.single]
+        own = series.order[: self.single]
         own = own[~self.masked[own] & (series.f[own] <= highest)]
         return pooled, Coefficients(series.y[own], X[own], series.variance[:, own])
 
@@ -153,12 +153,10 @@ class SlowTermSearch:
         self._series, self._whole, self._grids = series, whole, grids
         self._top = meeting_frequency(series)
         heat, reason = columns_of.temperature(series)
-        self._bends = columns_of.bends(heat) if heat is not None and whole else []
+        self._bends = columns_of.bends(series, heat) if heat is not None and whole else []
         regressors = [*columns_of.drifts(series), *([] if heat is None else [heat])]
         masked = np.zeros(series.y.size, dtype=bool)
-        self.terms = SlowTerms(
-            series, _scaled(series, regressors), masked, min(SINGLE, masked.size // 3), [], 0.0, reason
-        )
+        self.terms = SlowTerms(series, regressors, masked, min(SINGLE, masked.size // 3), [], 0.0, reason)
         self.surface = self._searched()
 
     def result(self) -> SlowTerms:
@@ -202,28 +200,21 @@ class SlowTermSearch:
         """Return exponentials of several time constants; none where one is among the terms."""
         if not self._whole or any(each.name == "settling" for each in self.terms.regressors):
             return []
-        pairs = [columns_of.settling(self._series, share) for share in SETTLING_SHARES]
-        return self._candidates(SETTLING_CERTAIN, pairs)
+        pairs = columns_of.settlings(self._series)
+        return [_Candidate(SETTLING_CERTAIN, pair[0].column[:, None], pair) for pair in pairs]
 
     def _steps(self) -> list[_Candidate]:
         """Return steps at likely places."""
         steps = columns_of.likely_steps(self._series) if self._whole else []
-        return self._candidates(STEP_EVIDENCE, [[each] for each in steps])
+        return [_Candidate(STEP_EVIDENCE, each.column[:, None], [each]) for each in steps]
 
     def _bent(self) -> list[_Candidate]:
         """Return what bends the effect of the temperature, together; none where it is among the terms."""
         if not self._bends or any(each.name == self._bends[0].name for each in self.terms.regressors):
             return []
-        columns = self._series.transform(np.stack([each.series for each in self._bends], axis=1))
+        columns = columns_of.matrix(self._series, self._bends)
         threshold = 2.0 * float(gammainccinv(0.5 * len(self._bends), BEND_CHANCE))  # of a chi-square
         return [_Candidate(threshold, np.linalg.qr(columns)[0], self._bends)]
-
-    def _candidates(self, threshold: float, terms: list[list[Regressor]]) -> list[_Candidate]:
-        """Return candidates of which the first regressor is tested."""
-        if not terms:
-            return []
-        columns = self._series.transform(np.stack([each[0].series for each in terms], axis=1))
-        return [_Candidate(threshold, columns[:, i : i + 1], each) for i, each in enumerate(terms)]
 
     def _waves(self) -> list[_Candidate]:
         """Return oscillations of few cycles in the last segment, at the frequencies of its coefficients."""
@@ -247,7 +238,7 @@ class SlowTermSearch:
         ]
         gain, pair = max(falls, key=lambda fall: fall[0], default=(-np.inf, []))
         odds = float(np.exp(0.5 * gain - SETTLING_PENALTY))
-        self.terms = replace(self.terms, settling=_scaled(self._series, pair), odds=odds)
+        self.terms = replace(self.terms, settling=pair, odds=odds)
 
     def _add(self, found: list[Regressor]) -> None:
         """Add regressors; what looked like an oscillation beside settling or a step is judged again."""
@@ -255,7 +246,7 @@ class SlowTermSearch:
         step, wave = found[0].name == "step", found[0].name in columns_of.OSCILLATION
         self.terms = replace(
             terms,
-            regressors=[*terms.regressors, *_scaled(self._series, found)],
+            regressors=[*terms.regressors, *found],
             masked=terms.masked if wave else np.zeros_like(terms.masked),
             single=min(SEARCHED, terms.masked.size // 3) if step else terms.single,
             settling=[],
@@ -264,9 +255,9 @@ class SlowTermSearch:
     def _gains(self, columns: Floats, starts: Ints) -> Floats:
         """Return twice the gain in log likelihood by columns (m, t) added from each start to the next."""
         series, terms = self._series, self.terms
-        own = np.argsort(series.f, kind="stable")[: min(SEARCHED, series.y.size // 3)]
+        own = series.order[: min(SEARCHED, series.y.size // 3)]
         own = own[~terms.masked[own] & (series.f[own] <= self._top)]
-        X = columns_of.columns(series, terms.regressors)[0]
+        X = columns_of.matrix(series, terms.regressors)
         coefficients = Coefficients(series.y[own], X[own], series.variance[:, own])
         falling = np.concatenate(([0.0], np.geomspace(1e-3, 1.0, COARSE - 1)))
         B, K = self.surface.B[-1] * np.linspace(0.0, 1.0, COARSE), self.surface.K[-1] * falling
@@ -303,13 +294,9 @@ class SlowTermSearch:
         return found
 
 
-def _scaled(series: BlockSeries, regressors: list[Regressor]) -> list[Regressor]:
-    return columns_of.columns(series, regressors)[1]
-
-
 def _ratio(terms: SlowTerms, surface: Surface) -> Floats:
     """Return (m,) the squares of all coefficients over their expectation, without what the regressors explain."""
     series = terms.series
-    X = columns_of.columns(series, terms.regressors)[0]
+    X = columns_of.matrix(series, terms.regressors)
     beta = surface.beta[surface.best]
     return np.asarray((series.y - X @ beta) ** 2 / (surface.powers @ series.variance))
