@@ -64,7 +64,7 @@ def cells(shape: str, hysteresis: float, span: float, degree: int, k: float, rec
         both = synthesise(2 * LENGTH, RATE_HZ, N=[N] * SENSORS, B=B, K=k, seed=seed)
         noise, next_means = both[:LENGTH], OFFSET + both[LENGTH:].mean(axis=0)
         heat = COLDEST_DEGC + half * (1.0 + u)
-        heat += NOISE_DEGC * np.random.default_rng(seed).standard_normal(LENGTH)
+        heat += NOISE_DEGC * np.random.default_rng((seed, 1)).standard_normal(LENGTH)
         plain, _ = fitted(noise, None)
         fits, curves = fitted(noise + effect[:, None], heat)
         for one, other, each, mean in zip(plain, fits, curves, next_means, strict=True):

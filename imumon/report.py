@@ -36,6 +36,8 @@ SCHEMA = "imumon.report/1"
 State: TypeAlias = Literal["starting", "running", "waiting", "stopped"]
 Axis: TypeAlias = Literal["x", "y", "z"]
 
+MAX_DEGC = 1e3
+"""degC, beyond which a number in a message is no temperature."""
 MAX_CHANNELS = 64  # channels of a report; a sensor has about 11
 
 
@@ -259,6 +261,13 @@ class BiasCurve:
     # channel unit, standard deviation of the means over blocks about their drift
     std_without: float | None = None
     std_with: float | None = None  # channel unit, the same about drift and curve
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is a curve: of degree 1 to 3, over a span of temperatures."""
+        if not 2 <= len(self.terms) <= 4 or self.reference_degC is None or len(self.degC) < 2:
+            return False
+        return -MAX_DEGC < self.degC[0] <= self.reference_degC <= self.degC[-1] < MAX_DEGC
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,17 +10,16 @@ import hashlib
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 from imumon.datasheet.elements import (
     Caution,
-    CurveFigure,
     DataTable,
     Document,
     Element,
-    FilterFigure,
+    Figure,
     GradeSummary,
     Heading,
-    HistoryFigure,
     Listing,
     Paragraph,
 )
@@ -31,9 +30,9 @@ from imumon.datasheet.evidence import (
     excluding_events,
     traceability_elements,
 )
-from imumon.datasheet.figures import legend_text
-from imumon.datasheet.filter_figure import QUANTITIES, filter_table, shown_axis
-from imumon.datasheet.history_figure import HistoryRows, history_table, series
+from imumon.datasheet.figures import legend_text, svg
+from imumon.datasheet.filter_figure import QUANTITIES, filter_svg, filter_table, shown_axis
+from imumon.datasheet.history_figure import HistoryRows, history_svg, history_table, series
 from imumon.datasheet.program_settings import settings_document
 from imumon.datasheet.signal_text import spectral_lines, turn_on_text, with_half_width
 from imumon.datasheet.tables import (
@@ -53,6 +52,7 @@ from imumon.datasheet.tables import (
     significant_digits,
     without_aliasing,
 )
+from imumon.datasheet.temperature_figure import temperature_elements
 from imumon.filter_report import FIX_WORDS, FilterReport
 from imumon.messages import (
     CAVEATS,
@@ -141,8 +141,8 @@ def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> It
     if sensors:
         yield Heading("Allan deviation")
         for sensor in sensors:
-            caption, legend = _figure_caption(report, sensor), legend_text(report, [sensor])
-            yield CurveFigure(sensor, caption, legend, _curve_table(report, sensor))
+            drawn, legend = partial(svg, report, sensor), f"{legend_text(report, [sensor])}."
+            yield Figure(_figure_caption(report, sensor), _curve_table(report, sensor), drawn, legend)
         yield from exact_elements(report)
         yield from conformity_elements(report)
         yield from budget_elements(report)
@@ -150,6 +150,7 @@ def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> It
     yield from _history(history)
     yield from _record(report)
     yield from _values(report)
+    yield from temperature_elements(report)
     if sensors:
         yield from _fit(report, sensors)
         yield from _filters(filters)
@@ -256,7 +257,7 @@ def _unit(sensor: str, letter: str) -> str:
 
 
 def _figure_caption(report: Report, sensor: str) -> str:
-    return f"{SENSOR_TITLES[sensor]}, Allan deviation in {_unit(sensor, 'B')}; {record_line(report)}"
+    return f"{SENSOR_TITLES[sensor]}, Allan deviation in {_unit(sensor, 'B')}; {record_line(report)}."
 
 
 def _curve_table(report: Report, sensor: str) -> DataTable:
@@ -316,7 +317,7 @@ def _history(rows: HistoryRows) -> Iterator[Element]:
         yield Heading("History")
     for sensor in sensors:
         caption = f"{SENSOR_TITLES[sensor]}: N of each period alone, with its 95 % limits. imumon history has all rows."
-        yield HistoryFigure(sensor, caption, history_table(rows, sensor), rows)
+        yield Figure(caption, history_table(rows, sensor), partial(history_svg, rows, sensor))
 
 
 def _filters(filters: FilterReport) -> Iterator[Element]:
@@ -350,7 +351,7 @@ def _filters(filters: FilterReport) -> Iterator[Element]:
                 f"{SENSOR_TITLES[sensor]} {shown[0]}, predicted error of the {QUANTITIES[sensor][0]} since the last "
                 "fix, root mean square: solid or first, what a filter has; dashed or second, what it states."
             )
-            yield FilterFigure(sensor, caption, filter_table(filters, sensor))
+            yield Figure(caption, filter_table(filters, sensor), partial(filter_svg, filters, sensor))
 
 
 # ---------------------------------------------------------------- the record

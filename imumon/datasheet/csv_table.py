@@ -9,6 +9,7 @@ statistic    mean, std, min, max       of the samples that count
 coefficient  its letter                with 95 % limits; only `high` where it is an upper bound; Q and R where they show
 corrected    N                         without aliasing, by the nominal factor of the sensor, where that is known
 allan        sigma                     Allan deviation at tau_s, with limits, model, noise and whether the fit uses it
+bias         degree 0, hysteresis ...  terms of the bias against the temperature, with limits
 exact        sigma                     fully overlapping Allan deviation; `difference` of the other one, a share
 uncertainty  its letter, bias          standard uncertainty by `source`; combined and expanded too
 check        N, B, K, floor            against `limit` of a data sheet, with verdict (`status`) and probability
@@ -94,6 +95,11 @@ def _channel_rows(channel: Channel) -> Iterator[Row]:
     row: Row
     for name in STATISTICS:
         yield {"kind": "statistic", "name": name, "unit": channel.unit, "value": getattr(channel, name)}
+    if (bias := channel.bias_curve) is not None:
+        for term in (*bias.terms, *filter(None, [bias.hysteresis])):
+            yield {"kind": "bias"} | {
+                key: getattr(term, key) for key in ("name", "unit", "value", "low", "high")
+            }
     if (curve := channel.allan) is not None:
         columns = ("tau_s", "value", "low", "high", "edf", "model", "noise", "used")
         points = zip(

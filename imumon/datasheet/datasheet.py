@@ -75,12 +75,12 @@ FORMS: Mapping[str, DocumentForm] = {
         lambda r, f, h: markdown(datasheet_content(r, f, h)), "the datasheet as Markdown", history=True
     ),
     "html": DocumentForm(
-        lambda r, f, h: html_page(datasheet_content(r, f, h), r, f),
+        lambda r, f, h: html_page(datasheet_content(r, f, h)),
         "the datasheet as one page to print",
         history=True,
     ),
     "pdf": DocumentForm(
-        lambda r, f, h: pdf_pages(datasheet_content(r, f, h), r, f),
+        lambda r, f, h: pdf_pages(datasheet_content(r, f, h)),
         "the datasheet as PDF (extra pdf)",
         binary=True,
         history=True,

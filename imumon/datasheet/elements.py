@@ -5,9 +5,9 @@ The Markdown form has tables and text only, so that it also reads well as plain 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,32 +49,13 @@ class DataTable:
 
 
 @dataclass(frozen=True, slots=True)
-class CurveFigure:
-    """Allan deviation of a sensor: a figure where the form has figures, else its numbers."""
+class Figure:
+    """A figure where the form has figures, else its numbers."""
 
-    sensor: str
-    caption: str
-    legend: str  # what the marks mean, for a figure
-    numbers: DataTable
-
-
-@dataclass(frozen=True, slots=True)
-class FilterFigure:
-    """Predicted error of a filter: a figure where the form has figures, else its numbers."""
-
-    sensor: str
     caption: str
     numbers: DataTable
-
-
-@dataclass(frozen=True, slots=True)
-class HistoryFigure:
-    """N of a sensor over days: a figure where the form has figures, else its numbers."""
-
-    sensor: str
-    caption: str
-    numbers: DataTable
-    rows: Sequence[Mapping[str, Any]]
+    svg: Callable[[], str]  # the element of an HTML page; empty: there is nothing to draw
+    legend: str = ""  # what the marks mean, for a figure
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,17 +64,7 @@ class Listing:
     text: str
 
 
-Element: TypeAlias = (
-    Heading
-    | Paragraph
-    | Caution
-    | GradeSummary
-    | DataTable
-    | CurveFigure
-    | FilterFigure
-    | HistoryFigure
-    | Listing
-)
+Element: TypeAlias = Heading | Paragraph | Caution | GradeSummary | DataTable | Figure | Listing
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,10 +96,8 @@ def _markdown_element(element: Element) -> str:
             return f"**{sensor}: {grade}** ({text.rstrip('.')})"
         case DataTable():
             return _markdown_table(element)
-        case CurveFigure(_, caption, _, numbers):
-            return f"{_markdown_table(numbers)}\n\n{_escaped(caption)}."
-        case FilterFigure(_, caption, numbers) | HistoryFigure(_, caption, numbers):
-            return f"{_markdown_table(numbers)}\n\n{caption}"
+        case Figure(caption, numbers):
+            return f"{_markdown_table(numbers)}\n\n{_escaped(caption)}"
         case Listing(language, text):
             return f"```{language}\n{text}\n```"
 

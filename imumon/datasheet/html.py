@@ -6,22 +6,15 @@ import html
 
 from imumon.datasheet.elements import (
     Caution,
-    CurveFigure,
     DataTable,
     Document,
     Element,
-    FilterFigure,
+    Figure,
     GradeSummary,
     Heading,
-    HistoryFigure,
     Listing,
     Paragraph,
 )
-from imumon.datasheet.figures import svg
-from imumon.datasheet.filter_figure import filter_svg
-from imumon.datasheet.history_figure import history_svg
-from imumon.filter_report import FilterReport
-from imumon.report import Report
 
 SHORT = 14  # rows up to which a table is not broken between two printed pages
 UNBROKEN = 30  # characters up to which a cell stays on one line
@@ -82,18 +75,10 @@ table.tall td, table.tall tbody th { height: 2.6rem; vertical-align: bottom; }
 """
 
 
-def html_page(document: Document, report: Report, filters: FilterReport) -> str:
-    """Return the whole datasheet; the curves are drawn from the report and the parameters for filters."""
-    grades = "".join(
-        _element(element, report, filters)
-        for element in document.elements
-        if isinstance(element, GradeSummary)
-    )
-    rest = [
-        _element(element, report, filters)
-        for element in document.elements
-        if not isinstance(element, GradeSummary)
-    ]
+def html_page(document: Document) -> str:
+    """Return the whole datasheet."""
+    grades = "".join(_element(each) for each in document.elements if isinstance(each, GradeSummary))
+    rest = [_element(each) for each in document.elements if not isinstance(each, GradeSummary)]
     title = html.escape(document.title)
     return "\n".join(
         [
@@ -122,7 +107,7 @@ def _css_text(text: str) -> str:
     return '"' + "".join(c if c.isalnum() and c.isascii() else f"\\{ord(c):06x}" for c in text) + '"'
 
 
-def _element(element: Element, report: Report, filters: FilterReport) -> str:
+def _element(element: Element) -> str:
     match element:
         case Heading(text):
             return f"<h2>{html.escape(text)}</h2>"
@@ -135,15 +120,9 @@ def _element(element: Element, report: Report, filters: FilterReport) -> str:
             return f'<div class="grade">{inner}</div>'
         case DataTable():
             return _table(element)
-        case CurveFigure(sensor, caption, legend, _):
-            drawn, text = svg(report, sensor), html.escape(f"{caption}. {legend}.")
+        case Figure(caption, _, svg, legend):
+            drawn, text = svg(), html.escape(f"{caption} {legend}".rstrip())
             return f"<figure>{drawn}<figcaption>{text}</figcaption></figure>" if drawn else ""
-        case FilterFigure(sensor, caption, _):
-            drawn = filter_svg(filters, sensor)
-            return f"<figure>{drawn}<figcaption>{html.escape(caption)}</figcaption></figure>" if drawn else ""
-        case HistoryFigure(sensor, caption, _, rows):
-            drawn = history_svg(rows, sensor)
-            return f"<figure>{drawn}<figcaption>{html.escape(caption)}</figcaption></figure>" if drawn else ""
         case Listing(_, text):
             return f"<pre>{html.escape(text)}</pre>"
 

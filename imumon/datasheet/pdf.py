@@ -11,8 +11,6 @@ from imumon.datasheet.elements import Document
 from imumon.datasheet.figures import PRINT
 from imumon.datasheet.html import html_page
 from imumon.errors import ImumonError
-from imumon.filter_report import FilterReport
-from imumon.report import Report
 
 FACES = {
     "DejaVuSans.ttf": ("DejaVu Sans", "normal"),
@@ -26,7 +24,7 @@ class PdfNotAvailable(ImumonError):
     """What writes PDF is not installed."""
 
 
-def pdf_pages(document: Document, report: Report, filters: FilterReport) -> bytes:
+def pdf_pages(document: Document) -> bytes:
     """Return the whole datasheet as PDF.
 
     Raises
@@ -44,7 +42,7 @@ def pdf_pages(document: Document, report: Report, filters: FilterReport) -> byte
         raise PdfNotAvailable(
             "pango_not_installed", message, f"apt install libpangoft2-1.0-0, {cure}"
         ) from None
-    page = html_page(document, report, filters)
+    page = html_page(document)
     for role, colour in PRINT.items():  # a figure cannot use the variables of its page
         page = page.replace(f"var(--{role})", colour)
     page = page.replace("</head>", f"<style>{_faces()}</style></head>")

@@ -122,7 +122,7 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
     if drift is not None and follows_temperature(drift):
         yield _slope(drift, unit)
     curve = channel.bias_curve
-    if curve is not None and curve.terms and follows_temperature(drift):
+    if curve is not None and curve.is_known and follows_temperature(drift):
         text = f"bias against the temperature of degree {len(curve.terms) - 1}, {curve.degC[0]:.1f} to "
         text += f"{curve.degC[-1]:.1f} {pretty('degC')}: {with_half_width(*_limits(curve.terms[1]))} {unit} per degree"
         if curve.hysteresis is not None:

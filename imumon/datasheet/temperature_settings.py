@@ -65,7 +65,7 @@ def sensor_curve(report: Report, sensor: str, reference_degC: float | None = Non
     reference_degC : degC; None: the middle of the temperatures of the record.
     """
     curves = {axis: channel.bias_curve for axis, channel in sensor_axes(report, sensor)}
-    whole = [each for each in curves.values() if each is not None and each.terms]
+    whole = [each for each in curves.values() if each is not None and each.is_known]
     if len(whole) < len(AXES):
         reasons = [each.reason for each in curves.values() if each is not None and each.reason]
         return SensorCurve(reasons[0] if reasons else "no_axis")

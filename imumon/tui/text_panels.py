@@ -13,7 +13,7 @@ from imumon.messages import (
     follows_temperature,
     grade_text,
 )
-from imumon.report import Channel, Drift, Event, Report, SensorGrade
+from imumon.report import Channel, Drift, Event, ModelColumn, Report, SensorGrade
 from imumon.tui.channel_table import GRADED
 from imumon.tui.compare import comparison
 from imumon.tui.formatting import Line, approximate_duration, fitted, length, padded, with_background, wrap
@@ -231,7 +231,7 @@ def drift(state: ViewState, width: int, height: int = 0) -> list[Line]:
         heat: list[Line] = [[(_LABEL.format("temperature"), "muted"), (now, "text")]]
         if degrees.min is not None and degrees.max is not None:
             heat.append([(f" ({degrees.min:.2f} to {degrees.max:.2f})", "muted")])
-        lines.append(fitted([*heat, *_effect(channel.drift, factor, unit)], width))
+        lines.append(fitted([*heat, *_effect(channel, factor, unit)], width))
     shape = channel.distribution
     if shape is not None and shape.recent_mean is not None and shape.recent_std is not None:
         mean, std = number(shape.recent_mean * factor, 4), number(shape.recent_std * factor, 3)
@@ -272,8 +272,9 @@ def _slope(drift: Drift | None, factor: float, unit: str, width: int) -> Line:
     return fitted(parts, width)
 
 
-def _effect(drift: Drift | None, factor: float, unit: str) -> list[Line]:
-    """Return the effect of a degree on the mean where it exceeds the noise."""
+def _effect(channel: Channel, factor: float, unit: str) -> list[Line]:
+    """Return the effect of a degree on the mean where it exceeds the noise, with the curve of the whole record."""
+    drift, curve = channel.drift, channel.bias_curve
     if drift is None:
         return []
     if drifts_with_temperature(drift):
@@ -282,7 +283,17 @@ def _effect(drift: Drift | None, factor: float, unit: str) -> list[Line]:
         return []
     if not follows_temperature(drift):
         return [[("   its effect: no more than noise", "muted")]]
-    parts: list[Line] = [[(f"   {number(drift.per_degC * factor, 3)} {unit} per degree", "text")]]
-    if drift.explained is not None:
-        parts.append([(f", {100 * drift.explained:.0f} % of the drift", "muted")])
-    return parts
+    if curve is None or not curve.is_known:
+        parts: list[Line] = [[(f"   {number(drift.per_degC * factor, 3)} {unit} per degree", "text")]]
+        if drift.explained is not None:
+            parts.append([(f", {100 * drift.explained:.0f} % of the drift", "muted")])
+        return parts
+    slope, loop = curve.terms[1], curve.hysteresis
+    rest = f", degree {len(curve.terms) - 1}"
+    rest += "" if loop is None else f", hysteresis {_with_error(loop, factor, 2)} {unit}"
+    return [[(f"   {_with_error(slope, factor, 3)} {unit} per degree", "text")], [(rest, "muted")]]
+
+
+def _with_error(column: ModelColumn, factor: float, digits: int) -> str:
+    half = 0.5 * (column.high - column.low) * factor
+    return f"{number(column.value * factor, digits)} ±{number(half, 2)}"

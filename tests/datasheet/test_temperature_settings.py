@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from commands import imumon
 
+from imumon.coefficients import unit_of
+from imumon.datasheet.temperature_figure import with_error
 from imumon.noise import synthesise
 from imumon.report import Report, from_json, to_json
 from imumon.samples import ACCEL, GYRO, Floats
@@ -108,6 +110,35 @@ def test_without_a_curve_nothing_is_written(tmp_path: Path, degrees: Floats, rea
     for form in ("px4-tc", "ardupilot-tcal"):
         assert reason in imumon("report", source, "--format", form, "-o", out, code=1)
         assert not out.exists()
+
+
+def test_the_datasheet_has_terms_curve_and_span(warm: tuple[Path, Report]) -> None:
+    path, report = warm
+    page, sheet = (imumon("report", path, "--format", form) for form in ("html", "md"))
+    rows = [
+        line for line in imumon("report", path, "--format", "csv").splitlines() if line.startswith("bias,")
+    ]
+    assert "## Bias against the temperature" in sheet
+    for sensor, title in (("gyro", "Gyroscope"), ("accel", "Accelerometer")):
+        assert f'aria-label="Bias of the {title.lower()} against the temperature"' in page
+        curve = report.channels[f"{sensor}/x"].bias_curve
+        assert curve is not None
+        factor = unit_of(sensor, "B").factor
+        slope = curve.terms[1]
+        shown = with_error(slope.value * factor, 0.5 * (slope.high - slope.low) * factor)
+        assert shown in page
+        assert shown in sheet
+        assert f"{curve.degC[0]:.1f} to {curve.degC[-1]:.1f} °C" in page
+        own = [row for row in rows if f",{sensor}/x," in row]
+        assert len(own) == len(curve.terms)
+        assert f",{slope.low},{slope.high}," in own[1]
+
+
+def test_the_datasheet_says_why_there_is_no_curve(tmp_path: Path) -> None:
+    source = table(tmp_path / "record.csv", np.full(LENGTH, 25.0), terms=False)
+    assert "Gyroscope: no curve, because the temperature hardly moves" in imumon(
+        "report", source, "--format", "md"
+    )
 
 
 def test_a_small_span_and_an_unseen_slope_are_no_facts(tmp_path: Path) -> None:

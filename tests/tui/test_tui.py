@@ -15,7 +15,7 @@ from textual.app import App
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from imumon.report import Drift, Report, from_json
+from imumon.report import BiasCurve, Drift, ModelColumn, Report, from_json
 from imumon.tui import export, text_panels
 from imumon.tui.app import ImumonApp
 from imumon.tui.formatting import Notation, length
@@ -329,6 +329,25 @@ def test_the_effect_of_temperature_is_a_number_only_beyond_noise() -> None:
     assert "its effect: no more than noise" in drift_text(channel.drift)
     assert "°/s per degree" in drift_text(beyond)
     assert "its effect" not in drift_text(replace(channel.drift, per_degC=None))
+
+
+def test_the_slope_of_the_curve_is_shown_with_its_limits() -> None:
+    report = reports.report()
+    columns = [ModelColumn(name=f"degree {k}", value=1e-4, low=9e-5, high=1.1e-4) for k in range(3)]
+    curve = BiasCurve(
+        reference_degC=25.0, terms=tuple(columns), hysteresis=columns[0], degC=(20.0, 30.0),
+        bias=(0.0, 0.0), low=(0.0, 0.0), high=(0.0, 0.0),
+    )  # fmt: skip
+    drift = Drift(per_hour=0.0, per_degC=1e-4, per_degC_low=9e-5, per_degC_high=1.1e-4)
+    channel = replace(report.channels["gyro/x"], drift=drift, bias_curve=curve)
+    shown = replace(report, channels={**report.channels, "gyro/x": channel})
+    state = ViewState(reports={reports.ID: shown}, id=reports.ID, channel="gyro/x")
+    for width, words in (
+        (80, ("±5.7e-04 °/s per degree",)),
+        (120, ("degree 2", "hysteresis 0.0057 ±5.7e-04")),
+    ):
+        text = "\n".join("".join(text for text, _ in line) for line in text_panels.drift(state, width, 4))
+        assert all(word in text for word in words)
 
 
 def test_without_a_daemon_the_screen_shows_commands() -> None:

@@ -1,0 +1,135 @@
+"""Bias against the temperature in the datasheet: terms, and the curve with its 95 % band as a figure of the page.
+
+The figure has the difference from the bias at the reference. Dashed is hysteresis: warming, and cooling.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+from typing import TYPE_CHECKING
+
+from imumon.coefficients import unit_of
+from imumon.datasheet.elements import DataTable, Element, Figure, Heading, Paragraph
+from imumon.datasheet.figures import MARKERS, PAGE, PAGE_INCHES, draw_frame, page_svg
+from imumon.datasheet.tables import SENSOR_TITLES, sensor_axes
+from imumon.messages import no_bias_curve
+from imumon.report import BiasCurve, ModelColumn, Report
+from imumon.units import figures, pretty
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def temperature_elements(report: Report) -> Iterator[Element]:
+    """Yield the curves of all sensors, or why there are none; nothing without a temperature."""
+    known = {sensor: dict(_curves(report, sensor)) for sensor in SENSOR_TITLES}
+    if any(curve.reason != "no_temperature" for curves in known.values() for curve in curves.values()):
+        yield Heading("Bias against the temperature")
+    for sensor, curves in known.items():
+        title = SENSOR_TITLES[sensor]
+        shown = {axis: curve for axis, curve in curves.items() if curve.is_known}
+        reasons = dict.fromkeys(curve.reason for curve in curves.values() if curve.reason)
+        for reason in reasons.keys() - {"no_temperature", None}:
+            text, cure = no_bias_curve(reason)
+            yield Paragraph(f"{title}: no curve, because {text}. What helps: {cure}.")
+        if not shown:
+            continue
+        unit, some = unit_of(sensor, "B"), next(iter(shown.values()))
+        name, reference = pretty(unit.unit), f"{some.reference_degC or 0.0:.1f} °C"
+        heads = [f"slope there, {name}/°C", *(f"degree {n}, {name}/°C{'²³'[n - 2]}" for n in (2, 3))]
+        head = (
+            title,
+            f"bias at {reference}, {name}",
+            *heads,
+            f"hysteresis, {name}",
+            "residual noise, without → with",
+        )
+        yield DataTable(head, tuple((axis, *_cells(curve, unit.factor)) for axis, curve in shown.items()))
+        text = f"{title}, bias less that at {reference}, in {name}; {some.degC[0]:.1f} to {some.degC[-1]:.1f} °C."
+        legend = (
+            "Band: 95 %, for another record as long; dashed: warming and cooling apart, where both occur."
+        )
+        numbers = DataTable(
+            (f"{title}: °C", *(f"{axis}, {name}" for axis in shown)), tuple(_rows(shown, unit.factor))
+        )
+        yield Figure(text, numbers, partial(temperature_svg, report, sensor), legend)
+    if any(curve.is_known for curves in known.values() for curve in curves.values()):
+        yield Paragraph(
+            "A polynomial of the temperature, with 95 % limits: those of the bias are for another record as long. It "
+            "holds within the span of the record only. The residual noise is that of means over blocks. The bias of "
+            "an accelerometer holds gravity. For a flight controller: imumon report --format px4-tc or ardupilot-tcal."
+        )
+
+
+def temperature_svg(report: Report, sensor: str) -> str:
+    """Return the curves of a sensor as an SVG element of the HTML page; empty without one."""
+    shown = {axis: curve for axis, curve in _curves(report, sensor) if curve.is_known}
+    unit = unit_of(sensor, "B")
+
+    def draw(panel: Axes) -> None:
+        for axis, curve in shown.items():
+            low, middle, high = (
+                _rise(curve, values, unit.factor) for values in (curve.low, curve.bias, curve.high)
+            )
+            panel.fill_between(curve.degC, low, high, color=PAGE[axis], alpha=0.18, linewidth=0.0)
+            panel.plot(curve.degC, middle, color=PAGE[axis], marker=MARKERS[axis], markersize=3.5, label=axis)
+            if curve.hysteresis is not None:
+                half, ends = 0.5 * curve.hysteresis.value * unit.factor, (curve.degC[0], curve.degC[-1])
+                for way in (half, -half):
+                    apart = [
+                        y + way * (1.0 - ((2.0 * t - sum(ends)) / ((ends[1] - ends[0]) or 1.0)) ** 2)
+                        for t, y in zip(curve.degC, middle, strict=True)
+                    ]
+                    panel.plot(curve.degC, apart, color=PAGE[axis], linewidth=0.9, linestyle=(0, (4, 2)))
+        panel.set_xlabel("temperature, °C", color=PAGE["text"])
+        panel.set_ylabel(f"bias, {pretty(unit.unit)}", color=PAGE["text"])
+        draw_frame(panel, PAGE)
+        panel.legend(
+            frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize=8,
+            labelcolor=PAGE["text"],
+        )  # fmt: skip
+
+    width, height = PAGE_INCHES
+    label = f"Bias of the {SENSOR_TITLES[sensor].lower()} against the temperature"
+    return page_svg(draw, f"temperature-{sensor}", label, (width, 0.7 * height)) if shown else ""
+
+
+def with_error(value: float, half: float) -> str:
+    """Return a value with the half-width of its limits, of which two digits count.
+
+    >>> with_error(12.3456, 0.123), with_error(-1000012.3, 250.0), with_error(2e-6, 3e-7), with_error(1.0, 0.0)
+    ('12.35 ±0.12', '-1,000,012 ±250', '2.0e-06 ±3e-07', '1.00')
+    """
+    if not half > 0.0:
+        return figures(value)
+    decimals = 1 - math.floor(math.log10(half))
+    if decimals > 5:
+        return f"{figures(value, 2)} ±{figures(half, 1)}"
+    return f"{value:,.{max(decimals, 0)}f} ±{half:,.{max(decimals, 0)}f}"
+
+
+def _curves(report: Report, sensor: str) -> Iterator[tuple[str, BiasCurve]]:
+    return (
+        (axis, each.bias_curve) for axis, each in sensor_axes(report, sensor) if each.bias_curve is not None
+    )
+
+
+def _cells(curve: BiasCurve, factor: float) -> Iterator[str]:
+    terms: list[ModelColumn | None] = [*curve.terms, None, None]
+    for each in (*terms[:4], curve.hysteresis):
+        yield "–" if each is None else with_error(each.value * factor, 0.5 * (each.high - each.low) * factor)
+    noise = (curve.std_without, curve.std_with)
+    yield " → ".join("–" if std is None else figures(std * factor, 2) for std in noise)
+
+
+def _rise(curve: BiasCurve, values: tuple[float, ...], factor: float) -> list[float]:
+    return [(value - curve.bias[len(curve.bias) // 2]) * factor for value in values]
+
+
+def _rows(shown: dict[str, BiasCurve], factor: float) -> Iterator[tuple[str, ...]]:
+    """Yield the rise of each axis at the temperatures of the first."""
+    columns = [(_rise(c, c.bias, factor), _rise(c, c.high, factor)) for c in shown.values()]
+    for k, degrees in enumerate(next(iter(shown.values())).degC):
+        yield (f"{degrees:.1f}", *(with_error(bias[k], high[k] - bias[k]) for bias, high in columns))
