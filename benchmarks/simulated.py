@@ -45,7 +45,7 @@ def points(estimator: Estimator, channel: int, rate: float) -> np.ndarray:
     known = estimator._known.get(channel)
     if known is None or isinstance(known.found, str):
         return np.full(3, math.nan)
-    surface: Surface = known.found.surface
+    surface: Surface = known.found.found.surface
     white = max(float(averaged(surface, surface.a, surface.a_variance)[0]), 0.0)
     both = [float(quantiles(surface, axis, np.array([0.5]))[0]) for axis in (0, 1)]
     return np.array([math.sqrt(white / rate), both[0], both[1] * math.sqrt(rate)])
