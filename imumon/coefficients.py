@@ -160,6 +160,10 @@ def unit_of(sensor: str, letter: str, si: str = "") -> CoefficientUnit:
     return unknown if row is None else row.units.get(sensor, unknown)
 
 
+BIAS_TERMS = ("slope", "degree_2", "degree_3")
+"""Terms of the bias against the temperature in the history, channel unit per degC, degC^2 and degC^3."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Excess:
     """Scatter of a coefficient between the quarters of a record beyond what their statistics explain."""

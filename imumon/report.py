@@ -285,10 +285,10 @@ class Change:
     """Change of N, B or bias against the hours before, the time before a step, or a baseline."""
 
     against: str  # "hours before", "time before" (a step of the bias), "history" (days) or "baseline"
-    quantity: str  # "N", "B" or "bias"
+    quantity: str  # "N", "B", "bias" or "slope" (against the temperature, per degC)
     before: float  # in the channel's unit of the quantity
     now: float  # in the channel's unit of the quantity
-    ratio: float | None  # now over before; null for the bias
+    ratio: float | None  # now over before; null for the bias and the slope
     sigma: float  # standard errors by which they differ
     since: str | None = None  # ISO 8601 in UTC, first day after the change; null: not against the history
     p_value: float | None = None  # probability of such a step by chance in days that scatter as these do

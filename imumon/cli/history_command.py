@@ -14,7 +14,7 @@ from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.query import ANSWER_S
-from imumon.coefficients import COEFFICIENTS, NOISE
+from imumon.coefficients import BIAS_TERMS, COEFFICIENTS, NOISE
 from imumon.history_report import STEPS
 
 ESTIMATE = 25
@@ -216,10 +216,21 @@ def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
         notes = ["in progress"] * (not each["complete"])
         others = [letter for letter in COEFFICIENTS if letter not in NOISE and each.get(letter)]
         notes += [f"{letter} {_readable(sensor, letter, each[letter])}" for letter in others]
+        notes += [_slope(sensor, slope)] if (slope := each.get(BIAS_TERMS[0])) else []
         notes += [f"{duration(each['excluded_s'])} excluded"] * (each["excluded_s"] >= 1.0)
         yield f"{line}  {', '.join(notes)}".rstrip() + "\n"
     if empty:
         yield "no rows in this time\n"
+
+
+def _slope(sensor: str, part: dict[str, Any]) -> str:
+    """Return the slope of the bias against the temperature in the readable unit, with its half-width."""
+    from imumon.coefficients import unit_of
+    from imumon.units import number, pretty
+
+    unit = unit_of(sensor, "B")
+    half = 0.5 * (part["high"] - part["low"]) * unit.factor
+    return f"slope {number(part['value'] * unit.factor, 3)} ±{number(half, 2)} {pretty(unit.unit)}/°C"
 
 
 def _readable(sensor: str, letter: str, part: dict[str, Any] | None) -> str:

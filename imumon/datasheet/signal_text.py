@@ -10,7 +10,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 
-from imumon.coefficients import unit_of
+from imumon.coefficients import BIAS_TERMS, unit_of
 from imumon.messages import drifts_with_temperature, follows_temperature
 from imumon.report import GRADED, Channel, Drift, ModelColumn, Report
 from imumon.samples import sensor_of
@@ -131,7 +131,8 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
     if turn_on := turn_on_text(name, channel):
         yield f"turn-on bias repeatability {turn_on}"
     for change in channel.changes:
-        scale = unit_of(sensor_of(name), change.quantity, channel.unit)
+        si = f"{channel.unit}/degC" if change.quantity == BIAS_TERMS[0] else channel.unit
+        scale = unit_of(sensor_of(name), change.quantity, si)
         before, now = (figures(value * scale.factor) for value in (change.before, change.now))
         against = f"against the {change.against}"
         if change.since is not None and change.p_value is not None:

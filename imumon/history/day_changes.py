@@ -1,4 +1,4 @@
-"""Changes of a sensor over days: the daily rows of its history, tested for a step in N and B.
+"""Changes of a sensor over days: the daily rows of its history, tested for a step in N, B and the temperature slope.
 
 A day counts once it is over, with at least an hour of samples and without the warm-up. The days of several records are
 one series: it is the same sensor.
@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from imumon.coefficients import BIAS_TERMS, LIMIT_95
 from imumon.history.store import TimedPeriod
 from imumon.noise.stretches.change import LEAST_CHANGE
 from imumon.noise.stretches.day_change import DAYS_KEPT, find_day_change
@@ -21,6 +22,9 @@ from imumon.units import DAY
 
 AGAINST = "history"
 """What such a change is a change against, in the report."""
+SLOPE = BIAS_TERMS[0]
+TINY = 1e-9
+"""Relative, least error of a slope."""
 LEAST_S = 3600.0
 """s of samples that a day must have: B needs an hour."""
 
@@ -55,9 +59,8 @@ class DayChanges:
         for name in names:
             if sensor_of(name) not in ("gyro", "accel", "mag"):
                 continue
-            changes = [
-                change for letter in LEAST_CHANGE if (change := _change(days, name, letter)) is not None
-            ]
+            letters = (*LEAST_CHANGE, SLOPE)
+            changes = [change for letter in letters if (change := _change(days, name, letter)) is not None]
             if changes:
                 found[name] = tuple(changes)
         self.changes = found
@@ -71,16 +74,18 @@ def _counts(timed: TimedPeriod) -> bool:
 
 def _change(days: Sequence[TimedPeriod], name: str, letter: str) -> Change | None:
     """Return the step in a coefficient of a channel; None if there is none."""
-    known = []
+    known, errors = [], []
     for each in days:
         channel = each.period.channels.get(name)
         part = channel.coefficients.get(letter) if channel is not None else None
-        if part is not None and part.value:
+        if part is not None and part.value and part.low is not None and part.high is not None:
             known.append((each, part.value))
+            errors.append(max(part.high - part.low, TINY * abs(part.value)) / (2.0 * LIMIT_95))
     values = np.array([value for _, value in known], dtype=np.float64)
     heat = [each.period.temperature for each, _ in known]
     temperatures = np.array([math.nan if t is None else t for t in heat], dtype=np.float64)
-    step = find_day_change(values, temperatures, LEAST_CHANGE[letter])
+    own = np.array(errors, dtype=np.float64) if letter == SLOPE else None
+    step = find_day_change(values, temperatures, LEAST_CHANGE.get(letter, 0.0), own)
     if step is None:
         return None
     return Change(
@@ -88,7 +93,7 @@ def _change(days: Sequence[TimedPeriod], name: str, letter: str) -> Change | Non
         quantity=letter,
         before=step.before,
         now=step.now,
-        ratio=step.ratio,
+        ratio=None if letter == SLOPE else step.ratio,
         sigma=step.sigma,
         since=stamp(datetime.fromtimestamp(known[step.day][0].begin, UTC)),
         p_value=step.p_value,
@@ -97,8 +102,11 @@ def _change(days: Sequence[TimedPeriod], name: str, letter: str) -> Change | Non
 
 def change_text(name: str, change: Change) -> str:
     """Return a change as text, such as ``N of gyro/y grew by 12 % since 3 November, p = 1e-06``."""
-    verb = "grew" if (change.ratio or 1.0) > 1.0 else "fell"
     since = datetime.fromisoformat(change.since) if change.since else None
     when = f" since {since.day} {since:%B}" if since is not None else ""
-    share = f"{abs((change.ratio or 1.0) - 1.0):.0%}".replace("%", " %")
-    return f"{change.quantity} of {name} {verb} by {share}{when}, p = {change.p_value:.0e}"
+    if change.ratio is None:
+        moved = f"against the temperature moved from {change.before:.3g} to {change.now:.3g} per degC"
+    else:
+        verb = "grew" if change.ratio > 1.0 else "fell"
+        moved = f"{verb} by {abs(change.ratio - 1.0):.0%}".replace("%", " %")
+    return f"{change.quantity} of {name} {moved}{when}, p = {change.p_value:.0e}"

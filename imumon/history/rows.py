@@ -9,10 +9,11 @@ from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from typing import Any
 
+from imumon.history.schema import ESTIMATE_COLUMNS
 from imumon.history.selection import Selection
 from imumon.history.store import TimedPeriod
 from imumon.history_report import STEPS
-from imumon.report import COEFFICIENTS, Estimate, stamp
+from imumon.report import Estimate, stamp
 from imumon.samples import UNITS, sensor_of
 
 DIGITS = 7
@@ -43,7 +44,7 @@ def rows(timed: TimedPeriod, device: str, selected: Selection | None = None) -> 
             "channel": name,
             "step": _STEP_NAMES[period.step_s],
             "unit": UNITS.get(sensor_of(name), ""),
-            **{letter: _limits(channel.coefficients.get(letter)) for letter in COEFFICIENTS},
+            **{letter: _limits(channel.coefficients.get(letter)) for letter in ESTIMATE_COLUMNS},
             "mean": _rounded(channel.mean),
             "std": _rounded(channel.std),
             "grade": period.grades.get(sensor_of(name)),
@@ -66,7 +67,7 @@ def csv_pieces(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
     for each in objects:
         flat: dict[str, Any] = {}
         for name, value in each.items():
-            if name in COEFFICIENTS:
+            if name in ESTIMATE_COLUMNS:
                 parts = value or dict.fromkeys(_LIMITS)
                 flat |= {name if part == "value" else f"{name}_{part}": parts[part] for part in _LIMITS}
             else:

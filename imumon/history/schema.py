@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from imumon.coefficients import COEFFICIENTS
+from imumon.coefficients import BIAS_TERMS, COEFFICIENTS
 
 MIGRATIONS = (
     """
@@ -64,6 +64,6 @@ VERSION = len(MIGRATIONS)
 
 ESTIMATE_COLUMNS = {
     letter: tuple(f"{letter.lower()}{part}" for part in ("", "_low", "_high", "_status"))
-    for letter in COEFFICIENTS
+    for letter in (*COEFFICIENTS, *BIAS_TERMS)
 }
 """Columns of ``noise`` by letter. A file that does not have some of them gets them when it is opened for writing."""

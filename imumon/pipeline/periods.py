@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from imumon.coefficients import BIAS_TERMS, Estimate
 from imumon.history_report import HistoryPeriod, PeriodChannel
 from imumon.noise.fit import Estimator
 from imumon.noise.stretches.stretches import STEPS_S, Stretch
@@ -112,16 +113,25 @@ class Periods:
             temperature=temperature,
             warming_up=self._analysis.warming_up,
             grades={sensor: grade.nearest for sensor, grade in self._analysis.grades.items()},
-            channels=self._channels(stretch, moments),
+            channels=self._channels(stretch, moments, complete=complete),
         )
 
-    def _channels(self, stretch: Stretch, moments: Sequence[Any]) -> dict[str, PeriodChannel]:
+    def _channels(
+        self, stretch: Stretch, moments: Sequence[Any], *, complete: bool
+    ) -> dict[str, PeriodChannel]:
         record = self._record
         estimator, length = self._estimators[stretch.step_s], stretch.end - stretch.start
         fits = estimator.fit_sums(stretch.sums, length, self._analysis.resolution)
+        # a day: a shorter period seldom spans enough temperature
+        whole = complete and stretch.step_s == STEPS_S[-1]
+        curves = estimator.bias_curves(stretch.sums) if whole else ()
         channels = {}
         for column, name in enumerate(record.channels):
             own = moments[column]
-            known = fits[column].coefficients if column < len(fits) else {}
+            known = dict(fits[column].coefficients) if column < len(fits) else {}
+            for term, each in zip(
+                BIAS_TERMS, curves[column].terms[1:] if column < len(curves) else (), strict=False
+            ):
+                known[term] = Estimate(value=each.value, low=each.low, high=each.high, status="measured")
             channels[name] = PeriodChannel(mean=own.mean, std=own.std, coefficients=known)
         return channels

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import imumon
 from histories import BEGIN, NAMES, period, write
 from reports import warming_up as report
 
+from imumon.datasheet.signal_text import signal_lines
 from imumon.history import History
 from imumon.history.day_changes import DayChanges, change_text
 from imumon.history.power_ups import LEAST_POWER_UPS, PowerUps
@@ -17,7 +20,7 @@ from imumon.history.rows import iso
 from imumon.history.store import TimedPeriod
 from imumon.noise.statistics.moments import deviation_limits
 from imumon.noise.stretches.day_change import find_day_change
-from imumon.report import Distribution, Event
+from imumon.report import Distribution, Estimate, Event
 
 DAY = 86400.0
 
@@ -61,6 +64,63 @@ def test_noise_that_follows_the_temperature_is_no_change() -> None:
     values = np.exp(0.01 * (heat - 20.0) + 0.005 * rng.standard_normal(40))
     assert find_day_change(values, heat, 0.05) is None
     assert find_day_change(values, np.full(40, np.nan), 0.05) is not None
+
+
+def with_slopes(slopes: list[float], error: float) -> list[TimedPeriod]:
+    """Return days of a sensor with slopes of gyro/x against the temperature, the last of which is known badly."""
+    made = []
+    for number, slope in enumerate(slopes):
+        day = period(number, step_s=86400, begin=BEGIN + number * DAY)
+        half = 2.0 * error * (100.0 if number == len(slopes) - 1 else 1.0)
+        channel = day.period.channels["gyro/x"]
+        known = {
+            **channel.coefficients,
+            "slope": Estimate(value=slope, low=slope - half, high=slope + half, status="measured"),
+        }
+        channels = {**day.period.channels, "gyro/x": replace(channel, coefficients=known)}
+        made.append(replace(day, period=replace(day.period, channels=channels)))
+    return made
+
+
+def test_a_step_of_the_slope_is_judged_by_the_errors_of_the_days() -> None:
+    """Of any sign; a day with a wide error, however far off, is no change."""
+    scatter = 1e-7 * np.random.default_rng(5).standard_normal(30)
+    slopes = np.where(np.arange(30) < 20, -1e-6, 1e-6) + scatter
+    for values, expected in ((scatter, 0), (np.append(scatter, 1e-5), 0), (slopes, 1)):
+        judged = DayChanges()
+        judged.add(with_slopes(values.tolist(), 1e-7))
+        assert len(judged.changes.get("gyro/x", ())) == expected
+    (change,) = judged.changes["gyro/x"]
+    assert (change.quantity, change.ratio, change.since) == ("slope", None, "2026-01-21T00:00:00.000Z")
+    assert (change.before, change.now) == (pytest.approx(-1e-6, abs=2e-7), pytest.approx(1e-6, abs=2e-7))
+    text = change_text("gyro/x", change)
+    assert text.startswith("slope of gyro/x against the temperature moved from -")
+    assert " per degC since 21 January, p = " in text
+    shown = report()
+    shown = replace(
+        shown, channels={**shown.channels, "gyro/x": replace(shown.channels["gyro/x"], changes=(change,))}
+    )
+    assert "rad/s/°C (against the history" in "\n".join(signal_lines(shown))
+
+
+def test_the_history_prints_the_slope_of_a_day(tmp_path: Path) -> None:
+    write(tmp_path, "imu", with_slopes([-1e-6] * 3, 1e-7))
+    ask = ["history", "--state", tmp_path, "--since", "2026-01-01", "--until", "2026-01-03", "--step", "1d"]
+    text = imumon(*ask, "--channel", "gyro")
+    assert text.count("slope -0.206 ±0.041 °/h/°C") == 2
+    assert text.count("slope") == 3
+    assert '"slope":{"value":-1e-06,"low":-1.2e-06,' in imumon(*ask, "--json")
+
+
+def test_slopes_that_scatter_give_no_false_alarms() -> None:
+    """1,000 series of 30 days whose errors differ tenfold."""
+    rng = np.random.default_rng(6)
+    alarms = 0
+    for _ in range(1000):
+        errors = np.exp(rng.uniform(0.0, np.log(10.0), 30))
+        series = errors * rng.standard_normal(30)
+        alarms += find_day_change(series, np.full(30, 25.0), 0.0, errors) is not None
+    assert alarms <= 1
 
 
 @pytest.mark.parametrize(("correlation", "most"), [(0.0, 0), (0.8, 16), (1.0, 36)])

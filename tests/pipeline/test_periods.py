@@ -69,6 +69,22 @@ def test_noise_belongs_to_its_own_period() -> None:
     assert first.channels["gyro/y"].std == pytest.approx(1e-3, rel=0.05)
 
 
+def test_a_day_has_the_slope_against_its_temperature() -> None:
+    made, samples = monitor(), values(2.0)
+    heat = 20.0 * (1.0 - np.exp(-np.arange(len(samples)) / (0.2 * len(samples))))
+    samples[:, 2] += heat
+    samples[:, 0] += 1e-4 * heat
+    feed(made, samples)
+    made.flush()
+    made.end_record()
+    (day,) = of(made.periods(), 86400)
+    slope = day.channels["gyro/x"].coefficients["slope"]
+    assert slope.low is not None
+    assert slope.high is not None
+    assert slope.low < 1e-4 < slope.high
+    assert "slope" not in day.channels["temperature"].coefficients
+
+
 @pytest.mark.parametrize("chunk", [64, 5000])
 def test_any_chunking_gives_the_same_periods(chunk: int) -> None:
     samples = values(1.1)

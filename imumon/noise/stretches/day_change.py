@@ -1,10 +1,11 @@
-"""Change of N or B over days, tested against the scatter in the sensor's own history.
+"""Change of N, B or the temperature slope over days, tested against the scatter in the sensor's own history.
 
 The limits of a fit say how well a day determines N, if the sensor is constant. Real sensors scatter more from day to
 day, and only that scatter says whether a difference is one. The test is a regression of the logarithms of the daily
-values on a step, and on the temperature if it varied. Its standard error comes from the residuals; it is larger where
-neighbouring days resemble each other, by the factor for means of a first-order autoregressive process,
-sqrt((1 + r) / (1 - r)) (Brockwell & Davis, Introduction to Time Series and Forecasting, section 2.4). Every day may be
+values on a step, and on the temperature if it varied. Slopes have any sign: they count as they are, weighted by the
+errors of the days. The standard error comes from the residuals; it is larger where neighbouring days resemble each
+other, by the factor for means of a first-order autoregressive process, sqrt((1 + r) / (1 - r)) (Brockwell & Davis,
+Introduction to Time Series and Forecasting, section 2.4). Every day may be
 the day of the step: the probability is multiplied by their number (Bonferroni).
 """
 
@@ -57,18 +58,21 @@ class DayChange:
 
     @property
     def ratio(self) -> float:
-        """The level after the step over that before."""
+        """The level after the step over that before, of positive values."""
         return self.now / self.before
 
 
-def find_day_change(values: Floats, temperatures: Floats, least: float) -> DayChange | None:
+def find_day_change(
+    values: Floats, temperatures: Floats, least: float, errors: Floats | None = None
+) -> DayChange | None:
     """Return the most significant step in daily values; None if there is none.
 
     Parameters
     ----------
-    values : (n,) positive, one per day, oldest first.
+    values : (n,) one per day, oldest first; positive without errors.
     temperatures : (n,) degC, NaN where unknown.
     least : relative change below which a step does not matter.
+    errors : (n,) unit of the values, standard errors of the days; None: logarithms are compared, days are alike.
 
     Examples
     --------
@@ -83,16 +87,18 @@ def find_day_change(values: Floats, temperatures: Floats, least: float) -> DayCh
     n = len(values)
     if n <= DAYS_BEFORE:
         return None
-    logs = np.log(values)
+    logs, weight = (
+        (np.log(values), np.full(n, 1.0 / LEAST_SCATTER)) if errors is None else (values, 1.0 / errors)
+    )
     base = [np.ones(n)]
     if np.isfinite(temperatures).all() and float(np.std(temperatures)) > LEAST_SPAN_DEGC:
         base.append(temperatures - temperatures.mean())
     steps = (np.arange(n)[None, :] >= np.arange(DAYS_BEFORE, n)[:, None]).astype(np.float64)
     # Frisch-Waugh: the coefficient of the step from what the other regressors leave of it and of the values
-    basis, _ = np.linalg.qr(np.stack(base, axis=1))
-    y = logs - basis @ (basis.T @ logs)
-    left = steps - (steps @ basis) @ basis.T
-    power = np.maximum((left**2).sum(axis=1), 1e-9)
+    basis, _ = np.linalg.qr(weight[:, None] * np.stack(base, axis=1))
+    y = weight * logs - basis @ (basis.T @ (weight * logs))
+    left = weight * steps - (weight * steps @ basis) @ basis.T
+    power = np.maximum((left**2).sum(axis=1), 1e-9 * float(weight @ weight))
     heights = left @ y / power
     squares = np.maximum((y**2).sum() - heights**2 * power, 0.0)
     dof = max(n - len(base) - 1, 1)
@@ -100,15 +106,17 @@ def find_day_change(values: Floats, temperatures: Floats, least: float) -> DayCh
     residuals = y - heights[best] * left[best]
     r = _correlation(residuals)
     inflation = math.sqrt((1.0 + r) / (1.0 - r))
-    scatter = max(math.sqrt(float(squares[best]) / dof), LEAST_SCATTER)
+    scatter = max(math.sqrt(float(squares[best]) / dof), 1.0)
     sigma = abs(float(heights[best])) / (scatter * inflation / math.sqrt(float(power[best])))
     effective = max(dof * (1.0 - r) / (1.0 + r), LEAST_DOF)
     p = min(1.0, 2.0 * float(stdtr(effective, -sigma)) * len(steps))
     if p > ALARM or abs(heights[best]) < math.log1p(least):
         return None
-    level = np.linalg.lstsq(np.stack((*base, steps[best]), axis=1), logs, rcond=None)[0][0]
-    before = math.exp(float(level))
-    return DayChange(DAYS_BEFORE + best, before, before * math.exp(float(heights[best])), sigma, p)
+    columns = weight[:, None] * np.stack((*base, steps[best]), axis=1)
+    before = float(np.linalg.lstsq(columns, weight * logs, rcond=None)[0][0])
+    levels = (before, before + float(heights[best]))
+    before, now = levels if errors is not None else map(math.exp, levels)
+    return DayChange(DAYS_BEFORE + best, before, now, sigma, p)
 
 
 def _correlation(residuals: Floats) -> float:
