@@ -7,6 +7,7 @@ JSON uses ASCII spellings, `pretty` returns those for a screen.
 from __future__ import annotations
 
 import math
+import re
 from itertools import pairwise
 
 DEG = math.degrees(1.0)
@@ -123,3 +124,25 @@ def duration(seconds: float) -> str:
     (big, big_name), (small, small_name) = next(two for two in pairwise(units) if total >= two[0][0])
     rest, head = total % big // small, f"{total // big} {big_name}"
     return f"{head} {rest} {small_name}" if rest and total < 100 * big else head
+
+
+_SECONDS = {"u": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": HOUR, "d": DAY, "w": 7.0 * DAY}
+_LENGTH = r"(\d+(?:\.\d*)?|\.\d+)\s*(u|ms|s|m|min|h|d|w)\s*"
+
+
+def seconds(text: str) -> float:
+    """Return the seconds of a length of time that somebody wrote; raise ValueError if it is none.
+
+    The units are those of Zenoh, and min.
+
+    >>> seconds("90"), seconds("90s"), seconds("10m"), seconds("1h30m"), seconds("0.5 d"), seconds("1e3")
+    (90.0, 90.0, 600.0, 5400.0, 43200.0, 1000.0)
+    """
+    text = text.strip().lower()
+    if re.fullmatch(f"({_LENGTH})+", text, re.ASCII):
+        total = sum(float(value) * _SECONDS[unit] for value, unit in re.findall(_LENGTH, text, re.ASCII))
+    else:
+        total = float(text)
+    if not 0.0 <= total < math.inf:
+        raise ValueError("a length of time is finite")
+    return total

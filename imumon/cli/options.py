@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
+from imumon import units
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.output import print_message_once
 
@@ -94,26 +94,12 @@ def rate(text: str) -> float:
     return value
 
 
-_SECONDS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
-
-
 def seconds(text: str) -> float:
-    """Return a duration in seconds.
-
-    >>> seconds("90"), seconds("90s"), seconds("10m"), seconds("1h30m"), seconds("0.5 d"), seconds("1e3")
-    (90.0, 90.0, 600.0, 5400.0, 43200.0, 1000.0)
-    """
-    with suppress(argparse.ArgumentTypeError):
-        return positive(text)
-    parts = re.findall(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)\s*", text.lower())
-    complete = "".join(f"{value}{unit}" for value, unit in parts) == re.sub(r"\s+", "", text.lower())
-    try:
-        total = sum(float(value) * _SECONDS[unit or "s"] for value, unit in parts)
-    except KeyError:
-        total = 0.0
-    if not complete or not 0.0 < total < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a duration; write 90, 90s, 10m, 2h or 1h30m")
-    return total
+    """Return a duration in seconds."""
+    with suppress(ValueError):
+        if value := units.seconds(text):
+            return value
+    raise argparse.ArgumentTypeError(f"{text!r} is not a duration; write 90, 90s, 10m, 2h or 1h30m")
 
 
 def horizon(text: str) -> float:

@@ -14,13 +14,10 @@ from datetime import UTC, datetime
 
 from imumon.errors import ImumonError
 from imumon.history_report import STEPS
-from imumon.units import DAY
+from imumon.units import DAY, seconds
 
 FINE_S, MIDDLE_S = 2.0 * DAY, 62.0 * DAY
 """s, longest spans that are answered in steps of 10 minutes and of an hour if no step is asked for."""
-
-_UNITS = {"u": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": DAY, "w": 604800.0}
-_DURATION = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(u|ms|min|s|m|h|d|w)?", re.ASCII)
 
 
 class SelectionError(ImumonError):
@@ -102,17 +99,22 @@ def moment(text: str, now: float) -> float:
     (86400.0, 5.0, 3600.0, 0.0)
     """
     text = text.strip()
-    if (relative := re.fullmatch(r"now\(\s*([+-]?)\s*([^()]*)\)", text)) is not None:
-        if not relative[2].strip():
-            return now
-        return now + (-1.0 if relative[1] == "-" else 1.0) * _duration(relative[2])
-    if re.fullmatch(r"[\d.]+\s*[a-z]+(\s*[\d.]+\s*[a-z]+)*", text):
-        return now - _duration(text)
+    relative = re.fullmatch(r"now\(\s*([+-]?)\s*([^()]*)\)", text)
     try:
-        known = datetime.fromisoformat(text)
-        return (known if known.tzinfo else known.replace(tzinfo=UTC)).timestamp()
-    except (ValueError, OverflowError):
+        if relative is not None:
+            length_s = seconds(relative[2]) if relative[2] else 0.0
+            time = now - length_s if relative[1] == "-" else now + length_s
+        else:
+            try:
+                known = datetime.fromisoformat(text)
+            except ValueError:
+                time = now - seconds(text)
+            else:
+                time = (known if known.tzinfo else known.replace(tzinfo=UTC)).timestamp()
+        datetime.fromtimestamp(time, UTC)  # between the years 1 and 9999
+    except (ValueError, OverflowError, OSError):
         raise _invalid(text) from None
+    return time
 
 
 def _time_range(text: str, now: float) -> tuple[float | None, float | None]:
@@ -125,15 +127,10 @@ def _time_range(text: str, now: float) -> tuple[float | None, float | None]:
     if not separator:
         raise _invalid(text)
     since = moment(first, now)
-    return since, since + _duration(length)
-
-
-def _duration(text: str) -> float:
-    """Return a duration such as ``1h30m``, s."""
-    parts = _DURATION.findall(text)
-    if not parts or "".join(a + b for a, b in parts) != re.sub(r"\s", "", text) or len(text) > 40:
-        raise _invalid(text)
-    return float(sum(float(value) * _UNITS[unit or "s"] for value, unit in parts))
+    try:
+        return since, since + seconds(length)
+    except ValueError:
+        raise _invalid(length) from None
 
 
 def _invalid(text: str) -> SelectionError:

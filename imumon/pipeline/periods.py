@@ -8,6 +8,7 @@ is fitted again when it has grown enough to show, like the record itself (`imumo
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from imumon.coefficients import BIAS_TERMS, Estimate
@@ -58,7 +59,7 @@ class Periods:
     def in_progress(self, *, force: bool = False) -> list[HistoryPeriod]:
         """Return the periods in progress; those of the last call unless they have grown, or with `force`.
 
-        Longer ones are fitted again only when a shorter one has ended.
+        Longer ones that began earlier are fitted again only when a shorter one has ended.
         """
         record = self._record
         if not force and record.elapsed_s < self._due_s:
@@ -70,6 +71,11 @@ class Periods:
                 self._current.pop(step, None)
             else:
                 self._current[step] = self._period(stretch, complete=False)
+        shortest = self._current.get(STEPS_S[0])
+        for step in STEPS_S[1:] if shortest is not None else ():
+            if self._counted[step] == self._counted[STEPS_S[0]]:  # both began together
+                number = shortest.number * STEPS_S[0] // step
+                self._current[step] = replace(shortest, step_s=step, number=number)
         own = record.elapsed_s % STEPS_S[0]
         self._due_s = record.elapsed_s + min(max(LEAST_PAUSE_S, PAUSE_GROWTH * own), LONGEST_PAUSE_S)
         return list(self._current.values())

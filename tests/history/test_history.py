@@ -295,7 +295,16 @@ def test_the_step_suits_the_time() -> None:
     assert steps == ["10m", "10m", "1h", "1d"]
 
 
-@pytest.mark.parametrize("text", ["2026-13-01", "", "x", "now(", "now(-1x)", "1e400d", "9" * 50 + "y"])
+@pytest.mark.parametrize("text", ["90", "90s", "1.5m", "1m30s", "1 min 30 s", "9e1"])
+def test_a_duration_has_the_form_of_all_commands(text: str) -> None:
+    assert moment(text, 1000.0) == 910.0
+    assert of_parameters(f"_time=[now(-{text})..now()]", 1000.0).since == 910.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["2026-13-01", "", "x", "now(", "now(-1x)", "1e400d", "9" * 50 + "y", "9" * 15 + "d", "now(1e300)", "1h30", "nan"],
+)
 def test_a_time_that_is_none(text: str) -> None:
     with pytest.raises(SelectionError):
         moment(text, 0.0)

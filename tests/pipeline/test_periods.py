@@ -85,6 +85,18 @@ def test_a_day_has_the_slope_against_its_temperature() -> None:
     assert "slope" not in day.channels["temperature"].coefficients
 
 
+@pytest.mark.parametrize("hours", [0.05, 1.05])
+def test_a_young_period_of_any_length_shows_what_it_has(hours: float) -> None:
+    made = monitor()
+    made.periods_in_progress()  # a daemon asks before the first sample
+    feed(made, values(hours))
+    young, *longer = made.periods_in_progress()
+    assert [each.step_s for each in longer] == [3600, 86400]
+    assert longer[0].samples == young.samples > 0
+    assert (longer[0].begin_age_s, longer[0].channels) == (young.begin_age_s, young.channels)
+    assert [each.number for each in longer] == [round(hours), 0]
+
+
 @pytest.mark.parametrize("chunk", [64, 5000])
 def test_any_chunking_gives_the_same_periods(chunk: int) -> None:
     samples = values(1.1)
