@@ -11,6 +11,7 @@ import re
 import typing
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import fields, is_dataclass, replace
+from functools import cache
 from typing import Any, Literal
 
 MAX_NUMBER = 1e150  # numbers from outside are smaller: squares and other units are finite
@@ -55,13 +56,18 @@ def members(part: Any) -> dict[str, Any]:
     if not is_dataclass(part):
         return dict(part)
     out: dict[str, Any] = {}
-    for each in fields(part):
-        value = getattr(part, each.name)
-        names = each.metadata.get("entries")
-        out |= {each.name: value} if names is None else {name: value.get(name) for name in names}
+    for name, names in _fields(type(part)):
+        value = getattr(part, name)
+        out |= {name: value} if names is None else {name: value.get(name) for name in names}
     for name, own in getattr(part, "DERIVED", {}).items():
         out[name] = {key: getattr(getattr(part, name), key) for key in own}
     return out
+
+
+@cache
+def _fields(cls: Any) -> tuple[tuple[str, tuple[str, ...] | None], ...]:
+    """Return the fields of a class with their `entries`; a report has 170 parts, every second."""
+    return tuple((each.name, each.metadata.get("entries")) for each in fields(cls))
 
 
 class JsonReader:

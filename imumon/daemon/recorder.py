@@ -7,11 +7,13 @@ before that wait in memory. A full disk ends the recording, not the daemon.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from imumon.config import RecordSettings
 from imumon.errors import ImumonError
-from imumon.recordings import CaptureWriter, check_place
+
+if TYPE_CHECKING:  # most daemons record nothing
+    from imumon.recordings import CaptureWriter
 
 EARLY_BYTES = 1 << 20
 """Bytes after which a recording starts even if nothing of the stream is known yet."""
@@ -46,6 +48,8 @@ class Recorder:
         RecordingError : it cannot.
         """
         if self.needs_header:
+            from imumon.recordings import check_place
+
             self._pipe = check_place(self._settings.file)
 
     @property
@@ -67,6 +71,8 @@ class Recorder:
         -------
         Path of the file, None if there is a problem: an existing file is not overwritten.
         """
+        from imumon.recordings import CaptureWriter
+
         early, self._early, self.needs_header = bytes(self._early), bytearray(), False
         rotate = int(self._settings.rotate_mb * 1e6)
         try:

@@ -64,6 +64,7 @@ class MetricsServer:
             except OSError as error:
                 reason = (error.strerror or str(error)).lower()
                 continue
+            self._server.socket.listen()  # the server has let 5 clients wait; further ones tried again after 1 s
             if handler := getattr(self._server, "RequestHandlerClass", None):
                 handler.timeout = REQUEST_S
             # a client that stops in its request is no fault of the daemon: the server would print a traceback

@@ -303,7 +303,18 @@ def test_a_duration_has_the_form_of_all_commands(text: str) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["2026-13-01", "", "x", "now(", "now(-1x)", "1e400d", "9" * 50 + "y", "9" * 15 + "d", "now(1e300)", "1h30", "nan"],
+    [
+        "2026-13-01",
+        "",
+        "x",
+        "now(",
+        "now(-1x)",
+        "1e400d",
+        "9" * 50 + "y",
+        "9" * 15 + "d",
+        "now(1e300)",
+        "1h30",
+    ],
 )
 def test_a_time_that_is_none(text: str) -> None:
     with pytest.raises(SelectionError):

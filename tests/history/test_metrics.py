@@ -11,7 +11,7 @@ import subprocess
 import time
 import urllib.request
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -184,3 +184,15 @@ def test_a_request_that_stops_prints_nothing(
             assert client.recv(1) == b""  # the server gives up
     server.close()
     assert capfd.readouterr() == ("", "")
+
+
+def test_many_clients_that_stop_delay_no_other() -> None:
+    """The kernel repeats a connection that finds the queue of the server full after 1 s."""
+    server = MetricsServer(f"127.0.0.1:{free_port()}")
+    host, _, port = server.address.rpartition(":")
+    with ExitStack() as clients:
+        begin = time.monotonic()
+        for _ in range(100):
+            clients.enter_context(socket.create_connection((host, int(port)))).sendall(b"GET /metrics HT")
+        assert time.monotonic() - begin < 2.0
+    server.close()
