@@ -56,7 +56,7 @@ def members(part: Any) -> dict[str, Any]:
     if not is_dataclass(part):
         return dict(part)
     out: dict[str, Any] = {}
-    for name, names in _fields(type(part)):
+    for name, names in _fields(part.__class__):
         value = getattr(part, name)
         out |= {name: value} if names is None else {name: value.get(name) for name in names}
     for name, own in getattr(part, "DERIVED", {}).items():

@@ -71,11 +71,11 @@ class Periods:
                 self._current.pop(step, None)
             else:
                 self._current[step] = self._period(stretch, complete=False)
-        shortest = self._current.get(STEPS_S[0])
-        for step in STEPS_S[1:] if shortest is not None else ():
-            if self._counted[step] == self._counted[STEPS_S[0]]:  # both began together
-                number = shortest.number * STEPS_S[0] // step
-                self._current[step] = replace(shortest, step_s=step, number=number)
+        if (shortest := self._current.get(STEPS_S[0])) is not None:
+            for step in STEPS_S[1:]:
+                if self._counted[step] == self._counted[STEPS_S[0]]:  # both began together
+                    number = shortest.number * STEPS_S[0] // step
+                    self._current[step] = replace(shortest, step_s=step, number=number)
         own = record.elapsed_s % STEPS_S[0]
         self._due_s = record.elapsed_s + min(max(LEAST_PAUSE_S, PAUSE_GROWTH * own), LONGEST_PAUSE_S)
         return list(self._current.values())

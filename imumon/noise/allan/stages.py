@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from imumon.noise.allan.octave import BLOCK, RATIO, Octave
+from imumon.noise.allan.octave import RATIO, Octave
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Floats, Ints
 
@@ -41,7 +41,7 @@ class OctaveStages:
         self._groups = groups
         self._octaves: list[Octave] = []
         self.position = 0
-        self._buffers: list[Floats] = []  # reused: fresh arrays of this size double the time per sample
+        self._buffers = [np.empty(0)] * 3  # reused: fresh arrays double the time per sample
 
     @property
     def nbytes(self) -> int:
@@ -115,7 +115,7 @@ class OctaveStages:
         """Return independent stages in the same state."""
         other = copy.copy(self)
         other._octaves = [octave.copy() for octave in self._octaves]
-        other._buffers = []
+        other._buffers = [np.empty(0)] * 3
         return other
 
     def save(self) -> dict[str, npt.NDArray[Any]]:
@@ -166,6 +166,6 @@ class OctaveStages:
     def _buffer(self, index: int, columns: int) -> Floats:
         """Return (c, columns) working space: 0, 1 for entries of even, odd octaves, 2 for differences."""
         c = self._groups.channels
-        if not self._buffers:
-            self._buffers = [np.empty(c * (RATIO + BATCH * BLOCK)) for _ in range(3)]
+        if len(self._buffers[index]) < c * columns:
+            self._buffers[index] = np.empty(c * columns)
         return self._buffers[index][: c * columns].reshape(c, columns)
