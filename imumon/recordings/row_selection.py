@@ -4,8 +4,11 @@ A table may hold sensors of different rates: the slower one has blank cells. Row
 faster one, and every other row is no loss of the slower one. So such a table is an error unless one sensor is
 selected; the rows without it are then no samples.
 
+A temperature may be known in some rows, or have rows of its own; the next samples take it.
+
 Rows of a log that several threads write may be swapped. `RowOrder` puts a row back that is late by less than a window.
-A time that falls further is a clock that restarts, and stays. Rows in no order at all are an error.
+A time that falls further is a clock that restarts, and stays. Rows in no order at all are an error. A row may be
+written twice.
 """
 
 from __future__ import annotations
@@ -33,8 +36,15 @@ UNSORTED = 0.05
 """Share of steps back, after sorting, above which rows are in no order: a clock does not restart that often."""
 
 
+MOST_COPIES = 4
+"""Rows in a row with one stamp up to which they may be copies of one."""
+
+COPIED = 0.99
+"""Share of the rows with the stamp of the row before that must be copies of it, for rows to be doubled."""
+
+
 class OwnRows:
-    """Rows of the only inertial sensor of a stream, or of two sensors that have the same rows.
+    """Rows of the only inertial sensor of a stream, or of two sensors that have the same rows. Others are no samples.
 
     Parameters
     ----------
@@ -43,7 +53,7 @@ class OwnRows:
 
     Attributes
     ----------
-    others : rows of another sensor, which were left out.
+    others : rows of other sensors, which were left out.
     """
 
     def __init__(self, path: str, found: ColumnLayout) -> None:
@@ -52,8 +62,10 @@ class OwnRows:
         self._columns = [
             [k for k, name in enumerate(found.channels) if sensor_of(name) == sensor] for sensor in sensors
         ]
+        self._inertial = [k for columns in self._columns for k in columns]
+        self._slow = [k for k in range(len(found.channels)) if k not in self._inertial]
         self._rows, self._counts, self._both = 0, np.zeros(len(sensors), np.int64), 0
-        self._sparse = False  # the only sensor has a part of the rows
+        self._mixed = False  # other sensors have rows of their own
         self.others = 0
 
     def select(self, rows: Floats, present: Bools, places: Sequence[int]) -> tuple[Floats, Sequence[int]]:
@@ -68,13 +80,20 @@ class OwnRows:
         self._rows += len(rows)
         self._counts += whole.sum(axis=1)
         self._both += int(whole.all(axis=0).sum())
+        own: Bools = np.any(present[:, self._inertial], axis=1)
+        slow = np.any(present[:, self._slow], axis=1)
         if first:
             self.check()
-            self._sparse = len(whole) == 1 and bool(0 < self._counts[0] <= COMPLETE * self._rows)
-        if not self._sparse:
+            sparse = len(whole) == 1 and bool(0 < self._counts[0] <= COMPLETE * self._rows)
+            self._mixed = sparse or bool((slow & ~own).sum() > (slow & own).sum())
+        if not self._mixed:
             return rows, places
-        own: Bools = np.any(present[:, self._columns[0]], axis=1)
         self.others += int((~own).sum())
+        samples = np.flatnonzero(own)
+        end = samples[-1] if len(samples) else 0
+        for k in self._slow:
+            known = np.flatnonzero(present[:end, k] & ~own[:end])
+            rows[samples[np.searchsorted(samples, known)], k] = rows[known, k]
         return rows[own], [place for place, mine in zip(places, own.tolist(), strict=True) if mine]
 
     def check(self) -> None:
@@ -87,6 +106,29 @@ class OwnRows:
         )
         text += f"{counts[1]:,} have accel, {self._both:,} have both"
         raise RecordingError("different_rates", text, READ_ALONE)
+
+
+class HeldNumbers:
+    """Holds the last number of a slow sensor for some rows after it, whose own is missing.
+
+    >>> held = HeldNumbers(2)
+    >>> column = np.array([np.nan, 5.0, np.nan, np.nan, np.nan])
+    >>> held.fill(column[:3]), held.fill(column[3:]), column.tolist()
+    (None, None, [nan, 5.0, 5.0, 5.0, nan])
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._value, self._age = np.nan, most  # of the last number, and rows since it
+
+    def fill(self, column: Floats) -> None:
+        """Fill the next rows in place; a number that is not finite is missing."""
+        here, known = np.arange(len(column)), np.isfinite(column)
+        last = np.maximum.accumulate(np.where(known, here, -1))
+        value = np.where(last < 0, self._value, column[last])
+        age = here - np.where(last < 0, -1 - self._age, last)
+        column[:] = np.where(age <= self._most, value, column)
+        self._value, self._age = value[-1], int(age[-1])
 
 
 class RowOrder:
@@ -177,3 +219,33 @@ def _filled(times: Floats) -> Floats:
         return times
     last = np.maximum.accumulate(np.where(finite, np.arange(len(times)), int(np.argmax(finite))))
     return times[last]
+
+
+def copies(rows: Floats) -> Bools:
+    """Return (n - 1,) which rows are the same as the row before; a missing number is one."""
+    same: Bools = ((rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))).all(axis=1)
+    return same
+
+
+def are_doubled(rows: Floats, times: slice) -> bool:
+    """Return whether rows with the stamp of the row before are copies of it, and not samples that came at once.
+
+    >>> noise = np.random.default_rng(0).normal(size=(9, 3))
+    >>> stamped = np.column_stack([noise, np.arange(9) // 2])
+    >>> are_doubled(stamped, slice(3, 4)), are_doubled(np.repeat(stamped, 2, axis=0), slice(3, 4))
+    (False, False)
+    >>> stamped[:, 3] = np.arange(9)
+    >>> are_doubled(stamped, slice(3, 4)), are_doubled(np.repeat(stamped, 2, axis=0), slice(3, 4))
+    (False, True)
+    """
+    still = (rows[1:, times] == rows[:-1, times]).all(axis=1)
+    if not still.any():
+        return False
+    same = copies(rows)
+    moving = np.flatnonzero(~np.concatenate([[False], still, [False]]))
+    constant = (np.delete(rows[1:], times, axis=1) == np.delete(rows[:-1], times, axis=1)).all(axis=1)[~still]
+    return bool(
+        same[still].mean() >= COPIED
+        and np.diff(moving).max() <= MOST_COPIES
+        and (not len(constant) or constant.mean() < 0.5)
+    )

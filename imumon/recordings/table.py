@@ -9,6 +9,7 @@ assumed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -20,7 +21,7 @@ from imumon.column_names import UNITS, Column
 from imumon.errors import RateRequired
 from imumon.recordings.base import Recording, RecordingError
 from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
-from imumon.recordings.row_selection import OwnRows, RowOrder
+from imumon.recordings.row_selection import COPIED, HeldNumbers, OwnRows, RowOrder, are_doubled, copies
 from imumon.recordings.unit_inference import check_magnitudes, time_unit, unit_remarks
 from imumon.report import stamp
 from imumon.samples import AXES, Bools, Clock, Floats, Ints, SampleBlock, Stream, sensor_of
@@ -35,19 +36,19 @@ LARGEST = 1e100
 """Size from which a number counts as missing: no instrument writes it, and its square overflows."""
 
 FILLED = 0.9
-"""Share of the first rows in which a column of time or of a slow sensor must have a number."""
+"""Share of the first rows in which a column of time or of a magnetometer must have a number."""
+
+SLOW = {"temperature", "pressure"}
+"""Sensors that may be slower than the rows, and are held between their numbers."""
+
+HELD_STEPS = 2.0
+"""Mean steps between the numbers of a slow sensor for which one is held: its steps are not quite even."""
 
 UNIX_S = (946_684_800.0, 4_102_444_800.0)
 """s since 1970 of the years 2000 and 2100: a time stamp between them is a date."""
 
 LONGEST_NS = 4e18
 """ns, longest time since the first row; a time beyond it is invalid, and would not fit 64 bits."""
-
-MOST_COPIES = 4
-"""Rows in a row with one stamp up to which they may be copies of one."""
-
-COPIED = 0.99
-"""Share of the rows with the stamp of the row before that must be copies of it, for rows to be doubled."""
 
 HELD = 0.25
 """Share of the rows that repeat all axes of a sensor above which it is slower than the rows; rounding repeats few."""
@@ -131,6 +132,8 @@ class TableRows:
         self._scales: list[float] = []  # ns in a unit of each column of time
         self._lost_before = 0  # rows lost before the next one
         self._used: list[int] | None = None  # columns that are not left out
+        self._needed: list[int] = []  # of these, those that a sample cannot lack
+        self._held: dict[int, HeldNumbers] = {}  # by column, of those that some rows lack
         self._own_rows = OwnRows(path, columns)
         self._order: RowOrder | None = None  # of a table with times
         self._host: HostStamps | None = None  # rows wait until their stamps have been placed
@@ -161,8 +164,10 @@ class TableRows:
             )
             remarks.append(f"{rows} as lost; first {self._first_incomplete}")
         if others := self._own_rows.others:
-            sensor = sensor_of(self._layout.channels[0])
-            remarks.append(f"{others:,} rows have no number of {sensor}: they are no samples of it")
+            sensors = " or ".join(
+                dict.fromkeys(sensor_of(c) for c in self._layout.channels if sensor_of(c) in INERTIAL)
+            )
+            remarks.append(f"{others:,} rows have no number of {sensors}: they are no samples of it")
         if self._order is not None and self._order.moved:
             rows = "1 row is" if self._order.moved == 1 else f"{self._order.moved:,} rows are"
             remarks.append(f"{rows} not in the order of {self._layout.times[0].name}: sorted by it")
@@ -215,9 +220,11 @@ class TableRows:
             return
         if self._stream is None:
             self._begin(rows)
+        for k, held in self._held.items():
+            held.fill(rows[:, k])
         if self._doubled:
             rows, places = self._without_copies(rows, places)
-        good = _present(rows).all(axis=1)
+        good = self._complete(rows)
         kept = np.flatnonzero(good)
         if len(kept) < len(rows):
             self._note_incomplete(rows, np.flatnonzero(~good), places)
@@ -247,6 +254,10 @@ class TableRows:
         stamps = rows[:, width : width + len(self._layout.times)]
         yield from self._placed(self._host.place(self._nanoseconds(stamps).astype(np.float64)))
 
+    def _complete(self, rows: Floats) -> Bools:
+        """Return which rows have the numbers that a sample needs: those of a temperature may be unknown."""
+        return np.asarray(_present(rows[:, self._needed]).all(axis=1))
+
     def _in_si(self, rows: Floats) -> Floats:
         """Return the values of complete rows, channel unit."""
         columns = self._layout.columns
@@ -257,18 +268,18 @@ class TableRows:
     def _without_copies(self, rows: Floats, places: Sequence[int]) -> tuple[Floats, Sequence[int]]:
         """Return the rows that differ from the row before."""
         before = rows[:1] if self._last_row is None else self._last_row
-        copies = _copies(np.concatenate([before, rows]))
-        copies[0] &= self._last_row is not None
+        same = copies(np.concatenate([before, rows]))
+        same[0] &= self._last_row is not None
         self._last_row = rows[-1:] if len(rows) else self._last_row
-        self._copies += int(copies.sum())
-        return rows[~copies], [place for place, copy in zip(places, copies.tolist(), strict=True) if not copy]
+        self._copies += int(same.sum())
+        return rows[~same], [place for place, copy in zip(places, same.tolist(), strict=True) if not copy]
 
     def _note_incomplete(self, rows: Floats, bad: Ints, places: Sequence[int]) -> None:
         """Count rows that lack a number and note where the first is."""
         new = [k for k in bad.tolist() if places[k]]
         if new and not self._incomplete:
-            present = _present(rows[new[0]]).tolist()
-            missing = [c.name for c, there in zip(self._all_columns(), present, strict=True) if not there]
+            present, columns = _present(rows[new[0]]), self._all_columns()
+            missing = [columns[k].name for k in self._needed if not present[k]]
             self._first_incomplete = f"{ROW_NAMES[self._what]} {places[new[0]]}: {', '.join(missing)}"
         self._incomplete += len(new)
 
@@ -333,10 +344,10 @@ class TableRows:
         assumed = unit_remarks(self._what, found.columns)
         self.assumed_unit = (assumed or [""])[0]
         self._remarks += assumed
-        self._doubled = bool(found.times) and _are_doubled(rows, slice(width, width + len(found.times)))
-        whole = rows[_present(rows).all(axis=1)]
+        self._doubled = bool(found.times) and are_doubled(rows, slice(width, width + len(found.times)))
+        whole = rows[self._complete(rows)]
         if self._doubled:
-            whole = whole[~np.append(False, _copies(whole))]
+            whole = whole[~np.append(False, copies(whole))]
         if not len(whole):
             text = f"{self._path}: no row has numbers in all of {', '.join(c.name for c in found.columns)}"
             raise RecordingError("no_complete_row", text, "check that it is complete")
@@ -386,14 +397,25 @@ class TableRows:
         full = np.isfinite(rows).mean(axis=0)
         empty = self._empty_sensors(full)
         sensors = [sensor_of(name) for name in found.channels]
-        keep = [k for k, s in enumerate(sensors) if (s not in empty if s in INERTIAL else full[k] > FILLED)]
+        keep = [
+            k
+            for k, sensor in enumerate(sensors)
+            if (sensor not in empty if sensor in INERTIAL else full[k] > (0.0 if sensor in SLOW else FILLED))
+        ]
         times = [k for k in range(len(found.times)) if full[count + k] > FILLED]
         times = times if found.split_time else times[:1]
         interval = [k for k in range(count + len(found.times), len(full)) if full[k] > FILLED]
         self._used = [*keep, *(count + k for k in times), *interval]
-        columns = enumerate(self._all_columns())
-        if sparse := [c.name for k, c in columns if k not in self._used and 0 < full[k] <= FILLED]:
-            self._remarks.append(f"{', '.join(sparse)} not used: too many rows lack it")
+        self._needed = [at for at, k in enumerate(self._used) if k >= count or sensors[k] in INERTIAL]
+        sparse: dict[str, list[str]] = {}
+        for k, column in enumerate(self._all_columns()):
+            if full[k] <= FILLED and (k >= count or sensors[k] not in INERTIAL):
+                lack = f"{1.0 - full[k]:.1%} of the rows lack" if full[k] else "no row has a number in"
+                use = "the one before is held" if k in self._used else "not used"
+                sparse.setdefault(f"{lack} {{}}: {use}", []).append(column.name)
+        self._remarks += [text.format(", ".join(names)) for text, names in sparse.items()]
+        slow = [(at, full[k]) for at, k in enumerate(self._used) if k < count and sensors[k] in SLOW]
+        self._held = {at: HeldNumbers(math.ceil(HELD_STEPS / share)) for at, share in slow if share < 1.0}
         self._layout = replace(
             found,
             channels=tuple(found.channels[k] for k in keep),
@@ -489,39 +511,9 @@ def _repeating(found: ColumnLayout, rows: Floats) -> Iterator[str]:
     """Yield a remark on each inertial sensor that is slower than its rows and holds its values between."""
     for sensor in sorted(INERTIAL & set(map(sensor_of, found.channels)), reverse=True):
         own = [k for k, name in enumerate(found.channels) if sensor_of(name) == sensor]
-        share = float(_copies(rows[:, own]).mean()) if len(rows) > 1 else 0.0
+        share = float(copies(rows[:, own]).mean()) if len(rows) > 1 else 0.0
         if HELD < share < COPIED:
             yield f"{sensor} repeats its values in {share:.0%} of the rows: it is slower than they are"
-
-
-def _copies(rows: Floats) -> Bools:
-    """Return (n - 1,) which rows are the same as the row before; a missing number is one."""
-    same: Bools = ((rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))).all(axis=1)
-    return same
-
-
-def _are_doubled(rows: Floats, times: slice) -> bool:
-    """Return whether rows with the stamp of the row before are copies of it, and not samples that came at once.
-
-    >>> noise = np.random.default_rng(0).normal(size=(9, 3))
-    >>> stamped = np.column_stack([noise, np.arange(9) // 2])
-    >>> _are_doubled(stamped, slice(3, 4)), _are_doubled(np.repeat(stamped, 2, axis=0), slice(3, 4))
-    (False, False)
-    >>> stamped[:, 3] = np.arange(9)
-    >>> _are_doubled(stamped, slice(3, 4)), _are_doubled(np.repeat(stamped, 2, axis=0), slice(3, 4))
-    (False, True)
-    """
-    still = (rows[1:, times] == rows[:-1, times]).all(axis=1)
-    if not still.any():
-        return False
-    copies = _copies(rows)
-    moving = np.flatnonzero(~np.concatenate([[False], still, [False]]))
-    constant = (np.delete(rows[1:], times, axis=1) == np.delete(rows[:-1], times, axis=1)).all(axis=1)[~still]
-    return bool(
-        copies[still].mean() >= COPIED
-        and np.diff(moving).max() <= MOST_COPIES
-        and (not len(constant) or constant.mean() < 0.5)
-    )
 
 
 def _date(unix_s: float) -> str | None:

@@ -346,3 +346,28 @@ def test_a_directory_is_no_recording(tmp_path: Path) -> None:
         replayed(tmp_path)
     assert error.value.code == "is_directory"
     assert "ros2 bag reindex" in error.value.cure
+
+
+def test_a_temperature_that_some_rows_lack_is_used_where_it_is_known(tmp_path: Path) -> None:
+    """In a column, or in rows of its own."""
+    names = ["t [s]", "gx [rad/s]", "gy [rad/s]", "gz [rad/s]", "temp [degC]"]
+    t, gyro, _ = truth(8000)
+    warm = 30.0 + 3.0 * np.sin(t / 12.0)
+    gyro[:, 0] += 2e-3 * (warm - 30.0)
+    rows = np.column_stack([t, gyro, warm])
+    few, most = rows.copy(), rows.copy()
+    few[np.arange(len(t)) % 100 != 7, -1] = np.nan
+    most[::10, -1] = np.nan
+    rows[:, -1] = np.nan
+    own = np.column_stack([t[7::100] + 1e-3, np.full((len(t) // 100, 3), np.nan), warm[7::100]])
+    apart = np.concatenate([rows, own])[np.argsort(np.concatenate([t, own[:, 0]]))]
+    for table, share in ((few, "99.0%"), (most, "10.0%"), (apart, "99.0%")):
+        report, remarks = replayed(csv(tmp_path / "a.csv", names, table))
+        assert f"{share} of the rows lack temp [degC]: the one before is held" in remarks
+        session = report.session
+        assert (session.samples, session.missing, session.bad_checksums) == (len(t), 0, 0)
+        assert "temperature" in report.channels["gyro/x"].caveats
+    assert "80 rows have no number of gyro: they are no samples of it" in remarks
+    report, remarks = replayed(csv(tmp_path / "a.csv", names, rows))
+    assert "no row has a number in temp [degC]: not used" in remarks
+    assert "temperature" not in report.channels
