@@ -94,13 +94,21 @@ class DataFlash:
         step_us: int = 5000,
         instances: int = 1,
         define: bool = True,
+        degrees: float = 30.0,
     ) -> None:
-        """Add `IMU` messages of (n, 3) values; instance k has k rad/s more."""
+        """Add `IMU` messages of (n, 3) values; instance k has k rad/s and k degC more, and a message 1 mdegC."""
         if define:
             self.define("IMU", "QBfffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,T")
         for k in range(len(gyro)):
             for instance in range(instances):
-                self.add("IMU", 10**6 + k * step_us, instance, *(gyro[k] + instance), *accel[k], 30.0)
+                self.add(
+                    "IMU",
+                    10**6 + k * step_us,
+                    instance,
+                    *(gyro[k] + instance),
+                    *accel[k],
+                    degrees + instance + 1e-3 * k,
+                )
 
     def raw_samples(
         self,

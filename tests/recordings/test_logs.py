@@ -119,7 +119,9 @@ def test_a_real_ardupilot_log_has_the_samples_of_pymavlink() -> None:
     batch = read(path, topic="ISBD/gyro/0")
     assert len(batch) == 32 * len(found["ISBD"]) == 576
     expected = np.concatenate([np.column_stack([m.x, m.y, m.z]) for m in found["ISBD"]]) / 938
-    np.testing.assert_allclose(batch.values, expected, rtol=1e-12)
+    np.testing.assert_allclose(batch.values[:, :3], expected, rtol=1e-12)
+    of_imu = [m.T for m in found["IMU"] if m.I == 0]
+    assert min(of_imu) <= batch.values[:, 3].min() <= batch.values[:, 3].max() <= max(of_imu)
     report, remarks = replayed(path)
     assert report.session.samples == 10
     assert report.device.model == "ArduPilot Pixhawk4"
@@ -226,6 +228,14 @@ def test_a_fifo_gives_all_samples_of_the_chip(tmp_path: Path) -> None:
     found = read(path)
     assert found.stream.interval_s == pytest.approx(250e-6)
     np.testing.assert_allclose(found.values, counts.reshape(-1, 3) * 1e-5, rtol=1e-6)
+    rare = [(t, t, 0.0, 0.0, 0.0, 20.0 + k) for k, t in enumerate((10**7, 10**7 + 99_000))]
+    both = [
+        ("sensor_gyro_fifo", 0, FIFO, rows),
+        ("sensor_gyro", 0, SENSOR, rare),
+        ("sensor_accel", 0, SENSOR, rare[:1]),
+    ]
+    degrees = read(ulog(tmp_path / "b.ulg", both), topic="sensor_gyro_fifo/0").values[:, -1]
+    np.testing.assert_allclose(degrees, np.interp(np.arange(400) - 3, [0, 396], [20.0, 21.0]))
 
 
 def test_a_truncated_log_is_read_to_where_it_ends(tmp_path: Path) -> None:
@@ -285,6 +295,17 @@ def test_raw_samples_of_two_sensors_are_not_mixed(tmp_path: Path) -> None:
         found = read(path, topic=f"GYR/{k}").values
         np.testing.assert_allclose(found[:, :3], RATE_RAD + k, rtol=1e-6)
         np.testing.assert_allclose(found[:, 3:], FORCE + k, rtol=1e-6)
+
+
+@pytest.mark.parametrize("topic", ["GYR/1", "ACC/1", "ISBD/gyro/0"])
+def test_raw_samples_have_the_temperature_of_their_imu(tmp_path: Path, topic: str) -> None:
+    log = DataFlash()
+    log.raw_samples(RATE_RAD, FORCE, instances=2)
+    log.imu(RATE_RAD[: N // 10], FORCE[: N // 10], instances=2, step_us=10_000, degrees=20.0)
+    log.batch(1, 1, 10**6, 1000.0, 938, np.rint(1e3 * RATE_RAD).astype(int))
+    degrees = read(log.write(tmp_path / "a.BIN"), topic=topic).values[:, -1]
+    expected = 20.0 + int(topic[-1]) + 1e-4 * np.minimum(np.arange(N), N - 10)
+    np.testing.assert_allclose(degrees, expected, rtol=1e-6)
 
 
 def test_a_raw_accelerometer_of_another_rate_is_a_topic_of_its_own(tmp_path: Path) -> None:

@@ -118,6 +118,17 @@ def step_s(times_us: npt.NDArray[Any]) -> float | None:
     return step if step > 0.0 else None
 
 
+def degrees_at(
+    times_us: npt.NDArray[Any], source_us: npt.NDArray[Any], source: npt.NDArray[Any]
+) -> Floats | None:
+    """Return a temperature (n,) at the times of some samples, between those of its source; None: it has none."""
+    degrees = source.astype(np.float64)
+    known = np.isfinite(degrees)
+    if not known.any():
+        return None
+    return np.interp(times_us.astype(np.float64), source_us.astype(np.float64)[known], degrees[known])
+
+
 def rows_at(own_us: npt.NDArray[Any], other_us: npt.NDArray[Any]) -> npt.NDArray[np.int64] | None:
     """Return (n,) the row of another series at the time of each own row, -1: none; None: its times are others.
 

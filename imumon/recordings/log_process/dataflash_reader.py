@@ -2,8 +2,9 @@
 
 `IMU` has point samples behind the filter of the autopilot (INS_GYRO_FILTER), `GYR` and `ACC` those before it if raw
 logging is on; the samples of `ACC` are joined to those of `GYR` if their times agree. Batches of raw samples have a
-header, `ISBH`, and data, `ISBD`: 32 samples of one sensor in a message, with pauses between the batches. Definitions
-of the messages: ArduPilot, libraries/AP_InertialSensor/LogStructure.h.
+header, `ISBH`, and data, `ISBD`: 32 samples of one sensor in a message, with pauses between the batches. Only `IMU`
+has the temperature; raw samples of the same sensor take it from there. Definitions of the messages: ArduPilot,
+libraries/AP_InertialSensor/LogStructure.h.
 """
 
 from __future__ import annotations
@@ -17,7 +18,16 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from imumon.recordings.log_process.base import ROWS, Log, Topic, array_blocks, best_first, rows_at, step_s
+from imumon.recordings.log_process.base import (
+    ROWS,
+    Log,
+    Topic,
+    array_blocks,
+    best_first,
+    degrees_at,
+    rows_at,
+    step_s,
+)
 from imumon.samples import AXES, Floats
 
 Rows: TypeAlias = npt.NDArray[Any]
@@ -45,6 +55,12 @@ BATCHES = {0: ("accel", "m/s2"), 1: ("gyro", "rad/s")}
 
 TIMES = {"SampleUS": "us", "TimeUS": "us", "TimeMS": "ms"}
 """Columns of time, the best first, and their units."""
+
+HEAT = "IMU.T"
+"""Column of the temperature that raw samples have from the `IMU` messages of the same sensor."""
+
+RAW = re.compile(r"(?:GYR|ACC|ISBD/\w+)(/?)(\d*)")
+"""Names of raw samples, with the number of the sensor: from 0 after a slash, else from 1."""
 
 BOARD = re.compile(r"^(\S+) [0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8}$")
 """Text with the name of the board and its number."""
@@ -75,6 +91,12 @@ class _Messages:
         """Return (n,) or (n, k) values of one column."""
         parts = [self.rows(k, k + ROWS)[name] for k in range(0, max(len(self.places), 1), ROWS)]
         return np.concatenate(parts)
+
+    @property
+    def numeric(self) -> list[str]:
+        """Names of the columns of numbers."""
+        kinds = {c: self.dtype[c] for c in self.dtype.names or ()}
+        return [c for c, kind in kinds.items() if kind.kind in "iuf" and not kind.shape]
 
     def numbers(self, rows: Rows, name: str) -> Floats:
         """Return (n,) values of one column of some rows, in its unit."""
@@ -112,13 +134,18 @@ class DataFlashLog(Log):
         self._messages: dict[str, _Messages] = {}
         self._batches: dict[str, dict[str, npt.NDArray[Any]]] = {}
         self._joined: dict[str, tuple[_Messages, npt.NDArray[np.int64]]] = {}  # accelerometer, and its rows
+        self._heat: dict[
+            str, tuple[str, npt.NDArray[Any], Floats]
+        ] = {}  # column of time; us and degC of the IMU
         self.facts = self._facts()
         topics = [topic for name in list(self._log.name_to_id) for topic in self._topics(name)]
-        best = best_first([*self._with_accelerometers(topics), *self._batch_topics()])
+        raw = [*self._with_accelerometers(topics), *self._batch_topics()]
+        best = best_first([self._with_temperature(topic) for topic in raw])
         self.topics = sorted(best, key=lambda topic: not _is_imu(topic))
 
     def blocks(self, topic: int, columns: Sequence[str]) -> Iterator[tuple[Floats, int]]:
         name = self.topics[topic].name
+        time, *heat = self._heat.get(name, ("",))
         if name in self._batches:
             yield from array_blocks(self._batches[name], columns)
             return
@@ -128,6 +155,8 @@ class DataFlashLog(Log):
             rows = messages.rows(start, start + ROWS)
             size = rows.nbytes
             found = {c: messages.numbers(rows, c) for c in columns if c in (rows.dtype.names or ())}
+            if heat and HEAT in columns and (degrees := degrees_at(rows[time], *heat)) is not None:
+                found[HEAT] = degrees
             if accel is not None:
                 part = at[start : start + ROWS]
                 theirs = accel.only(part).rows(0, ROWS)
@@ -157,8 +186,7 @@ class DataFlashLog(Log):
         messages = self._of(name)
         if messages is None:
             return
-        kinds = {c: messages.dtype[c] for c in messages.dtype.names or ()}
-        numbers = [c for c, kind in kinds.items() if kind.kind in "iuf" and not kind.shape]
+        numbers = messages.numeric
         known = _map_of(numbers)
         time, _, unit = known.get("t", "").partition(":")
         instances: dict[str, _Messages] = {name: messages}
@@ -201,6 +229,26 @@ class DataFlashLog(Log):
             self._joined[topic.name] = accel, at
             known = {name: text for name, text in other.map.items() if name.startswith("accel")}
             yield replace(topic, columns=[*topic.columns, *ACCEL], map={**topic.map, **known})
+
+    def _with_temperature(self, topic: Topic) -> Topic:
+        """Return a topic; raw samples get the temperature of their IMU, between its messages."""
+        named, (time, _, unit) = RAW.fullmatch(topic.name), topic.map.get("t", "").partition(":")
+        if named is None or unit != "us":
+            return topic
+        number = int(named[2] or 1) - (not named[1])
+        for name in (f"IMU/{number}", f"IMU{number + 1}" if number else "IMU"):
+            imu = self._messages.get(name)
+            if imu is not None and {"TimeUS", "T"} <= set(imu.numeric):
+                degrees = imu.column("T") * imu.scales.get("T", 1.0)
+                if not np.isfinite(degrees).any():
+                    return topic
+                self._heat[topic.name] = time, imu.column("TimeUS"), degrees
+                if (batch := self._batches.get(topic.name)) is not None:
+                    batch[HEAT] = np.asarray(degrees_at(batch[time], *self._heat[topic.name][1:]))
+                return replace(
+                    topic, columns=[*topic.columns, HEAT], map={**topic.map, "temperature": f"{HEAT}:degC"}
+                )
+        return topic
 
     def _batch_topics(self) -> Iterator[Topic]:
         """Yield a topic for the batches of each sensor."""

@@ -15,7 +15,15 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from imumon.recordings.log_process.base import Log, Topic, array_blocks, best_first, rows_at, step_s
+from imumon.recordings.log_process.base import (
+    Log,
+    Topic,
+    array_blocks,
+    best_first,
+    degrees_at,
+    rows_at,
+    step_s,
+)
 from imumon.samples import AXES, Floats
 
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
@@ -63,7 +71,7 @@ def _described(name: str, instance: int, data: Mapping[tuple[str, int], Arrays])
     """Return a topic and its arrays, with those that are derived."""
     arrays = dict(data[name, instance])
     if name in FIFO:
-        return _fifo(name, instance, arrays)
+        return _fifo(name, instance, arrays, data)
     time = "timestamp_sample" if "timestamp_sample" in arrays else "timestamp"
     known, covered, note = _known_fields(name, arrays, time, data.get(("sensor_accel", instance)))
     if known and "temperature" not in known and (degrees := _temperature(arrays, time, data)) is not None:
@@ -108,23 +116,20 @@ def _known_fields(
     return known, None, _add_accelerometer(arrays, accel, time, known)
 
 
-def _temperature(arrays: Arrays, time: str, data: Mapping[tuple[str, int], Arrays]) -> Floats | None:
-    """Return the temperature of the gyroscope of these samples, between the rare messages that have it; None: unknown.
+def _temperature(
+    arrays: Arrays, time: str, data: Mapping[tuple[str, int], Arrays], source: str = "sensor_gyro"
+) -> Floats | None:
+    """Return the temperature of the sensor of these samples, between the rare messages that have it; None: unknown.
 
-    The number of the chip chooses the gyroscope. A topic without one is that of the only gyroscope.
+    The number of the chip chooses the sensor. A topic without one is that of the only sensor.
     """
-    sources = [each for (name, _), each in data.items() if name == "sensor_gyro" and "temperature" in each]
-    if "gyro_device_id" in arrays:
-        chip = arrays["gyro_device_id"][:1]
-        sources = [each for each in sources if chip.tolist() == each.get("device_id", chip[:0])[:1].tolist()]
+    sources = [each for (name, _), each in data.items() if name == source and "temperature" in each]
+    if (chip := arrays.get("gyro_device_id", arrays.get("device_id"))) is not None:
+        same = chip[:1].tolist()
+        sources = [each for each in sources if same == each.get("device_id", chip[:0])[:1].tolist()]
     if len(sources) != 1 or time not in arrays:
         return None
-    degrees = sources[0]["temperature"].astype(np.float64)
-    known = np.isfinite(degrees)
-    if not known.any():
-        return None
-    times = sources[0]["timestamp"].astype(np.float64)
-    return np.interp(arrays[time].astype(np.float64), times[known], degrees[known])
+    return degrees_at(arrays[time], sources[0]["timestamp"], sources[0]["temperature"])
 
 
 def _integrals(arrays: Arrays, time: str) -> tuple[dict[str, str], float]:
@@ -178,7 +183,9 @@ def _add_accelerometer(arrays: Arrays, other: Arrays, time: str, known: dict[str
     return ""
 
 
-def _fifo(name: str, instance: int, arrays: Arrays) -> tuple[Topic, Arrays]:
+def _fifo(
+    name: str, instance: int, arrays: Arrays, data: Mapping[tuple[str, int], Arrays]
+) -> tuple[Topic, Arrays]:
     """Return all samples of a FIFO: the stamp of a message is that of its last sample, `dt` is in us."""
     sensor, unit = FIFO[name]
     known = {f"{sensor}/{axis}": f"{axis}:{unit}" for axis in AXES} | {"t": "timestamp_sample:us"}
@@ -201,6 +208,10 @@ def _fifo(name: str, instance: int, arrays: Arrays) -> tuple[Topic, Arrays]:
     for axis in AXES:
         raw = np.column_stack([arrays[f"{axis}[{k}]"] for k in range(slots)]).astype(np.float64)
         found[axis] = (raw * arrays["scale"].astype(np.float64)[:, None]).ravel()[valid]
+    source = f"sensor_{sensor}"
+    if (degrees := _temperature({**arrays, **found}, "timestamp_sample", data, source)) is not None:
+        found[f"{source}.temperature"] = degrees
+        known["temperature"] = f"{source}.temperature:degC"
     step = step_s(found["timestamp_sample"])
     rate = None if step is None else 1.0 / step
     count = len(found["timestamp_sample"])
