@@ -86,8 +86,8 @@ def test_a_real_px4_log_has_the_samples_of_pyulog(path: Path) -> None:
     expected = log.get_dataset("sensor_combined").data
     report, remarks = replayed(path)
     assert report.session.samples == len(expected["timestamp"])
-    alone = sum(each.name == "sensor_gyro" for each in log.data_list) == 1
-    has = "gyro, accel, temperature" if alone else "gyro, accel"
+    known = any(each.name == "sensor_gyro" for each in log.data_list)
+    has = "gyro, accel, temperature" if known else "gyro, accel"
     assert report.device.source == f"px4 sensor_combined/0 ({has})"
     assert "sensor_combined/0 is used" in remarks
     found = read(path)
@@ -166,6 +166,15 @@ def test_averages_have_the_temperature_of_their_gyroscope(tmp_path: Path) -> Non
     assert (np.diff(degrees) >= 0.0).all()
     both = [*topics, ("sensor_gyro", 1, SENSOR, rare)]  # without numbers of chips, nobody knows which
     assert read(ulog(tmp_path / "b.ulg", both), topic="vehicle_imu/0").values.shape[1] == 6
+    numbered = [(*row, 7 + k) for k in (0, 1) for row in rare]
+    chips = [
+        ("sensor_gyro", k, f"{SENSOR};uint32_t device_id", numbered[k * len(rare) :][: len(rare)])
+        for k in (0, 1)
+    ]
+    chips.append(("sensor_combined", 0, COMBINED, combined(T4, RATE_RAD, FORCE)))
+    assert read(ulog(tmp_path / "c.ulg", chips), topic="sensor_combined/0").values.shape[1] == 6
+    chips.append(("sensor_selection", 0, "uint64_t timestamp;uint32_t gyro_device_id", [(0, 8)]))
+    assert read(ulog(tmp_path / "d.ulg", chips), topic="sensor_combined/0").values[-1, -1] == degrees[-1]
 
 
 @pytest.mark.parametrize(("dt", "used"), [(3700, "vehicle_imu/0"), (3520, "sensor_gyro/0")])

@@ -121,10 +121,15 @@ def _temperature(
 ) -> Floats | None:
     """Return the temperature of the sensor of these samples, between the rare messages that have it; None: unknown.
 
-    The number of the chip chooses the sensor. A topic without one is that of the only sensor.
+    The number of the chip chooses the sensor; `sensor_combined` has that of `sensor_selection`, if it never changes. A
+    topic without one is that of the only sensor.
     """
     sources = [each for (name, _), each in data.items() if name == source and "temperature" in each]
-    if (chip := arrays.get("gyro_device_id", arrays.get("device_id"))) is not None:
+    chip = arrays.get("gyro_device_id", arrays.get("device_id"))
+    if chip is None and "gyro_rad[0]" in arrays:
+        chip = np.unique(data.get(("sensor_selection", 0), {}).get("gyro_device_id", np.zeros(0)))
+        chip = chip if len(chip) == 1 else None
+    if chip is not None:
         same = chip[:1].tolist()
         sources = [each for each in sources if same == each.get("device_id", chip[:0])[:1].tolist()]
     if len(sources) != 1 or time not in arrays:
