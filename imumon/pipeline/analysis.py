@@ -18,7 +18,7 @@ from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit, Estimator
 from imumon.noise.grading import LIMITS, grade_sensor
 from imumon.noise.statistics.differences import RobustDeviation
-from imumon.noise.statistics.histogram import DistributionShape
+from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.stretches.quarters import excess
 from imumon.noise.stretches.warmup import still_settles
 from imumon.pipeline import report_builder

@@ -20,8 +20,8 @@ from imumon.noise.fit.results import SIGNIFICANT
 from imumon.noise.grading import LIMITS, grade_channel
 from imumon.noise.spectrum import PowerSpectrum
 from imumon.noise.statistics.differences import RobustDeviation
+from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.statistics.envelope import Envelope, EnvelopeColumns
-from imumon.noise.statistics.histogram import DistributionShape
 from imumon.samples import UNITS, Floats, sensor_of
 from imumon.units import FLICKER, HOUR, STANDARD_GRAVITY
 

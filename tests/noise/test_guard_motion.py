@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from imumon.noise.detection import Guard
-from imumon.noise.detection.baseline import PARTS, FrameStatistics
+from imumon.noise.detection.frame_statistics import PARTS, FrameStatistics
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Bools, Floats
 

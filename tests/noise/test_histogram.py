@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from imumon.noise.statistics.histogram import HISTOGRAM_BINS, DistributionShape, HistogramAccumulator, quantum
+from imumon.noise.statistics.distribution_shape import DistributionShape
+from imumon.noise.statistics.histogram import HISTOGRAM_BINS, HistogramAccumulator, quantum
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
 

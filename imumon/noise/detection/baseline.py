@@ -19,30 +19,22 @@ limits remain where this fails: coloured noise that is small is rest, and noise 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from imumon.samples import Bools, Floats, Ints
+from imumon.noise.detection.frame_statistics import PARTS, ArrayState, FrameStatistics
+from imumon.samples import Bools, Floats
 
-PARTS = 10
-"""Parts of a frame: of about 0.1 s, the shortest time that is excluded."""
 BASELINE_FRAMES = 128
 """Frames that the scales rest on: two minutes give them to 10 %, and follow a change within a few minutes."""
 LEVEL_FRAMES = 8
 """Frames that the level rests on: it must follow a random walk, and one disturbed frame must not move it."""
 SCHEDULE = (2, 3, 4, 6, 8, 12, 16, 32, 64, 128)
 """Quiet frames after which the scales change."""
-KNOWN_SHARE = 0.25
-"""Valid share of a frame from which it is assessed."""
 
-SAMPLE_SIGMA = 7.0
-"""Standard deviations of a sample that are unusual: 3e-12, less than one in a month at 800 Hz."""
-PART_SIGMA = 7.0
-"""Standard deviations of the mean of a part that are unusual."""
-MEAN_SIGMA = 7.0
-"""Standard deviations of the mean of a frame from the level that are unusual."""
+UNUSUAL_SIGMA = 7.0
+"""Standard deviations of a sample, of the mean of a part and of that of a frame that are unusual: 3e-12, less than one
+sample in a month at 800 Hz."""
 SPREAD_SIGMA = 6.0
 """Standard deviations of the logarithm of a frame's deviation that are unusual, see `LEAST_RATIO`."""
 LEAST_RATIO = 1.5
@@ -58,8 +50,6 @@ REST_FACTOR = 2.2
 is wider by n^-1/2 for n differences: 2.5 for three axes and `REST_FRAMES`, where a recorded hand exceeds 2.9."""
 SHAKEN_FACTOR = 20.0
 """Factor on these limits above which a sensor is shaken, whatever its spectrum: 100 deg/sqrt(h) is no sensor."""
-INDEPENDENT_SAMPLES = 100
-"""Independent samples of a frame that are assumed at most: the filter of the sensor may end at 50 Hz."""
 TURN_RATE = 0.1
 """Rad/s, length of the gyroscope's level above which it is turned: more than the bias of a sensor at rest.
 Noise does not distinguish a steady turn from a bias."""
@@ -90,112 +80,6 @@ COARSE_MEAN_STEPS = 2.0
 
 ROUNDING = 1e-12
 """Share of the level by which sums of equal numbers may differ."""
-
-
-class ArrayState:
-    """Base of detectors whose state is some arrays: the attributes named in `_STATE`."""
-
-    _STATE: ClassVar[tuple[str, ...]]
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays."""
-        return {name.strip("_"): getattr(self, name).copy() for name in self._STATE}
-
-    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue from a saved state."""
-        for name in self._STATE:
-            setattr(self, name, np.array(saved[name.strip("_")]))
-
-
-@dataclass(frozen=True, slots=True)
-class FrameStatistics:
-    """Figures of some frames, in channel units, one row per frame.
-
-    Attributes
-    ----------
-    mean : (k, c) about zero.
-    rms : (k, c) deviation of the samples about the mean of the frame.
-    parts : (k, c) deviation of the means of the parts about the mean of the frame.
-    peak : (k, c) greatest distance of a sample from the mean of the frame.
-    part_peak : (k, c) greatest distance of the mean of a part from the mean of the frame.
-    white : (k, c) deviation that the mean of the frame has if its noise is white. The noise is that within the
-        parts, or the difference of neighbouring parts if that is less: motion is slow and adds little to it.
-    known : (k,) enough samples are valid.
-    """
-
-    mean: Floats
-    rms: Floats
-    parts: Floats
-    peak: Floats
-    part_peak: Floats
-    white: Floats
-    known: Bools
-
-    def __getitem__(self, rows: slice | Bools) -> FrameStatistics:
-        return FrameStatistics(*(getattr(self, name)[rows] for name in self.__slots__))
-
-    @classmethod
-    def joined(cls, frames: list[FrameStatistics]) -> FrameStatistics:
-        """Return consecutive frames as one object."""
-        return cls(*(np.concatenate([getattr(f, name) for f in frames]) for name in cls.__slots__))
-
-    @classmethod
-    def of(cls, d: Floats, usable: Bools | None, level: Floats) -> FrameStatistics:
-        """Return the statistics of frames.
-
-        Parameters
-        ----------
-        d : (c, k, PARTS, part) channel unit, distance from `level`; 0.0 if not usable.
-        usable : (k, PARTS, part) samples that may be assessed; None: all.
-        level : (c,) channel unit.
-        """
-        c, k, parts, part = d.shape
-        size, within = parts * part, np.inf
-        independent = min(size, INDEPENDENT_SAMPLES)
-        if usable is None:
-            means = (d.reshape(-1, part) @ np.full(part, 1.0 / part)).reshape(c, k, parts)
-            mean = means.mean(axis=2)
-            flat = d.reshape(c, k, size)
-            square = np.einsum("ckf,ckf->ck", flat, flat) / size
-            peak = np.maximum(flat.max(axis=2) - mean, mean - flat.min(axis=2))
-            means -= mean[:, :, None]
-            spread = np.einsum("ckp,ckp->ck", means, means) / parts
-            part_peak = np.abs(means).max(axis=2)
-            known = np.ones(k, dtype=bool)
-            variance = square - mean**2
-            steps = means[:, :, 1:] - means[:, :, :-1]
-            between = np.einsum("ckp,ckp->ck", steps, steps) * (0.5 / (parts * (parts - 1)))
-            if part > 1:
-                within = (variance - spread) * (part / ((part - 1) * independent))
-        else:
-            count = usable.sum(axis=2)  # (k, PARTS)
-            n = np.maximum(count.sum(axis=1), 1)
-            filled = np.maximum((count > 0).sum(axis=1), 1)
-            sums = d.sum(axis=3)
-            mean = sums.sum(axis=2) / n
-            square = np.einsum("ckpm,ckpm->ck", d, d) / n
-            peak = (np.abs(d - mean[:, :, None, None]) * usable).max(axis=(2, 3))
-            # A part with few samples scatters more: weighted so that full parts give the plain deviation.
-            means = sums / np.maximum(count, 1) - mean[:, :, None]
-            weighted = np.einsum("ckp,kp->ck", means * means, count)
-            spread = weighted / (filled * part)
-            part_peak = np.abs(means * np.sqrt(count / part)).max(axis=2)
-            known = n >= KNOWN_SHARE * size
-            variance = square - mean**2
-            left, right = count[:, :-1], count[:, 1:]
-            weight = left * right / np.maximum(left + right, 1)
-            steps = means[:, :, 1:] - means[:, :, :-1]
-            squares = np.einsum("ckp,kp->ck", steps * steps, weight)
-            between = _mean(squares, np.count_nonzero(weight, axis=1)) / size
-            within = _mean(variance * n - weighted, n - filled) / independent
-        variances = np.stack((variance, spread, np.minimum(between, within)))
-        rms, deviation, white = np.sqrt(np.maximum(variances, 0.0))
-        return cls((mean + level[:, None]).T, rms.T, deviation.T, peak.T, part_peak.T, white.T, known)
-
-
-def _mean(sums: Floats, counts: Ints) -> Floats:
-    """Return the mean of sums (c, k) over counts (k,); inf where nothing was counted."""
-    return np.where(counts > 0, sums / np.maximum(counts, 1), np.inf)
 
 
 _PUBLIC_STATE = ("origin", "sample", "part", "shift")
@@ -340,13 +224,13 @@ class NoiseBaseline(ArrayState):
         self._scatter = np.minimum(np.maximum(scatter, floor), MOST_SCATTER * floor)
         wider = 1.0 + SCALE_MARGIN * MEDIAN_ERROR * self._scatter / np.sqrt(n)
         rms, parts = np.exp(self._scale)
-        self.sample = SAMPLE_SIGMA * wider[0] * rms
-        self.part = PART_SIGMA * wider[1] * parts
+        self.sample = UNUSUAL_SIGMA * wider[0] * rms
+        self.part = UNUSUAL_SIGMA * wider[1] * parts
         shift = MAD_SIGMA * _median(self._ring[:n, 3], np.zeros_like(rms))
         # The mean of a frame scatters at least as white noise of the parts would. With few distances, the
         # scatter of the parts is the least that is assumed.
         shift = np.maximum(shift, parts / np.sqrt(PARTS)) * (1.0 + SHIFT_MARGIN * SHIFT_ERROR / np.sqrt(n))
-        self.shift = MEAN_SIGMA * (shift if n > LEVEL_FRAMES else np.maximum(parts, shift))
+        self.shift = UNUSUAL_SIGMA * (shift if n > LEVEL_FRAMES else np.maximum(parts, shift))
         # a constant channel differs from its level by rounding
         for limit in (self.sample, self.part, self.shift):
             np.maximum(limit, ROUNDING * np.abs(self.origin), out=limit)

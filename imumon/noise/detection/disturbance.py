@@ -18,7 +18,8 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
-from imumon.noise.detection.baseline import PARTS, ArrayState, FrameStatistics, NoiseBaseline
+from imumon.noise.detection.baseline import NoiseBaseline
+from imumon.noise.detection.frame_statistics import PARTS, ArrayState, FrameStatistics
 from imumon.noise.detection.outliers import OutlierDetector, own_limit
 from imumon.samples import Bools, Floats
 
@@ -239,17 +240,8 @@ class DisturbanceDetector(ArrayState):
         if state or not frames.known[0]:
             baseline.skip(1)
         if self.moving:
-            self.moving += 1
-            if self._unusual.count(SEVERAL) >= MOTION_FRAMES:
-                self._reason = MOTION
-            codes[:] = self._reason
-            if frames.known[0]:
-                self._candidates.append(frames)
-            if baseline.ready and not any(self._unusual[-QUIET_FRAMES:]):
-                self.moving, self._candidates = 0, []
-            elif len(self._candidates) >= NEW_BASELINE_FRAMES:
-                return self._try_new_baseline()
-        elif WINDOW_FRAMES - self._unusual.count(USUAL) >= MOTION_FRAMES:
+            return self._continue_motion(frames, codes)
+        if WINDOW_FRAMES - self._unusual.count(USUAL) >= MOTION_FRAMES:
             self.moving, self._candidates = 1, []
             self._reason = MOTION if self._unusual.count(SEVERAL) >= MOTION_FRAMES else KNOCK
             codes[:] = self._reason
@@ -257,6 +249,20 @@ class DisturbanceDetector(ArrayState):
             self._learn(frames, codes, outliers)
             if outliers is not None:
                 self._note(x, outliers, index)
+        return False
+
+    def _continue_motion(self, frames: FrameStatistics, codes: Codes) -> bool:
+        """Mark a frame while everything is marked, and return whether the record breaks behind it."""
+        self.moving += 1
+        if self._unusual.count(SEVERAL) >= MOTION_FRAMES:
+            self._reason = MOTION
+        codes[:] = self._reason
+        if frames.known[0]:
+            self._candidates.append(frames)
+        if self.baseline.ready and not any(self._unusual[-QUIET_FRAMES:]):
+            self.moving, self._candidates = 0, []
+        elif len(self._candidates) >= NEW_BASELINE_FRAMES:
+            return self._try_new_baseline()
         return False
 
     def _without_outliers(

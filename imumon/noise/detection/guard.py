@@ -14,7 +14,7 @@ Rules:
 - The result depends on the grid alone: any chunking of the input gives the same exclusions.
 - Statistics do not wait for the first assessment: until then, `pending` holds the samples that it will pass
   on, unfiltered. Later results differ by the excluded samples only.
-- The guard applies margins, order and counters. The detectors decide which samples are unusual.
+- The guard applies margins and order, and `exclusions` counts. The detectors decide which samples are unusual.
 """
 
 from __future__ import annotations
@@ -24,10 +24,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imumon.noise.detection.baseline import PARTS, ArrayState
 from imumon.noise.detection.disturbance import (
     CLIPPED,
-    GLITCH,
     INERTIAL,
     MAGNETIC,
     REASONS,
@@ -35,16 +33,14 @@ from imumon.noise.detection.disturbance import (
     Codes,
     Disturbance,
     DisturbanceDetector,
-    Outlier,
     Reason,
     subset,
 )
+from imumon.noise.detection.exclusions import Exclusions
+from imumon.noise.detection.frame_statistics import PARTS, ArrayState
 from imumon.noise.detection.stuck import RepeatDetector, StuckAxisDetector
 from imumon.samples import Bools, Floats
 
-OUTLIER_EVENT_FRAMES = 60
-"""Frames within which the outliers of a sensor are one disturbance: a minute, so that they do not flood the
-events."""
 MARGIN_BEFORE = 5
 """Parts (0.1 s) excluded before any other disturbance: it begins below the threshold."""
 MARGIN_AFTER = 10
@@ -58,7 +54,7 @@ FIRST_FRAMES = 4
 LONG_SKIP = 3
 """Whole missing frames from which a gap is skipped and not passed through the detectors."""
 
-_ARRAYS = ("values", "valid", "saturated", "codes", "tail", "counts")
+_ARRAYS = ("values", "valid", "saturated", "codes", "tail")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +88,6 @@ class Guard:
     Attributes
     ----------
     sensors, groups : (c,) sensor and group of each channel.
-    disturbances : number of disturbances so far, a running one included.
     """
 
     def __init__(self, sensors: Sequence[str], rate_hz: float, *, excludes: bool = True) -> None:
@@ -106,7 +101,7 @@ class Guard:
             for kinds in (INERTIAL, ("mag",))
             if any(s in kinds for s in names)
         ]
-        self._outliers: dict[int, Disturbance] = {}  # running disturbances by group
+        self._exclusions = Exclusions(self._detectors, self._part, self._frame)
         self._repeats = RepeatDetector(self.groups)
         assessed = [c for detector in self._detectors for c in detector.channels]
         self._stuck_axes = StuckAxisDetector(assessed, self.groups)
@@ -118,16 +113,18 @@ class Guard:
         self._index = 0  # place on the grid of the first row that is held back
         self._started = False
         self._breaks: list[int] = []  # places on the grid before which the record breaks
-        self._events: list[Disturbance] = []
         self._stuck_changes: list[tuple[int, bool]] = []
         self._was_stuck = False
-        self._counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
-        self.disturbances = 0
 
     @property
     def at_rest(self) -> bool:
         """False while the sensor moves or is handled."""
         return all(detector.at_rest for detector in self._detectors if detector.inertial)
+
+    @property
+    def disturbances(self) -> int:
+        """Number of disturbances so far, a running one included."""
+        return self._exclusions.disturbances
 
     @property
     def noisy_outliers(self) -> Bools:
@@ -145,13 +142,14 @@ class Guard:
     @property
     def excluded(self) -> dict[Reason, int]:
         """Samples excluded so far by reason; those of the magnetometer alone are "magnetic"."""
-        return {reason: int(n) for reason, n in zip(REASONS, self._counts[1:], strict=True) if n}
+        return {reason: int(n) for reason, n in zip(REASONS, self._exclusions.counts[1:], strict=True) if n}
 
     @property
     def excluded_samples(self) -> int:
         """Excluded samples of gyroscope and accelerometer, or of a stream that has neither."""
         inertial = any(detector.inertial for detector in self._detectors)
-        return int(self._counts[:MAGNETIC].sum() if inertial else self._counts.sum())
+        counts = self._exclusions.counts
+        return int(counts[:MAGNETIC].sum() if inertial else counts.sum())
 
     @property
     def held(self) -> int:
@@ -168,7 +166,7 @@ class Guard:
 
     def events(self) -> list[Disturbance]:
         """Return the disturbances that ended since the last call, in order."""
-        ended, self._events = self._events, []
+        ended, self._exclusions.events = self._exclusions.events, []
         return ended
 
     def rest_changes(self) -> list[tuple[int, bool]]:
@@ -232,7 +230,8 @@ class Guard:
         self._stuck_changes = [(min(place, self._index), now) for place, now in self._stuck_changes]
         for detector in self._detectors:
             detector.rest_changes = [(min(place, self._index), now) for place, now in detector.rest_changes]
-        self._events = [replace(e, length=min(e.length, self._index - e.start)) for e in self._events]
+        events = self._exclusions.events
+        self._exclusions.events = [replace(e, length=min(e.length, self._index - e.start)) for e in events]
         return out
 
     def _drain(self, fill: int) -> list[GuardedSamples]:
@@ -240,9 +239,7 @@ class Guard:
         out = self._missing(fill)
         self._assess_ready(min(FIRST_FRAMES, max(1, len(self._values) // self._frame)))
         out += self._pass_on(len(self._codes) // PARTS)
-        self._end(self._detectors)
-        self._events += self._outliers.values()
-        self._outliers = {}
+        self._exclusions.end_all()
         self._tail = np.zeros_like(self._tail)
         return out
 
@@ -328,12 +325,12 @@ class Guard:
             self._breaks = []
         elif around.any():
             marked = np.stack([_with_margins(column) for column in around.T], axis=1)
-            taken = self._exclude(values, valid, marked[PARTS : PARTS + parts])
+            taken = self._exclusions.mark(values, valid, marked[PARTS : PARTS + parts], self._index)
         else:
-            self._end(self._detectors)
+            self._exclusions.end(self._detectors)
             for detector in self._detectors:
-                self._refer(detector, values, valid, n)
-        self._exclude_outliers(valid, taken)
+                self._exclusions.refer(detector, values, valid, n)
+        self._exclusions.mark_outliers(valid, taken, self._index, excludes=self._excludes)
         self._tail = self._codes[parts - PARTS : parts]
         self._codes, self._saturated = self._codes[parts:], self._saturated[n:]
         self._values, self._valid = self._values[n:].copy(order="F"), self._valid[n:].copy()
@@ -349,91 +346,12 @@ class Guard:
         out.append(GuardedSamples(values[last:], valid[last:]))
         return out
 
-    def _exclude(self, values: Floats, valid: Bools, codes: Codes) -> Bools:
-        """Mark rows invalid by the codes (parts, detectors), count them, and track the disturbances.
-
-        Returns
-        -------
-        taken : (n,) rows that are counted as excluded of gyroscope and accelerometer.
-        """
-        rows = np.repeat(codes, self._part, axis=0)
-        inertial = np.zeros(len(values), dtype=bool)
-        for w, detector in enumerate(self._detectors):
-            received = np.asarray(valid[:, detector.groups].any(axis=1), dtype=bool)
-            hit = received & (rows[:, w] > 0)
-            if detector.inertial:
-                self._counts[:MAGNETIC] += np.bincount(rows[hit, w], minlength=MAGNETIC)[:MAGNETIC]
-                inertial = hit
-            else:
-                self._counts[MAGNETIC] += int((hit & ~inertial).sum())
-            valid[np.ix_(np.flatnonzero(rows[:, w]), np.array(detector.groups))] = False
-            if not codes[0, w]:
-                self._end([detector])
-            edges = np.flatnonzero(np.diff(codes[:, w] > 0, prepend=False, append=False)).tolist()
-            for begin, end in zip(edges[::2], edges[1::2], strict=True):
-                here = slice(begin * self._part, end * self._part)
-                if not detector.open:
-                    self._refer(detector, values, valid, here.start)
-                    self.disturbances += 1
-                span = (self._index + here.start, self._index + here.stop)
-                detector.extend(*span, int(codes[begin:end, w].max()), values[here][received[here]])
-                if end < len(codes):
-                    self._end([detector])
-            self._refer(detector, values, valid, len(values))
-        return inertial
-
-    def _exclude_outliers(self, valid: Bools, taken: Bools) -> None:
-        """Mark the outliers of these rows invalid, count those of rows that are not `taken`, and report them."""
-        end = self._index + len(valid)
-        for detector in self._detectors:
-            due = [outlier for outlier in detector.found if outlier.place < end]
-            detector.found = detector.found[len(due) :]
-            code = GLITCH if detector.inertial else MAGNETIC
-            for outlier in due if self._excludes else ():
-                row = outlier.place - self._index
-                if valid[row, outlier.group]:
-                    valid[row, outlier.group] = False
-                    self._counts[code] += not taken[row]
-                    taken[row] = True
-                    self._collect(outlier, REASONS[code - 1])
-        self._end_outliers(end)
-
-    def _collect(self, outlier: Outlier, kind: Reason) -> None:
-        """Add an outlier to the running disturbance of its sensor, or begin one."""
-        self._end_outliers(outlier.place)
-        running = self._outliers.get(outlier.group)
-        if running is None:
-            running = Disturbance(kind, outlier.place, 0, 0.0, outlier.channel)
-            self.disturbances += 1
-        if outlier.size > (running.size or 0.0):
-            running = replace(running, size=outlier.size, channel=outlier.channel)
-        self._outliers[outlier.group] = replace(running, length=running.length + 1)
-
-    def _end_outliers(self, place: int) -> None:
-        """End the disturbances by outliers that began long before a place on the grid."""
-        length = OUTLIER_EVENT_FRAMES * self._frame
-        for group in [g for g, running in self._outliers.items() if place - running.start >= length]:
-            self._events.append(self._outliers.pop(group))
-
-    def _refer(self, detector: DisturbanceDetector, values: Floats, valid: Bools, end: int) -> None:
-        """Keep mean and deviation of the last frame before row `end` of which at least half is valid."""
-        for last in range(end // self._frame * self._frame, 0, -self._frame):
-            rows = slice(last - self._frame, last)
-            ok = np.asarray(valid[rows][:, detector.groups].all(axis=1), dtype=bool)
-            if 2 * int(ok.sum()) >= self._frame:
-                own = values[rows][ok][:, detector.channels]
-                detector.latest = np.stack((own.mean(axis=0), own.std(axis=0)))
-                break
-
-    def _end(self, detectors: list[DisturbanceDetector]) -> None:
-        self._events += [detector.close() for detector in detectors if detector.open]
-
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays, without running disturbances and unread events."""
         numbers = [self._index, self.disturbances, self._started, *self._breaks]
         out = {name: getattr(self, f"_{name}").copy() for name in _ARRAYS}
         out |= {"sensors": np.array(self.sensors), "rate": np.array(self._rate)}
-        out |= {"stuck": np.array(self._was_stuck)}
+        out |= {"stuck": np.array(self._was_stuck), "counts": self._exclusions.counts.copy()}
         out |= {"excludes": np.array(self._excludes), "numbers": np.array(numbers, dtype=np.int64)}
         for prefix, part in self._parts().items():
             out |= {prefix + name: value for name, value in part.save().items()}
@@ -445,7 +363,10 @@ class Guard:
         self = cls([str(s) for s in saved["sensors"]], float(saved["rate"]), excludes=bool(saved["excludes"]))
         for name in _ARRAYS:
             setattr(self, f"_{name}", saved[name].copy())
-        self._index, self.disturbances, started, *self._breaks = (int(v) for v in saved["numbers"])
+        self._exclusions.counts = saved["counts"].copy()
+        self._index, self._exclusions.disturbances, started, *self._breaks = (
+            int(v) for v in saved["numbers"]
+        )
         self._started, self._was_stuck = bool(started), bool(saved.get("stuck", False))
         for prefix, part in self._parts().items():
             part.restore(subset(saved, prefix))

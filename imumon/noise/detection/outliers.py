@@ -15,7 +15,8 @@ import math
 
 import numpy as np
 
-from imumon.noise.detection.baseline import MAD_SIGMA, PARTS, SAMPLE_SIGMA, ArrayState
+from imumon.noise.detection.baseline import MAD_SIGMA, UNUSUAL_SIGMA
+from imumon.noise.detection.frame_statistics import PARTS, ArrayState
 from imumon.noise.detection.stuck import CHANCE
 from imumon.samples import Bools, Floats, Ints
 
@@ -137,7 +138,7 @@ def own_limit(d: Floats, usable: Bools | None) -> Floats:
     median = np.median(x, axis=1, keepdims=True)
     scale = MAD_SIGMA * np.median(np.abs(x - median), axis=1)
     scale = np.where(scale > 0.0, scale, x.std(axis=1))
-    return np.asarray(SAMPLE_SIGMA * (1.0 + SMALL_SAMPLE * 2.0 / math.sqrt(2.0 * n)) * scale)
+    return np.asarray(UNUSUAL_SIGMA * (1.0 + SMALL_SAMPLE * 2.0 / math.sqrt(2.0 * n)) * scale)
 
 
 def run_beyond_chance(share: float) -> int:

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from imumon.noise.detection.baseline import ArrayState
+from imumon.noise.detection.frame_statistics import ArrayState
 from imumon.samples import Bools, Floats
 
 CHANCE = 1e-12

@@ -1,35 +1,24 @@
-"""What a description states about a channel, in SI: coefficients, regressors, and the Allan curve with its limits."""
+"""What a description states about a channel, in SI: coefficients and regressors."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from imumon.coefficients import LIMIT_95
-from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.description import Description
-from imumon.noise.fit.expected_curve import (
-    degrees_of_freedom,
-    density_variances,
-    limit_factors,
-    line_variances,
-    moved_variances,
-    moved_variances_at,
-    noise_variances,
-)
+from imumon.noise.fit.expected_curve import moved_variances
 from imumon.noise.fit.likelihood import averaged as average_over
 from imumon.noise.fit.likelihood import evidence, normal_matrix, quantiles
-from imumon.noise.fit.observations import meeting_frequency, observed_density
 from imumon.noise.fit.regressors import BENT, COLLINEAR, OSCILLATION
-from imumon.noise.fit.results import SIGNIFICANT, ChannelFit, read_slopes
+from imumon.noise.fit.results import SIGNIFICANT, ChannelFit
+from imumon.noise.fit.stated_curve import BENDS, Stated, line_bands, moved, oscillations
 from imumon.noise.fit.time_to_precision import seconds_to
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.power_law import sampled_density
-from imumon.noise.spectrum.expectation import window_power
 from imumon.report import COEFFICIENTS, NOISE, Change, Estimate, ModelColumn
-from imumon.samples import Floats, Ints
+from imumon.samples import Floats
 
 LEAST_B_K_S = 10.0
 """s, shortest record for B and K: before, a filter, a vibration, and the start look like them."""
@@ -40,40 +29,11 @@ EVIDENCE = 4.8
 records have the best value at zero)."""
 MISFIT_P = 0.01
 """Probability of the misfit below which the caveat ``misfit`` is given."""
-OSCILLATES = 30.0
-"""Power of an oscillation over the noise of a coefficient from which it is reported: 10^-5 by chance in a record."""
 SAME_PERIOD = 0.2
 """Relative difference up to which two periods are those of one oscillation."""
-BENDS = 0.1
-"""Share of the Allan variance at some tau from which lines or a drift bend the curve visibly."""
-
-SMOOTH_OCTAVES_END = 64
-"""Samples, longest cluster for which the contribution of a line hardly changes within a bin of the spectrum."""
-
-ALIAS_WIDTHS, ALIAS_SHARE = 3.0, 0.1
-"""Widths of a line within which its alias lies, and the least share of an oscillation that remains of the line."""
-
-LINE_DEGREES = 4.0 * math.sqrt(math.pi)
-"""Degrees of freedom of noise in a band with a Gaussian shape, over width and time."""
 
 NOT_SHOWN = "the record does not show it"
 TOO_SHORT = "the record is too short"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Stated:
-    """What one description of a channel states, whatever the curve.
-
-    Attributes
-    ----------
-    found : the description.
-    fit : without a curve.
-    moved : (2, j) the Allan variance of what the regressors move; see `moved_variances`.
-    """
-
-    found: Description
-    fit: ChannelFit
-    moved: Floats
 
 
 def stated(
@@ -97,13 +57,13 @@ def stated(
     if drift is not None and drift.sigma > SIGNIFICANT and not collinear:
         coefficients["R"] = _ramp(drift)
     highest = float(found.likelihood.powers.top.max())
-    none, lines = np.zeros(0), _lines(sums, channel)
-    oscillations = _periods(found, lines, tau0)
+    none, lines = np.zeros(0), line_bands(sums, channel)
+    periods_s = _periods(found, lines, tau0)
     holds = {
         "misfit": found.p_value < MISFIT_P,
         "correlated": found.window > 1 or found.likelihood.shape == "filtered",
         "quantised": "Q" in coefficients,
-        "oscillation": bool(oscillations),
+        "oscillation": bool(periods_s),
     }
     fit = ChannelFit(
         coefficients=coefficients,
@@ -122,14 +82,14 @@ def stated(
         explained=_explained(found),
         step=_step(found, columns),
         lines_hz=tuple((lines[:, 0] / tau0).tolist()),
-        oscillations_s=oscillations,
+        oscillations_s=periods_s,
         highest_hz=highest / tau0,
     )
     if precision is not None:
         widths = np.array([coefficients[letter].half_width or math.inf for letter in NOISE])
         seconds = seconds_to(found.surface.powers, widths, samples, tau0, highest, precision)
         fit = replace(fit, time_to=dict(zip(NOISE, seconds, strict=True)))
-    return Stated(found, fit, moved_variances(found.slow.series, _moved(found, lines)))
+    return Stated(found, fit, moved_variances(found.slow.series, moved(found, lines)))
 
 
 def _coefficients(found: Description, kurtosis: float, length_s: float) -> dict[str, Estimate]:
@@ -163,51 +123,6 @@ def _coefficients(found: Description, kurtosis: float, length_s: float) -> dict[
     if found.likelihood.shape == "quantised" and (quantised := _quantised(found)) is not None:
         out["Q"] = quantised
     return out
-
-
-def with_curve(
-    stated: Stated, curve: AllanCurve, sums: NoiseSums, channel: int, averaged: bool
-) -> ChannelFit:
-    """Return a fit with the Allan deviations that it states, the limits of the measured ones, and their caveats.
-
-    Parameters
-    ----------
-    curve, sums : of the record.
-    averaged : the samples are true averages over their interval, else point samples.
-    """
-    found, fit, m, lines = stated.found, stated.fit, curve.m, _lines(sums, channel)
-    powers = found.surface.powers
-    line_shares = np.array([line_variances(m, *line) for line in lines.tolist()]).reshape(-1, m.size)
-    noise = powers @ noise_variances(m, averaged=averaged)
-    departure = _departure(m, sums, channel, found, averaged, line_shares.sum(axis=0))
-    random = np.maximum(noise + departure, 1e-3 * noise)
-    present = curve.terms[:, channel] > 0
-    fixed = moved_variances_at(m, stated.moved)
-    edf = degrees_of_freedom(m, curve.terms[:, channel], curve.span, powers)
-    # a product of noise and what is not random adds twice its share; a line is noise of its own width
-    share = np.where(edf > 0.0, (random**2 + 2.0 * random * fixed) / np.maximum(edf, 1e-9), 1.0)
-    share = share + (line_shares**2 / (LINE_DEGREES * lines[:, 1:2] * curve.span + 1.0)).sum(axis=0)
-    edf = np.where(present, (random + fixed) ** 2 / share, 0.0)
-    low, high = limit_factors(np.maximum(edf, 1.0))
-    sigma = curve.sigma[:, channel]
-    positive = present & (sigma > 0.0)
-    visible, drift = BENDS * (random + fixed), fit.column("drift")
-    caveats = list(fit.caveats)
-    if (line_shares.sum(axis=0) > visible).any():
-        caveats.append("vibration")
-    if "R" in fit.coefficients and drift and (0.5 * (drift.value * curve.tau) ** 2 > visible).any():
-        caveats.append("ramp")
-    return replace(
-        fit,
-        model=np.sqrt(random + fixed),
-        noise=np.sqrt(noise),
-        used=present & (m >= 1 << found.first),
-        low=np.where(present, sigma * low, 0.0),
-        high=np.where(present, sigma * high, 0.0),
-        edf=edf,
-        readings=read_slopes(curve.tau[positive], sigma[positive]),
-        caveats=tuple(caveats),
-    )
 
 
 def _bound(high: float) -> Estimate:
@@ -265,13 +180,6 @@ def _step(found: Description, columns: tuple[ModelColumn, ...]) -> Change | None
     )
 
 
-def _lines(sums: NoiseSums, channel: int) -> Floats:
-    """Return (l, 3) frequency and width, cycles per sample, and power of the lines of a channel, strongest first."""
-    bands = () if sums.spectrum is None else sums.spectrum.bands[channel]
-    scaled = [(band.frequency_hz * sums.tau0, band.width_hz * sums.tau0, band.power) for band in bands]
-    return np.array(scaled).reshape(-1, 3)
-
-
 def _ramp(drift: ModelColumn) -> Estimate:
     """Return R, the size of the drift."""
     low, high = sorted((abs(drift.low), abs(drift.high)))  # a significant drift excludes 0
@@ -290,38 +198,10 @@ def _quantised(found: Description) -> Estimate | None:
     return Estimate(value=math.sqrt(c), low=low, high=high, status="measured")
 
 
-def _oscillations(found: Description, lines: Floats) -> list[Ints]:
-    """Return the coefficients of each oscillation that is beyond chance and no alias of a line.
-
-    A block averages over most of a line, and what remains of a strong one shows at the wrong frequency.
-
-    Parameters
-    ----------
-    lines : (l, 3) frequency and width, cycles per sample, and power of each line of the spectrum.
-    """
-    series, out = found.slow.series, []
-    f, width, power = lines.T
-    noise = found.surface.powers @ series.variance
-    aliases = np.abs(f - np.round(f * series.length) / series.length)
-    remains = power / (np.pi * f * series.length) ** 2
-    for begin, count in zip(series.begin - np.arange(series.begin.size), series.count - 1, strict=True):
-        own = np.flatnonzero(found.slow.masked[begin : begin + count])
-        step = 0.5 / ((count + 1) * series.length)
-        for group in np.split(own, np.flatnonzero(np.diff(own) > 1) + 1):
-            at = begin + group
-            if float((found.excess[at] / noise[at]).sum()) > OSCILLATES:
-                low, high = series.f[at[[0, -1]]] + np.array([-step, step])
-                near = (low - ALIAS_WIDTHS * width <= aliases) & (aliases <= high + ALIAS_WIDTHS * width)
-                own_power = float(found.excess[at].sum()) / (count + 1)
-                if not (near & (remains > ALIAS_SHARE * own_power)).any():
-                    out.append(at)
-    return out
-
-
 def _periods(found: Description, lines: Floats, tau0: float) -> tuple[float, ...]:
     """Return the periods, s, of the oscillations that are left out: the middle of each."""
     out = []
-    for group in _oscillations(found, lines):
+    for group in oscillations(found, lines):
         weight = found.excess[group]
         out.append(float(tau0 * weight.sum() / (weight @ found.slow.series.f[group])))
     described = [
@@ -333,61 +213,6 @@ def _periods(found: Description, lines: Floats, tau0: float) -> tuple[float, ...
         out = [other for other in out if abs(other / period - 1.0) > SAME_PERIOD]
     out += described
     return tuple(sorted(out))
-
-
-def _departure(
-    m: Ints, sums: NoiseSums, channel: int, found: Description, averaged: bool, line_share: Floats
-) -> Floats:
-    """Return (k,) what the spectrum has beyond N, B and K.
-
-    Its shape where the fit uses it, what was observed above the highest frequency in use, and everywhere where the fit
-    counts an error of the model. The lines are as observed at the shortest octaves. At longer ones the bins are too
-    wide for the oscillation of their contribution with tau, and each line has its frequency and width.
-    """
-    likelihood, surface = found.likelihood, found.surface
-    whole = likelihood.powers.top.max() > 0.499 and not likelihood.shape and found.window == 1
-    if whole and not found.error and not line_share.any():
-        return np.zeros(m.size)
-    f, width, density, lines = observed_density(sums, channel)
-    above = f > meeting_frequency(found.slow.series)
-    f, width, density, lines = f[above], width[above], density[above], lines[above]
-    noise = surface.powers @ sampled_density(f, averaged=averaged)
-    c = float(surface.c[surface.best]) * 4.0 * np.sin(np.pi * f) ** 2
-    stated = noise * window_power(f, found.window)
-    stated = stated / (1.0 + c) if likelihood.shape == "filtered" else stated
-    stated = stated + c if likelihood.shape == "quantised" else stated
-    if found.error or not lines.all():
-        quiet = (
-            np.interp(f, *np.stack((f, density))[:, ~lines][:, np.argsort(f[~lines])])
-            if lines.any()
-            else density
-        )
-        stated = np.where((f > float(likelihood.powers.top.max())) | bool(found.error), quiet, stated)
-    long = density_variances(m, f, width, stated - noise)
-    if not lines.any():
-        return long
-    long = long + line_share
-    short = density_variances(m, f, width, np.where(lines, density, stated) - noise)
-    return np.where(m <= SMOOTH_OCTAVES_END, short, long)
-
-
-def _moved(found: Description, lines: Floats) -> Floats:
-    """Return (n,) channel unit, what the regressors move at each block, and the oscillations as they are."""
-    import scipy.fft
-
-    series, beta = found.slow.series, found.surface.beta[found.surface.best]
-    moved = np.zeros(series.series.size)
-    for each, value in zip(found.slow.regressors, beta.tolist(), strict=True):
-        moved = moved + value * each.scale * each.series
-    left_out = np.zeros(series.y.size)
-    for group in _oscillations(found, lines):
-        left_out[group] = np.sqrt(found.excess[group])
-    if left_out.any():
-        left_out = np.copysign(left_out, series.y - series.transform(moved))
-        for number, (begin, count) in enumerate(zip(series.begin, series.count, strict=True)):
-            own = np.concatenate(([0.0], left_out[begin - number : begin - number + count - 1]))
-            moved[begin : begin + count] += scipy.fft.idct(own, norm="ortho")
-    return moved
 
 
 def _explained(found: Description) -> float | None:

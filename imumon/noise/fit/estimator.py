@@ -1,8 +1,8 @@
 """Fit of N, B and K to the sums of a record: one likelihood, and everything that follows from it.
 
-`description` finds the terms, `likelihood` gives the numbers, `channel_results` states them in SI with the Allan curve
-that they imply. A fit is computed again when the record has grown by 2 %; in between the last one holds, with the curve
-of today.
+`description` finds the terms, `likelihood` gives the numbers, `channel_results` states them in SI, and `stated_curve`
+gives the Allan curve that they imply. A fit is computed again when the record has grown by 2 %; in between the last one
+holds, with the curve of today.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ import numpy as np
 from imumon.coefficients import NOISE, default_precision
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.bias_curve import bias_curve
-from imumon.noise.fit.channel_results import TOO_SHORT, Stated, stated, with_curve
+from imumon.noise.fit.channel_results import TOO_SHORT, stated
 from imumon.noise.fit.description import Choice, Describer
 from imumon.noise.fit.observations import block_series
 from imumon.noise.fit.results import ChannelFit, pending_fit
+from imumon.noise.fit.stated_curve import Stated, with_curve
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.level_sums import SUB_BAND
 from imumon.report import BiasCurve
@@ -95,29 +96,40 @@ class Estimator:
         if curve.record is None or curve.record != self._record:
             self._known.clear()
         self._record = curve.record
-        out = []
-        for channel in range(curve.valid.size):
-            step = 0.0 if resolution is None else float(resolution[channel])
-            reason = _why_pending(curve, channel, step)
-            if reason is not None:
-                self._known.pop(channel, None)
-                out.append(pending_fit(len(curve.m), *reason))
-                continue
-            if curve.sums is None:
-                out.append(pending_fit(len(curve.m), "the curve has no sums of its noise"))
-                continue
-            known = self._known.get(channel)
-            current = known is not None and known.span <= curve.span < known.span * RENEWAL_GROWTH
-            if known is None or renew or (renew is None and not current):
-                excess = 0.0 if kurtosis is None else float(kurtosis[channel])
-                found = self._stated(curve.sums, channel, None if renew else known, degrees, excess)
-                known = self._known[channel] = _Known(curve.span, found)
-            out.append(
-                pending_fit(len(curve.m), known.found)
-                if isinstance(known.found, str)
-                else with_curve(known.found, curve, curve.sums, channel, self._flag(channel))
+        return tuple(
+            self._fitted(
+                curve,
+                channel,
+                renew,
+                0.0 if resolution is None else float(resolution[channel]),
+                0.0 if kurtosis is None else float(kurtosis[channel]),
+                degrees,
             )
-        return tuple(out)
+            for channel in range(curve.valid.size)
+        )
+
+    def _fitted(
+        self,
+        curve: AllanCurve,
+        channel: int,
+        renew: bool | None,
+        step: float,
+        kurtosis: float,
+        degrees: Floats | None,
+    ) -> ChannelFit:
+        """Return the fit of a channel, with what was found last while it is current; see `fit`."""
+        reason = _why_pending(curve, channel, step)
+        if reason is not None or curve.sums is None:
+            self._known.pop(channel, None)
+            return pending_fit(len(curve.m), *(reason or ("the curve has no sums of its noise",)))
+        known = self._known.get(channel)
+        current = known is not None and known.span <= curve.span < known.span * RENEWAL_GROWTH
+        if known is None or renew or (renew is None and not current):
+            found = self._stated(curve.sums, channel, None if renew else known, degrees, kurtosis)
+            known = self._known[channel] = _Known(curve.span, found)
+        if isinstance(known.found, str):
+            return pending_fit(len(curve.m), known.found)
+        return with_curve(known.found, curve, curve.sums, channel, self._flag(channel))
 
     def fit_sums(
         self,

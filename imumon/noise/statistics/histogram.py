@@ -5,53 +5,21 @@ so that every bin holds the same number of levels and no comb appears), the edge
 value is outside, pairs of bins are merged until it fits. So counts stay exact, the number of bins stays
 bounded, and the result depends on the values alone, not on their order or chunking. numpy.histogram needs all
 samples at once.
-
-The verdict is about effect size: with a million samples every real distribution fails a significance test,
-but the question is whether a Gaussian model would mislead. Limits are on the Kolmogorov distance
-to the Gaussian of the same mean and standard deviation, on skewness and on excess kurtosis, each widened by
-its own sampling error: 1.5/sqrt(n) for the distance (a Gaussian exceeds 1.03/sqrt(n) once in a hundred times,
-Lilliefors 1967), for the others four standard errors in large samples, sqrt(6/n) and sqrt(24/n) (Fisher
-1930).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
-from scipy.special import ndtr
 
+from imumon.noise.statistics.distribution_shape import FEW_LEVELS, LEARN_SAMPLES, DistributionShape, assessed
 from imumon.samples import Bools, Floats, Ints
 
 HISTOGRAM_BINS = 256
 """Bins of a channel: at least half of them are in use."""
-LEARN_SAMPLES = 256
-"""Samples from which the step of a quantised channel is read, and below which there is no verdict."""
 
-GAUSSIAN_DISTANCE = 0.025
-"""Kolmogorov distance up to which a distribution counts as Gaussian: probabilities are right to 2.5 %."""
-GAUSSIAN_SKEWNESS = 0.25
-"""Absolute skewness up to which a distribution counts as Gaussian."""
-GAUSSIAN_KURTOSIS = 0.5
-"""Absolute excess kurtosis up to which a distribution counts as Gaussian."""
-DISTANCE_ERROR = 1.5
-"""Sampling error of the distance that is allowed, times sqrt(n)."""
-MOMENT_ERRORS = 4.0
-"""Standard errors of skewness and kurtosis that are allowed, and by which a mode must rise."""
-COARSE_STEPS = 1.5
-"""Standard deviation, in quantisation steps, below which a channel is called quantised."""
-FEW_LEVELS = 8
-"""Levels up to which a channel whose step could not be learned counts as quantised, and above which the least
-difference may be several steps."""
-MODE_HEIGHT = 0.1
-"""Share of the highest count by which a mode rises above the valleys beside it."""
-MODE_WIDTH = 0.25
-"""Width of the smoothing kernel for modes, as a share of the standard deviation."""
-LEAST_MODE_WIDTH = 0.5
-"""Bins, least width of that kernel."""
 
 LEAST_STEP = 1e-150
 """Channel unit, least quantisation step: its reciprocal and its square are finite."""
@@ -67,41 +35,6 @@ PRECISE_BITS = 44
 """Bits of a place on the lattice that are exact: a float has 53, and sums of places need some."""
 
 _ARRAYS = ("step", "unit", "exponent", "low", "counts", "started")
-
-
-@dataclass(frozen=True, slots=True)
-class DistributionShape:
-    """Distribution of one channel.
-
-    Attributes
-    ----------
-    start, width : channel unit, lower edge of the first bin and width of each.
-    counts : samples in each bin, without empty bins at the ends.
-    gaussian : expected counts of a Gaussian with the same mean and deviation.
-    is_gaussian : None with fewer than `LEARN_SAMPLES` samples.
-    verdict : text, such as ``not Gaussian: heavy tails``.
-    modes : channel unit, places of the maxima, highest first.
-    distance : Kolmogorov distance to the Gaussian; None without spread.
-    skewness, excess_kurtosis : 1; None without spread.
-    step : channel unit, quantisation step, or None.
-    """
-
-    start: float
-    width: float
-    counts: tuple[int, ...]
-    gaussian: tuple[float, ...]
-    is_gaussian: bool | None
-    verdict: str
-    modes: tuple[float, ...]
-    distance: float | None = None
-    skewness: float | None = None
-    excess_kurtosis: float | None = None
-    step: float | None = None
-
-    @property
-    def constant(self) -> bool:
-        """Whether the channel never changed in `LEARN_SAMPLES` samples or more."""
-        return len(self.counts) == 1 and self.counts[0] >= LEARN_SAMPLES
 
 
 class HistogramAccumulator:
@@ -249,7 +182,7 @@ class HistogramAccumulator:
         width = math.ldexp(float(self._unit[c]), int(self._exponent[c]))
         step = float(self._step[c]) or None
         start = (int(self._low[c]) + int(used[0])) * width - (0.5 * step if step else 0.0)
-        return _assessed(start, width, counts, step or _sparse(counts, width))
+        return assessed(start, width, counts, step or _sparse(counts, width))
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""
@@ -310,98 +243,3 @@ def _sparse(counts: Ints, width: float) -> float | None:
         return None
     apart = int(np.diff(levels).min())
     return apart * width if apart > 1 else None
-
-
-def _assessed(start: float, width: float, counts: Ints, step: float | None) -> DistributionShape:
-    """Return the shape of the distribution from the counts of equal bins."""
-    n = int(counts.sum())
-    share = counts / n
-    centres = np.asarray(start + width * (np.arange(len(counts)) + 0.5), dtype=np.float64)
-    d = np.arange(len(counts)) - float(len(counts) // 2)  # in bins, because powers of tiny units underflow
-    middle, mean = float(centres[len(counts) // 2]), float(share @ d)
-    d = d - mean
-    m2 = float(share @ d**2)
-    shape = partial(DistributionShape, start=start, width=width, counts=tuple(counts.tolist()), step=step)
-    if n < 2 or m2 <= 0.0:
-        return shape(
-            gaussian=(float(n),) * len(counts),
-            is_gaussian=None,
-            verdict="constant" if n >= LEARN_SAMPLES else "too few samples",
-            modes=(mean * width + middle,),
-        )
-    # Grouping into bins adds 1/12 to the variance (Sheppard), unless the bins are the levels themselves.
-    grouped = float(step is None or width > 1.5 * step)
-    variance = max(m2 - grouped / 12.0, 0.25 * m2)
-    skewness = float(share @ d**3) / variance**1.5
-    kurtosis = (float(share @ d**4) - grouped * (m2 / 2.0 - 7.0 / 240.0)) / variance**2 - 3.0
-    phi = ndtr((np.append(d, d[-1] + 1.0) - 0.5) / math.sqrt(variance))
-    distance = float(np.abs(np.cumsum(share) - phi[1:]).max())
-    modes = _modes(counts, centres, math.sqrt(variance))
-    deviations = _deviations(n, distance, skewness, kurtosis, len(modes))
-    coarse = step is not None and math.sqrt(variance) * width < COARSE_STEPS * step
-    if coarse and step is not None:
-        deviations = [f"quantised: {int(np.count_nonzero(counts))} levels"]
-    if n < LEARN_SAMPLES:
-        verdict = "too few samples"
-    else:
-        verdict = f"not Gaussian: {', '.join(deviations)}" if deviations else "Gaussian"
-    return shape(
-        gaussian=tuple((n * np.diff(phi)).tolist()),
-        is_gaussian=None if n < LEARN_SAMPLES else not deviations,
-        verdict=verdict,
-        modes=modes,
-        distance=distance,
-        skewness=skewness,
-        excess_kurtosis=kurtosis,
-    )
-
-
-def _deviations(n: int, distance: float, skewness: float, kurtosis: float, modes: int) -> list[str]:
-    """Return how a distribution differs from a Gaussian, as text."""
-    tails = GAUSSIAN_KURTOSIS + MOMENT_ERRORS * math.sqrt(24.0 / n)
-    conditions = {
-        f"{modes} modes": modes > 1,
-        "heavy tails": kurtosis > tails,
-        "light tails": kurtosis < -tails and modes == 1,
-        "skewed": abs(skewness) > GAUSSIAN_SKEWNESS + MOMENT_ERRORS * math.sqrt(6.0 / n),
-    }
-    deviations = [text for text, applies in conditions.items() if applies]
-    different = distance > GAUSSIAN_DISTANCE + DISTANCE_ERROR / math.sqrt(n)
-    return deviations or (["shape"] if different else [])
-
-
-def _modes(counts: Ints, centres: Floats, sigma: float) -> tuple[float, ...]:
-    """Return the maxima of the smoothed counts, highest first.
-
-    A maximum rises above the valleys beside it by `MODE_HEIGHT` of the highest and by `MOMENT_ERRORS`
-    standard errors. scipy.signal.find_peaks does the same, but costs the daemon 50 MB.
-
-    Parameters
-    ----------
-    counts : (k,)
-    centres : (k,) channel unit.
-    sigma : bins, standard deviation of all samples.
-    """
-    h = max(MODE_WIDTH * sigma, LEAST_MODE_WIDTH)
-    reach = math.ceil(3.0 * h)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / h) ** 2)
-    kernel /= kernel.sum()
-    smooth = np.convolve(np.pad(counts.astype(np.float64), reach), kernel, mode="valid").tolist()
-    error = math.sqrt(float(kernel @ kernel))
-    least = MODE_HEIGHT * max(smooth)
-    maxima: list[int] = []
-    top, bottom, rising = 0, 0, True
-    for i, value in enumerate(smooth):
-        if rising:
-            top = i if value > smooth[top] else top
-            if smooth[top] - value > max(least, MOMENT_ERRORS * error * math.sqrt(max(smooth[top], 1.0))):
-                maxima.append(top)
-                rising, bottom = False, i
-        else:
-            bottom = i if value < smooth[bottom] else bottom
-            if value - smooth[bottom] > max(least, MOMENT_ERRORS * error * math.sqrt(max(value, 1.0))):
-                rising, top = True, i
-    if rising:
-        maxima.append(top)
-    maxima.sort(key=lambda i: -smooth[i])
-    return tuple(float(centres[i]) for i in maxima)
