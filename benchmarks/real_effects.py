@@ -176,8 +176,8 @@ def by_pipeline(records: Records, effect: Effect) -> list[Row]:
             monitor.feed(SampleBlock(stream, block, tick, np.zeros(len(block), dtype=np.int64)))
         monitor.flush()
         monitor.report(NOW, DeviceDescription(id="x"), "stopped", SessionCounters())
-        assert monitor._analysis is not None
-        fits = [monitor._analysis.fits[name] for name in STREAM.channels[:columns]]
+        assert monitor._record is not None
+        fits = [monitor._record._analysis.fits[name] for name in STREAM.channels[:columns]]
         rows += [row_of([fit.N, fit.B, fit.K], [math.nan] * 3) for fit in fits]
     return rows
 
