@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 from imumon.alarms import ALARMS
 from imumon.report import Change, Drift, Estimate, Event, Report, SensorGrade
 from imumon.samples import Level, sensor_of
+from imumon.units import duration
 
 
 class CaveatText(NamedTuple):
@@ -19,11 +20,6 @@ class CaveatText(NamedTuple):
 
     line: str
     details: str = ""
-
-    @property
-    def advice(self) -> str:
-        """The line and the details as a paragraph."""
-        return f"{self.line[0].upper()}{self.line[1:]}. {self.details}".strip()
 
 
 CAVEATS: Mapping[str, CaveatText] = {
@@ -95,7 +91,7 @@ CAVEATS: Mapping[str, CaveatText] = {
     ),
     "oscillation": CaveatText(
         "the mean oscillates slowly: N, B and K are without it",
-        "Air conditioning is a common cause. The report has the period.",
+        "Air conditioning is a common cause.",
     ),
 }
 """Texts by caveat."""
@@ -263,7 +259,17 @@ def line_with_size(report: Report, caveat: str) -> str:
     ]
     if caveat == "outliers" and ratios:
         return f"{line(caveat)}: up to {max(ratios):.2f} times the N without them"
+    models = [c.model for c in report.channels.values() if caveat in c.caveats and c.model is not None]
+    periods = sorted({duration(period) for model in models for period in model.oscillations_s})
+    if caveat == "oscillation" and periods:
+        return f"{line(caveat)}; period {', '.join(periods)}"
     return line(caveat)
+
+
+def advice(report: Report, caveat: str) -> str:
+    """Return the meaning of a caveat with its size, consequence and cure, in sentences."""
+    text, details = line_with_size(report, caveat), CAVEATS[caveat].details if caveat in CAVEATS else ""
+    return f"{text[:1].upper()}{text[1:]}. {details}".strip()
 
 
 def caveats(report: Report) -> dict[str, list[str]]:
@@ -368,6 +374,7 @@ def coefficient_ratio(first: Estimate, second: Estimate) -> CoefficientRatio:
     recovery: Zou and Donner, Statistics in Medicine 27, 1693, 2008). A bound differs from a value only if
     the limits of the value are beyond it. Otherwise the ratio is unknown.
     """
+    first, second = first.stated, second.stated
     if first.value and second.value:
         return CoefficientRatio(second.value / first.value, differs=_differ(first, second))
     if first.value and second.high is not None and first.low is not None and second.high < first.low:

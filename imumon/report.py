@@ -430,7 +430,8 @@ def _check_channels(names: Collection[str]) -> None:
 
 
 def _check_estimate(part: Estimate) -> None:
-    _check(all(size is None or size >= 0.0 for size in (part.value, part.low, part.high)), "a negative size")
+    sizes = (part.value, part.low, part.high, part.combined_low, part.combined_high)
+    _check(all(size is None or size >= 0.0 for size in sizes), "a negative size")
 
 
 def _check_curve(curve: Allan | LimitCurve) -> None:

@@ -22,17 +22,21 @@ from reports import report as report_at
 
 from imumon.cli.main import main
 from imumon.cli.traceability import evaluated, with_provenance
-from imumon.coefficients import Excess
+from imumon.cli.wait_condition import WaitCondition
+from imumon.coefficients import Estimate, Excess
 from imumon.datasheet import document
 from imumon.datasheet.evidence import excluding_events
-from imumon.datasheet.tables import coefficient_text
+from imumon.datasheet.tables import channel_rows, coefficient_text
 from imumon.evaluation import UncertaintyBudget
 from imumon.filter_report import FilterReport
+from imumon.messages import coefficient_ratio
 from imumon.noise.allan.overlapping import SampleStore, averaging_lengths, overlapping_deviation
 from imumon.noise.synthesis import synthesise
 from imumon.noise.uncertainty import probability_at_most, uncertainty_budgets, verdict
 from imumon.references import SheetError, conformity, published, read_sheet, sheet_of_model
 from imumon.report import COEFFICIENTS, Report, from_json, to_json
+from imumon.tui.formatting import Notation
+from imumon.units import figures
 
 HZ = 40.0
 
@@ -750,3 +754,28 @@ def test_readings_with_a_vibration_and_misfits_are_marked() -> None:
     worse = replace(report.channels["gyro/z"], caveats=("misfit",))
     page = shown(replace(report, channels={**report.channels, "gyro/z": worse}))
     assert "Caution: misfit (z); see above." in page
+
+
+def test_every_command_and_the_screen_state_the_combined_limits() -> None:
+    report = make_report()
+    channel = report.channels["gyro/x"]
+    low, value, high = 1e-5, 4e-5, 9e-5
+    part = Estimate(
+        value=value,
+        low=0.99 * value,
+        high=1.01 * value,
+        combined_low=low,
+        combined_high=high,
+        status="measured",
+        unit="rad/s/sqrt(Hz)",
+    )
+    made = replace(
+        report, channels={"gyro/x": replace(channel, coefficients={**channel.coefficients, "N": part})}
+    )
+    factor = part.readable.value / value  # type: ignore[operator]
+    assert Notation(si=True).limits(part) == (value, low, high)
+    assert Notation().limits(part) == pytest.approx((factor * value, factor * low, factor * high))
+    assert figures(factor * high) in "\n".join(channel_rows(made, None))
+    condition = WaitCondition(channels=("gyro/x",), coefficient="N", precision=0.05)
+    assert "known to 1.0" in (condition.unmet(made) or "")
+    assert not coefficient_ratio(part, replace(part, value=1.1 * value)).differs

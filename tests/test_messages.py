@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -12,13 +13,24 @@ from imumon.messages import CAVEATS
 from imumon.pipeline import assessment
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.analysis import Analysis
+from imumon.report import NoiseModel
 
 
 def test_a_caveat_has_a_line_and_advice() -> None:
-    for meaning in CAVEATS.values():
+    made = reports.report()
+    for caveat, meaning in CAVEATS.items():
         assert 0 < len(meaning.line) <= 80
         assert not meaning.line.endswith(".")
-        assert meaning.advice.endswith(".")
+        assert messages.advice(made, caveat).endswith(".")
+
+
+def test_an_oscillation_is_named_with_its_period() -> None:
+    made = reports.report()
+    channel = replace(
+        made.channels["gyro/x"], model=NoiseModel(oscillations_s=(312.0,)), caveats=("oscillation",)
+    )
+    text = messages.advice(replace(made, channels={"gyro/x": channel}), "oscillation")
+    assert "period 5 min 12 s" in text
 
 
 def test_caveats_of_the_whole_record_name_no_channel() -> None:

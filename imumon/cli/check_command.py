@@ -117,7 +117,7 @@ def _worse(report: Any, grade: Any) -> Iterator[str]:
             continue
         for name, channel in report.channels.items():
             best = {
-                letter: grade_coefficient(sensor, letter, part.low).nearest
+                letter: grade_coefficient(sensor, letter, part.stated.low).nearest
                 for letter, part in channel.coefficients.items()
                 if name.startswith(f"{sensor}/") and part.status == "measured"
             }

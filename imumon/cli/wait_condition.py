@@ -65,7 +65,7 @@ class WaitCondition:
         parts = []
         if self.coefficient is not None and self.precision is not None:
             known = {n: c.coefficients.get(self.coefficient) for n, c in chosen.items()}
-            halves = {n: (part and part.half_width) or 0.0 for n, part in known.items()}
+            halves = {n: (part and part.stated.half_width) or 0.0 for n, part in known.items()}
             worst = max(halves, key=lambda name: halves[name])
             reached = f"{self.coefficient} known to {share_text(halves[worst])} ({worst}) or better"
             parts.append(f"{reached}, required {100 * self.precision:g} %")
@@ -129,7 +129,7 @@ class WaitCondition:
                 return f"{subject} is pending"
             if coefficient.status == "upper_bound" or not coefficient.value:
                 return f"{subject} is only bounded so far"
-            half = coefficient.half_width
+            half = coefficient.stated.half_width
             if half is None:
                 return f"{subject} has no limits yet"
             if half > self.precision:
@@ -147,10 +147,11 @@ def _uncertain_grade(name: str, channel: Channel, grade: GradeName) -> str | Non
         coefficient = channel.coefficients.get(letter)
         if coefficient is None or coefficient.status == "pending":
             return f"{letter} of {name} is pending"
-        worst = coefficient.high if coefficient.high is not None else coefficient.value
+        limits = coefficient.stated
+        worst = limits.high if limits.high is not None else limits.value
         nearest = grade_coefficient(sensor_of(name), letter, worst).nearest
         if nearest is None or GRADES.index(nearest) > GRADES.index(grade):
-            shown, unit = coefficient.readable.high, pretty(coefficient.readable.unit)
+            shown, unit = limits.readable.high, pretty(limits.readable.unit)
             limit = "anything" if shown is None else f"{figures(shown)} {unit}"
             return f"{letter} of {name} may be up to {limit}, that is {nearest or 'no grade'}"
     return None

@@ -55,10 +55,10 @@ from imumon.datasheet.tables import (
 from imumon.datasheet.temperature_figure import temperature_elements
 from imumon.filter_report import FIX_WORDS, FilterReport
 from imumon.messages import (
-    CAVEATS,
     CLOCKS,
     FILTER_NOT_KNOWN,
     GRADE_WORDS,
+    advice,
     caveats,
     exclusions,
     grade_text,
@@ -206,7 +206,7 @@ def _title(sensor: str, letter: str) -> str:
 
 def _cautions(report: Report) -> Iterator[Element]:
     for caveat, channels in caveats(report).items():
-        text = CAVEATS[caveat].advice if caveat in CAVEATS else ""
+        text = advice(report, caveat)
         if caveat == "aliased":
             text = f"{text} {driver_advice(report, caveat)}".strip()
             if report.device.alias_factor:
@@ -383,7 +383,7 @@ def _record(report: Report) -> Iterator[Element]:
         ("Restarts", f"{session.restarts:,}"),
     ]
     identity = {"Model": device.model, "Serial number": device.serial, "Firmware": device.firmware}
-    rows += [(label, value) for label, value in identity.items() if value]
+    rows += [(label, value) for label, value in identity.items() if value and report.item is None]
     for name, value in device.settings.items():
         text = device.setting_texts.get(name)
         rows.append((f"Setting {name}", f"{text} ({value})" if text else value))

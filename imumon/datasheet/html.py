@@ -34,7 +34,7 @@ body { margin: 0 auto; padding: 2.2rem 1.4rem 3rem; max-width: 62rem; background
 h1 { margin: 0; font-size: 1.7rem; line-height: 1.2; overflow-wrap: anywhere; }
 h2 { margin: 2.2rem 0 .6rem; font-size: 1.12rem; border-bottom: 1px solid var(--rule);
   padding-bottom: .25rem; }
-p { margin: .6rem 0; }
+p { margin: .6rem 0; } p, figcaption { overflow-wrap: anywhere; }
 .subtitle, .note, figcaption { color: var(--muted); }
 .note, figcaption { font-size: .87rem; }
 .grades { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.3rem 0 1rem; }
@@ -62,12 +62,12 @@ svg.allan text { font-family: system-ui, "Segoe UI", Arial, "DejaVu Sans", sans-
   svg.allan { min-width: 34rem; } }
 pre { background: var(--soft); border-radius: 6px; padding: .8rem 1rem; overflow-x: auto; font: 12.5px/1.45
   ui-monospace, "SF Mono", Consolas, "DejaVu Sans Mono", monospace; }
-table.tall td, table.tall tbody th { height: 2.6rem; vertical-align: bottom; }
+table.tall { table-layout: fixed; } table.tall td, table.tall tbody th { height: 2.6rem; vertical-align: bottom; }
 @media print { body { padding: 0; max-width: none; font-size: 9pt; } h1 { font-size: 15pt; }
   h2 { break-after: avoid; margin-top: 1.4rem; font-size: 11pt; }
   figure { margin: .5rem 0; text-align: center; }
-  svg.allan { width: 82%; margin: 0 auto; } th, td { padding: .18rem .7rem .18rem 0; }
-  .short, figure, pre, tr, .caution, .grade { break-inside: avoid; }
+  svg.allan { width: 82%; margin: 0 auto; } th, td { padding: .18rem .36rem .18rem 0; }
+  .short, figure, pre, tr, .caution, .grade, .note { break-inside: avoid; }
   .wide { overflow: visible; margin: .5rem 0; }
   table { font-size: 7.8pt; } .note, figcaption, .caution, .grade span { font-size: 8pt; }
   pre { white-space: pre-wrap; font-size: 7.4pt; } .note:has(+ pre) { break-after: avoid; }

@@ -26,7 +26,7 @@ from imumon.samples import ALIASED, AXES, sensor_of
 from imumon.units import counted, duration, figures, measured, pretty
 
 SHOWN_EVENTS = 30
-"""Most events in the text for a terminal."""
+"""Most events in a text or a document."""
 
 SENSOR_TITLES = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
 
@@ -312,16 +312,15 @@ def driver_advice(report: Report, about: str) -> str:
 
 
 def event_rows(report: Report) -> Iterator[tuple[str, str]]:
-    """Yield time and text of each event of a record, those with a time of the record only."""
-    for event in report.events:
-        if event.elapsed_s is not None:
-            yield f"{event.elapsed_s:,.1f} s", event.text
+    """Yield time and text of the first events of a record; of many, gaps are left out, whose sum the record has."""
+    timed = [event for event in report.events if event.elapsed_s is not None]
+    shown = timed if len(timed) <= SHOWN_EVENTS else [event for event in timed if event.kind != "gap"]
+    for event in shown[:SHOWN_EVENTS]:
+        yield f"{event.elapsed_s:,.1f} s", event.text
+    if (more := len(timed) - min(len(shown), SHOWN_EVENTS)) > 0:
+        yield "", f"{more} more: the forms json and csv list them"
 
 
 def _events(report: Report) -> list[str]:
-    rows = list(event_rows(report))
-    lines = [f"{at:>14}  {text}" for at, text in rows[:SHOWN_EVENTS]]
-    more = (
-        [f"{'':>14}  {len(rows) - SHOWN_EVENTS} more: --json lists them"] if len(rows) > SHOWN_EVENTS else []
-    )
-    return ["", "events, by the time since the first sample", *lines, *more] if lines else []
+    lines = [f"{at:>14}  {text}" for at, text in event_rows(report)]
+    return ["", "events, by the time since the first sample", *lines] if lines else []

@@ -146,8 +146,8 @@ def _candidates(sensor: str, axis: str, coefficients: Mapping[str, Estimate]) ->
     """Return the coefficients of an axis that have a limit and are not pending."""
     candidates = []
     for name, table in LIMITS.get(sensor, {}).items():
-        known = coefficients.get(name)
-        if known is None or known.status == "pending":
+        known = coefficients.get(name, Estimate()).stated
+        if known.status == "pending":
             continue
         measured = known.status == "measured"
         size = known.value if measured else known.high

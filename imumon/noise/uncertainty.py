@@ -24,8 +24,8 @@ same conditions. Components of a coefficient C:
 
 The combined limits are value exp(-k u) and value exp(k u), with u of each side from the limit of the fit on that side.
 
-The budget of the bias has the statistics of the mean and the turn-on bias repeatability. Without a history there is
-none: what the power cycle adds exceeds the rest by far.
+The budget of the bias has the statistics of the mean and the turn-on bias repeatability. Without a history of enough
+power-ups there is none: what the power cycle adds exceeds the rest by far.
 
 The effective degrees of freedom are those of Welch and Satterthwaite (JCGM 100, G.4.1), the coverage factor k is
 Student's t for 95 %.
@@ -158,16 +158,14 @@ def _power_cycles(report: Report) -> str:
 
 
 def bias_budgets(report: Report) -> dict[str, UncertaintyBudget]:
-    """Return the budget of the bias of each channel whose power-ups are counted."""
+    """Return the budget of the bias of each channel whose turn-on repeatability is known."""
     budgets = {}
     for name, channel in report.channels.items():
         shape = channel.distribution
-        if shape is None or not shape.bias or not shape.turn_on_count:
+        if shape is None or not shape.bias or shape.turn_on_std is None or not shape.turn_on_count:
             continue
         known = shape.bias_low is not None and shape.bias_high is not None
         spread = (shape.bias_high - shape.bias_low) / (2.0 * HALF_WIDTH) if known else None  # type: ignore[operator]
-        enough = shape.turn_on_std is not None
-        more = "" if enough else ": too few for a standard deviation"
         count = shape.turn_on_count
         components = (
             UncertaintyComponent(
@@ -182,12 +180,11 @@ def bias_budgets(report: Report) -> dict[str, UncertaintyBudget]:
                 source="repeatability",
                 kind="A",
                 standard=shape.turn_on_std,
-                dof=count - 1.0 if enough else None,
-                basis=f"settled biases of {count} power-up{'s' if count > 1 else ''}{more}",
+                dof=count - 1.0,
+                basis=f"settled biases of {count} power-ups",
             ),
         )
-        if any(each.standard for each in components):
-            budgets[name] = _combined(channel.unit, shape.bias, components)
+        budgets[name] = _combined(channel.unit, shape.bias, components)
     return budgets
 
 

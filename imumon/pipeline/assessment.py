@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 
 from imumon.messages import excluded_text
+from imumon.noise.grading import grade_sensor
 from imumon.noise.stretches.change import compare_with_report
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import UNGRADED_SHARE, Accumulators
@@ -122,15 +123,18 @@ def assess_channels(
     return channels
 
 
-def sensor_grades(analysis: Analysis, no_grade: str | None) -> dict[str, SensorGrade]:
+def sensor_grades(
+    analysis: Analysis, channels: Mapping[str, Channel], no_grade: str | None
+) -> dict[str, SensorGrade]:
     """Return the headline of each sensor, without a grade if the record or a constant axis prevents it.
 
     Parameters
     ----------
+    channels : of the report, with their combined limits: a grade is certain within these.
     no_grade : why nothing of the record can be graded; None if it can.
     """
     constant, grades = constant_channels(analysis), {}
-    for sensor, grade in analysis.grades.items():
+    for sensor in analysis.grades:
         axes = [name.partition("/")[2] for name in constant if sensor_of(name) == sensor]
         if no_grade is not None:
             grades[sensor] = SensorGrade(reason=no_grade)
@@ -138,5 +142,6 @@ def sensor_grades(analysis: Analysis, no_grade: str | None) -> dict[str, SensorG
             reason = f"{', '.join(axes)} never changed: dead, stuck or not measured"
             grades[sensor] = SensorGrade(reason=reason)
         else:
-            grades[sensor] = grade
+            fitted = {n.partition("/")[2]: c for n, c in channels.items() if sensor_of(n) == sensor and c.fit}
+            grades[sensor] = grade_sensor(sensor, {axis: c.coefficients for axis, c in fitted.items()})
     return grades

@@ -133,11 +133,13 @@ class Record:
         caveats = (*caveats, *assessment.record_caveats(own, analysis, guarded=self._options.guarded))
         changes = assessment.detect_changes(own, analysis, self._options.baseline)
         reason = assessment.no_grade_reason(own)
-        grades = assessment.sensor_grades(analysis, reason)
+        channels = assessment.assess_channels(own, analysis, caveats, changes, reason)
+        measured = replace(bare, channels=channels)
+        channels = with_combined(measured, uncertainty_budgets(measured))
+        grades = assessment.sensor_grades(analysis, channels, reason)
         log.update_constant(assessment.constant_channels(analysis), own)
         log.update_changes(changes, own)
         log.update_grades(grades, own)
-        channels = assessment.assess_channels(own, analysis, caveats, changes, reason)
         warming_up = any("warming_up" in each.caveats for each in channels.values())
         log.update_warmup(own, warming_up, heats_up=analysis.heats_up)
         made = replace(
@@ -149,7 +151,7 @@ class Record:
             limit_curves=LIMIT_CURVES,
         )
         log.update_alarms(made, own)
-        return replace(made, channels=with_combined(made, uncertainty_budgets(made)))
+        return made
 
     def counted(self, link: SessionCounters) -> SessionCounters:
         """Return the counters of the link with those of the record."""

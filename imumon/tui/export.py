@@ -97,7 +97,7 @@ def _curves(state: ViewState) -> list[Iterable[object]]:
             out += [(name, channel.unit, *column) for column in columns]
     out += [(), ("channel", "coefficient", "unit", "value", "low", "high", "status")]
     for name, channel in channels:
-        for letter, c in channel.coefficients.items():
+        for letter, c in ((letter, part.stated) for letter, part in channel.coefficients.items()):
             out.append((name, letter, c.unit, c.value, c.low, c.high, c.status))
     return out
 

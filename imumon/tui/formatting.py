@@ -107,8 +107,8 @@ class Notation:
         return (1.0, self.unit(known.si)) if self.si else (known.factor, self.unit(known.unit))
 
     def limits(self, part: Estimate) -> tuple[float | None, float | None, float | None]:
-        """Return value and 95 % limits in the unit shown."""
-        shown = part if self.si else part.readable
+        """Return value and the 95 % limits that documents state, in the unit shown."""
+        shown = part.stated if self.si else part.stated.readable
         return shown.value, shown.low, shown.high
 
     def limit(self, sensor: str, name: str, value: float) -> str:

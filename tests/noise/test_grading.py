@@ -1,5 +1,7 @@
 """Grades: the table, nearest and met grades, and the deciding coefficient."""
 
+from dataclasses import replace
+
 import pytest
 
 from imumon.coefficients import GRADES, Estimate
@@ -82,6 +84,8 @@ def test_a_bound_decides_only_where_nothing_is_measured():
     assert grade_sensor("gyro", {"x": {"B": loose}}).nearest == "consumer"
     tight = bounded(LIMITS["gyro"]["B"]["tactical"])
     assert not grade_sensor("gyro", {"x": {"N": measured(8.9e-5), "B": tight}}).provisional
+    scattered = replace(measured(8.9e-5), combined_low=8e-5, combined_high=3e-4)
+    assert grade_sensor("gyro", {"x": {"N": scattered, "B": tight}}).provisional
 
 
 def test_the_headline_is_provisional_while_it_can_change():

@@ -64,18 +64,23 @@ def excess(values: Floats, errors: Floats) -> Excess:
 
     def at(target: float) -> float:
         """Return the deviation at which the sum of squares has a value; 0.0 if it is smaller without any."""
+        if squares(0.0) <= target:
+            return 0.0
         low, high = 0.0, float(np.sum((logs - logs.mean()) ** 2)) / target
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if squares(middle) > target else (low, middle)
-        return float(np.sqrt(high)) if squares(0.0) > target else 0.0
+        return float(np.sqrt(high))
 
     def quantile(beyond: float) -> float:
         return 2.0 * float(gammainccinv(half_dof, beyond))
 
     p_value = float(gammaincc(half_dof, 0.5 * squares(0.0)))
     if p_value >= EXCESS_P:
-        return Excess(low=0.0, high=at(quantile(0.95)), p_value=p_value)
+        by_chance = min(
+            1.0, squares(0.0) / (2.0 * half_dof)
+        )  # agree better than their errors: bound as if not
+        return Excess(low=0.0, high=at(by_chance * quantile(0.95)), p_value=p_value)
     return Excess(
         value=at(2.0 * half_dof), low=at(quantile(0.025)), high=at(quantile(0.975)), p_value=p_value
     )
