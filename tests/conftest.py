@@ -6,6 +6,7 @@ import shutil
 import sys
 import tempfile
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 # Tests start hundreds of commands. Without compiled modules each one compiles the package again.
@@ -23,3 +24,8 @@ if "IMUMON_TEST_RUN" not in os.environ:
 # A busy machine makes an example slow, and no law depends on it.
 settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("busy")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take longest, so that no process works alone at the end."""
+    items.sort(key=lambda item: item.path.name not in ("test_docs.py", "test_architecture.py"))

@@ -87,10 +87,13 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
             check ^= letter
         lines.append(f"${body}*{check:02X}\r\n")
     (directory / "imu.vnymr.txt").write_text("".join(lines), newline="")
-    with Daemon("sim", directory / "state", "--speed", "50", "--seed", "1", "--record",
-                str(directory / "recording.bin"), listen=endpoint) as daemon:  # fmt: skip
-        daemon.samples(2000)
-        subprocess.run(["gzip", "-k", directory / "recording.bin"], check=True)
+    words = ("sim", directory / "state", "--seed", "1", "--speed")
+    with Daemon(*words, "50", "--record", str(directory / "recording.bin")) as fast:
+        fast.samples(2000)
+        fast.stop()
+    subprocess.run(["gzip", "-k", directory / "recording.bin"], check=True)
+    with Daemon(*words, "1", listen=endpoint) as daemon:  # beside the commands, and in nobody's way
+        daemon.wait(lambda report: report.session.restarts == 1)
         yield Place(directory, endpoint, environment)
 
 

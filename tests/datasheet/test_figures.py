@@ -1,0 +1,154 @@
+"""Figures of the datasheet: every point, letter and name is where it can be read."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from documents import FIGURES, aged, filters, made, text
+from reports import LONG_S, nothing_yet
+from reports import report as make_report
+
+from imumon.datasheet import NoCurve
+from imumon.datasheet.figures import PANEL_INCHES, PRINT, svg
+from imumon.datasheet.figures import _draw as draw
+from imumon.datasheet.filter_figure import filter_svg
+from imumon.datasheet.tables import coefficient_text
+from imumon.report import COEFFICIENTS, Report, to_json
+from imumon.units import pretty
+
+
+def test_a_figure_has_its_format() -> None:
+    assert made(make_report(), "png").startswith(b"\x89PNG\r\n\x1a\n")
+    assert made(make_report(), "pdf-figure").startswith(b"%PDF-")
+    assert ET.fromstring(made(make_report(), "svg")).tag.endswith("svg")
+
+
+def svg_text(report: Report) -> str:
+    """Return the text of the figure as a file, in the order of its elements."""
+    root = ET.fromstring(made(report, "svg"))
+    return " ".join("".join(each.itertext()) for each in root.iter() if each.tag.endswith("}text"))
+
+
+def test_a_figure_names_the_device_the_record_and_every_value() -> None:
+    report = make_report()
+    shown = svg_text(report)
+    for text_ in (
+        "VN-100T-CR 0100056785",
+        "2 h of uncompensated samples at 20 Hz",
+        "2026-03-01T08:00:00.000Z",
+    ):
+        assert text_ in shown
+    for sensor in ("gyro", "accel", "mag"):
+        for axis in "xyz":
+            for letter, part in report.channels[f"{sensor}/{axis}"].coefficients.items():
+                unit = pretty(COEFFICIENTS[letter].units[sensor].unit)
+                assert f"{letter} {coefficient_text(part)} {unit}" in shown
+
+
+def test_the_figure_of_the_page_marks_n_b_and_k() -> None:
+    letters = [e.text for e in ET.fromstring(svg(make_report(LONG_S), "gyro")).iter("text")]
+    assert {"N", "B", "K"} <= set(letters)
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="poppler is not installed")
+def test_pdftotext_finds_the_numbers(tmp_path: Path) -> None:
+    (tmp_path / "x.pdf").write_bytes(made(make_report(), "pdf-figure"))
+    done = subprocess.run(
+        ["pdftotext", "-layout", tmp_path / "x.pdf", "-"],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=30,
+    )
+    for axis in "xyz":
+        assert coefficient_text(make_report().channels[f"gyro/{axis}"].coefficients["N"]) in done.stdout
+
+
+@pytest.mark.skipif(shutil.which("rsvg-convert") is None, reason="rsvg-convert is not installed")
+def test_rsvg_draws_the_figure(tmp_path: Path) -> None:
+    (tmp_path / "x.svg").write_bytes(made(make_report(), "svg"))
+    words = ["rsvg-convert", "-w", "800", tmp_path / "x.svg", "-o", tmp_path / "x.png"]
+    subprocess.run(words, check=True, timeout=30)
+    assert (tmp_path / "x.png").stat().st_size > 50_000
+
+
+def test_a_figure_leaves_nothing_in_the_home_directory(tmp_path: Path) -> None:
+    report = make_report(200.0)
+    gyro = {name: channel for name, channel in report.channels.items() if name[:4] == "gyro"}
+    (tmp_path / "report.json").write_text(to_json(replace(report, channels=gyro)))
+    environment = {**os.environ, "HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path / "tmp")}
+    for name in ("MPLCONFIGDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
+        environment.pop(name, None)
+    for name in ("home", "tmp"):
+        (tmp_path / name).mkdir()
+    words = ["report", str(tmp_path / "report.json"), "-o", str(tmp_path / "x.png")]
+    subprocess.run([sys.executable, "-m", "imumon", *words], env=environment, check=True, timeout=60)
+    assert (tmp_path / "x.png").stat().st_size > 10_000
+    assert list((tmp_path / "home").iterdir()) == list((tmp_path / "tmp").iterdir()) == []
+
+
+@pytest.mark.parametrize("form", FIGURES)
+def test_a_figure_without_a_curve_is_an_error(form: str) -> None:
+    with pytest.raises(NoCurve) as raised:
+        made(nothing_yet(), form)
+    assert raised.value.code == "no_curve"
+
+
+@pytest.mark.parametrize("age", ["minutes", "hours", "long"])
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_the_name_of_a_grade_does_not_cover_a_letter(sensor: str, age: str) -> None:
+    """N, B and K end where the limits of the grades end, at the right."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=PANEL_INCHES, layout="constrained")
+    panel = figure.subplots()
+    draw(panel, aged(age), sensor, PRINT)
+    figure.draw_without_rendering()
+    boxes = [(t.get_text(), t.get_window_extent()) for t in panel.texts if t.get_text()]
+    letters = [box for name, box in boxes if name in COEFFICIENTS]
+    grades = [(name, box) for name, box in boxes if name not in COEFFICIENTS]
+    assert letters
+    assert grades
+    assert [name for name, box in grades if any(box.overlaps(letter) for letter in letters)] == []
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_the_predicted_error_of_a_filter_is_shown(sensor: str) -> None:
+    report = make_report(LONG_S)
+    root = ET.fromstring(filter_svg(filters(report), sensor))
+    assert len([line for line in root.iter("path") if "stroke-dasharray" in (line.get("style") or "")]) >= 3
+    assert 'class="allan"' in text(report, "html")
+    sheet = text(report, "md")
+    assert "## For a Kalman filter" in sheet
+    assert ("angle error of axis" if sensor == "gyro" else "velocity error of axis") in sheet
+    assert filter_svg(filters(nothing_yet()), sensor) == ""
+    numbers = {"".join(element.itertext()).strip() for element in root.iter("text")}
+    assert {"1", "10", "100"} <= numbers  # as in the figure of the Allan deviation, not powers of ten
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel", "mag"])
+@pytest.mark.parametrize("age", ["minutes", "hours", "long"])
+def test_every_point_of_a_curve_is_drawn_within_the_frame(sensor: str, age: str) -> None:
+    report = aged(age)
+    root = ET.fromstring(svg(report, sensor))
+    width, height = (float(v) for v in (root.get("viewBox") or "").split()[2:])
+    for axis in "xyz":
+        allan = report.channels[f"{sensor}/{axis}"].allan
+        assert allan is not None
+        styled = ((use, use.get("style") or "") for use in root.iter("use"))
+        marks = [use for use, style in styled if f"stroke: var(--{axis})" in style]
+        assert len(marks) == len(allan.tau_s) + 1  # one in the legend
+        for mark in marks:
+            assert 0.0 <= float(mark.get("x") or -1) <= width
+            assert 0.0 <= float(mark.get("y") or -1) <= height
+
+
+def test_a_figure_is_the_same_every_time() -> None:
+    assert svg(make_report(), "gyro") == svg(make_report(), "gyro")

@@ -1,0 +1,347 @@
+"""Settings for other programs: their numbers do there what the sensor does."""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from documents import AGES, COVARIANCES, CURVES, SETTINGS, aged, filters, text, worst
+from reports import LONG_RATE, LONG_S, RATE, with_coefficients
+from reports import report as make_report
+
+from imumon.datasheet import document
+from imumon.messages import CAVEATS
+from imumon.report import Estimate, Report
+from imumon.units import duration, figures
+
+
+def settings(report: Report, form: str) -> dict[str, float]:
+    """Return the lines ``name: number`` that are not comments."""
+    lines = re.findall(r"^\s*(\w+): ([-+.\de]+)(?:  # .*)?$", text(report, form), re.MULTILINE)
+    return {name: float(value) for name, value in lines}
+
+
+@pytest.mark.parametrize("form", ["kalibr", "openvins"])
+def test_densities_and_walks_are_those_of_the_worst_axis(form: str) -> None:
+    report = make_report(LONG_S)
+    values = settings(report, form)
+    for sensor, name in (("gyro", "gyroscope"), ("accel", "accelerometer")):
+        for letter, key in (("N", "noise_density"), ("K", "random_walk")):
+            numbers = [filters(report).channels[f"{sensor}/{axis}"] for axis in "xyz"]
+            expected = max(number.white if letter == "N" else number.walk for number in numbers)
+            assert values[f"{name}_{key}"] == pytest.approx(expected, rel=1e-6)
+    assert values["update_rate"] == LONG_RATE
+
+
+def with_bounded_k(report: Report) -> Report:
+    """Return the report with gyroscopes of whose K only a bound is known."""
+    channels = dict(report.channels)
+    for name in ("gyro/x", "gyro/y", "gyro/z"):
+        k = channels[name].coefficients["K"]
+        assert k is not None
+        bounded = replace(k, status="upper_bound", value=None, low=0.0)
+        channels[name] = with_coefficients(channels[name], K=bounded)
+    return replace(report, channels=channels)
+
+
+def test_a_walk_that_rests_on_a_bound_has_a_comment() -> None:
+    report = with_bounded_k(make_report(LONG_S))
+    bound = "K not seen in this record: made for half its 95 % upper bound"
+    for form, line in (
+        ("kalibr", "gyroscope_random_walk: "),
+        ("openvins", "gyroscope_random_walk: "),
+        ("px4", "param set EKF2_GYR_B_NOISE "),
+        ("ardupilot", "# EK3_GBIAS_P_NSE in "),  # above the value: on its line it would be part of the value
+        ("gtsam", "params.setBiasOmegaCovariance("),
+        ("vins", "gyr_w: "),
+        ("fastlio", "b_gyr_cov: "),
+        ("liosam", "imuGyrBiasN: "),
+        ("orbslam3", "IMU.GyroWalk: "),
+    ):
+        assert re.search(rf"^ *{re.escape(line)}.*  # {bound}$", text(report, form), re.MULTILINE)
+        assert bound not in text(make_report(LONG_S), form)
+
+
+@pytest.mark.parametrize("age", ["nothing", "seconds"])
+def test_an_unknown_coefficient_is_never_a_number(age: str) -> None:
+    report = aged(age)
+    for sensor in ("gyro", "accel"):
+        for letter, key in (("N", "noise_density"), ("K", "random_walk")):
+            name = {"gyro": "gyroscope", "accel": "accelerometer"}[sensor] + f"_{key}"
+            assert (name in settings(report, "kalibr")) == (worst(report, sensor, letter).value is not None)
+            if worst(report, sensor, letter).value is None:
+                assert f"# {name}: ?" in text(report, "kalibr")
+
+
+def with_k(report: Report, code: str | None, *, gyro: bool) -> Report:
+    """Return the report with gyroscopes whose K is unknown for the reason of this code, or without gyroscopes."""
+    some = {n: c for n, c in report.channels.items() if not n.startswith("gyro") or gyro}
+    unknown = Estimate(reason_code=code)
+    changed = {n: with_coefficients(c, K=unknown) if n.startswith("gyro") else c for n, c in some.items()}
+    return replace(report, channels=changed)
+
+
+@pytest.mark.parametrize(
+    ("code", "gyro", "cure"),
+    [
+        (None, True, "record longer"),
+        ("constant", True, "dead or stuck"),
+        ("resolution", True, "more digits"),
+        (None, False, "holds no gyroscope"),
+    ],
+)
+def test_a_longer_record_is_advised_only_where_it_helps(code: str | None, gyro: bool, cure: str) -> None:
+    for form in SETTINGS:
+        shown = text(with_k(make_report(), code, gyro=gyro), form)
+        assert cure in shown
+        assert ("record longer" in shown) == (cure == "record longer")
+
+
+@pytest.mark.parametrize("form", [*SETTINGS, *CURVES])
+def test_caveats_precede_the_numbers(form: str) -> None:
+    report = make_report()
+    caveats = tuple(sorted({*CAVEATS} - {"aliased"}))
+    one = {"gyro/x": replace(report.channels["gyro/x"], caveats=caveats)}
+    of_all = text(replace(report, caveats=caveats), form)
+    of_one = text(replace(report, channels=report.channels | one), form)
+    assert not [c for c in caveats if f"WARNING: {c.replace('_', ' ')}: " not in of_all]
+    assert not [c for c in caveats if f"WARNING: {c.replace('_', ' ')} (gyro x" not in of_one]
+
+
+@pytest.mark.parametrize("form", ["kalibr", "openvins"])
+def test_an_unknown_rate_is_no_number(form: str) -> None:
+    report = make_report()
+    report = replace(report, device=replace(report.device, sample_rate_hz=None))
+    assert "update_rate" not in settings(report, form)
+    assert "# update_rate: ?" in text(report, form)
+
+
+def test_ros_covariance_is_the_variance_of_a_sample() -> None:
+    report = make_report()
+    for field, sensor in (("angular_velocity", "gyro"), ("linear_acceleration", "accel")):
+        row = re.search(rf"^{field}_covariance: \[(.*)\]", text(report, "ros"), re.MULTILINE)
+        assert row
+        matrix = np.array([float(v) for v in row[1].split(",")]).reshape(3, 3)
+        n = [report.channels[f"{sensor}/{axis}"].coefficients["N"] for axis in "xyz"]
+        np.testing.assert_allclose(np.diag(matrix), [(p.value or 0) ** 2 * RATE for p in n if p], rtol=1e-4)
+        assert np.count_nonzero(matrix) == 3
+
+
+def test_ros_covariance_of_a_constant_sensor_is_unknown() -> None:
+    report = make_report()
+    dead = {
+        name: replace(report.channels[name], coefficients={}, std=0.0)
+        for name in report.channels
+        if name[:4] == "gyro"
+    }
+    report = replace(report, channels=report.channels | dead)
+    lines = text(report, "ros").splitlines()
+    assert "# angular_velocity_covariance: all zeros, which means unknown" in lines
+    assert not any(line.startswith("angular_velocity_covariance") for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("form", "line", "step_s", "names"),
+    [
+        (
+            "px4",
+            r"^param set (\w+) (\S+)$",
+            0.010,
+            ("EKF2_GYR_NOISE", "EKF2_GYR_B_NOISE", "EKF2_ACC_NOISE", "EKF2_ACC_B_NOISE"),
+        ),
+        (
+            "ardupilot",
+            r"^(EK3_\w+),(\S+)$",
+            0.012,
+            ("EK3_GYRO_P_NSE", "EK3_GBIAS_P_NSE", "EK3_ACC_P_NSE", "EK3_ABIAS_P_NSE"),
+        ),
+    ],
+)
+def test_the_variance_of_an_autopilot_filter_grows_as_that_of_the_sensor(
+    form: str, line: str, step_s: float, names: tuple[str, ...]
+) -> None:
+    """Both add (s dt)^2 in a step of dt, to angle or velocity and to the bias: N^2 or K^2 a second."""
+    report = make_report(LONG_S)
+    values = dict(re.findall(line, text(report, form), re.MULTILINE))
+    parts = [(sensor, letter) for sensor in ("gyro", "accel") for letter in "NK"]
+    for name, (sensor, letter) in zip(names, parts, strict=True):
+        grown = sum((float(values[name]) * step_s) ** 2 for _ in range(round(12.0 / step_s)))
+        expected = worst(report, sensor, letter).value or 0.0
+        assert grown == pytest.approx(12.0 * expected**2, rel=1e-3)
+
+
+def number(shown: str, name: str) -> float:
+    """Return the value of a line ``name: number``, whatever its indent."""
+    found = re.search(rf"^ *{re.escape(name)}: ([-+.\de]+)(?:  # .*)?$", shown, re.MULTILINE)
+    assert found, name
+    return float(found[1])
+
+
+def test_a_sample_of_vins_and_fastlio_adds_what_the_sensor_adds() -> None:
+    """The steps of their sources, for a second of samples: the variances grow by N^2 and walk^2."""
+    report = make_report(LONG_S)
+    dt = 1.0 / LONG_RATE
+    for sensor, short in (("gyro", "gyr"), ("accel", "acc")):
+        white, walk = (worst(report, sensor, letter).value or 0.0 for letter in "NK")
+        vins, fastlio = text(report, "vins"), text(report, "fastlio")
+        n, w = number(vins, f"{short}_n"), number(vins, f"{short}_w")
+        # integration_base.h: V has 0.5 dt twice for the rate and dt for the bias
+        assert LONG_RATE * 2.0 * (0.5 * dt * n) ** 2 == pytest.approx(white**2, rel=1e-5)
+        assert LONG_RATE * (dt * w) ** 2 == pytest.approx(walk**2, rel=1e-5)
+        # esekfom.hpp: (dt f_w) Q (dt f_w)^T
+        assert LONG_RATE * dt**2 * number(fastlio, f"{short}_cov") == pytest.approx(white**2, rel=1e-5)
+        assert LONG_RATE * dt**2 * number(fastlio, f"b_{short}_cov") == pytest.approx(walk**2, rel=1e-5)
+
+
+def test_liosam_and_orbslam3_take_continuous_time() -> None:
+    report = make_report(LONG_S)
+    for sensor, lio, orb in (("gyro", "Gyr", "Gyro"), ("accel", "Acc", "Acc")):
+        white, walk = (worst(report, sensor, letter).value for letter in "NK")
+        liosam, orbslam3 = text(report, "liosam"), text(report, "orbslam3")
+        assert number(liosam, f"imu{lio}Noise") == pytest.approx(white, rel=1e-6)
+        assert number(liosam, f"imu{lio}BiasN") == pytest.approx(walk, rel=1e-6)
+        assert number(orbslam3, f"IMU.Noise{orb}") == pytest.approx(white, rel=1e-6)
+        assert number(orbslam3, f"IMU.{orb}Walk") == pytest.approx(walk, rel=1e-6)
+    assert number(orbslam3, "IMU.Frequency") == LONG_RATE
+
+
+def test_kfgins_drives_its_bias_by_the_walk() -> None:
+    """gi_engine.cpp: the process is driven by 2 std^2 / corrtime."""
+    report = make_report(LONG_S)
+    shown = text(report, "kfgins")
+    seconds = number(shown, "corrtime") * 3600.0
+    for name, sensor, unit in (("gbstd", "gyro", np.pi / 180.0 / 3600.0), ("abstd", "accel", 1e-5)):
+        row = re.search(rf"^  {name}: \[(.*)\]  # ", shown, re.MULTILINE)
+        assert row
+        for axis, std in zip("xyz", row[1].split(","), strict=True):
+            walk = filters(report).channels[f"{sensor}/{axis}"].walk
+            assert 2.0 * (float(std) * unit) ** 2 / seconds == pytest.approx(walk**2, rel=1e-4)
+    n = report.channels["gyro/x"].coefficients["N"]
+    assert n is not None
+    assert float(re.search(r"^  arw: \[([^,]*),", shown, re.MULTILINE)[1]) == pytest.approx(  # type: ignore[index]
+        n.readable.value, rel=1e-5
+    )
+
+
+def test_robot_localization_has_the_error_of_the_bias_in_the_covariance() -> None:
+    """Integrated over the horizon, the samples have the variance of white noise and walk together."""
+    report = make_report(LONG_S)
+    row = re.search(
+        r"^angular_velocity_covariance: \[(.*)\]", text(report, "robot_localization"), re.MULTILINE
+    )
+    assert row
+    made = filters(report).channels["gyro/x"]
+    variance = float(row[1].split(",")[0]) / LONG_RATE * 600.0
+    assert variance == pytest.approx(made.white**2 * 600.0 + made.walk**2 * 600.0**3 / 3.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("form", SETTINGS)
+def test_every_number_says_what_it_is_and_what_it_rests_on(form: str) -> None:
+    report = make_report(LONG_S)
+    shown = text(report, form)
+    units = ("rad/s*sqrt(Hz)", "m/s^2*sqrt(Hz)")
+    assert all(unit in shown for unit in units)
+    assert "smallest with NEES <= 1.25 for 1 to 600 s" in shown
+    factor = filters(report).channels["gyro/x"].walk_factor
+    assert factor is not None
+    assert f"{factor:.1f} times K" in shown
+    assert len(re.findall(r"rests on \d", shown)) >= (2 if form == "ros" else 4)
+
+
+@pytest.mark.parametrize(
+    ("form", "units"),
+    [
+        ("vins", {"acc_n": "m/s^2", "gyr_n": "rad/s", "acc_w": "m/s^3", "gyr_w": "rad/s^2"}),
+        ("fastlio", {"acc_cov": "(m/s^2)^2", "gyr_cov": "(rad/s)^2"}),
+        ("fastlio", {"b_acc_cov": "(m/s^3)^2", "b_gyr_cov": "(rad/s^2)^2"}),
+        ("px4", {"EKF2_GYR_NOISE": "rad/s", "EKF2_ACC_B_NOISE": "m/s^3"}),
+        ("ardupilot", {"EK3_GYRO_P_NSE": "rad/s", "EK3_ABIAS_P_NSE": "m/s^3"}),
+    ],
+)  # fmt: skip
+def test_a_number_of_another_unit_than_n_and_walk_names_it(form: str, units: dict[str, str]) -> None:
+    lines = [line.strip() for line in text(make_report(LONG_S), form).splitlines()]
+    for name, unit in units.items():
+        assert re.match(rf"(param set )?{name}\b", lines[lines.index(f"# {name} in {unit}") + 1])
+
+
+def test_a_setting_names_what_of_the_record_it_does_not_rest_on() -> None:
+    report = make_report(LONG_S)
+    warm = replace(report, session=replace(report.session, warmup_s=3594.0, excluded_s=6.0))
+    length = duration(report.session.elapsed_s)
+    assert f"rests on {length} of record, 1 h of them excluded" in text(warm, "kalibr")
+
+
+def test_a_walk_for_a_bounded_k_has_its_factor_against_half_the_bound() -> None:
+    report = with_bounded_k(make_report(LONG_S))
+    made = filters(report).channels["gyro/x"]
+    assert made.walk_factor is None
+    factor = figures(made.walk / made.assumed.K, 2)
+    assert f"{made.walk:.4e}, {factor} times K {made.assumed.K:.3e}: half its bound, K <" in text(
+        report, "kalibr"
+    )
+
+
+@pytest.mark.parametrize("form", [form for form in SETTINGS if form not in COVARIANCES])
+def test_a_longer_horizon_needs_other_walks(form: str) -> None:
+    report = make_report(LONG_S)
+    short, long = (document(report, form, filters(report, h)).decode() for h in (1.0, 20000.0))
+    assert "at most 20000 s" in long
+    numbers = [
+        [line for line in shown.splitlines() if not line.strip().startswith("#")] for shown in (short, long)
+    ]
+    assert numbers[0] != numbers[1]
+
+
+@pytest.mark.parametrize("form", ["vins", "fastlio"])
+def test_a_discrete_setting_needs_the_rate(form: str) -> None:
+    report = make_report(LONG_S)
+    shown = text(replace(report, device=replace(report.device, sample_rate_hz=None)), form)
+    assert shown.count(": ? (the sample rate is unknown)") == 4
+
+
+def test_openvins_gets_every_required_matrix() -> None:
+    shown = text(make_report(), "openvins")
+    for name, size, diagonal in (
+        ("T_i_b", 4, 1.0),
+        *((name, 3, 1.0) for name in ("Tw", "R_IMUtoGYRO", "Ta", "R_IMUtoACC")),
+        ("Tg", 3, 0.0),
+    ):
+        rows = re.search(rf"^  {name}:\n((?:    - \[.*\]\n)+)", shown, re.MULTILINE)
+        assert rows
+        matrix = np.array([[float(v) for v in row.split(",")] for row in re.findall(r"\[(.*)\]", rows[1])])
+        np.testing.assert_array_equal(matrix, diagonal * np.eye(size))
+
+
+@pytest.mark.parametrize("age", AGES)
+def test_gtsam_is_python_and_leaves_no_covariance_of_one(age: str) -> None:
+    code = text(aged(age), "gtsam")
+    compile(code, "gtsam", "exec")
+    assert "params.setIntegrationCovariance(" in code
+
+
+def test_gtsam_before_4_3_adds_no_uncertainty_of_the_bias_to_each_sample(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """GTSAM 4.2 has 1 rad/s and 1 m/s^2 by default: its rotation is then unknown after a second."""
+    for has_it in (True, False):
+        calls: dict[str, Any] = {}
+        names = ["setAccelerometerCovariance", "setGyroscopeCovariance", "setIntegrationCovariance"]
+        names += [
+            "setBiasAccCovariance",
+            "setBiasOmegaCovariance",
+            *(["setBiasAccOmegaInit"] if has_it else []),
+        ]
+        made = SimpleNamespace(**{name: partial(calls.__setitem__, name) for name in names})
+        maker = SimpleNamespace(MakeSharedU=lambda gravity, made=made: made)
+        module = SimpleNamespace(PreintegrationCombinedParams=maker)
+        monkeypatch.setitem(sys.modules, "gtsam", module)  # type: ignore[arg-type]
+        exec(text(make_report(LONG_S), "gtsam"), {})
+        assert sorted(calls) == sorted(names)
+        if has_it:
+            np.testing.assert_array_equal(calls["setBiasAccOmegaInit"], np.zeros((6, 6)))
