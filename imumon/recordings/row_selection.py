@@ -39,6 +39,9 @@ UNSORTED = 0.05
 MOST_COPIES = 4
 """Rows in a row with one stamp up to which they may be copies of one."""
 
+ZEROS = 0.05
+"""Share of the rows of a sensor that are exactly zero above which they are no samples; all: it has none."""
+
 COPIED = 0.99
 """Share of the rows with the stamp of the row before that must be copies of it, for rows to be doubled."""
 
@@ -54,6 +57,7 @@ class OwnRows:
     Attributes
     ----------
     others : rows of other sensors, which were left out.
+    zeros : share of the rows by sensor that have zeros in place of a sample.
     """
 
     def __init__(self, path: str, found: ColumnLayout) -> None:
@@ -67,6 +71,22 @@ class OwnRows:
         self._rows, self._counts, self._both = 0, np.zeros(len(sensors), np.int64), 0
         self._mixed = False  # other sensors have rows of their own
         self.others = 0
+        self._names = sensors
+        self.zeros: dict[str, float] = {}
+
+    def mark_zeros(self, rows: Floats) -> None:
+        """Make rows NaN in which a program wrote zeros because a sensor had no sample.
+
+        A coarse gyroscope is zero on all axes, too, and then often on a single one.
+        """
+        for name, columns in zip(self._names, self._columns, strict=True):
+            zero = rows[:, columns] == 0.0
+            whole: Bools = zero.all(axis=1)
+            share = float(whole.mean())
+            if not self._rows and ZEROS < share < 1.0 - ZEROS and zero[~whole].mean(axis=0).min() < ZEROS:
+                self.zeros[name] = share
+            if name in self.zeros:
+                rows[np.flatnonzero(whole)[:, None], columns] = np.nan
 
     def select(self, rows: Floats, present: Bools, places: Sequence[int]) -> tuple[Floats, Sequence[int]]:
         """Return the rows that are samples, complete or not, and their places.

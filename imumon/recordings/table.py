@@ -24,7 +24,7 @@ from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
 from imumon.recordings.row_selection import COPIED, HeldNumbers, OwnRows, RowOrder, are_doubled, copies
 from imumon.recordings.unit_inference import check_magnitudes, time_unit, unit_remarks
 from imumon.report import stamp
-from imumon.samples import AXES, Bools, Clock, Floats, Ints, SampleBlock, Stream, sensor_of
+from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, Stream, sensor_of
 from imumon.timebase.interval import NOMINAL_SHARE
 from imumon.timebase.late_stamps import LateStamps
 from imumon.timebase.timestamps import HostStamps, RateObstacle, rate_obstacle, stamp_interval
@@ -52,9 +52,6 @@ LONGEST_NS = 4e18
 
 HELD = 0.25
 """Share of the rows that repeat all axes of a sensor above which it is slower than the rows; rounding repeats few."""
-
-ZEROS = 0.05
-"""Share of the rows of an accelerometer that are exactly zero above which they are no samples; all: it has none."""
 
 ROW_NAMES = {
     "csv": "line",
@@ -163,6 +160,10 @@ class TableRows:
                 else f"{self._incomplete:,} rows lack a number and count"
             )
             remarks.append(f"{rows} as lost; first {self._first_incomplete}")
+        for sensor, share in self._own_rows.zeros.items():
+            remarks.append(
+                f"{sensor} is exactly 0 on all axes in {share:.0%} of the rows: they are no samples of it"
+            )
         if others := self._own_rows.others:
             sensors = " or ".join(
                 dict.fromkeys(sensor_of(c) for c in self._layout.channels if sensor_of(c) in INERTIAL)
@@ -204,6 +205,7 @@ class TableRows:
             time and no rate.
         """
         if len(rows):
+            self._own_rows.mark_zeros(rows)
             rows, places = self._own_rows.select(rows, _present(rows), places)
         if not len(rows):
             return
@@ -361,17 +363,8 @@ class TableRows:
         elif interval is None:
             raise self._rate_required()
         self._remarks += list(_repeating(found, whole))
-        self._check_zeros(whole)
         sensors = ", ".join(dict.fromkeys(sensor_of(channel) for channel in found.channels))
         self._stream = Stream(found.kind, found.channels, f"{self._source} ({sensors})", clock, interval)
-
-    def _check_zeros(self, rows: Floats) -> None:
-        """Check that no program wrote zeros where an accelerometer has no sample."""
-        own = [k for k, name in enumerate(self._layout.channels) if sensor_of(name) == "accel"]
-        share = float((rows[:, own] == 0.0).all(axis=1).mean()) if len(own) == len(AXES) else 0.0
-        if ZEROS < share < 1.0 - ZEROS:
-            text = f"{self._path}: accel is exactly 0 on all axes in {share:.0%} of the rows: no sensor at rest is"
-            raise RecordingError("zero_samples", text, "leave these cells empty")
 
     def _rate_required(self) -> RateRequired:
         """Return the error that lists the columns that may be a time."""

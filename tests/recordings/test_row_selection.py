@@ -88,12 +88,23 @@ def test_a_sensor_that_holds_its_values_is_slower_than_its_rows(tmp_path: Path) 
     assert "outliers" not in report.channels["accel/x"].caveats
 
 
-def test_zeros_in_place_of_samples_are_an_error(tmp_path: Path) -> None:
+@pytest.mark.parametrize("slow", ["gyro", "accel"])
+def test_zeros_are_no_samples(tmp_path: Path, slow: str) -> None:
+    """As drivers write them that publish each sensor when it has a sample."""
+    t, gyro, accel = truth(8000, seed=5)
+    {"gyro": gyro, "accel": accel}[slow][::2] = 0.0
+    path = csv(tmp_path / "a.csv", NAMES, t, gyro, accel)
+    assert f"4,000 have {slow}" in refused(path)
+    noise = {"gyro": 7e-4, "accel": 0.013}[slow] * 0.02**0.5
+    low, high, rate, missing = of(path, slow)
+    assert low < noise < high < 1.2 * low
+    assert (rate, missing) == (50.0, 0)
+
+
+def test_a_coarse_gyroscope_may_be_zero(tmp_path: Path) -> None:
     t, gyro, accel = truth(4000)
-    accel[::2] = 0.0
-    with pytest.raises(RecordingError, match="in 50% of the rows") as error:
-        replayed(csv(tmp_path / "a.csv", NAMES, t, gyro, accel))
-    assert (error.value.code, error.value.cure) == ("zero_samples", "leave these cells empty")
+    path = csv(tmp_path / "a.csv", NAMES, t, np.rint(gyro / 2e-3) * 2e-3, accel)
+    assert replayed(path)[0].session.samples == 4000
 
 
 def test_one_sensor_of_a_capture_is_no_choice(tmp_path: Path) -> None:
