@@ -22,7 +22,7 @@ from imumon.bus.bus_error import BusError, Unreachable
 from imumon.bus.queryable import LastValues
 from imumon.bus.uplink import Links, Uplink, open_local, open_uplink
 from imumon.bus.zenoh_session import RETRY_S, SessionOptions, check_endpoint, clean_id
-from imumon.report import Event, Report, Signal, members, to_json
+from imumon.report import Channel, Event, Report, Signal, members, to_json
 
 CURVES = ("allan", "histogram", "spectrum")
 """Fields of a channel that only the report contains; the key of the channel leaves them out."""
@@ -83,7 +83,8 @@ class Publisher:
         self._closing = False
         self._counts = PublisherCounts()
         self._last_error: str | None = None
-        self._last_grade: str | None = None  # of the thread
+        self._last_grade: str | None = None  # of the thread, as is the next
+        self._curves: dict[str, tuple[tuple[object, ...], str]] = {}  # of each channel, and their JSON
         self._stop_connecting = threading.Event()
         self._reported_uplinks: dict[str, str | None] = {}
         self._reported_errors: set[str] = set()
@@ -222,19 +223,29 @@ class Publisher:
             self._counts.events += 1
 
     def _send_report(self, report: Report, signals: Mapping[str, Signal] | None) -> None:
-        whole = to_json(report)
+        texts = {name: self._channel_texts(name, channel) for name, channel in report.channels.items()}
+        whole = ",".join(f"{to_json(name)}:{own[:-1]},{curves[1:]}" for name, (own, curves) in texts.items())
+        bare = to_json({key: part for key, part in members(report).items() if key != "channels"})
         self._last_values.set_signals(signals or {})
-        self._put("report", whole)
-        for name, channel in report.channels.items():
-            self._put(
-                name, to_json({key: part for key, part in members(channel).items() if key not in CURVES})
-            )
+        self._put("report", f'{bare[:-1]},"channels":{{{whole}}}}}')
+        for name, (own, _) in texts.items():
+            self._put(name, own)
         grade = to_json(report.grade)
         if grade != self._last_grade:
             self._put("grade", grade)
             self._last_grade = grade
         with self._changed:
             self._counts.reports += 1
+
+    def _channel_texts(self, name: str, channel: Channel) -> tuple[str, str]:
+        """Return the JSON of a channel without its curves, and theirs, which stay the same for many reports."""
+        shown = tuple(getattr(channel, key) for key in CURVES)
+        known, curves = self._curves.get(name, ((), ""))
+        if not known or any(old is not new for old, new in zip(known, shown, strict=True)):
+            curves = to_json(dict(zip(CURVES, shown, strict=True)))
+            self._curves[name] = shown, curves
+        own = {key: part for key, part in members(channel).items() if key not in CURVES}
+        return to_json(own), curves
 
     def _put(self, name: str, text: str) -> None:
         self._links.put(name, text, self._timestamp())

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -81,6 +82,18 @@ def test_every_published_key_answers_a_get(endpoint: str) -> None:
             f"imumon/a/{name}"
             for name in (*CHANNELS, "temperature", "report", "grade", "event", "signal/gyro/x")
         }
+
+
+def test_the_report_on_the_bus_is_current(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The JSON of the curves is kept between reports."""
+    sent: dict[str, str] = {}
+    first, second = report("a", 1), report("a", 2)
+    changed = {name: replace(channel, allan=None) for name, channel in first.channels.items()}
+    with Publisher("a", listen=[free_endpoint()]) as publisher:
+        monkeypatch.setattr(publisher, "_put", sent.__setitem__)
+        for made in (first, second, replace(second, channels=changed), first, replace(first, channels={})):
+            publisher._send_report(made, None)
+            assert json.loads(sent["report"]) == json.loads(to_json(made))
 
 
 def test_a_wildcard_subscriber_gets_exactly_the_documented_keys(endpoint: str) -> None:
