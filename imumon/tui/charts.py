@@ -305,7 +305,7 @@ def histogram_chart(state: ViewState, width: int, height: int) -> list[Line]:
     histogram: Histogram | None = state.selected.histogram if state.selected is not None else None
     factor, unit = state.notation.scale(channel)
     name: Line = [(" ", "text"), ("distribution", "title"), (f"  [{unit}]", "muted")]
-    title = padded([*name, ("   ━ ", "N"), ("Gaussian", "muted")], width)
+    title = padded(fitted([name, [("   ━ ", "N"), ("Gaussian", "muted")]], width), width)
     if histogram is None or not histogram.counts:
         return [title, *centred_text(["no distribution yet"], width, height - 1)]
     canvas = Canvas(width, height - 1)

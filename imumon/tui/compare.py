@@ -38,9 +38,7 @@ def comparison(state: ViewState, width: int) -> list[Line]:
 
 def _legend(own: Report, other: Report) -> list[Line]:
     """Return what the ratios mean, and what may make them differ from one besides the sensors."""
-    lines: list[Line] = [
-        [("   ratio: the second over the first, within the 95 % limits of both or not", "faint")]
-    ]
+    lines: list[Line] = [[("   ratio: second over first; differs if beyond 95 % limits", "faint")]]
     if own.device.stream != other.device.stream:
         streams = f"{own.device.stream or 'unknown'} and {other.device.stream or 'unknown'}"
         lines.append([(f"   different streams, {streams}: they alone may explain a difference", "warn")])

@@ -25,7 +25,7 @@ def _pair(name: str, value: object, note: str = "", role: str = "text") -> Line:
     """Return a line with a name, its value, and a remark."""
     text = "–" if value is None else str(value)
     return [
-        (f"  {name:<20}", "muted"),
+        (f"  {name:<18}", "muted"),
         (text, "faint" if value is None else role),
         (f"   {note}" if note else "", "faint"),
     ]
@@ -71,16 +71,16 @@ def _identity(report: Report) -> list[Line]:
 def _stream(report: Report) -> list[Line]:
     d = report.device
     kinds = {
-        "deltas": "true averages over each interval",
-        "uncompensated": "samples before the bias filter",
-        "compensated": "samples after the bias filter",
+        "deltas": "averages over each interval",
+        "uncompensated": "before the bias filter",
+        "compensated": "after the bias filter",
         "unknown": "samples, compensated or not",
     }
-    alias, note, role = None, "unknown: the filter of the sensor is unknown", "text"
+    alias, note, role = None, "unknown, like the sensor's filter", "text"
     if d.alias_factor == 1.0:
         alias, note = "1.00", "N is not inflated"
     elif d.alias_factor is not None:
-        alias, note, role = f"{d.alias_factor:.2f}", "N is too high by this factor, nominally", "warn"
+        alias, note, role = f"{d.alias_factor:.2f}", "N is nominally too high by it", "warn"
     rate = None if d.sample_rate_hz is None else f"{d.sample_rate_hz:.6g} Hz"
     return [
         _title("What the numbers describe"),
@@ -101,9 +101,12 @@ def _settings(report: Report, width: int) -> list[Line]:
     name_width = min(max(map(len, settings)), max(width // 2 - 6, 1))
     for name, value in settings.items():
         text = report.device.setting_texts.get(name)
-        line: Line = [(f"  {name[:name_width]:<{name_width}}   ", "muted"), (text or value, "text")]
+        rows = zip_longest(wrap(name, name_width), wrap(text or value, width - name_width - 5), fillvalue="")
+        both: list[Line] = [
+            [(f"  {left:<{name_width}}   ", "muted"), (right, "text")] for left, right in rows
+        ]
         raw: Line = [(f"   {value}", "faint")] if text else []
-        lines.append(fitted([line, raw], width))
+        lines += [*both[:-1], fitted([both[-1], raw], width)]
     return lines
 
 

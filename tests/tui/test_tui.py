@@ -8,9 +8,11 @@ from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import reports
 from pictures import SOURCES, SwitchableSource
+from rich.style import Style
 from textual.app import App
 from textual.pilot import Pilot
 from textual.widgets import Input
@@ -22,7 +24,7 @@ from imumon.tui.formatting import Notation, length
 from imumon.tui.panels import footer
 from imumon.tui.view_state import VIEWS, ViewState
 from imumon.tui.views import View, keys_of
-from imumon.tui.widgets import THEMES, DrawnPanel, ScrolledPanel
+from imumon.tui.widgets import ROLES, THEMES, DrawnPanel, RoleStyles, ScrolledPanel
 
 Script = Callable[[ImumonApp, Pilot[int]], Awaitable[None]]
 OTHER = "vn100-0100056799"
@@ -547,6 +549,39 @@ def test_a_new_theme_redraws_everything() -> None:
         assert "#d5dae3" not in light
 
     drive(reports.FakeSource(reports.report()), script)
+
+
+def _contrast(style: Style) -> float:
+    """Return the contrast ratio of WCAG 2.2."""
+    assert style.color is not None
+    assert style.bgcolor is not None
+    parts = np.array([style.color.get_truecolor(), style.bgcolor.get_truecolor()]) / 255.0
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    dark, light = sorted(linear @ [0.2126, 0.7152, 0.0722])
+    return float((light + 0.05) / (dark + 0.05))
+
+
+@pytest.mark.parametrize("theme", [theme.name for theme in THEMES])
+def test_text_and_marks_are_readable(theme: str) -> None:
+    """WCAG 2.2: 4.5 for text, 3 for what a chart consists of. Areas and the grid lie behind."""
+    marks, behind = {"axis", "unused", "baseline"}, {"page", "band", "bandkey", "bar", "grid"}
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        roles, page = app.query_one(RoleStyles), app.screen.rich_style.bgcolor
+        found = {role: _contrast(roles.style(role, page)) for role in {*ROLES} - behind}
+        assert not {role: each for role, each in found.items() if each < (3.0 if role in marks else 4.5)}
+
+    drive(reports.FakeSource(reports.report()), script, (60, 20), theme=theme)
+
+
+def test_no_text_is_cut_at_60_columns() -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        for key in "12346":
+            await pilot.press(key)
+            await pilot.pause()
+            assert "…" not in visible_text(app), key
+
+    drive(reports.FakeSource(reports.report(caveats=("aliased",))), script, (60, 20))
 
 
 def test_colours_are_only_theme_variables() -> None:
