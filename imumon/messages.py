@@ -335,9 +335,15 @@ NO_BIAS_CURVE: Mapping[str, tuple[str, str]] = {
         "its values are no temperature of a sensor in degC",
         "name the unit of the column, such as temperature (K)",
     ),
+    "jumps": (
+        "it jumps by half of its range, as that of a thermometer that fails",
+        "record with one that works",
+    ),
     "no_axis": ("the record does not hold its three axes", "record all three axes"),
 }
 """Why the bias has no curve against the temperature, and what to do, by the reason of the report."""
+NO_THERMOMETER = ("implausible", "jumps")
+"""Reasons for which the values are no temperature: they have no slope either."""
 
 
 def no_bias_curve(reason: str) -> tuple[str, str]:

@@ -215,7 +215,9 @@ class Drift:
     per_degC: float | None = None
     per_degC_low: float | None = None  # channel unit per degC, lower 95 % limit
     per_degC_high: float | None = None  # channel unit per degC, upper 95 % limit
-    reason: str | None = None  # why per_degC is null: "no_temperature", "small_range", "collinear"
+    reason: str | None = (
+        None  # why per_degC is null: "no_temperature", "small_range", "collinear", "implausible", "jumps"
+    )
     temperature_min: float | None = None  # degC, least temperature that the means cover
     temperature_max: float | None = None  # degC, greatest temperature that the means cover
     explained: float | None = None  # share of the slow variance that temperature explains, 0 to 1
@@ -248,7 +250,7 @@ class ModelColumn:
 class BiasCurve:
     """Bias against the temperature: a polynomial about a reference, of the whole record with its warm-up."""
 
-    # why there are no terms: "no_temperature", "small_range", "collinear", "too_short", "implausible"
+    # why there are no terms: "no_temperature", "small_range", "collinear", "too_short", "implausible", "jumps"
     reason: str | None = None
     reference_degC: float | None = None  # degC, middle of the temperatures that the record covers
     terms: tuple[ModelColumn, ...] = ()  # "degree 0" (the bias at the reference) to at most "degree 3"

@@ -146,7 +146,9 @@ class Analysis:
         return replace(
             report_builder.with_fit(channel, sensor, curve, column, fit, self._scatter.get(column, {})),
             spectrum=None if spectrum is None else report_builder.spectrum(sensor, spectrum, column),
-            drift=report_builder.drift(fit, self._record.statistics.noise.begin_s, _range(curve)),
+            drift=report_builder.drift(
+                fit, self._record.statistics.noise.begin_s, _range(curve), self._bias_curves.get(column)
+            ),
             robust=report_builder.robust(self.robust[name]),
             bias_curve=report_builder.bias_curve(sensor, self._bias_curves.get(column)),
         )
@@ -157,11 +159,12 @@ class Analysis:
         if not force and record.elapsed_s < self._slow_due_s:
             return
         self._slow_due_s = SCATTER_GROWTH * record.elapsed_s
-        sums = record.statistics.noise.whole_sums()
-        self._bias_curves = {} if sums is None else dict(enumerate(self._estimator.bias_curves(sums)))
+        noise = record.statistics.noise
+        if (sums := noise.whole_sums()) is not None:
+            self._bias_curves = dict(enumerate(self._estimator.bias_curves(sums, noise.temperature_range())))
         parts = [
             self._quarters.fit_sums(sums, span, self.resolution, kurtosis, like=self._estimator)
-            for sums, span in record.statistics.noise.quarters() or ()
+            for sums, span in noise.quarters() or ()
         ]
         self._scatter = {
             column: {

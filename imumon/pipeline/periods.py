@@ -130,7 +130,9 @@ class Periods:
         fits = estimator.fit_sums(stretch.sums, length, self._analysis.resolution)
         # a day: a shorter period seldom spans enough temperature
         whole = complete and stretch.step_s == STEPS_S[-1]
-        curves = estimator.bias_curves(stretch.sums) if whole else ()
+        heat = None if record.temperature is None else moments[record.temperature]
+        extremes = None if heat is None or heat.min is None else (heat.min, heat.max)
+        curves = estimator.bias_curves(stretch.sums, extremes) if whole else ()
         channels = {}
         for column, name in enumerate(record.channels):
             own = moments[column]

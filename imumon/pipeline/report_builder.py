@@ -14,6 +14,7 @@ import numpy as np
 
 from imumon import report
 from imumon.coefficients import COEFFICIENTS, LIMIT_95, NOISE, Excess
+from imumon.messages import NO_THERMOMETER
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit
 from imumon.noise.fit.results import SIGNIFICANT
@@ -239,18 +240,22 @@ def noise_model(sensor: str, fit: ChannelFit) -> report.NoiseModel | None:
     )
 
 
-def drift(fit: ChannelFit, begin_s: float, covered: tuple[float, float] | None) -> report.Drift | None:
+def drift(
+    fit: ChannelFit, begin_s: float, covered: tuple[float, float] | None, curve: report.BiasCurve | None
+) -> report.Drift | None:
     """Return slopes per hour and per degC with their limits; None without a fit."""
-    time, temperature = fit.column("drift"), fit.column("temperature")
+    time, temperature, reason = fit.column("drift"), fit.column("temperature"), fit.no_slope or None
     if time is None:
         return None
+    if curve is not None and curve.reason in NO_THERMOMETER:
+        temperature, reason = None, curve.reason
     return report.Drift(
         per_hour=time.value * HOUR,
         per_hour_low=time.low * HOUR,
         per_hour_high=time.high * HOUR,
         significant=None if fit.no_slope == "collinear" else time.sigma > SIGNIFICANT,
         begin_s=begin_s,
-        reason=fit.no_slope or None,
+        reason=reason,
         temperature_min=covered[0] if covered else None,
         temperature_max=covered[1] if covered else None,
         per_degC=temperature.value if temperature else None,

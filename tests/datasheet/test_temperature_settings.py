@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -102,6 +103,8 @@ def test_ardupilot_reads_the_curve(warm: tuple[Path, Report], tmp_path: Path) ->
         (np.full(LENGTH, 25.0), "hardly moves"),
         (293.15 + 40.0 * WARMING, "no temperature of a sensor"),  # kelvin, of a column that says degC
         (20.0 + 10.0 * TIME, "like a drift in time"),
+        (np.where(np.arange(LENGTH) % 500, 20.0 + 40.0 * WARMING, -273.15), "no temperature of a sensor"),
+        (np.where(TIME < 0.5, 20.0 + 40.0 * WARMING, 0.0), "it jumps"),
     ],
 )
 def test_without_a_curve_nothing_is_written(tmp_path: Path, degrees: Floats, reason: str) -> None:
@@ -110,6 +113,7 @@ def test_without_a_curve_nothing_is_written(tmp_path: Path, degrees: Floats, rea
     for form in ("px4-tc", "ardupilot-tcal"):
         assert reason in imumon("report", source, "--format", form, "-o", out, code=1)
         assert not out.exists()
+    assert json.loads(imumon("replay", source, "--json"))["channels"]["gyro/x"]["drift"]["per_degC"] is None
 
 
 def test_the_datasheet_has_terms_curve_and_span(warm: tuple[Path, Report]) -> None:

@@ -89,6 +89,7 @@ def test_hysteresis_is_the_difference_between_the_ways() -> None:
         (25.0 + 4.0 * TIME, "collinear"),
         (np.full(LENGTH, np.nan), "small_range"),
         (293.15 + 40.0 * WARMING, "implausible"),
+        (np.where(TIME < 0.5, 20.0 + 40.0 * WARMING, 0.0), "jumps"),
     ],
 )
 def test_a_temperature_that_says_nothing_gives_a_reason(degrees: Floats, reason: str) -> None:

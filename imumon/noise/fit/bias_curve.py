@@ -32,8 +32,10 @@ TERM_SIGMA = 1.15
 beside a term in doubt that is left out."""
 SPAN_PER_DEGREE_DEGC = 2.0
 """degC, span that each degree above the first one needs: sensors bend little within less."""
-LOWEST_DEGC, HIGHEST_DEGC = -100.0, 200.0
-"""degC, of inertial sensors: values beyond have another unit, such as kelvin."""
+LOWEST_DEGC, HIGHEST_DEGC = -60.0, 110.0
+"""degC, of inertial sensors, which are rated for -55 to 110 at most (Murata SCHA634): what is beyond is none."""
+JUMP_SHARE, JUMP_DEGC = 0.5, 2.0
+"""Share of the span, and degC, that the temperature of a sensor does not change between two blocks."""
 POINTS = 9
 """Temperatures at which the curve is given."""
 
@@ -52,7 +54,11 @@ class _Fit:
 
 
 def bias_curve(
-    blocks: BlockMeans, column: int, degrees: Floats | None, noise: Surface | None = None
+    blocks: BlockMeans,
+    column: int,
+    degrees: Floats | None,
+    noise: Surface | None = None,
+    extremes: tuple[float, float] | None = None,
 ) -> BiasCurve:
     """Return the bias against the temperature, or a curve without terms and with the reason why there is none.
 
@@ -62,6 +68,7 @@ def bias_curve(
     column : channel in them.
     degrees : (blocks,) degC, temperature of the blocks, NaN where missing; None: there is none.
     noise : likelihood of N, B and K of the channel; None: that of the blocks.
+    extremes : degC, least and greatest sample of the temperature; None: unknown.
     """
     series = block_series(blocks, column, degrees)
     if series is None:
@@ -70,8 +77,13 @@ def bias_curve(
     if straight is None or series.degrees is None:
         return BiasCurve(reason=reason)
     low, high = float(np.nanmin(series.degrees)), float(np.nanmax(series.degrees))
-    if low < LOWEST_DEGC or high > HIGHEST_DEGC:
+    coldest, hottest = extremes or (low, high)
+    if min(low, coldest) < LOWEST_DEGC or max(high, hottest) > HIGHEST_DEGC:
         return BiasCurve(reason="implausible")
+    jumps = np.abs(np.diff(straight.series))
+    jumps[series.begin[1:] - 1] = 0.0
+    if jumps.max() > max(JUMP_SHARE * (high - low), JUMP_DEGC):
+        return BiasCurve(reason="jumps")
     reference, half = 0.5 * (low + high), 0.5 * (high - low)
     u, loop = columns_of.unit_span(straight.series), columns_of.hysteresis(series, straight.series)
     fit = _fitted(series, u, loop, 1, noise)

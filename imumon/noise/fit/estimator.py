@@ -164,18 +164,21 @@ class Estimator:
             out.append(pending_fit(0, found) if isinstance(found, str) else found.fit)
         return tuple(out)
 
-    def bias_curves(self, sums: NoiseSums) -> tuple[BiasCurve, ...]:
+    def bias_curves(
+        self, sums: NoiseSums, extremes: tuple[float, float] | None = None
+    ) -> tuple[BiasCurve, ...]:
         """Return the bias of every channel against the temperature, with the noise of the last fit.
 
         Parameters
         ----------
         sums : of the whole record, with its warm-up.
+        extremes : degC, least and greatest sample of the temperature; None: unknown.
         """
         out = []
         for channel in range(len(sums.group)):
             known = self._known.get(channel)
             noise = None if known is None or isinstance(known.found, str) else known.found.found.surface
-            out.append(bias_curve(sums.blocks, channel, sums.degrees, noise))
+            out.append(bias_curve(sums.blocks, channel, sums.degrees, noise, extremes))
         return tuple(out)
 
     def _flag(self, channel: int) -> bool:

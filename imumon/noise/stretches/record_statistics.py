@@ -159,6 +159,13 @@ class RecordStatistics:
         sums = self._cascade.cascade.result().sums
         return None if sums is None else self._own(sums)
 
+    def temperature_range(self) -> tuple[float, float] | None:
+        """Return the least and the greatest temperature of the whole record, degC; None: there is none."""
+        if self._temperature is None:
+            return None
+        own = self._merged(0, self.position + 1).result().channels[self._temperature]
+        return None if own.min is None or own.max is None else (own.min, own.max)
+
     def is_warming_up(self, curve: AllanCurve) -> bool:
         """Return whether the temperature of the sensor has not come to rest at the end of a curve of this record."""
         if curve.sums is None or curve.sums.degrees is None:
