@@ -5,8 +5,8 @@
 Records of two hours, six sensors each, N = 6.1e-5 rad/s/sqrt(Hz), B = 2.4e-5 rad/s, point samples at 40 Hz. A wander
 that returns is a log-normal factor of all white noise and one of all flicker, with a memory of ten minutes: means of
 hours of the factor vary by the wander. The truth is what the sensor has over years, its root mean square. A walk never
-returns: the factor begins at 1 and varies by the wander after an hour, and the truth is what the sensor had at first.
-Seeds are 0, 1, 2 ...
+returns: the factor begins at 1 and varies by the wander after an hour. It has no mean over years. The truth is the root
+mean square in the record, and in a second row what the sensor had at first. Seeds are 0, 1, 2 ...
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from imumon.pipeline import Monitor
 from imumon.report import Channel, DeviceDescription, Estimate, SessionCounters
 from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
 
-N, B, RATE_HZ, LENGTH_S = 6.1e-5, 2.4e-5, 40.0, 7200
+TRUTH = {"N": 6.1e-5, "B": 2.4e-5}
+RATE_HZ, LENGTH_S = 40.0, 7200
 SENSORS = GYRO + ACCEL
 MEMORY_S, HOUR_S = 600.0, 3600.0
 CELLS = [("returns", w) for w in (0.0, 0.005, 0.01, 0.03)] + [("walks", w) for w in (0.005, 0.01, 0.03)]
@@ -48,13 +49,16 @@ def factors(law: str, wander: float, generator: np.random.Generator) -> np.ndarr
     return np.exp(spread * logs - spread**2)  # root mean square 1
 
 
-def channels(law: str, wander: float, seed: int) -> dict[str, Channel]:
-    """Return the channels of the report of a record, with their combined limits."""
+def sensors(law: str, wander: float, seed: int) -> list[tuple[Channel, dict[str, float]]]:
+    """Return each channel of a record with its combined limits, and the root mean square of N and B in the record."""
     generator, n = np.random.default_rng([20_261, seed]), round(LENGTH_S * RATE_HZ)
     values = np.zeros((n, len(SENSORS)))
-    for noise in ({"N": [N] * len(SENSORS)}, {"B": [B] * len(SENSORS)}):
-        factor = np.repeat(factors(law, wander, generator), round(RATE_HZ), axis=0)
-        values += factor * synthesise(n, RATE_HZ, **noise, seed=generator, averaged=False)
+    present = {}
+    for letter, size in TRUTH.items():
+        factor = factors(law, wander, generator)
+        present[letter] = size * np.sqrt(np.mean(factor**2, axis=0))
+        noise = synthesise(n, RATE_HZ, **{letter: [size] * len(SENSORS)}, seed=generator, averaged=False)
+        values += np.repeat(factor, round(RATE_HZ), axis=0) * noise
     monitor, stamps = Monitor(), np.rint(np.arange(n) * 1e9 / RATE_HZ).astype(np.int64)
     for begin in range(0, n, 8000):
         rows = slice(begin, min(begin + 8000, n))
@@ -66,7 +70,8 @@ def channels(law: str, wander: float, seed: int) -> dict[str, Channel]:
         "stopped",
         SessionCounters(),
     )
-    return with_combined(report, uncertainty_budgets(report))
+    made = with_combined(report, uncertainty_budgets(report)).values()
+    return [(each, {name: float(v[k]) for name, v in present.items()}) for k, each in enumerate(made)]
 
 
 def held(part: Estimate, truth: float) -> tuple[bool, bool, bool]:
@@ -84,18 +89,26 @@ def main() -> None:
     records = parser.parse_args().records
     columns = ("fit", "combined", "scatter shows", "median ±, %")
     print(
-        head("wander", "wander", "an hour, %", *(f"{letter}: {name}" for letter in "NB" for name in columns))
+        head(
+            "wander",
+            "wander",
+            "an hour, %",
+            "truth",
+            *(f"{letter}: {name}" for letter in "NB" for name in columns),
+        )
     )
     for law, wander in CELLS:
-        made = [each for seed in range(records) for each in channels(law, wander, seed).values()]
-        cells = []
-        for letter, truth in (("N", N), ("B", B)):
-            parts = [each.coefficients[letter] for each in made]
-            found = np.array([held(part, truth) for part in parts])
-            widths = [100.0 * (part.stated.half_width or math.nan) for part in parts]
-            cells += [share(found[:, 0]), share(found[:, 1]), f"{100.0 * found[:, 2].mean():.0f}"]
-            cells.append(f"{np.nanmedian(widths):.2g}")
-        print(row([law, f"{100.0 * wander:g}", *cells]), flush=True)
+        made = [each for seed in range(records) for each in sensors(law, wander, seed)]
+        for truth in ("over years",) if law == "returns" else ("in the record", "at first"):
+            cells = []
+            for letter, size in TRUTH.items():
+                parts = [each.coefficients[letter] for each, _ in made]
+                true = [own[letter] if truth == "in the record" else size for _, own in made]
+                found = np.array([held(part, each) for part, each in zip(parts, true, strict=True)])
+                widths = [100.0 * (part.stated.half_width or math.nan) for part in parts]
+                cells += [share(found[:, 0]), share(found[:, 1]), f"{100.0 * found[:, 2].mean():.0f}"]
+                cells.append(f"{np.nanmedian(widths):.2g}")
+            print(row([law, f"{100.0 * wander:g}", truth, *cells]), flush=True)
 
 
 if __name__ == "__main__":

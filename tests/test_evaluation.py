@@ -515,6 +515,7 @@ def test_the_resolution_of_rounded_values_is_reported(tmp_path: Path) -> None:
 def test_the_sheet_names_what_the_budget_does_not_cover() -> None:
     text = shown(evaluated(make_report()))
     assert "Not covered: temperatures outside" in text
+    assert "moves away and does not return: its limits hold its mean over this record" in text
     assert "turn-on" in text
     bare = replace(
         make_report(), channels={n: c for n, c in make_report().channels.items() if n != "temperature"}
@@ -748,12 +749,28 @@ def test_readings_with_a_vibration_and_misfits_are_marked() -> None:
     (row,) = [line for line in page.partition("## The fit")[2].splitlines() if line.startswith("| accel/y")]
     assert "\\*" in row
     assert "has a line, a vibration or an oscillation in it" in page
-    for channel in report.channels.values():
-        p = channel.fit.p_value if channel.fit is not None else None
-        assert ("misfit" in channel.caveats) == (p is not None and p < 0.01)
     worse = replace(report.channels["gyro/z"], caveats=("misfit",))
     page = shown(replace(report, channels={**report.channels, "gyro/z": worse}))
     assert "Caution: misfit (z); see above." in page
+
+
+def _misfits_are_caveats(report: Report) -> int:
+    """Check every channel; return how many have the caveat."""
+    known = [c for c in report.channels.values() if c.fit is not None and c.fit.p_value is not None]
+    for channel in known:
+        assert ("misfit" in channel.caveats) == (channel.fit.p_value < 0.01)
+    return sum("misfit" in channel.caveats for channel in known)
+
+
+@pytest.mark.parametrize("age", [200.0, 900.0, 7200.0])
+def test_a_model_that_does_not_fit_has_a_caveat(age: float) -> None:
+    _misfits_are_caveats(report_at(age))
+
+
+@needs_recordings
+@pytest.mark.parametrize("name", ["instinct_vn310_static.npz", "rob_static2.npz"])
+def test_a_real_record_that_does_not_fit_has_a_caveat(name: str) -> None:
+    assert _misfits_are_caveats(replayed(RECORDINGS / name)) >= 2
 
 
 def test_every_command_and_the_screen_state_the_combined_limits() -> None:

@@ -134,7 +134,7 @@ def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> It
     if report.channels:
         yield Paragraph(
             "Each value with its 95 % limits, those of the uncertainty budget. < is a 95 % upper bound of what "
-            "this record does not show: the true value is smaller, and only a longer record can measure it."
+            "this record does not show; a longer record may measure it."
         )
     if report.grade:
         yield Paragraph(GRADE_WORDS)
@@ -342,8 +342,8 @@ def _filters(filters: FilterReport) -> Iterator[Element]:
     )
     yield DataTable(head, tuple(rows))
     yield Paragraph(
-        f"For at most {filters.horizon_s:g} s without a fix (--horizon). {FIX_WORDS} The table has its worst time. "
-        "Gauss–Markov terms, which are better still: imumon report --format filter."
+        f"For at most {filters.horizon_s:g} s without a fix (--horizon). {FIX_WORDS} The table has the worst NEES "
+        "within that time. Gauss–Markov terms, which are better still: imumon report --format filter."
     )
     for sensor in QUANTITIES:
         if (shown := shown_axis(filters, sensor)) is not None:
@@ -423,9 +423,7 @@ def _values(report: Report) -> Iterator[Element]:
         head = ("", "mean", "standard deviation", "minimum", "maximum", "drift per hour", "distribution")
         yield Heading("The values")
         yield DataTable(head, tuple(rows))
-        yield Paragraph(
-            "Of the samples that count, as received. The drift has 95 % limits; the others describe them."
-        )
+        yield Paragraph("Statistics of the samples that count, as received. Only the drift has 95 % limits.")
     turn_on = [(name, text) for name, c in report.channels.items() if (text := turn_on_text(name, c))]
     if turn_on:
         yield DataTable(("", "turn-on bias repeatability"), tuple(turn_on))

@@ -237,7 +237,7 @@ def _exact_rows(report: Report) -> Iterator[tuple[str, str, str, str, str]]:
 
 
 def exact_elements(report: Report) -> Iterator[Element]:
-    """Yield how much the curve of the fit differs from the exact one."""
+    """Yield how much the curve of the report differs from the exact one."""
     rows = list(_exact_rows(report))
     if not rows:
         return
@@ -252,8 +252,8 @@ def exact_elements(report: Report) -> Iterator[Element]:
     yield DataTable(head, tuple(rows))
     yield Paragraph(
         "The fully overlapping Allan deviation (NIST SP 1065, section 5.2.4) of the samples that count, against the "
-        "curve of the fit, which overlaps by a quarter of τ and has the same samples, at the octaves that both have: "
-        "all with --taus octave. An average counts with at least 90 % of its samples."
+        "curve above. That has the same samples, and its differences are an eighth of τ apart. Compared are the "
+        "octaves that both have, all with --taus octave. An average counts with at least 90 % of its samples."
     )
 
 

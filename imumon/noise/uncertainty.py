@@ -12,7 +12,7 @@ same conditions. Components of a coefficient C:
 - scatter (type A): how much C varies between the quarters of the record beyond what statistics explain
   (`stretches.quarters.excess`), over the root of their number: the quarters count as independent. Where they do not
   show it, its bound is stated and not combined. Statistics and scatter together are estimated from four values: they
-  have 3 degrees of freedom.
+  have 3 degrees of freedom. Of a coefficient that walks away, the limits hold the mean over the record only.
 - repeatability (type A): how much C scatters between the days of the history of the sensor, beyond the statistics of a
   day and the scatter of this record. n - 1 degrees of freedom of n days. Only where the history is known.
 - resolution (type B): rounding to a step q adds a white variance of q^2/12 per sample, N_q^2 = q^2 / (12 rate).
@@ -59,6 +59,8 @@ DITHERED = 0.5
 2008, section 4: exact to 3 % there)."""
 
 NOT_COVERED = (
+    "a coefficient that moves away and does not return: its limits hold its mean over this record, not its value "
+    "before or after",
     "the scale factor of the sensor: values are taken as the sensor reports them, not compared with a standard",
     "ageing, orientation, supply voltage, and vibration or mounting other than in this record",
 )
