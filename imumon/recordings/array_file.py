@@ -127,7 +127,9 @@ class ArrayFile(Table):
             text = (
                 f"{path}: no array has the name of a gyroscope or accelerometer; there are {listed or 'none'}"
             )
-            example = next((column.name for column in columns if column.key is not None), "NAME")
+            example = next(
+                (column.name for column in columns if column.key is not None or not column.array), "NAME"
+            )
             raise RecordingError(
                 "no_sensor", text, f"name the columns, --map gyro/x={example}:rad/s,..."
             ) from None
@@ -188,7 +190,7 @@ def _columns(array: str, shape: Shape, fields: Sequence[str]) -> list[ArrayColum
     if fields:
         return [ArrayColumn(plain(name), array, shape[0], name) for name in fields]
     if len(shape) == 1:
-        return [ArrayColumn(f"{bare}{unit}", array, shape[0])]
+        return [ArrayColumn(f"{bare}{unit}" or "1", array, shape[0])]
     if len(shape) != 2:
         return []
     rows, width = shape
@@ -196,7 +198,7 @@ def _columns(array: str, shape: Shape, fields: Sequence[str]) -> list[ArrayColum
         cure = f"transpose it to n x 3, {array}={array}.T"
         raise RecordingError("array_transposed", f"the array {array} is 3 x n", cure)
     names = [f"{bare}.{k + 1}" if bare else f"{k + 1}" for k in range(min(width, ROWS))]
-    if width == len(AXES):
+    if bare and width == len(AXES):
         names = [f"{bare}_{axis}{unit}" for axis in AXES]
     return [ArrayColumn(name, array, rows, k) for k, name in enumerate(names)]
 

@@ -213,14 +213,11 @@ def header_line(lines: Sequence[str]) -> int | None:
         if len(cells) > 1 and sum(not is_number(cell) for cell in cells if cell) > len(cells) / 2:
             candidates.append(k)
         elif len(cells) > 1 and sum(is_number(cell) for cell in cells) > len(cells) / 2:
-            fitting = [at for at in candidates if _same_width(lines[at], line)]
-            return fitting[0] if fitting else None
+            names = [split(lines[at], separator_of(lines[at])) for at in candidates]
+            rows = [split(line, separator_of(lines[at])) for at in candidates]
+            widths = [abs(len(one) - len(other)) for one, other in zip(names, rows, strict=True)]
+            return candidates[widths.index(min(widths))] if widths and min(widths) <= 1 else None
     return candidates[0] if candidates else None
-
-
-def _same_width(names: str, row: str) -> bool:
-    separator = separator_of(names)
-    return abs(len(split(row, separator)) - len(split(names, separator))) <= 1
 
 
 def with_units(names: Sequence[str], row: str, separator: str | None) -> list[str] | None:

@@ -20,7 +20,7 @@ import numpy as np
 
 from imumon.recordings.base import RecordingError
 from imumon.recordings.columns import READ_ALONE, ColumnLayout
-from imumon.samples import Bools, Floats, sensor_of
+from imumon.samples import AXES, Bools, Floats, sensor_of
 
 COMPLETE = 0.75
 """Share of the rows of a sensor that must have the other one, for them to have one rate: a slower one has at most two
@@ -39,8 +39,8 @@ UNSORTED = 0.05
 MOST_COPIES = 4
 """Rows in a row with one stamp up to which they may be copies of one."""
 
-ZEROS = 0.05
-"""Share of the rows of a sensor that are exactly zero above which they are no samples; all: it has none."""
+DEAD = 0.95
+"""Share of the rows of a sensor with one number on all axes above which it has no samples at all."""
 
 COPIED = 0.99
 """Share of the rows with the stamp of the row before that must be copies of it, for rows to be doubled."""
@@ -57,7 +57,7 @@ class OwnRows:
     Attributes
     ----------
     others : rows of other sensors, which were left out.
-    zeros : share of the rows by sensor that have zeros in place of a sample.
+    fillers : rows by sensor that have one number on all axes in place of a sample.
     """
 
     def __init__(self, path: str, found: ColumnLayout) -> None:
@@ -72,21 +72,25 @@ class OwnRows:
         self._mixed = False  # other sensors have rows of their own
         self.others = 0
         self._names = sensors
-        self.zeros: dict[str, float] = {}
+        self.fillers: dict[str, int] = {}
 
-    def mark_zeros(self, rows: Floats) -> None:
-        """Make rows NaN in which a program wrote zeros because a sensor had no sample.
+    def mark_fillers(self, rows: Floats) -> None:
+        """Make rows NaN in which a program wrote one number, such as 0, because a sensor had no sample.
 
-        A coarse gyroscope is zero on all axes, too, and then often on a single one.
+        The axes of a coarse gyroscope are the same, too, and then often two of them.
         """
         for name, columns in zip(self._names, self._columns, strict=True):
-            zero = rows[:, columns] == 0.0
-            whole: Bools = zero.all(axis=1)
-            share = float(whole.mean())
-            if not self._rows and ZEROS < share < 1.0 - ZEROS and zero[~whole].mean(axis=0).min() < ZEROS:
-                self.zeros[name] = share
-            if name in self.zeros:
-                rows[np.flatnonzero(whole)[:, None], columns] = np.nan
+            if len(columns) < len(AXES):
+                continue
+            x, y, z = rows[:, columns].T
+            filled: Bools = (x == y) & (y == z)
+            share = float(filled.mean())
+            if not self._rows and 0.0 < share < DEAD:
+                alike = ((x == y) | (y == z) | (z == x))[~filled]
+                self.fillers |= {name: 0} if alike.mean() < share else {}
+            if name in self.fillers:
+                self.fillers[name] += int(filled.sum())
+                rows[np.flatnonzero(filled)[:, None], columns] = np.nan
 
     def select(self, rows: Floats, present: Bools, places: Sequence[int]) -> tuple[Floats, Sequence[int]]:
         """Return the rows that are samples, complete or not, and their places.

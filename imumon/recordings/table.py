@@ -160,10 +160,9 @@ class TableRows:
                 else f"{self._incomplete:,} rows lack a number and count"
             )
             remarks.append(f"{rows} as lost; first {self._first_incomplete}")
-        for sensor, share in self._own_rows.zeros.items():
-            remarks.append(
-                f"{sensor} is exactly 0 on all axes in {share:.0%} of the rows: they are no samples of it"
-            )
+        for sensor, count in self._own_rows.fillers.items():
+            rows = "1 row has" if count == 1 else f"{count:,} rows have"
+            remarks.append(f"{rows} the same number on all axes of {sensor}: no samples of it")
         if others := self._own_rows.others:
             sensors = " or ".join(
                 dict.fromkeys(sensor_of(c) for c in self._layout.channels if sensor_of(c) in INERTIAL)
@@ -205,7 +204,7 @@ class TableRows:
             time and no rate.
         """
         if len(rows):
-            self._own_rows.mark_zeros(rows)
+            self._own_rows.mark_fillers(rows)
             rows, places = self._own_rows.select(rows, _present(rows), places)
         if not len(rows):
             return

@@ -15,7 +15,7 @@ import numpy as np
 from imumon.column_names import UNITS, Column
 from imumon.recordings.base import RecordingError
 from imumon.recordings.columns import ColumnLayout, channel_of, without_unit
-from imumon.samples import Floats
+from imumon.samples import AXES, Floats
 from imumon.timebase.timestamps import typical_step
 
 USUAL_HZ = (0.7, 1400.0)
@@ -33,6 +33,9 @@ MAX_AT_REST = {"accel": (400.0, "m/s2", "mg"), "gyro": (70.0, "rad/s", "deg/s")}
 
 ONE_G = (0.8, 1.25)
 """Sizes of an acceleration that are one g, in g."""
+
+ONE_G_SI = UNITS["accel"]["g"]
+"""m/s2, one g."""
 
 ARRAY_SUFFIXES = {"deg/s": "dps", "rad/s": "rads"}
 """Units as suffixes of the name of an array, where they differ."""
@@ -92,8 +95,11 @@ def _check_size(path: str, what: str, sensor: str, columns: Sequence[Column], si
     """Check that a sensor at rest can have this size, SI unit."""
     most, si, likely = MAX_AT_REST[sensor]
     bare = [column for column in columns if column.unit is None]
-    fits = [u for u, g in (("g", 1.0), ("mg", 1e3)) if sensor == "accel" and _within(size / g, ONE_G)]
-    if size <= most and not (bare and fits):
+    named = [c for c in columns if c.rank < 0] or len(columns) < len(AXES)
+    raw, fits = size / columns[0].factor, []
+    if sensor == "accel" and not _within(size / ONE_G_SI, ONE_G) and (bare or not named):
+        fits = [u for u in ("g", "mg", "m/s2") if _within(raw * UNITS["accel"][u] / ONE_G_SI, ONE_G)]
+    if size <= most and not fits:
         return
     unit = (fits or [likely])[0]
     wrong = bare or columns
@@ -105,7 +111,7 @@ def _check_size(path: str, what: str, sensor: str, columns: Sequence[Column], si
     else:
         code, cure = "wrong_unit", f"if it is {unit}, {unit_cure(what, wrong, unit)}"
         cure += "; if these are raw counts, scale them first" if sensor == "gyro" else ""
-    raise RecordingError(code, f"{path}: {wrong[0].name} {given}, but its size is {size:.3g}", cure)
+    raise RecordingError(code, f"{path}: {wrong[0].name} {given}, but its size is {raw:.3g}", cure)
 
 
 def time_unit(

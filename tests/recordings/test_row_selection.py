@@ -89,7 +89,7 @@ def test_a_sensor_that_holds_its_values_is_slower_than_its_rows(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("slow", ["gyro", "accel"])
-def test_zeros_are_no_samples(tmp_path: Path, slow: str) -> None:
+def test_zeros_of_a_slower_sensor_are_no_samples(tmp_path: Path, slow: str) -> None:
     """As drivers write them that publish each sensor when it has a sample."""
     t, gyro, accel = truth(8000, seed=5)
     {"gyro": gyro, "accel": accel}[slow][::2] = 0.0
@@ -99,6 +99,15 @@ def test_zeros_are_no_samples(tmp_path: Path, slow: str) -> None:
     low, high, rate, missing = of(path, slow)
     assert low < noise < high < 1.2 * low
     assert (rate, missing) == (50.0, 0)
+
+
+def test_one_number_in_place_of_samples_is_missing(tmp_path: Path) -> None:
+    t, gyro, accel = truth(4000)
+    gyro[::50] = -999.0
+    report, remarks = replayed(csv(tmp_path / "a.csv", NAMES, t, gyro, accel))
+    assert "80 rows have the same number on all axes of gyro: no samples of it" in remarks
+    assert report.session.missing == 79  # the first row is before the grid
+    assert report.channels["gyro/x"].std == pytest.approx(7e-4, rel=0.05)
 
 
 def test_a_coarse_gyroscope_may_be_zero(tmp_path: Path) -> None:

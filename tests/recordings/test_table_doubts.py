@@ -371,3 +371,25 @@ def test_a_temperature_that_some_rows_lack_is_used_where_it_is_known(tmp_path: P
     report, remarks = replayed(csv(tmp_path / "a.csv", names, rows))
     assert "no row has a number in temp [degC]: not used" in remarks
     assert "temperature" not in report.channels
+
+
+@pytest.mark.parametrize(
+    ("given", "actual", "factor"), [("m/s2", "g", 1 / G), ("g", "m/s2", 1.0), ("g", "mg", 1000 / G)]
+)
+def test_an_acceleration_that_is_one_g_in_another_unit_is_an_error(
+    tmp_path: Path, given: str, actual: str, factor: float
+) -> None:
+    t, gyro, accel = truth()
+    names = ["t [s]", *(f"w{axis} [rad/s]" for axis in "xyz"), *(f"a{axis} [{given}]" for axis in "xyz")]
+    path = csv(tmp_path / "a.csv", names, t, gyro, accel * factor)
+    with pytest.raises(RecordingError, match=f"is in {given}, but its size is") as error:
+        replayed(path)
+    assert error.value.code == "wrong_unit"
+    assert f"--map accel/x=ax:{actual}" in error.value.cure
+    assert replayed(path, columns={"accel/x": f"ax:{given}"})[0].session.samples == 400
+
+
+def test_a_line_before_the_header_may_have_another_separator(tmp_path: Path) -> None:
+    path = csv(tmp_path / "a.csv", ["t", "wx", "wy", "wz"], *truth()[:2])
+    path.write_text("Device;X\n\n" + path.read_text())
+    assert replayed(path)[0].session.samples == 400
