@@ -68,6 +68,10 @@ def test_px4_subtracts_the_curve(warm: tuple[Path, Report]) -> None:
     found = read(imumon("report", path, "--format", "px4-tc", "--strict"), r"^param set (\w+) (\S+)$")
     assert found["TC_G_ENABLE"] == found["TC_A_ENABLE"] == 1
     assert "TC_G0_ID" not in found  # nobody knows it
+    fields = ["TMIN", "TMAX", "TREF", *(f"X{power}_{number}" for power in range(4) for number in range(3))]
+    assert set(found) == {
+        f"TC_{s}{end}" for s in "GA" for end in ("_ENABLE", *(f"0_{each}" for each in fields))
+    }
     for letter, sensor in (("G", "gyro"), ("A", "accel")):
         low, high, reference = (found[f"TC_{letter}0_{key}"] for key in ("TMIN", "TMAX", "TREF"))
         assert 9.0 < low < 13.0
@@ -88,6 +92,8 @@ def test_ardupilot_reads_the_curve(warm: tuple[Path, Report], tmp_path: Path) ->
     found = mavparm.MAVParmDict()
     assert found.load(str(out))
     assert found["INS_TCAL1_ENABLE"] == 1
+    fields = [f"{sensor}{power}_{axis}" for sensor in ("ACC", "GYR") for power in (1, 2, 3) for axis in "XYZ"]
+    assert set(found) == {f"INS_TCAL1_{each}" for each in ("ENABLE", "TMIN", "TMAX", *fields)}
     assert found["INS_TCAL1_TMIN"] < 13.0 < 48.0 < found["INS_TCAL1_TMAX"]
     for group, sensor in (("ACC", "accel"), ("GYR", "gyro")):
         for axis in "xyz":
