@@ -13,8 +13,8 @@ from paths import ROOT
 
 from imumon.cli.main import main
 
-OF_FILES = ("replay", "report", "config", "history")
-"""Commands that only read and write files: they run inside the test, because starting Python takes longer."""
+WITHOUT_END = ("run", "doctor", "demo", "web")
+"""Commands that take signals or ports run in a process; others inside the test: starting Python takes longer."""
 
 
 def imumon(*arguments: str | Path, code: int = 0) -> str:
@@ -23,7 +23,7 @@ def imumon(*arguments: str | Path, code: int = 0) -> str:
     A command with wrong words (code 2) ends before it opens anything, and runs inside the test too.
     """
     words = [str(argument) for argument in arguments]
-    inside = code == 2 or (words[0] in OF_FILES and "--connect" not in words)
+    inside = code == 2 or words[0] not in WITHOUT_END
     returned, output, errors = run_inside(words) if inside else _process(words)
     assert returned == code, errors
     assert "Traceback" not in errors

@@ -71,7 +71,7 @@ def test_the_settings_may_select_the_emulator(tmp_path: Path) -> None:
     file.write_text('[device]\nport = "sim"\nid = "My.IMU"\n')
     where = free_endpoint()
     arguments = [sys.executable, "-m", "imumon", "run", "--config", str(file), "--listen", where]
-    with subprocess.Popen([*arguments, "--speed", "100"], stderr=subprocess.DEVNULL) as daemon:
+    with subprocess.Popen([*arguments, "--speed", "20"], stderr=subprocess.DEVNULL) as daemon:
         # --id takes the name as configured; the daemon changes it for its keys
         wait = ("wait", "--connect", where, "--id", "My.IMU", "--timeout", "30s")
         assert imumon(*wait).startswith("my-imu: ")

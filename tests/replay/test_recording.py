@@ -76,7 +76,7 @@ def test_a_recording_in_zipped_parts_gives_the_daemons_report(tmp_path: Path) ->
     config.write_text(CONFIG)
     options = ("--speed", "400", "--seed", "11", "--config", str(config), "--json", "--duration", "1e4")
     with Daemon("sim", tmp_path, "--record", str(tmp_path / "raw.bin.gz"), *options) as daemon:
-        daemon.samples(40_000)
+        daemon.samples(12_000)
         live, _ = ended(daemon)
     same(live, tmp_path / "raw.bin.gz")
     parts = sorted(tmp_path.glob("raw*.gz"))
