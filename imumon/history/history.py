@@ -239,6 +239,7 @@ class History:
     def _run(self) -> None:
         store: HistoryStore | None = None
         while True:
+            closing = self._closing  # before the write: what is added during it is written by the next
             try:
                 store = store or self._opened()
                 self._write(store)
@@ -258,7 +259,7 @@ class History:
                 reason = getattr(error, "strerror", None) or "out of memory"
                 self._failed = f"{self.path.parent}: {reason}: free space or choose another --state"
             with self._changed:
-                if self._closing:
+                if closing:
                     break
                 self._changed.wait_for(lambda: self._save or self._closing)
                 self._save = False

@@ -8,6 +8,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -182,18 +183,32 @@ def test_a_killed_writer_loses_nothing_that_it_has_said_to_be_written(tmp_path: 
     assert len(found) > last
 
 
-def test_old_entries_are_deleted(tmp_path: Path) -> None:
+def test_what_is_added_during_the_last_write_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writing, go_on = threading.Event(), threading.Event()
+
+    def delete_before(store: HistoryStore, time: float) -> None:
+        writing.set()
+        go_on.wait(20)
+
+    monkeypatch.setattr(HistoryStore, "delete_before", delete_before)
     history = History(tmp_path, "imu", keep_days=1)
-    now = time.time()
-    history.add([period(0).period], RECORD, now - 3 * 86400)
-    history.add([period(1).period], RECORD, now)
+    assert writing.wait(20)
+    history.add([period(0).period], RECORD, BEGIN)
+    threading.Timer(0.1, go_on.set).start()
     history.close()
-    assert (
-        {row["time"][:10] for row in read(history.path)}
-        == {  # type: ignore[index]
-            datetime.fromtimestamp(now - 600, UTC).isoformat()[:10]
-        }
-    )
+    assert read(history.path)
+
+
+def test_old_entries_are_deleted(tmp_path: Path) -> None:
+    now = time.time()
+    for number, begin in enumerate((now - 3 * 86400, now)):  # it deletes at its start, and then once a day
+        history = History(tmp_path, "imu", keep_days=1)
+        history.add([period(number).period], RECORD, begin)
+        history.close()
+    (day,) = {row["time"][:10] for row in read(history.path)}  # type: ignore[index]
+    assert day == datetime.fromtimestamp(now - 600, UTC).isoformat()[:10]
 
 
 def test_what_cannot_be_written_waits_and_is_said_once(tmp_path: Path) -> None:
