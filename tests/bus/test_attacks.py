@@ -143,7 +143,7 @@ def _attack_together(tmp_path: Path, seconds: float) -> None:
         before = daemon.viewer.version
         until(lambda: daemon.viewer.version > before)
         command = [sys.executable, "-m", "imumon", "status", "--json", "--connect", daemon.endpoint]
-        status = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+        status = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
         assert status.returncode == 0, status.stderr
         with Subscriber([daemon.endpoint]) as subscriber:
             assert subscriber.wait_report("a", timeout=30.0) is not None

@@ -28,8 +28,8 @@ def test_only_users_with_the_right_password_get_reports(tmp_path: Path) -> None:
     with stage() as start:
         address = f"tcp/127.0.0.1:{free_port()}"
         start("daemon", listen=[address], users_file=str(users)).ready()
-        assert receives(address, timeout=5.0, user="ann", password="secret")
-        assert receives(address, timeout=5.0, user="bob", password="other")
+        assert receives(address, timeout=30.0, user="ann", password="secret")
+        assert receives(address, timeout=30.0, user="bob", password="other")
         assert not receives(address, timeout=0.4, user="ann", password="other")
         assert not receives(address, timeout=0.4, user="eve", password="secret")
         assert not receives(address, timeout=0.4)
@@ -42,8 +42,8 @@ def test_the_user_of_the_settings_and_those_of_the_file_get_reports(tmp_path: Pa
         address = f"tcp/127.0.0.1:{free_port()}"
         settings = {"users_file": str(users), "user": "bob", "password": "other"}
         start("daemon", listen=[address], **settings).ready()
-        assert receives(address, timeout=5.0, user="bob", password="other")
-        assert receives(address, timeout=5.0, user="ann", password="säcret")
+        assert receives(address, timeout=30.0, user="bob", password="other")
+        assert receives(address, timeout=30.0, user="ann", password="säcret")
     with pytest.raises(BusError) as caught:
         Publisher("a", listen=[address], settings=SessionOptions(user="a:b", password="c"))
     assert (caught.value.code, caught.value.setting) == ("user_invalid", "zenoh.user")
@@ -53,7 +53,7 @@ def test_the_same_settings_serve_daemon_and_subscriber() -> None:
     with stage() as start:
         address = f"tcp/127.0.0.1:{free_port()}"
         start("daemon", listen=[address], user="ann", password="secret").ready()
-        assert receives(address, timeout=5.0, user="ann", password="secret")
+        assert receives(address, timeout=30.0, user="ann", password="secret")
         assert not receives(address, timeout=0.4)
 
 
@@ -63,7 +63,7 @@ def test_users_that_are_not_allowed_get_no_reports(tmp_path: Path) -> None:
     with stage() as start:
         address = f"tcp/127.0.0.1:{free_port()}"
         start("daemon", listen=[address], users_file=str(users), allow=["ann"]).ready()
-        assert receives(address, timeout=5.0, user="ann", password="secret")
+        assert receives(address, timeout=30.0, user="ann", password="secret")
         with Subscriber([address], settings=SessionOptions(user="bob", password="other")) as subscriber:
             until(subscriber.connected)
             assert subscriber.wait_report(timeout=0.4) is None
@@ -107,7 +107,7 @@ def test_only_certificates_of_the_authority_get_reports(keys: Path) -> None:
         port = free_port()
         address = f"tls/127.0.0.1:{port}"
         start("daemon", listen=[address], **identity(keys, "daemon")).ready()
-        assert receives(address, timeout=5.0, **identity(keys, "viewer"))
+        assert receives(address, timeout=30.0, **identity(keys, "viewer"))
         assert not receives(address, timeout=0.5, **identity(keys, "other/viewer"))
         assert not receives(address, timeout=0.5, **identity(keys, "other/viewer", ca="other/ca"))
         assert not receives(address, timeout=0.5, **identity(keys, "viewer", ca="other/ca"))
@@ -120,7 +120,7 @@ def test_allow_lists_common_names_and_tls_may_listen_on_every_interface(keys: Pa
         port = free_port()
         address = f"tls/127.0.0.1:{port}"
         start("daemon", listen=[f"tls/0.0.0.0:{port}"], allow=["viewer"], **identity(keys, "daemon")).ready()
-        assert receives(address, timeout=5.0, **identity(keys, "viewer"))
+        assert receives(address, timeout=30.0, **identity(keys, "viewer"))
         with Subscriber([address], settings=SessionOptions(**identity(keys, "guest"))) as subscriber:
             until(subscriber.connected)
             assert subscriber.wait_report(timeout=0.4) is None

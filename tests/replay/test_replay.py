@@ -314,7 +314,7 @@ def test_events_are_published_beside_the_reports(tmp_path: Path) -> None:
     np.savez(path, t_s=np.arange(n) / 40.0, gyro_uncomp=noise[:, :3], accel_uncomp=noise[:, 3:])
     with Publisher("replay", listen=[place]) as bus, Subscriber([place]) as viewer:
         replay(ReplayOptions(path=str(path)), bus=bus)
-        assert viewer.wait_report("replay", timeout=20.0) is not None
+        assert viewer.wait_report("replay", timeout=60.0) is not None
         events = until(lambda: [e.kind for e in viewer.events("replay")], {"disturbance"})
     assert "disturbance" in events
 
@@ -324,7 +324,7 @@ def test_a_replay_on_the_bus_has_one_name_in_its_keys_and_its_reports(tmp_path: 
     path.write_bytes(b'#imumon-recording {"id": "vn100-7", "rate_hz": 40.0}\n' + path.read_bytes())
     with Publisher("replay", listen=[place]) as bus, Subscriber([place]) as viewer:
         final = replay(ReplayOptions(path=str(path)), bus=bus)
-        report = viewer.wait_report("replay", timeout=20.0)
+        report = viewer.wait_report("replay", timeout=60.0)
     assert report is not None
     assert (report.device.id, final.device.id) == ("replay", "vn100-7")
 
