@@ -23,8 +23,6 @@ from imumon.units import DAY
 AGAINST = "history"
 """What such a change is a change against, in the report."""
 SLOPE = BIAS_TERMS[0]
-TINY = 1e-9
-"""Relative, least error of a slope."""
 LEAST_S = 3600.0
 """s of samples that a day must have: B needs an hour."""
 
@@ -78,9 +76,9 @@ def _change(days: Sequence[TimedPeriod], name: str, letter: str) -> Change | Non
     for each in days:
         channel = each.period.channels.get(name)
         part = channel.coefficients.get(letter) if channel is not None else None
-        if part is not None and part.value and part.low is not None and part.high is not None:
+        if part is not None and part.value and (width := (part.high or 0.0) - (part.low or 0.0)) > 0.0:
             known.append((each, part.value))
-            errors.append(max(part.high - part.low, TINY * abs(part.value)) / (2.0 * LIMIT_95))
+            errors.append(width / (2.0 * LIMIT_95))
     values = np.array([value for _, value in known], dtype=np.float64)
     heat = [each.period.temperature for each, _ in known]
     temperatures = np.array([math.nan if t is None else t for t in heat], dtype=np.float64)
