@@ -29,6 +29,16 @@ SINGLE_EXCESS = 0.5
 SHORTEST_STEP = 0.9
 """Ticks that the shortest step of a microsecond count can have: with less, the count is of ticks."""
 
+RATE_CHANGE_STEPS = 64
+"""Equal steps in a row that are not one interval, after which the rate of the device has changed. Jitter
+does not make them all longer, or all shorter. They need not be whole intervals: from 100 Hz to 80 Hz they are 1.25."""
+
+BURST_STEP = 0.025
+"""Intervals; shorter steps are a burst and no change of rate."""
+
+SPARSE_STEP = 100.0
+"""Intervals; longer steps are gaps and no change of rate."""
+
 PASSES = 8
 """Passes of counting and fitting; two are enough without jitter."""
 
@@ -206,3 +216,31 @@ def _is_multiple(steps: Floats, interval_s: float) -> bool:
     """Return whether nearly all of (n,) steps, s, are whole multiples of an interval."""
     counts = steps / interval_s
     return bool(np.mean((np.abs(counts - np.rint(counts)) < WHOLE) & (counts > 0.5)) > MOST_STEPS)
+
+
+class RateChange:
+    """Finds where the rate of a stream changes: many equal steps in a row, none of them one interval."""
+
+    def __init__(self) -> None:
+        self._count, self._last = (
+            0,
+            1.0,
+        )  # how many steps in a row were the same other one, and the last, intervals
+
+    def find(self, steps: Floats) -> int | None:
+        """Return which of (n,) steps, intervals, is the last that shows a new rate; None: none."""
+        other = (np.abs(steps - 1.0) > NOMINAL_SHARE) & (steps > BURST_STEP) & (steps < SPARSE_STEP)
+        if not other.any():
+            self._count, self._last = 0, 1.0
+            return None
+        follows = np.concatenate(([self._count > 0], other[:-1]))
+        same = other & follows & (np.abs(np.diff(steps, prepend=self._last)) < WHOLE)
+        runs = np.arange(1, len(same) + 1)
+        starts = np.maximum.accumulate(np.where(same, 0, runs))
+        lengths = np.where(starts > 0, runs - starts + other[np.maximum(starts - 1, 0)], self._count + runs)
+        lengths = np.where(other, lengths, 0)
+        reached = np.flatnonzero(lengths >= RATE_CHANGE_STEPS)
+        if len(reached):
+            return int(reached[0])
+        self._count, self._last = int(lengths[-1]), float(steps[-1])
+        return None

@@ -29,13 +29,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, concatenated, selected
 from imumon.timebase.interval import (
     AMBIGUOUS,
-    NOMINAL_SHARE,
     REFERENCE_SAMPLES,
-    WHOLE,
+    RateChange,
     counter_unit,
     estimate_interval,
     is_nominal,
@@ -57,17 +57,6 @@ checksum must not put a year of missing samples into the record."""
 
 LONGEST_GAP_S = 31 * 86400.0
 """s. A gap longer than this, with no host clock to confirm it, is of unknown length."""
-
-RATE_CHANGE_STEPS = 64
-"""Equal steps in a row that are not one interval, after which the rate of the device has changed. Jitter
-does not make them all longer, or all shorter. They need not be whole intervals: from 100 Hz to 80 Hz they are 1.25."""
-
-
-BURST_STEP = 0.025
-"""Intervals; shorter steps are a burst and no change of rate."""
-
-SPARSE_STEP = 100.0
-"""Intervals; longer steps are gaps and no change of rate."""
 
 GAP_SLACK_S = 10.0
 """s by which the host clock may differ from the sample clock over a gap."""
@@ -138,7 +127,7 @@ class SampleClock:
         self._counter: int | None = None  # last value of a counter, before its wraps are undone
         self._wraps = 0
         self._previous: int | None = None  # time of the last sample, placed or not
-        self._deviation = (0, 1.0)  # how many steps in a row were the same other one, and the last, intervals
+        self._rates = RateChange()
 
     def gap(self, length_s: float | None = None) -> None:
         """Note that the stream was interrupted; an absolute clock shows the exact length itself.
@@ -274,32 +263,14 @@ class SampleClock:
         self._learned = self.interval_s is not None
 
     def _rate_change(self, block: SampleBlock) -> int | None:
-        """Return where a new rate has shown in equal steps, none of them one interval; None: nowhere."""
+        """Return where a new rate has shown; None: nowhere."""
         if self.clock == "none" or block.time_ns is None:
             return None
         assert self.interval_s is not None
         time = block.time_ns
-        if self.clock == "dt":
-            ticks = time * (1e-9 / self.interval_s)
-        else:
-            before = int(time[0]) if self._previous is None else self._previous
-            ticks = np.diff(time, prepend=before) * (self._unit_s / self.interval_s)
-        other = (np.abs(ticks - 1.0) > NOMINAL_SHARE) & (ticks > BURST_STEP) & (ticks < SPARSE_STEP)
-        if not other.any():
-            self._deviation = (0, 1.0)
-            return None
-        count, last = self._deviation
-        follows = np.concatenate(([count > 0], other[:-1]))
-        same = other & follows & (np.abs(np.diff(ticks, prepend=last)) < WHOLE)
-        runs = np.arange(1, len(same) + 1)
-        starts = np.maximum.accumulate(np.where(same, 0, runs))
-        lengths = np.where(starts > 0, runs - starts + other[np.maximum(starts - 1, 0)], count + runs)
-        lengths = np.where(other, lengths, 0)
-        reached = np.flatnonzero(lengths >= RATE_CHANGE_STEPS)
-        if len(reached):
-            return int(reached[0])
-        self._deviation = (int(lengths[-1]), float(ticks[-1]))
-        return None
+        if self.clock != "dt":
+            time = np.diff(time, prepend=time[0] if self._previous is None else self._previous)
+        return self._rates.find(np.asarray(time, np.float64) * (self._unit_s / self.interval_s))
 
     # ------------------------------------------------------------------ the place of each sample
 
@@ -340,12 +311,10 @@ class SampleClock:
             steps[steps > max(far, int(longest / self.interval_s))] = BREAK
         if restarted:
             steps[0] = BREAK
-        values, saturated = block.values, block.saturated
         if not keep.all():
-            time, steps, values = time[keep], steps[keep], values[keep]
-            saturated = None if saturated is None else saturated[keep]
+            block, time, steps = selected(block, keep), time[keep], steps[keep]
         self._note_placed(time, steps)
-        return PlacedSamples(values, steps, saturated)
+        return PlacedSamples(block.values, steps, block.saturated)
 
     def _note_placed(self, time: Ints, steps: Ints) -> None:
         """Keep the last samples, and the host time that samples and gaps do not account for."""
@@ -381,26 +350,22 @@ class SampleClock:
             before = int(time[j]) if j >= 0 else self._last
             if before is None:
                 continue
-            start = max(0, j + 1 - 4 * REFERENCE_SAMPLES)
-            placed = start + np.flatnonzero(keep[start : j + 1])
-            if start and len(placed) < REFERENCE_SAMPLES:
-                placed = np.flatnonzero(keep[: j + 1])
+            placed = _last_true(keep[: j + 1])
             latest = np.append(recent, [time[placed], steps[placed]], axis=1)[:, -REFERENCE_SAMPLES:]
-            step = round((int(time[i]) - before) * scale - phase(latest[0], latest[1], scale))
-            steps[i] = step
+            steps[i] = step = round((int(time[i]) - before) * scale - phase(latest[0], latest[1], scale))
             if 1 <= step <= far:
                 continue
-            damaged = i + 1 < n and step != 0 and 1 <= round((int(time[i + 1]) - before) * scale) <= far
+            follows = i + 1 < n
             if step == 0:
                 self.duplicates += 1
-            elif damaged:  # the next sample continues the old time: this stamp is wrong
-                self.implausible += 1
-            elif (i + 1 < n or final) and step < 0:
-                steps[i] = BREAK
-            if step == 0 or damaged:
-                keep[i] = False
-                if i + 1 < n and (not todo or todo[-1] != i + 1):
-                    todo.append(i + 1)  # its step counts from the last sample that is kept
+            elif follows and 1 <= round((int(time[i + 1]) - before) * scale) <= far:
+                self.implausible += 1  # the next sample continues the old time: this stamp is wrong
+            else:
+                steps[i] = BREAK if step < 0 and (follows or final) else step
+                continue
+            keep[i] = False
+            if follows and todo[-1:] != [i + 1]:
+                todo.append(i + 1)  # its step counts from the last sample that is kept
 
     def _relative(self, block: SampleBlock) -> PlacedSamples:
         """Place samples that know their own interval only, or nothing of time."""
@@ -415,6 +380,13 @@ class SampleClock:
             steps[0] = BREAK
         self._unknown_gap, self._last = False, 0
         return PlacedSamples(block.values, steps, block.saturated)
+
+
+def _last_true(keep: Bools) -> npt.NDArray[np.intp]:
+    """Return at least the last `REFERENCE_SAMPLES` places that are true; of a long array, these are found fast."""
+    start = max(0, len(keep) - 4 * REFERENCE_SAMPLES)
+    found = start + np.flatnonzero(keep[start:])
+    return np.flatnonzero(keep) if start and len(found) < REFERENCE_SAMPLES else found
 
 
 def _with_slack(length_s: float) -> float:
