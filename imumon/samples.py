@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 if TYPE_CHECKING:  # the parser of the command line needs the names of channels, not numpy
     import numpy as np
@@ -79,6 +79,11 @@ class Stream:
     def kind_of(self, sensor: str) -> Kind:
         """Kind of the numbers of ``gyro`` or ``accel``."""
         return {"gyro": self.gyro, "accel": self.accel}.get(sensor) or self.kind
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Fields of `DeviceInfo` that the stream gives, if the settings of the sensor are unknown."""
+        return {"stream": self.kind, "source": self.source, "clock": self.clock, "caveats": self.caveats}
 
     @property
     def averaged(self) -> tuple[bool, ...]:

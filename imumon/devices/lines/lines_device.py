@@ -38,14 +38,10 @@ class LinesSession(Session):
             kind="sensor that prints lines",
             port=self._name,
             baud=None if self._port.fixed_baud else self._port.baud,
-            stream=columns.stream.kind if columns else None,
-            source=columns.stream.source if columns else None,
-            clock=columns.stream.clock if columns else None,
             sample_rate_hz=self._url.rate_hz,
-            settings=columns.settings if columns else {},
             data_settings=tuple(SENSORS),
-            caveats=columns.stream.caveats if columns else (),
             remarks=(*decoder.remarks, *self._doubts()),
+            **({"settings": columns.settings, **columns.stream.facts} if columns else {}),
         )
 
     def _doubts(self) -> Iterator[str]:

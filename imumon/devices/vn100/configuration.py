@@ -154,24 +154,27 @@ class Configuration:
         changed = [r for r, text in before.items() if r in channel.written or channel.settings.get(r) != text]
         if not changed and not self._paused:
             return True
-        done = channel.request("VNASY,0", tries=3) is not None
-        if (
-            not done and RegisterNumber.BAUD in channel.written
-        ):  # interrupted while the baud rate was being changed
-            for baud in (int(before[RegisterNumber.BAUD]), self._baud or self._port.baud):
-                if not done and self._port.set_baud(baud) and channel.is_present():
-                    done = channel.request("VNASY,0") is not None
-        for register in _CHANGED:
-            if done and register in changed:
-                done = channel.write(register, before[register])
+        done = self._is_pausing(before) and all(channel.write(r, before[r]) for r in _CHANGED if r in changed)
         if done and RegisterNumber.BAUD in changed:
             done = self._change_baud(int(before[RegisterNumber.BAUD]))
-        if done:
-            done = channel.request("VNASY,1") is not None
-        if done:
-            channel.written.clear()
-            self._paused = False
-        return done
+        if not done or channel.request("VNASY,1") is None:
+            return False
+        channel.written.clear()
+        self._paused = False
+        return True
+
+    def _is_pausing(self, before: Mapping[int, str]) -> bool:
+        """Pause the output, also after an interrupted change of the baud rate; return whether it is confirmed."""
+        channel = self._channel
+        if channel.request("VNASY,0", tries=3) is not None:
+            return True
+        if RegisterNumber.BAUD not in channel.written:
+            return False
+        bauds = (int(before[RegisterNumber.BAUD]), self._baud or self._port.baud)
+        return any(
+            self._port.set_baud(baud) and channel.is_present() and channel.request("VNASY,0") is not None
+            for baud in bauds
+        )
 
     def _change_baud(self, baud: int) -> bool:
         """Change the baud rate of the paused sensor and of the port."""

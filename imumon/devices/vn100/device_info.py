@@ -49,28 +49,26 @@ def device_info(
     rate_hz : Hz, its rate if that is known from elsewhere.
     remarks : to include.
     """
-    kind = None if stream is None else stream.kind
+    facts = {} if stream is None else stream.facts
     rate = nominal_rate(settings, stream) or rate_hz
     factors = _alias_factors(settings, stream, rate)
-    known = [factor for factor in factors.values() if factor is not None]
-    worst = max(known) if len(known) == len(factors) else None
+    worst = None if None in factors.values() else max(filter(None, factors.values()))
     model, serial = identity.get(1), identity.get(3)
     family = family_of(model)
-    control = (
-        settings.get(RegisterNumber.DELTA_CONTROL) if stream is not None and any(stream.averaged) else ""
-    )
+    control = _delta_control(settings, stream)
     unknown = {
         "listen-only: model, serial number and settings are unknown": not identity,
-        "the filter or the rate of the sensor is unknown: aliasing may inflate N": kind is not None
+        "the filter or the rate of the sensor is unknown: aliasing may inflate N": bool(facts)
         and worst is None,
         f"the sensor is a {model}: {PROTOCOL}": family != FAMILY,
         f"register {RegisterNumber.DELTA_CONTROL} is unknown: the deltas may be compensated": control is None,
     }
     caveats = {
-        "compensated": kind == "compensated" or (control is not None and control.strip("0,") != ""),
+        "compensated": facts.get("stream") == "compensated" or (control or "").strip("0,") != "",
         "unknown_compensation": control is None,
         "aliased": worst is not None and worst > ALIASED,
     }
+    facts["caveats"] = tuple(name for name, holds in caveats.items() if holds)
     names = {r: f"{r} {REGISTERS[r].name}" for r in sorted(settings)}
     return DeviceInfo(
         id=f"{family.lower().replace('-', '')}-{serial or _slug(port)}",
@@ -80,17 +78,19 @@ def device_info(
         firmware=identity.get(4),
         port=port,
         baud=baud,
-        stream=kind,
-        source=None if stream is None else stream.source,
-        clock=None if stream is None else stream.clock,
         sample_rate_hz=rate,
         alias_factor=worst,
         alias_factors=factors,
         settings={name: settings[r] for r, name in names.items()},
         data_settings=tuple(name for r, name in names.items() if r in DATA_REGISTERS),
-        caveats=tuple(name for name, holds in caveats.items() if holds),
         remarks=(*remarks, *(remark for remark, holds in unknown.items() if holds)),
+        **facts,
     )
+
+
+def _delta_control(settings: Texts, stream: Stream | None) -> str | None:
+    """Return how the sensor compensates increments; empty if the stream has none, None: unknown."""
+    return settings.get(RegisterNumber.DELTA_CONTROL) if stream and any(stream.averaged) else ""
 
 
 def _alias_factors(settings: Texts, stream: Stream | None, rate_hz: float | None) -> dict[str, float | None]:

@@ -20,7 +20,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from imumon.samples import ACCEL, GYRO, MAG, Bools, Clock, Floats, Ints, Kind, Stream
+from imumon.samples import CHANNELS, Bools, Clock, Floats, Ints, Kind, Stream, sensor_of
 
 GetQuantity: TypeAlias = Callable[[str], npt.NDArray[Any]]
 """Function that returns a quantity by name: (n, k), k its number of components."""
@@ -31,12 +31,15 @@ WIDTHS = {
 }  # fmt: skip
 """Components of a quantity. Units: deg, gauss, m/s^2, rad/s, degC, kPa; dt s, dtheta deg, dvel m/s."""
 
-_KINDS: tuple[tuple[Kind, str, str], ...] = (
-    ("deltas", "dtheta", "dvel"),
-    ("uncompensated", "ugyro", "uaccel"),
-    ("compensated", "gyro", "accel"),
-)
-"""Kind with its quantities of gyroscope and accelerometer, best first."""
+_QUANTITIES: dict[str, dict[Kind, str]] = {
+    "gyro": {"deltas": "dtheta", "uncompensated": "ugyro", "compensated": "gyro"},
+    "accel": {"deltas": "dvel", "uncompensated": "uaccel", "compensated": "accel"},
+    "mag": {"uncompensated": "umag", "compensated": "mag"},
+}
+"""Quantity of each kind by sensor, the best kind first."""
+
+_OTHERS: dict[str, tuple[Kind, str]] = {"temperature": ("unknown", "temp"), "pressure": ("unknown", "pres")}
+"""Kind and quantity of the other channels."""
 
 _OVER_DT = {"dtheta": pi / 180.0, "dvel": 1.0}
 """Increments, with the factor that converts their rate to SI."""
@@ -138,6 +141,19 @@ def _valid_rows(values: Floats, dt: Floats | None, time: Ints | None) -> Bools |
     return valid
 
 
+def _sensors(available: set[str]) -> dict[str, tuple[Kind, str]]:
+    """Return kind and quantity of each sensor; of one kind if the message has gyroscope and accelerometer in it."""
+    gyro, accel = _QUANTITIES["gyro"], _QUANTITIES["accel"]
+    both = [kind for kind in gyro if {gyro[kind], accel[kind]} <= available]
+    found: dict[str, tuple[Kind, str]] = {}
+    for sensor, quantities in _QUANTITIES.items():
+        kinds = quantities if sensor == "mag" else both or quantities
+        present = [(kind, quantities[kind]) for kind in kinds if quantities[kind] in available]
+        if present:
+            found[sensor] = present[0]
+    return found
+
+
 @lru_cache(maxsize=256)
 def sample_converter(quantities: frozenset[str], source: str) -> SampleConverter | None:
     """Return the converter to the best stream of a message; None if it has no sensor data.
@@ -154,29 +170,18 @@ def sample_converter(quantities: frozenset[str], source: str) -> SampleConverter
     True
     """
     available = {q for q in quantities if q not in _OVER_DT or "dt" in quantities}
-    both = next((entry for entry in _KINDS if {entry[1], entry[2]} <= available), None)
-    gyro = both or next((entry for entry in _KINDS if entry[1] in available), None)
-    accel = both or next((entry for entry in _KINDS if entry[2] in available), None)
-    mag = next((q for q in ("umag", "mag") if q in available), None)
-    kinds = {sensor: entry[0] for sensor, entry in (("gyro", gyro), ("accel", accel)) if entry is not None}
-    if kinds:
-        kind = max(kinds.values(), key=[entry[0] for entry in _KINDS].index)
-    elif mag is not None:
-        kind = "uncompensated" if mag == "umag" else "compensated"
-    else:
+    sensors = _sensors(available)
+    if not sensors:
         return None
+    kinds = {sensor: kind for sensor, (kind, _) in sensors.items() if sensor != "mag" or len(sensors) == 1}
+    kind = max(kinds.values(), key=list(_QUANTITIES["gyro"]).index)
     parts: list[tuple[str, slice]] = []
     channels: tuple[str, ...] = ()
-    for names, quantity in (
-        (GYRO, gyro and gyro[1]),
-        (ACCEL, accel and accel[2]),
-        (MAG, mag),
-        (("temperature",), "temp"),
-        (("pressure",), "pres"),
-    ):
+    for sensor, (_, quantity) in (sensors | _OTHERS).items():
         if quantity in available:
-            parts.append((str(quantity), slice(len(channels), len(channels) + len(names))))
-            channels += names
+            begin = len(channels)
+            channels += tuple(name for name in CHANNELS if sensor_of(name) == sensor)
+            parts.append((quantity, slice(begin, len(channels))))
     clocks: tuple[Clock, ...] = ("startup", "counter", "dt")
     clock: Clock = next((c for c in clocks if c in available), "none")
     uses_dt = clock == "dt" or any(part in _OVER_DT for part, _ in parts)

@@ -93,8 +93,9 @@ class MtDecoder:
             if at == end or ((found is None or at + found[0] > end) and not final):
                 break
             size, header = found or (0, 0)
-            if not size or at + size > end or sum(data[at + 1 : at + size]) & 0xFF:
-                self.bad_checksums += bool(size) and at + size <= end and self._valid_before
+            size = 0 if at + size > end else size
+            if not size or sum(data[at + 1 : at + size]) & 0xFF:
+                self.bad_checksums += self._valid_before and size > 0
                 self.discarded += 1
                 at += 1
                 continue

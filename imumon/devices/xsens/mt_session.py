@@ -179,14 +179,12 @@ class MtSession(Session):
         present = {data & KIND_BITS: rate for data, rate in outputs(self._configuration or b"")}
         kind = self._kind or ("deltas" if DataId.DELTA_Q in present else None)
         rate = present.get(DataId.DELTA_Q if kind == "deltas" else DataId.RATE_OF_TURN)
-        unknown = (
-            ("listen-only: model, serial number and settings are unknown",) if self._serial is None else ()
-        )
-        stream = stream_of(kind, "startup") if kind else None
-        changed: tuple[str, ...] = ()
+        remarks = list(self._remarks)
         if self._original not in (None, self._configuration):
             before = _listed(self._original or b"")
-            changed = (f"the output configuration is changed until the end of the run, from {before}",)
+            remarks.append(f"the output configuration is changed until the end of the run, from {before}")
+        if self._serial is None:
+            remarks.append("listen-only: model, serial number and settings are unknown")
         return DeviceInfo(
             id=f"mti-{(self._serial or self._port.name.rsplit('/', 1)[-1]).lower()}",
             kind="MTi",
@@ -195,13 +193,10 @@ class MtSession(Session):
             firmware=self._firmware,
             port=self._port.name,
             baud=None if self._port.fixed_baud else self._port.baud,
-            stream=kind,
-            source=stream.source if stream else None,
-            clock=stream.clock if stream else None,
             sample_rate_hz=float(rate) if rate and rate < EVERY_PACKET else None,
             settings={SETTING: _listed(self._configuration)} if self._configuration else {},
-            caveats=stream.caveats if stream else (),
-            remarks=(*self._remarks, *changed, *unknown),
+            remarks=tuple(remarks),
+            **(stream_of(kind, "startup").facts if kind else {}),
         )
 
     def read(self, timeout: float) -> bytes:
