@@ -49,7 +49,7 @@ CAVEATS: Mapping[str, CaveatText] = {
         "The fit does not use the frequencies of a vibration or a spectral line.",
     ),
     "misfit": CaveatText(
-        "the curve is not N + B + K: the limits are widened",
+        "the curve is not that of the coefficients: the limits are widened",
         "The limits include the residuals, and the meaning of the figures is uncertain.",
     ),
     "not_at_rest": CaveatText(
@@ -87,10 +87,10 @@ CAVEATS: Mapping[str, CaveatText] = {
     ),
     "quantised": CaveatText("the resolution of the values shows in the curve"),
     "temperature": CaveatText(
-        "the temperature explains part of the drift", "N, B and K are without its effect."
+        "the temperature explains part of the drift", "The coefficients are without its effect."
     ),
     "oscillation": CaveatText(
-        "the mean oscillates slowly: N, B and K are without it",
+        "the mean oscillates slowly: the coefficients are without it",
         "Air conditioning is a common cause.",
     ),
 }

@@ -166,7 +166,7 @@ def parsers(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
     """
     parser = Parser(
         prog="imumon",
-        description="Live noise figures of an inertial sensor: N, B, K and grade, with 95 % limits.",
+        description="Live noise figures of an inertial sensor: coefficients and grade, with 95 % limits.",
         epilog="Try it without a sensor: imumon demo",
     )
     parser.add_argument("--version", action="version", version=f"imumon {__version__}")

@@ -61,12 +61,40 @@ def add_report(parser: Parser) -> None:
 
 def report(arguments: argparse.Namespace) -> int:
     """Write a document from a running daemon, a recording, a state or a saved report."""
-    from imumon.bus.subscriber import KEPT_BYTES
-    from imumon.cli.history_command import published_days, stored_days
-    from imumon.cli.traceability import evaluated, with_provenance
-    from imumon.datasheet import FORMS, document, programs_with, short_record_text
+    from imumon.cli.traceability import evaluated
+    from imumon.datasheet import FORMS, document, short_record_text
 
     form = _form(arguments)
+    _check_options(arguments, form)
+    sheet = reference_sheet(arguments)
+    source, rows = _source(arguments, FORMS[form].history)
+    source = evaluated(with_item(source, arguments.item), sheet, rows)
+    if arguments.strict:
+        _check_measured(source, form)
+    filter_numbers = FORMS[form].settings and not FORMS[form].curves
+    if filter_numbers and (warning := short_record_text(source)) is not None:
+        print_message(warning)
+    filters = _filters(source, arguments.horizon, FORMS[form].filters)
+    if FORMS[form].settings:
+        topic = arguments.topic or source.device.topic
+        rate_hz = arguments.update_rate or filters.device.sample_rate_hz
+        filters = replace(filters, device=replace(filters.device, topic=topic, sample_rate_hz=rate_hz))
+    data = document(source, form, filters, rows)
+    if arguments.output in (None, "-"):
+        sys.stdout.buffer.write(data)
+        return SUCCESS
+    try:
+        replace_file(arguments.output, data)
+    except OSError as error:
+        message = f"cannot write {arguments.output}: {_reason(error)}"
+        raise CommandError("output_not_writable", message, "name another file with -o") from None
+    return SUCCESS
+
+
+def _check_options(arguments: argparse.Namespace, form: str) -> None:
+    """Raise an error if an option does not fit the form or another option."""
+    from imumon.datasheet import FORMS, programs_with
+
     if arguments.strict and not FORMS[form].settings:
         message = f"--strict is for settings of other software, and {form} is none"
         raise CommandError("strict_not_applicable", message, "leave it out, or name such a --format", USAGE)
@@ -80,42 +108,23 @@ def report(arguments: argparse.Namespace) -> int:
         raise CommandError("two_sources", "FILE and --id are both given", "give only one of them", USAGE)
     if arguments.output:
         _check_output_is_no_input(arguments.output, arguments.file, arguments.config)
-    sheet = reference_sheet(arguments)
-    rows: Any = ()
+
+
+def _source(arguments: argparse.Namespace, history: bool) -> tuple[Any, Any]:
+    """Return the report of the file or the daemon, and the days of its history."""
+    from imumon.bus.subscriber import KEPT_BYTES
+    from imumon.cli.history_command import published_days, stored_days
+    from imumon.cli.traceability import with_provenance
+
     if arguments.file:
-        source = _from_file(arguments)
-        rows = stored_days(Path(arguments.file))
-    else:
-        _check_recording(arguments, "a running daemon")
-        with options.subscriber(arguments, most_bytes=KEPT_BYTES) as subscriber:
-            cure = "give a FILE (imumon report --help)"
-            source = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
-            source = replace(source, events=tuple(subscriber.events(source.device.id)))
-            source = with_provenance(source, None, {}, None)
-            if FORMS[form].history:
-                rows = published_days(subscriber, source.device.id)
-    source = evaluated(with_item(source, arguments.item), sheet, rows)
-    if arguments.strict:
-        _check_measured(source, form)
-    filter_numbers = FORMS[form].settings and not FORMS[form].curves
-    if filter_numbers and (warning := short_record_text(source)) is not None:
-        print_message(warning)
-    filters = _filters(source, arguments.horizon, FORMS[form].filters)
-    fed = replace(
-        filters.device,
-        topic=arguments.topic or source.device.topic,
-        sample_rate_hz=arguments.update_rate or filters.device.sample_rate_hz,
-    )
-    data = document(source, form, replace(filters, device=fed) if FORMS[form].settings else filters, rows)
-    if arguments.output in (None, "-"):
-        sys.stdout.buffer.write(data)
-        return SUCCESS
-    try:
-        replace_file(arguments.output, data)
-    except OSError as error:
-        message = f"cannot write {arguments.output}: {_reason(error)}"
-        raise CommandError("output_not_writable", message, "name another file with -o") from None
-    return SUCCESS
+        return _from_file(arguments), stored_days(Path(arguments.file))
+    _check_recording(arguments, "a running daemon")
+    with options.subscriber(arguments, most_bytes=KEPT_BYTES) as subscriber:
+        cure = "give a FILE (imumon report --help)"
+        source = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
+        source = replace(source, events=tuple(subscriber.events(source.device.id)))
+        rows = published_days(subscriber, source.device.id) if history else ()
+    return with_provenance(source, None, {}, None), rows
 
 
 def _check_measured(report: Any, form: str) -> None:

@@ -110,13 +110,8 @@ class WaitCondition:
                 by = headline.decided_by
                 decided = f" by {by.coefficient} of {by.axis}" if by else ""
                 return f"{sensor} {grade_text(headline)}{decided}"
-            if not headline.provisional:
-                continue
-            if report.session.excluded_s > EXCLUDED_SHARE * report.session.elapsed_s:
-                return f"{sensor} is not certain: {headline.reason or 'most of the record is excluded'}"
-            for name, channel in report.channels.items():
-                if sensor_of(name) == sensor and (unmet := _uncertain_grade(name, channel, self.grade)):
-                    return unmet
+            if headline.provisional and (unmet := _uncertain_grade(report, sensor, self.grade)):
+                return unmet
         return None if sensors else "only gyroscope and accelerometer have grades"
 
     def _unmet_precision(self, chosen: dict[str, Channel]) -> str | None:
@@ -139,7 +134,15 @@ class WaitCondition:
         return None
 
 
-def _uncertain_grade(name: str, channel: Channel, grade: GradeName) -> str | None:
+def _uncertain_grade(report: Report, sensor: str, grade: GradeName) -> str | None:
+    """Return why a sensor may turn out worse than the grade; None: it cannot."""
+    if report.session.excluded_s > EXCLUDED_SHARE * report.session.elapsed_s:
+        return f"{sensor} is not certain: {report.grade[sensor].reason or 'most of the record is excluded'}"
+    own = ((name, channel) for name, channel in report.channels.items() if sensor_of(name) == sensor)
+    return next(filter(None, (_uncertain_limit(name, channel, grade) for name, channel in own)), None)
+
+
+def _uncertain_limit(name: str, channel: Channel, grade: GradeName) -> str | None:
     """Return which coefficient may be worse than the grade, by its upper limit; None: none."""
     from imumon.noise.grading import grade_coefficient
 

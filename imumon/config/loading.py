@@ -83,6 +83,14 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
         if isinstance(table := values.setdefault(section, {}), dict):
             table[setting] = value
         places.known[name] = "command line"
+    sections = _checked_sections(values, places)
+    present = {f"{section}.{name}" for section, table in values.items() for name in table}
+    origins = {name: places.of(name) if name in present else "default" for name in NAMES}
+    return Settings(**cast(Any, sections), path=found, ignored=ignored, origins=origins)
+
+
+def _checked_sections(values: Mapping[str, Any], places: Places) -> dict[str, Any]:
+    """Return the sections of the settings, or raise all faults."""
     sections: dict[str, Any] = {}
     faults: list[ConfigFault] = []
     for section, table in values.items():
@@ -95,9 +103,7 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
     faults += _contradictions(sections, places)
     if faults:
         raise ConfigError(*sorted(faults, key=places.order)[:MOST_FAULTS])
-    present = {f"{section}.{name}" for section, table in values.items() for name in table}
-    origins = {name: places.of(name) if name in present else "default" for name in NAMES}
-    return Settings(**cast(Any, sections), path=found, ignored=ignored, origins=origins)
+    return sections
 
 
 _FILE_COMMENT = """\

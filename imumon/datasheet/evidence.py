@@ -262,24 +262,24 @@ def exact_elements(report: Report) -> Iterator[Element]:
 
 def traceability_elements(report: Report) -> Iterator[Element]:
     """Yield program, input, options and what was excluded."""
-    made = report.evaluation.provenance if report.evaluation is not None else None
-    if made is None:
+    evaluation = report.evaluation
+    if evaluation is None or (made := evaluation.provenance) is None:
         return
     size = f", {made.input_bytes:,} bytes" if made.input_bytes is not None else ""
-    libraries = ", ".join(f"{name} {number}" for name, number in made.libraries.items())
+    programs = [made.software, ", ".join(f"{name} {number}" for name, number in made.libraries.items())]
     guards = {True: "on", False: "off: nothing is excluded", None: "unknown"}[made.guards]
-    compared = report.evaluation.conformity if report.evaluation is not None else None
+    options = [f"{name} {text}".strip() for name, text in made.options.items()]
     rows = [
-        ("Program", f"{made.software}; {libraries}" if libraries else made.software),
+        ("Program", "; ".join(filter(None, programs))),
         ("Revision", made.commit or "unknown: not recorded when it was built"),
         *([("Document", f"written by {made.written_by}")] if made.written_by else []),
         ("Report format", report.schema),
         ("Computed", f"{made.made or 'unknown'}{f', on {made.host}' if made.host else ''}"),
         ("Input", f"{made.input or made.input_reason or 'unknown'}{size}"),
         ("SHA-256", _sha256(made.input_sha256, made.input_reason)),
-        ("Options", ", ".join(f"{name} {text}".strip() for name, text in made.options.items()) or "none"),
+        ("Options", ", ".join(options) or "none"),
         ("Guards", guards),
-        ("Data sheet", compared.document if compared else _no_sheet(report)),
+        ("Data sheet", evaluation.conformity.document if evaluation.conformity else _no_sheet(report)),
     ]
     yield Heading("Traceability")
     yield DataTable(("", ""), tuple(rows))

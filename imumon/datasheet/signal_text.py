@@ -98,7 +98,8 @@ def _slope(drift: Drift, unit: str) -> str:
     share = "" if drift.explained is None else f", {drift.explained:.0%} of the slow variance"
     if drift.temperature_min is not None and drift.temperature_max is not None:
         share += f", from {drift.temperature_min:.1f} to {drift.temperature_max:.1f} {pretty('degC')}"
-    return f"follows the temperature by {slope:.2e}{half} {unit} per degree{share}; N, B and K are without this effect"
+    text = f"follows the temperature by {slope:.2e}{half} {unit} per degree{share}"
+    return f"{text}; the coefficients are without this effect"
 
 
 def _limits(column: ModelColumn) -> tuple[float, float, float]:
@@ -117,17 +118,7 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
         yield f"oscillates with a period of {', '.join(periods)}"
     if drift is not None and drift.significant:
         yield "the drift exceeds what the noise explains"
-    if drifts_with_temperature(drift):
-        yield "time and temperature are not separable: the drift includes the effect of the temperature"
-    if drift is not None and follows_temperature(drift):
-        yield _slope(drift, unit)
-    curve = channel.bias_curve
-    if curve is not None and curve.is_known and follows_temperature(drift):
-        text = f"bias against the temperature of degree {len(curve.terms) - 1}, {curve.degC[0]:.1f} to "
-        text += f"{curve.degC[-1]:.1f} {pretty('degC')}: {with_half_width(*_limits(curve.terms[1]))} {unit} per degree"
-        if curve.hysteresis is not None:
-            text += f", hysteresis {with_half_width(*_limits(curve.hysteresis))} {unit}"
-        yield text
+    yield from _temperature_notes(channel, unit)
     if turn_on := turn_on_text(name, channel):
         yield f"turn-on bias repeatability {turn_on}"
     for change in channel.changes:
@@ -138,6 +129,21 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
         if change.since is not None and change.p_value is not None:
             against += f", since {change.since[:10]}, p = {change.p_value:.0e}"
         yield f"{change.quantity} was {before}, is {now} {pretty(scale.unit)} ({against})"
+
+
+def _temperature_notes(channel: Channel, unit: str) -> Iterator[str]:
+    """Yield how the bias of a channel follows the temperature, one sentence each."""
+    drift, curve = channel.drift, channel.bias_curve
+    if drifts_with_temperature(drift):
+        yield "time and temperature are not separable: the drift includes the effect of the temperature"
+    if drift is not None and follows_temperature(drift):
+        yield _slope(drift, unit)
+    if curve is not None and curve.is_known and follows_temperature(drift):
+        text = f"bias against the temperature of degree {len(curve.terms) - 1}, {curve.degC[0]:.1f} to "
+        text += f"{curve.degC[-1]:.1f} {pretty('degC')}: {with_half_width(*_limits(curve.terms[1]))} {unit} per degree"
+        if curve.hysteresis is not None:
+            text += f", hysteresis {with_half_width(*_limits(curve.hysteresis))} {unit}"
+        yield text
 
 
 def baseline_summary(report: Report, baseline: Report) -> str | None:

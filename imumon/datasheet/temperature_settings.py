@@ -74,19 +74,24 @@ def sensor_curve(report: Report, sensor: str, reference_degC: float | None = Non
     comments = [f"{NAMES[sensor]}, {low:.1f} to {high:.1f} degC; 95 % limits of the curve at its ends:"]
     terms = []
     for axis, curve in zip(curves, whole, strict=True):
-        unit, slope = curve.terms[0].unit, curve.terms[1]
-        half = max(curve.high[0] - curve.bias[0], curve.high[-1] - curve.bias[-1])
-        text = f"degree {len(curve.terms) - 1}, ±{half:.1e} {unit}"
-        if not is_shown(curve):
-            text = (
-                f"no slope seen, from {slope.low:.1e} to {slope.high:.1e} {slope.unit} (95 %): 0 is written"
-            )
-        if (loop := curve.hysteresis) is not None:
-            text += f"; hysteresis {loop.value:.1e}, from {loop.low:.1e} to {loop.high:.1e}"
-        comments.append(f"  {axis}: {text}")
-        own = [each.value for each in curve.terms] if is_shown(curve) else [curve.terms[0].value]
+        comments.append(f"  {axis}: {_curve_text(curve)}")
+        own = [each.value for each in curve.terms[: None if is_shown(curve) else 1]]
         terms.append(_about([*own, *[0.0] * (TERMS - len(own))], reference - (curve.reference_degC or 0.0)))
     return SensorCurve("", reference, low, high, tuple(terms), tuple(comments))
+
+
+def _curve_text(curve: BiasCurve) -> str:
+    """Return degree and limits of a curve, or that no slope is seen, and the hysteresis."""
+    slope, loop = curve.terms[1], curve.hysteresis
+    half = max(curve.high[0] - curve.bias[0], curve.high[-1] - curve.bias[-1])
+    text = f"degree {len(curve.terms) - 1}, ±{half:.1e} {curve.terms[0].unit}"
+    if not is_shown(curve):
+        text = f"no slope seen, from {slope.low:.1e} to {slope.high:.1e} {slope.unit} (95 %): 0 is written"
+    return (
+        text
+        if loop is None
+        else f"{text}; hysteresis {loop.value:.1e}, from {loop.low:.1e} to {loop.high:.1e}"
+    )
 
 
 def curves_not_shown(report: Report) -> list[str]:

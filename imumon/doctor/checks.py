@@ -116,7 +116,7 @@ def latency(port: PortObservation) -> Iterator[Check]:
     else:
         name = os.path.basename(os.path.realpath(port.path))
         timer = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
-        cure = f"echo 1 | sudo tee {timer}; N, B and K use the sample clock and are not affected"
+        cure = f"echo 1 | sudo tee {timer}; the coefficients use the sample clock and are not affected"
         yield Check("latency", "warning", text, cure)
 
 
@@ -259,7 +259,7 @@ def _clock(observation: Observation) -> Iterator[Check]:
         if abs(ratio - 1.0) <= RATE_TOLERANCE + ARRIVAL_S / observation.seconds:
             yield Check("clock", "ok", text)
         else:
-            cure = "N, B and K use the sample clock: check it against an independent clock"
+            cure = "the coefficients use the sample clock: check it against an independent clock"
             yield Check("clock", "warning", text, cure)
 
 
@@ -268,7 +268,6 @@ def _clock(observation: Observation) -> Iterator[Check]:
 
 def zenoh(zenoh: ZenohObservation) -> Check:
     """Check which daemons answer, and whether another one could listen."""
-    ids = ", ".join(report.device.id for report in zenoh.reports)
     if zenoh.rivals:
         id, sessions = next(iter(zenoh.rivals.items()))
         text = f"{len(sessions)} programs publish {id}: the Zenoh sessions {' and '.join(sessions)}"
@@ -280,18 +279,24 @@ def zenoh(zenoh: ZenohObservation) -> Check:
     if zenoh.unreachable:
         text = f"no answer from {', '.join(zenoh.unreachable)}"
         return Check("zenoh", "warning", text, "start the router there, or remove it from zenoh.connect")
-    if zenoh.free is None and not zenoh.reports:
-        if zenoh.error is None:
-            return Check("zenoh", "failed", "no free endpoint", "give one with --listen")
-        return Check("zenoh", "failed", zenoh.error.message, zenoh.error.cure or None)
-    if not zenoh.reports:
+    if zenoh.reports:
+        return _running(zenoh)
+    if zenoh.free is not None:
         return Check("zenoh", "ok", f"no daemon is running; the next one can listen on {zenoh.free}")
+    if zenoh.error is None:
+        return Check("zenoh", "failed", "no free endpoint", "give one with --listen")
+    return Check("zenoh", "failed", zenoh.error.message, zenoh.error.cure or None)
+
+
+def _running(zenoh: ZenohObservation) -> Check:
+    """Return which daemons answer, and which of them waits for its sensor."""
     waiting = next((report.device for report in zenoh.reports if report.state == "waiting"), None)
     if waiting is not None:
         others = [report.device.id for report in zenoh.reports if report.device != waiting]
         text = f"the daemon {waiting.id} waits for its sensor on {waiting.port or 'its port'}"
         text += f"; also running: {', '.join(others)}" if others else ""
         return Check("zenoh", "warning", text, RECONNECT_CURE)
+    ids = ", ".join(report.device.id for report in zenoh.reports)
     free = f"; another daemon can listen on {zenoh.free}" if zenoh.free else ""
     return Check("zenoh", "ok", f"running: {ids}{free}")
 

@@ -74,9 +74,10 @@ def _doubt(report: Report, name: str, limit: Limit, found: Verdict) -> str | Non
     factor = device.alias_factor or 1.0 if sensor in ("gyro", "accel") else 1.0
     if limit.sampled_hz is not None and device.sample_rate_hz:
         factor = max(factor, math.sqrt(limit.sampled_hz / device.sample_rate_hz))
-    if letter == "N" and found == "fail" and factor > ALIASED:
+    noisy = letter == "N" and found == "fail"
+    if noisy and factor > ALIASED:
         return f"aliasing raises N of this stream {factor:.2f} times, nominally"
-    if letter == "N" and found == "fail" and sensor != "mag" and filter_not_known(report) is not None:
+    if noisy and sensor != "mag" and filter_not_known(report) is not None:
         return "the filter of the sensor is unknown: aliasing may raise N"
     if letter != "N" and found == "pass" and sensor == "gyro" and "compensated" in report.caveats:
         return "the sensor subtracts its bias from this stream"

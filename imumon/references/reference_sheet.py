@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -20,6 +20,7 @@ from imumon.coefficients import COEFFICIENTS, MG
 from imumon.errors import ImumonError
 from imumon.files import open_regular
 from imumon.report import plain
+from imumon.report_json import check
 from imumon.samples import AXES, sensor_of
 from imumon.units import DEG, FLICKER, HOUR
 
@@ -142,16 +143,15 @@ def _parsed(data: bytes, path: str) -> ReferenceSheet:
 
 def _sheet(fields: Mapping[str, Any]) -> ReferenceSheet:
     known = {"title", "document", "edition", "source", "note", "models", "limit"}
-    if unknown := sorted(set(fields) - known):
-        raise ValueError(f"unknown field {unknown[0]!r}")
+    unknown = set(fields) - known
+    check(not unknown, f"unknown field {_listed(unknown)}")
     title, document = (_text(fields, name, required=True) or "" for name in ("title", "document"))
     texts = {name: _text(fields, name) for name in ("edition", "source", "note")}
     models = fields.get("models", [])
-    if not isinstance(models, list) or not all(isinstance(model, str) and model for model in models):
-        raise ValueError("models is not a list of texts")
+    texts_only = isinstance(models, list) and all(isinstance(model, str) and model for model in models)
+    check(texts_only, "models is not a list of texts")
     limits = fields.get("limit", [])
-    if not isinstance(limits, list) or not limits:
-        raise ValueError("it has no [[limit]]")
+    check(isinstance(limits, list) and bool(limits), "it has no [[limit]]")
     return ReferenceSheet(
         title=title,
         document=document,
@@ -170,29 +170,21 @@ def _text(fields: Mapping[str, Any], name: str, *, required: bool = False) -> st
 
 def _limit(fields: Any, number: int) -> Limit:
     at = f"limit {number}"
-    if not isinstance(fields, dict):
-        raise ValueError(f"{at} is not a table")
-    if unknown := sorted(set(fields) - {"channels", "quantity", "at_most", "unit", "basis", "sampled_hz"}):
-        raise ValueError(f"{at}: unknown field {unknown[0]!r}")
-    channels, quantity = fields["channels"], fields["quantity"]
-    if not isinstance(channels, list) or not channels:
-        raise ValueError(f"{at}: channels is not a list")
+    check(isinstance(fields, dict), f"{at} is not a table")
+    unknown = set(fields) - {"channels", "quantity", "at_most", "unit", "basis", "sampled_hz"}
+    check(not unknown, f"{at}: unknown field {_listed(unknown)}")
+    channels, quantity, basis = fields["channels"], fields["quantity"], fields.get("basis", "maximum")
+    check(isinstance(channels, list) and bool(channels), f"{at}: channels is not a list")
     names = [name for each in channels for name in _channels(each, at)]
-    if quantity not in QUANTITIES:
-        raise ValueError(f"{at}: quantity is not one of {', '.join(QUANTITIES)}")
-    value, basis = fields["at_most"], fields.get("basis", "maximum")
-    if type(value) not in (int, float) or not 0.0 < value < 1e12:
-        raise ValueError(f"{at}: at_most is not a positive number")
-    sampled = fields.get("sampled_hz")
-    if sampled is not None and (type(sampled) not in (int, float) or not 0.0 < sampled < 1e9):
-        raise ValueError(f"{at}: sampled_hz is not a rate")
-    if basis not in BASES:
-        raise ValueError(f"{at}: basis is not one of {', '.join(BASES)}")
-    sensors = {sensor_of(name) for name in names}
-    for sensor in sensors:
+    check(quantity in QUANTITIES, f"{at}: quantity is not one of {', '.join(QUANTITIES)}")
+    value, sampled = fields["at_most"], fields.get("sampled_hz")
+    check(_is_positive(value), f"{at}: at_most is not a positive number")
+    check(sampled is None or _is_positive(sampled), f"{at}: sampled_hz is not a rate")
+    check(basis in BASES, f"{at}: basis is not one of {', '.join(BASES)}")
+    for sensor in {sensor_of(name) for name in names}:
         units = UNITS[sensor, QUANTITIES[quantity][0]]
-        if fields["unit"] not in units:
-            raise ValueError(f"{at}: unit of {quantity} of {sensor} is not one of {', '.join(units)}")
+        text = f"{at}: unit of {quantity} of {sensor} is not one of {', '.join(units)}"
+        check(fields["unit"] in units, text)
     return Limit(
         channels=tuple(dict.fromkeys(names)),
         quantity=quantity,
@@ -201,6 +193,14 @@ def _limit(fields: Any, number: int) -> Limit:
         basis=basis,
         sampled_hz=sampled,
     )
+
+
+def _listed(names: Iterable[Any]) -> str:
+    return ", ".join(sorted(map(repr, names)))
+
+
+def _is_positive(value: Any) -> bool:
+    return type(value) in (int, float) and 0.0 < value < 1e12
 
 
 def _channels(name: Any, at: str) -> list[str]:
