@@ -5,7 +5,8 @@ registry       URL scheme to driver, by entry points
 device_reader  one device in a thread of its own, its items in one bounded queue
 conformance    the contract as tests, for pytest
 port_device    what sensors on serial lines share
-serial_port    serial ports, pyserial URLs, UDP and standard input
+ports          the ports of this machine, pyserial URLs, sockets and standard input, and their opening
+serial_port    an open port, drained by a thread into a queue
 linux_tty      what the kernel knows of a serial port
 vn100          the VectorNav VN-100
 ros2           IMU topics of ROS 2

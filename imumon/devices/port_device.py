@@ -30,7 +30,8 @@ from imumon.devices.base import (
     RawDecoder,
 )
 from imumon.devices.linux_tty import pseudo_terminal
-from imumon.devices.serial_port import QUEUE_BYTES, PortInfo, SerialPort, find_again, find_ports
+from imumon.devices.ports import POLL_S, PortInfo, find_again, find_ports
+from imumon.devices.serial_port import QUEUE_BYTES, SerialPort
 from imumon.files import read_bounded, write_new
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Notice, RawBytes, SampleBlock
 
@@ -38,59 +39,16 @@ TIME_LAPSE_QUEUE_BYTES = 1 << 19
 """Bytes of an emulator in time-lapse that may wait; it waits for its reader anyway."""
 SETTINGS_BYTES = 1 << 16
 """Bytes of the largest file of original settings."""
-SLICE_S = 0.1
-"""s after which a wait looks whether it was interrupted."""
 BATCH_S = 0.25
 """s for which bytes are collected: each batch has a fixed cost. A report is at most this much behind."""
 INTERRUPTIONS = ("reconfigured", "found", "lost", "garbage", "silent")
 """Kinds of notices after which a stream without a clock has a gap of unknown length."""
-
-
 QUIET_UNKNOWN_S = 3.0
-"""The same in s for a stream of unknown rate. The comparison of the rate starts again after it, too."""
+"""s without samples after which a stream of unknown rate is silent, and the comparison of the rate starts again."""
 RATE_SHORTEST_S = 5.0
 """s of samples before the rate is judged."""
 RATE_LONGEST_S = 120.0
 """s after which the comparison starts again, so that a change of the rate shows."""
-
-
-class InterruptiblePort:
-    """A serial port whose waiting ends when the device is interrupted."""
-
-    def __init__(self, port: SerialPort, device: Device) -> None:
-        self.port = port
-        self._interrupted = device.interrupted
-
-    @property
-    def name(self) -> str:
-        return self.port.name
-
-    @property
-    def baud(self) -> int:
-        return self.port.baud
-
-    @property
-    def fixed_baud(self) -> bool:
-        return self.port.fixed_baud
-
-    def read(self, timeout: float) -> bytes:
-        deadline = time.monotonic() + timeout
-        while True:
-            if self._interrupted.is_set():
-                raise Interrupted
-            left = deadline - time.monotonic()
-            data = self.port.read(max(0.0, min(left, SLICE_S)))
-            if data or left <= 0.0:
-                return data
-
-    def write(self, data: bytes) -> None:
-        self.port.write(data)
-
-    def set_baud(self, baud: int) -> bool:
-        return self.port.set_baud(baud)
-
-    def reopen(self) -> None:
-        self.port.reopen()
 
 
 class RateCheck:
@@ -227,7 +185,7 @@ class PortDevice(Device):
         self._saved_settings: Path | None = None
 
     @abstractmethod
-    def _new_session(self, port: InterruptiblePort) -> Session:
+    def _new_session(self, port: SerialPort) -> Session:
         """Return a session on an open port. `_serial` is that of the sensor that was lost; None: any may be there."""
 
     # ------------------------------------------------------------------ start and end
@@ -251,11 +209,9 @@ class PortDevice(Device):
         )
         for path in paths:
             try:
-                info = self._open(path)
+                return self._open(path)
             except DeviceError as problem:
                 error = problem
-                continue
-            return info
         raise error
 
     def start(self) -> DeviceInfo:
@@ -287,10 +243,15 @@ class PortDevice(Device):
     def _open(self, path: str) -> DeviceInfo:
         limit = TIME_LAPSE_QUEUE_BYTES if self._time_lapse else QUEUE_BYTES
         port = SerialPort(
-            path, self._baud, queue_bytes=limit, lossless=self._time_lapse or self._lossless, mark=self.mark
+            path,
+            self._baud,
+            queue_bytes=limit,
+            lossless=self._time_lapse or self._lossless,
+            mark=self.mark,
+            interrupted=self.interrupted,
         )
         try:
-            session = self._new_session(InterruptiblePort(port, self))
+            session = self._new_session(port)
             info = session.connect()
         except BaseException:
             port.close()
@@ -360,7 +321,7 @@ class PortDevice(Device):
         if self._streaming and timeout_s > 0.0:
             end = time.monotonic() + BATCH_S
             while not port.waits and (left := end - time.monotonic()) > 0.0:
-                if self.interrupted.wait(min(left, SLICE_S)):
+                if self.interrupted.wait(min(left, POLL_S)):
                     raise Interrupted
         if self._pending is not None:
             error, self._pending = self._pending, None

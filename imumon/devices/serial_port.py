@@ -1,43 +1,36 @@
 """Serial port: bytes from and to a serial device or a pyserial URL; also from standard input and UDP.
 
 Reading must never stall: a Linux tty holds 4 kB, which is 44 ms at 921600 baud. So one thread drains the port
-into a bounded queue and does nothing else; bytes that do not fit are dropped and counted. This is the only
-module that imports pyserial; it does not know what the bytes mean.
+into a bounded queue and does nothing else; bytes that do not fit are dropped and counted. This module does not
+know what the bytes mean.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
-import getpass
 import io
 import os
-import re
 import select
-import socket
-import stat
-import sys
-import termios
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
-import serial as _pyserial
-import serial.tools.list_ports
-
 from imumon.devices import linux_tty
-from imumon.devices.base import DeviceEnded, DeviceError, DeviceLost, DeviceNotFound
-
-pyserial: Any = _pyserial  # it has no types
+from imumon.devices.base import DeviceError, DeviceLost, Interrupted
+from imumon.devices.ports import (
+    LOSS_ERRORS,
+    POLL_S,
+    READ_BYTES,
+    STANDARD_INPUT,
+    Datagrams,
+    loss_of,
+    open_port,
+)
 
 QUEUE_BYTES = 8 << 20
 """Bytes in the queue: 90 s at 921600 baud."""
-POLL_S = 0.1
-"""s after which the reading thread checks whether it has to end."""
 DIALOGUE_S = 1.0
 """s after a write in which the reader delivers every byte at once, because a reply is expected."""
 COLLECT_S = 0.05
@@ -47,59 +40,8 @@ FEW_BYTES = 512
 tty holds up to 1 Mbit/s. The baud rate does not show it: a board on USB ignores it."""
 COLLECT_BYTES = 2048
 """Bytes from which the reader does not wait: half of what a tty holds."""
-READ_BYTES = 1 << 16
-"""Bytes of one read from the port: more than a tty holds, and the longest datagram."""
-DATAGRAM_BYTES = 1 << 22
-"""Bytes of datagrams for which the kernel is asked, in case the reader is late; it may give less."""
-CONNECT_S = 5.0
-"""s to wait for the answer of a TCP server."""
-STANDARD_INPUT = "-"
-"""Path of standard input."""
 PIECE_BYTES = 1 << 16
 """Bytes that `SerialPort.read` returns at most: after a stall there may be megabytes."""
-
-# what drivers raise for a port that has vanished (termios.error is no OSError)
-_LOSS_ERRORS = (OSError, pyserial.SerialException, termios.error)
-
-
-@dataclass(frozen=True, slots=True)
-class PortInfo:
-    """A serial port of this machine; `usb` is (vendor, product, serial number) of its adapter."""
-
-    path: str
-    description: str
-    usb: tuple[int, int, str | None] | None = None
-
-
-def find_ports() -> list[PortInfo]:
-    """Return the serial ports of this machine, USB adapters first."""
-    ports = []
-    for port in pyserial.tools.list_ports.comports():
-        usb = None if port.vid is None else (port.vid, port.pid, port.serial_number)
-        description = port.description if port.description not in (None, "n/a") else "serial port"
-        ports.append(PortInfo(port.device, description, usb))
-    return sorted(ports, key=lambda port: (port.usb is None, port.path))
-
-
-def find_again(
-    path: str, before: list[PortInfo], now: list[PortInfo], terminal: int | None = None
-) -> list[str]:
-    """Return the paths of a port that had vanished, best first.
-
-    The same path is first, if it exists; then ports of the same adapter (vendor, product, serial number). A
-    port of another adapter is never returned: it would be written to. Nor is another
-    pseudo-terminal with the number of the one that was closed; a link is followed to whatever it names.
-
-    Parameters
-    ----------
-    path : at which it was opened.
-    before, now : `find_ports` before it vanished, and now.
-    terminal : `linux_tty.pseudo_terminal` of the path when it was opened.
-    """
-    remains = os.path.exists(path) and linux_tty.pseudo_terminal(path) == terminal
-    paths = [path] if "://" in path or remains else []
-    adapters = {p.usb for p in before if os.path.realpath(p.path) == os.path.realpath(path)} - {None}
-    return paths + [p.path for p in now if p.usb in adapters and p.path not in paths]
 
 
 class SerialPort:
@@ -114,6 +56,7 @@ class SerialPort:
     lossless : stop draining while the queue is full, so that the other end waits: for an emulator in
         time-lapse or a pipe, never for a sensor.
     mark : bytes put where others were dropped.
+    interrupted : makes `read` raise `Interrupted`, also while it waits.
 
     Attributes
     ----------
@@ -134,10 +77,12 @@ class SerialPort:
         queue_bytes: int = QUEUE_BYTES,
         lossless: bool = False,
         mark: bytes = b"",
+        interrupted: threading.Event | None = None,
     ) -> None:
         self.name = path
         self.received_bytes = self.dropped_bytes = self.most_queued = 0
         self._baud, self._limit, self._lossless, self._mark = baud, queue_bytes, lossless, mark
+        self._interrupted = interrupted or threading.Event()
         self._queue: deque[bytes] = deque()
         self._queued = self._episodes = 0
         self._changed = threading.Condition()
@@ -185,10 +130,16 @@ class SerialPort:
         ------
         DeviceLost : nothing is queued and nothing will arrive.
         DeviceEnded : so it is, and that is the end of standard input.
+        Interrupted : see `interrupted`.
         """
+        deadline = time.monotonic() + timeout
         with self._changed:
-            if not self._queue and self._loss is None:
-                self._changed.wait(timeout)
+            while not self._interrupted.is_set() and not self._queue and self._loss is None:
+                if (left := deadline - time.monotonic()) <= 0.0:
+                    break
+                self._changed.wait(min(left, POLL_S))
+            if self._interrupted.is_set():
+                raise Interrupted
             if not self._queue and self._loss is not None:
                 raise self._loss
             piece, size = [], 0
@@ -211,7 +162,7 @@ class SerialPort:
         self._dialogue_until = time.monotonic() + DIALOGUE_S
         try:
             self._serial.write(data)
-        except _LOSS_ERRORS as error:
+        except LOSS_ERRORS as error:
             raise self._fail(error) from None
 
     def set_baud(self, baud: int) -> bool:
@@ -228,7 +179,7 @@ class SerialPort:
                 self._serial.reset_input_buffer()
             else:
                 self._apply(self._baud)
-        except _LOSS_ERRORS as error:
+        except LOSS_ERRORS as error:
             raise self._fail(error) from None
         with self._changed:
             self._queue.clear()
@@ -264,7 +215,7 @@ class SerialPort:
             self._changed.notify_all()
         self._thread.join()
         self._fd = None
-        with contextlib.suppress(*_LOSS_ERRORS):
+        with contextlib.suppress(*LOSS_ERRORS):
             self._serial.close()
 
     def __enter__(self) -> SerialPort:
@@ -274,15 +225,7 @@ class SerialPort:
         self.close()
 
     def _open(self) -> None:
-        self._datagrams = _open_udp(self.name) if self.name.startswith("udp://") else None
-        if self.name == STANDARD_INPUT and sys.stdin is None:
-            raise DeviceNotFound("input_closed", "standard input is closed", "give it a file or a pipe")
-        if self.name == STANDARD_INPUT or self._datagrams is not None:
-            self._serial = _Descriptor(self._datagrams)
-        elif self.name.startswith("tcp://"):
-            self._serial = _Descriptor(_open_tcp(self.name))
-        else:
-            self._serial = (_open_url if "://" in self.name else _open_tty)(self.name, self._baud)
+        self._serial = open_port(self.name, self._baud)
         self._fd = None
         with contextlib.suppress(io.UnsupportedOperation, AttributeError):
             self._fd = self._serial.fileno()
@@ -322,8 +265,8 @@ class SerialPort:
         if not select.select([self._fd], [], [], POLL_S)[0]:
             self._empty = 0
             return b""
-        if self._datagrams is not None:
-            return _received(self._datagrams)
+        if isinstance(self._serial, Datagrams):
+            return self._serial.receive()
         try:
             data = os.read(self._fd, READ_BYTES)
         except (BlockingIOError, InterruptedError):
@@ -357,157 +300,10 @@ class SerialPort:
         return self._queued + len(data) > self._limit
 
     def _fail(self, error: Exception) -> DeviceLost:
-        """Record that the port has vanished; return the error.
-
-        pyserial raises `SerialException` without a number if a port is ready to read and has no data: unplugged.
-        """
-        if isinstance(error, EOFError):
-            ended = DeviceEnded("input_ended", "standard input has ended", "give it more to read")
-            return self._note_loss(ended)
-        number = next((arg for arg in error.args if isinstance(arg, int)), None)
-        unplugged = isinstance(error, pyserial.SerialException) and number is None
-        if unplugged or number in (errno.EIO, errno.ENXIO, errno.ENODEV):
-            why = "unplugged or hung up"
-        else:
-            why = (os.strerror(number) if number else str(error)).lower()
-        cure = "start its server again" if "://" in self.name else "plug it in again"
-        lost = DeviceLost("device_lost", f"{self.name} is gone ({why})", cure)
-        return self._note_loss(lost)
-
-    def _note_loss(self, lost: DeviceLost) -> DeviceLost:
+        """Record that the port has vanished; return the error."""
+        lost = loss_of(self.name, error)
         with self._changed:
             if self._loss is None and not self._closing:
                 self._loss = lost
             self._changed.notify_all()
         return lost
-
-
-class _Descriptor:
-    """Standard input, or a socket, in the place of a port of pyserial; it is only read."""
-
-    def __init__(self, opened: socket.socket | None) -> None:
-        self._socket = opened
-
-    def fileno(self) -> int:
-        return 0 if self._socket is None else self._socket.fileno()
-
-    def write(self, data: bytes) -> None:
-        raise OSError(errno.EBADF, "it can only be read")
-
-    def close(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
-
-
-def _open_tcp(url: str) -> socket.socket:
-    """Return a connection to the server of a URL. pyserial would discard the first bytes, such as a header."""
-    match = re.fullmatch(r"tcp://(?:\[([^]]+)\]|([^/:]+)):(\d+)/?", url)
-    if match is None or not 0 < int(match[3]) < 1 << 16:
-        raise DeviceNotFound("port_url_invalid", f"cannot open {url}", "write tcp://HOST:PORT")
-    try:
-        return socket.create_connection((match[1] or match[2], int(match[3])), timeout=CONNECT_S)
-    except OSError as error:
-        cure = "check that the server is running and that the URL is correct"
-        raise DeviceNotFound("port_url_unreachable", f"cannot open {url} ({error})", cure) from None
-
-
-def _open_udp(url: str) -> socket.socket:
-    """Return a socket that receives the datagrams of a URL; without a host, those of this machine."""
-    match = re.fullmatch(r"udp://(?:\[([^]]+)\]|([^/:]*)):(\d+)/?", url)
-    if match is None or not 0 < int(match[3]) < 1 << 16:
-        raise DeviceNotFound(
-            "port_url_invalid", f"cannot open {url}", "write udp://:PORT or udp://ADDRESS:PORT"
-        )
-    address = (match[1] or match[2] or "127.0.0.1", int(match[3]))
-    opened = socket.socket(socket.AF_INET6 if match[1] else socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, DATAGRAM_BYTES)
-        opened.bind(address)
-        opened.setblocking(False)
-    except OSError as error:
-        opened.close()
-        text = f"cannot open {url} ({error})"
-        cure = "name an address of this machine and a port that no other program has"
-        raise DeviceNotFound("port_url_unreachable", text, cure) from None
-    return opened
-
-
-def _received(datagrams: socket.socket) -> bytes:
-    """Return the datagrams that have arrived, each with an end of line: one is lost as a whole or not at all."""
-    pieces, size = list[bytes](), 0
-    with contextlib.suppress(BlockingIOError, InterruptedError):
-        while size < READ_BYTES:
-            data = datagrams.recv(READ_BYTES)
-            pieces.append(data if data.endswith(b"\n") else data + b"\n")
-            size += len(pieces[-1])
-    return b"".join(pieces)
-
-
-def _open_url(url: str, baud: int) -> Any:
-    network = re.match(r"(socket|rfc2217)://", url)
-    if network and not re.match(r"[^/]+:\d+", url[network.end() :]):
-        raise DeviceNotFound("port_url_invalid", f"cannot open {url}", f"write {network[0]}HOST:PORT")
-    try:
-        return pyserial.serial_for_url(
-            re.sub("^tcp:", "socket:", url), baudrate=baud, timeout=POLL_S, write_timeout=1.0
-        )
-    except (OSError, ValueError) as error:
-        cure = "check that the server is running and that the URL is correct"
-        raise DeviceNotFound("port_url_unreachable", f"cannot open {url} ({error})", cure) from None
-
-
-def _open_tty(path: str, baud: int) -> Any:
-    try:
-        mode = os.stat(path).st_mode
-    except (OSError, ValueError):
-        ports = ", ".join(port.path for port in find_ports())
-        cure = f"choose another --port; this machine has {ports}" if ports else "plug the sensor in"
-        raise DeviceNotFound("port_not_found", f"no port {path}", cure) from None
-    if not stat.S_ISCHR(mode):
-        kind = "directory" if stat.S_ISDIR(mode) else "file"
-        cure = f"to read a recording, use imumon replay {path}"
-        raise DeviceError("port_not_serial", f"{path} is a {kind}, not a serial port", cure)
-    if others := linux_tty.holders(path):  # one that locks nothing would take a part of the bytes
-        raise _busy(path, others)
-    try:
-        port = pyserial.Serial(path, baud, timeout=POLL_S, write_timeout=1.0, exclusive=True)
-    except ValueError as error:
-        text = f"{path} cannot do {baud} baud ({error})"
-        raise DeviceError("baud_unsupported", text, "choose another --baud") from None
-    except _LOSS_ERRORS as error:
-        raise _open_error(path, error) from None
-    with contextlib.suppress(ValueError, OSError, NotImplementedError):  # a pseudo-terminal has no such mode
-        port.set_low_latency_mode(True)
-    if not os.path.realpath(path).startswith(linux_tty.PSEUDO_TERMINALS):  # it would stay locked after a kill
-        with contextlib.suppress(OSError):
-            fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
-    return port
-
-
-def _busy(path: str, programs: Mapping[int, str]) -> DeviceError:
-    """Return that a port is in use, with the programs by process that have it open."""
-    if not programs:
-        cure = f"end it first: sudo fuser -v {path} names it"
-        return DeviceError("port_busy", f"{path} is in use by another user's program", cure)
-    cure = f"end it first: kill {' '.join(map(str, programs))}"
-    return DeviceError("port_busy", f"{path} is in use by {', '.join(programs.values())}", cure)
-
-
-def _open_error(path: str, error: Exception) -> DeviceError:
-    """Return why a port that exists does not open, and the cure."""
-    number = getattr(error, "errno", None) or next((a for a in error.args if isinstance(a, int)), None)
-    if number in (errno.EACCES, errno.EPERM):
-        user = "$USER"
-        with contextlib.suppress(KeyError, OSError):  # a container may run under a number without a name
-            user = getpass.getuser()
-        cure = f"sudo usermod -aG dialout {user}, then log in again"
-        return DeviceError("port_permission_denied", f"no permission for {path}", cure)
-    if number in (errno.EBUSY, errno.EAGAIN):
-        return _busy(path, linux_tty.holders(path))
-    if not os.path.exists(path) or number in (errno.EIO, errno.ENXIO, errno.ENODEV, errno.ENOENT):
-        text = f"{path} vanished while it was being opened"
-        return DeviceNotFound("port_vanished", text, "plug the adapter in again, and check the cable")
-    if isinstance(error, termios.error) or number == errno.ENOTTY or linux_tty.is_no_terminal(path):
-        return DeviceError("port_not_serial", f"{path} is not a serial port", "choose another --port")
-    cure = "unplug the adapter and plug it in again; dmesg shows what its driver reports"
-    return DeviceError("port_unusable", f"cannot open {path} ({error})", cure)

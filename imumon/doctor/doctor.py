@@ -22,7 +22,7 @@ from types import SimpleNamespace
 from imumon.config import Settings
 from imumon.devices import registry
 from imumon.devices.base import Check, DeviceError, DeviceOptions
-from imumon.devices.serial_port import find_ports
+from imumon.devices.ports import find_ports
 from imumon.doctor import checks, probe_host
 from imumon.doctor.observed import PortObservation, ZenohObservation
 from imumon.doctor.probe_device import observe_daemon, observe_device

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from imumon.devices.linux_tty import holders, locker
-from imumon.devices.serial_port import find_ports
+from imumon.devices.ports import find_ports
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation
 
 SYSTEMCTL_S = 5.0  # s that systemctl may take

@@ -26,7 +26,7 @@ from imumon.daemon.log import configure_logging
 from imumon.daemon.run_limits import Shutdown
 from imumon.devices.base import DeviceLost, DeviceNotFound, DeviceOptions
 from imumon.devices.device_reader import Items
-from imumon.devices.serial_port import PortInfo
+from imumon.devices.ports import PortInfo
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.devices.vn100.vn100_session import Vn100Device, Vn100Session
 from imumon.samples import DeviceInfo, RawBytes

@@ -20,10 +20,11 @@ import pytest
 from waiting import until
 
 from imumon.devices import linux_tty
-from imumon.devices import serial_port as port_module
+from imumon.devices import ports as port_module
 from imumon.devices.base import DeviceError, DeviceLost
 from imumon.devices.linux_tty import holders, pseudo_terminal
-from imumon.devices.serial_port import PortInfo, SerialPort, find_again
+from imumon.devices.ports import PortInfo, find_again
+from imumon.devices.serial_port import SerialPort
 
 
 def gather(port: SerialPort, size: int, seconds: float = 5.0) -> bytes:

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from imumon.devices.base import DeviceOptions
 from imumon.devices.lines.line_columns import SENSORS, LinesUrl
 from imumon.devices.lines.line_decoder import LONGEST_LINE, LineDecoder
-from imumon.devices.port_device import InterruptiblePort, PortDevice, RateCheck, Session
-from imumon.devices.serial_port import STANDARD_INPUT
+from imumon.devices.port_device import PortDevice, RateCheck, Session
+from imumon.devices.ports import STANDARD_INPUT
+from imumon.devices.serial_port import SerialPort
 from imumon.samples import DeviceInfo, SampleBlock
 
 CLOCK_S = 5.0
@@ -23,7 +24,7 @@ DROPPED = b"\n?"
 class LinesSession(Session):
     """Lines on an open port; nothing is ever written."""
 
-    def __init__(self, port: InterruptiblePort, url: LinesUrl, name: str, decoder: LineDecoder) -> None:
+    def __init__(self, port: SerialPort, url: LinesUrl, name: str, decoder: LineDecoder) -> None:
         self._port, self._url, self._name, self._decoder = port, url, name, decoder
         self._paced = not url.path.startswith(STANDARD_INPUT)  # a file arrives faster than it was measured
         self._rate_check = RateCheck()
@@ -98,5 +99,5 @@ class LinesDevice(PortDevice):
         waits = self._url.path.startswith(("socket:", "tcp:", STANDARD_INPUT))
         super().__init__(options, self._url.path, self._url.baud, self._lines, lossless=waits)
 
-    def _new_session(self, port: InterruptiblePort) -> LinesSession:
+    def _new_session(self, port: SerialPort) -> LinesSession:
         return LinesSession(port, self._url, self._name, self._lines)

@@ -17,7 +17,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from imumon.devices.base import DeviceNotFound, DeviceOptions
-from imumon.devices.port_device import QUIET_UNKNOWN_S, InterruptiblePort, PortDevice, RateCheck, Session
+from imumon.devices.port_device import QUIET_UNKNOWN_S, PortDevice, RateCheck, Session
+from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.ascii import ERRORS, SensorError
 from imumon.devices.vn100.commands import BAUD_RATES, CommandChannel, NotAVn100, OtherSensor, Port
 from imumon.devices.vn100.configuration import Configuration
@@ -385,7 +386,7 @@ class Vn100Device(PortDevice):
         path = options.url.removeprefix("vn100:")
         super().__init__(options, path, self._request.baud or FACTORY_BAUD, self._messages)
 
-    def _new_session(self, port: InterruptiblePort) -> Vn100Session:
+    def _new_session(self, port: SerialPort) -> Vn100Session:
         return Vn100Session(
             port,
             self._request,

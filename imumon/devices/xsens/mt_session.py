@@ -11,7 +11,8 @@ import time
 from collections.abc import Mapping
 
 from imumon.devices.base import DeviceError, DeviceNotFound, DeviceOptions
-from imumon.devices.port_device import InterruptiblePort, PortDevice, Session
+from imumon.devices.port_device import PortDevice, Session
+from imumon.devices.serial_port import SerialPort
 from imumon.devices.xsens.mt_decoder import MtDecoder, stream_of
 from imumon.devices.xsens.mt_messages import (
     EVERY_PACKET,
@@ -53,7 +54,7 @@ class MtSession(Session):
     serial : serial number that it must have; None: any.
     """
 
-    def __init__(self, port: InterruptiblePort, device: XsensDevice, serial: str | None) -> None:
+    def __init__(self, port: SerialPort, device: XsensDevice, serial: str | None) -> None:
         self._port, self._settings, self._decoder = port, device.settings, device.messages
         self._serial, self._progress = serial, device.progress
         self._model: str | None = None
@@ -240,5 +241,5 @@ class XsensDevice(PortDevice):
         baud = BAUD_RATES[0] if self.settings.baud == "auto" else self.settings.baud
         super().__init__(options, options.url.removeprefix("xsens:"), baud, self.messages)
 
-    def _new_session(self, port: InterruptiblePort) -> MtSession:
+    def _new_session(self, port: SerialPort) -> MtSession:
         return MtSession(port, self, self._serial)
