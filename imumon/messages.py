@@ -5,9 +5,8 @@ The terminal UI, the datasheet and the text table show the same things with the 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from imumon.alarms import ALARMS
 from imumon.report import Change, Drift, Estimate, Event, Report, SensorGrade
@@ -362,41 +361,6 @@ def within(meets: str | None) -> str:
     ('every figure within consumer limits', 'some figure beyond consumer limits')
     """
     return f"every figure within {meets} limits" if meets else "some figure beyond consumer limits"
-
-
-class CoefficientRatio(NamedTuple):
-    """Ratio of a coefficient in two reports: a value if `relation` is "=", else a bound; None: unknown."""
-
-    value: float | None = None
-    relation: Literal["=", "<", ">"] = "="
-    differs: bool = False  # whether the 95 % limits rule out that both are equal
-
-
-def coefficient_ratio(first: Estimate, second: Estimate) -> CoefficientRatio:
-    """Return the ratio of the second coefficient to the first, in SI, and whether they differ.
-
-    Two values differ at 95 % if the 95 % limits of the difference of their logarithms exclude zero. They
-    follow from the half-widths that face one another, added in quadrature (method of variance estimates
-    recovery: Zou and Donner, Statistics in Medicine 27, 1693, 2008). A bound differs from a value only if
-    the limits of the value are beyond it. Otherwise the ratio is unknown.
-    """
-    first, second = first.stated, second.stated
-    if first.value and second.value:
-        return CoefficientRatio(second.value / first.value, differs=_differ(first, second))
-    if first.value and second.high is not None and first.low is not None and second.high < first.low:
-        return CoefficientRatio(second.high / first.value, "<", differs=True)
-    if second.value and first.high and second.low is not None and first.high < second.low:
-        return CoefficientRatio(second.value / first.high, ">", differs=True)
-    return CoefficientRatio()
-
-
-def _differ(first: Estimate, second: Estimate) -> bool:
-    """Return whether two values differ at 95 %."""
-    small, large = sorted((first, second), key=lambda each: each.value or 0.0)
-    if not (small.value and small.high and large.value and large.low):
-        return False
-    half_width = math.hypot(math.log(small.high / small.value), math.log(large.value / large.low))
-    return math.log(large.value / small.value) > half_width
 
 
 def matching(name: str | None, names: Iterable[str]) -> list[str]:

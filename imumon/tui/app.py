@@ -20,9 +20,7 @@ from textual.events import Click
 from textual.screen import Screen
 
 from imumon.files import replace_file
-from imumon.messages import matching
 from imumon.report import Report
-from imumon.samples import sensor_of
 from imumon.tui import export, terminal
 from imumon.tui.formatting import Line, Notation
 from imumon.tui.history_chart import parse
@@ -185,7 +183,7 @@ class ImumonApp(App[int]):
             connected=connected,
             ended=ended,
         )
-        self._show(_with_existing_selection(state))
+        self._show(state.with_existing_selection())
         if self.view_state.channels:
             self._first_poll.stop()
 
@@ -263,7 +261,7 @@ class ImumonApp(App[int]):
         )
         if id is not None and state.compared_id == id:
             state = state.updated(compared_id=None)
-        self._show(_with_existing_selection(state))
+        self._show(state.with_existing_selection())
 
     def action_channel(self, step: int) -> None:
         names = self.view_state.channels
@@ -272,15 +270,8 @@ class ImumonApp(App[int]):
 
     def action_sensor(self, step: int) -> None:
         """Select the same axis of another sensor of the device."""
-        names = [c for c in self.view_state.channels if "/" in c]
-        sensors = list(dict.fromkeys(map(sensor_of, names)))
-        if not sensors or self.view_state.channel is None:
-            return
-        current = sensor_of(self.view_state.channel)
-        at = sensors.index(current) + step if current in sensors else 0
-        axes = [name for name in names if sensor_of(name) == sensors[at % len(sensors)]]
-        same = [name for name in axes if name[-1] == self.view_state.channel[-1]]
-        self.select(channel=(same or axes)[0])
+        if (channel := self.view_state.of_other_sensor(step)) is not None:
+            self.select(channel=channel)
 
     def action_device(self, step: int) -> None:
         names = list(self.view_state.reports)
@@ -405,15 +396,3 @@ class ImumonApp(App[int]):
                 if at <= event.x < at + len(text):
                     self.action_view(name)
                 at += len(text)
-
-
-def _with_existing_selection(state: ViewState) -> ViewState:
-    """Return the state with a device and a channel that exist."""
-    reports = state.reports
-    if state.id not in reports:
-        state = state.updated(id=next(iter(matching(state.requested_id, reports)), None))
-    if state.channel not in state.channels:
-        state = state.updated(channel=next(iter(state.channels), None))
-    if state.compared_id is not None:
-        state = state.updated(baseline=reports.get(state.compared_id))
-    return state

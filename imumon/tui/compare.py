@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from imumon.messages import coefficient_ratio
+from imumon.coefficients import coefficient_ratio
 from imumon.report import NOISE, Channel, Estimate, Report
 from imumon.samples import sensor_of
 from imumon.tui.formatting import CELL, Line, Notation, Span

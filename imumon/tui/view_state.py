@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from imumon.messages import matching
 from imumon.report import Channel, Event, Report, Signal
 from imumon.samples import Floats, sensor_of
 from imumon.tui.formatting import Notation, approximate_duration
@@ -134,6 +135,29 @@ class ViewState:
             return ()
         sensor = sensor_of(self.channel)
         return tuple(c for c in self.channels if sensor_of(c) == sensor)
+
+    def of_other_sensor(self, step: int) -> str | None:
+        """Return the same axis of another sensor of the device, `step` sensors behind; None: there is none."""
+        names = [name for name in self.channels if "/" in name]
+        sensors = list(dict.fromkeys(map(sensor_of, names)))
+        if not sensors or self.channel is None:
+            return None
+        current = sensor_of(self.channel)
+        at = sensors.index(current) + step if current in sensors else 0
+        axes = [name for name in names if sensor_of(name) == sensors[at % len(sensors)]]
+        same = [name for name in axes if name[-1] == self.channel[-1]]
+        return (same or axes)[0]
+
+    def with_existing_selection(self) -> ViewState:
+        """Return the state with a device and a channel that exist."""
+        state = self
+        if state.id not in state.reports:
+            state = state.updated(id=next(iter(matching(state.requested_id, state.reports)), None))
+        if state.channel not in state.channels:
+            state = state.updated(channel=next(iter(state.channels), None))
+        if state.compared_id is not None:
+            state = state.updated(baseline=state.reports.get(state.compared_id))
+        return state
 
     def connection_status(self, id: str | None = None) -> ConnectionStatus:
         """Return the status of a device, by default the selected one."""

@@ -11,7 +11,7 @@ import reports
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imumon.messages import coefficient_ratio
+from imumon.coefficients import coefficient_ratio
 from imumon.report import Estimate
 from imumon.tui.compare import comparison, ratio_text
 from imumon.tui.view_state import ViewState
