@@ -2,23 +2,50 @@
 
 The accumulators need equal steps. A few missing samples become rows that are marked as missing, so that a
 lossy stream is still processed in whole blocks. A long gap of known length is one `LongGap`, however long. A
-gap of unknown length is a `Break`.
+gap of unknown length is a `Break`. Samples that are no numbers are missing, too.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
-from imumon.samples import Bools, Floats
+from imumon.noise.validity_groups import ValidityGroups
+from imumon.samples import Bools, Floats, SampleBlock, selected, sensor_of
 from imumon.timebase.sample_clock import BREAK, PlacedSamples
 
 LONG_GAP = 256
 """Ticks, longest step that is filled row by row: a longer gap would cost more than two calls do."""
+
+
+class InvalidSamples:
+    """Takes the samples whose gyroscope or accelerometer is no number out of a stream: they are lost.
+
+    Attributes
+    ----------
+    any : whether there was one.
+    """
+
+    def __init__(self) -> None:
+        self.any = False
+        self._lost = 0  # since the last sample that was kept
+
+    def remove(self, block: SampleBlock) -> SampleBlock:
+        """Return the block without them; the next sample counts them as lost before it."""
+        inertial = [k for k, name in enumerate(block.stream.channels) if sensor_of(name) in ("gyro", "accel")]
+        valid = ValidityGroups(len(inertial)).check(block.values[:, inertial], None)[1] if inertial else None
+        if valid is None and not self._lost:
+            return block
+        keep = np.ones(len(block), bool) if valid is None else valid[:, 0]
+        self.any = self.any or not keep.all()
+        before = self._lost + np.cumsum(block.lost + ~keep)  # lost up to each sample, itself included
+        lost = np.diff(before[keep], prepend=0)
+        self._lost = int(before[-1] - lost.sum()) if len(block) else self._lost
+        return replace(selected(block, keep), lost=lost)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,25 +6,23 @@ characterised: deltas, else uncompensated, else compensated. A better stream tha
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from imumon.errors import RateRequired
 from imumon.evaluation import ExactCurve
 from imumon.history_report import HistoryPeriod
-from imumon.noise.validity_groups import ValidityGroups
 from imumon.pipeline.events import DetectedEvent, EventLog
 from imumon.pipeline.exact_curve import exact_curves
+from imumon.pipeline.gap_fill import InvalidSamples
 from imumon.pipeline.record import MonitorOptions, Record, RecordMismatch, mismatch_of
 from imumon.pipeline.report_builder import signal
 from imumon.report import DeviceDescription, Report, SessionCounters, Signal, State, stamp
-from imumon.samples import SampleBlock, Stream, selected, sensor_of
+from imumon.samples import SampleBlock, Stream
 from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
 
 NO_CLOCK_SAMPLES = 100
@@ -96,8 +94,7 @@ class Monitor:
         self._ended_periods: list[HistoryPeriod] = []
         self._without_rate = _WithoutRate()
         self._other_streams_s = 0.0  # by the host clock, since the last block of this stream
-        self._invalid = 0  # samples that were no numbers, since the last one
-        self._invalid_reported = False
+        self._invalid = InvalidSamples()
 
     def feed(self, block: SampleBlock, *, host_s: float | None = None) -> RecordMismatch | None:
         """Process a block. Blocks of other streams than the characterised one are ignored.
@@ -115,7 +112,11 @@ class Monitor:
         RateRequired : the stream has no clock and no rate is configured.
         """
         passed = None if host_s is None else self._other_streams_s + host_s
-        block = self._numbers(block)
+        any_before = self._invalid.any
+        block = self._invalid.remove(block)
+        if self._invalid.any and not any_before:
+            text = "a gyroscope or accelerometer value is no number: such samples count as missing"
+            self._events.add("garbage", text, self._record.accumulators if self._record else None)
         mismatch = self._choose(block.stream) if len(block) else None
         if not len(block) or self._source is None or self._source.stream != block.stream:
             self._other_streams_s = passed or 0.0
@@ -130,24 +131,6 @@ class Monitor:
             self._source = _Source(rest.stream, SampleClock(rest.stream.clock, tick_s=rest.stream.tick_s))
             mismatch = self.feed(rest) or mismatch
         return mismatch
-
-    def _numbers(self, block: SampleBlock) -> SampleBlock:
-        """Return the block without the samples whose gyroscope or accelerometer is no number: they are lost."""
-        inertial = [k for k, name in enumerate(block.stream.channels) if sensor_of(name) in ("gyro", "accel")]
-        _, valid = (
-            ValidityGroups(len(inertial)).check(block.values[:, inertial], None) if inertial else (0, None)
-        )
-        if valid is None and not self._invalid:
-            return block
-        keep = np.ones(len(block), bool) if valid is None else valid[:, 0]
-        if not keep.all() and not self._invalid_reported:
-            text = "a gyroscope or accelerometer value is no number: such samples count as missing"
-            self._events.add("garbage", text, self._record.accumulators if self._record else None)
-            self._invalid_reported = True
-        before = self._invalid + np.cumsum(block.lost + ~keep)  # lost up to each sample, itself included
-        lost = np.diff(before[keep], prepend=0)
-        self._invalid = int(before[-1] - lost.sum()) if len(block) else self._invalid
-        return replace(selected(block, keep), lost=lost)
 
     def gap(self, length_s: float | None = None) -> None:
         """Note that the connection was interrupted for `length_s` by the host clock; None: unknown."""
@@ -329,7 +312,7 @@ class Monitor:
             interval = 1.0 / self.rate_hz
         restored, self._restored = self._restored, None
         if restored is not None:
-            other = _differs(restored, stream, interval)
+            other = restored.record.mismatch(stream, interval)
             if other is None:
                 self._use(restored)
                 return mismatch
@@ -402,17 +385,6 @@ class Monitor:
             sample_rate_hz=self.sample_rate_hz or device.sample_rate_hz,
             alias_factor=1.0 if stream.kind == "deltas" else device.alias_factor,
         )
-
-
-def _differs(restored: _Restored, stream: Stream, interval_s: float | None) -> RecordMismatch | None:
-    """Return why a restored record does not belong to a stream; None: it does."""
-    known = restored.record.accumulators.interval_s
-    if restored.source.stream != stream:
-        return mismatch_of("other_stream", restored.source.stream, known)
-    configured = interval_s if stream.clock == "none" else None
-    if configured is not None and not math.isclose(configured, known):
-        return mismatch_of("other_rate", stream, known)
-    return None
 
 
 def _rank(stream: Stream) -> tuple[int, int, int]:

@@ -6,6 +6,7 @@ events; the periods that end are returned.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -78,7 +79,7 @@ class Record:
     """
 
     def __init__(self, stream: Stream, interval_s: float, options: MonitorOptions) -> None:
-        self._options, averaged = options, stream.averaged
+        self._options, self._stream, averaged = options, stream, stream.averaged
         self.accumulators = Accumulators(
             stream.channels, interval_s, averaged=averaged, guarded=options.guarded, stored=options.stored
         )
@@ -87,6 +88,16 @@ class Record:
         self._periods: Periods | None = None
         if options.periods:
             self._periods = Periods(self.accumulators, self._analysis, averaged=averaged)
+
+    def mismatch(self, stream: Stream, interval_s: float | None) -> RecordMismatch | None:
+        """Return why the record does not belong to a stream of a configured interval; None: it does."""
+        known = self.accumulators.interval_s
+        if self._stream != stream:
+            return mismatch_of("other_stream", self._stream, known)
+        configured = interval_s if stream.clock == "none" else None
+        if configured is not None and not math.isclose(configured, known):
+            return mismatch_of("other_rate", stream, known)
+        return None
 
     def feed(self, placed: PlacedSamples, log: EventLog) -> list[HistoryPeriod]:
         """Add samples; return the periods that have ended."""
