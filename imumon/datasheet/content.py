@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 
 from imumon.datasheet.elements import (
@@ -27,22 +26,19 @@ from imumon.datasheet.evidence import (
     budget_elements,
     conformity_elements,
     exact_elements,
-    excluding_events,
     traceability_elements,
 )
 from imumon.datasheet.figures import legend_text, svg
 from imumon.datasheet.filter_figure import QUANTITIES, filter_svg, filter_table, shown_axis
 from imumon.datasheet.history_figure import HistoryRows, history_svg, history_table, series
 from imumon.datasheet.program_settings import settings_document
-from imumon.datasheet.signal_text import spectral_lines, turn_on_text, with_half_width
+from imumon.datasheet.record_elements import record_elements, value_elements
 from imumon.datasheet.tables import (
     SENSOR_TITLES,
     axis_grades,
     coefficient_text,
     driver_advice,
-    event_rows,
     filter_warning,
-    invalid_noun,
     readable_curves,
     record_line,
     record_title,
@@ -55,12 +51,10 @@ from imumon.datasheet.tables import (
 from imumon.datasheet.temperature_figure import temperature_elements
 from imumon.filter_report import FIX_WORDS, FilterReport
 from imumon.messages import (
-    CLOCKS,
     FILTER_NOT_KNOWN,
     GRADE_WORDS,
     advice,
     caveats,
-    exclusions,
     grade_text,
 )
 from imumon.report import (
@@ -70,13 +64,12 @@ from imumon.report import (
     NOISE,
     Allan,
     Channel,
-    DeviceDescription,
     Report,
     SensorGrade,
     to_json,
 )
 from imumon.samples import sensor_of
-from imumon.units import counted, duration, figures, pretty, share_text
+from imumon.units import figures, pretty
 
 DOCUMENT_DIGITS = 12
 """Hexadecimal digits of the number of a document: none of a million documents have the same one."""
@@ -148,8 +141,8 @@ def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> It
         yield from budget_elements(report)
     yield from _grade_limits(report)
     yield from _history(history)
-    yield from _record(report)
-    yield from _values(report)
+    yield from record_elements(report)
+    yield from value_elements(report)
     yield from temperature_elements(report)
     if sensors:
         yield from _fit(report, sensors)
@@ -352,85 +345,6 @@ def _filters(filters: FilterReport) -> Iterator[Element]:
                 "fix, root mean square: solid or first, what a filter has; dashed or second, what it states."
             )
             yield Figure(caption, filter_table(filters, sensor), partial(filter_svg, filters, sensor))
-
-
-# ---------------------------------------------------------------- the record
-
-
-def _record(report: Report) -> Iterator[Element]:
-    device, session = report.device, report.session
-    excluded = exclusions(report, _seconds)
-    disturbances = counted(session.disturbances, "disturbance")
-    missing = "none"
-    if session.missing:
-        share = session.missing / (session.samples + session.missing)
-        gaps = counted(session.gaps, "gap")
-        missing = f"{counted(session.missing, 'sample')} in {gaps}, {share_text(share)}"
-    invalid = counted(session.bad_checksums, invalid_noun(device))
-    discarded = counted(session.discarded_bytes, "byte")
-    length = f"{duration(session.elapsed_s)} ({session.elapsed_s:,.0f} s)"
-    rows = [
-        ("Stream", _stream_text(device)),
-        ("Rate", f"{device.sample_rate_hz:.6g} Hz" if device.sample_rate_hz else "unknown"),
-        ("Time from", CLOCKS.get(device.clock or "", "unknown")),
-        ("Alias factor of N", f"{device.alias_factor:.3g}" if device.alias_factor else "unknown"),
-        ("Start", session.started or "unknown"),
-        ("Length", f"{length}, {counted(session.samples, 'sample')}"),
-        ("Missing", missing),
-        ("Excluded as disturbed", f"{', '.join(excluded)}; {disturbances}" if excluded else "none"),
-        ("Excluded as warm-up", _seconds(session.warmup_s)),
-        ("Transmission", f"{invalid}, {discarded} discarded"),
-        ("Restarts", f"{session.restarts:,}"),
-    ]
-    identity = {"Model": device.model, "Serial number": device.serial, "Firmware": device.firmware}
-    rows += [(label, value) for label, value in identity.items() if value and report.item is None]
-    for name, value in device.settings.items():
-        text = device.setting_texts.get(name)
-        rows.append((f"Setting {name}", f"{text} ({value})" if text else value))
-    rows += [("Remark", text) for text in device.remarks]
-    yield Heading("The record")
-    yield DataTable(("", ""), tuple(rows))
-    traced = report.evaluation is not None and report.evaluation.provenance is not None
-    listed = excluding_events(report) if traced else []  # under traceability
-    others = replace(report, events=tuple(event for event in report.events if event not in listed))
-    if rows := list(event_rows(others)):
-        yield DataTable(("at", "event"), tuple(rows))
-
-
-def _stream_text(device: DeviceDescription) -> str:
-    kind = "not stated whether compensated" if device.stream == "unknown" else device.stream
-    return ", ".join(part for part in (device.source, kind) if part) or "unknown"
-
-
-def _seconds(seconds: float) -> str:
-    if seconds <= 0.0:
-        return "none"
-    return duration(seconds) if seconds >= 60.0 else f"{seconds:.1f} s"
-
-
-def _values(report: Report) -> Iterator[Element]:
-    rows = []
-    for name, channel in report.channels.items():
-        shape, drift = channel.distribution, channel.drift
-        slope = ""
-        if drift is not None:
-            slope = with_half_width(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
-        statistics = (channel.mean, channel.std, channel.min, channel.max)
-        cells = ("–" if value is None else f"{value:.4g}" for value in statistics)
-        verdict = (shape.verdict if shape else None) or "–"
-        rows.append((f"{name}, {pretty(channel.unit)}", *cells, slope or "–", verdict))
-    if rows:
-        head = ("", "mean", "standard deviation", "minimum", "maximum", "drift per hour", "distribution")
-        yield Heading("The values")
-        yield DataTable(head, tuple(rows))
-        yield Paragraph("Statistics of the samples that count, as received. Only the drift has 95 % limits.")
-    turn_on = [(name, text) for name, c in report.channels.items() if (text := turn_on_text(name, c))]
-    if turn_on:
-        yield DataTable(("", "turn-on bias repeatability"), tuple(turn_on))
-    spectral = {f"{name}, {pretty(c.unit)}": spectral_lines(c) for name, c in report.channels.items()}
-    if any(spectral.values()):
-        rows = [(name, ", ".join(texts)) for name, texts in spectral.items() if texts]
-        yield DataTable(("", "strongest spectral lines, frequency and amplitude"), tuple(rows))
 
 
 def _fit(report: Report, sensors: Sequence[str]) -> Iterator[Element]:

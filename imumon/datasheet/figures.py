@@ -3,22 +3,26 @@
 One function draws a sensor into a panel: measured points with 95 % bands, fitted model, its noise alone, octaves
 that the fit does not use, N, B and K with their limits, and the limits of the grades. Axes also differ in the shape of
 their marks, for readers who cannot distinguish the colours. A file also has the values as text and a caption.
-matplotlib is imported where it is needed: it costs other commands 50 MB.
 """
 
 from __future__ import annotations
 
-import io
 import math
-import os
-import re
-import sys
-import tempfile
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from imumon.datasheet.plotting import (
+    MARKERS,
+    PAGE,
+    PAGE_INCHES,
+    PRINT,
+    draw_grid,
+    load_fonts,
+    page_svg,
+    saved,
+)
 from imumon.datasheet.tables import (
     SENSOR_TITLES,
     coefficient_text,
@@ -34,16 +38,6 @@ from imumon.units import pretty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-MARKERS = {"x": "o", "y": "s", "z": "^"}
-PRINT = {
-    "x": "#0b66b0", "y": "#c4500a", "z": "#0a8a62",
-    "text": "#1b1f24", "muted": "#5b6470", "rule": "#d5dae0", "ground": "#ffffff",
-}  # fmt: skip
-"""Colours on white, by axis and role."""
-PAGE = {role: f"#10{k:02d}fe" for k, role in enumerate(PRINT)}
-"""Colours that `svg` replaces by the CSS variables of the page, which follow its light or dark scheme."""
 
 DPI = 150
 PANEL_INCHES = (7.4, 4.1)
@@ -51,7 +45,6 @@ TEXT_INCHES = 0.55
 """Height of the values below a panel of a file: a page of A4 holds three sensors."""
 CAPTION_CHARACTERS = 128
 """Characters in a line of the caption of a file."""
-PAGE_INCHES = (8.4, 4.6)
 MARGIN_DECADES = 0.06  # decades between the data and the frame
 WIDEST_LIMIT = 2.0  # factor beyond the points that the frame shows of their limits, which may span decades
 NAME_SHARE = (
@@ -60,16 +53,6 @@ NAME_SHARE = (
 )  # of the frame: width of a letter of a grade's name, height of its line
 LETTER_ROOM = 1.3  # factor below a floor for its letter
 VISIBLE = 0.03  # share by which the model differs from the noise where both are drawn
-FEW_DECADES = 2.0  # decades up to which 2 and 5 are labelled too
-_SVG_REPLACEMENTS = (
-    (r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", ""),
-    (r' id="(?:figure|axes|patch|text|line2d|legend|[xy]tick|\w+Collection|matplotlib\.axis)_\d+"', ""),
-    (r" font-family: [^;\"]*;?", ""),
-    (r"(\.\d\d)\d+(?=[^<>]*>)", r"\1"),  # of numbers in tags, not in text
-    ("xlink:href", "href"),
-    (r"\s*\n\s*", "\n"),
-)
-"""Parts of an SVG by matplotlib that a page does not need, as patterns with their replacements."""
 
 
 class NoCurve(ImumonError):
@@ -83,7 +66,7 @@ def figure_file(report: Report, form: str) -> bytes:
     ------
     NoCurve : the record is too short.
     """
-    _load_fonts()
+    load_fonts()
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
@@ -105,7 +88,7 @@ def figure_file(report: Report, form: str) -> bytes:
             _write_values(values, report, sensor)
         caption = textwrap.fill(f"{record_line(report)}. {legend_text(report, sensors)}.", CAPTION_CHARACTERS)
         figure.supxlabel(caption, x=0.01, ha="left", fontsize=7.5, color=PRINT["muted"])
-        return _saved(figure, form, sensor_title(report))
+        return saved(figure, form, sensor_title(report))
 
 
 def _write_values(values: Axes, report: Report, sensor: str) -> None:
@@ -149,63 +132,6 @@ def svg(report: Report, sensor: str) -> str:
     return page_svg(lambda panel: _draw(panel, report, sensor, PAGE), sensor, label, PAGE_INCHES)
 
 
-def page_svg(draw: Callable[[Axes], None], salt: str, label: str, inches: tuple[float, float]) -> str:
-    """Return what `draw` draws into a panel as an SVG element of the HTML page.
-
-    Parameters
-    ----------
-    salt : makes the ids in the element differ from those of other elements.
-    """
-    _load_fonts()
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    # text stays text, in the font of the page; ids do not depend on the run
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": salt, "font.family": "sans-serif"}):
-        figure = Figure(figsize=inches, layout="constrained")
-        draw(figure.subplots())
-        drawn = _saved(figure, "svg").decode()
-    body = drawn[drawn.index("<svg ") : drawn.rindex("</svg>")].partition(">")[2]
-    for pattern, replacement in _SVG_REPLACEMENTS:
-        body = re.sub(pattern, replacement, body, flags=re.DOTALL)
-    for role, colour in PAGE.items():
-        body = body.replace(colour, f"var(--{role})")
-    width, height = (72.0 * side for side in inches)
-    view = f'viewBox="0 0 {width:g} {height:g}"'
-    return f'<svg class="allan" role="img" aria-label="{label}" {view}>{body}</svg>'
-
-
-def _load_fonts() -> None:
-    """Import matplotlib's fonts without leaving its list of fonts in the user's home directory."""
-    if "MPLCONFIGDIR" in os.environ or "matplotlib.font_manager" in sys.modules:
-        return
-    with tempfile.TemporaryDirectory(prefix="imumon-") as directory:
-        os.environ["MPLCONFIGDIR"] = directory
-        try:
-            import matplotlib.font_manager  # noqa: F401
-        finally:
-            del os.environ["MPLCONFIGDIR"]
-
-
-def font_directory() -> str:
-    """Return the directory of the fonts that come with matplotlib."""
-    import matplotlib
-
-    return os.path.join(matplotlib.get_data_path(), "fonts", "ttf")
-
-
-def _saved(figure: Figure, form: str, title: str | None = None) -> bytes:
-    """Return a figure as a file; without a title, as an element of the page, on no ground of its own."""
-    out = io.BytesIO()
-    named = {} if title is None else {"Title": title}
-    metadata = {
-        "svg": {"Date": None, **named},
-        "pdf": {"CreationDate": None, "Creator": "imumon", **named},
-    }.get(form)
-    figure.savefig(out, format=form, transparent=title is None, metadata=metadata)
-    return out.getvalue()
-
-
 def _drawable(curves: Mapping[str, Allan]) -> bool:
     return any(sigma > 0.0 for curve in curves.values() for sigma in curve.sigma)
 
@@ -242,35 +168,6 @@ def _extent(
     low = min([low, *(max(floor / LETTER_ROOM, low / WIDEST_LIMIT) for floor in floors)])
     margin = 10.0**MARGIN_DECADES
     return (min(taus) / margin, max(taus) * margin), (low / margin, high * margin)
-
-
-def draw_grid(
-    panel: Axes, x: tuple[float, float], y: tuple[float, float], colours: Mapping[str, str]
-) -> None:
-    """Draw the grid, the numbers and the frame of a panel with logarithmic axes, as all figures have them."""
-    from matplotlib.ticker import LogLocator, StrMethodFormatter
-
-    for axis, (low, high), lines, place in (
-        (panel.xaxis, x, panel.vlines, panel.get_xaxis_transform()),
-        (panel.yaxis, y, panel.hlines, panel.get_yaxis_transform()),
-    ):
-        few = math.log10(high / low) < FEW_DECADES
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=30))
-        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axis.minorticks_off()  # a tick is an object of its own: they take most of the time of a figure
-        between = LogLocator(subs=range(2, 10), numticks=30).tick_values(low, high)
-        shown = [tick for tick in between if low < tick < high]
-        lines(shown, 0.0, 1.0, transform=place, color=colours["rule"], linewidth=0.4, alpha=0.6, zorder=0.5)
-    draw_frame(panel, colours)
-
-
-def draw_frame(panel: Axes, colours: Mapping[str, str]) -> None:
-    """Draw the grid, the numbers and the frame of a panel, as all figures have them."""
-    panel.grid(which="major", color=colours["rule"], linewidth=0.9)
-    panel.set_axisbelow(True)
-    panel.tick_params(which="both", color=colours["muted"], labelcolor=colours["text"], labelsize=9)
-    for spine in panel.spines.values():
-        spine.set_color(colours["muted"])
 
 
 def _draw_limit(

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from imumon.datasheet.elements import DataTable
-from imumon.datasheet.figures import PAGE, PAGE_INCHES, draw_grid, page_svg
+from imumon.datasheet.plotting import PAGE, PAGE_INCHES, draw_grid, page_svg
 from imumon.filter_report import FilterChannel, FilterReport
 from imumon.units import DEG, figures
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from imumon.coefficients import unit_of
 from imumon.datasheet.elements import DataTable
-from imumon.datasheet.figures import MARKERS, PAGE, PAGE_INCHES, draw_frame, page_svg
+from imumon.datasheet.plotting import MARKERS, PAGE, PAGE_INCHES, draw_frame, page_svg
 from imumon.report import MAX_NUMBER
 from imumon.units import figures, pretty
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from imumon.datasheet.elements import Document
-from imumon.datasheet.figures import PRINT
 from imumon.datasheet.html import html_page
+from imumon.datasheet.plotting import PRINT
 from imumon.errors import ImumonError
 
 FACES = {
@@ -52,7 +52,7 @@ def pdf_pages(document: Document) -> bytes:
 
 def _faces() -> str:
     """Return the rules that name the fonts."""
-    from imumon.datasheet.figures import font_directory
+    from imumon.datasheet.plotting import font_directory
 
     directory = Path(font_directory())
     rules = [

@@ -6,13 +6,13 @@ The figure has the difference from the bias at the reference. Dashed is hysteres
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
 from imumon.coefficients import unit_of
 from imumon.datasheet.elements import DataTable, Element, Figure, Heading, Paragraph
-from imumon.datasheet.figures import MARKERS, PAGE, PAGE_INCHES, draw_frame, page_svg
+from imumon.datasheet.plotting import MARKERS, PAGE, PAGE_INCHES, draw_frame, page_svg
 from imumon.datasheet.tables import SENSOR_TITLES, sensor_axes
 from imumon.messages import no_bias_curve
 from imumon.report import BiasCurve, ModelColumn, Report
@@ -28,39 +28,42 @@ def temperature_elements(report: Report) -> Iterator[Element]:
     if any(curve.reason != "no_temperature" for curves in known.values() for curve in curves.values()):
         yield Heading("Bias against the temperature")
     for sensor, curves in known.items():
-        title = SENSOR_TITLES[sensor]
-        shown = {axis: curve for axis, curve in curves.items() if curve.is_known}
-        reasons = dict.fromkeys(curve.reason for curve in curves.values() if curve.reason)
-        for reason in reasons.keys() - {"no_temperature", None}:
-            text, cure = no_bias_curve(reason)
-            yield Paragraph(f"{title}: no curve, because {text}. What helps: {cure}.")
-        if not shown:
-            continue
-        unit, some = unit_of(sensor, "B"), next(iter(shown.values()))
-        name, reference = pretty(unit.unit), f"{some.reference_degC or 0.0:.1f} °C"
-        heads = [f"slope there, {name}/°C", *(f"degree {n}, {name}/°C{'²³'[n - 2]}" for n in (2, 3))]
-        head = (
-            title,
-            f"bias at {reference}, {name}",
-            *heads,
-            f"hysteresis, {name}",
-            "residual noise, without → with",
-        )
-        yield DataTable(head, tuple((axis, *_cells(curve, unit.factor)) for axis, curve in shown.items()))
-        text = f"{title}, bias less that at {reference}, in {name}; {some.degC[0]:.1f} to {some.degC[-1]:.1f} °C."
-        legend = (
-            "Band: 95 %, for another record as long; dashed: warming and cooling apart, where both occur."
-        )
-        numbers = DataTable(
-            (f"{title}: °C", *(f"{axis}, {name}" for axis in shown)), tuple(_rows(shown, unit.factor))
-        )
-        yield Figure(text, numbers, partial(temperature_svg, report, sensor), legend)
+        yield from _sensor_elements(report, sensor, curves)
     if any(curve.is_known for curves in known.values() for curve in curves.values()):
         yield Paragraph(
             "A polynomial of the temperature, with 95 % limits: those of the bias are for another record as long. It "
             "holds within the span of the record only. The residual noise is that of means over blocks. The bias of "
             "an accelerometer holds gravity. For a flight controller: imumon report --format px4-tc or ardupilot-tcal."
         )
+
+
+def _sensor_elements(report: Report, sensor: str, curves: Mapping[str, BiasCurve]) -> Iterator[Element]:
+    """Yield the curves of a sensor as a table and a figure, or why there are none."""
+    title = SENSOR_TITLES[sensor]
+    shown = {axis: curve for axis, curve in curves.items() if curve.is_known}
+    reasons = dict.fromkeys(curve.reason for curve in curves.values() if curve.reason)
+    for reason in reasons.keys() - {"no_temperature", None}:
+        text, cure = no_bias_curve(reason)
+        yield Paragraph(f"{title}: no curve, because {text}. What helps: {cure}.")
+    if not shown:
+        return
+    unit, some = unit_of(sensor, "B"), next(iter(shown.values()))
+    name, reference = pretty(unit.unit), f"{some.reference_degC or 0.0:.1f} °C"
+    heads = [f"slope there, {name}/°C", *(f"degree {n}, {name}/°C{'²³'[n - 2]}" for n in (2, 3))]
+    head = (
+        title,
+        f"bias at {reference}, {name}",
+        *heads,
+        f"hysteresis, {name}",
+        "residual noise, without → with",
+    )
+    yield DataTable(head, tuple((axis, *_cells(curve, unit.factor)) for axis, curve in shown.items()))
+    text = f"{title}, bias less that at {reference}, in {name}; {some.degC[0]:.1f} to {some.degC[-1]:.1f} °C."
+    legend = "Band: 95 %, for another record as long; dashed: warming and cooling apart, where both occur."
+    numbers = DataTable(
+        (f"{title}: °C", *(f"{axis}, {name}" for axis in shown)), tuple(_rows(shown, unit.factor))
+    )
+    yield Figure(text, numbers, partial(temperature_svg, report, sensor), legend)
 
 
 def temperature_svg(report: Report, sensor: str) -> str:

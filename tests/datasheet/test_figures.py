@@ -16,9 +16,10 @@ from reports import LONG_S, nothing_yet
 from reports import report as make_report
 
 from imumon.datasheet import NoCurve
-from imumon.datasheet.figures import PANEL_INCHES, PRINT, svg
+from imumon.datasheet.figures import PANEL_INCHES, svg
 from imumon.datasheet.figures import _draw as draw
 from imumon.datasheet.filter_figure import filter_svg
+from imumon.datasheet.plotting import PRINT
 from imumon.datasheet.tables import coefficient_text
 from imumon.report import COEFFICIENTS, Report, to_json
 from imumon.units import pretty

@@ -1,0 +1,92 @@
+"""Elements of a datasheet on the record: stream, counters, settings, events, and the values as received."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from imumon.datasheet.elements import DataTable, Element, Heading, Paragraph
+from imumon.datasheet.evidence import excluding_events
+from imumon.datasheet.signal_text import spectral_lines, turn_on_text, with_half_width
+from imumon.datasheet.tables import event_rows, invalid_noun
+from imumon.messages import CLOCKS, exclusions
+from imumon.report import DeviceDescription, Report
+from imumon.units import counted, duration, pretty, share_text
+
+
+def record_elements(report: Report) -> Iterator[Element]:
+    """Yield the stream, its counters and settings, and the events that are not listed under traceability."""
+    device, session = report.device, report.session
+    excluded = exclusions(report, _seconds)
+    disturbances = counted(session.disturbances, "disturbance")
+    missing = "none"
+    if session.missing:
+        share = session.missing / (session.samples + session.missing)
+        gaps = counted(session.gaps, "gap")
+        missing = f"{counted(session.missing, 'sample')} in {gaps}, {share_text(share)}"
+    invalid = counted(session.bad_checksums, invalid_noun(device))
+    discarded = counted(session.discarded_bytes, "byte")
+    length = f"{duration(session.elapsed_s)} ({session.elapsed_s:,.0f} s)"
+    rows = [
+        ("Stream", _stream_text(device)),
+        ("Rate", f"{device.sample_rate_hz:.6g} Hz" if device.sample_rate_hz else "unknown"),
+        ("Time from", CLOCKS.get(device.clock or "", "unknown")),
+        ("Alias factor of N", f"{device.alias_factor:.3g}" if device.alias_factor else "unknown"),
+        ("Start", session.started or "unknown"),
+        ("Length", f"{length}, {counted(session.samples, 'sample')}"),
+        ("Missing", missing),
+        ("Excluded as disturbed", f"{', '.join(excluded)}; {disturbances}" if excluded else "none"),
+        ("Excluded as warm-up", _seconds(session.warmup_s)),
+        ("Transmission", f"{invalid}, {discarded} discarded"),
+        ("Restarts", f"{session.restarts:,}"),
+    ]
+    identity = {"Model": device.model, "Serial number": device.serial, "Firmware": device.firmware}
+    rows += [(label, value) for label, value in identity.items() if value and report.item is None]
+    for name, value in device.settings.items():
+        text = device.setting_texts.get(name)
+        rows.append((f"Setting {name}", f"{text} ({value})" if text else value))
+    rows += [("Remark", text) for text in device.remarks]
+    yield Heading("The record")
+    yield DataTable(("", ""), tuple(rows))
+    traced = report.evaluation is not None and report.evaluation.provenance is not None
+    listed = excluding_events(report) if traced else []  # under traceability
+    others = replace(report, events=tuple(event for event in report.events if event not in listed))
+    if rows := list(event_rows(others)):
+        yield DataTable(("at", "event"), tuple(rows))
+
+
+def _stream_text(device: DeviceDescription) -> str:
+    kind = "not stated whether compensated" if device.stream == "unknown" else device.stream
+    return ", ".join(part for part in (device.source, kind) if part) or "unknown"
+
+
+def _seconds(seconds: float) -> str:
+    if seconds <= 0.0:
+        return "none"
+    return duration(seconds) if seconds >= 60.0 else f"{seconds:.1f} s"
+
+
+def value_elements(report: Report) -> Iterator[Element]:
+    """Yield how the values are distributed, which lines they have, and how the bias differs between power-ups."""
+    rows = []
+    for name, channel in report.channels.items():
+        shape, drift = channel.distribution, channel.drift
+        slope = ""
+        if drift is not None:
+            slope = with_half_width(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
+        statistics = (channel.mean, channel.std, channel.min, channel.max)
+        cells = ("–" if value is None else f"{value:.4g}" for value in statistics)
+        verdict = (shape.verdict if shape else None) or "–"
+        rows.append((f"{name}, {pretty(channel.unit)}", *cells, slope or "–", verdict))
+    if rows:
+        head = ("", "mean", "standard deviation", "minimum", "maximum", "drift per hour", "distribution")
+        yield Heading("The values")
+        yield DataTable(head, tuple(rows))
+        yield Paragraph("Statistics of the samples that count, as received. Only the drift has 95 % limits.")
+    turn_on = [(name, text) for name, c in report.channels.items() if (text := turn_on_text(name, c))]
+    if turn_on:
+        yield DataTable(("", "turn-on bias repeatability"), tuple(turn_on))
+    spectral = {f"{name}, {pretty(c.unit)}": spectral_lines(c) for name, c in report.channels.items()}
+    if any(spectral.values()):
+        rows = [(name, ", ".join(texts)) for name, texts in spectral.items() if texts]
+        yield DataTable(("", "strongest spectral lines, frequency and amplitude"), tuple(rows))
