@@ -14,10 +14,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from imumon.samples import AXES, Kind
+from imumon.units import STANDARD_GRAVITY
 
+ZERO_CELSIUS = 273.15
+"""K."""
 _RATE = {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.radians(1.0), "mdeg/s": math.radians(1e-3),
          "deg/h": math.radians(1.0) / 3600.0}  # fmt: skip
-_ACCELERATION = {"m/s2": 1.0, "g": 9.80665, "mg": 9.80665e-3, "ug": 9.80665e-6}
+_ACCELERATION = {
+    "m/s2": 1.0,
+    "g": STANDARD_GRAVITY,
+    "mg": STANDARD_GRAVITY / 1e3,
+    "ug": STANDARD_GRAVITY / 1e6,
+}
 UNITS: Mapping[str, Mapping[str, float]] = {
     "gyro": _RATE,
     "accel": _ACCELERATION,
@@ -144,6 +152,11 @@ class Column:
     unit: str | None = None
     rank: int = 0
     unknown_unit: str | None = None
+
+    @property
+    def zero(self) -> float:
+        """What remains to be subtracted after the factor: degC begin at 273.15 K."""
+        return ZERO_CELSIUS if self.unit == "k" else 0.0
 
     @property
     def channel(self) -> str:

@@ -8,6 +8,9 @@ several packages raise it.
 
 from __future__ import annotations
 
+QUOTED = 40
+"""Characters that a message quotes of foreign text at most."""
+
 
 class ImumonError(Exception):
     """Base class of all errors that a user may see.

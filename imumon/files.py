@@ -19,6 +19,10 @@ _PIECE = 1 << 20
 """Bytes that are read at once from a file without a size, such as a pipe."""
 
 
+SMALL_BYTES = 1 << 16
+"""Bytes of the largest file that a person writes, or that holds the settings of a sensor."""
+
+
 def open_regular(
     path: Path | str, flags: int = os.O_RDONLY, *, follow: bool = False, mode: int = 0o666
 ) -> int:

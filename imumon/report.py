@@ -87,6 +87,11 @@ class SessionCounters:
     excluded_by: Mapping[str, float] = field(default_factory=dict)
     recent_loss: float | None = None  # missing samples, share of the last 60 s or of a shorter record
 
+    @property
+    def mostly_excluded(self) -> bool:
+        """Whether the guards excluded more than half of the record: it shows no grade, nor an assumed unit."""
+        return self.excluded_s > 0.5 * self.elapsed_s
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grading:

@@ -41,7 +41,6 @@ _MAX_MESSAGE = 1_000_000  # bytes; a report of 11 channels has 72 kB, one of 64 
 _MAX_EVENT = 20_000  # bytes; a text has at most 4096 characters
 _MAX_QUEUED = 1024  # events or tokens in a queue; the oldest is dropped
 _MAX_QUEUED_REPORTS = 64  # reports in the queue, which bounds its bytes
-_HISTORY_TIMEOUT_S = 10.0  # s; time to wait for rows of the history
 KEPT_BYTES = 32_000_000
 """Bytes of the newest reports of all devices, and of a reply with rows of the history; a daemon sends at most 10 MB."""
 HISTORY_PERIOD_S = 30.0
@@ -180,7 +179,7 @@ class Subscriber:
         """
         key = f"imumon/{id}/history{f'/{name}' if name else ''}"
         with suppress(zenoh.ZError):
-            for reply in self._session.get(f"{key}?{parameters}", timeout=_HISTORY_TIMEOUT_S):
+            for reply in self._session.get(f"{key}?{parameters}", timeout=10.0):
                 if reply.ok is not None:
                     return reply.ok.payload.to_bytes()
                 if reply.err is not None:

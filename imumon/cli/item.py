@@ -13,13 +13,12 @@ from typing import Any
 
 from imumon.cli.exit_codes import USAGE, CommandError
 from imumon.evaluation import Item
+from imumon.files import SMALL_BYTES
 from imumon.report import Report, plain
 
 KEYS = tuple(field.name for field in fields(Item))
 MOST_CHARACTERS = 500
 """Characters of a value: a paragraph of a page."""
-MOST_BYTES = 100_000
-"""Bytes of a file: that of a sensor has a few hundred."""
 
 
 def with_item(report: Report, words: Sequence[str]) -> Report:
@@ -56,9 +55,9 @@ def _read(path: Path) -> Mapping[str, Any]:
     cure = 'give KEY=VALUE, or a TOML file with a line like operator = "name"'
     try:
         with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
-        if len(data) > MOST_BYTES:
-            raise _error(f"{path} has more than {MOST_BYTES:,} bytes", cure)
+            data = file.read(SMALL_BYTES + 1)
+        if len(data) > SMALL_BYTES:
+            raise _error(f"{path} has more than {SMALL_BYTES:,} bytes", cure)
         return tomllib.loads(data.decode())
     except OSError as error:
         raise _error(f"cannot read {path}: {(error.strerror or str(error)).lower()}", cure) from None

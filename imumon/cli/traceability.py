@@ -24,8 +24,6 @@ from imumon.report import Report, plain
 
 COMPUTING = ("numpy", "scipy")
 """Packages whose version is recorded."""
-GIT_S = 5.0
-"""s to wait for git in a source checkout."""
 
 
 def evaluated(report: Report, sheet: Any = None, rows: Sequence[Mapping[str, Any]] = ()) -> Report:
@@ -208,7 +206,7 @@ def commit() -> str | None:
         "--exclude=*",
     ]
     try:
-        done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=GIT_S)
+        done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=5.0)
     except (OSError, subprocess.SubprocessError):
         return None
     return plain(done.stdout.strip()) or None if done.returncode == 0 else None

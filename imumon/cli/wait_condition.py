@@ -21,8 +21,6 @@ from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty, share_text
 
 GRADED_SENSORS = ("gyro", "accel")
-EXCLUDED_SHARE = 0.5
-"""A record of which more than this share is excluded reaches no provisional grade."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,7 +134,7 @@ class WaitCondition:
 
 def _uncertain_grade(report: Report, sensor: str, grade: GradeName) -> str | None:
     """Return why a sensor may turn out worse than the grade; None: it cannot."""
-    if report.session.excluded_s > EXCLUDED_SHARE * report.session.elapsed_s:
+    if report.session.mostly_excluded:
         return f"{sensor} is not certain: {report.grade[sensor].reason or 'most of the record is excluded'}"
     own = ((name, channel) for name, channel in report.channels.items() if sensor_of(name) == sensor)
     return next(filter(None, (_uncertain_limit(name, channel, grade) for name, channel in own)), None)

@@ -37,12 +37,11 @@ from imumon.config.toml_file import (
     tables,
     toml_text,
 )
+from imumon.errors import QUOTED
 from imumon.samples import FASTEST_HZ, SLOWEST_HZ
 
 MOST_FAULTS = 100
 """Faults that are reported of a file."""
-SHOWN_CHARACTERS = 40
-"""Longest value in a message, characters."""
 
 
 def search() -> tuple[Path | None, Path | None]:
@@ -220,7 +219,7 @@ def _fault(section: str, name: str, found: Any, table: Mapping[str, Any], places
     if found["type"] == "extra_forbidden":
         return _unknown(full, False, places)
     value = toml_text(_value_at(table, found["loc"]))
-    shown = value if len(value) <= SHOWN_CHARACTERS else value[: SHOWN_CHARACTERS - 3] + "..."
+    shown = value if len(value) <= QUOTED else value[: QUOTED - 3] + "..."
     cure = f"give {_allowed(found, _model(section).model_fields[name])}"
     return ConfigFault("invalid_value", places.of(full), full, f"{shown} is not valid", cure)
 

@@ -11,11 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from imumon.errors import ImumonError
-from imumon.files import read_at_most
+from imumon.files import SMALL_BYTES, read_at_most
 from imumon.report import plain
-
-FILE_BYTES = 1 << 16
-"""Bytes of the largest settings file; config.toml has 8 kB. The time to read it is bounded by this."""
 
 LONGEST_LINE = 1000
 """Characters of a line: the time for a dotted name grows with the square of its length."""
@@ -62,7 +59,7 @@ def read_text(path: Path) -> str:
     """Return the text of a file or a pipe; raise `ConfigError` if it cannot be read."""
     try:
         with path.open("rb") as file:
-            return read_at_most(file, FILE_BYTES).decode("utf-8-sig").replace("\r\n", "\n")
+            return read_at_most(file, SMALL_BYTES).decode("utf-8-sig").replace("\r\n", "\n")
     except OSError as error:
         message = f"cannot be read: {error.strerror or error}"
         fault = ConfigFault("file_unreadable", str(path), "", message, "check the path and its permissions")
@@ -90,10 +87,10 @@ def parse(text: str, file: str) -> dict[str, Any]:
 def tables(path: Path) -> set[str]:
     """Return the top-level tables of a file, also of one that is not TOML; raise OSError if it cannot be read.
 
-    Only the first `FILE_BYTES` count: the file may belong to another program, and be anything.
+    Only the first `SMALL_BYTES` count: the file may belong to another program, and be anything.
     """
     with path.open("rb") as file:
-        text = file.read(FILE_BYTES).decode("utf-8-sig", "replace").replace("\r\n", "\n")
+        text = file.read(SMALL_BYTES).decode("utf-8-sig", "replace").replace("\r\n", "\n")
     try:
         return {name for name, value in parse(text, str(path)).items() if isinstance(value, dict)}
     except ConfigError:

@@ -39,7 +39,6 @@ from imumon.units import pretty
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-DPI = 150
 PANEL_INCHES = (7.4, 4.1)
 TEXT_INCHES = 0.55
 """Height of the values below a panel of a file: a page of A4 holds three sensors."""
@@ -77,7 +76,7 @@ def figure_file(report: Report, form: str) -> bytes:
     inches = (width, (height + TEXT_INCHES) * len(sensors) + 1.0)
     # text stays text in SVG and PDF; ids do not depend on the run
     with rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "imumon"}):
-        figure = Figure(figsize=inches, dpi=DPI, layout="constrained")
+        figure = Figure(figsize=inches, dpi=150, layout="constrained")
         figure.suptitle(sensor_title(report), x=0.01, ha="left", fontsize=12, fontweight="bold")
         rows = figure.subplots(
             2 * len(sensors), 1, gridspec_kw={"height_ratios": [height, TEXT_INCHES] * len(sensors)}

@@ -32,13 +32,11 @@ from imumon.devices.base import (
 from imumon.devices.linux_tty import pseudo_terminal
 from imumon.devices.ports import POLL_S, PortInfo, find_again, find_ports
 from imumon.devices.serial_port import QUEUE_BYTES, SerialPort
-from imumon.files import read_bounded, write_new
+from imumon.files import SMALL_BYTES, read_bounded, write_new
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Notice, RawBytes, SampleBlock
 
 TIME_LAPSE_QUEUE_BYTES = 1 << 19
 """Bytes of an emulator in time-lapse that may wait; it waits for its reader anyway."""
-SETTINGS_BYTES = 1 << 16
-"""Bytes of the largest file of original settings."""
 BATCH_S = 0.25
 """s for which bytes are collected: each batch has a fixed cost. A report is at most this much behind."""
 INTERRUPTIONS = ("reconfigured", "found", "lost", "garbage", "silent")
@@ -387,7 +385,7 @@ def _saved_settings(path: Path) -> dict[str, str] | None:
     They are written to the sensor at the end: a value has the characters of a setting, and no other command.
     """
     try:
-        saved = json.loads(read_bounded(path, SETTINGS_BYTES))
+        saved = json.loads(read_bounded(path, SMALL_BYTES))
     except (OSError, ValueError, RecursionError):
         return None
     if not isinstance(saved, dict):

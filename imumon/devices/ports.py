@@ -33,8 +33,6 @@ READ_BYTES = 1 << 16
 """Bytes of one read from the port: more than a tty holds, and the longest datagram."""
 DATAGRAM_BYTES = 1 << 22
 """Bytes of datagrams for which the kernel is asked, in case the reader is late; it may give less."""
-CONNECT_S = 5.0
-"""s to wait for the answer of a TCP server."""
 STANDARD_INPUT = "-"
 """Path of standard input."""
 
@@ -159,7 +157,7 @@ def _open_tcp(url: str) -> socket.socket:
     if match is None or not 0 < int(match[3]) < 1 << 16:
         raise DeviceNotFound("port_url_invalid", f"cannot open {url}", "write tcp://HOST:PORT")
     try:
-        return socket.create_connection((match[1] or match[2], int(match[3])), timeout=CONNECT_S)
+        return socket.create_connection((match[1] or match[2], int(match[3])), timeout=5.0)
     except OSError as error:
         cure = "check that the server is running and that the URL is correct"
         raise DeviceNotFound("port_url_unreachable", f"cannot open {url} ({error})", cure) from None

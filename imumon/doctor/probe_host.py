@@ -17,8 +17,6 @@ from imumon.devices.linux_tty import holders, locker
 from imumon.devices.ports import find_ports
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation
 
-SYSTEMCTL_S = 5.0  # s that systemctl may take
-
 
 def observe_port(path: str, daemon: str | None = None) -> PortObservation:
     """Observe a port without opening it; `daemon` is the id of the daemon that reads it."""
@@ -104,7 +102,7 @@ def observe_service() -> ServiceObservation:
 def _systemctl(*arguments: str) -> list[str]:
     command = ["systemctl", "--no-legend", "--plain", "--no-pager", *arguments]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=SYSTEMCTL_S, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=5.0, check=False)
     except (OSError, subprocess.TimeoutExpired):
         return []
     return [line for line in done.stdout.splitlines() if line.strip()]

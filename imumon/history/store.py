@@ -26,8 +26,6 @@ from imumon.history_report import STEPS, HistoryPeriod, PeriodChannel
 from imumon.report import GRADES, Estimate, Event, GradeName, Status
 
 _STATUSES: tuple[Status, ...] = get_args(Status)
-_BUSY_S = 5.0
-"""s that a reader waits for a file that is being cleaned up."""
 _ROWS_AT_ONCE = 500
 """Rows that are read between two moments at which other threads may run."""
 
@@ -91,7 +89,7 @@ class HistoryStore:
         for mode in ("rwc",) if write else ("ro", "ro&immutable=1"):
             try:
                 self._connection = sqlite3.connect(
-                    f"file:{name}?mode={mode}", uri=True, timeout=_BUSY_S, check_same_thread=False
+                    f"file:{name}?mode={mode}", uri=True, timeout=5.0, check_same_thread=False
                 )
                 self._open(write)
                 return

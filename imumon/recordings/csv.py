@@ -11,11 +11,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from imumon.column_names import UNITS, unit_of
+from imumon.errors import QUOTED
 from imumon.recordings.base import HEAD_LINES, LONGEST_LINE, ReadOptions, RecordingError
 from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout
 from imumon.recordings.csv_rows import (
     MISSING,
-    QUOTED,
     TOO_LONG,
     TOO_LONG_BYTES,
     DateReader,

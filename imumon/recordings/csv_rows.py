@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from imumon.errors import QUOTED
 from imumon.recordings.base import LONGEST_LINE, RecordingError
 from imumon.samples import Floats
 from imumon.units import DAY
@@ -30,9 +31,6 @@ TOO_LONG = "\udfff"
 
 TOO_LONG_BYTES = b"\xed\xbf\xbf"
 """The same in front of the decoder: it is no UTF-8."""
-
-QUOTED = 30
-"""Characters of a cell that are quoted in a message."""
 
 
 ARROW_MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "Null"]

@@ -21,7 +21,7 @@ from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
 from imumon.recordings.row_selection import COPIED, HeldNumbers, are_doubled, copies
 from imumon.recordings.unit_inference import check_magnitudes, time_unit, unit_remarks
 from imumon.report import stamp
-from imumon.samples import Bools, Clock, Floats, Ints, Stream, sensor_of
+from imumon.samples import LONGEST_NS, Bools, Clock, Floats, Ints, Stream, sensor_of
 from imumon.timebase.interval import NOMINAL_SHARE
 from imumon.timebase.late_stamps import LateStamps
 from imumon.timebase.timestamps import HostStamps, RateObstacle, rate_obstacle, stamp_interval
@@ -40,9 +40,6 @@ HELD_STEPS = 2.0
 
 UNIX_S = (946_684_800.0, 4_102_444_800.0)
 """s since 1970 of the years 2000 and 2100: a time stamp between them is a date."""
-
-LONGEST_NS = 4e18
-"""ns, longest time since the first row; a time beyond it is invalid, and would not fit 64 bits."""
 
 HELD = 0.25
 """Share of the rows that repeat all axes of a sensor above which it is slower than the rows; rounding repeats few."""

@@ -15,11 +15,9 @@ import numpy as np
 from imumon.recordings.base import Recording
 from imumon.recordings.columns import INERTIAL, ColumnLayout
 from imumon.recordings.first_rows import FirstRows, TableStart, present
+from imumon.recordings.log_process.base import ROWS as ROWS
 from imumon.recordings.row_selection import OwnRows, RowOrder, copies
 from imumon.samples import Floats, Ints, SampleBlock, Stream, sensor_of
-
-ROWS = 1 << 15
-"""Rows in one block."""
 
 ROW_NAMES = {
     "csv": "line",
@@ -29,9 +27,6 @@ ROW_NAMES = {
     "ardupilot": "message",
 }
 """Word for a row of a table in messages."""
-
-ZERO_CELSIUS = 273.15
-"""K."""
 
 
 class Table(Recording):
@@ -218,8 +213,8 @@ class TableRows:
     def _in_si(self, stream: Stream, rows: Floats) -> Floats:
         """Return the values of complete rows, channel unit."""
         columns = self._layout.columns
-        values: Floats = rows[:, : len(columns)] * [column.factor for column in columns]
-        values[:, [column.unit == "k" for column in columns]] -= ZERO_CELSIUS
+        factors, zeros = [column.factor for column in columns], [column.zero for column in columns]
+        values: Floats = rows[:, : len(columns)] * factors - zeros
         return self._over_interval(stream, values, rows) if self._layout.kind == "deltas" else values
 
     def _without_copies(self, rows: Floats, places: Sequence[int]) -> tuple[Floats, Sequence[int]]:

@@ -18,14 +18,12 @@ from typing import Any
 
 from imumon.coefficients import COEFFICIENTS, MG
 from imumon.errors import ImumonError
-from imumon.files import open_regular
+from imumon.files import SMALL_BYTES, open_regular
 from imumon.report import plain
 from imumon.report_json import check
 from imumon.samples import AXES, sensor_of
 from imumon.units import DEG, FLICKER, HOUR
 
-MAX_BYTES = 1 << 18
-"""Bytes of a file that is read."""
 SENSORS = ("gyro", "accel", "mag")
 BASES = ("maximum", "typical")
 QUANTITIES = {
@@ -110,7 +108,7 @@ def read_sheet(path: Path | str) -> ReferenceSheet:
         return found
     try:
         with open(open_regular(path, follow=True), "rb") as file:
-            data = file.read(MAX_BYTES + 1)
+            data = file.read(SMALL_BYTES + 1)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         cure = f"name a file, or one of {', '.join(published())}"
@@ -133,8 +131,8 @@ def sheet_of_model(model: str | None) -> ReferenceSheet | None:
 def _parsed(data: bytes, path: str) -> ReferenceSheet:
     cure = "docs/REPORTS.md shows the format"
     try:
-        if len(data) > MAX_BYTES:
-            raise ValueError(f"more than {MAX_BYTES} bytes")
+        if len(data) > SMALL_BYTES:
+            raise ValueError(f"more than {SMALL_BYTES} bytes")
         return _sheet(tomllib.loads(data.decode()))
     except (ValueError, TypeError, KeyError) as error:  # TOMLDecodeError and UnicodeDecodeError too
         text = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else plain(f"{error}")

@@ -36,9 +36,6 @@ PUBLISH_S = 1.0
 """s between two reports on the bus, as of the daemon."""
 
 
-EXCLUDED = 0.5
-"""Share of a recording that is excluded from which its assumed unit is in doubt."""
-
 TauGrid: TypeAlias = Literal["octave", "decade"]
 
 
@@ -265,7 +262,7 @@ class _Run:
             for code, n in self._restarts.items()
         ]
         noted, assumed = list(self.recording.remarks), self.recording.assumed_unit
-        if assumed in noted and current.session.excluded_s > EXCLUDED * current.session.elapsed_s:
+        if assumed in noted and current.session.mostly_excluded:
             noted[noted.index(assumed)] = f"most of it is excluded, as with a wrong unit: {assumed}"
         remarks = tuple(map(report.plain, (*noted, *breaks, *remark)))
         return replace(current, device=replace(current.device, remarks=remarks))

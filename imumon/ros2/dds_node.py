@@ -30,8 +30,6 @@ from imumon.ros2.ros_messages import dds_name, ros_name, type_store
 
 MOST_PUBLISHERS = 1 << 12
 """Publishers of a domain that are looked at."""
-WAIT_MS = 200
-"""ms after which a wait for a message sees the end of the node."""
 PREFIX = "rt/"
 """Begins the DDS topic of each ROS 2 topic."""
 
@@ -116,7 +114,7 @@ class DdsSubscription(Subscription):
         waiting = WaitSet(self._node.participant)
         waiting.attach(ReadCondition(self._reader, SampleState.NotRead))
         while not self._node.closing.is_set():
-            if waiting.wait(duration(milliseconds=WAIT_MS)):
+            if waiting.wait(duration(milliseconds=200)):
                 yield from self.take()
 
 

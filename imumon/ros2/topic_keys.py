@@ -71,13 +71,13 @@ class Entity(NamedTuple):
     hash: str
 
 
-def node_token(domain: int, session: str, node: str, *, node_id: int = 0, namespace: str = "/") -> str:
+def node_token(domain: int, session: str, node: str) -> str:
     """Return the token of a node.
 
     >>> node_token(2, "aac3", "listener")
     '@ros2_lv/2/aac3/0/0/NN/%/%/listener'
     """
-    return f"@ros2_lv/{domain}/{session}/{node_id}/{node_id}/NN/%/{_mangled(namespace)}/{node}"
+    return f"@ros2_lv/{domain}/{session}/0/0/NN/%/%/{node}"
 
 
 def entity_token(
@@ -91,11 +91,9 @@ def entity_token(
     qos: Qos,
     *,
     entity_id: int,
-    node_id: int = 0,
-    namespace: str = "/",
 ) -> str:
     """Return the token of a publisher or subscription of a node."""
-    start = f"@ros2_lv/{domain}/{session}/{node_id}/{entity_id}/{kind}/%/{_mangled(namespace)}/{node}"
+    start = f"@ros2_lv/{domain}/{session}/0/{entity_id}/{kind}/%/%/{node}"
     return f"{start}/{_mangled(topic)}/{dds_name(type_name)}/{hash}/{qos}"
 
 

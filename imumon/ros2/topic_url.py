@@ -123,9 +123,9 @@ def open_node(url: TopicUrl, name: str = NODE_NAME) -> RosNode:
     return ZenohNode(url.domain, url.router, name)
 
 
-def topics_text(publishers: Iterable[TopicPublisher], type_name: str = IMU) -> str | None:
-    """Return the topics of a type that are published, for a message; None: there are none."""
-    topics = sorted({each.topic for each in publishers if each.type == type_name})
+def topics_text(publishers: Iterable[TopicPublisher]) -> str | None:
+    """Return the topics of an IMU that are published, for a message; None: there are none."""
+    topics = sorted({each.topic for each in publishers if each.type == IMU})
     more = f" and {len(topics) - SHOWN_TOPICS} more" if len(topics) > SHOWN_TOPICS else ""
     return ", ".join(topics[:SHOWN_TOPICS]) + more if topics else None
 

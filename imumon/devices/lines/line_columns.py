@@ -19,7 +19,6 @@ MOST_COLUMNS = 64
 """Columns of a line at most."""
 SENSORS = {"gyro": "gyro", "accel": "accel", "mag": "mag", "temp": "temperature", "pressure": "pressure"}
 """Quantity of each parameter that gives a unit."""
-ZERO_CELSIUS = 273.15
 
 
 @dataclass(frozen=True, slots=True)

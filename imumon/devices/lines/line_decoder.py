@@ -25,14 +25,15 @@ import numpy as np
 
 from imumon.devices.lines.line_columns import (
     DEFAULT_COLUMNS,
-    ZERO_CELSIUS,
     LineColumns,
     columns_of,
     header_columns,
 )
+from imumon.errors import QUOTED
 from imumon.report import plain
-from imumon.samples import SampleBlock
+from imumon.samples import LONGEST_NS, SampleBlock
 from imumon.timebase.live_stamps import LiveStamps
+from imumon.units import STANDARD_GRAVITY
 
 LONGEST_LINE = 4096
 """Bytes of a line at most."""
@@ -42,12 +43,6 @@ WRAP_NS = 10_000_000_000
 """ns of the step over a wrap at most: a larger one may be a restart."""
 RESTART_NS = 1_000_000_000
 """ns by which a restarted clock goes back at least; less is a wrong order."""
-LARGEST_NS = 4e18
-"""ns of the largest time: it fits 64 bits."""
-QUOTED = 40
-"""Characters of a line in a message."""
-GRAVITY = 9.80665
-"""m/s^2."""
 GRAVITY_SAMPLES = 100
 """Samples whose acceleration is compared with gravity."""
 GRAVITY_RATIO = 1.5
@@ -180,16 +175,13 @@ class LineDecoder:
 
     def _sample(self, columns: LineColumns, cells: Sequence[bytes]) -> _Row:
         """Return the sample of a line of numbers."""
-        values = [
-            float(cells[column.index]) * column.factor - (ZERO_CELSIUS if column.unit == "k" else 0.0)
-            for column in columns.used
-        ]
+        values = [float(cells[column.index]) * column.factor - column.zero for column in columns.used]
         if not all(map(math.isfinite, values[: columns.inertial])):
             raise _NoSample("has a value that is no finite number")
         time_ns = 0
         if columns.time is not None:
             text, unit = cells[columns.time.index], columns.time.factor
-            if not abs(float(text) * unit) < LARGEST_NS:
+            if not abs(float(text) * unit) < LONGEST_NS:
                 raise _NoSample("has a time that is no finite number")
             time_ns = int(text) * int(unit) if text.isdigit() else round(float(text) * unit)
             self._resolution = unit / 10 ** len(text.partition(b".")[2])
@@ -236,12 +228,11 @@ class LineDecoder:
         known = sorted(length for length in self._lengths if length > 0.0)
         if len(known) < GRAVITY_SAMPLES:
             return None
-        ratio = known[len(known) // 2] / GRAVITY
+        ratio = known[len(known) // 2] / STANDARD_GRAVITY
         if 1.0 / GRAVITY_RATIO < ratio < GRAVITY_RATIO:
             return None
-        return (
-            f"the acceleration is {ratio * GRAVITY:.3g} m/s^2, and at rest it is 9.81: check its unit, accel="
-        )
+        length = f"{ratio * STANDARD_GRAVITY:.3g} m/s^2"
+        return f"the acceleration is {length}, and at rest it is 9.81: check its unit, accel="
 
 
 def _is_name(text: str) -> bool:

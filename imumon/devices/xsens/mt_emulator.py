@@ -24,11 +24,10 @@ from imumon.devices.xsens.mt_messages import (
     encode,
     outputs,
 )
+from imumon.units import STANDARD_GRAVITY
 
 GYRO_N, ACCEL_N = 1.7e-4, 1.2e-3
 """rad/s/√Hz and m/s²/√Hz: 0.01 °/s/√Hz and 120 µg/√Hz, the order of size of a data sheet of this class."""
-GRAVITY = 9.80665
-"""m/s^2, on z."""
 TEMPERATURE = 31.5
 """degC."""
 FACTORY = bytes.fromhex("1020ffff1060ffff2010006440200064802000640810000ae020ffff")
@@ -157,7 +156,7 @@ class MtEmulator:
         rate = self.rate_hz
         sigma = math.sqrt(rate)
         gyro = self._random.normal(0.0, GYRO_N * sigma, 3)
-        accel = self._random.normal((0.0, 0.0, GRAVITY), ACCEL_N * sigma)
+        accel = self._random.normal((0.0, 0.0, STANDARD_GRAVITY), ACCEL_N * sigma)
         half = gyro / rate / 2.0
         numbers: dict[int, Sequence[float]] = {
             DataId.TEMPERATURE: (TEMPERATURE,),
