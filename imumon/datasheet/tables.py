@@ -199,8 +199,7 @@ def _header(report: Report) -> list[str]:
 
 def invalid_noun(device: DeviceDescription) -> str:
     """Return what `bad_checksums` counts: messages that failed their check, or rows of a table."""
-    table = (device.source or "").startswith(("csv", "np", "mat", "parquet", "bag", "px4", "ardupilot"))
-    return "invalid row" if table else "bad checksum"
+    return "bad checksum" if device.driver else "invalid row"
 
 
 def channel_rows(report: Report, width: int | None) -> list[str]:

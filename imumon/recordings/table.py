@@ -20,13 +20,12 @@ from imumon.recordings.row_selection import OwnRows, RowOrder, copies
 from imumon.samples import Floats, Ints, SampleBlock, Stream, sensor_of
 
 ROW_NAMES = {
-    "csv": "line",
     **dict.fromkeys(("npz", "npy", "mat", "parquet"), "sample"),
     "bag": "message",
     "px4": "message",
     "ardupilot": "message",
 }
-"""Word for a row of a table in messages."""
+"""Word for a row of a table in messages, where it is no line."""
 
 
 class Table(Recording):
@@ -232,7 +231,7 @@ class TableRows:
         if new and not self._incomplete:
             there, columns = present(rows[new[0]]), self._first.columns
             missing = [columns[k].name for k in self._first.needed if not there[k]]
-            self._first_incomplete = f"{ROW_NAMES[self._what]} {places[new[0]]}: {', '.join(missing)}"
+            self._first_incomplete = f"{ROW_NAMES.get(self._what, "line")} {places[new[0]]}: {', '.join(missing)}"
         self._incomplete += len(new)
 
     def _note_back(self, times: Ints, places: Sequence[int]) -> None:
@@ -243,7 +242,7 @@ class TableRows:
         if back.any() and not self._back:
             at = int(np.argmax(back))
             by_s = (recent[at + 1] - now[at]) * 1e-9
-            where = f"{ROW_NAMES[self._what]} {places[at]}"
+            where = f"{ROW_NAMES.get(self._what, "line")} {places[at]}"
             self._first_back = f"first by {by_s:.6g} s at {where}: a gap of unknown length"
         self._back += int(back.sum())
         self._last = recent[-2:]
