@@ -72,7 +72,7 @@ class TableRows:
         names: Sequence[str] = (),
         source: str = "",
     ) -> None:
-        self._path, self._what = path, what
+        self._path, self._row = path, ROW_NAMES.get(what, "line")
         self._first = FirstRows(path, columns, what, rate_hz, names, source or what)
         self._start: TableStart | None = None  # None before the first rows
         self._lost_before = 0  # rows lost before the next one
@@ -231,7 +231,7 @@ class TableRows:
         if new and not self._incomplete:
             there, columns = present(rows[new[0]]), self._first.columns
             missing = [columns[k].name for k in self._first.needed if not there[k]]
-            self._first_incomplete = f"{ROW_NAMES.get(self._what, "line")} {places[new[0]]}: {', '.join(missing)}"
+            self._first_incomplete = f"{self._row} {places[new[0]]}: {', '.join(missing)}"
         self._incomplete += len(new)
 
     def _note_back(self, times: Ints, places: Sequence[int]) -> None:
@@ -242,7 +242,7 @@ class TableRows:
         if back.any() and not self._back:
             at = int(np.argmax(back))
             by_s = (recent[at + 1] - now[at]) * 1e-9
-            where = f"{ROW_NAMES.get(self._what, "line")} {places[at]}"
+            where = f"{self._row} {places[at]}"
             self._first_back = f"first by {by_s:.6g} s at {where}: a gap of unknown length"
         self._back += int(back.sum())
         self._last = recent[-2:]
