@@ -373,3 +373,18 @@ def test_a_resolution_that_hides_the_noise_is_reported() -> None:
     assert first.N.status == "pending"
     assert first.N.reason_code == first.B.reason_code == first.K.reason_code == "resolution"
     assert second.N.value == pytest.approx(3.0 / math.sqrt(RATE), rel=0.03)
+
+
+@pytest.mark.parametrize("skipped", [146, 1716, 9294])
+def test_a_few_impulses_beside_a_gap_are_fitted_without_a_warning(skipped: int) -> None:
+    """Most bins of the spectrum of a few impulses are zero, and so is the information about its shape."""
+    values = np.zeros((9_484, 1))
+    values[[1748, 1663, 1356]] = 1.0
+    cascade = OctaveCascade(1, tau0=0.01)
+    cascade.update(values[:4_742])
+    cascade.skip(skipped)
+    cascade.update(values[4_742:])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fits = Estimator(averaged=False).fit(cascade.result())
+    assert np.isfinite(fits[0].model).all()

@@ -54,7 +54,8 @@ TURN_RATE = 0.1
 """Rad/s, length of the gyroscope's level above which it is turned: more than the bias of a sensor at rest.
 Noise does not distinguish a steady turn from a bias."""
 REST_FRAMES = 16
-"""Frames by which rest is assessed, the last ones."""
+"""Last frames by which rest is assessed, or those of motion that are tried as a new baseline: enough for scales that
+are right to 20 %."""
 LEAST_REST_FRAMES = 4
 """Frames below which the sensor is taken to be at rest."""
 

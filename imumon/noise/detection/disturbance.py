@@ -13,12 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from imumon.noise.detection.baseline import NoiseBaseline
+from imumon.noise.detection.baseline import REST_FRAMES, NoiseBaseline
 from imumon.noise.detection.frame_statistics import PARTS, ArrayState, FrameStatistics
 from imumon.noise.detection.outliers import OutlierDetector, own_limit
 from imumon.samples import Bools, Floats
@@ -28,7 +29,18 @@ Reason: TypeAlias = Literal["glitch", "knock", "motion", "clipped", "stuck", "ma
 REASONS: tuple[Reason, ...] = get_args(Reason)
 """Reasons in rising rank: if several apply, the last one counts. The code of a reason is its place, from 1."""
 
-GLITCH, KNOCK, MOTION, CLIPPED, STUCK, MAGNETIC = range(1, 7)
+
+class ReasonCode(IntEnum):
+    """Code of a reason."""
+
+    GLITCH = 1
+    KNOCK = 2
+    MOTION = 3
+    CLIPPED = 4
+    STUCK = 5
+    MAGNETIC = 6
+
+
 INERTIAL = ("gyro", "accel")
 
 WINDOW_FRAMES = 10
@@ -37,8 +49,6 @@ MOTION_FRAMES = 8
 """Unusual frames among them that mean motion: a knock and its echo take fewer."""
 QUIET_FRAMES = 5
 """Quiet frames in a row that end motion."""
-NEW_BASELINE_FRAMES = 16
-"""Frames of motion that are tried as a new baseline: enough for scales that are right to 20 %."""
 MOST_UNUSUAL = 0.15
 """Share of these frames that may be unusual by the baseline that was learned from them."""
 LARGEST_SHARE = 0.5
@@ -47,8 +57,12 @@ ONE_AXIS = 0.5
 """Repeats of the median axis over those of the most repeating one, below which that one alone is stuck."""
 
 
-USUAL, ONE_CHANNEL, SEVERAL = range(3)
-"""What a frame shows: the usual noise, another noise of one axis, or of several axes or another mean."""
+class Shows(IntEnum):
+    """What a frame shows: the usual noise, another noise of one axis, or of several axes or another mean."""
+
+    USUAL = 0
+    ONE_CHANNEL = 1
+    SEVERAL = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +135,8 @@ class DisturbanceDetector(ArrayState):
         self.found: list[Outlier] = []
         self.rest_changes: list[tuple[int, bool]] = []
         self.moving = 0
-        self._reason = MOTION  # why everything is marked
-        self._unusual = [USUAL] * WINDOW_FRAMES  # the last frames, newest last
+        self._reason = ReasonCode.MOTION  # why everything is marked
+        self._unusual = [Shows.USUAL] * WINDOW_FRAMES  # the last frames, newest last
         self._candidates: list[FrameStatistics] = []  # while moving: frames for a new baseline
         self.open: list[int] = []
         self._range = np.zeros((2, len(self.channels)))  # channel unit, of the running disturbance
@@ -133,7 +147,7 @@ class DisturbanceDetector(ArrayState):
     @property
     def at_rest(self) -> bool:
         """False while the sensor moves or is handled."""
-        return not (self.moving and self._reason == MOTION)
+        return not (self.moving and self._reason == ReasonCode.MOTION)
 
     def assess(self, x: Floats, usable: Bools | None, codes: Codes, index: int) -> list[int]:
         """Assess frames and learn from the quiet ones; return the places of breaks on the grid.
@@ -182,7 +196,9 @@ class DisturbanceDetector(ArrayState):
         for f in np.flatnonzero(unusual).tolist():
             own = None if usable is None else usable[f : f + 1]
             codes[f] = self._locate(self._figures(x[:, f : f + 1], own)[1], own)
-        self._unusual = [*self._unusual, *np.where(unusual, SEVERAL, USUAL).tolist()][-WINDOW_FRAMES:]
+        self._unusual = [*self._unusual, *np.where(unusual, Shows.SEVERAL, Shows.USUAL).tolist()][
+            -WINDOW_FRAMES:
+        ]
         quiet = frames.known & ~unusual
         if unusual.any() and quiet.sum() >= 2:
             self.baseline = NoiseBaseline(*self._baseline_arguments)
@@ -192,7 +208,7 @@ class DisturbanceDetector(ArrayState):
         self._note(x, outliers, index)
         self.latest = np.stack((self.baseline.level, frames.rms.min(axis=0)))
         if self._check_rest():
-            codes[:] = MOTION
+            codes[:] = ReasonCode.MOTION
             self.rest_changes.append((index + x.shape[1] * x.shape[2] * x.shape[3], False))
 
     def _without(self, outliers: Bools, d: Floats, usable: Bools | None) -> FrameStatistics:
@@ -233,7 +249,7 @@ class DisturbanceDetector(ArrayState):
         frames, d = self._figures(x, usable)
         frames, unusual, outliers = self._without_outliers(frames, d, usable)
         several = np.count_nonzero(unusual) > 1 or bool(baseline.moved(frames).any())
-        state = (SEVERAL if several else ONE_CHANNEL) if unusual.any() else USUAL
+        state = (Shows.SEVERAL if several else Shows.ONE_CHANNEL) if unusual.any() else Shows.USUAL
         self._unusual = [*self._unusual[1:], state]
         if state:
             codes[:] = self._locate(d, usable)
@@ -241,9 +257,11 @@ class DisturbanceDetector(ArrayState):
             baseline.skip(1)
         if self.moving:
             return self._continue_motion(frames, codes)
-        if WINDOW_FRAMES - self._unusual.count(USUAL) >= MOTION_FRAMES:
+        if WINDOW_FRAMES - self._unusual.count(Shows.USUAL) >= MOTION_FRAMES:
             self.moving, self._candidates = 1, []
-            self._reason = MOTION if self._unusual.count(SEVERAL) >= MOTION_FRAMES else KNOCK
+            self._reason = (
+                ReasonCode.MOTION if self._unusual.count(Shows.SEVERAL) >= MOTION_FRAMES else ReasonCode.KNOCK
+            )
             codes[:] = self._reason
         elif not state and frames.known[0]:
             self._learn(frames, codes, outliers)
@@ -254,14 +272,14 @@ class DisturbanceDetector(ArrayState):
     def _continue_motion(self, frames: FrameStatistics, codes: Codes) -> bool:
         """Mark a frame while everything is marked, and return whether the record breaks behind it."""
         self.moving += 1
-        if self._unusual.count(SEVERAL) >= MOTION_FRAMES:
-            self._reason = MOTION
+        if self._unusual.count(Shows.SEVERAL) >= MOTION_FRAMES:
+            self._reason = ReasonCode.MOTION
         codes[:] = self._reason
         if frames.known[0]:
             self._candidates.append(frames)
         if self.baseline.ready and not any(self._unusual[-QUIET_FRAMES:]):
             self.moving, self._candidates = 0, []
-        elif len(self._candidates) >= NEW_BASELINE_FRAMES:
+        elif len(self._candidates) >= REST_FRAMES:
             return self._try_new_baseline()
         return False
 
@@ -286,14 +304,14 @@ class DisturbanceDetector(ArrayState):
         self.outliers.count(outliers, len(frames.mean))
         self.baseline.add(frames)
         if self._check_rest():
-            codes[-1:] = MOTION  # the scales change with the last frame that is learned
+            codes[-1:] = ReasonCode.MOTION  # the scales change with the last frame that is learned
 
     def _check_rest(self) -> bool:
         """Discard a baseline that turns out to be motion, and return whether it was."""
         if not self.inertial or self.baseline.at_rest:
             return False
         self.baseline = NoiseBaseline(*self._baseline_arguments)
-        self.moving, self._reason, self._candidates = 1, MOTION, []
+        self.moving, self._reason, self._candidates = 1, ReasonCode.MOTION, []
         return True
 
     def _try_new_baseline(self) -> bool:
@@ -305,7 +323,7 @@ class DisturbanceDetector(ArrayState):
         if not trial.at_rest or trial.unusual(frames).any(axis=1).mean() > MOST_UNUSUAL:
             return False
         self.baseline, self.moving = trial, 0
-        self._unusual = [USUAL] * WINDOW_FRAMES
+        self._unusual = [Shows.USUAL] * WINDOW_FRAMES
         return self.inertial
 
     def _locate(self, d: Floats, usable: Bools | None) -> Codes:
@@ -329,8 +347,8 @@ class DisturbanceDetector(ArrayState):
             if usable is not None:
                 rest &= usable
             if not baseline.unusual(FrameStatistics.of(d * rest, rest, baseline.origin)).any():
-                return np.where(hit, KNOCK, 0).astype(np.int8)
-        return np.full(PARTS, KNOCK, dtype=np.int8)
+                return np.where(hit, ReasonCode.KNOCK, 0).astype(np.int8)
+        return np.full(PARTS, ReasonCode.KNOCK, dtype=np.int8)
 
     def extend(self, start: int, end: int, code: int, values: Floats) -> None:
         """Begin or extend the running disturbance.
@@ -363,11 +381,11 @@ class DisturbanceDetector(ArrayState):
             # a channel without noise is the worst that moves
             share = np.where(distance > 0.0, distance / deviation, 0.0)
         worst = int(np.argmax(share))
-        sized = code != STUCK and distance[worst] > 0.0
+        sized = code != ReasonCode.STUCK and distance[worst] > 0.0
         size, channel = (float(distance[worst]), self.channels[worst]) if sized else (None, None)
-        if code == STUCK and np.median(self._repeats) < ONE_AXIS * self._repeats.max():
+        if code == ReasonCode.STUCK and np.median(self._repeats) < ONE_AXIS * self._repeats.max():
             channel = self.channels[int(np.argmax(self._repeats))]
-        named = self.inertial or code in (CLIPPED, STUCK)
+        named = self.inertial or code in (ReasonCode.CLIPPED, ReasonCode.STUCK)
         return Disturbance(REASONS[code - 1] if named else "magnetic", start, end - start, size, channel)
 
     def save(self) -> dict[str, np.ndarray]:
@@ -386,7 +404,8 @@ class DisturbanceDetector(ArrayState):
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
         """Continue from a saved state."""
         self.moving = int(saved["state"][0])
-        self._reason, *self._unusual = (int(v) for v in saved["state"][1:])
+        self._reason = ReasonCode(saved["state"][1])
+        self._unusual = [Shows(v) for v in saved["state"][2:]]
         self.outliers.restore(subset(saved, "outliers."))
         found = saved["found"].tolist()
         self.found = [Outlier(int(at), int(group), int(c), size) for at, group, c, size in found]

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from imumon.noise.detection.disturbance import (
-    GLITCH,
-    MAGNETIC,
     REASONS,
     Codes,
     Disturbance,
     DisturbanceDetector,
     Outlier,
     Reason,
+    ReasonCode,
 )
 from imumon.samples import Bools, Floats
 
@@ -63,10 +62,12 @@ class Exclusions:
             received = np.asarray(valid[:, detector.groups].any(axis=1), dtype=bool)
             hit = received & (rows[:, w] > 0)
             if detector.inertial:
-                self.counts[:MAGNETIC] += np.bincount(rows[hit, w], minlength=MAGNETIC)[:MAGNETIC]
+                self.counts[: ReasonCode.MAGNETIC] += np.bincount(
+                    rows[hit, w], minlength=ReasonCode.MAGNETIC
+                )[: ReasonCode.MAGNETIC]
                 inertial = hit
             else:
-                self.counts[MAGNETIC] += int((hit & ~inertial).sum())
+                self.counts[ReasonCode.MAGNETIC] += int((hit & ~inertial).sum())
             valid[np.ix_(np.flatnonzero(rows[:, w]), np.array(detector.groups))] = False
             if not codes[0, w]:
                 self.end([detector])
@@ -89,7 +90,7 @@ class Exclusions:
         for detector in self._detectors:
             due = [outlier for outlier in detector.found if outlier.place < end]
             detector.found = detector.found[len(due) :]
-            code = GLITCH if detector.inertial else MAGNETIC
+            code = ReasonCode.GLITCH if detector.inertial else ReasonCode.MAGNETIC
             for outlier in due if excludes else ():
                 row = outlier.place - index
                 if valid[row, outlier.group]:

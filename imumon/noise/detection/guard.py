@@ -25,15 +25,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from imumon.noise.detection.disturbance import (
-    CLIPPED,
     INERTIAL,
-    MAGNETIC,
     REASONS,
-    STUCK,
     Codes,
     Disturbance,
     DisturbanceDetector,
     Reason,
+    ReasonCode,
     subset,
 )
 from imumon.noise.detection.exclusions import Exclusions
@@ -149,7 +147,7 @@ class Guard:
         """Excluded samples of gyroscope and accelerometer, or of a stream that has neither."""
         inertial = any(detector.inertial for detector in self._detectors)
         counts = self._exclusions.counts
-        return int(counts[:MAGNETIC].sum() if inertial else counts.sum())
+        return int(counts[: ReasonCode.MAGNETIC].sum() if inertial else counts.sum())
 
     @property
     def held(self) -> int:
@@ -284,7 +282,7 @@ class Guard:
             else:
                 detector.assess_first(x, usable, own, self._index + done)
             if not clean:
-                for code, hit in ((CLIPPED, saturated), (STUCK, repeats)):
+                for code, hit in ((ReasonCode.CLIPPED, saturated), (ReasonCode.STUCK, repeats)):
                     own[np.any((hit & received).reshape(shape), axis=2)] = code
         self._repeats.learn(k)
         self._codes = np.concatenate((self._codes, codes.reshape(-1, len(self._detectors))))
@@ -382,7 +380,7 @@ def _with_margins(codes: Codes) -> Codes:
     """Return the codes of parts with the margins of their reasons; if several apply, the highest."""
     out = codes.copy()
     for code in np.unique(codes[codes > 0]).tolist():
-        before, after = MARGIN_BEFORE, STUCK_MARGIN_AFTER if code == STUCK else MARGIN_AFTER
+        before, after = MARGIN_BEFORE, STUCK_MARGIN_AFTER if code == ReasonCode.STUCK else MARGIN_AFTER
         reach = np.convolve(codes == code, np.ones(before + after + 1))[before : before + len(codes)] > 0.5
         np.maximum(out, np.int8(code), out=out, where=reach)
     return out

@@ -166,7 +166,7 @@ class Describer:
             if powers.top.size < LEAST_ROWS:
                 break
             rows = np.argsort(-powers.top)[:8]
-            ratio = np.log(powers.power[rows] / powers.expected[rows, 0])
+            ratio = np.log(np.maximum(powers.power[rows], 1e-300) / powers.expected[rows, 0])
             weight = 1.0 / (2.0 / powers.dof[rows] + TOLERANCE**2)
             misfit = float(weight @ (ratio - weight @ ratio / weight.sum()) ** 2)
             if misfit < least:

@@ -36,7 +36,7 @@ LEAST_POWER, LEAST_SHARE = 1e-3, 1e-30
 HUGE = 1e300
 """Logarithm of a likelihood that is zero."""
 LEAST_INFORMATION = 1e-100
-"""Information about a shape that no band shows, and about a column that no coefficient shows."""
+"""Information about a shape that no band shows, and about a column that no coefficient shows; least power."""
 SAME_COLUMNS = 1e-12
 """Share of the information below which columns of few coefficients are alike."""
 
@@ -170,7 +170,8 @@ class Likelihood:
     @cached_property
     def _floor(self) -> Floats:
         """(r,) least power of a model."""
-        return np.asarray(np.maximum(LEAST_POWER * self.powers.power, LEAST_SHARE * self.powers.power.max()))
+        share = np.maximum(LEAST_POWER * self.powers.power, LEAST_SHARE * self.powers.power.max())
+        return np.asarray(np.maximum(share, LEAST_INFORMATION))
 
     @cached_property
     def _white(self) -> float:
@@ -180,7 +181,10 @@ class Likelihood:
         rows = (
             order[third : 2 * third] if self.shape == "filtered" and order.size > 2 * third else order[:third]
         )
-        return float(np.median(self.powers.power[rows] / self.powers.expected[rows, 0]))
+        found = self.powers.power[rows] / self.powers.expected[rows, 0]
+        return float(
+            np.median(found) or max(found.mean(), LEAST_INFORMATION)
+        )  # impulses leave most bands empty
 
     def _first_shape(self, b: float, k: float) -> float:
         """Return a first value of the shape: the best of a few for some B^2 and K^2."""
@@ -356,7 +360,7 @@ def _information(weight: Floats, slopes: tuple[Floats, Floats]) -> tuple[Floats,
     """Return (m,) the information about N^2, about both, about the shape, and its determinant."""
     aa, ac, cc = ((weight * slopes[i] * slopes[j]).sum(axis=1) for i, j in ((0, 0), (0, 1), (1, 1)))
     cc = np.maximum(cc, LEAST_INFORMATION)
-    return aa, ac, cc, np.maximum(aa * cc - ac * ac, 1e-12 * aa * cc)
+    return aa, ac, cc, np.maximum(np.maximum(aa * cc - ac * ac, 1e-12 * aa * cc), 1e-300)
 
 
 def _near(surface: Surface, axis: int) -> Floats:
