@@ -373,9 +373,7 @@ def test_a_temperature_that_some_rows_lack_is_used_where_it_is_known(tmp_path: P
     assert "temperature" not in report.channels
 
 
-@pytest.mark.parametrize(
-    ("given", "actual", "factor"), [("m/s2", "g", 1 / G), ("g", "m/s2", 1.0), ("g", "mg", 1000 / G)]
-)
+@pytest.mark.parametrize(("given", "actual", "factor"), [("m/s2", "g", 1 / G), ("g", "m/s2", 1.0)])
 def test_an_acceleration_that_is_one_g_in_another_unit_is_an_error(
     tmp_path: Path, given: str, actual: str, factor: float
 ) -> None:
