@@ -28,4 +28,5 @@ settings.load_profile("busy")
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the files that take longest, so that no process works alone at the end."""
-    items.sort(key=lambda item: item.path.name not in ("test_docs.py", "test_architecture.py"))
+    long = ("test_docs.py", "test_architecture.py", "test_tui.py", "test_tui_terminal.py")
+    items.sort(key=lambda item: item.path.name not in long)

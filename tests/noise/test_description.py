@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from scipy.signal import butter, lfilter
+import scipy
 
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, fit_curve, synthesise
 from imumon.noise.allan import AllanCurve
@@ -55,18 +55,18 @@ def check_noise(fits: Sequence[ChannelFit]) -> None:
 
 
 def moving_average(values: Floats, length: int) -> Floats:
-    return np.asarray(lfilter(np.full(length, 1.0 / length), 1.0, values, axis=0)[100:])
+    return np.asarray(scipy.signal.lfilter(np.full(length, 1.0 / length), 1.0, values, axis=0)[100:])
 
 
 def low_pass(values: Floats, samples: float) -> Floats:
     """Return values behind a low-pass of first order with a time constant of some samples."""
     pole = math.exp(-1.0 / samples)
-    return np.asarray(lfilter([1.0 - pole], [1.0, -pole], values, axis=0)[100:])
+    return np.asarray(scipy.signal.lfilter([1.0 - pole], [1.0, -pole], values, axis=0)[100:])
 
 
 def second_order(values: Floats, share: float) -> Floats:
     """Return values behind a Butterworth filter with its corner at a share of half the sampling rate."""
-    return np.asarray(lfilter(*butter(2, share), values, axis=0)[100:])
+    return np.asarray(scipy.signal.lfilter(*scipy.signal.butter(2, share), values, axis=0)[100:])
 
 
 @pytest.mark.parametrize("length", [2, 3, 4, 5, 8])
@@ -124,7 +124,7 @@ def line(frequency_hz: float, size: float, *, wander: float = 0.0, change: float
     """Return (n, c) a line of some standard deviations of the noise whose frequency and size change over a minute."""
     rng, pole = np.random.default_rng(3), math.exp(-1.0 / 60.0)
     seconds = round((LENGTH + 100) / RATE) + 2
-    steps = lfilter(
+    steps = scipy.signal.lfilter(
         [math.sqrt(1.0 - pole**2)], [1.0, -pole], rng.standard_normal((2, seconds, CHANNELS)), axis=1
     )
     time = np.arange(LENGTH + 100) / RATE
@@ -166,7 +166,7 @@ def test_many_lines_leave_the_noise(quiet: Floats, more: int) -> None:
 @pytest.mark.parametrize(("pole", "size"), [(0.999, 3.0), (0.99, 2.0)])
 def test_a_resonance_leaves_n(quiet: Floats, pole: float, size: float) -> None:
     turn = 2.0 * pole * math.cos(2.0 * math.pi * 8.0 / RATE)
-    shaken = lfilter(
+    shaken = scipy.signal.lfilter(
         [1.0], [1.0, -turn, pole**2], np.random.default_rng(1).standard_normal(quiet.shape), axis=0
     )
     gain = size * SIGMA / shaken.std()
@@ -180,7 +180,7 @@ def test_a_walk_that_comes_back_is_a_misfit() -> None:
     """Exponentially correlated noise (IEEE 952, B.2.3) is a random walk below its time constant only."""
     pole = math.exp(-1.0 / (40.0 * RATE))
     steps = np.random.default_rng(4).standard_normal((4 * LENGTH, CHANNELS))
-    values = lfilter([20.0 * B * math.sqrt(1.0 - pole**2)], [1.0, -pole], steps, axis=0)
+    values = scipy.signal.lfilter([20.0 * B * math.sqrt(1.0 - pole**2)], [1.0, -pole], steps, axis=0)
     values += synthesise(4 * LENGTH, RATE, N=[N] * CHANNELS, B=B, seed=4, averaged=False)
     assert all("misfit" in fit.caveats for fit in fitted(values))
 

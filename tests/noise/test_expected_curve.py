@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import scipy.stats
+import scipy
 
 from imumon.noise import OctaveCascade, fit_curve, read_slopes, synthesise
 from imumon.noise.blocks import BlockMeans

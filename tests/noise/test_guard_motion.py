@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+import scipy
 
 from imumon.noise.detection import Guard
 from imumon.noise.detection.frame_statistics import PARTS, FrameStatistics
@@ -37,7 +37,7 @@ def carried(n: int, rate: float, seed: int) -> Floats:
     """Return (n, 6) rates and accelerations of a hand: noise of 1 Hz and of tremor at 8 Hz."""
     rng = np.random.default_rng(seed)
     slow, drive = np.exp(-2.0 * np.pi / rate), rng.standard_normal((n, 6))
-    slow_motion = lfilter([np.sqrt(1.0 - slow**2)], [1.0, -slow], drive, axis=0)
+    slow_motion = scipy.signal.lfilter([np.sqrt(1.0 - slow**2)], [1.0, -slow], drive, axis=0)
     tremor = np.sin(2.0 * np.pi * 8.0 * np.arange(n)[:, None] / rate + rng.random(6))
     return np.asarray((slow_motion + 0.1 * tremor) * ([0.1] * 3 + [0.5] * 3))
 
@@ -75,7 +75,7 @@ def test_noise_behind_the_filter_of_a_sensor_is_rest(rate: float) -> None:
     """White noise behind a low pass of 20 Hz: neighbouring samples differ by less than those of white noise."""
     pole = np.exp(-2.0 * np.pi * 20.0 / rate)
     white = at_rest(1200.0, rate, 5.0, 0.3)
-    guard, valid = run(lfilter([1.0 - pole], [1.0, -pole], white - LEVEL, axis=0) + LEVEL, rate)
+    guard, valid = run(scipy.signal.lfilter([1.0 - pole], [1.0, -pole], white - LEVEL, axis=0) + LEVEL, rate)
     assert guard.at_rest
     assert valid.all()
 

@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import stats
 
 from imumon.noise.statistics.moments import ChannelMoments, Moments, MomentsResult
 
@@ -30,8 +30,8 @@ def check(result: MomentsResult, values: np.ndarray, ok: np.ndarray) -> None:
         if len(x) < 3:
             continue
         assert got.std == pytest.approx(x.std(ddof=1), rel=1e-9)
-        assert got.skewness == pytest.approx(stats.skew(x), rel=1e-6, abs=1e-9)
-        assert got.excess_kurtosis == pytest.approx(stats.kurtosis(x), rel=1e-6, abs=1e-9)
+        assert got.skewness == pytest.approx(scipy.stats.skew(x), rel=1e-6, abs=1e-9)
+        assert got.excess_kurtosis == pytest.approx(scipy.stats.kurtosis(x), rel=1e-6, abs=1e-9)
     if (n := ok[:, 0].sum()) > 1:
         pair = result.covariance[0]
         assert pair is not None
@@ -99,7 +99,7 @@ def test_an_offset_costs_no_precision() -> None:
     x = moments.result().channels[0]
     assert x.std == pytest.approx(noise.std(ddof=1), rel=1e-12)
     assert x.mean == pytest.approx(9.8 + noise.mean(), abs=1e-15 * 10)
-    assert x.excess_kurtosis == pytest.approx(stats.kurtosis(noise[:, 0]), abs=1e-9)
+    assert x.excess_kurtosis == pytest.approx(scipy.stats.kurtosis(noise[:, 0]), abs=1e-9)
 
 
 def test_a_constant_has_no_shape() -> None:

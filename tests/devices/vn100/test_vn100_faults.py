@@ -1,0 +1,283 @@
+"""What a session with a VN-100 does about faults, and the settings that it restores."""
+
+from __future__ import annotations
+
+import random
+import re
+
+import pytest
+from vn100_bench import RATE, Bench, Killed, kinds
+
+from imumon.devices.vn100.ascii import ERRORS, encode
+from imumon.devices.vn100.commands import OtherSensor
+from imumon.devices.vn100.emulator import EmulatorSettings
+from imumon.devices.vn100.emulator.command_handler import CommandHandler
+from imumon.devices.vn100.emulator.emulator import make_device
+from imumon.devices.vn100.vn100_session import StreamRequest
+
+# ---------------------------------------------------------------------- faults
+
+
+def test_restarted_sensor_is_configured_again() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.run(session, 1.0)
+    bench.power_cut()
+    samples, notices = bench.run(session, 5.0)
+    assert "reconfigured" in kinds(notices)
+    assert samples > 200
+    samples, notices = bench.run(session, 1.0)
+    assert samples >= 95
+    assert notices == []
+    assert session.restore()
+    assert bench.device.registers.read(6) == ("14",)
+
+
+def test_restarted_sensor_with_the_same_saved_stream_is_configured_again() -> None:
+    bench = Bench()
+    for words in (b"06,0", b"75,1,8,05,0001,00F2", b"82,0,1,1,0,0"):
+        bench.device.receive(b"$VNWRG,%b*XX\r\n" % words, bench.now)
+    bench.device.receive(b"$VNWNV*XX\r\n", bench.now)
+    session = bench.streaming()
+    assert bench.run(session, 2.0)[1] == []
+    bench.power_cut()
+    _, notices = bench.run(session, 3.0)
+    assert kinds(notices) == ["reconfigured"]
+    assert bench.device.registers.read(82) == ("0", "0", "0", "0", "0"), "the deltas are uncompensated again"
+    assert bench.run(session, 1.0)[1] == []
+
+
+@pytest.mark.parametrize("flash", [9600, 460800])
+def test_other_baud_after_a_power_interruption_is_found(flash: int) -> None:
+    bench = Bench(make_device(EmulatorSettings(seed=1, baud=flash, rate=RATE.get(flash, 40.0))))
+    session = bench.streaming(StreamRequest(set_baud=115200))
+    assert bench.baud == 115200
+    bench.run(session, 0.5)
+    bench.power_cut()
+    samples, notices = bench.run(session, 14.0)
+    assert "found" in kinds(notices) or "reconfigured" in kinds(notices)
+    assert samples >= 95
+    assert bench.baud == 115200, "the requested baud rate is set again"
+
+
+def test_paused_sensor_is_resumed_during_the_stream() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.device.receive(b"$VNASY,0*XX\r\n", bench.now)
+    samples, notices = bench.run(session, 3.0)
+    assert samples >= 100
+    assert kinds(notices) == ["resumed"]
+
+
+def test_one_second_of_bad_checksums_reopens_the_port() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.garbling = bench.cured_by_reopening = True
+    samples, notices = bench.run(session, 4.0)
+    assert kinds(notices) == ["garbage", "resumed"]
+    assert samples >= 200
+
+
+def test_lasting_bad_checksums_give_one_notice() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.garbling = True
+    _, notices = bench.run(session, 25.0)
+    assert kinds(notices).count("garbage") <= 1
+    assert kinds(notices).count("lost") <= 1
+    bench.garbling = False
+    samples, notices = bench.run(session, 20.0)
+    assert samples > 100
+    assert bench.run(session, 1.0)[0] >= 95
+
+
+def test_silence_and_its_end_give_one_notice_each() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.dead = True
+    _, notices = bench.run(session, 25.0)
+    assert kinds(notices).count("silent") == 1
+    bench.dead = False
+    _, notices = bench.run(session, 12.0)
+    assert bench.run(session, 1.0)[0] >= 95
+    assert {"resumed", "found", "reconfigured"} & set(kinds(notices))
+    assert "garbage" not in kinds(notices), "the port keeps the baud rate of the sensor"
+
+
+def test_sensor_errors_give_notices() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.device.receive(b"$VNXXX*XX\r\n", bench.now)
+    _, notices = bench.run(session, 0.5)
+    assert kinds(notices) == ["sensor_error"]
+    assert "invalid command" in notices[0].text
+
+
+def test_repeated_sensor_error_gives_one_notice_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("imumon.devices.vn100.vn100_session.ERROR_NOTICE_S", 5.0)
+    bench = Bench()
+    session, notices = bench.streaming(), []
+    for _ in range(70):
+        bench.device.receive(b"$VNXXX*XX\r\n", bench.now)
+        notices += bench.run(session, 0.1)[1]
+    assert kinds(notices) == ["sensor_error"] * 2
+    assert re.search(r"\d+ more", notices[1].text)
+
+
+def test_unknown_sensor_errors_count_as_one() -> None:
+    bench = Bench()
+    session, notices = bench.streaming(), []
+    for code in sorted(set(range(256)) - set(ERRORS)):
+        bench._queue += encode(f"VNERR,{code:02X}")
+        notices += bench.run(session, 0.04)[1]
+    assert kinds(notices) == ["sensor_error"]
+
+
+def test_another_sensor_on_the_same_port_is_refused() -> None:
+    bench = Bench()
+    with pytest.raises(OtherSensor) as error:
+        bench.session(serial="0100000001").connect()
+    assert error.value.code == "other_sensor"
+    assert all(serial in error.value.message for serial in ("0100056785", "0100000001"))
+    session = bench.streaming()
+    bench.device = make_device(EmulatorSettings(seed=2, serial="0100000002"))
+    bench.device.advance(int(bench.now * 800))
+    with pytest.raises(OtherSensor) as error:
+        bench.run(session, 5.0)
+    assert error.value.code == "other_sensor"
+
+
+def test_lossy_line_is_usable() -> None:
+    bench = Bench()
+    live, noise = bench._live, random.Random(3)
+
+    def lossy() -> None:
+        live()
+        for at in range(len(bench._queue)):
+            if noise.random() < 1e-3:
+                bench._queue[at] ^= 1 << noise.randrange(8)
+
+    bench._live = lossy  # type: ignore[method-assign]
+    session = bench.streaming()
+    assert session.info().stream == "deltas"
+    assert bench.run(session, 4.0)[0] > 300
+
+
+def test_flash_is_not_written_and_the_sensor_is_not_reset() -> None:
+    bench = Bench()
+    session = bench.streaming(StreamRequest(set_baud=230400))
+    bench.run(session, 1.0)
+    bench.power_cut()
+    bench.run(session, 4.0)
+    session.restore()
+    allowed = {b"$VNRRG", b"$VNWRG", b"$VNASY"}
+    assert {command[:6] for command in bench.written} == allowed
+
+
+# ---------------------------------------------------------------------- restored settings
+
+
+def _random_settings(dice: random.Random) -> CommandHandler:
+    """Return a device with random settings."""
+    baud = dice.choice((115200, 230400, 921600))
+    device = make_device(EmulatorSettings(seed=1, baud=baud, serial_port=dice.choice((1, 2))))
+    device.set_register(6, dice.choice(("0", "14", "19", "1")))
+    device.set_register(7, dice.choice(("1", "20", "40")))
+    device.set_register(82, "0", dice.choice("01"), dice.choice("01"), "0", "0")
+    device.set_register(
+        85,
+        "0",
+        *(dice.choice(("0", "1", "4", "20")) for _ in range(4)),
+        *(dice.choice("0123") for _ in range(5)),
+    )
+    for register in (75, 76, 77):
+        if dice.random() < 0.4:
+            device.set_register(register, dice.choice("0123"), dice.choice(("80", "40")), "01", "0129")
+    return device
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_restore_restores_every_register(seed: int) -> None:
+    dice = random.Random(seed)
+    bench = Bench(_random_settings(dice))
+    before = bench.registers()
+    stream = dice.choice(("deltas", "uncompensated", "compensated"))
+    session = bench.streaming(StreamRequest(stream=stream, set_baud=dice.choice((None, 460800))))  # type: ignore[arg-type]
+    assert bench.registers() != before
+    bench.run(session, 0.5)
+    assert session.restore()
+    assert bench.registers() == before
+    assert session.restore(), "a second call writes nothing"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_settings_are_restored_after_a_kill_at_any_moment(seed: int) -> None:
+    """The same session restores them after an interruption, the next one after a kill."""
+    dice = random.Random(100 + seed)
+    original = _random_settings(dice)
+    request = StreamRequest(
+        stream=dice.choice(("deltas", "uncompensated")), set_baud=dice.choice((None, 460800))
+    )  # type: ignore[arg-type]
+    before = Bench(original).registers()
+    for steps in range(seed % 3, 1000, 3):
+        for killed in (True, False):
+            bench = Bench(original)
+            session = bench.session(request)
+            session.connect()
+            saved = session.save_settings()
+            bench.steps_left = steps
+            try:
+                session.configure()
+                finished = True
+            except Killed:
+                finished = False
+            bench.steps_left = None
+            if killed:
+                session = bench.session(request)
+                session.connect()
+                session.save_settings(saved)
+                session.configure()
+                assert bench.run(session, 0.3)[0] > 10
+            assert session.restore()
+            assert bench.registers() == before, f"ended at step {steps}"
+        if finished:
+            return
+    raise AssertionError("the set-up never ended")
+
+
+def test_settings_of_a_killed_process_are_restored_without_saved_settings() -> None:
+    for stream in ("deltas", "uncompensated"):
+        bench = Bench()
+        before = bench.registers()
+        bench.streaming(StreamRequest(stream=stream))  # type: ignore[arg-type]
+        assert bench.registers() != before
+        second = bench.streaming()
+        assert second.restore()
+        assert bench.registers() == before, "the factory settings"
+
+
+def test_old_saved_settings_do_not_undo_later_changes_of_the_user() -> None:
+    bench = Bench()
+    saved = bench.session().connect() and {
+        "5": "9600",
+        "6": "19",
+        "75": "1,80,01,0129",
+        "85": "0,9,9,9,0,0,3,3,3,0",
+    }
+    bench.device.set_register(85, "0", "3", "5", "4", "0", "0", "3", "3", "3", "0")
+    before = bench.registers()
+    session = bench.session()
+    session.connect()
+    session.save_settings(saved)
+    session.configure()
+    assert session.restore()
+    assert bench.registers() == before
+
+
+def test_restore_without_a_sensor_ends_soon() -> None:
+    bench = Bench()
+    session = bench.streaming()
+    bench.dead = True
+    begun = bench.now
+    assert not session.restore()
+    assert bench.now - begun < 1.0
