@@ -77,7 +77,8 @@ class Periods:
                     number = shortest.number * STEPS_S[0] // step
                     self._current[step] = replace(shortest, step_s=step, number=number)
         own = record.elapsed_s % STEPS_S[0]
-        self._due_s = record.elapsed_s + min(max(LEAST_PAUSE_S, PAUSE_GROWTH * own), LONGEST_PAUSE_S)
+        pause_s = min(max(LEAST_PAUSE_S, PAUSE_GROWTH * own), LONGEST_PAUSE_S)
+        self._due_s = record.elapsed_s + pause_s if self._current else 0.0
         return list(self._current.values())
 
     def save(self) -> dict[str, Any]:

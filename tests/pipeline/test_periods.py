@@ -85,11 +85,17 @@ def test_a_day_has_the_slope_against_its_temperature() -> None:
     assert "slope" not in day.channels["temperature"].coefficients
 
 
-@pytest.mark.parametrize("hours", [0.05, 1.05])
-def test_a_young_period_of_any_length_shows_what_it_has(hours: float) -> None:
+@pytest.mark.parametrize(("rate", "hours"), [(4.0, 1.05), (100.0, 0.005)])
+def test_a_young_period_of_any_length_shows_what_it_has(
+    rate: float, hours: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(globals(), "RATE", rate)
     made = monitor()
-    made.periods_in_progress()  # a daemon asks before the first sample
-    feed(made, values(hours))
+    samples = values(hours)
+    for at in range(0, len(samples), 100):
+        feed(made, samples[at : at + 100], first=at)
+        if at < 400:
+            made.periods_in_progress()  # a daemon asks from the first samples on, which the guard still holds
     young, *longer = made.periods_in_progress()
     assert [each.step_s for each in longer] == [3600, 86400]
     assert longer[0].samples == young.samples > 0
