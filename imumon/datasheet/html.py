@@ -17,7 +17,7 @@ from imumon.datasheet.elements import (
 )
 
 SHORT = 14  # rows up to which a table is not broken between two printed pages
-UNBROKEN = 30  # characters up to which a cell stays on one line
+UNBROKEN = 36  # characters up to which a cell is broken before a parenthesis only
 
 STYLE = """
 :root { color-scheme: light dark; --ground: #fff; --text: #1b1f24; --muted: #5b6470; --rule: #d5dae0;
@@ -146,8 +146,11 @@ def _table(table: DataTable) -> str:
 
 
 def _cell(text: str) -> str:
-    """Return a cell; short ones, such as a number with its limits, stay on one line."""
-    return html.escape(text) if len(text) > UNBROKEN else f'<span class="one">{html.escape(text)}</span>'
+    """Return a cell; short ones stay on one line, or have their limits on the next."""
+    if len(text) > UNBROKEN:
+        return html.escape(text)
+    first, *limits = html.escape(text).split(" (")
+    return " ".join(f'<span class="one">{part}</span>' for part in (first, *(f"({each}" for each in limits)))
 
 
 def _title(text: str) -> str:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pypdfium2
 import pytest
@@ -18,6 +21,10 @@ from imumon.errors import ImumonError
 from imumon.evaluation import Item
 from imumon.filter_report import FilterReport
 from imumon.report import Report
+
+MARGIN = 40.0
+"""pt, of a page: 15 mm are 42.5."""
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 
 
 @pytest.fixture(scope="module")
@@ -63,3 +70,27 @@ def test_without_the_extra_it_says_what_to_install(sheet: Report, monkeypatch: p
     assert isinstance(raised.value, ImumonError)
     assert raised.value.code == "pdf_not_installed"
     assert "imumon[pdf]" in raised.value.cure
+
+
+def test_nothing_is_beyond_the_margins(pdf: pypdfium2.PdfDocument) -> None:
+    for page in pdf:
+        width, text = page.get_width(), page.get_textpage()
+        boxes = [text.get_charbox(k) for k in range(text.count_chars())]
+        assert min(box[0] for box in boxes) > MARGIN
+        assert max(box[2] for box in boxes) < width - MARGIN
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no browser")
+def test_a_browser_prints_the_same_pages(sheet: Report, pdf: pypdfium2.PdfDocument, tmp_path: Path) -> None:
+    page, printed = tmp_path / "sheet.html", tmp_path / "printed.pdf"
+    page.write_bytes(document(sheet, "html", FilterReport(time=sheet.time, device=sheet.device)))
+    words = ["--headless", "--no-sandbox", "--disable-gpu", f"--print-to-pdf={printed}", str(page)]
+    subprocess.run([str(BROWSER), *words], check=True, capture_output=True, timeout=120.0)
+    other = pypdfium2.PdfDocument(printed)
+    assert len(other) == len(pdf)
+    for one, two in zip(pdf, other, strict=True):
+        own, same = (
+            "".join(sorted("".join(each.get_textpage().get_text_range().split()))) for each in (one, two)
+        )
+        assert own == same
