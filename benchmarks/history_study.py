@@ -23,7 +23,7 @@ from imumon.history_report import PeriodChannel
 from imumon.noise.stretches import RecordStatistics
 from imumon.noise.synthesis import synthesise
 from imumon.pipeline import Monitor, MonitorOptions
-from imumon.pipeline import monitor as monitor_module
+from imumon.pipeline import record as record_module
 from imumon.pipeline.periods import Periods
 from imumon.samples import Floats, SampleBlock, Stream
 
@@ -65,13 +65,13 @@ def samples(seed: int) -> Floats:
 class _Days(Periods):
     """Periods of which only days are fitted."""
 
-    def _channels(self, stretch: Any, moments: Any) -> dict[str, PeriodChannel]:
-        return super()._channels(stretch, moments) if stretch.step_s == 86400 else {}
+    def _channels(self, stretch: Any, moments: Any, *, complete: bool) -> dict[str, PeriodChannel]:
+        return super()._channels(stretch, moments, complete=complete) if stretch.step_s == 86400 else {}
 
 
 def days_of(seed: int) -> list[TimedPeriod]:
     """The daily periods of one month."""
-    monitor_module.Periods = _Days  # type: ignore[misc]
+    record_module.Periods = _Days  # type: ignore[misc]
     RecordStatistics._compare = lambda self, hour, hour_begin: {}  # type: ignore[method-assign]
     monitor, values, days = Monitor(MonitorOptions(periods=True)), samples(seed), []
     for at in range(0, len(values), 20_000):

@@ -27,7 +27,7 @@ def matlab_slope(values: np.ndarray, rate: float) -> tuple[float | None, ...]:
         ]
     )
     found = read_slopes(tau[: len(sigma)], sigma)
-    return found.N, found.B, found.K
+    return tuple(found.values())
 
 
 def least_squares(values: np.ndarray, rate: float) -> tuple[float, ...]:
