@@ -10,6 +10,7 @@ import numpy as np
 
 from imumon.ros2 import ros_messages
 from imumon.ros2.ros_messages import message, type_store
+from imumon.samples import Item, SampleBlock
 
 
 def encode(type_name: str, data: Mapping[str, Any]) -> bytes:
@@ -51,3 +52,8 @@ def header(stamp_ns: int, frame_id: str = "") -> dict[str, Any]:
     """Return the fields of a header."""
     made: dict[str, Any] = _plain(ros_messages.header(stamp_ns, frame_id))
     return made
+
+
+def samples(items: list[Item]) -> np.ndarray[Any, Any]:
+    """Return the values of all blocks."""
+    return np.concatenate([item.values for item in items if isinstance(item, SampleBlock)])
