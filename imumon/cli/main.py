@@ -36,7 +36,7 @@ COMMANDS = {
     "check": ("check_command", "monitoring plugin: one line and an exit code"),
     "wait": ("query", "wait until a grade or a precision is reached"),
     "history": ("history_command", "print what the sensor did over months"),
-    "sim": ("run_command", "run an emulated VN-100 on a pseudo-terminal"),
+    "sim": ("run_command", "run an emulated sensor on a pseudo-terminal"),
     "replay": ("replay_command", "process a recording with the same pipeline"),
     "report": ("report_command", "write the datasheet of a sensor, or configuration for other software"),
     "doctor": ("admin", "check port, device, Zenoh, state and service"),

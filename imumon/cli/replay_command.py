@@ -36,8 +36,10 @@ def add_read_options(parser: argparse._ActionsContainer) -> None:
     )
     text = "the only sensor that is read from a table or log, where gyro and accel have different rates"
     add("--sensor", choices=("gyro", "accel"), help=text)
-    text = "filter of the sensor, where the recording does not say: the samples that it averages, WINDOW@HZ if not "
-    add("--filter", type=sensor_filter, metavar="none|factory|WINDOW", help=f"{text}of a VN-100")
+    text = (
+        "filter of the sensor, where the recording does not say: the samples that it averages, and their rate"
+    )
+    add("--filter", type=sensor_filter, metavar="none|factory|WINDOW|WINDOW@HZ", help=text)
     text = "also compute the fully overlapping Allan deviation; memory grows with the record"
     add("--exact", action="store_true", help=text)
     text = "averaging times of --exact: octaves (default), or ten per decade"

@@ -41,7 +41,7 @@ def add_run(parser: Parser) -> None:
     add(
         "--id",
         metavar="NAME",
-        help="name in the Zenoh keys; default vn100-<serial number>, of a topic ros2-<topic>",
+        help="name in the Zenoh keys; default: kind and serial number of the sensor, or its topic or port",
     )
     text = "directory of the accumulated statistics; --port sim keeps nothing without it"
     add("--state", metavar="DIR", help=text)

@@ -50,7 +50,7 @@ class DeviceSettings(Section):
     stream: Literal["deltas", "uncompensated", "compensated"] = "deltas"
     """stream to request from the sensor: deltas, uncompensated or compensated"""
     id: str = field(default="", metadata={"max_length": 64})
-    """name in the Zenoh keys; empty: vn100-<serial number>"""
+    """name in the Zenoh keys; empty: that of the device, such as vn100-<serial number>"""
 
 
 @dataclass(frozen=True, kw_only=True)

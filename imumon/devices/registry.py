@@ -59,14 +59,14 @@ def scheme_of(url: str) -> str:
     return found[1] if found else DEFAULT_SCHEME
 
 
-def scheme_of_bytes(data: bytes) -> str:
-    """Return the scheme of the driver that finds messages in bytes which do not name it; else the default."""
+def scheme_of_bytes(data: bytes) -> str | None:
+    """Return the scheme of the driver that finds messages in bytes which do not name it; None: none does."""
     for scheme in (DEFAULT_SCHEME, *schemes()):
         with suppress(DeviceError):
             decoder = driver(scheme).decoder()
             if decoder is not None and (decoder.feed(data) or decoder.messages):
                 return scheme
-    return DEFAULT_SCHEME
+    return None
 
 
 def installed(scheme: str | None) -> DeviceDriver | None:

@@ -44,7 +44,8 @@ class DecodedCapture(Recording):
         self._capture = capture
         self._block_bytes = block_bytes
         header = capture.header or {}
-        scheme = header.get("driver") or scheme_of_bytes(capture.head[:HEAD_BYTES])
+        found = header.get("driver") or scheme_of_bytes(capture.head[:HEAD_BYTES])
+        scheme = found or DEFAULT_SCHEME
         try:
             self._driver = driver(scheme)
         except DeviceError as error:
@@ -58,6 +59,7 @@ class DecodedCapture(Recording):
                 "use its own program",
             )
         self.driver, self._decoder = scheme, decoder
+        self._title = self._driver.title if found else "known sensor"
 
     def __iter__(self) -> Iterator[Sequence[SampleBlock | Gap]]:
         for item in _in_blocks(self._capture.items(), self._block_bytes):
@@ -78,8 +80,8 @@ class DecodedCapture(Recording):
         if decoder.messages:
             text = f"{path} has {decoder.messages} valid messages but none with gyroscope or accelerometer"
             return RecordingError("no_inertial_messages", text, "let the sensor send one of them")
-        text = f"{path} has no valid message of a {self._driver.title} in {decoder.fed} bytes"
-        return RecordingError("no_messages", text, "check that it is a recording of this sensor")
+        text = f"{path} has no valid message of a {self._title} in {decoder.fed} bytes"
+        return RecordingError("no_messages", text, "check that it is a recording of a sensor")
 
 
 def _in_blocks(items: Iterable[bytes | Gap], size: int) -> Iterator[bytes | Gap]:

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import groupby
+from typing import TypeAlias
 
 import numpy as np
 
@@ -32,6 +34,8 @@ COUNTER, TICKS = 1 << 16, 1 << 32
 RESTART_TICKS = int(10.0 / TICK_S)
 """Ticks. A step modulo the period that is longer is a restart, if the clock goes back."""
 CHANNELS = (*GYRO, *ACCEL, "temperature")
+_Row: TypeAlias = "tuple[Stream, list[float], int, int, bool | None]"
+"""Stream, values, time in ns, samples lost before it, and saturation of a sample; None: unknown."""
 
 
 def stream_of(kind: Kind, clock: Clock) -> Stream:
@@ -82,7 +86,7 @@ class MtDecoder:
 
     def _scan(self, data: bytes, *, final: bool) -> list[SampleBlock | Message]:
         items: list[SampleBlock | Message] = []
-        rows: list[tuple[Stream, list[float], int, int, bool | None]] = []
+        rows: list[_Row] = []
         at, end = 0, len(data)
         while at < end:
             begin = data.find(PREAMBLE[:1], at)
@@ -111,8 +115,8 @@ class MtDecoder:
         self._buffer = data[at:]
         return [*items, *_blocks(rows)]
 
-    def _sample(self, data: bytes) -> tuple[Stream, list[float], int, int, bool | None] | None:
-        """Return stream, values, time, lost samples and saturation of MTData2; None: it is no sample."""
+    def _sample(self, data: bytes) -> _Row | None:
+        """Return the sample of MTData2; None: it is none."""
         try:
             found = fields(data)
         except ValueError:
@@ -154,20 +158,12 @@ class MtDecoder:
         return max(0, packets - 1) if packets else 0, self._interval_s
 
 
-def _blocks(rows: Sequence[tuple[Stream, list[float], int, int, bool | None]]) -> list[SampleBlock]:
+def _blocks(rows: Sequence[_Row]) -> list[SampleBlock]:
     """Return consecutive samples of one stream as blocks."""
-    blocks, start = [], 0
-    for k in range(1, len(rows) + 1):
-        if (
-            k < len(rows)
-            and rows[k][0] == rows[start][0]
-            and (rows[k][4] is None) == (rows[start][4] is None)
-        ):
-            continue
-        part, stream = rows[start:k], rows[start][0]
-        times = None if stream.clock == "none" else np.array([row[2] for row in part], np.int64)
-        clipped = None if part[0][4] is None else np.array([row[4] for row in part], bool)
-        lost = np.array([row[3] for row in part], np.int64)
-        blocks.append(SampleBlock(stream, np.array([row[1] for row in part]), times, lost, clipped))
-        start = k
+    blocks = []
+    for _, same in groupby(rows, lambda row: (row[0], row[4] is None)):
+        (stream, *_), values, times, lost, (clipped, *more) = zip(*same, strict=True)
+        time_ns = None if stream.clock == "none" else np.array(times, np.int64)
+        flags = None if clipped is None else np.array([clipped, *more], bool)
+        blocks.append(SampleBlock(stream, np.array(values), time_ns, np.array(lost, np.int64), flags))
     return blocks

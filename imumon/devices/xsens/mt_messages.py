@@ -117,13 +117,11 @@ def fields(data: bytes) -> dict[int, tuple[float, ...]]:
     found: dict[int, tuple[float, ...]] = {}
     at = 0
     while at < len(data):
-        if len(data) < at + 3:
+        if len(data) < at + 3 or len(data) < at + 3 + data[at + 2]:
             raise ValueError("a field is incomplete")
         name, size = int.from_bytes(data[at : at + 2], "big"), data[at + 2]
         content = data[at + 3 : at + 3 + size]
         at += 3 + size
-        if len(content) < size:
-            raise ValueError("a field is incomplete")
         kind = name & KIND_BITS
         if kind in _COUNTS:
             form = _COUNTS[DataId(kind)]
