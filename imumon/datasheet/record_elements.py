@@ -10,7 +10,7 @@ from imumon.datasheet.evidence import excluding_events
 from imumon.datasheet.signal_text import spectral_lines, turn_on_text, with_half_width
 from imumon.datasheet.tables import event_rows, invalid_noun
 from imumon.messages import CLOCKS, exclusions
-from imumon.report import DeviceDescription, Report
+from imumon.report import DeviceDescription, Report, SessionCounters
 from imumon.units import counted, duration, pretty, share_text
 
 
@@ -19,11 +19,6 @@ def record_elements(report: Report) -> Iterator[Element]:
     device, session = report.device, report.session
     excluded = exclusions(report, _seconds)
     disturbances = counted(session.disturbances, "disturbance")
-    missing = "none"
-    if session.missing:
-        share = session.missing / (session.samples + session.missing)
-        gaps = counted(session.gaps, "gap")
-        missing = f"{counted(session.missing, 'sample')} in {gaps}, {share_text(share)}"
     invalid = counted(session.bad_checksums, invalid_noun(device))
     discarded = counted(session.discarded_bytes, "byte")
     length = f"{duration(session.elapsed_s)} ({session.elapsed_s:,.0f} s)"
@@ -34,7 +29,7 @@ def record_elements(report: Report) -> Iterator[Element]:
         ("Alias factor of N", f"{device.alias_factor:.3g}" if device.alias_factor else "unknown"),
         ("Start", session.started or "unknown"),
         ("Length", f"{length}, {counted(session.samples, 'sample')}"),
-        ("Missing", missing),
+        ("Missing", _missing_text(session)),
         ("Excluded as disturbed", f"{', '.join(excluded)}; {disturbances}" if excluded else "none"),
         ("Excluded as warm-up", _seconds(session.warmup_s)),
         ("Transmission", f"{invalid}, {discarded} discarded"),
@@ -53,6 +48,13 @@ def record_elements(report: Report) -> Iterator[Element]:
     others = replace(report, events=tuple(event for event in report.events if event not in listed))
     if rows := list(event_rows(others)):
         yield DataTable(("at", "event"), tuple(rows))
+
+
+def _missing_text(session: SessionCounters) -> str:
+    if not session.missing:
+        return "none"
+    share = session.missing / (session.samples + session.missing)
+    return f"{counted(session.missing, 'sample')} in {counted(session.gaps, 'gap')}, {share_text(share)}"
 
 
 def _stream_text(device: DeviceDescription) -> str:

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 from imumon.coefficients import BIAS_TERMS, unit_of
 from imumon.messages import drifts_with_temperature, follows_temperature
-from imumon.report import GRADED, Channel, Drift, ModelColumn, Report
+from imumon.report import GRADED, Change, Channel, Drift, ModelColumn, Report
 from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty
 
@@ -121,14 +121,18 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
     yield from _temperature_notes(channel, unit)
     if turn_on := turn_on_text(name, channel):
         yield f"turn-on bias repeatability {turn_on}"
-    for change in channel.changes:
-        si = f"{channel.unit}/degC" if change.quantity == BIAS_TERMS[0] else channel.unit
-        scale = unit_of(sensor_of(name), change.quantity, si)
-        before, now = (figures(value * scale.factor) for value in (change.before, change.now))
-        against = f"against the {change.against}"
-        if change.since is not None and change.p_value is not None:
-            against += f", since {change.since[:10]}, p = {change.p_value:.0e}"
-        yield f"{change.quantity} was {before}, is {now} {pretty(scale.unit)} ({against})"
+    yield from (_change_note(name, channel.unit, change) for change in channel.changes)
+
+
+def _change_note(name: str, unit: str, change: Change) -> str:
+    """Return a change as a sentence, with what it is against."""
+    si = f"{unit}/degC" if change.quantity == BIAS_TERMS[0] else unit
+    scale = unit_of(sensor_of(name), change.quantity, si)
+    before, now = (figures(value * scale.factor) for value in (change.before, change.now))
+    against = f"against the {change.against}"
+    if change.since is not None and change.p_value is not None:
+        against += f", since {change.since[:10]}, p = {change.p_value:.0e}"
+    return f"{change.quantity} was {before}, is {now} {pretty(scale.unit)} ({against})"
 
 
 def _temperature_notes(channel: Channel, unit: str) -> Iterator[str]:

@@ -191,6 +191,10 @@ def _is_one_number(line: str) -> bool:
     return len(line.split()) == 1 and is_number(line)
 
 
+def _names_one_column(line: str) -> bool:
+    return bool(line.strip()) and not is_number(line)
+
+
 def header_line(lines: Sequence[str]) -> int | None:
     """Return which of the first lines names the columns.
 
@@ -202,22 +206,22 @@ def header_line(lines: Sequence[str]) -> int | None:
     """
     candidates: list[int] = []
     for k, line in enumerate(lines[:HEAD_LINES]):
-        if (
-            k
-            and lines[k - 1].strip()
-            and not is_number(lines[k - 1])
-            and all(map(_is_one_number, lines[k : k + 3]))
-        ):
+        if k and _names_one_column(lines[k - 1]) and all(map(_is_one_number, lines[k : k + 3])):
             return k - 1
         cells = split(line, separator_of(line))
         if len(cells) > 1 and sum(not is_number(cell) for cell in cells if cell) > len(cells) / 2:
             candidates.append(k)
         elif len(cells) > 1 and sum(is_number(cell) for cell in cells) > len(cells) / 2:
-            names = [split(lines[at], separator_of(lines[at])) for at in candidates]
-            rows = [split(line, separator_of(lines[at])) for at in candidates]
-            widths = [abs(len(one) - len(other)) for one, other in zip(names, rows, strict=True)]
-            return candidates[widths.index(min(widths))] if widths and min(widths) <= 1 else None
+            excess = {at: _excess_cells(lines[at], line) for at in candidates}
+            best = min(excess, key=excess.__getitem__, default=None)
+            return best if best is not None and excess[best] <= 1 else None
     return candidates[0] if candidates else None
+
+
+def _excess_cells(names: str, row: str) -> int:
+    """Return by how many cells a line of names and a row differ."""
+    separator = separator_of(names)
+    return abs(len(split(names, separator)) - len(split(row, separator)))
 
 
 def with_units(names: Sequence[str], row: str, separator: str | None) -> list[str] | None:

@@ -46,6 +46,11 @@ class Table(Recording):
         return blocks
 
 
+def _rows(count: int, one: str, many: str) -> str:
+    """Return a number of rows with a verb in its form for one or for many."""
+    return f"1 row {one}" if count == 1 else f"{count:,} rows {many}"
+
+
 class TableRows:
     """Numbers of a table as blocks of samples.
 
@@ -107,27 +112,24 @@ class TableRows:
         """Columns and rows that are not used, and assumptions about units and stamps."""
         remarks = list(self._first.remarks)
         if self._incomplete:
-            one = self._incomplete == 1
-            rows = (
-                "1 row lacks a number and counts"
-                if one
-                else f"{self._incomplete:,} rows lack a number and count"
-            )
+            rows = _rows(self._incomplete, "lacks a number and counts", "lack a number and count")
             remarks.append(f"{rows} as lost; first {self._first_incomplete}")
         for sensor, count in self._own_rows.fillers.items():
-            rows = "1 row has" if count == 1 else f"{count:,} rows have"
-            remarks.append(f"{rows} the same number on all axes of {sensor}: no samples of it")
+            remarks.append(
+                f"{_rows(count, 'has', 'have')} the same number on all axes of {sensor}: no samples of it"
+            )
         if others := self._own_rows.others:
             sensors = " or ".join(
                 dict.fromkeys(sensor_of(c) for c in self._layout.channels if sensor_of(c) in INERTIAL)
             )
             remarks.append(f"{others:,} rows have no number of {sensors}: they are no samples of it")
         if self._order is not None and self._order.moved:
-            rows = "1 row is" if self._order.moved == 1 else f"{self._order.moved:,} rows are"
+            rows = _rows(self._order.moved, "is", "are")
             remarks.append(f"{rows} not in the order of {self._layout.times[0].name}: sorted by it")
         if self._copies:
-            rows = "1 row repeats" if self._copies == 1 else f"{self._copies:,} rows repeat"
-            remarks.append(f"{rows} the row before with its stamp: each sample counts once")
+            remarks.append(
+                f"{_rows(self._copies, 'repeats', 'repeat')} the row before with its stamp: each sample counts once"
+            )
         if self._back:
             times = "once" if self._back == 1 else f"{self._back:,} times"
             remarks.append(f"the time in {self._layout.times[0].name} steps back {times}; {self._first_back}")
