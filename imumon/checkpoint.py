@@ -285,11 +285,11 @@ class Checkpoint:
         with self._changed:
             return self._changed.wait_for(lambda: not self._writing, timeout_s)
 
-    def close(self, state: SavedState | None = None, timeout_s: float = 5.0) -> None:
+    def close(self, state: SavedState | None = None) -> None:
         """Write the last state, wait for the disk, release the lock."""
         if state is not None:
             self.save(state)
-        if self.flush(timeout_s):
+        if self.flush():
             self._write_pending()  # if no thread could be started
         self._release_lock()
 

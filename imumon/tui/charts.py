@@ -35,11 +35,11 @@ def numbers(values: Sequence[float | None], factor: float = 1.0) -> Floats:
     return np.array([math.nan if v is None else v * factor for v in values], dtype=np.float64)
 
 
-def centred_text(text: Sequence[str], width: int, height: int, role: str = "muted") -> list[Line]:
+def centred_text(text: Sequence[str], width: int, height: int) -> list[Line]:
     """Return a text in the middle of an empty area."""
     top = max((height - len(text)) // 2, 0)
     lines: list[Line] = [[] for _ in range(top)]
-    lines += [[(line[:width].center(width), role)] for line in text]
+    lines += [[(line[:width].center(width), "muted")] for line in text]
     return [padded(line, width) for line in lines + [[] for _ in range(height)]][:height]
 
 

@@ -186,11 +186,11 @@ def length(line: Line) -> int:
     return sum(len(text) for text, _ in line)
 
 
-def padded(line: Line, width: int, role: str = "text") -> Line:
+def padded(line: Line, width: int) -> Line:
     """Return a line of exactly `width` cells: filled with blanks, or truncated with an ellipsis."""
     missing = width - length(line)
     if missing >= 0:
-        return [*line, (" " * missing, role)] if missing else line
+        return [*line, (" " * missing, "text")] if missing else line
     out: Line = []
     remaining_cells = max(width - 1, 0)
     for text, name in line:

@@ -117,7 +117,6 @@ class AttitudeEstimator:
     ----------
     bias : (3,) rad/s, initial estimate.
     tick : of the start.
-    heading : deg.
 
     Attributes
     ----------
@@ -125,12 +124,12 @@ class AttitudeEstimator:
     heading : deg.
     """
 
-    def __init__(self, bias: Floats, tick: int, heading: float = 35.0) -> None:
+    def __init__(self, bias: Floats, tick: int) -> None:
         self._first = tick // STEP
         self._count = 1
         self.bias = bias.reshape(1, 3).copy()
         self._angle = np.zeros((1, 3))
-        self.heading = heading
+        self.heading = 35.0  # any direction
 
     def update(self, sensor_model: SensorModel, upto: int) -> None:
         """Estimate up to tick `upto`; keep the steps since the last two calls."""
