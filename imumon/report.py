@@ -220,9 +220,8 @@ class Drift:
     per_degC: float | None = None
     per_degC_low: float | None = None  # channel unit per degC, lower 95 % limit
     per_degC_high: float | None = None  # channel unit per degC, upper 95 % limit
-    reason: str | None = (
-        None  # why per_degC is null: "no_temperature", "small_range", "collinear", "implausible", "jumps"
-    )
+    # why per_degC is null: "no_temperature", "small_range", "collinear", "implausible", "jumps"
+    reason: str | None = None
     temperature_min: float | None = None  # degC, least temperature that the means cover
     temperature_max: float | None = None  # degC, greatest temperature that the means cover
     explained: float | None = None  # share of the slow variance that temperature explains, 0 to 1
