@@ -17,6 +17,7 @@ from imumon.datasheet.elements import (
 )
 
 SHORT = 14  # rows up to which a table is not broken between two printed pages
+RUNNING = 300  # characters of a title that fit into the margin of a page
 UNBROKEN = 36  # characters up to which a cell is broken before a parenthesis only
 
 STYLE = """
@@ -95,7 +96,8 @@ def html_page(document: Document) -> str:
 
 def _page(document: Document) -> str:
     """Return the style of printed pages: each has item, date, number, revision and its place."""
-    head, foot = (_css_text(text) for text in (f"{document.title} · {document.subtitle}", document.running))
+    title = document.title if len(document.title) <= RUNNING else f"{document.title[: RUNNING - 1]}…"
+    head, foot = (_css_text(text) for text in (f"{title} · {document.subtitle}", document.running))
     return f"""@page {{ size: A4; margin: 20mm 15mm 18mm; font: 7.5pt "DejaVu Sans", sans-serif; color: #444;
   @top-left {{ content: {head}; width: 100%; }} @bottom-left {{ content: {foot}; width: 75%; }}
   @bottom-right {{ content: "page " counter(page) " of " counter(pages); }} }}

@@ -94,3 +94,11 @@ def test_a_browser_prints_the_same_pages(sheet: Report, pdf: pypdfium2.PdfDocume
             "".join(sorted("".join(each.get_textpage().get_text_range().split()))) for each in (one, two)
         )
         assert own == same
+
+
+def test_a_long_name_does_not_fill_the_page(sheet: Report) -> None:
+    long = replace(sheet, device=replace(sheet.device, model="M" * 500, serial="S" * 500))
+    page = document(long, "html", FilterReport(time=sheet.time, device=sheet.device)).decode()
+    (head,) = [line for line in page.splitlines() if "@top-left" in line]
+    assert head.count("M") < 300
+    assert "S" * 500 in page
