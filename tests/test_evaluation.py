@@ -23,13 +23,12 @@ from reports import report as report_at
 from imumon.cli.main import main
 from imumon.cli.traceability import evaluated, with_provenance
 from imumon.cli.wait_condition import WaitCondition
-from imumon.coefficients import Estimate, Excess
+from imumon.coefficients import Estimate, Excess, coefficient_ratio
 from imumon.datasheet import document
 from imumon.datasheet.evidence import excluding_events
 from imumon.datasheet.tables import channel_rows, coefficient_text
 from imumon.evaluation import UncertaintyBudget
 from imumon.filter_report import FilterReport
-from imumon.messages import coefficient_ratio
 from imumon.noise.allan.overlapping import SampleStore, averaging_lengths, overlapping_deviation
 from imumon.noise.synthesis import synthesise
 from imumon.noise.uncertainty import probability_at_most, uncertainty_budgets, verdict
