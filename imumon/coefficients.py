@@ -18,7 +18,7 @@ GradeName: TypeAlias = Literal["navigation", "tactical", "industrial", "consumer
 GRADES: tuple[GradeName, ...] = get_args(GradeName)
 """From the best to the worst."""
 
-LIMIT_95 = 1.96
+LIMIT_95 = 1.959964
 """Standard errors, half-width of a 95 % interval."""
 
 MG = 1000.0 / STANDARD_GRAVITY

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from imumon.coefficients import LIMIT_95
 from imumon.history.day_changes import LEAST_S
 from imumon.history_report import DayScatter
-from imumon.noise.uncertainty import HALF_WIDTH
 from imumon.report import COEFFICIENTS, MAX_NUMBER
 
 LEAST_DAYS = 3
@@ -78,4 +78,4 @@ def _measured(part: Any) -> tuple[float, float] | None:
         return None
     value, low, high = numbers
     fits = value > 0.0 and low <= value <= high
-    return (float(value), (high - low) / (2.0 * HALF_WIDTH)) if fits else None
+    return (float(value), (high - low) / (2.0 * LIMIT_95)) if fits else None

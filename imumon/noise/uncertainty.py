@@ -39,13 +39,12 @@ from dataclasses import replace
 
 from scipy.special import ndtr, stdtr, stdtrit
 
+from imumon.coefficients import LIMIT_95
 from imumon.evaluation import UncertaintyBudget, UncertaintyComponent, Verdict
 from imumon.history_report import DayScatter
 from imumon.report import COEFFICIENTS, Channel, Estimate, Report
 from imumon.samples import sensor_of
 
-HALF_WIDTH = 1.959964
-"""Standard errors of a 95 % limit (normal distribution)."""
 QUARTERS = 4
 """Parts of a record between which scatter is known."""
 CRYSTAL_TOLERANCE = 1e-4
@@ -167,7 +166,7 @@ def bias_budgets(report: Report) -> dict[str, UncertaintyBudget]:
         if shape is None or not shape.bias or shape.turn_on_std is None or not shape.turn_on_count:
             continue
         known = shape.bias_low is not None and shape.bias_high is not None
-        spread = (shape.bias_high - shape.bias_low) / (2.0 * HALF_WIDTH) if known else None  # type: ignore[operator]
+        spread = (shape.bias_high - shape.bias_low) / (2.0 * LIMIT_95) if known else None  # type: ignore[operator]
         count = shape.turn_on_count
         components = (
             UncertaintyComponent(
@@ -198,7 +197,7 @@ def _budget(
         return None
     wide = not 0.0 < part.low < value < part.high
     spread = part.high - part.low if wide else value * math.log(part.high / part.low)
-    statistics = spread / (2.0 * HALF_WIDTH)
+    statistics = spread / (2.0 * LIMIT_95)
     scatter = _scatter(part, value, statistics)
     components = (
         UncertaintyComponent(
@@ -216,7 +215,7 @@ def _budget(
     others = math.sqrt(max(0.0, made.combined**2 - statistics**2)) / value
 
     def half(limit: float) -> float:
-        return made.coverage * math.hypot(math.log(limit / value) / HALF_WIDTH, others)
+        return made.coverage * math.hypot(math.log(limit / value) / LIMIT_95, others)
 
     low, high = value * math.exp(-half(part.low)), value * math.exp(half(part.high))
     return replace(made, low=low, high=high, expanded=0.5 * (high - low))
@@ -224,7 +223,7 @@ def _budget(
 
 def _coverage(dof: float | None) -> float:
     """Return the coverage factor for 95 %."""
-    return HALF_WIDTH if dof is None else float(stdtrit(_whole(dof), 0.975))
+    return LIMIT_95 if dof is None else float(stdtrit(_whole(dof), 0.975))
 
 
 def _whole(dof: float) -> float:
