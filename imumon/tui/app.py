@@ -147,7 +147,7 @@ class ImumonApp(App[int]):
             terminal.exit_with_parent(TERMINAL_POLL_S)
         elif not self.is_headless:
             terminal.on_signals(lambda code: self.exit(code, return_code=code))
-            terminal.exit_when_closed(TERMINAL_POLL_S, lambda: self.is_running)
+            terminal.exit_when_closed(TERMINAL_POLL_S)
 
     def on_resize(self) -> None:
         self._redraw()

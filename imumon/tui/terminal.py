@@ -49,8 +49,8 @@ def closed() -> bool:
     return False
 
 
-def exit_when_closed(period_s: float, running: Callable[[], bool]) -> None:
-    """End the process when its terminal is closed while the screen is running; check every `period_s` seconds.
+def exit_when_closed(period_s: float) -> None:
+    """End the process when its terminal is closed; check every `period_s` seconds.
 
     This runs in its own thread: without the terminal, the event loop may block in a write, and the reader of
     the keys spins because a closed terminal is always readable. There is no screen to restore.
@@ -59,8 +59,7 @@ def exit_when_closed(period_s: float, running: Callable[[], bool]) -> None:
     def check() -> None:
         while not closed():
             time.sleep(period_s)
-        if running():
-            os._exit(128 + signal.SIGHUP)
+        os._exit(128 + signal.SIGHUP)
 
     threading.Thread(target=check, name="terminal", daemon=True).start()
 

@@ -50,11 +50,10 @@ def themes() -> tuple[str, ...]:
 
 
 def _flushed(code: int) -> int:
-    """Flush the output and return the exit code; a terminal that is gone loses the rest without a message."""
+    """Flush the output and return the exit code; with the terminal gone, exit without an error message."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
         except OSError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-            code = code or TERMINAL_GONE
+            os._exit(code or TERMINAL_GONE)
     return code

@@ -20,8 +20,6 @@ from paths import TESTS
 from terminals import ENVIRONMENT, Tmux
 from waiting import until
 
-from imumon.tui.tui import TERMINAL_GONE, _flushed
-
 ACTOR = [sys.executable, str(TESTS / "screen_actor.py")]
 
 
@@ -197,12 +195,3 @@ def test_the_screen_imports_no_heavy_library() -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
     )
     assert done.stdout.strip() == "False"
-
-
-def test_a_terminal_that_is_gone_ends_no_cleaning_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The demo then deletes its directory."""
-    with open("/dev/full", "w") as gone:
-        monkeypatch.setattr(sys, "stdout", gone)
-        gone.write("text")
-        assert _flushed(0) == TERMINAL_GONE
-        gone.write("more")  # and the end of the interpreter raises nothing
