@@ -229,6 +229,9 @@ def _run_daemon(
         print_report(result.report, arguments.json, run_options.baseline)
     if result.unsaved is not None:
         raise CommandError("state_not_saved", "the state is not saved", result.unsaved)
+    if result.unrecorded is not None:
+        cure = "free space, or record to another disk; what is in the file can be replayed"
+        raise CommandError("recording_stopped", result.unrecorded, cure)
     return INTERRUPTED if result.signal == signal.SIGINT else SUCCESS
 
 

@@ -97,7 +97,8 @@ class Daemon:
                     self._do_duties(time.monotonic())
                 ended = self._reader.ended
                 final = self._finish()
-                return RunResult(final, self._shutdown.signal, ended, self._record.unsaved())
+                kept = self._record
+                return RunResult(final, self._shutdown.signal, ended, kept.unsaved(), kept.recorder.failed)
             except BaseException:
                 self._abort()
                 raise

@@ -29,6 +29,7 @@ class Recorder:
     Attributes
     ----------
     needs_header : there are bytes to record, and no header for them yet.
+    failed : why a recording ended before its record; None: none did.
     """
 
     def __init__(self, settings: RecordSettings) -> None:
@@ -39,6 +40,7 @@ class Recorder:
         self._problems: list[str] = []
         self._pipe: BinaryIO | None = None  # open until the recording starts, so that its reader stays
         self.needs_header = bool(settings.file)
+        self.failed: str | None = None
 
     def check_file(self) -> None:
         """Check that the file can be written, before there is anything to record.
@@ -113,6 +115,7 @@ class Recorder:
             if ended or old.stopped is not None:
                 self._ending.remove(old)
         problems, self._problems = self._problems, []
+        self.failed = problems[-1] if problems else self.failed
         return problems
 
     def close(self, wait_s: float = 10.0) -> None:
@@ -120,3 +123,4 @@ class Recorder:
         for writer in (*self._ending, self._writer):
             if writer is not None:
                 writer.close(wait_s)
+                self.failed = writer.stopped or self.failed

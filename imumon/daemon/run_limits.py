@@ -68,12 +68,14 @@ class RunResult:
     signal : that ended it; None: none did.
     ended : the stream of the device was complete.
     unsaved : why the last state is not saved; None: it is, or there is none.
+    unrecorded : why the recording is not complete; None: it is, or there is none.
     """
 
     report: Report | None
     signal: int | None
     ended: bool
     unsaved: str | None = None
+    unrecorded: str | None = None
 
 
 class Shutdown:

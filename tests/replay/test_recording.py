@@ -157,6 +157,21 @@ def test_an_endless_line_is_data() -> None:
     assert b"".join(item for item in split_lines(iter([data[:70_000], data[70_000:]])) if item) == data  # type: ignore[misc]
 
 
+def test_a_run_whose_recording_ended_early_fails(tmp_path: Path) -> None:
+    """The report is complete; the exit code says that the recording is not."""
+    with spawn(EmulatorSettings(seed=15)) as sensor:
+        options = ["--record", "/dev/full", "--duration", "2", "--json", "--state", str(tmp_path / "state")]
+        command = [sys.executable, "-m", "imumon", "run", "--port", sensor.path, *options]
+        done = subprocess.run(
+            [*command, "--listen", free_endpoint()], capture_output=True, text=True, timeout=60, check=False
+        )
+    assert done.returncode == 1, done.stderr
+    error = json.loads(done.stderr.splitlines()[-1])["error"]
+    assert error["code"] == "recording_stopped"
+    assert "no space left on device" in error["message"]
+    assert from_json(Report, done.stdout).session.samples > 50
+
+
 @pytest.mark.slow  # scenario 09 does it with a disk, where one can be mounted
 def test_a_disk_that_fills_up_ends_the_recording_not_the_daemon(tmp_path: Path) -> None:
     """A limit on the size of files replaces the disk; the state does not fit either."""
