@@ -255,7 +255,7 @@ EFFECTS = {
     "temperature, 2e-4 rad/s/K": Effect(lambda y, _: y + 2e-4 * DEGREES, heated=True),
     "oscillation of 300 s": oscillation(300.0, 300.0),
     "oscillation of 240 to 420 s": oscillation(240.0, 420.0),
-    "oscillation that wanders, 4 to 7 min": oscillation(240.0, 420.0, wanders=True),
+    "wandering oscillation, 4 to 7 min": oscillation(240.0, 420.0, wanders=True),
     "variance 1 or 4 by turns": switched(),
     "loss of 1 %": loss(0.01),
     "loss of 10 %": loss(0.1),
