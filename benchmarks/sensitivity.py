@@ -1,7 +1,7 @@
 """Sensitivity of the published numbers to every tuning constant, as Markdown.
 
     python benchmarks/sensitivity.py | python benchmarks/document_tables.py -     all constants, into docs/ACCURACY.md
-    python benchmarks/sensitivity.py noise.fit                                    those of one package
+    python benchmarks/sensitivity.py noise.fit                                    those of one package, three minutes
 
 Each constant (a number in capitals at the top level of a module) is halved and doubled in a process of its own,
 before the module is executed, so that everything derived from it changes too. The process runs `RECORDS`: short
@@ -273,7 +273,10 @@ def difference(base: dict[str, Any], other: dict[str, Any]) -> tuple[float, str]
             scale = max(abs(one), abs(two)) if both else 0.0  # type: ignore[arg-type,type-var]
             size = abs(one - two) / scale if both and scale else math.inf  # type: ignore[operator]
             if size > worst:
-                worst, which = size, f"{record}: {name} {_short(one)} → {_short(two)}"
+                worst, which = (
+                    size,
+                    f"{record}: {name.removeprefix('channels/')} {_short(one)} → {_short(two)}",
+                )
     return worst, which
 
 
