@@ -188,7 +188,7 @@ class Estimate:
     scatter: float | None = None  # in `unit`, standard deviation between the quarters of the record
     excess: Excess | None = None  # of this scatter; null: unknown
     reason: str | None = None  # why there is no value, or why there is no scatter
-    reason_code: str | None = None  # why more data gives no value: constant, resolution, excluded
+    reason_code: str | None = None  # why there is no value: constant, resolution, excluded, gaps
 
     DERIVED: ClassVar = {"readable": ("value", "low", "high", "unit")}
     """Properties that the JSON has, with their members."""

@@ -147,7 +147,12 @@ EXCLUSION_CURES: Mapping[str, str] = {
 
 NEVER_CHANGES = "never changes"
 ROUNDED_AWAY = "rounded away"
-_NO_VALUE = {"constant": NEVER_CHANGES, "resolution": ROUNDED_AWAY, "excluded": "excluded"}
+_NO_VALUE = {
+    "constant": NEVER_CHANGES,
+    "resolution": ROUNDED_AWAY,
+    "excluded": "excluded",
+    "gaps": "cut by gaps",
+}
 
 FILTER_NOT_KNOWN = "filter not known"
 

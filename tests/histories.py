@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,22 @@ def period(
     )
     begin = BEGIN + number * step_s if begin is None else begin
     return TimedPeriod(record=record, begin=begin, end=begin + step_s, period=made)
+
+
+def with_slopes(slopes: list[float], error: float, begin: float = BEGIN) -> list[TimedPeriod]:
+    """Return days of a sensor with slopes of gyro/x against the temperature, the last of which is known badly."""
+    made = []
+    for number, slope in enumerate(slopes):
+        day = period(number, step_s=86400, begin=begin + number * 86400)
+        half = 2.0 * error * (100.0 if number == len(slopes) - 1 else 1.0)
+        channel = day.period.channels["gyro/x"]
+        known = {
+            **channel.coefficients,
+            "slope": Estimate(value=slope, low=slope - half, high=slope + half, status="measured"),
+        }
+        channels = {**day.period.channels, "gyro/x": replace(channel, coefficients=known)}
+        made.append(replace(day, period=replace(day.period, channels=channels)))
+    return made
 
 
 def year(days: int = 365, seed: int = 1) -> Iterator[TimedPeriod]:

@@ -30,18 +30,23 @@ LEAST_S = 3600.0
 class DayChanges:
     """The days of one sensor, and the changes that they show.
 
+    Parameters
+    ----------
+    speed : seconds of the sample clock per second of the host clock.
+
     Attributes
     ----------
     changes : by channel.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, speed: float = 1.0) -> None:
+        self._speed = speed
         self._days: dict[tuple[str, int], TimedPeriod] = {}
         self.changes: dict[str, tuple[Change, ...]] = {}
 
     def add(self, days: Sequence[TimedPeriod]) -> bool:
         """Add periods of which days that are over count; return whether there were any."""
-        counted = [each for each in days if _counts(each)]
+        counted = [each for each in days if _counts(each, self._speed)]
         for each in counted:
             self._days[each.record, each.period.number] = each
         kept = sorted(self._days.items(), key=lambda item: item[1].begin)[-DAYS_KEPT:]
@@ -64,9 +69,10 @@ class DayChanges:
         self.changes = found
 
 
-def _counts(timed: TimedPeriod) -> bool:
+def _counts(timed: TimedPeriod, speed: float) -> bool:
     period = timed.period
-    sampled_s = min(timed.end - timed.begin, DAY) * period.samples / max(period.samples + period.missing, 1)
+    length_s = min((timed.end - timed.begin) * speed, DAY)
+    sampled_s = length_s * period.samples / max(period.samples + period.missing, 1)
     return period.step_s == DAY and period.complete and not period.warming_up and sampled_s >= LEAST_S
 
 

@@ -68,7 +68,7 @@ class History:
         self._failed: str | None = None
         self._reported: str | None = None
         self._notes: list[tuple[str, Level]] = []
-        self._days = DayChanges()
+        self._days = DayChanges(speed)
         self._reported_changes: set[tuple[str, str]] = set()  # channel and coefficient
         self._power_ups: PowerUps | None = None
         self._clock: tuple[float, float] | None = None  # s since the power-up, and s since 1970 when that was

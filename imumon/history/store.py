@@ -149,14 +149,11 @@ class HistoryStore:
 
     def add(self, periods: Sequence[TimedPeriod]) -> None:
         """Write periods in one transaction; one that was written before is replaced."""
-        with self._transaction() as cursor:
+        with self._connection as cursor:
             for each in periods:
                 self._add(cursor, each)
 
-    def _transaction(self) -> Any:
-        return _Transaction(self._connection)
-
-    def _add(self, cursor: sqlite3.Cursor, timed: TimedPeriod) -> None:
+    def _add(self, cursor: sqlite3.Connection, timed: TimedPeriod) -> None:
         period = timed.period
         cursor.execute(  # what was in progress in an earlier record has ended
             "UPDATE period SET complete = 1 WHERE complete = 0 AND step = ? AND NOT (record = ? AND number = ?)",
@@ -192,13 +189,13 @@ class HistoryStore:
                 f"INSERT OR REPLACE INTO noise ({', '.join(values)}) VALUES ({marks})", tuple(values.values())
             )
 
-    def _channel(self, cursor: sqlite3.Cursor, name: str) -> int:
+    def _channel(self, cursor: sqlite3.Connection, name: str) -> int:
         cursor.execute("INSERT OR IGNORE INTO channel (name) VALUES (?)", (name,))
         return int(cursor.execute("SELECT id FROM channel WHERE name = ?", (name,)).fetchone()[0])
 
     def add_events(self, events: Sequence[tuple[float, Event]]) -> None:
         """Write events with their times, s since 1970; those of one kind and channel within `EVENT_S` are one row."""
-        with self._transaction() as cursor:
+        with self._connection as cursor:
             for time, event in events:
                 known = cursor.execute(
                     "SELECT id FROM event WHERE kind = ? AND channel IS ? AND time > ? AND time <= ?"
@@ -215,7 +212,7 @@ class HistoryStore:
 
     def set_power_up(self, power_up: PowerUp) -> None:
         """Write a power-up; the newest one is replaced if it is the same."""
-        with self._transaction() as cursor:
+        with self._connection as cursor:
             newest = cursor.execute("SELECT id, time FROM power_up ORDER BY id DESC LIMIT 1").fetchone()
             settled = bool(power_up.means)
             if newest and newest[1] == power_up.time:
@@ -235,7 +232,7 @@ class HistoryStore:
 
     def delete_before(self, time: float) -> None:
         """Delete periods and events that ended before a time, s since 1970; their space is used again."""
-        with self._transaction() as cursor:
+        with self._connection as cursor:
             cursor.execute("DELETE FROM noise WHERE period IN (SELECT id FROM period WHERE end < ?)", (time,))
             cursor.execute("DELETE FROM period WHERE end < ?", (time,))
             cursor.execute("DELETE FROM event WHERE time < ?", (time,))
@@ -307,30 +304,6 @@ class HistoryStore:
                 "SELECT id, time, clock_s, seen FROM power_up ORDER BY id"
             )
         ]
-
-
-class _Transaction:
-    """All or nothing: a cursor whose changes are written at the end, or not at all."""
-
-    def __init__(self, connection: sqlite3.Connection) -> None:
-        self._connection = connection
-
-    def __enter__(self) -> sqlite3.Cursor:
-        return self._connection.cursor()
-
-    def __exit__(self, kind: object, *_: object) -> None:
-        if kind is None:
-            try:
-                self._connection.commit()
-                return
-            except sqlite3.Error:
-                self._rollback()
-                raise
-        self._rollback()
-
-    def _rollback(self) -> None:
-        with suppress(sqlite3.Error):
-            self._connection.rollback()
 
 
 def _grade_number(period: HistoryPeriod, channel: str) -> int | None:

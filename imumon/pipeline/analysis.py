@@ -25,6 +25,7 @@ from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import UNGRADED_SHARE, Accumulators
 from imumon.report import NOISE, BiasCurve, Channel, Estimate, SensorGrade
 from imumon.samples import UNITS, sensor_of
+from imumon.units import counted, duration
 
 YOUNG_GROWTH = 0.1
 """Growth of a young record, as a share, after which it is analysed again: each result changes visibly."""
@@ -129,8 +130,8 @@ class Analysis:
             fits = tuple(
                 replace(fit, coefficients={**fit.coefficients, "K": _bounded(fit.K)}) for fit in fits
             )
-        if record.excluded_share > UNGRADED_SHARE:
-            fits = tuple(_without_samples(fit) for fit in fits)
+        if (why := _why_pending(record)) is not None:
+            fits = tuple(_with_reason(fit, why) for fit in fits)
         return fits
 
     def _channel(self, curve: AllanCurve, column: int, name: str) -> Channel:
@@ -192,11 +193,20 @@ def _bounded(walk: Estimate) -> Estimate:
     return Estimate(low=0.0, high=walk.high, status="upper_bound", reason="the sensor is still warming up")
 
 
-def _without_samples(fit: ChannelFit) -> ChannelFit:
-    """Return the fit with the reason why coefficients are pending: the samples are excluded."""
-    excluded = Estimate(reason="most of the record is excluded", reason_code="excluded")
+def _why_pending(record: Accumulators) -> Estimate | None:
+    """Return why coefficients are pending of a record most of which is excluded or missing; None: it is not."""
+    if record.excluded_share > UNGRADED_SHARE:
+        return Estimate(reason="most of the record is excluded", reason_code="excluded")
+    if record.missing_share > UNGRADED_SHARE:
+        missing = f"{counted(record.gaps, 'gap')}, {duration(record.missing * record.interval_s)}"
+        return Estimate(reason=f"{missing}, between parts that are too short", reason_code="gaps")
+    return None
+
+
+def _with_reason(fit: ChannelFit, why: Estimate) -> ChannelFit:
+    """Return the fit with the reason why coefficients are pending."""
     known = {
-        name: part if part.status != "pending" or part.reason_code else excluded
+        name: part if part.status != "pending" or part.reason_code else why
         for name, part in fit.coefficients.items()
     }
     return replace(fit, coefficients=known)

@@ -120,20 +120,17 @@ class Periods:
             temperature=temperature,
             warming_up=self._analysis.warming_up,
             grades={sensor: grade.nearest for sensor, grade in self._analysis.grades.items()},
-            channels=self._channels(stretch, moments, complete=complete),
+            channels=self._channels(stretch, moments),
         )
 
-    def _channels(
-        self, stretch: Stretch, moments: Sequence[Any], *, complete: bool
-    ) -> dict[str, PeriodChannel]:
+    def _channels(self, stretch: Stretch, moments: Sequence[Any]) -> dict[str, PeriodChannel]:
         record = self._record
         estimator, length = self._estimators[stretch.step_s], stretch.end - stretch.start
         fits = estimator.fit_sums(stretch.sums, length, self._analysis.resolution)
-        # a day: a shorter period seldom spans enough temperature
-        whole = complete and stretch.step_s == STEPS_S[-1]
         heat = None if record.temperature is None else moments[record.temperature]
         extremes = None if heat is None or heat.min is None else (heat.min, heat.max)
-        curves = estimator.bias_curves(stretch.sums, extremes) if whole else ()
+        is_day = stretch.step_s == STEPS_S[-1]  # a shorter period seldom spans enough temperature
+        curves = estimator.bias_curves(stretch.sums, extremes) if is_day else ()
         channels = {}
         for column, name in enumerate(record.channels):
             own = moments[column]

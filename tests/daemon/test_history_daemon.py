@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import signal
+import time
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zenoh
 from commands import imumon
 from daemons import Daemon
+from histories import with_slopes, write
 from waiting import until
 
 CONFIG = "[state]\nsave_period_s = 1.0\n[report]\nperiod_s = 0.25\n"
@@ -63,6 +67,24 @@ def test_history_of_a_daemon_from_the_bus_to_the_file(tmp_path: Path) -> None:
     before = json.loads(imumon("history", "--state", str(tmp_path), "--channel", "gyro/x", "--json"))
     assert len(before) >= 2
     assert sum(row["samples"] for row in before) > 600 * 100
+
+
+def test_a_restarted_daemon_reports_that_the_slope_of_the_bias_has_changed(tmp_path: Path) -> None:
+    """The days are those of earlier runs, some of which ended in the middle of a day."""
+    scatter = 1e-7 * np.random.default_rng(5).standard_normal(31)
+    slopes = np.where(np.arange(31) < 24, -1e-6, 1e-6) + scatter
+    days = with_slopes(slopes.tolist(), 1e-7, begin=time.time() - 32 * 86400)
+    for number, day in enumerate(days[20:], 20):
+        cut = replace(day.period, complete=False, number=0)
+        days[number] = replace(
+            day, record=f"2026-02-{number:02}T00:00:00.000Z", end=day.begin + 40_000, period=cut
+        )
+    write(tmp_path, "lab", days)
+    with Daemon("sim", tmp_path, "--id", "lab", "--fresh") as daemon:
+        daemon.samples(10)
+        (event,) = until(lambda: [e for e in daemon.viewer.events("lab") if e.kind == "change"])
+        assert (event.channel, event.level) == ("gyro/x", "warning")
+        assert event.text.startswith("slope of gyro/x against the temperature moved from -")
 
 
 def test_no_history_is_kept_if_none_is_wanted(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import imumon
-from histories import BEGIN, NAMES, period, write
+from histories import BEGIN, NAMES, period, with_slopes, write
 from reports import warming_up as report
 
 from imumon.datasheet.signal_text import signal_lines
@@ -20,7 +20,7 @@ from imumon.history.rows import iso
 from imumon.history.store import TimedPeriod
 from imumon.noise.statistics.moments import deviation_limits
 from imumon.noise.stretches.day_change import find_day_change
-from imumon.report import Distribution, Estimate, Event
+from imumon.report import Distribution, Event
 
 DAY = 86400.0
 
@@ -58,28 +58,19 @@ def test_days_that_are_short_in_progress_or_warm_up_do_not_count() -> None:
     assert judged._days == {}
 
 
+def test_days_in_time_lapse_count_by_the_sample_clock() -> None:
+    judged = DayChanges(speed=DAY)
+    short = days(30, step_at=27)
+    assert judged.add([replace(day, begin=BEGIN + k, end=BEGIN + k + 1.0) for k, day in enumerate(short)])
+    assert judged.changes["gyro/y"][0].quantity == "N"
+
+
 def test_noise_that_follows_the_temperature_is_no_change() -> None:
     rng = np.random.default_rng(2)
     heat = np.where(np.arange(40) < 30, 20.0, 32.0) + rng.normal(0.0, 1.5, 40)
     values = np.exp(0.01 * (heat - 20.0) + 0.005 * rng.standard_normal(40))
     assert find_day_change(values, heat, 0.05) is None
     assert find_day_change(values, np.full(40, np.nan), 0.05) is not None
-
-
-def with_slopes(slopes: list[float], error: float) -> list[TimedPeriod]:
-    """Return days of a sensor with slopes of gyro/x against the temperature, the last of which is known badly."""
-    made = []
-    for number, slope in enumerate(slopes):
-        day = period(number, step_s=86400, begin=BEGIN + number * DAY)
-        half = 2.0 * error * (100.0 if number == len(slopes) - 1 else 1.0)
-        channel = day.period.channels["gyro/x"]
-        known = {
-            **channel.coefficients,
-            "slope": Estimate(value=slope, low=slope - half, high=slope + half, status="measured"),
-        }
-        channels = {**day.period.channels, "gyro/x": replace(channel, coefficients=known)}
-        made.append(replace(day, period=replace(day.period, channels=channels)))
-    return made
 
 
 def test_a_step_of_the_slope_is_judged_by_the_errors_of_the_days() -> None:

@@ -76,8 +76,10 @@ def test_a_day_has_the_slope_against_its_temperature() -> None:
     samples[:, 0] += 1e-4 * heat
     feed(made, samples)
     made.flush()
+    (in_progress,) = of(made.periods_in_progress(force=True), 86400)
     made.end_record()
     (day,) = of(made.periods(), 86400)
+    assert in_progress.channels == day.channels
     slope = day.channels["gyro/x"].coefficients["slope"]
     assert slope.low is not None
     assert slope.high is not None

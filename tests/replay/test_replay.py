@@ -17,6 +17,7 @@ import pytest
 from commands import imumon
 from daemons import free_endpoint
 from paths import RECORDINGS, needs_recordings
+from tables import csv, truth
 
 from imumon.bus import Publisher, Subscriber
 from imumon.datasheet.signal_text import signal_lines
@@ -48,6 +49,18 @@ def test_real_recording_agrees_with_an_independent_tool() -> None:
             assert channel["std"] == pytest.approx(truth["std_ddof1"], rel=1e-9)
     assert report["grade"]["gyro"]["nearest"] == "industrial"
     assert report["grade"]["accel"]["nearest"] == "industrial"
+
+
+def test_a_gap_between_short_parts_is_the_reason_why_nothing_is_known(tmp_path: Path) -> None:
+    t, gyro, accel = truth(2000)
+    names = ["t", *(f"{s}_{a}" for s in ("gyro", "accel") for a in "xyz")]
+    path = csv(tmp_path / "two.csv", names, t + np.where(t < 22.0, 0.0, 3600.0), gyro, accel)
+    report = json.loads(imumon("replay", path, "--json"))
+    part = report["channels"]["gyro/x"]["N"]
+    assert (part["reason"], part["reason_code"]) == ("1 gap, 1 h, between parts that are too short", "gaps")
+    shown = imumon("replay", path)
+    assert "cut by gaps" in shown
+    assert "too short" not in shown
 
 
 def capture(path: Path, n: int = 400, seed: int = 5) -> Path:
