@@ -11,14 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from imumon.noise.spectrum.level_sums import FIRST_BIN, LAST_BIN, WINDOW_POWER
-from imumon.noise.spectrum.narrow_bands import NarrowBand, find_narrow_bands
 from imumon.noise.spectrum.spectral_lines import (
     BINS,
+    PROMINENCE,
+    ROUNDING,
     SEGMENT,
+    NarrowBand,
     distinct,
-    find_lines,
+    find_narrow_bands,
     median_to_mean,
-    side_levels,
 )
 from imumon.report import Line
 from imumon.samples import Bools, Floats, Ints
@@ -68,18 +69,18 @@ def displayed(sums: list[tuple[Floats, Ints]], rate_hz: float, channels: int) ->
     lines: list[list[Line]] = [[] for _ in range(channels)]
     bands: list[list[NarrowBand]] = [[] for _ in range(channels)]
     masks: list[Bools] = []
-    size = np.sqrt(np.nansum(levels[0][1], axis=1) * rate_hz / SEGMENT)
+    rounding = ROUNDING**2 * np.nansum(levels[0][1], axis=1) * rate_hz / SEGMENT  # (channel unit)^2
     for s, (rate, power, count) in reversed(list(enumerate(levels))):
         low, high = _shown(s, len(levels))
         frequency.append(np.arange(low, high) * rate / SEGMENT)
         density.append(power[:, low:high].T)
         averages.append(np.broadcast_to(count, (high - low, len(count))))
-        sides, inside = side_levels(power), np.zeros(power.shape, dtype=bool)
+        inside = np.zeros(power.shape, dtype=bool)
         for i in np.flatnonzero(count >= LEAST_AVERAGES).tolist():
-            own, k, band = sides[:, i], int(count[i]), range(low, high)
-            lines[i] += find_lines(power[i], own, k, rate, band, rate_hz, float(size[i]))
-            found, inside[i] = find_narrow_bands(power[i], k, rate, band)
+            found, inside[i] = find_narrow_bands(power[i], int(count[i]), rate, range(low, high))
+            found = [each for each in found if each.power > rounding[i]]
             bands[i] += found
+            lines[i] += [each.line(rate_hz, rate / SEGMENT) for each in found if each.prominence > PROMINENCE]
         masks.insert(0, inside)
     return PowerSpectrum(
         frequency_hz=np.concatenate(frequency),
