@@ -333,7 +333,7 @@ def main() -> int:
 
 
 def _percent(size: float) -> str:
-    return "appears or vanishes" if math.isinf(size) else f"{size:.0%}"
+    return "appears or vanishes" if math.isinf(size) else f"{100.0 * size:.0f} %"
 
 
 if __name__ == "__main__":

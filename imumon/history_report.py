@@ -13,6 +13,8 @@ from imumon.report import Estimate, GradeName
 
 STEPS = {"10m": 600, "1h": 3600, "1d": 86400}
 """s, lengths of the periods by name."""
+LEAST_DAYS = 3
+"""Days from which their scatter is given: two show a standard deviation only within a factor of 30."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from imumon.alarms import ALARMS
 from imumon.report import Change, Drift, Estimate, Event, Report, SensorGrade
 from imumon.samples import Level, sensor_of
-from imumon.units import duration
+from imumon.units import duration, share_text
 
 
 class CaveatText(NamedTuple):
@@ -213,11 +213,11 @@ def excluded_text(share: float, by: Mapping[str, float]) -> str:
     by : s, excluded time by reason. That of the magnetometer alone counts only if there is no other.
 
     >>> excluded_text(0.62, {"knock": 90.0, "glitch": 0.1, "magnetic": 99.0})
-    '62% excluded as knock: put it where nothing touches it'
+    '62 % excluded as knock: put it where nothing touches it'
     """
     own = {reason: seconds for reason, seconds in by.items() if reason != "magnetic"} or dict(by)
     reason = max(own, key=own.__getitem__)
-    return f"{share:.0%} excluded as {reason}: {EXCLUSION_CURES[reason]}"
+    return f"{share_text(share)} excluded as {reason}: {EXCLUSION_CURES[reason]}"
 
 
 def change_text(channel: str, change: Change) -> str:
@@ -226,7 +226,7 @@ def change_text(channel: str, change: Change) -> str:
     if change.ratio is None:
         return f"{channel}: the bias has moved from {change.before:.3g} to {change.now:.3g} {against}"
     verb = "grown" if change.ratio > 1.0 else "fallen"
-    return f"{channel}: {change.quantity} has {verb} by {abs(change.ratio - 1.0):.0%} {against}"
+    return f"{channel}: {change.quantity} has {verb} by {share_text(abs(change.ratio - 1.0))} {against}"
 
 
 def exclusions(report: Report, text: Callable[[float], str]) -> tuple[str, ...]:

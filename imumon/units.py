@@ -64,12 +64,12 @@ def short(value: float) -> str:
 
 
 def percent(relative: float) -> str:
-    """Return a relative uncertainty below 100 % in at most four cells.
+    """Return a relative uncertainty below 100 % in at most five cells.
 
     >>> percent(0.0312), percent(1.234), percent(34.2)
-    ('0.1%', '1.2%', '34%')
+    ('0.1 %', '1.2 %', '34 %')
     """
-    return f"{max(relative, 0.1):.1f}%" if relative < 9.95 else f"{relative:.0f}%"
+    return f"{max(relative, 0.1):.1f} %" if relative < 9.95 else f"{relative:.0f} %"
 
 
 def share_text(share: float) -> str:
@@ -90,7 +90,7 @@ def measured(value: float, low: float | None, high: float | None, about: str = "
     """Return a value with the half-width of its limits in percent, or with their factor if they are wide.
 
     >>> measured(0.30451, 0.301, 0.308), measured(0.00123, 0.0002, 0.0031), measured(1.2, None, None)
-    ('0.305 ±1.1%', '0.0012 ×÷3.9', '1.20')
+    ('0.305 ±1.1 %', '0.0012 ×÷3.9', '1.20')
     """
     if low is None or high is None or value <= 0.0:
         return number(value, 3)

@@ -53,6 +53,8 @@ def exit_code(error: ImumonError) -> int:
     """Return the exit code of an error that a user sees."""
     if isinstance(error, CommandError):
         return error.exit_code
+    if error.code == "no_history":
+        return NOT_FOUND
     if error.code in _USAGE_CODES or isinstance(error, RateRequired) or getattr(error, "setting", None):
         return USAGE
     from imumon.devices.base import DeviceError, DeviceNotFound, InvalidOption

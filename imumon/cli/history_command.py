@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,9 @@ from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.query import ANSWER_S
 from imumon.coefficients import BIAS_TERMS, COEFFICIENTS, NOISE
-from imumon.history_report import STEPS
+from imumon.errors import ImumonError
+from imumon.history_report import LEAST_DAYS, STEPS
+from imumon.units import DAY
 
 ESTIMATE = 25
 """Cells of a coefficient in the table."""
@@ -101,7 +103,7 @@ def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] |
 
 def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, Any]]:
     """Yield the rows of a file."""
-    from imumon.history.history_file import SUFFIX, HistoryError, devices
+    from imumon.history.history_file import SUFFIX, devices
     from imumon.history.rows import rows
     from imumon.history.store import HistoryStore
     from imumon.messages import matching
@@ -116,57 +118,56 @@ def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, An
         cure = "start one with imumon run, or name the directory with --state"
         raise CommandError("no_history", message, cure, NOT_FOUND)
     name = meant[0] if meant else str(id)
-    try:
-        with HistoryStore(directory / f"{name}{SUFFIX}") as store:
-            for timed in store.periods(chosen):
-                yield from rows(timed, name, chosen)
-    except HistoryError as error:
-        raise CommandError(error.code, error.message, error.cure, _code(error)) from None
+    with HistoryStore(directory / f"{name}{SUFFIX}") as store:
+        for timed in store.periods(chosen):
+            yield from rows(timed, name, chosen)
 
 
 SHEET_STEPS = (("1d", 366.0), ("1h", 10.0))
 """Steps of the rows in a datasheet, with the days that are shown: hours, while there are fewer than three days."""
+SHEET_CHANNELS = ("gyro", "accel", "mag")
 
 
 def published_days(subscriber: Any, id: str) -> list[dict[str, Any]]:
     """Return the rows of a running daemon that the datasheet shows; empty without a history."""
-    from imumon.bus import BusError
-    from imumon.history.repeatability import LEAST_DAYS
 
-    rows: list[dict[str, Any]] = []
-    for step, days in SHEET_STEPS:
-        parameters = f"_time=[now(-{days:.0f}d)..now()];step={step};channel=gyro,accel,mag"
-        try:
-            rows = json.loads(subscriber.history(id, parameters) or "[]")
-        except BusError:
-            return []
-        if len({row["time"] for row in rows}) >= LEAST_DAYS:
-            break
-    return rows
+    def rows_of(step: str, days: float) -> list[dict[str, Any]]:
+        parameters = f"_time=[now(-{days:.0f}d)..now()];step={step};channel={','.join(SHEET_CHANNELS)}"
+        found: list[dict[str, Any]] = json.loads(subscriber.history(id, parameters) or "[]")
+        return found
+
+    return _sheet_rows(rows_of)
 
 
 def stored_days(path: Path) -> list[dict[str, Any]]:
     """Return the rows that the datasheet shows beside a saved state, of the history in its directory."""
-    from imumon.history.history_file import HistoryError
-    from imumon.history.repeatability import LEAST_DAYS
     from imumon.history.rows import rows
     from imumon.history.selection import selection
     from imumon.history.store import HistoryStore
 
-    name, found = path.name.partition(".state")[0], []
     if (file := _beside(path)) is None:
         return []
-    for step, days in SHEET_STEPS:
+
+    def rows_of(step: str, days: float) -> list[dict[str, Any]]:
         now = time.time()
-        chosen = selection(now, since=now - 86400.0 * days, channels=("gyro", "accel", "mag"), step=step)
+        chosen = selection(now, since=now - DAY * days, channels=SHEET_CHANNELS, step=step)
+        with HistoryStore(file) as store:
+            return [row for timed in store.periods(chosen) for row in rows(timed, file.name, chosen)]
+
+    return _sheet_rows(rows_of)
+
+
+def _sheet_rows(rows_of: Callable[[str, float], list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Return the rows of the longest step of which there are enough; empty after an error."""
+    rows: list[dict[str, Any]] = []
+    for step, days in SHEET_STEPS:
         try:
-            with HistoryStore(file) as store:
-                found = [row for timed in store.periods(chosen) for row in rows(timed, name, chosen)]
-        except HistoryError:
+            rows = rows_of(step, days)
+        except ImumonError:
             return []
-        if len({row["time"] for row in found}) >= LEAST_DAYS:
+        if len({row["time"] for row in rows}) >= LEAST_DAYS:
             break
-    return found
+    return rows
 
 
 def with_turn_on(report: Any, path: Path) -> Any:
@@ -190,10 +191,6 @@ def _beside(path: Path) -> Path | None:
 
     file = path.with_name(f"{path.name.partition('.state')[0]}{SUFFIX}")
     return file if ".state" in path.name and file.exists() else None
-
-
-def _code(error: Any) -> int:
-    return NOT_FOUND if error.code == "no_history" else 1
 
 
 def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:

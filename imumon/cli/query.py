@@ -122,7 +122,7 @@ def status(arguments: argparse.Namespace) -> int:
 def _print_status_table(subscriber: Any, report: Any) -> None:
     """Print a report on one screen, with its age and with why the sensor delivers nothing."""
     from imumon.cli.daemon_state import EVENTS_S, LATE_S, current_reports, current_trouble
-    from imumon.datasheet.status_table import status_table
+    from imumon.datasheet.tables import status_table
     from imumon.units import duration
 
     ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()

@@ -45,7 +45,7 @@ from imumon.datasheet.tables import (
     sensor_axes,
     sensor_title,
     shown_letters,
-    significant_digits,
+    with_limits,
     without_aliasing,
 )
 from imumon.datasheet.temperature_figure import temperature_elements
@@ -269,11 +269,7 @@ def _point_text(curve: Allan, at: int) -> str:
     """Return the deviation at an averaging time with its 95 % limits."""
     if at >= len(curve.sigma):
         return "–"
-    sigma, low, high = curve.sigma[at], curve.low[at], curve.high[at]
-    if low is None or high is None:
-        return figures(sigma)
-    count = significant_digits(sigma, high - low)
-    return f"{figures(sigma, count)} ({figures(low, count)} to {figures(high, count)})"
+    return with_limits(curve.sigma[at], curve.low[at], curve.high[at])
 
 
 # ---------------------------------------------------------------- limits of the grades

@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 
 from imumon.coefficients import COEFFICIENTS, unit_of
 from imumon.datasheet.elements import DataTable, Element, Heading, Paragraph
-from imumon.datasheet.tables import coefficient_text, significant_digits
+from imumon.datasheet.tables import coefficient_text, with_limits
 from imumon.evaluation import Conformity, LimitCheck, UncertaintyBudget, UncertaintyComponent
 from imumon.messages import one_warmup
 from imumon.report import Event, Report, stamp
@@ -72,10 +72,8 @@ def _check_row(check: LimitCheck) -> tuple[str, ...]:
 
 
 def _measured(check: LimitCheck) -> str:
-    if check.value is not None and check.low is not None and check.high is not None:
-        count = significant_digits(check.value, check.high - check.low)
-        value, low, high = (figures(each, count) for each in (check.value, check.low, check.high))
-        return f"{value} ({low} to {high})"
+    if check.value is not None and check.low is not None:
+        return with_limits(check.value, check.low, check.high)
     return f"< {figures(check.high)}" if check.high is not None else "not known"
 
 

@@ -8,18 +8,17 @@ their marks, for readers who cannot distinguish the colours. A file also has the
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from imumon.datasheet.plotting import (
+    COLOURS,
+    INCHES,
     MARKERS,
-    PAGE,
-    PAGE_INCHES,
-    PRINT,
     draw_grid,
-    load_fonts,
+    draw_legend,
+    figure_style,
     page_svg,
     saved,
 )
@@ -39,19 +38,14 @@ from imumon.units import pretty
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-PANEL_INCHES = (7.4, 4.1)
 TEXT_INCHES = 0.55
 """Height of the values below a panel of a file: a page of A4 holds three sensors."""
-CAPTION_CHARACTERS = 128
-"""Characters in a line of the caption of a file."""
 MARGIN_DECADES = 0.06  # decades between the data and the frame
 WIDEST_LIMIT = 2.0  # factor beyond the points that the frame shows of their limits, which may span decades
-NAME_SHARE = (
-    0.013,
-    0.06,
-)  # of the frame: width of a letter of a grade's name, height of its line
-LETTER_ROOM = 1.3  # factor below a floor for its letter
-VISIBLE = 0.03  # share by which the model differs from the noise where both are drawn
+ROOM = 1.35
+"""Factor of averaging time or deviation in which a mark or a letter has room."""
+RISING_SHARE = 0.4
+"""Where a coefficient is marked whose asymptote rises, as a share of the longest averaging time."""
 
 
 class NoCurve(ImumonError):
@@ -65,28 +59,25 @@ def figure_file(report: Report, form: str) -> bytes:
     ------
     NoCurve : the record is too short.
     """
-    load_fonts()
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
     sensors = [sensor for sensor in SENSOR_TITLES if _drawable(readable_curves(report, sensor))]
     if not sensors:
         raise NoCurve("no_curve", "there is no curve to draw yet", "record longer")
-    width, height = PANEL_INCHES
+    width, height = INCHES
     inches = (width, (height + TEXT_INCHES) * len(sensors) + 1.0)
-    # text stays text in SVG and PDF; ids do not depend on the run
-    with rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "imumon"}):
+    with figure_style("imumon"):
+        from matplotlib.figure import Figure
+
         figure = Figure(figsize=inches, dpi=150, layout="constrained")
         figure.suptitle(sensor_title(report), x=0.01, ha="left", fontsize=12, fontweight="bold")
         rows = figure.subplots(
             2 * len(sensors), 1, gridspec_kw={"height_ratios": [height, TEXT_INCHES] * len(sensors)}
         )
         for panel, values, sensor in zip(rows[0::2], rows[1::2], sensors, strict=True):
-            _draw(panel, report, sensor, PRINT)
+            _draw(panel, report, sensor)
             panel.set_title(SENSOR_TITLES[sensor], loc="left", fontsize=10)
             _write_values(values, report, sensor)
-        caption = textwrap.fill(f"{record_line(report)}. {legend_text(report, sensors)}.", CAPTION_CHARACTERS)
-        figure.supxlabel(caption, x=0.01, ha="left", fontsize=7.5, color=PRINT["muted"])
+        caption = f"{record_line(report)}. {legend_text(report, sensors)}."
+        figure.supxlabel(caption, x=0.01, ha="left", fontsize=7.5, color=COLOURS["muted"], wrap=True)
         return saved(figure, form, sensor_title(report))
 
 
@@ -94,9 +85,7 @@ def _write_values(values: Axes, report: Report, sensor: str) -> None:
     """Write the coefficients of the axes with their limits below a panel."""
     values.set_axis_off()
     letters = shown_letters(channel for _, channel in sensor_axes(report, sensor))
-    places = [0.0, 0.025, 0.365, 0.665]
-    if len(letters) > len(NOISE):
-        places = [0.0, *(0.025 + 0.975 * k / len(letters) for k in range(len(letters)))]
+    places = [0.0, *(0.025 + 0.975 * k / len(letters) for k in range(len(letters)))]
     for k, (axis, channel) in enumerate(sensor_axes(report, sensor)):
         columns = [axis]
         for letter in letters:
@@ -104,9 +93,14 @@ def _write_values(values: Axes, report: Report, sensor: str) -> None:
             unit = f" {pretty(part.readable.unit)}" if part and part.status != "pending" else ""
             columns.append(f"{letter} {coefficient_text(part)}{unit}" if part or letter in NOISE else "")
         for at, text in zip(places, columns, strict=True):
-            colour = PRINT.get(axis, PRINT["text"])
             values.text(
-                at, 1.0 - 0.36 * k, text, fontsize=7.2, va="top", color=colour, transform=values.transAxes
+                at,
+                1.0 - 0.36 * k,
+                text,
+                fontsize=7.2,
+                va="top",
+                color=COLOURS[axis],
+                transform=values.transAxes,
             )
 
 
@@ -128,31 +122,28 @@ def svg(report: Report, sensor: str) -> str:
     if not _drawable(readable_curves(report, sensor)):
         return ""
     label = f"Allan deviation of the {SENSOR_TITLES[sensor].lower()}"
-    return page_svg(lambda panel: _draw(panel, report, sensor, PAGE), sensor, label, PAGE_INCHES)
+    return page_svg(lambda panel: _draw(panel, report, sensor), sensor, label)
 
 
 def _drawable(curves: Mapping[str, Allan]) -> bool:
     return any(sigma > 0.0 for curve in curves.values() for sigma in curve.sigma)
 
 
-def _draw(panel: Axes, report: Report, sensor: str, colours: Mapping[str, str]) -> None:
+def _draw(panel: Axes, report: Report, sensor: str) -> None:
     curves = readable_curves(report, sensor)
     scale = COEFFICIENTS["B"].units[sensor]
     marks = list(_marks(report, sensor, curves))
     x, y = _extent(curves, [mark.value for mark in marks if mark.letter == "B" and mark.value])
     panel.set(xscale="log", yscale="log", xlim=x, ylim=y)
-    panel.set_xlabel("averaging time τ, s", color=colours["text"])
-    panel.set_ylabel(f"Allan deviation σ(τ), {pretty(scale.unit)}", color=colours["text"])
-    draw_grid(panel, x, y, colours)
-    taken = [(m.tau_s, max(m.low, y[0]), m.high) for m in marks]
-    taken += [(t, s, s) for c in curves.values() for t, s in zip(c.tau_s, c.sigma, strict=True) if s > 0.0]
+    panel.set(xlabel="averaging time τ, s", ylabel=f"Allan deviation σ(τ), {pretty(scale.unit)}")
+    draw_grid(panel)
     for grade, limit in report.limit_curves.get(sensor, {}).items():
-        _draw_limit(panel, grade, limit, scale.factor, colours, taken)
+        _draw_limit(panel, grade, limit, scale.factor)
     for axis, curve in curves.items():
-        _draw_curve(panel, axis, curve, colours)
-    exact = _draw_exact(panel, report, sensor, curves, colours)
-    _draw_marks(panel, marks, colours)
-    _draw_legend(panel, list(curves), colours, exact=exact)
+        _draw_curve(panel, axis, curve)
+    exact = _draw_exact(panel, report, sensor, curves)
+    _draw_marks(panel, marks)
+    _draw_legend(panel, list(curves), exact=exact)
 
 
 def _extent(
@@ -164,105 +155,57 @@ def _extent(
     limits = [v for c in curves.values() for v in (*c.low, *c.high) if v is not None and v > 0.0]
     low = max(min([*sigmas, *limits]), min(sigmas) / WIDEST_LIMIT)
     high = min(max([*sigmas, *limits]), max(sigmas) * WIDEST_LIMIT)
-    low = min([low, *(max(floor / LETTER_ROOM, low / WIDEST_LIMIT) for floor in floors)])
+    low = min([low, *(max(floor / ROOM, low / WIDEST_LIMIT) for floor in floors)])
     margin = 10.0**MARGIN_DECADES
     return (min(taus) / margin, max(taus) * margin), (low / margin, high * margin)
 
 
-def _draw_limit(
-    panel: Axes,
-    grade: str,
-    limit: LimitCurve,
-    factor: float,
-    colours: Mapping[str, str],
-    taken: Sequence[tuple[float, float, float]],
-) -> None:
-    """Draw the curve at the limits of a grade, with its name as far right inside the frame as nothing covers it.
-
-    Parameters
-    ----------
-    taken : averaging time, lower and upper end of what is drawn there.
-    """
+def _draw_limit(panel: Axes, grade: str, limit: LimitCurve, factor: float) -> None:
+    """Draw the curve at the limits of a grade, with its name where it leaves the frame."""
     import numpy as np
 
-    (left, right), (bottom, top) = panel.get_xlim(), panel.get_ylim()
-    tau = np.geomspace(left, right, 200)
+    tau = np.geomspace(*panel.get_xlim(), 200)
     sigma = factor * np.exp(np.interp(np.log(tau), np.log(limit.tau_s), np.log(limit.sigma)))
-    panel.plot(tau, sigma, color=colours["muted"], linewidth=1.0, linestyle=(0, (1, 2)), label="_")
+    panel.plot(tau, sigma, color=COLOURS["muted"], linewidth=1.0, linestyle=(0, (1, 2)))
+    bottom, top = panel.get_ylim()
     inside = np.flatnonzero((sigma > bottom) & (sigma < top))
     if len(inside):
-        end = inside[-1]
-        left_aligned = end < len(tau) / 4
-        if not left_aligned:
-            shares = [i for i in inside[::-4] if i >= len(tau) / 2] or [end]
-            end = min(shares, key=lambda i: _covered(panel, grade, (float(tau[i]), float(sigma[i])), taken))
         panel.annotate(
-            grade, (tau[inside[0] if left_aligned else end], sigma[end]), (6 if left_aligned else -3, 3),
-            textcoords="offset points", ha="left" if left_aligned else "right", va="bottom", fontsize=8,
-            color=colours["muted"],
+            grade, (tau[inside[-1]], sigma[inside[-1]]), (4, 2), textcoords="offset points", fontsize=8,
+            color=COLOURS["muted"], annotation_clip=False,
         )  # fmt: skip
 
 
-def _covered(
-    panel: Axes, name: str, place: tuple[float, float], taken: Sequence[tuple[float, float, float]]
-) -> int:
-    """Return how much lies under a name that ends at `place` and is written above it."""
-
-    def share(value: float, ends: tuple[float, float]) -> float:
-        return math.log(value / ends[0]) / math.log(ends[1] / ends[0])
-
-    x, y = panel.get_xlim(), panel.get_ylim()
-    right, bottom = share(place[0], x), share(place[1], y)
-    left, top = right - NAME_SHARE[0] * (len(name) + 1), bottom + NAME_SHARE[1]
-    return sum(
-        left < share(tau, x) < right + NAME_SHARE[0]
-        and share(low, y) < top
-        and share(high, y) > bottom - NAME_SHARE[1]
-        for tau, low, high in taken
-    )
-
-
-def _draw_curve(panel: Axes, axis: str, curve: Allan, colours: Mapping[str, str]) -> None:
-    """Draw one axis: band, model, noise where it differs, and points, hollow where the fit does not use them."""
+def _draw_curve(panel: Axes, axis: str, curve: Allan) -> None:
+    """Draw one axis: band, noise, model over it, and points, hollow where the fit does not use them."""
     import numpy as np
 
-    colour, marker, used = colours[axis], MARKERS[axis], np.array(curve.used)
+    colour, used = COLOURS[axis], np.array(curve.used)
     low, high, model, noise, sigma = (
         np.array([v if v is not None and v > 0.0 else math.nan for v in values])  # matplotlib omits NaN
         for values in (curve.low, curve.high, curve.model, curve.noise, curve.sigma)
     )
     panel.fill_between(curve.tau_s, low, high, color=colour, alpha=0.16, linewidth=0.0)
-    panel.plot(curve.tau_s, model, color=colour, linewidth=1.2, label="_")
-    if (np.abs(model / noise - 1.0) > VISIBLE).any():
-        panel.plot(curve.tau_s, noise, color=colour, linewidth=0.6, label="_")
+    panel.plot(curve.tau_s, noise, color=colour, linewidth=0.6)
+    panel.plot(curve.tau_s, model, color=colour, linewidth=1.2)
     for shown, face in ((used, colour), (~used, "none")):
-        if shown.any():
-            panel.plot(
-                curve.tau_s, np.where(shown, sigma, math.nan), linestyle="none", marker=marker,
-                markersize=4.5, color=colour, markerfacecolor=face, markeredgewidth=1.0, label="_",
-            )  # fmt: skip
+        panel.plot(
+            curve.tau_s, np.where(shown, sigma, math.nan), linestyle="none", marker=MARKERS[axis],
+            markersize=4.5, color=colour, markerfacecolor=face, markeredgewidth=1.0,
+        )  # fmt: skip
 
 
-def _draw_exact(
-    panel: Axes, report: Report, sensor: str, curves: Mapping[str, Allan], colours: Mapping[str, str]
-) -> bool:
+def _draw_exact(panel: Axes, report: Report, sensor: str, curves: Mapping[str, Allan]) -> bool:
     """Draw the exact curves as dots on a thin line; return whether there are some."""
     exact = report.evaluation.exact if report.evaluation is not None else {}
     for axis in curves:
         if (curve := exact.get(f"{sensor}/{axis}")) is not None:
             sigma = [COEFFICIENTS["B"].units[sensor].factor * value or math.nan for value in curve.sigma]
             panel.plot(
-                curve.tau_s, sigma, color=colours[axis], linewidth=0.5, marker=".", markersize=2.2,
-                markeredgewidth=0.0, label="_", zorder=2.2,
+                curve.tau_s, sigma, color=COLOURS[axis], linewidth=0.5, marker=".", markersize=2.2,
+                markeredgewidth=0.0, zorder=2.2,
             )  # fmt: skip
     return any(f"{sensor}/{axis}" in exact for axis in curves)
-
-
-MARK_SHIFT = 1.35  # factor of tau between the marks of two axes
-MARK_SPAN = 1.14  # factor of tau from the middle of a bar to its end
-FALLING_S, RISING_SHARE = 1.0, 0.4
-"""Where a coefficient is marked whose asymptote falls, s, or rises, as a share of the longest tau; B where the noise
-is lowest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,74 +233,54 @@ def _marks(report: Report, sensor: str, curves: Mapping[str, Allan]) -> Iterator
             if part.status == "pending" or part.high is None:
                 continue
             row = COEFFICIENTS[letter]
-            place = FALLING_S if row.slope < 0.0 else RISING_SHARE * last if row.slope > 0.0 else lowest
-            tau = place * MARK_SHIFT ** (k - 1)
-            tau = min(max(tau, first * MARK_SPAN), last / MARK_SPAN)
+            place = RISING_SHARE * last if row.slope > 0.0 else row.read_s or lowest
+            tau = min(max(place * ROOM ** (k - 1), first * ROOM), last / ROOM)
             scale = factor * row.deviation(tau)
             value = part.value * scale if part.value is not None and part.status == "measured" else None
             yield _Mark(axis, letter, tau, value, (part.low or 0.0) * scale, part.high * scale)
 
 
-def _draw_marks(panel: Axes, marks: Sequence[_Mark], colours: Mapping[str, str]) -> None:
+def _draw_marks(panel: Axes, marks: Sequence[_Mark]) -> None:
     """Draw the coefficients as bars over their 95 % limits, upper bounds as arrows, with one letter for the axes."""
     bottom, top = panel.get_ylim()
+    marks = [mark for mark in marks if bottom < mark.high < top]
     for mark in marks:
-        colour, tau, high = colours[mark.axis], mark.tau_s, mark.high
-        if not bottom < high < top:
-            continue
-        slope = COEFFICIENTS[mark.letter].slope
-        wide = [tau / MARK_SPAN**4, tau * MARK_SPAN**4]
-        level = mark.value if mark.value is not None else high
-        line = [level * (t / tau) ** slope for t in wide]
-        panel.plot(wide, line, color=colour, linewidth=0.8, linestyle=(0, (3, 2)), label="_", zorder=3.0)
-        narrow = (tau / MARK_SPAN, tau * MARK_SPAN)
-        if mark.value is None:
-            panel.annotate(
-                "", (tau, max(high / 1.7, bottom)), (tau, high), zorder=3.1,
-                arrowprops={"arrowstyle": "-|>", "color": colour, "shrinkA": 0.0, "shrinkB": 0.0, "linewidth": 1.3},
-            )  # fmt: skip
-            panel.hlines(high, *narrow, color=colour, linewidth=1.8, zorder=3.1)
-        else:
-            panel.vlines(tau, max(mark.low, bottom), high, color=colour, linewidth=1.3, zorder=3.1)
-            panel.hlines([max(mark.low, bottom), high], *narrow, color=colour, linewidth=1.3, zorder=3.1)
-            panel.hlines(mark.value, *narrow, color=colour, linewidth=2.4, zorder=3.2)
+        slope, colour = COEFFICIENTS[mark.letter].slope, COLOURS[mark.axis]
+        level, end = (mark.value, mark.low) if mark.value is not None else (mark.high, mark.high / ROOM**2)
+        wide = (mark.tau_s / ROOM, mark.tau_s * ROOM)
+        line = [level * (t / mark.tau_s) ** slope for t in wide]
+        panel.plot(wide, line, color=colour, linewidth=0.8, linestyle=(0, (3, 2)), zorder=3.0)
+        panel.errorbar(
+            mark.tau_s, level, [[level - max(end, bottom)], [mark.high - level]], uplims=mark.value is None,
+            fmt="_", color=colour, markersize=15, markeredgewidth=1.4, elinewidth=1.4, capsize=4, zorder=3.1,
+        )  # fmt: skip
     for letter in COEFFICIENTS:
-        shown = [mark for mark in marks if mark.letter == letter and bottom < mark.high < top]
-        if shown:  # the floor lies below the curve, the others on it
+        if shown := [
+            mark for mark in marks if mark.letter == letter
+        ]:  # the floor is below the curve, others on it
             mark = min(shown, key=lambda m: m.low) if letter == "B" else max(shown, key=lambda m: m.high)
             below = letter == "B" and mark.value is not None
             panel.annotate(
                 letter, (mark.tau_s, max(mark.low, bottom) if below else mark.high), (0, -3 if below else 3),
                 textcoords="offset points", ha="center", va="top" if below else "bottom", fontsize=9,
-                fontweight="bold", color=colours["text"], zorder=3.3,
+                fontweight="bold", zorder=3.3,
             )  # fmt: skip
 
 
-def _draw_legend(panel: Axes, axes: Sequence[str], colours: Mapping[str, str], *, exact: bool) -> None:
+def _draw_legend(panel: Axes, axes: Sequence[str], *, exact: bool) -> None:
     """Name the axes above the frame, and explain band, line and hollow marks."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    muted = colours["muted"]
-    hollow: dict[str, Any] = {
-        "marker": "o",
-        "markersize": 4.5,
-        "markerfacecolor": "none",
-        "linestyle": "none",
-    }
+    muted = COLOURS["muted"]
     entries = [
-        *(Line2D([], [], color=colours[a], marker=MARKERS[a], markersize=4.5, label=a) for a in axes),
+        *(Line2D([], [], color=COLOURS[a], marker=MARKERS[a], markersize=4.5, label=a) for a in axes),
         Patch(color=muted, alpha=0.25, linewidth=0.0, label="95 %"),
         Line2D([], [], color=muted, linewidth=1.2, label="model"),
-        Line2D([], [], color=muted, label="not used", **hollow),
-        *(
-            [Line2D([], [], color=muted, linewidth=0.5, marker=".", markersize=4.0, label="exact")]
-            if exact
-            else []
+        Line2D(
+            [], [], color=muted, marker="o", markersize=4.5, fillstyle="none", linestyle="", label="not used"
         ),
     ]
-    panel.legend(
-        handles=entries, frameon=False, ncols=len(entries), loc="lower right", bbox_to_anchor=(1.0, 1.0),
-        borderaxespad=0.1, fontsize=8, handlelength=1.4, columnspacing=1.1, handletextpad=0.4,
-        labelcolor=colours["text"],
-    )  # fmt: skip
+    if exact:
+        entries.append(Line2D([], [], color=muted, linewidth=0.5, marker=".", markersize=4.0, label="exact"))
+    draw_legend(panel, entries)

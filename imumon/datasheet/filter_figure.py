@@ -7,11 +7,10 @@ velocity that the filter has. Dashed: the one that it states. A filter is consis
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from imumon.datasheet.elements import DataTable
-from imumon.datasheet.plotting import PAGE, PAGE_INCHES, draw_grid, page_svg
+from imumon.datasheet.plotting import COLOURS, draw_grid, draw_legend, page_svg
 from imumon.filter_report import FilterChannel, FilterReport
 from imumon.units import DEG, figures
 
@@ -23,8 +22,8 @@ FILTERS = {
     "white_walk": "white and walk",
     "gauss_markov": "with Gauss–Markov terms",
 }
-COLOURS = {"n_and_k": "y", "white_walk": "x", "gauss_markov": "z"}
-"""Colours of the filters, by the axis that has this colour in the other figures."""
+AXES = {"n_and_k": "y", "white_walk": "x", "gauss_markov": "z"}
+"""Axis that has the colour of a filter in the other figures."""
 
 QUANTITIES = {"gyro": ("angle", "°", DEG), "accel": ("velocity", "m/s", 1.0)}
 """What a filter integrates from a sensor: name, unit, factor from SI."""
@@ -62,12 +61,10 @@ def filter_svg(filters: FilterReport, sensor: str) -> str:
     quantity, unit, factor = QUANTITIES[sensor]
 
     def draw(panel: Axes) -> None:
-        _draw(panel, shown[1], factor, PAGE)
-        panel.set_xlabel("time since the last fix, s", color=PAGE["text"])
-        panel.set_ylabel(f"error of the {quantity}, {unit}", color=PAGE["text"])
+        _draw(panel, shown[1], factor)
+        panel.set(xlabel="time since the last fix, s", ylabel=f"error of the {quantity}, {unit}")
 
-    label = f"Predicted {quantity} error of a filter"
-    return page_svg(draw, f"filter-{sensor}", label, PAGE_INCHES)
+    return page_svg(draw, f"filter-{sensor}", f"Predicted {quantity} error of a filter")
 
 
 def _errors(channel: FilterChannel, name: str, factor: float) -> tuple[list[float], list[float]]:
@@ -77,20 +74,17 @@ def _errors(channel: FilterChannel, name: str, factor: float) -> tuple[list[floa
     return [s * math.sqrt(ratio) for s, ratio in zip(stated, nees, strict=True)], stated
 
 
-def _draw(panel: Axes, channel: FilterChannel, factor: float, colours: Mapping[str, str]) -> None:
+def _draw(panel: Axes, channel: FilterChannel, factor: float) -> None:
     from matplotlib.lines import Line2D
 
     handles = []
     for name, title in FILTERS.items():
-        colour = colours[COLOURS[name]]
+        colour = COLOURS[AXES[name]]
         true, stated = _errors(channel, name, factor)
         panel.plot(channel.nees.horizon_s, true, color=colour, linewidth=1.4)
         panel.plot(channel.nees.horizon_s, stated, color=colour, linewidth=1.1, linestyle=(0, (4, 2)))
         handles.append(Line2D([], [], color=colour, linewidth=1.4, label=title))
-    handles.append(Line2D([], [], color=colours["muted"], linestyle=(0, (4, 2)), label="stated"))
+    handles.append(Line2D([], [], color=COLOURS["muted"], linestyle=(0, (4, 2)), label="stated"))
     panel.set(xscale="log", yscale="log", xlim=(channel.nees.horizon_s[0], channel.nees.horizon_s[-1]))
-    draw_grid(panel, panel.get_xlim(), panel.get_ylim(), colours)
-    panel.legend(
-        handles=handles, frameon=False, ncols=len(handles), loc="lower right", bbox_to_anchor=(1.0, 1.0),
-        borderaxespad=0.1, fontsize=8, labelcolor=colours["text"],
-    )  # fmt: skip
+    draw_grid(panel)
+    draw_legend(panel, handles)

@@ -34,8 +34,6 @@ CURES = {
 }
 """What to do about a coefficient that more data will not give, by its `reason_code`."""
 
-WIDTH = 110
-"""Characters of a line of comments."""
 RECOMMENDED_RECORD_S = 8 * 3600.0
 """s, record that usually shows K or bounds it well below what matters."""
 
@@ -150,7 +148,7 @@ def settings_header(report: Report, filters: FilterReport) -> list[str]:
         f"{record_title(report)}, {duration(excluded) if excluded else 'nothing'} excluded",
         f"walks for at most {filters.horizon_s:g} s without a fix: imumon report --horizon",
     ]
-    lines += textwrap.wrap(FIX_WORDS, WIDTH)
+    lines += textwrap.wrap(FIX_WORDS)
     if (short := short_record_text(report)) is not None:
         lines.append(f"WARNING: {short}")
     return [

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from imumon.coefficients import unit_of
 from imumon.datasheet.elements import DataTable
-from imumon.datasheet.plotting import MARKERS, PAGE, PAGE_INCHES, draw_frame, page_svg
+from imumon.datasheet.plotting import COLOURS, MARKERS, draw_legend, page_svg
+from imumon.datasheet.tables import MOST_ROWS
+from imumon.history_report import LEAST_DAYS
 from imumon.report import MAX_NUMBER
 from imumon.units import figures, pretty
 
@@ -19,10 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 HistoryRows = Sequence[Mapping[str, Any]]
-LEAST_ROWS = 3
-"""Periods from which there is a history to show."""
-MOST_TABLE_ROWS = 14
-"""Rows of the table; of a longer history, every second, third and so on is shown, and the newest."""
 
 
 def series(rows: HistoryRows, sensor: str) -> dict[str, list[tuple[datetime, float, float, float]]]:
@@ -37,11 +35,11 @@ def series(rows: HistoryRows, sensor: str) -> dict[str, list[tuple[datetime, flo
                     found.setdefault(name.partition("/")[2], []).append((when, *numbers))
         except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError):
             continue
-    return {axis: points for axis, points in found.items() if len(points) >= LEAST_ROWS}
+    return {axis: points for axis, points in found.items() if len(points) >= LEAST_DAYS}
 
 
 def history_table(rows: HistoryRows, sensor: str) -> DataTable:
-    """Return N of each axis by time."""
+    """Return N of each axis by time; of a long history, every second, third and so on, and the newest."""
     shown = series(rows, sensor)
     unit = unit_of(sensor, "N")
     by_time: dict[datetime, dict[str, float]] = {}
@@ -49,7 +47,7 @@ def history_table(rows: HistoryRows, sensor: str) -> DataTable:
         for when, value, *_ in points:
             by_time.setdefault(when, {})[axis] = value
     times = sorted(by_time)
-    step = -(-len(times) // MOST_TABLE_ROWS)
+    step = -(-len(times) // MOST_ROWS)
     lines = [
         (
             f"{when:%Y-%m-%d %H:%M}",
@@ -76,15 +74,10 @@ def history_svg(rows: HistoryRows, sensor: str) -> str:
             below = [(v - w) * factor for v, w in zip(values, low, strict=True)]
             above = [(w - v) * factor for v, w in zip(values, high, strict=True)]
             panel.errorbar(
-                times, [v * factor for v in values], (below, above), label=axis, color=PAGE[axis],
+                times, [v * factor for v in values], (below, above), label=axis, color=COLOURS[axis],
                 marker=MARKERS[axis], markersize=3.5, linewidth=0.8, elinewidth=0.8,
             )  # fmt: skip
-        panel.set_ylabel(f"N, {prefix}{pretty(unit.unit)}", color=PAGE["text"])
-        draw_frame(panel, PAGE)
-        panel.legend(
-            frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize=8,
-            labelcolor=PAGE["text"],
-        )  # fmt: skip
+        panel.set_ylabel(f"N, {prefix}{pretty(unit.unit)}")
+        draw_legend(panel)
 
-    width, height = PAGE_INCHES
-    return page_svg(draw, f"history-{sensor}", f"History of N of the {sensor}", (width, 0.6 * height))
+    return page_svg(draw, f"history-{sensor}", f"History of N of the {sensor}", height=0.6)

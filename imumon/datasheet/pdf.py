@@ -9,7 +9,7 @@ from pathlib import Path
 
 from imumon.datasheet.elements import Document
 from imumon.datasheet.html import html_page
-from imumon.datasheet.plotting import PRINT
+from imumon.datasheet.plotting import COLOURS
 from imumon.errors import ImumonError
 
 FACES = {
@@ -43,7 +43,7 @@ def pdf_pages(document: Document) -> bytes:
             "pango_not_installed", message, f"apt install libpangoft2-1.0-0, {cure}"
         ) from None
     page = html_page(document)
-    for role, colour in PRINT.items():  # a figure cannot use the variables of its page
+    for role, colour in COLOURS.items():  # a figure cannot use the variables of its page
         page = page.replace(f"var(--{role})", colour)
     page = page.replace("</head>", f"<style>{_faces()}</style></head>")
     made: bytes = HTML(string=page).write_pdf()  # type: ignore[no-untyped-call]
@@ -52,9 +52,9 @@ def pdf_pages(document: Document) -> bytes:
 
 def _faces() -> str:
     """Return the rules that name the fonts."""
-    from imumon.datasheet.plotting import font_directory
+    import matplotlib
 
-    directory = Path(font_directory())
+    directory = Path(matplotlib.get_data_path(), "fonts", "ttf")
     rules = [
         f'@font-face {{ font-family: "{family}"; font-weight: {weight}; src: url("{(directory / name).as_uri()}"); }}'
         for name, (family, weight) in FACES.items()

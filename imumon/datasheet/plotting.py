@@ -11,23 +11,46 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MARKERS = {"x": "o", "y": "s", "z": "^"}
-PRINT = {
+COLOURS = {
     "x": "#0b66b0", "y": "#c4500a", "z": "#0a8a62",
-    "text": "#1b1f24", "muted": "#5b6470", "rule": "#d5dae0", "ground": "#ffffff",
+    "text": "#1b1f24", "muted": "#5b6470", "rule": "#d5dae0",
 }  # fmt: skip
-"""Colours on white, by axis and role."""
-PAGE = {role: f"#10{k:02d}fe" for k, role in enumerate(PRINT)}
-"""Colours that `svg` replaces by the CSS variables of the page, which follow its light or dark scheme."""
+"""Colours on white, by axis and role. In a page, CSS variables replace them, which follow its light or dark scheme."""
+STYLE: Any = {
+    "svg.fonttype": "none",  # text stays text in SVG and PDF
+    "pdf.fonttype": 42,
+    "font.family": "sans-serif",
+    "text.color": COLOURS["text"],
+    "axes.labelcolor": COLOURS["text"],
+    "axes.edgecolor": COLOURS["muted"],
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": COLOURS["rule"],
+    "grid.linewidth": 0.9,
+    **{f"{side}.{name}": value for side in ("xtick", "ytick") for name, value in (
+        ("color", COLOURS["muted"]), ("labelcolor", COLOURS["text"]), ("labelsize", 9))},
+    "legend.frameon": False,
+    "legend.loc": "lower right",
+    "legend.labelcolor": COLOURS["text"],
+    "legend.fontsize": 8,
+    "legend.borderaxespad": 0.1,
+    "legend.handlelength": 1.4,
+    "legend.columnspacing": 1.1,
+    "legend.handletextpad": 0.4,
+}  # fmt: skip
+"""What all figures have in common, as settings of matplotlib."""
 
-PAGE_INCHES = (8.4, 4.6)
+INCHES = (8.4, 4.6)
+"""Width and height of a figure of the page, and of a panel of a file."""
 FEW_DECADES = 2.0  # decades up to which 2 and 5 are labelled too
 _SVG_REPLACEMENTS = (
     (r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", ""),
@@ -40,30 +63,39 @@ _SVG_REPLACEMENTS = (
 """Parts of an SVG by matplotlib that a page does not need, as patterns with their replacements."""
 
 
-def page_svg(draw: Callable[[Axes], None], salt: str, label: str, inches: tuple[float, float]) -> str:
+def page_svg(draw: Callable[[Axes], None], salt: str, label: str, height: float = 1.0) -> str:
     """Return what `draw` draws into a panel as an SVG element of the HTML page.
 
     Parameters
     ----------
     salt : makes the ids in the element differ from those of other elements.
+    height : share of the usual height.
     """
-    load_fonts()
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
+    inches = (INCHES[0], height * INCHES[1])
+    with figure_style(salt):
+        from matplotlib.figure import Figure
 
-    # text stays text, in the font of the page; ids do not depend on the run
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": salt, "font.family": "sans-serif"}):
         figure = Figure(figsize=inches, layout="constrained")
         draw(figure.subplots())
         drawn = saved(figure, "svg").decode()
     body = drawn[drawn.index("<svg ") : drawn.rindex("</svg>")].partition(">")[2]
     for pattern, replacement in _SVG_REPLACEMENTS:
         body = re.sub(pattern, replacement, body, flags=re.DOTALL)
-    for role, colour in PAGE.items():
+    for role, colour in COLOURS.items():
         body = body.replace(colour, f"var(--{role})")
-    width, height = (72.0 * side for side in inches)
-    view = f'viewBox="0 0 {width:g} {height:g}"'
+    width, high = (72.0 * side for side in inches)
+    view = f'viewBox="0 0 {width:g} {high:g}"'
     return f'<svg class="allan" role="img" aria-label="{label}" {view}>{body}</svg>'
+
+
+@contextmanager
+def figure_style(salt: str) -> Iterator[None]:
+    """Draw in the common style; `salt` makes ids that do not depend on the run."""
+    load_fonts()
+    from matplotlib import rc_context
+
+    with rc_context({**STYLE, "svg.hashsalt": salt}):
+        yield
 
 
 def load_fonts() -> None:
@@ -78,13 +110,6 @@ def load_fonts() -> None:
             del os.environ["MPLCONFIGDIR"]
 
 
-def font_directory() -> str:
-    """Return the directory of the fonts that come with matplotlib."""
-    import matplotlib
-
-    return os.path.join(matplotlib.get_data_path(), "fonts", "ttf")
-
-
 def saved(figure: Figure, form: str, title: str | None = None) -> bytes:
     """Return a figure as a file; without a title, as an element of the page, on no ground of its own."""
     out = io.BytesIO()
@@ -97,15 +122,13 @@ def saved(figure: Figure, form: str, title: str | None = None) -> bytes:
     return out.getvalue()
 
 
-def draw_grid(
-    panel: Axes, x: tuple[float, float], y: tuple[float, float], colours: Mapping[str, str]
-) -> None:
-    """Draw the grid, the numbers and the frame of a panel with logarithmic axes, as all figures have them."""
+def draw_grid(panel: Axes) -> None:
+    """Draw the grid and the numbers of a panel with logarithmic axes, whose limits are set."""
     from matplotlib.ticker import LogLocator, StrMethodFormatter
 
     for axis, (low, high), lines, place in (
-        (panel.xaxis, x, panel.vlines, panel.get_xaxis_transform()),
-        (panel.yaxis, y, panel.hlines, panel.get_yaxis_transform()),
+        (panel.xaxis, panel.get_xlim(), panel.vlines, panel.get_xaxis_transform()),
+        (panel.yaxis, panel.get_ylim(), panel.hlines, panel.get_yaxis_transform()),
     ):
         few = math.log10(high / low) < FEW_DECADES
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=30))
@@ -113,14 +136,10 @@ def draw_grid(
         axis.minorticks_off()  # a tick is an object of its own: they take most of the time of a figure
         between = LogLocator(subs=range(2, 10), numticks=30).tick_values(low, high)
         shown = [tick for tick in between if low < tick < high]
-        lines(shown, 0.0, 1.0, transform=place, color=colours["rule"], linewidth=0.4, alpha=0.6, zorder=0.5)
-    draw_frame(panel, colours)
+        lines(shown, 0.0, 1.0, transform=place, color=COLOURS["rule"], linewidth=0.4, alpha=0.6, zorder=0.5)
 
 
-def draw_frame(panel: Axes, colours: Mapping[str, str]) -> None:
-    """Draw the grid, the numbers and the frame of a panel, as all figures have them."""
-    panel.grid(which="major", color=colours["rule"], linewidth=0.9)
-    panel.set_axisbelow(True)
-    panel.tick_params(which="both", color=colours["muted"], labelcolor=colours["text"], labelsize=9)
-    for spine in panel.spines.values():
-        spine.set_color(colours["muted"])
+def draw_legend(panel: Axes, handles: Sequence[Any] = ()) -> None:
+    """Draw a legend in one line above the frame, by default of all that has a label."""
+    entries = handles or panel.get_legend_handles_labels()[0]
+    panel.legend(handles=entries, ncols=len(entries), bbox_to_anchor=(1.0, 1.0))

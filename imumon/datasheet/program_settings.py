@@ -116,10 +116,8 @@ PROGRAMS: Mapping[str, Program] = {
 
 AXIS_FACTORS = {"deg/sqrt(hr)": 60.0 * DEG, "m/s/sqrt(hr)": 60.0, "deg/hr": DEG * HOUR, "mGal": 1e5}
 """Factors from SI to the units of KF-GINS."""
-CORRELATION_TIME_H = 4.0
-"""h, correlation time of the bias for KF-GINS: the one of its example."""
-HORIZONS_PER_CORRELATION = 10.0
-"""Horizons that this correlation time must be at least long: the process is then a walk."""
+CORRELATION_HORIZONS = 24.0
+"""Correlation time of the bias for KF-GINS, in horizons: a walk within one; the 4 h of its example for 600 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +135,7 @@ class TemplateContext:
 
     @property
     def correlation_time_h(self) -> float:
-        return max(CORRELATION_TIME_H, HORIZONS_PER_CORRELATION * self.filters.horizon_s / HOUR)
+        return CORRELATION_HORIZONS * self.filters.horizon_s / HOUR
 
     def values(self, sensor: str, letter: str) -> dict[str, float]:
         """Return N or walk of the axes where it is known."""

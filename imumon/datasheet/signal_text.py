@@ -7,19 +7,18 @@ axes, changes.
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterator
 
-from imumon.coefficients import BIAS_TERMS, unit_of
-from imumon.messages import drifts_with_temperature, follows_temperature
+from imumon.coefficients import BIAS_TERMS, LIMIT_95, unit_of
+from imumon.messages import SIGNIFICANT_WIDTHS, drifts_with_temperature, follows_temperature
 from imumon.report import GRADED, Change, Channel, Drift, ModelColumn, Report
 from imumon.samples import sensor_of
-from imumon.units import duration, figures, pretty
+from imumon.units import duration, figures, pretty, share_text
 
 MOST_LINES = 4  # spectral lines shown per channel, the strongest
 CORRELATED = 0.3  # correlation from which two axes are reported as moving together
-SIGNIFICANT = 5.0  # standard errors by which it must differ from 0; one is 1/sqrt(n), n independent samples
-LEAST_WIDTH = 60  # cells; no note is broken at a smaller width
 
 
 def signal_lines(report: Report, width: int | None = None) -> list[str]:
@@ -37,8 +36,7 @@ def signal_lines(report: Report, width: int | None = None) -> list[str]:
             before = sensor_of(name)
     for name, channel in report.channels.items() if lines else ():
         for text in (f"{name}: {note}" for note in (*_notes(name, channel), *_correlations(name, report))):
-            columns = len(text) if width is None else max(width, LEAST_WIDTH)
-            lines += textwrap.wrap(text, columns, subsequent_indent="  ")
+            lines += textwrap.wrap(text, width or len(text), subsequent_indent="  ")
     return lines
 
 
@@ -95,7 +93,7 @@ def _slope(drift: Drift, unit: str) -> str:
     """Return how a mean follows the temperature, as a sentence."""
     slope = drift.per_degC or 0.0
     half = "" if drift.per_degC_high is None else f" ±{drift.per_degC_high - slope:.1e}"
-    share = "" if drift.explained is None else f", {drift.explained:.0%} of the slow variance"
+    share = "" if drift.explained is None else f", {share_text(drift.explained)} of the slow variance"
     if drift.temperature_min is not None and drift.temperature_max is not None:
         share += f", from {drift.temperature_min:.1f} to {drift.temperature_max:.1f} {pretty('degC')}"
     text = f"follows the temperature by {slope:.2e}{half} {unit} per degree{share}"
@@ -174,12 +172,13 @@ def _correlations(name: str, report: Report) -> Iterator[str]:
         for other, r in (shape.correlation.items() if shape is not None else ())
         if other in names[names.index(name) :]
         and abs(r) >= CORRELATED
-        and r * r * min(_effective_samples(report, name), _effective_samples(report, other)) > SIGNIFICANT**2
+        and abs(r) > SIGNIFICANT_WIDTHS * LIMIT_95 * _standard_error(report, name, other)
     ]
     if others:
         yield f"moves together with {', '.join(others)}"
 
 
-def _effective_samples(report: Report, name: str) -> float:
-    shape = report.channels[name].distribution
-    return (shape.effective_samples if shape is not None else None) or 0.0
+def _standard_error(report: Report, *names: str) -> float:
+    """Return the standard error of a correlation of 0 between two channels."""
+    shapes = [report.channels[name].distribution for name in names]
+    return math.sqrt(1.0 / min((shape and shape.effective_samples) or 1.0 for shape in shapes))

@@ -1,11 +1,10 @@
-"""Table of a report as plain text, for a terminal or a pipe, and the texts that other forms share with it."""
+"""Tables of a report as plain text, for a terminal or a pipe, and the texts that other forms share with them."""
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from imumon.alarms import known
 from imumon.devices import registry
@@ -23,11 +22,13 @@ from imumon.messages import (
 )
 from imumon.report import COEFFICIENTS, NOISE, Allan, Channel, DeviceDescription, Estimate, Report
 from imumon.samples import ALIASED, AXES, sensor_of
-from imumon.units import counted, duration, figures, measured, pretty
+from imumon.units import counted, duration, figures, measured, pretty, share_text
 
-SHOWN_EVENTS = 30
-"""Most events in a text or a document."""
+MOST_ROWS = 30
+"""Most events, or times of a history, in a text or a document."""
 
+NUMBER = 11
+"""Cells of a mean, such as -1.2345e-03."""
 SENSOR_TITLES = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
 
 
@@ -94,26 +95,6 @@ def readable_curves(report: Report, sensor: str) -> dict[str, Allan]:
 # ---------------------------------------------------------------- text
 
 
-@dataclass(frozen=True, slots=True)
-class TableLayout:
-    """Layout of a row of the text table."""
-
-    cell: int  # width of a coefficient
-    limits: bool  # whether to show 95 % limits and both grades; else half-width or factor, and one grade
-    std: bool  # whether to show the standard deviation
-
-    def width(self, letters: int) -> int:
-        """Return the width of a row with this number of coefficients, in cells."""
-        numbers, grades = 1 + self.std, 1 + self.limits
-        return NAME + (NUMBER + 1) * numbers + (self.cell + 1) * letters + (GRADE + 1) * grades
-
-
-NAME, NUMBER, GRADE = 12, 11, 10  # widths of columns in cells
-FULL = TableLayout(28, limits=True, std=True)
-LAYOUTS = (FULL, TableLayout(15, limits=False, std=True), TableLayout(14, limits=False, std=False))
-"""From the widest to the narrowest."""
-
-
 def report_table(report: Report, width: int | None = None) -> str:
     """Return the whole report as lines of text.
 
@@ -128,10 +109,47 @@ def report_table(report: Report, width: int | None = None) -> str:
         "",
         *grade_lines(report),
         *_grade_words(report, width),
-        *_goals(report),
     ]
-    parts += [*_caveats(report), *_events(report)]
-    return "\n".join(parts)
+    for goal, ahead in goals(report):
+        parts.append(f"{goal}: {', '.join(f'{name} in {duration(s)}' for name, s in ahead.items())}")
+    return "\n".join([*parts, *_caveats(report), *_events(report)])
+
+
+def status_table(report: Report, width: int, late: str | None) -> str:
+    """Return one report on one screen: the state first, then the grades, and one line per channel.
+
+    It fits a terminal of 80 x 24 cells for a sensor of nine axes; a wider one shows the limits of each coefficient.
+
+    Parameters
+    ----------
+    width : cells of the terminal.
+    late : why the numbers are not current; None: they are.
+    """
+    device = report.device
+    where = f" on {device.port}" if device.port else ""
+    lines = [
+        f"{report.state}: {device.id}, {sensor_title(report)}{where}",
+        *([late] if late else []),
+        f"{record_title(report)}{_temperature(report)}",
+        counters_text(report),
+    ]
+    facts = [alarm.text(value) for alarm, value, _ in known(report) if value]
+    if excluded := exclusions(report, duration):
+        facts.append(f"{' and '.join(excluded)} excluded")
+    lines += ["; ".join(facts)] if facts else []
+    lines += grade_lines(report, reasons=False)
+    if names := [caveat.replace("_", " ") for caveat in caveats(report)]:
+        lines.append(f"caveats: {', '.join(names)} (--verbose explains them)")
+    noise = {name: channel for name, channel in report.channels.items() if channel.coefficients}
+    rows = channel_rows(replace(report, channels=noise), width) if noise else []
+    if slowest := [f"{goal} in {duration(max(ahead.values()))}" for goal, ahead in goals(report)]:
+        lines.append(f"still to come: {', '.join(slowest)}")
+    return "\n".join([*lines, *rows])
+
+
+def _temperature(report: Report) -> str:
+    channel = report.channels.get("temperature")
+    return f", {channel.last:.1f} °C" if channel is not None and channel.last is not None else ""
 
 
 def shown_letters(channels: Iterable[Channel]) -> tuple[str, ...]:
@@ -146,11 +164,7 @@ def coefficient_text(coefficient: Estimate | None) -> str:
         return ""
     shown = coefficient.stated.readable
     if coefficient.status == "measured" and shown.value is not None:
-        if shown.low is None or shown.high is None:
-            return figures(shown.value)
-        count = significant_digits(shown.value, shown.high - shown.low)
-        low, high = figures(shown.low, count), figures(shown.high, count)
-        return f"{figures(shown.value, count)} ({low} to {high})"
+        return with_limits(shown.value, shown.low, shown.high)
     if coefficient.status == "upper_bound" and shown.high is not None:
         return f"< {figures(shown.high)}"
     return no_value_text(coefficient) or "too short"
@@ -164,16 +178,16 @@ def without_aliasing(report: Report, name: str, part: Estimate | None) -> Estima
     return part.scaled(1.0 / factor, part.unit)
 
 
-def significant_digits(value: float, width: float) -> int:
-    """Return how many digits of a value show an interval of that width, three or four.
+def with_limits(value: float, low: float | None, high: float | None) -> str:
+    """Return a value with its limits, with as many digits, three or four, as show their width.
 
-    >>> significant_digits(0.21, 0.02), significant_digits(0.21, 0.0004), significant_digits(0.21, 0.0)
-    (3, 4, 4)
+    >>> with_limits(0.21, 0.20, 0.22), with_limits(0.21, 0.2098, 0.2102), with_limits(0.21, None, None)
+    ('0.210 (0.200 to 0.220)', '0.2100 (0.2098 to 0.2102)', '0.210')
     """
-    ratio = width / value if value > 0.0 else 0.0
-    if ratio <= 0.0:
-        return 4
-    return 3 if ratio > 1.0 else min(max(3, 1 - math.floor(math.log10(ratio))), 4)
+    if low is None or high is None:
+        return figures(value)
+    digits = 4 if high - low < 0.01 * value else 3
+    return f"{figures(value, digits)} ({figures(low, digits)} to {figures(high, digits)})"
 
 
 def _header(report: Report) -> list[str]:
@@ -183,8 +197,7 @@ def _header(report: Report) -> list[str]:
     rate = f"{device.sample_rate_hz:g} Hz" if device.sample_rate_hz else "rate unknown"
     lines = [
         f"{name}  {device.source or ''} {stream_noun(device)}  {rate}  {report.state}",
-        f"{duration(session.elapsed_s)}, {counted(session.samples, 'sample')}, {session.missing:,} missing "
-        f"in {counted(session.gaps, 'gap')}, {counted(session.bad_checksums, invalid_noun(device))}, "
+        f"{duration(session.elapsed_s)}, {counters_text(report)}, "
         f"{counted(session.discarded_bytes, 'byte')} discarded",
     ]
     lines += [alarm.text(value) for alarm, value, _ in known(report) if value]
@@ -197,61 +210,72 @@ def _header(report: Report) -> list[str]:
     return lines
 
 
+def counters_text(report: Report) -> str:
+    """Return how many samples arrived, and how many did not."""
+    session = report.session
+    return (
+        f"{counted(session.samples, 'sample')}, {session.missing:,} missing in {counted(session.gaps, 'gap')}, "
+        f"{counted(session.bad_checksums, invalid_noun(report.device))}"
+    )
+
+
 def invalid_noun(device: DeviceDescription) -> str:
     """Return what `bad_checksums` counts: messages that failed their check, or rows of a table."""
     return "bad checksum" if device.driver else "invalid row"
 
 
 def channel_rows(report: Report, width: int | None) -> list[str]:
-    """Return a line per channel below a heading per sensor, in the widest layout that fits."""
-    letters = shown_letters(report.channels.values())
-    if width is not None and LAYOUTS[-1].width(len(letters)) > width:
-        letters = NOISE
-    fitting = (layout for layout in LAYOUTS if width is None or layout.width(len(letters)) <= width)
-    layout = next(fitting, LAYOUTS[-1])
-    lines, before = [], ""
+    """Return a line per channel below a heading per sensor, with as much as fits into `width` cells.
+
+    The widest form has 95 % limits, both grades and the standard deviation, others the half-width or factor of the
+    limits, the narrowest N, B and K alone.
+    """
+    lines: list[str] = []
+    for letters in (shown_letters(report.channels.values()), NOISE):
+        for limits, std in ((True, True), (False, True), (False, False)):
+            rows = list(_channel_cells(report, letters, limits=limits, std=std))
+            widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+            lines = [
+                " ".join(f"{cell:<{n}}" for cell, n in zip(row, widths, strict=True)).rstrip() for row in rows
+            ]
+            if width is None or max(map(len, lines), default=0) <= width:
+                return [*lines, *([] if limits or not lines else [uncertainty()])]
+    return [*lines, uncertainty()]
+
+
+def _channel_cells(
+    report: Report, letters: Sequence[str], *, limits: bool, std: bool
+) -> Iterator[tuple[str, ...]]:
+    """Yield the cells of each line of `channel_rows`."""
+    statistics, before = ("mean", "std")[: 1 + std], ""
     for name, channel in report.channels.items():
         if (sensor := sensor_of(name)) != before:
             before = sensor
             axes = [c for n, c in report.channels.items() if sensor_of(n) == sensor]
-            lines.append(_heading(axes, layout, letters))
-        cells = [f"{name:<{NAME}}", _number(channel.mean), *([_number(channel.std)] if layout.std else [])]
-        for letter in letters:
-            coefficient = channel.coefficients.get(letter)
-            text = coefficient_text(coefficient) if layout.limits else _abbreviated(coefficient)
-            cells.append(f"{text:<{layout.cell}}")
-        meets, nearest = axis_grades(channel)
-        cells += [f"{meets:<{GRADE}}"] if layout.limits else []
-        cells.append(nearest)
-        lines.append(" ".join(cells).rstrip())
-    return [*lines, uncertainty()] if lines and not layout.limits else lines
+            head = [f"in {pretty(channel.unit)}", *(f"{each:>{NUMBER}}" for each in statistics)]
+            for letter in letters:
+                known = next(
+                    (each.coefficients[letter] for each in axes if letter in each.coefficients), None
+                )
+                unit = f"{' in' if limits else ''} {pretty(known.readable.unit)}" if known else ""
+                head.append(f"{letter}{unit}" if known else "")
+            yield (*head, *(("meets", "nearest") if channel.grade else ("", ""))[not limits :])
+        numbers = (_number(getattr(channel, each)) for each in statistics)
+        text = coefficient_text if limits else _abbreviated
+        noise = (text(channel.coefficients.get(letter)) for letter in letters)
+        yield (name, *numbers, *noise, *axis_grades(channel)[not limits :])
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:>{NUMBER}.4e}"
 
 
 def _abbreviated(coefficient: Estimate | None) -> str:
-    """Return a coefficient with the half-width of its limits or their factor: ``0.358 ±1.5%``, ``3.5 ×÷2.1``."""
+    """Return a coefficient with the half-width of its limits or their factor: ``0.358 ±1.5 %``, ``3.5 ×÷2.1``."""
     shown = Estimate() if coefficient is None else coefficient.stated.readable
     if shown.status != "measured" or shown.value is None:
         return coefficient_text(coefficient)
     return measured(shown.value, shown.low, shown.high)
-
-
-def _heading(axes: Sequence[Channel], layout: TableLayout, letters: Sequence[str]) -> str:
-    channel = axes[0]
-    cells = [f"{f'in {pretty(channel.unit)}':<{NAME}}", f"{'mean':>{NUMBER}}"]
-    cells += [f"{'std':>{NUMBER}}"] if layout.std else []
-    for letter in letters:
-        known = next((each.coefficients[letter] for each in axes if letter in each.coefficients), None)
-        name = f"{letter} in " if layout.limits else f"{letter} "
-        title = f"{name}{pretty(known.readable.unit)}" if known else ""
-        cells.append(f"{title:<{layout.cell}}")
-    if channel.grade:
-        cells += [f"{'meets':<{GRADE}}"] if layout.limits else []
-        cells.append("nearest")
-    return " ".join(cells).rstrip()
-
-
-def _number(value: float | None) -> str:
-    return f"{value:>11.4e}" if value is not None else f"{'':>11}"
 
 
 def grade_lines(report: Report, *, reasons: bool = True) -> list[str]:
@@ -271,15 +295,12 @@ def _grade_words(report: Report, width: int | None) -> list[str]:
     return textwrap.wrap(GRADE_WORDS, width or len(GRADE_WORDS)) if graded else []
 
 
-def _goals(report: Report) -> list[str]:
-    """Return how long N, B and K of each axis take until the configured precision, of a record that grows."""
-    lines = []
+def goals(report: Report) -> Iterator[tuple[str, dict[str, float]]]:
+    """Yield each precision that is still to come of a record that grows, with the time until then, s, by axis."""
     for letter, share in report.precision.items() if report.state == "running" else ():
         times = {name: (c.time_to or {}).get(letter) for name, c in report.channels.items() if c.grade}
-        ahead = [f"{name} in {duration(seconds)}" for name, seconds in times.items() if seconds]
-        if ahead:
-            lines.append(f"{letter} within ±{100.0 * share:g}%: {', '.join(ahead)}")
-    return lines
+        if ahead := {name: seconds for name, seconds in times.items() if seconds}:
+            yield f"{letter} within ±{share_text(share)}", ahead
 
 
 def _caveats(report: Report) -> list[str]:
@@ -313,10 +334,10 @@ def driver_advice(report: Report, about: str) -> str:
 def event_rows(report: Report) -> Iterator[tuple[str, str]]:
     """Yield time and text of the first events of a record; of many, gaps are left out, whose sum the record has."""
     timed = [event for event in report.events if event.elapsed_s is not None]
-    shown = timed if len(timed) <= SHOWN_EVENTS else [event for event in timed if event.kind != "gap"]
-    for event in shown[:SHOWN_EVENTS]:
+    shown = timed if len(timed) <= MOST_ROWS else [event for event in timed if event.kind != "gap"]
+    for event in shown[:MOST_ROWS]:
         yield f"{event.elapsed_s:,.1f} s", event.text
-    if (more := len(timed) - min(len(shown), SHOWN_EVENTS)) > 0:
+    if (more := len(timed) - min(len(shown), MOST_ROWS)) > 0:
         yield "", f"{more} more: the forms json and csv list them"
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from imumon.coefficients import unit_of
 from imumon.datasheet.elements import DataTable, Element, Figure, Heading, Paragraph
-from imumon.datasheet.plotting import MARKERS, PAGE, PAGE_INCHES, draw_frame, page_svg
+from imumon.datasheet.plotting import COLOURS, MARKERS, draw_legend, page_svg
 from imumon.datasheet.tables import SENSOR_TITLES, sensor_axes
 from imumon.messages import no_bias_curve
 from imumon.report import BiasCurve, ModelColumn, Report
@@ -76,8 +76,10 @@ def temperature_svg(report: Report, sensor: str) -> str:
             low, middle, high = (
                 _rise(curve, values, unit.factor) for values in (curve.low, curve.bias, curve.high)
             )
-            panel.fill_between(curve.degC, low, high, color=PAGE[axis], alpha=0.18, linewidth=0.0)
-            panel.plot(curve.degC, middle, color=PAGE[axis], marker=MARKERS[axis], markersize=3.5, label=axis)
+            panel.fill_between(curve.degC, low, high, color=COLOURS[axis], alpha=0.18, linewidth=0.0)
+            panel.plot(
+                curve.degC, middle, color=COLOURS[axis], marker=MARKERS[axis], markersize=3.5, label=axis
+            )
             if curve.hysteresis is not None:
                 half, ends = 0.5 * curve.hysteresis.value * unit.factor, (curve.degC[0], curve.degC[-1])
                 for way in (half, -half):
@@ -85,18 +87,12 @@ def temperature_svg(report: Report, sensor: str) -> str:
                         y + way * (1.0 - ((2.0 * t - sum(ends)) / ((ends[1] - ends[0]) or 1.0)) ** 2)
                         for t, y in zip(curve.degC, middle, strict=True)
                     ]
-                    panel.plot(curve.degC, apart, color=PAGE[axis], linewidth=0.9, linestyle=(0, (4, 2)))
-        panel.set_xlabel("temperature, °C", color=PAGE["text"])
-        panel.set_ylabel(f"bias, {pretty(unit.unit)}", color=PAGE["text"])
-        draw_frame(panel, PAGE)
-        panel.legend(
-            frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize=8,
-            labelcolor=PAGE["text"],
-        )  # fmt: skip
+                    panel.plot(curve.degC, apart, color=COLOURS[axis], linewidth=0.9, linestyle=(0, (4, 2)))
+        panel.set(xlabel="temperature, °C", ylabel=f"bias, {pretty(unit.unit)}")
+        draw_legend(panel)
 
-    width, height = PAGE_INCHES
     label = f"Bias of the {SENSOR_TITLES[sensor].lower()} against the temperature"
-    return page_svg(draw, f"temperature-{sensor}", label, (width, 0.7 * height)) if shown else ""
+    return page_svg(draw, f"temperature-{sensor}", label, height=0.7) if shown else ""
 
 
 def with_error(value: float, half: float) -> str:

@@ -18,7 +18,7 @@ from imumon.noise.stretches.change import LEAST_CHANGE
 from imumon.noise.stretches.day_change import DAYS_KEPT, find_day_change
 from imumon.report import Change, stamp
 from imumon.samples import sensor_of
-from imumon.units import DAY
+from imumon.units import DAY, share_text
 
 AGAINST = "history"
 """What such a change is a change against, in the report."""
@@ -112,5 +112,5 @@ def change_text(name: str, change: Change) -> str:
         moved = f"against the temperature moved from {change.before:.3g} to {change.now:.3g} per degC"
     else:
         verb = "grew" if change.ratio > 1.0 else "fell"
-        moved = f"{verb} by {abs(change.ratio - 1.0):.0%}".replace("%", " %")
+        moved = f"{verb} by {share_text(abs(change.ratio - 1.0))}"
     return f"{change.quantity} of {name} {moved}{when}, p = {change.p_value:.0e}"

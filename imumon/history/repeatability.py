@@ -14,11 +14,8 @@ import numpy as np
 
 from imumon.coefficients import LIMIT_95
 from imumon.history.day_changes import LEAST_S
-from imumon.history_report import DayScatter
+from imumon.history_report import LEAST_DAYS, DayScatter
 from imumon.report import COEFFICIENTS, MAX_NUMBER
-
-LEAST_DAYS = 3
-"""Days from which their scatter is given: two show a standard deviation only within a factor of 30."""
 
 
 def day_scatter(rows: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, DayScatter]]:

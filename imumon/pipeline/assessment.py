@@ -17,6 +17,7 @@ from imumon.pipeline.accumulators import UNGRADED_SHARE, Accumulators
 from imumon.pipeline.analysis import Analysis
 from imumon.report import Change, Channel, ChannelGrade, Report, SensorGrade
 from imumon.samples import sensor_of
+from imumon.units import share_text
 
 NOTED_SHARE = 0.1
 """Share of the samples from which exclusions, or missing ones, are a caveat of the record."""
@@ -38,7 +39,7 @@ def record_caveats(record: Accumulators, analysis: Analysis, *, guarded: bool) -
 def no_grade_reason(record: Accumulators) -> str | None:
     """Return why nothing of this record can be graded; None if it can."""
     if record.stuck or record.stuck_share > UNGRADED_SHARE:
-        return f"{record.stuck_share:.0%} of the samples repeat: stuck"
+        return f"{share_text(record.stuck_share)} of the samples repeat: stuck"
     if record.excluded_share > UNGRADED_SHARE:
         return excluded_text(record.excluded_share, record.excluded_by)
     if not record.guard.at_rest:

@@ -25,6 +25,7 @@ from imumon.samples import LONGEST_NS, Bools, Clock, Floats, Ints, Stream, senso
 from imumon.timebase.interval import NOMINAL_SHARE
 from imumon.timebase.late_stamps import LateStamps
 from imumon.timebase.timestamps import HostStamps, RateObstacle, rate_obstacle, stamp_interval
+from imumon.units import share_text
 
 LARGEST = 1e100
 """Size from which a number counts as missing: no instrument writes it, and its square overflows."""
@@ -266,7 +267,7 @@ def _repeating(found: ColumnLayout, rows: Floats) -> Iterator[str]:
         own = [k for k, name in enumerate(found.channels) if sensor_of(name) == sensor]
         share = float(copies(rows[:, own]).mean()) if len(rows) > 1 else 0.0
         if HELD < share < COPIED:
-            yield f"{sensor} repeats its values in {share:.0%} of the rows: it is slower than they are"
+            yield f"{sensor} repeats its values in {share_text(share)} of the rows: it is slower than they are"
 
 
 def _is_used(sensor: str, share: float, empty: set[str]) -> bool:
@@ -283,7 +284,7 @@ def _sparse(
     sparse: dict[str, list[str]] = {}
     for k, column in enumerate(columns):
         if full[k] <= FILLED and (k >= len(sensors) or sensors[k] not in INERTIAL):
-            lack = f"{1.0 - full[k]:.1%} of the rows lack" if full[k] else "no row has a number in"
+            lack = f"{share_text(1.0 - full[k])} of the rows lack" if full[k] else "no row has a number in"
             use = "the one before is held" if k in used else "not used"
             sparse.setdefault(f"{lack} {{}}: {use}", []).append(column.name)
     yield from (text.format(", ".join(names)) for text, names in sparse.items())

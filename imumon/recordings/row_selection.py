@@ -21,6 +21,7 @@ import numpy as np
 from imumon.recordings.base import RecordingError
 from imumon.recordings.columns import READ_ALONE, ColumnLayout
 from imumon.samples import AXES, Bools, Floats, sensor_of
+from imumon.units import share_text
 
 COMPLETE = 0.75
 """Share of the rows of a sensor that must have the other one, for them to have one rate: a slower one has at most two
@@ -200,7 +201,8 @@ class RowOrder:
             steps = np.diff(times)
             back = float(np.mean(steps < 0.0))
             if back > UNSORTED and (steps > 0.0).any():
-                text = f"{self._path}: its rows are not in the order of {self._name}: {back:.0%} of the steps go back"
+                text = f"{self._path}: its rows are not in the order of {self._name}: "
+                text += f"{share_text(back)} of the steps go back"
                 raise RecordingError("rows_not_sorted", text, f"sort the rows by {self._name}")
         ready = len(rows) if final else max(0, len(rows) - WINDOW)
         self._rows, self._times, self._places = rows[ready:], times[ready:], list(places[ready:])

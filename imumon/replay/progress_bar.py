@@ -92,9 +92,9 @@ def bar_text(share: float | None, record_s: float | None, spent_s: float) -> str
     spent_s : s since the begin.
 
     >>> bar_text(0.25, 3600.0, 9.0)[20:]
-    '  25%  1 h of record, 400 times real time, 27 s left'
+    '  25 %  1 h of record, 400 times real time, 27 s left'
     >>> bar_text(None, 40.0, 20.0), bar_text(None, None, 3.0), bar_text(1.0, 40.0, 3.0)[20:]
-    ('40 s of record, 2 times real time, 20 s', 'opening, 3 s', ' 100%  40 s of record, last analysis')
+    ('40 s of record, 2 times real time, 20 s', 'opening, 3 s', ' 100 %  40 s of record, last analysis')
     """
     if record_s is None:
         return f"opening, {duration(spent_s)}"
@@ -104,7 +104,7 @@ def bar_text(share: float | None, record_s: float | None, spent_s: float) -> str
     if share is None:
         return f"{text}, {times} times real time, {duration(spent_s)}"
     done = round(share * WIDTH)
-    bar = f"{'━' * done}{'╌' * (WIDTH - done)} {share:4.0%}  {text}"
+    bar = f"{'━' * done}{'╌' * (WIDTH - done)} {100.0 * share:3.0f} %  {text}"
     if share >= 1.0:
         return f"{bar}, last analysis"
     left = f", {duration(spent_s * (1.0 - share) / share)} left" if share > 0.0 else ""

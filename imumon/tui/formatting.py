@@ -123,9 +123,9 @@ class Notation:
         """Return a configured precision.
 
         >>> Notation().goal(0.2)
-        '±20%'
+        '±20 %'
         """
-        return f"{self.symbol('±')}{100.0 * share:g}%"
+        return f"{self.symbol('±')}{100.0 * share:g} %"
 
     def coefficient(self, part: Estimate | None, seconds: float | None) -> Span:
         """Return a coefficient in at most `CELL` cells: value and uncertainty, `< bound`, or remaining time.
@@ -138,7 +138,10 @@ class Notation:
             return "–", "faint"
         value, low, high = self.limits(part)
         if part.status == "measured" and value is not None:
-            return measured(value, low, high, self.symbol("±"), self.symbol("×÷"))[:CELL], "text"
+            text = measured(value, low, high, self.symbol("±"), self.symbol("×÷"))
+            while len(text) > CELL:  # blanks go first: a number without its last sign is another number
+                text = text.replace(" ", "", 1)
+            return text, "text"
         if part.status == "upper_bound" and high is not None:
             return f"< {number(high, 2)}", "bound"
         if (why := no_value_text(part)) is not None:

@@ -141,7 +141,7 @@ def test_thresholds_grade_and_baseline(report: Report, tmp_path: Path) -> None:
         saved.write_text(to_json(measured(2.0)))
         code, text, _ = plugin("--connect", place, "--max-loss", "25", "--baseline", str(saved))
         assert code == 1
-        assert "gyro/x: N has fallen by 50% against the baseline" in text
+        assert "gyro/x: N has fallen by 50 % against the baseline" in text
         saved.write_text(to_json(report))
         assert plugin("--connect", place, "--max-loss", "25", "--baseline", str(saved))[0] == 0
 

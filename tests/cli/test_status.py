@@ -14,7 +14,7 @@ import reports
 from commands import run_inside
 from test_check import published
 
-from imumon.datasheet.status_table import status_table
+from imumon.datasheet.tables import status_table
 from imumon.report import Report
 
 
@@ -32,7 +32,7 @@ def test_it_is_one_screen_with_the_state_first(report: Report) -> None:
     for name, channel in report.channels.items():
         assert sum(line.startswith(f"{name} ") for line in lines) == bool(channel.coefficients)
     assert any(line.startswith("caveats: aliased") for line in lines) == ("aliased" in report.caveats)
-    assert any(line.startswith("still to come: ") and "B within ±15% in " in line for line in lines)
+    assert any(line.startswith("still to come: ") and "B within ±15 % in " in line for line in lines)
 
 
 def test_why_the_numbers_are_not_current_is_in_the_second_line(report: Report) -> None:

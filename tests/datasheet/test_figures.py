@@ -16,10 +16,10 @@ from reports import LONG_S, nothing_yet
 from reports import report as make_report
 
 from imumon.datasheet import NoCurve
-from imumon.datasheet.figures import PANEL_INCHES, svg
 from imumon.datasheet.figures import _draw as draw
+from imumon.datasheet.figures import svg
 from imumon.datasheet.filter_figure import filter_svg
-from imumon.datasheet.plotting import PRINT
+from imumon.datasheet.plotting import INCHES, figure_style
 from imumon.datasheet.tables import coefficient_text
 from imumon.report import COEFFICIENTS, Report, to_json
 from imumon.units import pretty
@@ -108,9 +108,10 @@ def test_the_name_of_a_grade_does_not_cover_a_letter(sensor: str, age: str) -> N
     """N, B and K end where the limits of the grades end, at the right."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=PANEL_INCHES, layout="constrained")
-    panel = figure.subplots()
-    draw(panel, aged(age), sensor, PRINT)
+    with figure_style("imumon"):
+        figure = Figure(figsize=INCHES, layout="constrained")
+        panel = figure.subplots()
+        draw(panel, aged(age), sensor)
     figure.draw_without_rendering()
     boxes = [(t.get_text(), t.get_window_extent()) for t in panel.texts if t.get_text()]
     letters = [box for name, box in boxes if name in COEFFICIENTS]
@@ -144,8 +145,10 @@ def test_every_point_of_a_curve_is_drawn_within_the_frame(sensor: str, age: str)
         allan = report.channels[f"{sensor}/{axis}"].allan
         assert allan is not None
         styled = ((use, use.get("style") or "") for use in root.iter("use"))
-        marks = [use for use, style in styled if f"stroke: var(--{axis})" in style]
-        assert len(marks) == len(allan.tau_s) + 1  # one in the legend
+        drawn = [(use, style) for use, style in styled if f"stroke: var(--{axis})" in style]
+        legend = drawn[-1][0].get("href")  # others are ends of the bars of N, B and K
+        marks = [use for use, style in drawn if use.get("href") == legend or "fill-opacity: 0" in style]
+        assert len(marks) == len(allan.tau_s) + 1
         for mark in marks:
             assert 0.0 <= float(mark.get("x") or -1) <= width
             assert 0.0 <= float(mark.get("y") or -1) <= height

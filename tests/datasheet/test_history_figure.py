@@ -11,7 +11,8 @@ from histories import period, write
 
 from imumon.cli.history_command import stored_days
 from imumon.datasheet import document
-from imumon.datasheet.history_figure import MOST_TABLE_ROWS, history_svg, history_table, series
+from imumon.datasheet.history_figure import history_svg, history_table, series
+from imumon.datasheet.tables import MOST_ROWS
 from imumon.filter_report import FilterReport
 
 
@@ -36,7 +37,7 @@ def test_the_page_has_a_figure_and_markdown_a_table(tmp_path: Path) -> None:
     assert "## History" in text
     table = history_table(rows, "gyro")
     assert table.head[1:] == ("x", "y", "z")
-    assert len(table.rows) <= MOST_TABLE_ROWS
+    assert len(table.rows) <= MOST_ROWS
     assert float(table.rows[-1][1]) == pytest.approx(float(table.rows[0][1]) * 1.39, rel=0.03)
 
 

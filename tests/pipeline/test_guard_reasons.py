@@ -44,7 +44,7 @@ def test_a_table_in_degrees_names_motion_and_the_unit() -> None:
     """Noise of 0.06 deg/s and a bias of 0.66 deg/s, read as rad/s."""
     current = report(record(np.degrees(record()[:, :3] + np.array([0.005, -0.01, 0.003]))))
     (reason,) = reasons(current)
-    assert reason == "100% excluded as motion: keep it still, or check its unit (deg/s? --map)"
+    assert reason == "100 % excluded as motion: keep it still, or check its unit (deg/s? --map)"
     assert "not_at_rest" in current.caveats
 
 
@@ -69,5 +69,5 @@ def test_a_range_that_is_exceeded() -> None:
 @pytest.mark.parametrize("reason", REASONS)
 def test_every_reason_has_a_cure_that_fits_a_terminal(reason: str) -> None:
     text = excluded_text(1.0, {reason: 9.0, "magnetic": 10.0})
-    assert text == f"100% excluded as {reason}: {EXCLUSION_CURES[reason]}"
+    assert text == f"100 % excluded as {reason}: {EXCLUSION_CURES[reason]}"
     assert len(text) <= 73

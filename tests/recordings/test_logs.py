@@ -99,7 +99,7 @@ def test_a_real_px4_log_has_the_samples_of_pyulog(path: Path) -> None:
         chosen, remarks = replayed(path, topic=f"{other.name}/{other.multi_id}")
         assert chosen.session.samples == len(other.data["timestamp"])
         assert chosen.device.stream == "unknown"
-        assert "its integrals cover 1% of the time" in remarks
+        assert "its integrals cover 1 % of the time" in remarks
         assert "not used" not in remarks
 
 
@@ -190,7 +190,7 @@ def test_integrals_with_pauses_are_not_used(tmp_path: Path, dt: int, used: str) 
     ]
     report, remarks = replayed(ulog(tmp_path / "a.ulg", topics))
     assert f"{used} is used" in remarks
-    assert ("vehicle_imu/0 not used: its integrals cover 88% of the time" in remarks) == (dt == 3520)
+    assert ("vehicle_imu/0 not used: its integrals cover 88 % of the time" in remarks) == (dt == 3520)
     assert report.session.samples == (N if dt == 3700 else 2 * N - 1)
     assert set(report.channels) >= {"gyro/x", "accel/z"}
 

@@ -80,7 +80,7 @@ def test_sensors_with_times_of_their_own_are_read_one_by_one(tmp_path: Path) -> 
 def test_a_sensor_that_holds_its_values_is_slower_than_its_rows(tmp_path: Path) -> None:
     t, gyro, accel = truth(20_000)
     report, remarks = replayed(csv(tmp_path / "a.csv", NAMES, t, gyro, accel[np.arange(len(t)) // 2]))
-    assert "accel repeats its values in 50% of the rows" in remarks
+    assert "accel repeats its values in 50 % of the rows" in remarks
     n = report.channels["accel/x"].coefficients["N"]
     assert n.low is not None
     assert n.high is not None

@@ -361,7 +361,7 @@ def test_a_temperature_that_some_rows_lack_is_used_where_it_is_known(tmp_path: P
     rows[:, -1] = np.nan
     own = np.column_stack([t[7::100] + 1e-3, np.full((len(t) // 100, 3), np.nan), warm[7::100]])
     apart = np.concatenate([rows, own])[np.argsort(np.concatenate([t, own[:, 0]]))]
-    for table, share in ((few, "99.0%"), (most, "10.0%"), (apart, "99.0%")):
+    for table, share in ((few, "99 %"), (most, "10 %"), (apart, "99 %")):
         report, remarks = replayed(csv(tmp_path / "a.csv", names, table))
         assert f"{share} of the rows lack temp [degC]: the one before is held" in remarks
         session = report.session

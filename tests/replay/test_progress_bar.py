@@ -45,11 +45,11 @@ def test_a_bar_shows_share_rate_and_time_left_and_leaves_an_empty_line(columns: 
         with ProgressBar(terminal, begin_s=0.05) as bar:
             until(lambda: shows("opening, 0 s"))
             bar.update(0.5, 3600.0)
-            until(lambda: shows("50%"))
+            until(lambda: shows("50 %"))
         assert shows("\r\x1b[K")
     os.close(master)
     lines = shown.replace("\x1b[K", "").split("\r")
-    assert re.search(r"━{10}╌{10}  50%  1 h of rec", lines[-2])
+    assert re.search(r"━{10}╌{10}  50 %  1 h of rec", lines[-2])
     assert max(map(len, lines)) < columns
     if columns == 120:
         assert re.search(r"[\d,]+ times real time, [01] s left", lines[-2])

@@ -463,12 +463,12 @@ def test_the_time_to_the_configured_precision_is_visible(size: tuple[int, int]) 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("down", "down")
         text = visible_text(app)
-        for goal in ("±1% in 42 s", "±15% in 25 min", "±50% in 3.0 d"):
+        for goal in ("±1 % in 42 s", "±15 % in 25 min", "±50 % in 3.0 d"):
             assert text.count(goal) == 1
         app.source.arrive(replace(report, state="stopped"))
         app.poll()
         await pilot.pause()
-        assert "±1% in" not in visible_text(app)  # it does not grow any more
+        assert "±1 % in" not in visible_text(app)  # it does not grow any more
 
     drive(reports.FakeSource(report), script, size)
 
@@ -481,7 +481,7 @@ def test_the_time_to_each_precision_is_visible_at_once(size: tuple[int, int]) ->
         await pilot.press("p")
         rows = visible_text(app).splitlines()
         (heading,) = (row for row in rows if row.startswith(" gyro") and "N ±" in row)
-        assert heading.split()[1:7] == ["N", "±1%", "B", "±15%", "K", "±50%"]
+        assert heading.split()[1:10] == ["N", "±1", "%", "B", "±15", "%", "K", "±50", "%"]
         assert "p values" in heading or size[0] < 72
         row = next(row for row in rows if row.startswith("   z"))
         assert "reached" in row

@@ -10,6 +10,7 @@ from imumon.devices.vn100.device_info import FAMILY, PROTOCOL, family_of
 from imumon.devices.vn100.registers import LOOP_RATE, RegisterNumber
 from imumon.devices.vn100.stream_settings import divisors
 from imumon.samples import ALIASED, DeviceInfo
+from imumon.units import share_text
 
 SLOW_HZ = 40.0
 """Hz, rate of the deltas below which a higher baud is recommended: the factory rate."""
@@ -99,7 +100,7 @@ def _load(observation: Observation) -> Check:
     if not baud:
         return Check("load", "ok", f"{bytes_per_s:.0f} bytes/s")
     load = bytes_per_s / (baud / 10)
-    text = f"{load:.0%} of {baud} baud"
+    text = f"{share_text(load)} of {baud} baud"
     if load > IMPOSSIBLE_LOAD:
         return Check("load", "ok", f"{text}: no real serial line, so the baud rate is no limit")
     if load <= HIGH_LOAD:

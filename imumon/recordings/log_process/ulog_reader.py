@@ -25,6 +25,7 @@ from imumon.recordings.log_process.base import (
     step_s,
 )
 from imumon.samples import AXES, Floats
+from imumon.units import share_text
 
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 
@@ -81,7 +82,7 @@ def _described(name: str, instance: int, data: Mapping[tuple[str, int], Arrays])
         known = {}
     averaged = covered is not None and covered >= COVERED
     if covered is not None and not averaged:
-        note = f"its integrals cover {covered:.0%} of the time: each value is a short average"
+        note = f"its integrals cover {share_text(covered)} of the time: each value is a short average"
     times = arrays.get(time, np.zeros(0))
     step = step_s(times)
     topic = Topic(
