@@ -31,7 +31,7 @@ from imumon.tui import run
 
 RUN = reports.Run(700.0)
 READY = [RUN.report_at(600.0 + 1.7 * k) for k in range(24)]
-SIGNAL = RUN.monitor.signals(("gyro/x",))["gyro/x"]
+SIGNAL = RUN.monitor.signals()["gyro/x"]()
 
 class Source:
     begin = time.monotonic()

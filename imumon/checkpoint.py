@@ -45,10 +45,7 @@ FILE_BYTES = 1 << 26
 """Bytes of the largest file that is read as a state; a record of a year has less than 1 MB."""
 
 PLAIN_BYTES = 1 << 28
-"""Bytes of the largest state after decompression."""
-
-DECODER_BYTES = 1 << 26
-"""Bytes of memory that the decoder of xz may take; preset 0 takes 1 MB."""
+"""Bytes of the largest state after decompression, and of memory that the decoder of xz may take."""
 
 _DESCRIPTION = "imumon.state"
 """Name of the first entry of the archive: format and `SavedState.meta` as JSON."""
@@ -88,7 +85,7 @@ def is_state(head: bytes) -> bool:
     """Return whether a file with these first bytes, 256 or more, is a state of any version."""
     content = b""
     with suppress(lzma.LZMAError):
-        content = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=DECODER_BYTES).decompress(head, 64)
+        content = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=PLAIN_BYTES).decompress(head, 64)
     return head.startswith(_BEFORE_4) or f"{_DESCRIPTION}.npy".encode() in content
 
 
@@ -122,7 +119,7 @@ def decode(data: bytes, name: str = "the state") -> SavedState:
 
 def _decompressed(data: bytes) -> bytes:
     """Return the content of xz data; raise ValueError if it is too large."""
-    stream = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=DECODER_BYTES)
+    stream = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=PLAIN_BYTES)
     content = stream.decompress(data, PLAIN_BYTES)
     if not stream.eof or stream.unused_data:
         raise ValueError(f"it is truncated or larger than {PLAIN_BYTES >> 20} MB")

@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +108,7 @@ def daemon(
         number += 1
         data, signals = (
             report(id, number, octaves=octaves),
-            {"gyro/x": make_signal("gyro/x", number, columns)},
+            {"gyro/x": partial(make_signal, "gyro/x", number, columns)},
         )
         start = time.perf_counter()
         publisher.publish(data, signals)

@@ -193,7 +193,7 @@ def _run(scale: float) -> tuple[dict[float, Report], dict[str, Signal]]:
     run = Run(scale=scale) if scale == 1.0 else Run(900.0, seed=2, scale=scale)
     ages = AGES if scale == 1.0 else (900.0,)
     reports = {age: run.report_at(age) for age in ages}
-    return reports, run.monitor.signals(NOISE)
+    return reports, {name: make() for name, make in run.monitor.signals().items() if name in NOISE}
 
 
 @once_per_test_run

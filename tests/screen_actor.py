@@ -20,7 +20,7 @@ class GrowingSource:
     def __init__(self) -> None:
         self._run = reports.Run(3600.0)
         self._report = self._run.report_at(START_S)
-        self._signal = self._run.monitor.signals(("gyro/x",))["gyro/x"]
+        self._signal = self._run.monitor.signals()["gyro/x"]()
         self._begin = time.monotonic()
 
     @property

@@ -11,7 +11,7 @@ from __future__ import annotations
 import atexit
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,10 +19,10 @@ from functools import partial
 import zenoh
 
 from imumon.bus.bus_error import BusError, Unreachable
-from imumon.bus.queryable import LastValues
+from imumon.bus.queryable import LastValues, Signals
 from imumon.bus.uplink import Links, Uplink, open_local, open_uplink
 from imumon.bus.zenoh_session import RETRY_S, SessionOptions, check_endpoint, clean_id
-from imumon.report import Channel, Event, Report, Signal, members, to_json
+from imumon.report import Channel, Event, Report, members, to_json
 
 CURVES = ("allan", "histogram", "spectrum")
 """Fields of a channel that only the report contains; the key of the channel leaves them out."""
@@ -78,7 +78,7 @@ class Publisher:
         for endpoint in connect:
             check_endpoint(endpoint)
         self._changed = threading.Condition()  # of the next five fields
-        self._newest: tuple[Report, Mapping[str, Signal] | None] | None = None
+        self._newest: tuple[Report, Signals] | None = None
         self._events: deque[Event] = deque()
         self._closing = False
         self._counts = PublisherCounts()
@@ -112,10 +112,10 @@ class Publisher:
             self.close()
             raise
 
-    def publish(self, report: Report, signals: Mapping[str, Signal] | None = None) -> None:
-        """Send the newest report, and reply with the signals by channel where requested; return at once."""
+    def publish(self, report: Report, signals: Signals | None = None) -> None:
+        """Send the newest report, and reply with the signals of channels from now on; return at once."""
         with self._changed:
-            self._newest = (report, signals)
+            self._newest = (report, signals or {})
             self._changed.notify()
 
     def answer_history(self, answer: Callable[[str, str], str]) -> None:
@@ -135,10 +135,6 @@ class Publisher:
                 self._counts.events_dropped += 1
             self._events.append(event)
             self._changed.notify()
-
-    def requested_signals(self, within_s: float = 5.0) -> frozenset[str]:
-        """Return the channels whose signal was requested in the last `within_s` seconds."""
-        return self._last_values.requested_signals(within_s)
 
     @property
     def counts(self) -> PublisherCounts:
@@ -222,11 +218,11 @@ class Publisher:
         with self._changed:
             self._counts.events += 1
 
-    def _send_report(self, report: Report, signals: Mapping[str, Signal] | None) -> None:
+    def _send_report(self, report: Report, signals: Signals) -> None:
         texts = {name: self._channel_texts(name, channel) for name, channel in report.channels.items()}
         whole = ",".join(f"{to_json(name)}:{own[:-1]},{curves[1:]}" for name, (own, curves) in texts.items())
         bare = to_json({key: part for key, part in members(report).items() if key != "channels"})
-        self._last_values.set_signals(signals or {})
+        self._last_values.signals = signals
         self._put("report", f'{bare[:-1]},"channels":{{{whole}}}}}')
         for name, (own, _) in texts.items():
             self._put(name, own)

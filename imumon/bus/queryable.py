@@ -1,20 +1,18 @@
 """Last value of every key of a device, as the reply to a ``get``.
 
-Signals are large, so the publisher computes only those that were requested lately: the first query for one
-waits for the next report. A thread of its own replies to the queries that waited, and to those for the history: a
-querier may ask for replies that wait for its congested link, and the history is read from the disk.
+Signals are large, so their text is made for a query only. A thread of its own replies to the queries for the history:
+it is read from the disk, and a querier may ask for replies that wait for its congested link.
 """
 
 from __future__ import annotations
 
 import json
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from functools import partial
 from queue import Full, Queue
+from typing import TypeAlias
 
 import zenoh
 
@@ -26,12 +24,12 @@ JSON = "application/json"
 EVENTS_KEPT = 100
 """Events that are replied to a ``get`` and cached for advanced subscribers."""
 
-SIGNAL_S = 3.0
-"""s after which a query for a signal that is not published gets no reply."""
-_MAX_PENDING = 32  # queries that wait for a signal; the oldest gets no reply
+MAX_QUERIES = 16  # queries in a queue; the oldest, or one that does not fit, gets no reply
 _CLOSE_S = 0.2  # s; limits the delay of the exit by a reply that blocks
 _MAX_SELECTOR = 1024  # characters of a key with parameters; a query with more is not replied to
-_MAX_NAME = 64  # characters of a channel that no report had yet; a longer one is not requested
+
+Signals: TypeAlias = Mapping[str, Callable[[], Signal]]
+"""What makes the signal of each channel."""
 
 
 class LastValues:
@@ -39,6 +37,7 @@ class LastValues:
 
     Attributes
     ----------
+    signals : those of the newest report.
     answer_history : from the name of a key below ``history`` and the parameters of a query to JSON; None: there
         is no history.
     """
@@ -48,12 +47,10 @@ class LastValues:
         self._lock = threading.Lock()
         self._last: dict[str, tuple[str, zenoh.Timestamp]] = {}
         self._events: deque[tuple[str, zenoh.Timestamp]] = deque(maxlen=EVENTS_KEPT)
-        self._signals: Mapping[str, Signal] = {}
-        self._requests: dict[str, float] = {}  # monotonic time of the last query for its signal, by channel
-        self._pending: deque[tuple[zenoh.Query, float]] = deque(maxlen=_MAX_PENDING)
+        self.signals: Signals = {}
         self.answer_history: Callable[[str, str], str] | None = None
-        self._due: Queue[Callable[[], None] | None] = Queue(_MAX_PENDING)
-        self._replier = start_listener(iter(self._due.get, None), self._reply_due)
+        self._asked: Queue[tuple[zenoh.Query, str] | None] = Queue(MAX_QUERIES)  # for the history
+        self._replier = start_listener(iter(self._asked.get, None), lambda asked: self._reply_history(*asked))
 
     def store(self, name: str, text: str, timestamp: zenoh.Timestamp) -> None:
         """Store a message that is being published under `name`."""
@@ -72,27 +69,6 @@ class LastValues:
         for value in events:
             yield "event", *value
 
-    def requested_signals(self, within_s: float) -> frozenset[str]:
-        """Return the channels whose signal was requested in the last `within_s` seconds; drop the others."""
-        since = time.monotonic() - within_s
-        with self._lock:
-            self._requests = {channel: at for channel, at in self._requests.items() if at >= since}
-            return frozenset(self._requests)
-
-    def set_signals(self, signals: Mapping[str, Signal]) -> None:
-        """Store the newest signals and reply to the queries that wait for them."""
-        now = time.monotonic()
-        with self._lock:
-            self._signals = dict(signals)
-            waiting = list(self._pending)
-            self._pending.clear()
-            for query, since in waiting:
-                if self._has_signal(query) or now - since >= SIGNAL_S:
-                    with suppress(Full):
-                        self._due.put_nowait(partial(self._reply_signals, query))
-                else:
-                    self._pending.append((query, since))
-
     def reply(self, query: zenoh.Query) -> None:
         """Reply to a query for any key, also with wildcards; drop one with data, which would be kept while it waits."""
         data = query.payload is not None or query.attachment is not None
@@ -104,42 +80,20 @@ class LastValues:
             if query.key_expr.intersects(key):
                 query.reply(key, text, encoding=JSON, timestamp=timestamp)
         if (below := self._history_name(query)) is not None:
-            try:
-                self._due.put_nowait(partial(self._reply_history, query, below))
-            except Full:
-                query.drop()
-            return
-        with self._lock:
-            self._record_request(query)
-            if not self._has_signal(query):
-                self._pending.append((query, time.monotonic()))
+            with suppress(Full):
+                self._asked.put_nowait((query, below))
                 return
-        self._reply_signals(query)
+        for name, signal in self.signals.items():
+            key = f"{self._root}/signal/{name}"
+            if query.key_expr.intersects(key):
+                query.reply(key, to_json(signal()), encoding=JSON)
+        query.drop()
 
     def close(self) -> None:
         """End the thread that replies; the sessions are closed by then, so it waits for no link."""
         with suppress(Full):
-            self._due.put(None, timeout=_CLOSE_S)
+            self._asked.put(None, timeout=_CLOSE_S)
         self._replier.join(_CLOSE_S)
-
-    def _record_request(self, query: zenoh.Query) -> None:
-        """Record the channels whose signal is requested; a wildcard for all keys is no request."""
-        prefix, expression = f"{self._root}/signal/", str(query.key_expr)
-        if "/signal/" in expression:
-            name = expression.removeprefix(prefix)
-            channels = [n for n in self._last if query.key_expr.intersects(prefix + n)]
-            if not channels and len(name) <= _MAX_NAME and len(self._requests) < _MAX_PENDING:
-                channels = [name]  # no report had it yet; anyone may write any name, so these are bounded
-            self._requests.update(dict.fromkeys(channels, time.monotonic()))
-
-    def _has_signal(self, query: zenoh.Query) -> bool:
-        """Return whether a query for a signal can be replied to now; True for any other query."""
-        prefix, is_signal = f"{self._root}/signal/", "/signal/" in str(query.key_expr)
-        return not is_signal or any(query.key_expr.intersects(prefix + name) for name in self._signals)
-
-    def _reply_due(self, reply: Callable[[], None]) -> None:
-        with suppress(zenoh.ZError):  # the querier may have gone
-            reply()
 
     def _history_name(self, query: zenoh.Query) -> str | None:
         """Return the key below ``history`` that a query asks for, empty for itself; a wildcard for all is no query."""
@@ -151,24 +105,14 @@ class LastValues:
 
     def _reply_history(self, query: zenoh.Query, name: str) -> None:
         assert self.answer_history is not None
-        try:
-            text = self.answer_history(name, str(query.parameters))
-            query.reply(f"{self._root}/history{f'/{name}' if name else ''}", text, encoding=JSON)
-        except ImumonError as error:
-            described = {"code": error.code, "message": error.message, "cure": error.cure}
-            query.reply_err(json.dumps({"error": described}), encoding=JSON)
-        except Exception as error:  # no query may end the thread
-            described = {"code": "history_failed", "message": str(error), "cure": "see the log of the daemon"}
-            query.reply_err(json.dumps({"error": described}), encoding=JSON)
-        finally:
-            query.drop()
-
-    def _reply_signals(self, query: zenoh.Query) -> None:
-        """Send the signals. The lock is free: a congested link may block, and the publisher must not wait for it."""
-        with self._lock:
-            signals = self._signals
-        for name, signal in signals.items():
-            key = f"{self._root}/signal/{name}"
-            if query.key_expr.intersects(key):
-                query.reply(key, to_json(signal), encoding=JSON)
-        query.drop()
+        with suppress(zenoh.ZError):  # the querier may have gone
+            try:
+                text = self.answer_history(name, str(query.parameters))
+                query.reply(f"{self._root}/history{f'/{name}' if name else ''}", text, encoding=JSON)
+            except Exception as error:  # no query may end the thread
+                other = ImumonError("history_failed", str(error), "see the log of the daemon")
+                known = error if isinstance(error, ImumonError) else other
+                described = {"code": known.code, "message": known.message, "cure": known.cure}
+                query.reply_err(json.dumps({"error": described}), encoding=JSON)
+            finally:
+                query.drop()

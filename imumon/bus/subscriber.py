@@ -27,7 +27,7 @@ from zenoh.handlers import RingChannel
 
 from imumon.bus.bus_error import BusError
 from imumon.bus.device_states import DeviceState, DeviceStates
-from imumon.bus.queryable import EVENTS_KEPT, SIGNAL_S
+from imumon.bus.queryable import EVENTS_KEPT
 from imumon.bus.zenoh_session import (
     MAX_MESSAGE_BYTES,
     SessionOptions,
@@ -43,6 +43,7 @@ _MAX_QUEUED = 1024  # events or tokens in a queue; the oldest is dropped
 _MAX_QUEUED_REPORTS = 64  # reports in the queue, which bounds its bytes
 KEPT_BYTES = 32_000_000
 """Bytes of the newest reports of all devices, and of a reply with rows of the history; a daemon sends at most 10 MB."""
+_SIGNAL_S = 3.0  # s that the reply with a signal may take
 HISTORY_PERIOD_S = 30.0
 """s between two requests of the history that is shown."""
 
@@ -354,7 +355,7 @@ class Subscriber:
             if selected is not None:
                 key = "imumon/{}/signal/{}".format(*selected)
                 with suppress(zenoh.ZError):
-                    for reply in self._session.get(key, timeout=SIGNAL_S):
+                    for reply in self._session.get(key, timeout=_SIGNAL_S):
                         self._on_signal(selected, reply)
 
     def _on_signal(self, selected: tuple[str, str], reply: zenoh.Reply) -> None:

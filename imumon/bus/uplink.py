@@ -16,7 +16,7 @@ from zenoh import ext
 from zenoh.handlers import RingChannel
 
 from imumon.bus.bus_error import BusError
-from imumon.bus.queryable import EVENTS_KEPT, JSON, LastValues
+from imumon.bus.queryable import EVENTS_KEPT, JSON, MAX_QUERIES, LastValues
 from imumon.bus.zenoh_session import LEASE_S, SessionOptions, local_endpoints, open_session, start_listener
 
 _CACHED = {"report": 1, "grade": 1, "event": EVENTS_KEPT}
@@ -25,7 +25,6 @@ _BY_NUMBER = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None)
 """Makes subscribers order messages by sequence number. Ordered by time, a subscriber whose clock is behind
 the daemon's would get only one message."""
 
-_MAX_QUERIES = 16  # queries in the queue; the oldest gets no reply
 _FIND_S = 0.15  # s; time in which a liveliness token of a local daemon arrives
 _LEASE_MARGIN_S = 0.5  # s after the lease
 _LOST = "connection lost; trying again"
@@ -50,7 +49,7 @@ class Uplink:
             for name, kept in _CACHED.items()
         }
         self._listener = start_listener(
-            session.declare_queryable(f"{root}/**", RingChannel(_MAX_QUERIES)), reply
+            session.declare_queryable(f"{root}/**", RingChannel(MAX_QUERIES)), reply
         )
         self._token = session.liveliness().declare_token(f"{root}/alive")
 

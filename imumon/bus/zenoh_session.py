@@ -2,7 +2,7 @@
 
 A default Zenoh session listens on all interfaces, announces itself by multicast and accepts what any peer
 publishes. A session of imumon listens on the loopback interface only, uses neither multicast nor gossip nor
-shared memory, detects a dead link after 2 s, reconnects every 0.5 to 2 s, and accepts no data: a peer may
+shared memory, detects a dead link after 2 s, reconnects every 0.5 s, and accepts no data: a peer may
 subscribe and query. This module knows no keys and no reports.
 """
 
@@ -27,9 +27,7 @@ from imumon.bus.bus_error import BusError, classify, readable
 
 DEFAULT_PORTS = range(7448, 7464)  # TCP: a daemon listens on the first free one, a subscriber connects to all
 LEASE_S = 2.0  # s; a link without traffic for this time is closed
-RETRY_S = 2.0  # s; longest interval between two attempts to connect
-_RETRY_FIRST_S = 0.5  # s; the first interval, which grows to RETRY_S
-_RETRY_SOCKET_S = 0.1  # s; an attempt at a Unix socket costs next to nothing
+RETRY_S = 0.5  # s between two attempts to connect
 MAX_MESSAGE_BYTES = 1 << 20  # a report has less than 100 kB
 _MAX_QUERY_BYTES = 1 << 16
 """Size of a message that a session accepts if it accepts no data: queries and subscriptions, without a payload.
@@ -215,20 +213,13 @@ def _zenoh_config(
     most_bytes: int,
 ) -> zenoh.Config:
     """Return the configuration of a session; `users` is the path of the file of users."""
-    sockets_only = bool(connect) and all(endpoint.startswith(_LOCAL_PROTOCOLS) for endpoint in connect)
-    local_only = bool(connect) and all(map(is_local, connect))
-    retry_s = _RETRY_SOCKET_S if sockets_only else _RETRY_FIRST_S
     accept_s = _ACCEPT_LOCAL_S if all(map(is_local, listen)) else _ACCEPT_NETWORK_S
     only_queries = access_control and options.read_only
     values: dict[str, Any] = {
         "mode": options.mode,
         "listen/endpoints": list(listen),
         "connect/endpoints": list(connect),
-        "connect/retry": {
-            "period_init_ms": round(retry_s * 1000),
-            "period_max_ms": round((retry_s if local_only else RETRY_S) * 1000),
-            "period_increase_factor": 1.5,
-        },
+        "connect/retry": {"period_init_ms": round(RETRY_S * 1000), "period_max_ms": round(RETRY_S * 1000)},
         "connect/timeout_ms": 0 if options.mode == "client" else -1,  # -1: no limit, in the background
         "connect/exit_on_failure": options.mode == "client",
         "open/return_conditions/connect_scouted": False,

@@ -48,8 +48,6 @@ END_S = 3.0
 RESTORE_S = 6.0
 """s that the device may take at the end to get its settings back: a sensor on a bad line takes some tries. With
 `END_S` it is below the 10 s after which the service manager kills the daemon."""
-IGNORED_LOG_S = 1.0
-"""s between two log lines on ignored signals."""
 
 
 class Daemon:
@@ -76,7 +74,6 @@ class Daemon:
         self._shutdown = Shutdown(options.duration_s)
         self._report_timer = Timer(settings.report.period_s)
         self._watchdog_timer = Timer(self._notifier.watchdog_s or HANG_S)
-        self._ignored_timer = Timer(IGNORED_LOG_S)
 
     def run(self) -> RunResult:
         """Read until a signal arrives or the duration is over.
@@ -249,10 +246,9 @@ class Daemon:
     # ------------------------------------------------------------------ duties
 
     def _do_duties(self, now: float) -> None:
-        if self._shutdown.ignored is not None and self._ignored_timer.is_due(now):
-            number = self._shutdown.ignored
-            self._outputs.log(f"signal {number} ignored: SIGTERM ends the daemon", "notice")
-        self._shutdown.ignored = None
+        if self._shutdown.ignored is not None:
+            self._outputs.log(f"signal {self._shutdown.ignored} ignored: SIGTERM ends the daemon", "notice")
+            self._shutdown.ignored = None
         hangs = now - self._reader.active_at > HANG_S
         if self._notifier.watchdog_s is not None and not hangs and self._watchdog_timer.is_due(now):
             self._notifier.watchdog()
@@ -261,12 +257,14 @@ class Daemon:
         self._record.save(now, self._connection.counters)
 
     def _publish(self) -> report.Report:
-        assert self._outputs.bus is not None
-        record, outputs, bus = self._record, self._outputs, self._outputs.bus
+        record, outputs = self._record, self._outputs
+        assert outputs.bus is not None
         if self._connection.state == "waiting":
             self._notifier.ready()
-        made = metadata.traced(record.history.annotated(self._report(bus.id)), self.options.provenance)
-        outputs.report(made, record.monitor.signals(bus.requested_signals()))
+        made = metadata.traced(
+            record.history.annotated(self._report(outputs.bus.id)), self.options.provenance
+        )
+        outputs.report(made, record.monitor.signals())
         record.keep(in_progress=True)
         outputs.detected(record.monitor.events())
         for kind, text, level in record.problems():

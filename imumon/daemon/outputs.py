@@ -7,7 +7,7 @@ ROS 2. The bus has no name before the device has one.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 
 from imumon.bus import Publisher
@@ -84,7 +84,7 @@ class Outputs:
             self.bus.event(event)
             self._history.event(event)
 
-    def report(self, report: Report, signals: dict[str, Signal]) -> None:
+    def report(self, report: Report, signals: Mapping[str, Callable[[], Signal]]) -> None:
         """Send a report."""
         if self._ros.needed:
             self._ros.update(report)

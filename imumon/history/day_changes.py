@@ -1,7 +1,7 @@
 """Changes of a sensor over days: the daily rows of its history, tested for a step in N, B and the temperature slope.
 
-A day counts once it is over, with at least an hour of samples and without the warm-up. The days of several records are
-one series: it is the same sensor.
+A day counts once it is over, with at least an hour of samples, which B needs, and without the warm-up. The days of
+several records are one series: it is the same sensor.
 """
 
 from __future__ import annotations
@@ -18,13 +18,11 @@ from imumon.noise.stretches.change import LEAST_CHANGE
 from imumon.noise.stretches.day_change import DAYS_KEPT, find_day_change
 from imumon.report import Change, stamp
 from imumon.samples import sensor_of
-from imumon.units import DAY, share_text
+from imumon.units import DAY, HOUR, share_text
 
 AGAINST = "history"
 """What such a change is a change against, in the report."""
 SLOPE = BIAS_TERMS[0]
-LEAST_S = 3600.0
-"""s of samples that a day must have: B needs an hour."""
 
 
 class DayChanges:
@@ -73,7 +71,7 @@ def _counts(timed: TimedPeriod, speed: float) -> bool:
     period = timed.period
     length_s = min((timed.end - timed.begin) * speed, DAY)
     sampled_s = length_s * period.samples / max(period.samples + period.missing, 1)
-    return period.step_s == DAY and period.complete and not period.warming_up and sampled_s >= LEAST_S
+    return period.step_s == DAY and period.complete and not period.warming_up and sampled_s >= HOUR
 
 
 def _change(days: Sequence[TimedPeriod], name: str, letter: str) -> Change | None:

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from imumon.coefficients import LIMIT_95
-from imumon.history.day_changes import LEAST_S
 from imumon.history_report import LEAST_DAYS, DayScatter
 from imumon.report import COEFFICIENTS, MAX_NUMBER
+from imumon.units import DAY, HOUR
 
 
 def day_scatter(rows: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, DayScatter]]:
@@ -63,7 +63,7 @@ def _counts(row: Mapping[str, Any]) -> bool:
         length = datetime.fromisoformat(str(row.get("end"))) - datetime.fromisoformat(str(row.get("time")))
     except (ValueError, TypeError):
         return False
-    return min(length.total_seconds(), 86400.0) * samples / (samples + missing) >= LEAST_S
+    return min(length.total_seconds(), DAY) * samples / (samples + missing) >= HOUR
 
 
 def _measured(part: Any) -> tuple[float, float] | None:

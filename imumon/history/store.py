@@ -26,11 +26,6 @@ from imumon.history_report import STEPS, HistoryPeriod, PeriodChannel
 from imumon.report import GRADES, Estimate, Event, GradeName, Status
 
 _STATUSES: tuple[Status, ...] = get_args(Status)
-_ROWS_AT_ONCE = 500
-"""Rows that are read between two moments at which other threads may run."""
-
-EVENT_S = 600.0
-"""s in which events of one kind and channel are one row with a count."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,13 +189,13 @@ class HistoryStore:
         return int(cursor.execute("SELECT id FROM channel WHERE name = ?", (name,)).fetchone()[0])
 
     def add_events(self, events: Sequence[tuple[float, Event]]) -> None:
-        """Write events with their times, s since 1970; those of one kind and channel within `EVENT_S` are one row."""
+        """Write events with their times, s since 1970; those of one kind and channel within 10 minutes are one row."""
         with self._connection as cursor:
             for time, event in events:
                 known = cursor.execute(
                     "SELECT id FROM event WHERE kind = ? AND channel IS ? AND time > ? AND time <= ?"
                     " ORDER BY time DESC",
-                    (event.kind, event.channel, time - EVENT_S, time),
+                    (event.kind, event.channel, time - STEPS["10m"], time),
                 ).fetchone()
                 if known:
                     cursor.execute("UPDATE event SET count = count + 1 WHERE id = ?", known)
@@ -265,10 +260,7 @@ class HistoryStore:
                     ),
                 )
             ) as cursor:
-                rows = iter(lambda: cursor.fetchmany(_ROWS_AT_ONCE), [])
-                for _, group in itertools.groupby(
-                    itertools.chain.from_iterable(rows), key=lambda row: row[0]
-                ):
+                for _, group in itertools.groupby(cursor, key=lambda row: row[0]):
                     yield _timed_period(list(group), names, tuple(estimates))
         except sqlite3.DatabaseError:
             raise damaged(self.path) from None

@@ -1,7 +1,7 @@
 """Analysis: fits, spectra and shapes of a record, recomputed when it has grown enough to show.
 
 They cost many times what the samples of a second cost and hardly change in a second. A report therefore
-reuses the last ones until the record has grown by a tenth, or by five seconds and 2 %, or by a minute,
+reuses the last ones until the record has grown by a tenth, or by a minute,
 whichever comes first. Curve and fit always belong to the same moment. Counts, means and everything else that
 is cheap belong to the moment of the report.
 """
@@ -27,13 +27,8 @@ from imumon.report import NOISE, BiasCurve, Channel, Estimate, SensorGrade
 from imumon.samples import UNITS, sensor_of
 from imumon.units import counted, duration
 
-YOUNG_GROWTH = 0.1
-"""Growth of a young record, as a share, after which it is analysed again: each result changes visibly."""
-BASE_PAUSE_S = 5.0
-"""s, with `OLD_GROWTH` the pause from one analysis to the next, for the processor time."""
-OLD_GROWTH = 0.02
-"""Growth of an older record, as a share, after which it is analysed again. `Estimator` fits a channel
-again after the same growth."""
+GROWTH = 0.1
+"""Growth of a record, as a share, after which it is analysed again: each result changes visibly."""
 SCATTER_GROWTH = 1.5
 """Growth of the record, as a factor, after which the scatter between its quarters is computed again."""
 LONGEST_PAUSE_S = 60.0
@@ -44,9 +39,9 @@ def pause_s(elapsed_s: float) -> float:
     """Return the growth, s, after which a record of this length is analysed again.
 
     >>> pause_s(10.0), pause_s(100.0), pause_s(86400.0)
-    (1.0, 7.0, 60.0)
+    (1.0, 10.0, 60.0)
     """
-    return min(YOUNG_GROWTH * elapsed_s, BASE_PAUSE_S + OLD_GROWTH * elapsed_s, LONGEST_PAUSE_S)
+    return min(GROWTH * elapsed_s, LONGEST_PAUSE_S)
 
 
 class Analysis:

@@ -6,9 +6,10 @@ characterised: deltas, else uncompensated, else compensated. A better stream tha
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
+from functools import partial
 from typing import Any
 
 import numpy.typing as npt
@@ -222,16 +223,13 @@ class Monitor:
         )
         return bare if self._record is None else self._record.report(bare, device_caveats, self._events)
 
-    def signals(self, channels: Iterable[str]) -> dict[str, Signal]:
-        """Return minimum and maximum per time column of some channels."""
+    def signals(self) -> dict[str, Callable[[], Signal]]:
+        """Return what makes the minimum and maximum per time column of each channel, as they are now."""
         if self._record is None:
             return {}
         own = self._record.accumulators
-        return {
-            name: signal(name, own.envelope, own.channels.index(name), own.interval_s)
-            for name in channels
-            if name in own.channels
-        }
+        strips = own.envelope.minute(), own.envelope.hour(), own.envelope.everything()
+        return {name: partial(signal, name, strips, k, own.interval_s) for k, name in enumerate(own.channels)}
 
     def exact_curves(self, report: Report, *, octaves: bool = True) -> dict[str, ExactCurve]:
         """Return the fully overlapping Allan deviation by channel; empty unless the samples are stored."""

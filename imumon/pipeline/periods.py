@@ -2,7 +2,7 @@
 
 N, B and K belong to the period alone. Counters are read when a period ends, while the guard still holds some samples
 back; so they may belong to samples of some seconds later, but their sums are those of the record. What is in progress
-is fitted again when it has grown enough to show, like the record itself (`imumon.pipeline.analysis`).
+is fitted again every half minute.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from imumon.history_report import HistoryPeriod, PeriodChannel
 from imumon.noise.fit import Estimator
 from imumon.noise.stretches.stretches import STEPS_S, Stretch
 from imumon.pipeline.accumulators import Accumulators
-from imumon.pipeline.analysis import LONGEST_PAUSE_S, Analysis
+from imumon.pipeline.analysis import Analysis
 
-LEAST_PAUSE_S, PAUSE_GROWTH = 30.0, 0.25
-"""s, shortest pause from one fit of a period in progress to the next, and its growth, as a share."""
+PAUSE_S = 30.0
+"""s from one fit of the periods in progress to the next."""
 
 COUNTED = ("samples", "missing", "excluded")
 
@@ -76,9 +76,7 @@ class Periods:
                 if self._counted[step] == self._counted[STEPS_S[0]]:  # both began together
                     number = shortest.number * STEPS_S[0] // step
                     self._current[step] = replace(shortest, step_s=step, number=number)
-        own = record.elapsed_s % STEPS_S[0]
-        pause_s = min(max(LEAST_PAUSE_S, PAUSE_GROWTH * own), LONGEST_PAUSE_S)
-        self._due_s = record.elapsed_s + pause_s if self._current else 0.0
+        self._due_s = record.elapsed_s + PAUSE_S if self._current else 0.0
         return list(self._current.values())
 
     def save(self) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from imumon.noise.grading import LIMITS, grade_channel
 from imumon.noise.spectrum import PowerSpectrum
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.distribution_shape import DistributionShape
-from imumon.noise.statistics.envelope import Envelope, EnvelopeColumns
+from imumon.noise.statistics.envelope import EnvelopeColumns
 from imumon.samples import UNITS, Floats, sensor_of
 from imumon.units import FLICKER, HOUR, STANDARD_GRAVITY
 
@@ -30,10 +30,8 @@ NEARLY_VERTICAL = 0.95
 """Share of gravity that an axis must measure to have a bias: the excess of the vector's length says nothing
 of axes across it, and the tilt of a more slanted axis adds more than its bias."""
 
-LEAST_GRAVITY = 0.5
-"""Standard gravities, least length of the accelerometer's mean that is taken for gravity."""
-MOST_GRAVITY = 2.0
-"""Standard gravities, greatest length of the accelerometer's mean that is taken for gravity."""
+NOT_GRAVITY = 0.5
+"""Standard gravities by which the length of the accelerometer's mean differs from one if it is not that of gravity."""
 
 GRAVITY_SPREAD = 0.027
 """M/s^2, greatest difference of gravity at sea level, equator and poles, from the standard one."""
@@ -202,7 +200,7 @@ def with_bias(
     if sensor == "accel":
         axes = [axis for channel, axis in means.items() if sensor_of(channel) == sensor]
         length = math.hypot(*(a for a in axes if a is not None))
-        if len(axes) < 3 or None in axes or not LEAST_GRAVITY < length / STANDARD_GRAVITY < MOST_GRAVITY:
+        if len(axes) < 3 or None in axes or abs(length / STANDARD_GRAVITY - 1.0) > NOT_GRAVITY:
             return distribution
         cosine = mean / length
         if abs(cosine) < NEARLY_VERTICAL:
@@ -340,14 +338,15 @@ def spectrum(sensor: str, density: PowerSpectrum, column: int) -> report.Spectru
     )
 
 
-def signal(name: str, envelope: Envelope, column: int, interval_s: float) -> report.Signal:
-    """Return the signal view of one channel."""
+def signal(name: str, strips: Sequence[EnvelopeColumns], column: int, interval_s: float) -> report.Signal:
+    """Return the signal view of one channel, of the last minute, the last hour, and everything."""
+    minute, hour, everything = (_strip(columns, column, interval_s) for columns in strips)
     return report.Signal(
         channel=name,
         unit=UNITS[sensor_of(name)],
-        minute=_strip(envelope.minute(), column, interval_s),
-        hour=_strip(envelope.hour(), column, interval_s),
-        everything=_strip(envelope.everything(), column, interval_s),
+        minute=minute,
+        hour=hour,
+        everything=everything,
     )
 
 

@@ -26,9 +26,6 @@ BACKLOG = 8 << 20
 FLUSH_S = 1.0
 """s of data that a kill may cost."""
 
-COMPRESSED_FLUSHES = 10
-"""Factor of `FLUSH_S` for a compressed recording: each flush reduces the compression."""
-
 
 def check_place(path: str) -> BinaryIO | None:
     """Raise `RecordingError` if no recording can be written at a path; a full disk does not show here.
@@ -167,8 +164,7 @@ class CaptureWriter:
         try:
             while not (self._closing and not self._backlog) and self.stopped is None:
                 with self._changed:
-                    period = COMPRESSED_FLUSHES * FLUSH_S if self._compress else FLUSH_S
-                    self._changed.wait_for(lambda: self._closing or self._waiting > BACKLOG // 8, period)
+                    self._changed.wait_for(lambda: self._closing or self._waiting > BACKLOG // 8, FLUSH_S)
                     data = b"".join(self._backlog)
                     self._backlog.clear()
                     self._waiting = 0

@@ -27,15 +27,12 @@ from imumon.recordings.csv_rows import (
     split,
 )
 from imumon.recordings.raw_capture import RawCapture
-from imumon.recordings.table import ROWS, Table, TableRows
+from imumon.recordings.table import BLOCK_BYTES, ROWS, Table, TableRows
 from imumon.report import plain
 from imumon.samples import AXES, SampleBlock
 
 COMPLETE = "check that it is complete"
 """Cure for a table without rows."""
-
-BLOCK_BYTES = 1 << 23
-"""Bytes of lines that are parsed at once."""
 
 ECHOED = (
     "sec", "nanosec", "frame_id", *("orientation",) * 13,
@@ -43,9 +40,6 @@ ECHOED = (
     *(f"linear_acceleration.{axis}" for axis in AXES), *("covariance",) * 9,
 )  # fmt: skip
 """Columns that ``ros2 topic echo --csv`` prints of `sensor_msgs/Imu`, without a header."""
-
-TIME_ROWS = 1000
-"""Rows that show whether a column of time is readable."""
 
 
 class CsvFile(Table):
@@ -135,7 +129,7 @@ class CsvFile(Table):
             found = layout(names, self._options.kind, self._options.columns, self._options.sensor)
         except RecordingError as error:
             raise error.of(self.path) from None
-        found = self._with_readable_times(found, seen[begin : begin + TIME_ROWS], separator)
+        found = self._with_readable_times(found, seen[begin:], separator)
         self._rows = TableRows(self.path, found, "csv", self._options.rate_hz, names)
         self._parser = RowParser(self.path, header, separator, self._rows.columns, self._dates)
         return head.split(b"\n", begin)[begin], begin

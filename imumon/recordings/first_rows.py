@@ -19,16 +19,13 @@ from imumon.errors import RateRequired
 from imumon.recordings.base import RecordingError
 from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
 from imumon.recordings.row_selection import COPIED, HeldNumbers, are_doubled, copies
-from imumon.recordings.unit_inference import check_magnitudes, time_unit, unit_remarks
-from imumon.report import stamp
+from imumon.recordings.unit_inference import SINCE_1970_S, check_magnitudes, time_unit, unit_remarks
+from imumon.report import MAX_NUMBER, stamp
 from imumon.samples import LONGEST_NS, Bools, Clock, Floats, Ints, Stream, sensor_of
 from imumon.timebase.interval import NOMINAL_SHARE
 from imumon.timebase.late_stamps import LateStamps
 from imumon.timebase.timestamps import HostStamps, RateObstacle, rate_obstacle, stamp_interval
 from imumon.units import share_text
-
-LARGEST = 1e100
-"""Size from which a number counts as missing: no instrument writes it, and its square overflows."""
 
 FILLED = 0.9
 """Share of the first rows in which a column of time or of a magnetometer must have a number."""
@@ -38,9 +35,6 @@ SLOW = {"temperature", "pressure"}
 
 HELD_STEPS = 2.0
 """Mean steps between the numbers of a slow sensor for which one is held: its steps are not quite even."""
-
-UNIX_S = (946_684_800.0, 4_102_444_800.0)
-"""s since 1970 of the years 2000 and 2100: a time stamp between them is a date."""
 
 HELD = 0.25
 """Share of the rows that repeat all axes of a sensor above which it is slower than the rows; rounding repeats few."""
@@ -77,7 +71,11 @@ class TableTimes:
     def started(self) -> str | None:
         """Date of the first row; None if its time is none since 1970."""
         unix_s = float(self.origin @ np.array(self.scales)) * 1e-9
-        return stamp(datetime.fromtimestamp(unix_s, UTC)) if UNIX_S[0] <= unix_s < UNIX_S[1] else None
+        return (
+            stamp(datetime.fromtimestamp(unix_s, UTC))
+            if SINCE_1970_S[0] <= unix_s < SINCE_1970_S[1]
+            else None
+        )
 
     def nanoseconds(self, times: Floats) -> Ints:
         """Return (n,) ns since the first row of (n, 1 or 2) times as in the table."""
@@ -257,8 +255,8 @@ class FirstRows:
 
 
 def present(rows: Floats) -> Bools:
-    """Return which of some numbers are there: finite and possible."""
-    return np.abs(rows) < LARGEST
+    """Return which of some numbers are there: finite, and no larger than an instrument writes."""
+    return np.abs(rows) < MAX_NUMBER
 
 
 def _repeating(found: ColumnLayout, rows: Floats) -> Iterator[str]:

@@ -10,7 +10,14 @@ from imumon.devices.base import DeviceError, sample_blocks
 from imumon.devices.registry import DEFAULT_SCHEME, driver, scheme_of_bytes
 from imumon.files import open_regular
 from imumon.recordings.array_file import ArrayFile, array_kind
-from imumon.recordings.base import HEAD_BYTES, OptionNotApplicable, ReadOptions, Recording, RecordingError
+from imumon.recordings.base import (
+    HEAD_BYTES,
+    HEAD_LINES,
+    OptionNotApplicable,
+    ReadOptions,
+    Recording,
+    RecordingError,
+)
 from imumon.recordings.columns import layout
 from imumon.recordings.csv import CsvFile, header_line, is_echoed
 from imumon.recordings.csv_rows import is_number, separator_of, split
@@ -18,12 +25,6 @@ from imumon.recordings.log_file import LogFile, log_kind
 from imumon.recordings.raw_capture import RawCapture
 from imumon.recordings.sentence_table import sentence_table
 from imumon.samples import Gap, SampleBlock
-
-NUMBER_LINES = 20
-"""Lines that show whether a text without a header is a table of numbers."""
-
-UTF_16_ZEROS = 50
-"""Zero bytes among the first 200 above which a text that begins with a byte-order mark is UTF-16."""
 
 
 class DecodedCapture(Recording):
@@ -141,8 +142,7 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
 
 def _text_file(capture: RawCapture, options: ReadOptions) -> Recording | None:
     """Return the recording that the text of a file without a header of imumon is; None: it is no table."""
-    start = capture.head[:200]
-    if start.startswith((b"\xff\xfe", b"\xfe\xff")) and start.count(0) > UTF_16_ZEROS:
+    if capture.head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0" in capture.head[:HEAD_LINES]:
         raise RecordingError("utf_16", f"{capture.path} is text in UTF-16", "save it as UTF-8")
     if options.sensor is None and (decoder := driver().decoder()) is not None:
         table = sentence_table(capture, options, decoder, DEFAULT_SCHEME)
@@ -163,7 +163,7 @@ def _text_cure(head: bytes) -> str | None:
 
 def _is_numbers(lines: Sequence[str]) -> bool:
     """Return whether the first lines are rows of as many numbers: a table without a header."""
-    rows = [split(line, separator_of(line)) for line in lines[:NUMBER_LINES] if line.strip()]
+    rows = [split(line, separator_of(line)) for line in lines[:HEAD_LINES] if line.strip()]
     rows = rows[:-1] if len(rows) > 1 else rows  # the last one may end elsewhere
     return bool(rows) and all(len(row) == len(rows[0]) and all(map(is_number, row)) for row in rows)
 

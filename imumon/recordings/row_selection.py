@@ -37,9 +37,6 @@ UNSORTED = 0.05
 """Share of steps back, after sorting, above which rows are in no order: a clock does not restart that often."""
 
 
-MOST_COPIES = 4
-"""Rows in a row with one stamp up to which they may be copies of one."""
-
 DEAD = 0.95
 """Share of the rows of a sensor with one number on all axes above which it has no samples at all."""
 
@@ -268,10 +265,5 @@ def are_doubled(rows: Floats, times: slice) -> bool:
     if not still.any():
         return False
     same = copies(rows)
-    moving = np.flatnonzero(~np.concatenate([[False], still, [False]]))
     constant = (np.delete(rows[1:], times, axis=1) == np.delete(rows[:-1], times, axis=1)).all(axis=1)[~still]
-    return bool(
-        same[still].mean() >= COPIED
-        and np.diff(moving).max() <= MOST_COPIES
-        and (not len(constant) or constant.mean() < 0.5)
-    )
+    return bool(same[still].mean() >= COPIED and (not len(constant) or constant.mean() < 0.5))

@@ -15,6 +15,7 @@ import numpy as np
 from imumon.recordings.base import Recording
 from imumon.recordings.columns import INERTIAL, ColumnLayout
 from imumon.recordings.first_rows import FirstRows, TableStart, present
+from imumon.recordings.log_process.base import BLOCK_BYTES as BLOCK_BYTES
 from imumon.recordings.log_process.base import ROWS as ROWS
 from imumon.recordings.row_selection import OwnRows, RowOrder, copies
 from imumon.samples import Floats, Ints, SampleBlock, Stream, sensor_of

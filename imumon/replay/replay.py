@@ -32,9 +32,6 @@ from imumon.samples import ALIASED, Gap, Kind, SampleBlock
 PACED_BLOCK_BYTES = 1 << 12
 """Bytes that are decoded at once if a speed is kept: a second of samples or less."""
 
-PUBLISH_S = 1.0
-"""s between two reports on the bus, as of the daemon."""
-
 
 TauGrid: TypeAlias = Literal["octave", "decade"]
 
@@ -135,7 +132,7 @@ def replay(
     Parameters
     ----------
     progress : called after each block with the share of the file that is done and the s of the recording.
-    bus : publishes a report every second.
+    bus : publishes a report every period.
     remark : called with one line each about what is doubtful in the recording, and why it ended early.
 
     Raises
@@ -152,7 +149,7 @@ def replay(
             if progress is not None:
                 progress(share, run.elapsed_s)
             if bus is not None and time.monotonic() >= due:
-                due = time.monotonic() + PUBLISH_S
+                due = time.monotonic() + run.monitor.options.period_s
                 run.publish(bus, "running")
             if options.speed is not None:
                 time.sleep(max(0.0, run.elapsed_s / options.speed - (time.monotonic() - begun)))

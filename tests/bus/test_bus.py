@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -20,7 +19,6 @@ from waiting import until
 
 from imumon.bus import BusError, Publisher, SessionOptions, Subscriber, clean_id
 from imumon.bus.bus_error import classify
-from imumon.bus.queryable import LastValues
 from imumon.bus.zenoh_session import check_endpoint, is_local
 from imumon.config import ZenohSettings
 from imumon.report import Event, Report, from_json, to_json
@@ -205,17 +203,12 @@ def test_publish_returns_at_once_and_counts_what_is_dropped() -> None:
         assert publisher.last_error is None
 
 
-def test_signals_are_published_on_request_only() -> None:
+def test_signals_are_the_reply_to_a_get() -> None:
     address = free_endpoint()
     with Publisher("x", listen=[address]) as publisher, plain_session(address) as session:
-        publisher.publish(report("x", 1), {})
+        publisher.publish(report("x", 1), {"gyro/z": lambda: make_signal("gyro/z", 7)})
         until(lambda: publisher.counts.reports)
-        list(session.get("imumon/x/**"))
-        assert publisher.requested_signals() == frozenset()
-        question = session.get("imumon/x/signal/gyro/*")  # waits for the next report
-        until(lambda: publisher.requested_signals() == {"gyro/x", "gyro/y", "gyro/z"})
-        publisher.publish(report("x", 2), {"gyro/z": make_signal("gyro/z", 7)})
-        (reply,) = question
+        (reply,) = session.get("imumon/x/signal/gyro/*")
         assert json.loads(reply.ok.payload.to_bytes())["minute"]["high"] == [7.0]
         (reply,) = session.get("imumon/x/signal/gyro/z")
         assert str(reply.ok.key_expr) == "imumon/x/signal/gyro/z"
@@ -363,10 +356,3 @@ def test_an_unknown_error_of_zenoh_is_shown_without_its_source_locations() -> No
     error = zenoh.ZError("Boom [x]: odd at /home/x/.cargo/git/a.rs:12.] at /home/x/.cargo/git/b.rs:3.")
     bus_error = classify(error, ["tcp/h:1"])
     assert (bus_error.code, bus_error.message) == ("session_failed", "tcp/h:1: Boom [x]: odd")
-
-
-def test_old_requests_for_signals_are_forgotten() -> None:
-    values = LastValues("imumon/a")
-    values._requests = {f"made-up-{k}": 0.0 for k in range(1000)} | {"gyro/x": time.monotonic()}
-    assert values.requested_signals(5.0) == {"gyro/x"}
-    assert len(values._requests) == 1

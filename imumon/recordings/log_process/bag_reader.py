@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from imumon.recordings.log_process.base import ROWS, Log, Topic
+from imumon.recordings.log_process.base import BLOCK_BYTES, ROWS, Log, Topic
 from imumon.recordings.log_process.message_fields import MessageFields
 from imumon.samples import AXES, Floats
 
@@ -23,9 +23,6 @@ g instead of m/s2: without a unit, this is an error."""
 
 LOG_TIME = "log_time"
 """Column of the time at which the recorder got a message."""
-
-BLOCK_BYTES = 1 << 25
-"""Bytes of messages in a block."""
 
 
 class BagLog(Log):

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from imumon.samples import Floats
 
-ROWS = 1 << 15
-"""Rows in a block."""
+ROWS, BLOCK_BYTES = 1 << 15, 1 << 23
+"""Rows in a block of a table, at most, and bytes of its lines or messages."""
 
 MATCHED = 0.99
 """Share of the samples of a gyroscope that must have one of the accelerometer at the same time, and the reverse."""
