@@ -124,8 +124,10 @@ def _fitted(
     wider = error / np.sqrt(np.diagonal(inverse))
     scale = np.array([each.scale for each in regressors])
     covariance = inverse * np.outer(wider * scale, wider * scale)
-    mean_variance = 2.0 * surface.powers @ noise_variances(np.array([series.samples]), averaged=True)
-    return _Fit(regressors, mean * scale, covariance, float(mean_variance[0]))
+    powers = np.stack((surface.a, *surface.pairs), axis=1)
+    apart = 2.0 * powers @ noise_variances(np.array([series.samples]), averaged=True)[:, 0]
+    mean_variance = float(averaged(surface, np.sqrt(apart), np.zeros_like(apart))[0]) ** 2
+    return _Fit(regressors, mean * scale, covariance, mean_variance)
 
 
 def _stated(

@@ -22,11 +22,9 @@ from imumon.samples import Floats
 
 LEAST_B_K_S = 10.0
 """s, shortest record for B and K: before, a filter, a vibration, and the start look like them."""
-N_ERRORS = 2.2
-"""Standard errors of N^2, or of Q^2, from which it is measured: 1.4 % false detections."""
 EVIDENCE = 4.8
-"""Twice the log likelihood ratio against zero from which B or K is measured: 1.4 % false detections (half of the
-records have the best value at zero)."""
+"""Twice the log likelihood ratio against zero from which a coefficient is measured: 1.4 % false detections (half of the
+records have the best value at zero). Of N^2 and Q^2 it is the square over that of the standard error."""
 MISFIT_P = 0.01
 """Probability of the misfit below which the caveat ``misfit`` is given."""
 SAME_PERIOD = 0.2
@@ -105,7 +103,7 @@ def _coefficients(found: Description, kurtosis: float, length_s: float) -> dict[
     def root(errors: float) -> float:
         return math.sqrt(max(mean + errors * error, 0.0))
 
-    if mean > N_ERRORS * error:
+    if mean > math.sqrt(EVIDENCE) * error:
         half = math.exp(0.5 * LIMIT_95 * error / mean)  # a variance is nearly log-normal
         value = root(0.0)
         white = Estimate(value=value, low=value / half, high=value * half, status="measured")
@@ -192,7 +190,7 @@ def _quantised(found: Description) -> Estimate | None:
     c = float(surface.c[surface.best])
     own = likelihood.powers.expected[:, [0, 3]] / likelihood.model(surface)[:, None]
     error = math.sqrt(np.linalg.pinv((0.5 * likelihood.dof[:, None] * own).T @ own)[1, 1])
-    if c < N_ERRORS * error:
+    if c < math.sqrt(EVIDENCE) * error:
         return None
     low, high = (math.sqrt(max(c + sign * LIMIT_95 * error, 0.0)) for sign in (-1, 1))
     return Estimate(value=math.sqrt(c), low=low, high=high, status="measured")

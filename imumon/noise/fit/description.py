@@ -31,17 +31,14 @@ from imumon.samples import Floats
 REJECT_P = 1e-3
 """Probability at which the bands reject a description."""
 TOLERANCE = 0.01
-"""Relative error of the model in every band that the test of a description allows: no sensor follows one closer."""
+"""Relative error of the model in every band that the test of a description allows: no sensor follows one closer. Also
+the share of a band that steps may have where it counts."""
 MOST_ERROR = 0.3
-"""Error of the model above which no coefficient is given."""
+"""Relative error of the model above which no coefficient is given, and of N^2 up to which octaves are left out."""
 WINDOWS = (2, 3, 4, 5, 6, 8, 10, 12, 16)
 """Samples of a moving average that sensors have."""
-LARGEST_ERROR = 0.2
-"""Relative error of N^2 up to which octaves are left out: with less left, N is hardly known."""
 LEAST_ROWS = 4
 """Bands that a description needs: three terms and a test."""
-STEP_SHARE = 0.003
-"""Share of a band of the spectrum that steps may have where it counts: it depends on their place in a segment."""
 
 Grids: TypeAlias = tuple[Floats, Floats]
 """Values of B and of K."""
@@ -178,7 +175,7 @@ class Describer:
         if window not in self._spectral:
             powers = spectral_powers(self._sums, self._column, averaged=self._averaged, window=window)
             own = powers.top > self._meeting * (1.0 + 1e-6)
-            own &= self._step_power * powers.expected[:, 2] <= STEP_SHARE * powers.power
+            own &= self._step_power * powers.expected[:, 2] <= TOLERANCE * powers.power
             self._spectral[window] = powers.take(own)
         return self._spectral[window]
 
@@ -274,7 +271,7 @@ def _error(likelihood: Likelihood, surface: Surface) -> float:
 def _shows(surface: Surface) -> bool:
     """Return whether N^2 is known well at the greatest likelihood."""
     best = surface.best
-    return bool(np.sqrt(surface.a_variance[best]) < LARGEST_ERROR * surface.a[best])
+    return bool(np.sqrt(surface.a_variance[best]) < MOST_ERROR * surface.a[best])
 
 
 def _highest(first: int) -> float:

@@ -17,7 +17,7 @@ from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.bias_curve import bias_curve
 from imumon.noise.fit.channel_results import TOO_SHORT, stated
 from imumon.noise.fit.description import Choice, Describer
-from imumon.noise.fit.observations import block_series
+from imumon.noise.fit.observations import LEAST_VARIANCE, ROUNDING, block_series
 from imumon.noise.fit.results import ChannelFit, pending_fit
 from imumon.noise.fit.stated_curve import Stated, with_curve
 from imumon.noise.noise_sums import NoiseSums
@@ -28,10 +28,6 @@ from imumon.samples import Floats
 CUT = "gaps of unknown length cut the record into parts that are too short"
 RENEWAL_GROWTH = 1.02
 """1, growth of the record after which a fit is computed again: limits shrink by 1 % meanwhile."""
-LEAST_VARIANCE = 1e-100
-"""(channel unit)^2; below, squares of variances underflow and the channel is constant."""
-ROUNDING = 1e-12
-"""1, size of second differences over that of the means that rounding alone makes."""
 HIDDEN_SHARE = 0.5
 """1, share of the resolution below which an Allan deviation at tau0 is rounding, not noise."""
 

@@ -16,15 +16,15 @@ from functools import cached_property
 import numpy as np
 from scipy.special import gammaincc
 
-from imumon.noise.fit.observations import Coefficients, Powers
+from imumon.noise.fit.observations import LEAST_VARIANCE, ROUNDING, Coefficients, Powers
 from imumon.samples import Bools, Floats
 
 GRID = 20
 """Values of B and of K at which the likelihood is computed."""
 FINE = 8
 """Parts of a cell of the grid between which a quantile is interpolated."""
-WIDE = 24
-"""The same in the first search, over twelve decades of power."""
+DECADES = np.concatenate(([0.0], np.geomspace(1e-6, 1e12, 27)))
+"""B^2 and K^2 in the first search, over those whose power is that of N in the lowest coefficient."""
 DROP = 9.0
 """Logarithm of the likelihood below its maximum at the ends of the grid: 10^-4 of it."""
 MOST_MOVES = 6
@@ -35,17 +35,10 @@ LEAST_POWER, LEAST_SHARE = 1e-3, 1e-30
 """Shares of an observed power, and of the greatest one, below which no model is compared with it."""
 HUGE = 1e300
 """Logarithm of a likelihood that is zero."""
-LEAST_INFORMATION = 1e-100
-"""Information about a shape that no band shows, and about a column that no coefficient shows; least power."""
-SAME_COLUMNS = 1e-12
-"""Share of the information below which columns of few coefficients are alike."""
 
 SLOW_BANDS, SLOW_DEGREES = (0, 6, 16), 3.0
 """First coefficients of the bands in which the misfit of the single ones is judged, and least degrees of freedom of a
 band."""
-
-B_DECADES = np.concatenate(([0.0], np.geomspace(1e-5, 1e7, WIDE - 1)))
-K_DECADES = np.concatenate(([0.0], np.geomspace(1e-7, 1e9, WIDE - 1)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,7 +164,7 @@ class Likelihood:
     def _floor(self) -> Floats:
         """(r,) least power of a model."""
         share = np.maximum(LEAST_POWER * self.powers.power, LEAST_SHARE * self.powers.power.max())
-        return np.asarray(np.maximum(share, LEAST_INFORMATION))
+        return np.asarray(np.maximum(share, LEAST_VARIANCE))
 
     @cached_property
     def _white(self) -> float:
@@ -182,9 +175,8 @@ class Likelihood:
             order[third : 2 * third] if self.shape == "filtered" and order.size > 2 * third else order[:third]
         )
         found = self.powers.power[rows] / self.powers.expected[rows, 0]
-        return float(
-            np.median(found) or max(found.mean(), LEAST_INFORMATION)
-        )  # impulses leave most bands empty
+        # impulses leave most bands empty
+        return float(np.median(found) or max(found.mean(), LEAST_VARIANCE))
 
     def _first_shape(self, b: float, k: float) -> float:
         """Return a first value of the shape: the best of a few for some B^2 and K^2."""
@@ -229,10 +221,8 @@ class Likelihood:
         """
         white, c = self._white, 0.0
         if start is None:
-            B, K = (
-                np.sqrt(white * 240.0 / samples * B_DECADES),
-                np.sqrt(white * 270.0 / samples**2 * K_DECADES),
-            )
+            lowest = 2.0 * np.pi * 0.5 / samples
+            B, K = np.sqrt(white * lowest * DECADES), np.sqrt(white * lowest**2 * DECADES)
         else:
             B, K = start
         if self.shape:
@@ -265,7 +255,7 @@ class Likelihood:
         starts = np.array([n for n in SLOW_BANDS if n < y.size], dtype=np.int64)
         if not starts.size:
             return 0.0, 0.0
-        dof = np.maximum(np.add.reduceat(own, starts), LEAST_INFORMATION)
+        dof = np.maximum(np.add.reduceat(own, starts), LEAST_VARIANCE)
         known = dof >= SLOW_DEGREES
         dof = dof[known]
         ratio = np.maximum(np.add.reduceat(ratio, starts)[known] / dof, LEAST_SHARE)
@@ -340,7 +330,7 @@ def normal_matrix(w: Floats, X: Floats) -> Floats:
     """Return (m, q, q) X^T W X for weights (m, n), invertible also where columns are alike."""
     n, q = X.shape
     XX = (w @ (X[:, :, None] * X[:, None, :]).reshape(n, -1)).reshape(-1, q, q)
-    ridge = SAME_COLUMNS * np.einsum("mii->m", XX) + LEAST_INFORMATION
+    ridge = ROUNDING * np.einsum("mii->m", XX) + LEAST_VARIANCE
     return np.asarray(XX + ridge[:, None, None] * np.eye(q))
 
 
@@ -359,8 +349,8 @@ def _probability(surface: Surface) -> Floats:
 def _information(weight: Floats, slopes: tuple[Floats, Floats]) -> tuple[Floats, Floats, Floats, Floats]:
     """Return (m,) the information about N^2, about both, about the shape, and its determinant."""
     aa, ac, cc = ((weight * slopes[i] * slopes[j]).sum(axis=1) for i, j in ((0, 0), (0, 1), (1, 1)))
-    cc = np.maximum(cc, LEAST_INFORMATION)
-    return aa, ac, cc, np.maximum(np.maximum(aa * cc - ac * ac, 1e-12 * aa * cc), 1e-300)
+    cc = np.maximum(cc, LEAST_VARIANCE)
+    return aa, ac, cc, np.maximum(np.maximum(aa * cc - ac * ac, ROUNDING * aa * cc), 1e-300)
 
 
 def _near(surface: Surface, axis: int) -> Floats:

@@ -38,14 +38,14 @@ LEAST_SEGMENTS = 4
 SINGLE = 48
 """Cosine coefficients that stay single: the spectrum of a smooth regressor falls with the square of their number."""
 LEAST_BLOCKS = 12
-"""Blocks with a mean, without which nothing is said of B and K."""
-LONGEST_HOLE = 0.04
-"""Share of the blocks up to which a hole is filled by interpolation; a longer one separates two segments, as does a gap
-of unknown length."""
+"""Blocks from which a segment counts, and without which nothing is said of B and K."""
 MOST_FILLED = 0.05
-"""Share of the blocks that holes may be."""
-LEAST_SEGMENT = 8
-"""Blocks from which a segment counts."""
+"""Share of the blocks that holes may be, all of them and each. They are filled by interpolation. A longer one separates
+two segments, as does a gap of unknown length."""
+LEAST_VARIANCE = 1e-100
+"""(channel unit)^2; below, squares of variances underflow: a channel is constant, and a power holds no information."""
+ROUNDING = 1e-12
+"""Relative size of what rounding alone makes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +144,7 @@ def block_series(blocks: BlockMeans, column: int, degrees: Floats | None = None)
         if at.size < LEAST_BLOCKS:
             return None
         steps = np.diff(at)
-        apart = (steps > max(2.0, LONGEST_HOLE * at.size)) | (np.diff(segment[at]) != 0)
+        apart = (steps > max(2.0, MOST_FILLED * at.size)) | (np.diff(segment[at]) != 0)
         if (steps[~apart] - 1).sum() <= MOST_FILLED * at.size:
             break
         blocks = blocks.joined()
@@ -156,7 +156,7 @@ def block_series(blocks: BlockMeans, column: int, degrees: Floats | None = None)
     total = 0
     for part in np.split(at, borders):
         n = int(part[-1] - part[0]) + 1
-        if n < LEAST_SEGMENT:
+        if n < LEAST_BLOCKS:
             continue
         every = np.arange(part[0], part[-1] + 1)
         values = np.interp(every, part, means[part])

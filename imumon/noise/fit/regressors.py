@@ -30,14 +30,11 @@ COLLINEAR = 0.95
 """Correlation of the estimates of drift and temperature slope from which they count as not separable."""
 SETTLING_SHARES = np.array([0.008, 0.015, 0.03, 0.05, 0.08, 0.13, 0.2, 0.32, 0.5])
 """Time constants of an exponential, as shares of the segment in which it is sought."""
-SETTLING_COEFFICIENTS = 6
-"""Single coefficients of a segment in which an exponential is sought, beside its drift and the time constant."""
 COEFFICIENTS_PER_COLUMN = 6
-"""Single coefficients that a drift of a segment needs."""
-DIRECTION_SHARE = 0.2
-"""Share of the span that the temperature moves back before the direction has changed: less is noise."""
+"""Single coefficients of a segment that its drift needs, and that an exponential needs."""
 BOTH_WAYS = 0.15
-"""Share of the blocks, and of the span, that each direction has at least where hysteresis can be seen."""
+"""Share of the span that the temperature moves back before the direction has changed: less is noise. Also the share of
+the span, and of the blocks, that each direction has at least where hysteresis can be seen."""
 STEP_WIDTHS, STEP_PLACES = (1, 4, 16), 2
 """Blocks before and after a place whose means are compared, and places that are tried for each."""
 STEP_MARGIN = 6
@@ -172,11 +169,11 @@ def _direction(degrees: Floats) -> Floats | None:
     for i, value in enumerate(degrees.tolist()):
         ahead = value - degrees[extreme]
         if rising is None:
-            rising = None if abs(value - degrees[0]) < DIRECTION_SHARE * span else value > degrees[0]
+            rising = None if abs(value - degrees[0]) < BOTH_WAYS * span else value > degrees[0]
             extreme = i
         elif (ahead > 0.0) == rising:
             extreme = i
-        elif abs(ahead) > DIRECTION_SHARE * span:
+        elif abs(ahead) > BOTH_WAYS * span:
             turns.append(extreme)
             extreme, rising = i, not rising
     if rising is None or len(turns) == 1:
@@ -193,7 +190,7 @@ def _direction(degrees: Floats) -> Floats | None:
 
 def settlings(series: BlockSeries) -> list[list[Regressor]]:
     """Return exponentials from the beginning of the last long segment on, with derivatives by the time constant."""
-    segment = int(_held(series, SETTLING_COEFFICIENTS)[-1])
+    segment = int(_held(series, COEFFICIENTS_PER_COLUMN)[-1])
     count = int(series.count[segment])
     names = ("settling", "settling_time") * SETTLING_SHARES.size
     made = _within(series, segment, names, *_falls(count), np.repeat(SETTLING_SHARES * count, 2))

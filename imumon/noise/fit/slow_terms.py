@@ -39,26 +39,23 @@ OSCILLATION_WIDTHS = (1, 3, 8, 24)
 MOST_MASKED = 0.5
 """Share of the coefficients from which what is above the noise is no oscillation."""
 FEWEST_CYCLES, FEW_CYCLES = 2, 16
-"""Cycles in a segment from which and up to which an oscillation is described by regressors."""
+"""Cycles in a segment from which an oscillation is one, and up to which regressors describe it."""
 OSCILLATION_PLACES = 41
 """Frequencies at which an oscillation is sought about a coefficient."""
-LEAST_CYCLES = 3
-"""Cycles in a segment from which an oscillation is one."""
-SETTLING_GATE = 4.0
-"""Twice the log likelihood ratio from which an exponential is considered at all."""
 SETTLING_PENALTY = 3.0
 """Logarithm of the odds against an exponential, for the choice of its size and its time constant."""
 SETTLING_CERTAIN = 20.0
 """Twice the log likelihood ratio from which it counts alone: odds of 10^3."""
-STEP_EVIDENCE = 30.0
-"""Twice the log likelihood ratio of a step: 10^-7 by chance, at any of a thousand places."""
+CERTAIN = 30.0
+"""Twice the log likelihood ratio from which a step counts, and an oscillation is reported: 10^-7 by chance, at any of a
+thousand places."""
 BEND_CHANCE = 0.05
 """Probability that noise alone bends the effect of the temperature: a bend that is kept may hide K."""
 MOST_TERMS = 12
 """Terms, and searches for oscillations, in one record: one with more is not at rest."""
 SEARCHED = 256
 """Single coefficients in which terms are sought, and which stay single beside a step, whose spectrum falls slowly."""
-COARSE = 12
+COARSE = 8
 """Values of B and of K in the search."""
 
 
@@ -206,7 +203,7 @@ class SlowTermSearch:
     def _steps(self) -> list[_Candidate]:
         """Return steps at likely places."""
         steps = columns_of.likely_steps(self._series) if self._whole else []
-        return [_Candidate(STEP_EVIDENCE, each.column[:, None], [each]) for each in steps]
+        return [_Candidate(CERTAIN, each.column[:, None], [each]) for each in steps]
 
     def _bent(self) -> list[_Candidate]:
         """Return what bends the effect of the temperature, together; none where it is among the terms."""
@@ -230,15 +227,14 @@ class SlowTermSearch:
         ]
 
     def _doubt(self, candidates: list[_Candidate], gains: Floats) -> None:
-        """Keep the most likely exponential beside the terms if it is worth a thought."""
+        """Keep the most likely exponential beside the terms if it is more likely than none."""
         falls = [
-            (float(gain), each.regressors)
+            (float(np.exp(0.5 * gain - SETTLING_PENALTY)), each.regressors)
             for gain, each in zip(gains, candidates, strict=True)
-            if each.regressors and each.regressors[0].name == "settling" and gain > SETTLING_GATE
+            if each.regressors and each.regressors[0].name == "settling"
         ]
-        gain, pair = max(falls, key=lambda fall: fall[0], default=(-np.inf, []))
-        odds = float(np.exp(0.5 * gain - SETTLING_PENALTY))
-        self.terms = replace(self.terms, settling=pair, odds=odds)
+        odds, pair = max(falls, key=lambda fall: fall[0], default=(0.0, []))
+        self.terms = replace(self.terms, settling=pair if odds > 1.0 else [], odds=odds)
 
     def _add(self, found: list[Regressor]) -> None:
         """Add regressors; what looked like an oscillation beside settling or a step is judged again."""
@@ -286,7 +282,7 @@ class SlowTermSearch:
                 for k in np.flatnonzero(total > threshold).tolist():
                     # the leakage of a steady oscillation falls with the square of the distance
                     reach = int(np.sqrt(own[k] / LEAK) / np.pi) if width == 1 else 0
-                    masked[max(k - reach - 1, 2 * LEAST_CYCLES) : k + width + reach + 1] = True
+                    masked[max(k - reach - 1, 2 * FEWEST_CYCLES) : k + width + reach + 1] = True
         if all_masked[series.f <= self._top].mean() > MOST_MASKED:
             all_masked[:] = False
         found = bool((all_masked & ~self.terms.masked).any())

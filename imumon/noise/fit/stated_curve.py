@@ -19,13 +19,11 @@ from imumon.noise.fit.expected_curve import (
 )
 from imumon.noise.fit.observations import meeting_frequency, observed_density
 from imumon.noise.fit.results import ChannelFit, read_slopes
+from imumon.noise.fit.slow_terms import CERTAIN
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.power_law import sampled_density
 from imumon.noise.spectrum.expectation import window_power
 from imumon.samples import Floats, Ints
-
-OSCILLATES = 30.0
-"""Power of an oscillation over the noise of a coefficient from which it is reported: 10^-5 by chance in a record."""
 
 BENDS = 0.1
 """Share of the Allan variance at some tau from which lines or a drift bend the curve visibly."""
@@ -163,7 +161,7 @@ def oscillations(found: Description, lines: Floats) -> list[Ints]:
         step = 0.5 / ((count + 1) * series.length)
         for group in np.split(own, np.flatnonzero(np.diff(own) > 1) + 1):
             at = begin + group
-            if float((found.excess[at] / noise[at]).sum()) > OSCILLATES:
+            if float((found.excess[at] / noise[at]).sum()) > CERTAIN:
                 low, high = series.f[at[[0, -1]]] + np.array([-step, step])
                 near = (low - ALIAS_WIDTHS * width <= aliases) & (aliases <= high + ALIAS_WIDTHS * width)
                 own_power = float(found.excess[at].sum()) / (count + 1)
