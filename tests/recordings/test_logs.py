@@ -99,7 +99,7 @@ def test_a_real_px4_log_has_the_samples_of_pyulog(path: Path) -> None:
         chosen, remarks = replayed(path, topic=f"{other.name}/{other.multi_id}")
         assert chosen.session.samples == len(other.data["timestamp"])
         assert chosen.device.stream == "unknown"
-        assert "its integrals cover 1 % of the time" in remarks
+        assert re.search(r"its integrals cover [\d.]+ % of the time", remarks)
         assert "not used" not in remarks
 
 

@@ -3,30 +3,32 @@
 The place of a field depends on the lengths of the strings and sequences before it, and on nothing else. The first
 message shows the places and those lengths; they apply to every message of the same size that has the same
 lengths, so their fields are columns of an array of bytes. Serialisation: ROS 1 packs the values; ROS 2 is CDR (OMG
-DDSI-RTPS 2.2, section 10: 4 bytes of header, each value aligned to its size from there).
+DDSI-RTPS 2.2, section 10: 4 bytes of header, each value aligned to its size from there). rosbags makes an object of
+each message, which takes ten times as long.
 """
 
 from __future__ import annotations
 
+import itertools
 import struct
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from rosbags.interfaces import Nodetype
 
+from imumon.recordings.columns import MOST_COLUMNS
 from imumon.samples import Bools
 
 Types: TypeAlias = Mapping[str, Any]
 """By name of a type: its constants, and its fields as pairs of name and description, as rosbags parses them."""
 
-NUMBERS = {
+FORMS = {
     "bool": "u1", "byte": "u1", "octet": "u1", "char": "u1", "uint8": "u1", "int8": "i1", "uint16": "u2", "int16": "i2",
-    "uint32": "u4", "int32": "i4", "uint64": "u8", "int64": "i8", "float32": "f4", "float64": "f8",
+    "uint32": "u4", "int32": "i4", "uint64": "u8", "int64": "i8", "float32": "f4", "float64": "f8", "string": "",
 }  # fmt: skip
-"""Type of numpy of each type of numbers."""
+"""Type of numpy of each type of numbers; a string has none."""
 
 TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 """Types of seconds and nanoseconds, which are one column."""
@@ -34,26 +36,28 @@ TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 MOST_ELEMENTS = 64
 """Elements of an array that are columns."""
 
-MOST_NAMES = 5000
-"""Columns of a type; the rest is not listed."""
-
 
 class UnsupportedType(Exception):
     """The type has a field that cannot be read, or refers to an unknown type."""
 
 
-@dataclass
-class _Layout:
-    """Places in a message.
+class _Field(NamedTuple):
+    """A field of a message or of an element: a number, a time, a string, or several elements.
 
     Attributes
     ----------
-    places : name to offset and type of numpy; of a time, the offset of its seconds.
-    lengths : offset, size and bytes of everything that the places depend on.
+    name : of the column; of a field of an element, what follows its index.
+    form : type of numpy; of a time, that of its seconds; empty: a string, or elements.
+    element : fields of an element; None: it has none.
+    elements : their number; None: the message has it.
+    is_time : seconds are followed by nanoseconds.
     """
 
-    places: dict[str, tuple[int, str]] = field(default_factory=dict)
-    lengths: list[tuple[int, bytes]] = field(default_factory=list)
+    name: str
+    form: str = ""
+    element: tuple[_Field, ...] | None = None
+    elements: int | None = None
+    is_time: bool = False
 
 
 class MessageFields:
@@ -76,50 +80,38 @@ class MessageFields:
     """
 
     def __init__(self, types: Types, name: str, *, cdr: bool) -> None:
-        self._types, self._name, self._cdr = types, name, cdr
-        self.names: list[str] = []
-        self.times: set[str] = set()
-        self._list(name, "")
+        self._types, self._cdr = types, cdr
+        self._prefixes: list[tuple[str, str]] = []  # of the columns of each type in this one
+        self._fields = tuple(self._fields_of(name, ""))
+        columns = list(itertools.islice(_columns(self._fields), MOST_COLUMNS))
+        self.names = [name for name, _ in columns]
+        self.times = {name for name, is_time in columns if is_time}
 
-    def _list(self, name: str, prefix: str) -> None:
-        """Add the columns of a type."""
-        for part, description in self._fields(name):
-            self._list_field(description, f"{prefix}{part}")
+    def _fields_of(self, type_name: str, prefix: str) -> Iterator[_Field]:
+        """Yield the fields of a type."""
+        if type_name not in self._types or len(self._prefixes) > MOST_COLUMNS:
+            raise UnsupportedType(f"the type {type_name} has no definition, or is too large")
+        self._prefixes.append((type_name, prefix))
+        for part, description in self._types[type_name][1]:
+            yield from self._described(description, f"{prefix}{part}")
 
-    def _fields(self, name: str) -> Any:
-        if name not in self._types:
-            raise UnsupportedType(f"the type {name} has no definition")
-        return self._types[name][1]
-
-    def _list_field(self, description: Any, name: str) -> None:
+    def _described(self, description: Any, name: str) -> Iterator[_Field]:
         kind, detail = description
-        if len(self.names) >= MOST_NAMES or kind == Nodetype.SEQUENCE:
-            return
-        if kind == Nodetype.BASE and detail[0] in NUMBERS:
-            self.names.append(name)
-        elif kind == Nodetype.NAME and detail in TIMES:
-            self.names.append(name)
-            self.times.add(name)
+        if kind == Nodetype.NAME and detail not in TIMES:
+            yield from self._fields_of(detail, f"{name}.")
         elif kind == Nodetype.NAME:
-            self._list(detail, f"{name}.")
-        elif kind == Nodetype.ARRAY and detail[1] <= MOST_ELEMENTS:
-            for k in range(detail[1]):
-                self._list_field(detail[0], f"{name}[{k}]")
+            yield _Field(name, "i4", is_time=True)
+        elif kind == Nodetype.BASE and detail[0] in FORMS:
+            yield _Field(name, FORMS[detail[0]])
+        elif kind == Nodetype.BASE:
+            raise UnsupportedType(f"{detail[0]} is not supported")
+        else:
+            count = detail[1] if kind == Nodetype.ARRAY else None
+            yield _Field(name, element=tuple(self._described(detail[0], "")), elements=count)
 
     def nested(self, wanted: str) -> list[str]:
         """Return the prefixes of the columns of another type in this one; the type itself has none."""
-        found: list[str] = []
-
-        def search(name: str, prefix: str) -> None:
-            if name == wanted:
-                found.append(prefix)
-                return
-            for part, (kind, detail) in self._fields(name):
-                if kind == Nodetype.NAME and detail not in TIMES:
-                    search(detail, f"{prefix}{part}.")
-
-        search(self._name, "")
-        return found
+        return [prefix for name, prefix in self._prefixes if name == wanted and not prefix.startswith(".")]
 
     def read(
         self, messages: Sequence[bytes], names: Sequence[str]
@@ -133,26 +125,24 @@ class MessageFields:
         sizes = np.fromiter(map(len, messages), np.int64, count)
         for size in np.unique(sizes).tolist():
             which = np.flatnonzero(sizes == size)
-            chosen = messages if len(which) == count else [messages[k] for k in which.tolist()]
-            data = np.frombuffer(b"".join(chosen), np.uint8).reshape(len(which), size)
+            data = np.frombuffer(b"".join(messages[k] for k in which.tolist()), np.uint8)
+            data = data.reshape(len(which), size)
             while len(which):
-                layout = self._layout(data[0].tobytes())
-                if layout is None:
-                    which, data = which[1:], data[1:]
-                    continue
                 same = np.ones(len(which), dtype=bool)
-                for offset, content in layout.lengths:
-                    same &= (data[:, offset : offset + len(content)] == np.frombuffer(content, np.uint8)).all(
-                        axis=1
-                    )
-                chosen_data, rows = (data, which) if same.all() else (data[same], which[same])
-                for name in names:
-                    out[name][rows] = self._column(chosen_data, layout, name)
-                valid[rows] = True
+                walk = _Walk(data[0].tobytes(), names, cdr=self._cdr)
+                if walk.fits(self._fields):
+                    for offset, content in walk.lengths:
+                        part = data[:, offset : offset + len(content)]
+                        same &= (part == np.frombuffer(content, np.uint8)).all(axis=1)
+                    for name in names:
+                        out[name][which[same]] = self._column(data[same], *walk.places[name], name)
+                    valid[which[same]] = True
+                else:
+                    same[1:] = False
                 which, data = which[~same], data[~same]
         return out, valid
 
-    def _column(self, data: npt.NDArray[np.uint8], layout: _Layout, name: str) -> npt.NDArray[Any]:
+    def _column(self, data: npt.NDArray[np.uint8], offset: int, dtype: str, name: str) -> npt.NDArray[Any]:
         """Return the values of a column of messages of one layout."""
 
         def number(offset: int, dtype: str) -> npt.NDArray[Any]:
@@ -160,100 +150,85 @@ class MessageFields:
             values: npt.NDArray[Any] = np.ascontiguousarray(data[:, offset:end]).view(dtype)[:, 0]
             return values
 
-        offset, dtype = layout.places[name]
         if name not in self.times:
             return number(offset, dtype)
-        order = dtype[0]
-        seconds, rest = number(offset, dtype), number(offset + 4, f"{order}u4")
-        stamps: npt.NDArray[Any] = seconds.astype(np.int64) * 1_000_000_000 + rest
+        stamps: npt.NDArray[Any] = number(offset, dtype).astype(np.int64) * 1_000_000_000
+        stamps += number(offset + 4, f"{dtype[0]}u4")
         return stamps
 
-    def _layout(self, message: bytes) -> _Layout | None:
-        """Return the places in a message; None if it is shorter than its type."""
-        walk = _Walk(self, message)
-        try:
-            walk.type(self._name, "")
-        except struct.error:
-            return None
-        return walk.layout if walk.at <= len(message) else None
 
-    @property
-    def fields(self) -> tuple[Types, bool]:
-        """Definitions of the types, and whether messages are in CDR."""
-        return self._types, self._cdr
+def _columns(fields: Sequence[_Field], prefix: str = "") -> Iterator[tuple[str, bool]]:
+    """Yield the name of each column, and whether it is a time."""
+    for field in fields:
+        if field.form:
+            yield f"{prefix}{field.name}", field.is_time
+        elif field.element is not None and (field.elements or MOST_ELEMENTS + 1) <= MOST_ELEMENTS:
+            for k in range(field.elements or 0):
+                yield from _columns(field.element, f"{prefix}{field.name}[{k}]")
 
 
 class _Walk:
-    """One pass over a message, which notes the places."""
+    """One pass over a message, which notes the places.
 
-    def __init__(self, fields: MessageFields, message: bytes) -> None:
-        self._types, self._cdr = fields.fields
-        self._wanted = set(fields.names)
-        self._message = message
-        self.layout = _Layout()
-        self.at = self._origin = 4 if self._cdr else 0
-        self._order = "<"
-        if self._cdr:
-            (_, flags) = struct.unpack_from("BB", message)
-            self._order = "<" if flags & 1 else ">"
-            self.layout.lengths.append((0, message[:4]))
+    Attributes
+    ----------
+    places : name to offset and type of numpy; of a time, those of its seconds.
+    lengths : offset and bytes of everything that the places depend on.
+    """
 
-    def type(self, name: str, prefix: str) -> None:
-        for part, description in self._types[name][1]:
-            self._field(description, f"{prefix}{part}")
+    def __init__(self, message: bytes, names: Collection[str], *, cdr: bool) -> None:
+        self._message, self._names, self._cdr = message, names, cdr
+        self.places: dict[str, tuple[int, str]] = {}
+        self.lengths: list[tuple[int, bytes]] = [(0, message[:4])] if cdr else []
+        self._at = 4 if cdr else 0
+        self._order = ">" if cdr and not (message[1:2] or b"\0")[0] & 1 else "<"
+
+    def fits(self, fields: Sequence[_Field]) -> bool:
+        """Walk over the fields of the type; return whether the message has them all."""
+        try:
+            self._fields(fields, "")
+        except struct.error:
+            return False
+        return self._at <= len(self._message)
 
     def _align(self, size: int) -> None:
         if self._cdr:
-            self.at += -(self.at - self._origin) % size
+            self._at += (4 - self._at) % size
 
     def _length(self) -> int:
         """Read a length and note that all places behind it depend on it."""
         self._align(4)
-        (length,) = struct.unpack_from(f"{self._order}I", self._message, self.at)
-        self.layout.lengths.append((self.at, self._message[self.at : self.at + 4]))
-        self.at += 4
+        (length,) = struct.unpack_from(f"{self._order}I", self._message, self._at)
+        self.lengths.append((self._at, self._message[self._at : self._at + 4]))
+        self._at += 4
         if length > len(self._message):
             raise struct.error("longer than the message")
         return int(length)
 
-    def _field(self, description: Any, name: str) -> None:
-        kind, detail = description
-        if kind == Nodetype.BASE:
-            self._base(detail[0], name)
-        elif kind == Nodetype.NAME and detail in TIMES:
-            self._align(4)
-            self.layout.places[name] = (self.at, f"{self._order}i4")
-            self.at += 8
-        elif kind == Nodetype.NAME:
-            self.type(detail, f"{name}.")
-        else:
-            element, count = detail[0], detail[1] if kind == Nodetype.ARRAY else self._length()
-            self._elements(element, count, name)
+    def _fields(self, fields: Sequence[_Field], prefix: str) -> None:
+        for field in fields:
+            name = f"{prefix}{field.name}"
+            if field.form:
+                size = int(field.form[-1])
+                self._align(size)
+                if name in self._names:
+                    self.places[name] = self._at, f"{self._order}{field.form}"
+                self._at += 2 * size if field.is_time else size
+            elif field.element is not None:
+                self._elements(
+                    field.element, self._length() if field.elements is None else field.elements, name
+                )
+            else:
+                length = self._length()  # which moves on
+                self._at += length
 
-    def _base(self, kind: str, name: str) -> None:
-        if kind == "string":
-            length = self._length()  # which moves on
-            self.at += length
-            return
-        if kind not in NUMBERS:
-            raise struct.error(f"{kind} is not supported")
-        dtype = f"{self._order}{NUMBERS[kind]}"
-        size = int(dtype[-1])
-        self._align(size)
-        if name in self._wanted:
-            self.layout.places[name] = (self.at, dtype)
-        self.at += size
-
-    def _elements(self, element: Any, count: int, name: str) -> None:
-        kind, detail = element
-        if (
-            kind == Nodetype.BASE and detail[0] in NUMBERS and count > MOST_ELEMENTS
-        ):  # none of them is a column
-            size = int(NUMBERS[detail[0]][-1])
+    def _elements(self, element: Sequence[_Field], count: int, name: str) -> None:
+        if count > MOST_ELEMENTS and len(element) == 1 and element[0].form:  # none of them is a column
+            size = int(element[0].form[-1])
             self._align(size)
-            self.at += size * count
+            self._at += (2 * size if element[0].is_time else size) * count
             return
         for k in range(count):
-            self._field(element, f"{name}[{k}]")
-            if self.at > len(self._message):
+            self._fields(element, f"{name}[{k}]")
+            if self._at > len(self._message):
                 raise struct.error("longer than the message")
