@@ -115,14 +115,14 @@ class MtEmulator:
                 self._step()
 
     def _step(self) -> None:
+        due = int((time.monotonic() - self._begin) * self.rate_hz)
+        first, self._sent = min(self._sent, due), due  # of a terminal without a reader, they are lost
         if self._master is None:
             return
         with suppress(BlockingIOError):
             for item in self._received.feed(os.read(self._master, 4096)):
                 if isinstance(item, Message):
                     os.write(self._master, self._reply(item))
-        due = int((time.monotonic() - self._begin) * self.rate_hz)
-        first, self._sent = min(self._sent, due), due
         for k in range(first, due) if self.measuring else ():
             if self._hidden:
                 self._hidden -= 1

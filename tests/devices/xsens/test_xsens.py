@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import struct
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -259,6 +260,18 @@ def test_listen_only_writes_nothing(tmp_path: Path) -> None:
         device.close()
         assert sensor.configuration == FACTORY
         assert sensor._received.fed == 0
+
+
+def test_messages_without_a_reader_are_lost(tmp_path: Path) -> None:
+    """With `--listen-only --duration 4`, the record had 8 s of samples."""
+    with MtEmulator(link=tmp_path / "mti") as sensor:
+        sensor._begin -= 60.0
+        time.sleep(0.1)
+        device = device_of(sensor, tmp_path, listen_only=True)
+        device.open()
+        device.start()
+        assert 50 <= sum(map(len, sample_blocks(read_for(device, 20.0, enough=50)))) < 1000
+        device.close()
 
 
 def test_another_sensor_in_its_place_is_an_error(tmp_path: Path) -> None:
