@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import fcntl
 import io
-import itertools
 import json
 import lzma
 import os
@@ -33,7 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.errors import ImumonError
-from imumon.files import open_regular, read_bounded, write_new
+from imumon.files import open_regular, read_bounded, rename_aside, write_new
 from imumon.report import plain
 
 FORMAT = 4
@@ -255,11 +254,7 @@ class Checkpoint:
         return self.path if os.path.lexists(self.path) else self.previous
 
     def _move(self, reason: str, path: Path | None) -> Path:
-        source, stem = path or self._newest, self.path.name.removesuffix(".state")
-        names = (self.path.with_name(f"{stem}.{reason}-{number}.state") for number in itertools.count(1))
-        aside = next(name for name in names if not os.path.lexists(name))
-        if os.path.lexists(source):
-            source.rename(aside)
+        aside = rename_aside(path or self._newest, self._device, reason, ".state")
         if path is None:
             self.previous.unlink(missing_ok=True)
         return aside

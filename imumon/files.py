@@ -10,6 +10,7 @@ effects, and after it, because a name may change between a check and its use.
 from __future__ import annotations
 
 import errno
+import itertools
 import os
 import stat
 from pathlib import Path
@@ -96,6 +97,15 @@ def replace_file(path: str | Path, data: bytes) -> None:
     if target.exists():
         new.chmod(stat.S_IMODE(target.stat().st_mode))
     os.replace(new, target)
+
+
+def rename_aside(path: Path, stem: str, reason: str, suffix: str) -> Path:
+    """Rename a file to ``STEM.REASON-N.SUFFIX``, the first free name; return it. A file that is gone stays so."""
+    names = (path.with_name(f"{stem}.{reason}-{number}{suffix}") for number in itertools.count(1))
+    aside = next(name for name in names if not os.path.lexists(name))
+    if os.path.lexists(path):
+        path.rename(aside)
+    return aside
 
 
 def write_new(path: Path, data: bytes) -> None:

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from imumon.history import HistoryStore
-from imumon.history.history_file import SUFFIX
-from imumon.history.store import TimedPeriod
+from imumon.history.store import SUFFIX, TimedPeriod
 from imumon.history_report import HistoryPeriod, PeriodChannel
 from imumon.report import Estimate
 

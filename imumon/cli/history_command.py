@@ -103,9 +103,8 @@ def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] |
 
 def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, Any]]:
     """Yield the rows of a file."""
-    from imumon.history.history_file import SUFFIX, devices
     from imumon.history.rows import rows
-    from imumon.history.store import HistoryStore
+    from imumon.history.store import SUFFIX, HistoryStore, devices
     from imumon.messages import matching
 
     known = devices(directory)
@@ -172,9 +171,8 @@ def _sheet_rows(rows_of: Callable[[str, float], list[dict[str, Any]]]) -> list[d
 
 def with_turn_on(report: Any, path: Path) -> Any:
     """Return the report of a saved state with the turn-on bias that the history in its directory shows."""
-    from imumon.history.history_file import HistoryError
     from imumon.history.power_ups import PowerUps
-    from imumon.history.store import HistoryStore
+    from imumon.history.store import HistoryError, HistoryStore
 
     if (file := _beside(path)) is None:
         return report
@@ -187,7 +185,7 @@ def with_turn_on(report: Any, path: Path) -> Any:
 
 def _beside(path: Path) -> Path | None:
     """Return the history beside a saved state; None if there is none, or it is no state."""
-    from imumon.history.history_file import SUFFIX
+    from imumon.history.store import SUFFIX
 
     file = path.with_name(f"{path.name.partition('.state')[0]}{SUFFIX}")
     return file if ".state" in path.name and file.exists() else None

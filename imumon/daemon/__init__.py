@@ -8,7 +8,6 @@ run_limits     what to run, what ends it, how long a device may be silent, when 
 persistence    the record on disk: restored, saved, set aside
 recorder       the raw bytes on disk
 alert_command  a command of the user that runs at warnings
-metadata       what of the device is in a report, a recording and the state
 log            standard error: text, journal or JSON
 sd_notify      the service manager
 """

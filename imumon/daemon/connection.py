@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import fields, replace
 
-from imumon.daemon import metadata
 from imumon.daemon.persistence import uptime_s
 from imumon.daemon.run_limits import DataTimeout
+from imumon.devices import registry
 from imumon.devices.base import DeviceDriver, DeviceError
 from imumon.report import DeviceDescription, State
 from imumon.samples import DeviceCounters, DeviceInfo
@@ -87,4 +87,10 @@ class Connection:
 
     def description(self, name: str) -> DeviceDescription:
         """Return the device in a report, under its name on the bus."""
-        return metadata.description(name, self.info)
+        info = self.info
+        if info is None:
+            return DeviceDescription(id=name)
+        described = {each.name for each in fields(DeviceDescription)} & {each.name for each in fields(info)}
+        driver = registry.driver(info.driver) if info.driver else None
+        known = DeviceDescription(**{each: getattr(info, each) for each in described})
+        return replace(known, id=name, setting_texts=registry.setting_texts(driver, info.settings))

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
+from dataclasses import replace
 from datetime import UTC, datetime
 
 from imumon import report
 from imumon.bus import BusError
 from imumon.checkpoint import check_directory
 from imumon.config import Settings
-from imumon.daemon import metadata
 from imumon.daemon.connection import Connection
 from imumon.daemon.kept_record import KeptRecord
 from imumon.daemon.outputs import Outputs
@@ -35,6 +35,7 @@ from imumon.devices.device_reader import (
     create_device,
 )
 from imumon.devices.registry import driver_of
+from imumon.evaluation import Evaluation
 from imumon.messages import EVENT_LEVELS
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Level, Notice, RawBytes, SampleBlock
 
@@ -261,9 +262,9 @@ class Daemon:
         assert outputs.bus is not None
         if self._connection.state == "waiting":
             self._notifier.ready()
-        made = metadata.traced(
-            record.history.annotated(self._report(outputs.bus.id)), self.options.provenance
-        )
+        made = record.history.annotated(self._report(outputs.bus.id))
+        if (provenance := self.options.provenance) is not None:
+            made = replace(made, evaluation=Evaluation(provenance=replace(provenance, made=made.time)))
         outputs.report(made, record.monitor.signals())
         record.keep(in_progress=True)
         outputs.detected(record.monitor.events())

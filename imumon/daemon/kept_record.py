@@ -13,7 +13,6 @@ from datetime import UTC, datetime
 from imumon import alarms
 from imumon.bus import Publisher
 from imumon.config import Settings
-from imumon.daemon import metadata
 from imumon.daemon.history_feed import HistoryFeed
 from imumon.daemon.persistence import Persistence, uptime_s
 from imumon.daemon.recorder import Recorder
@@ -148,7 +147,16 @@ class KeptRecord:
 
     def start_recording(self, name: str, info: DeviceInfo) -> str | None:
         """Start to record the raw bytes; return the path of the file, None if there is a problem."""
-        return self.recorder.start(metadata.recording_header(name, info, self.monitor.rate_hz, self.started))
+        known = ("driver", "model", "serial", "firmware", "stream", "alias_factor", "caveats")
+        header = {
+            "time": stamp(datetime.now(UTC)),
+            "record": self.started,  # it continues in the next recording after a restart
+            "id": name,
+            "rate_hz": self.monitor.rate_hz,  # of a stream without a clock
+            "settings": dict(info.settings),
+            **{each: getattr(info, each) for each in known},
+        }
+        return self.recorder.start(header)
 
     # ------------------------------------------------------------------ keeping
 

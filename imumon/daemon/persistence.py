@@ -17,7 +17,6 @@ import numpy as np
 
 from imumon import __version__
 from imumon.checkpoint import Checkpoint, SavedState, encode
-from imumon.daemon.metadata import saved_description
 from imumon.pipeline import Monitor, RecordMismatch
 from imumon.report import DeviceDescription, SessionCounters, plain, stamp, to_json
 from imumon.samples import DeviceInfo, Level, SampleBlock
@@ -80,7 +79,11 @@ class Persistence:
         -------
         What was decided, with the log level.
         """
-        self._serial, self._settings, self._device = info.serial, data_settings(info), saved_description(info)
+        self._serial, self._settings, self._device = (
+            info.serial,
+            data_settings(info),
+            _saved_description(info),
+        )
         if self._fresh:
             if not self._checkpoint.exists:
                 return []
@@ -155,7 +158,7 @@ class Persistence:
         self.save(session)
         self._checkpoint.flush()
         changed = "; ".join(self.differing(info))
-        self._monitor, self._settings, self._device = monitor, data_settings(info), saved_description(info)
+        self._monitor, self._settings, self._device = monitor, data_settings(info), _saved_description(info)
         return self._set_aside("other-settings", f"of other settings, {changed}")
 
     def with_earlier_runs(self, session: SessionCounters) -> SessionCounters:
@@ -202,6 +205,12 @@ class Persistence:
 def data_settings(info: DeviceInfo) -> dict[str, str]:
     """Return the settings that change the data, as far as they are known."""
     return {name: info.settings[name] for name in info.data_settings if name in info.settings}
+
+
+def _saved_description(info: DeviceInfo) -> dict[str, Any]:
+    """Return what the saved state holds of the device, for a report that is made from it alone."""
+    names = ("driver", "model", "serial", "firmware", "port", "baud", "alias_factor")
+    return {name: getattr(info, name) for name in names} | {"caveats": list(info.caveats)}
 
 
 def differing(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:

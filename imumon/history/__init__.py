@@ -1,9 +1,8 @@
 """History: what a sensor did over months, in one SQLite file per device.
 
 history      `History`: what a daemon keeps of its reports, and its answers
-store        the SQLite file: periods, events, power-ups
+store        the SQLite file: periods, events, power-ups; its name and errors
 schema       its tables, and how each version comes from the one before
-history_file names and errors of the file
 selection    which rows are asked for
 rows         published form of the rows: JSON, CSV
 power_ups    when the sensor was switched on, and its bias each time
@@ -13,8 +12,7 @@ docs/HISTORY.md describes rows, sizes and questions.
 """
 
 from imumon.history.history import History
-from imumon.history.history_file import HistoryError
 from imumon.history.selection import Selection
-from imumon.history.store import HistoryStore
+from imumon.history.store import HistoryError, HistoryStore
 
 __all__ = ["History", "HistoryError", "HistoryStore", "Selection"]

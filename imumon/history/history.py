@@ -19,11 +19,10 @@ from typing import Any
 
 from imumon.history import selection
 from imumon.history.day_changes import DayChanges, change_text
-from imumon.history.history_file import SUFFIX, HistoryError, damaged, set_aside
 from imumon.history.power_ups import PowerUps
 from imumon.history.rows import iso, json_pieces, rows
 from imumon.history.selection import Selection, SelectionError
-from imumon.history.store import HistoryStore, PowerUp, TimedPeriod
+from imumon.history.store import SUFFIX, HistoryError, HistoryStore, PowerUp, TimedPeriod, damaged, set_aside
 from imumon.history_report import STEPS, HistoryPeriod
 from imumon.noise.stretches.day_change import DAYS_KEPT
 from imumon.report import Event, Report

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from imumon.alarms import known
 from imumon.errors import ImumonError
@@ -53,7 +53,6 @@ class MetricsServer:
         self._arrived = time.monotonic()
         # each known kind from 0 on: Prometheus does not see the growth of a counter that begins at 1
         self._events: Counter[str] = Counter(dict.fromkeys(EVENT_LEVELS, 0))
-        self._device = ""
         registry = CollectorRegistry(auto_describe=False)
         registry.register(self)
         host, _, port = listen.rpartition(":")
@@ -76,7 +75,7 @@ class MetricsServer:
 
     def update(self, report: Report) -> None:
         """Serve this report from now on."""
-        self._report, self._arrived, self._device = report, time.monotonic(), report.device.id
+        self._report, self._arrived = report, time.monotonic()
 
     def event(self, event: Event) -> None:
         """Count an event."""
@@ -90,86 +89,66 @@ class MetricsServer:
         """Yield the metrics; the server calls it for every request."""
         from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
-        report, device, events = self._report, self._device, dict(self._events)
+        report, events = self._report, dict(self._events)
         if report is None:
             return
-        age_s = time.monotonic() - self._arrived
-
-        def gauge(name: str, text: str, *labels: str) -> Any:
-            return GaugeMetricFamily(name, text, labels=["device", *labels])
-
-        def counter(name: str, text: str, *labels: str) -> Any:
-            return CounterMetricFamily(name, text, labels=["device", *labels])
-
-        up = gauge("imumon_up", "Whether the sensor sends samples: 1, or 0")
-        up.add_metric([device], 1.0 if report.state == "running" else 0.0)
-        yield up
-        age = gauge("imumon_report_age_seconds", "Age of the report that these numbers are from")
-        age.add_metric([device], age_s)
-        yield age
-        session = report.session
-        for name, text, value in (
-            ("imumon_samples", "Samples received in the record", session.samples),
-            (
-                "imumon_missing",
-                "Samples that the sample clock proves and that did not arrive",
-                session.missing,
-            ),
-            ("imumon_excluded_seconds", "Received samples that the guards excluded", session.excluded_s),
-            ("imumon_bad_checksums", "Messages that failed their checksum", session.bad_checksums),
-        ):
-            total = counter(name, text)
-            total.add_metric([device], value)
-            yield total
-        yield from self._noise(report, device, gauge)
-        yield self._grades(report, device, gauge)
-        temperature = report.channels.get("temperature")
-        if temperature is not None and temperature.last is not None:
-            heat = gauge("imumon_temperature_celsius", "Newest temperature of the sensor")
-            heat.add_metric([device], temperature.last)
-            yield heat
-        caveats = gauge("imumon_caveat", "1 for each caveat of a channel", "channel", "caveat")
-        for name, channel in report.channels.items():
-            for caveat in channel.caveats:
-                caveats.add_metric([device, name, caveat], 1.0)
-        yield caveats
-        alarm = gauge(
-            "imumon_alarm", "1 for an alarm whose value is above its limit, 0 for the others", "alarm"
+        made = (
+            (GaugeMetricFamily, _gauges(report, time.monotonic() - self._arrived)),
+            (CounterMetricFamily, _counters(report, events)),
         )
-        for row, value, limit in known(report):
-            alarm.add_metric([device, row.name], float(value > limit))
-        yield alarm
-        happened = counter("imumon_events", "Events since the start of the daemon", "kind")
-        for kind, count in sorted(events.items()):
-            happened.add_metric([device, kind], count)
-        yield happened
+        for family, rows in made:
+            for name, text, labels, samples in rows:
+                metric = family(name, text, labels=["device", *labels])
+                for *words, value in samples:
+                    metric.add_metric([report.device.id, *words], value)
+                yield metric
 
-    def _noise(self, report: Report, device: str, gauge: Any) -> Iterator[Metric]:
-        noise = gauge(
-            "imumon_noise",
-            "Noise coefficients in SI units with their 95 percent limits; an upper bound has no value",
-            "channel",
-            "coefficient",
-            "limit",
-        )
-        mean = gauge("imumon_mean", "Mean of a channel in its SI unit", "channel")
-        for name, channel in report.channels.items():
-            if channel.mean is not None:
-                mean.add_metric([device, name], channel.mean)
-            for letter, part in channel.coefficients.items():
-                for limit in ("value", "low", "high"):
-                    if (value := getattr(part, limit)) is not None:
-                        noise.add_metric([device, name, letter, limit], value)
-        yield noise
-        yield mean
 
-    def _grades(self, report: Report, device: str, gauge: Any) -> Metric:
-        grades = gauge(
-            "imumon_grade", "1 for the grade of a sensor, 0 for the others", "sensor", "kind", "grade"
-        )
-        for sensor, grade in report.grade.items():
-            for kind in ("nearest", "meets"):
-                for name in GRADES:
-                    grades.add_metric([device, sensor, kind, name], float(getattr(grade, kind) == name))
-        found: Metric = grades
-        return found
+Rows: TypeAlias = Iterator[tuple[str, str, tuple[str, ...], list[tuple[Any, ...]]]]
+"""Name, help text and labels of metrics, and their samples: a word for each label, and the value."""
+
+
+def _counters(report: Report, events: Mapping[str, int]) -> Rows:
+    session = report.session
+    yield "imumon_samples", "Samples received in the record", (), [(session.samples,)]
+    text = "Samples that the sample clock proves and that did not arrive"
+    yield "imumon_missing", text, (), [(session.missing,)]
+    text = "Received samples that the guards excluded"
+    yield "imumon_excluded_seconds", text, (), [(session.excluded_s,)]
+    yield "imumon_bad_checksums", "Messages that failed their checksum", (), [(session.bad_checksums,)]
+    yield "imumon_events", "Events since the start of the daemon", ("kind",), sorted(events.items())
+
+
+def _gauges(report: Report, age_s: float) -> Rows:
+    channels = report.channels.items()
+    text = "Whether the sensor sends samples: 1, or 0"
+    yield "imumon_up", text, (), [(float(report.state == "running"),)]
+    yield "imumon_report_age_seconds", "Age of the report that these numbers are from", (), [(age_s,)]
+    text = "Noise coefficients in SI units with their 95 percent limits; an upper bound has no value"
+    noise = [
+        (name, letter, limit, value)
+        for name, channel in channels
+        for letter, part in channel.coefficients.items()
+        for limit in ("value", "low", "high")
+        if (value := getattr(part, limit)) is not None
+    ]
+    yield "imumon_noise", text, ("channel", "coefficient", "limit"), noise
+    means = [(name, channel.mean) for name, channel in channels if channel.mean is not None]
+    yield "imumon_mean", "Mean of a channel in its SI unit", ("channel",), means
+    text = "1 for the grade of a sensor, 0 for the others"
+    grades = [
+        (sensor, kind, name, float(getattr(grade, kind) == name))
+        for sensor, grade in report.grade.items()
+        for kind in ("nearest", "meets")
+        for name in GRADES
+    ]
+    yield "imumon_grade", text, ("sensor", "kind", "grade"), grades
+    temperature = report.channels.get("temperature")
+    if temperature is not None and temperature.last is not None:
+        text = "Newest temperature of the sensor"
+        yield "imumon_temperature_celsius", text, (), [(temperature.last,)]
+    caveats = [(name, caveat, 1.0) for name, channel in channels for caveat in channel.caveats]
+    yield "imumon_caveat", "1 for each caveat of a channel", ("channel", "caveat"), caveats
+    text = "1 for an alarm whose value is above its limit, 0 for the others"
+    alarms = [(row.name, float(value > limit)) for row, value, limit in known(report)]
+    yield "imumon_alarm", text, ("alarm",), alarms

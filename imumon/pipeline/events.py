@@ -44,8 +44,8 @@ class DetectedEvent:
 
     kind: str
     text: str
-    code: str = ""  # cause of a restart, for programs: clock_reset, other_rate or other_stream
     elapsed_s: float | None = None
+    code: str = ""  # cause of a restart, for programs: clock_reset, other_rate or other_stream
     channel: str | None = None
     length_s: float | None = None
     size: float | None = None
@@ -79,33 +79,8 @@ class EventLog:
         events, self._events = self._events, []
         return events
 
-    def add(
-        self,
-        kind: str,
-        text: str,
-        record: Accumulators | None = None,
-        length_s: float | None = None,
-        channel: str | None = None,
-        code: str = "",
-        level: Level | None = None,
-    ) -> None:
-        """Add one event, `length_s` long, at the present end of the record."""
-        elapsed_s = record.elapsed_s if record else None
-        self._add_at(elapsed_s, kind, text, code=code, length_s=length_s, channel=channel, level=level)
-
-    def _add_at(
-        self,
-        elapsed_s: float | None,
-        kind: str,
-        text: str,
-        *,
-        code: str = "",
-        length_s: float | None = None,
-        channel: str | None = None,
-        level: Level | None = None,
-    ) -> None:
-        """Add one event at a time of the record; None: there is no record."""
-        event = DetectedEvent(kind, text, code, elapsed_s, channel, length_s, level=level)
+    def add(self, event: DetectedEvent) -> None:
+        """Add one event."""
         self._events.append(event)
 
     def record_began(self) -> None:
@@ -128,18 +103,18 @@ class EventLog:
             start, length = disturbance.start * record.interval_s, disturbance.length * record.interval_s
             excluded = duration(length) if length >= 60.0 else f"{length:.2g} s"
             text = f"{disturbance.kind}{f' on {name}' if name else ''}: {excluded} excluded"
-            event = DetectedEvent("disturbance", text, "", start, name, length, disturbance.size)
-            self._events.append(event)
+            size = disturbance.size
+            self.add(DetectedEvent("disturbance", text, start, channel=name, length_s=length, size=size))
         for elapsed_s, warmup in happened.ended.warmups:
             text = f"a warm-up of {duration(warmup)} is over and excluded"
-            self._add_at(elapsed_s, "warmup", text, length_s=warmup)
+            self.add(DetectedEvent("warmup", text, elapsed_s, length_s=warmup))
         for place, at_rest in happened.rest:
             text = "at rest again" if at_rest else "not at rest: statistics are suspended"
-            self._add_at(place * record.interval_s, "rest" if at_rest else "motion", text)
+            self.add(DetectedEvent("rest" if at_rest else "motion", text, place * record.interval_s))
         for place, stuck in happened.stuck:
             begins = "the values do not change: an axis or the whole sensor hangs"
             text, level = (begins, None) if stuck else ("the values change again", NOTICE)
-            self._add_at(place * record.interval_s, "stuck", text, level=level)
+            self.add(DetectedEvent("stuck", text, place * record.interval_s, level=level))
         for elapsed_s, changes in happened.ended.hours:
             self._update_changes(changes, record.channels, elapsed_s, hourly=True)
 
@@ -154,7 +129,7 @@ class EventLog:
         if over and not self._warmup_reported and not record.warmup_s:
             self._warmup_reported = True
             text = "the warm-up is over: it does not show in the record so far, nothing is excluded"
-            self.add("warmup", text, record)
+            self.add(DetectedEvent("warmup", text, record.elapsed_s))
 
     def update_clock(self, steps: Ints, record: Accumulators) -> None:
         """Add resets of the clock before samples that the record has just received.
@@ -173,7 +148,7 @@ class EventLog:
             if elapsed_s >= self._next_reset_s:
                 self._next_reset_s = elapsed_s + GAP_EVENT_S
                 text = "the clock of the sensor was reset: a gap of unknown length"
-                self._add_at(elapsed_s, "restart", text, code="clock_reset")
+                self.add(DetectedEvent("restart", text, elapsed_s, code="clock_reset"))
 
     def update_gaps(self, steps: Ints, record: Accumulators) -> None:
         """Add the gaps before samples that the record has just received.
@@ -211,16 +186,18 @@ class EventLog:
         length = self._missing * record.interval_s
         plural = "gap" if self._gaps == 1 else f"{self._gaps} gaps"
         text = f"{plural}: {self._missing:,} samples missing ({length:.4g} s)"
-        self._add_at(elapsed_s, "gap", text, length_s=length)
+        self.add(DetectedEvent("gap", text, elapsed_s, length_s=length))
         self._gaps, self._missing, self._next_gap_s = 0, 0, elapsed_s + GAP_EVENT_S
 
     def update_constant(self, names: Iterable[str], record: Accumulators) -> None:
         """Add channels that never change, and those that change after all."""
         now = set(names)
         for name in sorted(now - self._constant):
-            self.add("constant", f"{name} never changed: dead, stuck or not measured", record, channel=name)
+            text = f"{name} never changed: dead, stuck or not measured"
+            self.add(DetectedEvent("constant", text, record.elapsed_s, channel=name))
         for name in sorted(self._constant - now):
-            self.add("constant", f"{name} changes now", record, channel=name, level=NOTICE)
+            text = f"{name} changes now"
+            self.add(DetectedEvent("constant", text, record.elapsed_s, channel=name, level=NOTICE))
         self._constant = now
 
     def update_alarm(
@@ -230,10 +207,11 @@ class EventLog:
         alarm = next(alarm for alarm in ALARMS if alarm.name == name)
         if name not in self._alarms and value > limit:
             self._alarms.add(name)
-            self._add_at(elapsed_s, name, alarm.text(value))
+            self.add(DetectedEvent(name, alarm.text(value), elapsed_s))
         elif ends and name in self._alarms and value <= RECOVERED * limit:
             self._alarms.remove(name)
-            self._add_at(elapsed_s, name, f"the alarm is over: {alarm.text(value)}", level=NOTICE)
+            text = f"the alarm is over: {alarm.text(value)}"
+            self.add(DetectedEvent(name, text, elapsed_s, level=NOTICE))
 
     def update_alarms(self, report: Report, record: Accumulators) -> None:
         """Add the alarms that a report shows, other than those that the samples show."""
@@ -261,7 +239,7 @@ class EventLog:
         }
         for key, text in current.items():
             if key not in self._changes:
-                self._add_at(elapsed_s, "change", text, channel=channels[key[0]])
+                self.add(DetectedEvent("change", text, elapsed_s, channel=channels[key[0]]))
             self._changes[key] = elapsed_s
         for key, seen in list(self._changes.items()):
             if (key[1] == HOURS_BEFORE) == hourly and not seen <= elapsed_s < seen + CHANGE_HOLD_S:
@@ -269,7 +247,7 @@ class EventLog:
                 if elapsed_s > seen:
                     name, against, quantity = channels[key[0]], *key[1:]
                     text = f"{name}: {quantity} does not differ from the {against} any more"
-                    self._add_at(elapsed_s, "change", text, channel=name, level=NOTICE)
+                    self.add(DetectedEvent("change", text, elapsed_s, channel=name, level=NOTICE))
 
     def update_grades(self, grades: Mapping[str, SensorGrade], record: Accumulators) -> None:
         """Add a headline grade that differs from the reported one and has held for `GRADE_HOLD`."""
@@ -287,7 +265,7 @@ class EventLog:
                 self._grades[sensor] = grade
                 if not self._first_grades_known:
                     was = f" (before: {grade_text(before)})" if before.nearest else ""
-                    self.add("grade", f"{sensor}: {grade_text(grade)}{was}", record)
+                    self.add(DetectedEvent("grade", f"{sensor}: {grade_text(grade)}{was}", elapsed))
         self._first_grades_known &= not grades
 
 

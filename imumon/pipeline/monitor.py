@@ -117,7 +117,8 @@ class Monitor:
         block = self._invalid.remove(block)
         if self._invalid.any and not any_before:
             text = "a gyroscope or accelerometer value is no number: such samples count as missing"
-            self._events.add("garbage", text, self._record.accumulators if self._record else None)
+            elapsed_s = self._record.accumulators.elapsed_s if self._record else None
+            self._events.add(DetectedEvent("garbage", text, elapsed_s))
         mismatch = self._choose(block.stream) if len(block) else None
         if not len(block) or self._source is None or self._source.stream != block.stream:
             self._other_streams_s = passed or 0.0
@@ -350,13 +351,14 @@ class Monitor:
 
     def _start_new_record(self, code: str, cause: str) -> RecordMismatch | None:
         """End the record, if there is one; the next samples start a new one. `code` is that of the mismatch."""
-        mismatch, own = None, None
+        mismatch, elapsed_s = None, None
         if self._record is not None and self._source is not None:
             own = self._record.accumulators
             mismatch = mismatch_of(code, self._source.stream, own.interval_s)
             self.restarts += 1
             self._ended_periods += self._record.flush(self._events)
-        self._events.add("restart", f"{cause}: a new record begins", own, code=code)
+            elapsed_s = own.elapsed_s
+        self._events.add(DetectedEvent("restart", f"{cause}: a new record begins", elapsed_s, code=code))
         self.end_record()
         self._events.record_began()
         self._record = None

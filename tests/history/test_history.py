@@ -23,10 +23,10 @@ from waiting import until
 from imumon.cli.history_command import _readable
 from imumon.history import History, HistoryError, HistoryStore
 from imumon.history.history import MOST_PENDING
-from imumon.history.history_file import devices, set_aside
 from imumon.history.rows import csv_pieces, json_pieces, rows
 from imumon.history.schema import ESTIMATE_COLUMNS, MIGRATIONS, VERSION
 from imumon.history.selection import Selection, SelectionError, moment, of_parameters, selection
+from imumon.history.store import devices, set_aside
 from imumon.report import Event
 
 EVER = Selection(since=0.0, until=1e12)

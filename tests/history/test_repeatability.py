@@ -25,9 +25,8 @@ from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.evaluation import Evaluation, Provenance
 from imumon.filter_report import FilterReport
 from imumon.history import HistoryStore
-from imumon.history.history_file import SUFFIX
 from imumon.history.repeatability import day_scatter
-from imumon.history.store import PowerUp
+from imumon.history.store import SUFFIX, PowerUp
 from imumon.noise.uncertainty import uncertainty_budgets
 from imumon.report import Report, from_json, to_json
 

@@ -14,8 +14,8 @@ from paths import ROOT
 
 from imumon.devices.vn100.emulator import EmulatorSettings, Noise, spawn
 from imumon.history import HistoryStore
-from imumon.history.history_file import SUFFIX
 from imumon.history.power_ups import LEAST_POWER_UPS
+from imumon.history.store import SUFFIX
 from imumon.report import Distribution, Report
 
 POWER_UPS = 6

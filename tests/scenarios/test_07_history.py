@@ -10,7 +10,7 @@ from scene import ID, Scene, scene
 from test_03_disk import mounts, told, within
 
 from imumon.history import HistoryStore, Selection
-from imumon.history.history_file import SUFFIX
+from imumon.history.store import SUFFIX
 
 pytestmark = pytest.mark.slow
 
