@@ -110,22 +110,29 @@ class Likelihood:
         c : first value of the shape.
         """
         b, k = _pairs(B, K)
-        a, c_best, log, variance = self._profile(b, k, c)
+        a, c_best, log, variance = self._profile(b, k, np.full(b.size, c))
         more, beta, beta_variance = self._restricted(a, b, k)
         # without any noise there is no likelihood
         total = log + more
         total = np.where(np.isfinite(total), total, -HUGE)
         return Surface(B, K, total, a, variance, c_best, beta, beta_variance)
 
-    def _profile(self, b: Floats, k: Floats, first: float) -> tuple[Floats, Floats, Floats, Floats]:
+    def _profile(
+        self, b: Floats, k: Floats, c: Floats, *, held: bool = False
+    ) -> tuple[Floats, Floats, Floats, Floats]:
         """Return (m,) the best N^2 and shape, the logarithm of the likelihood, the variance of N^2.
 
         Fisher's scoring: the model is linear in N^2, and in the shape where it is additive.
+
+        Parameters
+        ----------
+        c : (m,) first values of the shape.
+        held : the shape stays as it is.
         """
         P, E, half = self.powers.power, self.powers.expected, 0.5 * self.dof
         base = np.multiply.outer(b, E[:, 1]) + np.multiply.outer(k, E[:, 2])
         floor, x, white = self._floor, self._x, E[:, 0]
-        a, c = np.full(b.size, self._white), np.full(b.size, first)
+        a = np.full(b.size, self._white)
         most = 1e-6 * a[0]
         for step in range(SCORING_STEPS + 1):
             model = np.multiply.outer(a, white) + base
@@ -144,8 +151,8 @@ class Likelihood:
             if self.shape:
                 aa, ac, cc, determinant = _information(weight, slopes)
                 one, two = ((rest * slope).sum(axis=1) for slope in slopes)
-                a = a + (cc * one - ac * two) / determinant
-                c = np.maximum(c + (aa * two - ac * one) / determinant, 0.0)
+                a = a + (one / aa if held else (cc * one - ac * two) / determinant)
+                c = c if held else np.maximum(c + (aa * two - ac * one) / determinant, 0.0)
             else:
                 a = a + (rest @ white) / (weight @ white**2)
             a = np.maximum(a, most)
@@ -180,21 +187,9 @@ class Likelihood:
 
     def _first_shape(self, b: float, k: float) -> float:
         """Return a first value of the shape: the best of a few for some B^2 and K^2."""
-        P, E, half = self.powers.power, self.powers.expected, 0.5 * self.dof
-        base = b * E[:, 1] + k * E[:, 2]
-        best, least = 0.0, np.inf
-        for c in (0.0, *np.geomspace(1e-3, 1e3, 25)):
-            white = self._white
-            for _ in range(SCORING_STEPS):
-                fall = 1.0 / (1.0 + c * self._x) if self.shape == "filtered" else 1.0
-                extra = c * white * self._x if self.shape == "quantised" else 0.0
-                model = np.maximum((white * E[:, 0] + base) * fall + extra, self._floor)
-                weight = half / model**2 * E[:, 0] * fall
-                white = max(white + float(weight @ (P - model) / (weight @ (E[:, 0] * fall))), 1e-9 * white)
-            misfit = float(half @ (P / model + np.log(model)))
-            if misfit < least:
-                best, least = c * (white if self.shape == "quantised" else 1.0), misfit
-        return best
+        c = np.append(0.0, np.geomspace(1e-3, 1e3, 25)) * (self._white if self.shape == "quantised" else 1.0)
+        log = self._profile(np.full(c.size, b), np.full(c.size, k), c, held=True)[2]
+        return float(c[log.argmax()])
 
     def _restricted(self, a: Floats, b: Floats, k: Floats) -> tuple[Floats, Floats, Floats]:
         """Return (m,) the restricted log likelihood of the coefficients, and (m, q) the regression with variances."""
