@@ -70,7 +70,7 @@ class Daemon:
         self._reader = DeviceReader(create_device(driver, device_options))
         self._connection = Connection(driver)
         self._record = KeptRecord(settings, options)
-        self._outputs = Outputs(settings, options, self._record.history)
+        self._outputs = Outputs(settings, options, self._record)
         self._notifier = ServiceNotifier()
         self._shutdown = Shutdown(options.duration_s)
         self._report_timer = Timer(settings.report.period_s)
@@ -262,7 +262,7 @@ class Daemon:
         assert outputs.bus is not None
         if self._connection.state == "waiting":
             self._notifier.ready()
-        made = record.history.annotated(self._report(outputs.bus.id))
+        made = record.annotated(self._report(outputs.bus.id))
         if (provenance := self.options.provenance) is not None:
             made = replace(made, evaluation=Evaluation(provenance=replace(provenance, made=made.time)))
         outputs.report(made, record.monitor.signals())
@@ -272,7 +272,7 @@ class Daemon:
             outputs.event(kind, text, level)
         for text, level in outputs.problems():
             outputs.event("bus", text, level)
-        for channel, text in record.history.new_changes():
+        for channel, text in record.new_changes():
             outputs.event("change", text, "warning", channel)
         self._notifier.status(status_line(made))
         return made
@@ -308,7 +308,7 @@ class Daemon:
         self._record.close(self._connection.counters)
         for kind, text, level in self._record.problems():
             self._outputs.log(text, level or EVENT_LEVELS[kind])
-        self._outputs.leave_ros()
+        self._outputs.leave()
         self._wait_for_restore()
         self._outputs.end_alerts(end + RESTORE_S - time.monotonic())
         self._outputs.release()
@@ -326,6 +326,6 @@ class Daemon:
         self._notifier.stopping()
         with suppress(Exception):
             self._reader.stop(discard=True)
-            self._outputs.leave_ros()
+            self._outputs.leave()
             self._wait_for_restore()
             self._outputs.end_alerts()

@@ -13,13 +13,16 @@ from datetime import UTC, datetime
 from imumon import alarms
 from imumon.bus import Publisher
 from imumon.config import Settings
-from imumon.daemon.history_feed import HistoryFeed
 from imumon.daemon.persistence import Persistence, uptime_s
 from imumon.daemon.recorder import Recorder
 from imumon.daemon.run_limits import RunOptions, Timer
+from imumon.history import History
 from imumon.pipeline import Monitor, MonitorOptions, RecordMismatch
-from imumon.report import SessionCounters, stamp
+from imumon.report import Event, Report, SessionCounters, stamp
 from imumon.samples import DeviceCounters, DeviceInfo, Level, SampleBlock
+
+UNKEPT = ("gap",)
+"""Kinds of events that are not kept: a lossy link has thousands, and the rows count what is missing."""
 
 
 class KeptRecord:
@@ -29,7 +32,8 @@ class KeptRecord:
     ----------
     monitor : holds the record.
     started : when the record began; None before its first sample.
-    recorder, history : of this device.
+    recorder : of this device.
+    history : of this device; None: none is kept, or the device has no name yet, which is that of the file.
     persistence : state on disk; None while no device has a name.
     """
 
@@ -47,7 +51,8 @@ class KeptRecord:
         self.monitor = self._new_monitor()
         self.started: str | None = None
         self.recorder = Recorder(settings.record)
-        self.history = HistoryFeed(settings, speed=options.speed)
+        self.history: History | None = None
+        self._history_settings = settings.history
         self.persistence: Persistence | None = None
         self._save_timer = Timer(settings.state.save_period_s)
         self._fed_at: float | None = None  # `uptime_s` of the last samples
@@ -78,7 +83,10 @@ class KeptRecord:
         assert self.persistence is not None
         decisions = self.persistence.restore(info)
         self.started = self.persistence.started
-        self.history.open(self._options.state_directory, bus)
+        if self._history_settings.enabled and self.history is None:
+            directory, keep_days = self._options.state_directory, self._history_settings.keep_days
+            self.history = History(directory, bus.id, keep_days=keep_days, speed=self._options.speed)
+            bus.answer_history(self.history.answer)
         self._save_timer.restart(time.monotonic())
         return decisions
 
@@ -91,7 +99,7 @@ class KeptRecord:
         if not self.persistence.differing(info) or not self.monitor.samples:
             return None
         self.monitor.end_record()
-        self.history.keep(self.monitor, self.started)
+        self.keep()
         session = self.session(counters)
         self.monitor = self._new_monitor()
         self.recorder.start_new_record()
@@ -104,7 +112,8 @@ class KeptRecord:
         if self.persistence is not None:
             self.persistence.close(self.session(counters))
         self.keep(in_progress=True)
-        self.history.close()
+        if self.history is not None:
+            self.history.close()
         self.recorder.close()
 
     # ------------------------------------------------------------------ samples
@@ -119,7 +128,8 @@ class KeptRecord:
         before = monitor.samples
         # in time-lapse the host clock proves nothing
         mismatch = monitor.feed(block, host_s=passed if self._options.speed == 1.0 else None)
-        self.history.clock(block)
+        if self.history is not None and block.stream.clock == "startup" and block.time_ns is not None:
+            self.history.clock(float(block.time_ns[-1]) * 1e-9, time.time())
         self.keep()
         if self.persistence is not None and monitor.samples != before:
             self.persistence.fed_s = now
@@ -162,13 +172,32 @@ class KeptRecord:
 
     def keep(self, *, in_progress: bool = False) -> None:
         """Keep the periods that have ended, and with `in_progress` also the others."""
-        self.history.keep(self.monitor, self.started, in_progress=in_progress)
+        periods = self.monitor.periods()
+        if self.history is None or self.started is None:
+            return
+        if in_progress:
+            periods += self.monitor.periods_in_progress()
+        self.history.add(periods, self.started, time.time())
+
+    def event(self, event: Event) -> None:
+        """Keep an event."""
+        if self.history is not None and event.kind not in UNKEPT:
+            self.history.event(event)
+
+    def annotated(self, report: Report) -> Report:
+        """Return a report with what the history shows."""
+        return report if self.history is None else self.history.annotated(report)
+
+    def new_changes(self) -> list[tuple[str, str]]:
+        """Return the changes over days that are new: channel and text."""
+        return [] if self.history is None else self.history.new_changes()
 
     def save(self, now: float, counters: DeviceCounters) -> None:
         """Let the state and the history be written, if that is due at `now`, s, monotonic."""
         if self.persistence is not None and self.monitor.samples and self._save_timer.is_due(now):
             self.persistence.save(self.session(counters))
-            self.history.save()
+            if self.history is not None:
+                self.history.save()
 
     def session(self, counters: DeviceCounters) -> SessionCounters:
         """Return the counters of the device, with those of earlier runs."""
@@ -189,7 +218,7 @@ class KeptRecord:
             yield "recording", text, None
         if self.persistence is not None and (problem := self.persistence.problem()):
             yield "state", *problem
-        for about_history in self.history.problems():
+        for about_history in self.history.problems() if self.history is not None else ():
             yield "history", *about_history
 
     def unsaved(self) -> str | None:

@@ -32,7 +32,7 @@ LEVELS: dict[str, int] = {
 
 logging.addLevelName(logging.INFO + 5, "NOTICE")
 
-PRIORITIES = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO + 5: 5, logging.INFO: 6, logging.DEBUG: 7}
+PRIORITIES = {level: priority for priority, level in enumerate(LEVELS.values(), 3)}
 """Levels as priorities of the journal (sd-daemon(3))."""
 
 QUEUE_RECORDS = 1000
@@ -65,7 +65,7 @@ def configure_logging(level: str = "info", format: str = "auto") -> Callable[[],
     to_journal = _journal_reads_stderr()
     form = ("journal" if to_journal else "text") if format == "auto" else format
     writer = _Writer()
-    writer.setFormatter(_FORMATTERS[form](priority=to_journal or format == "journal"))
+    writer.setFormatter(_Formatter(_LINES[form], priority=to_journal or format == "journal"))
     handler = _BoundedHandler(Queue(QUEUE_RECORDS))
     listener = _Listener(handler.queue, writer)
     try:
@@ -166,51 +166,44 @@ class _Writer(logging.Handler):
 
 
 class _Formatter(logging.Formatter):
-    """Base class: one line per record, with the prefix ``<N>`` if the journal reads it.
+    """One line per record, with the prefix ``<N>`` if the journal reads it.
 
     Parameters
     ----------
+    line : the line without the prefix.
     priority : add the prefix, which the journal removes.
     """
 
-    def __init__(self, *, priority: bool) -> None:
+    def __init__(self, line: Callable[[logging.LogRecord], str], *, priority: bool) -> None:
         super().__init__()
-        self._priority = priority
+        self._line, self._priority = line, priority
 
     def format(self, record: logging.LogRecord) -> str:
         prefix = f"<{PRIORITIES.get(record.levelno, 6)}>" if self._priority else ""
-        return prefix + plain(self.line(record).replace("\n", " "))  # devices and Zenoh word some messages
-
-    def line(self, record: logging.LogRecord) -> str:
-        """Return the line without the prefix."""
-        return record.getMessage()
+        return prefix + plain(self._line(record).replace("\n", " "))  # devices and Zenoh word some messages
 
 
-class _TextFormatter(_Formatter):
-    """Local time, level unless it is ``info``, text."""
-
-    def line(self, record: logging.LogRecord) -> str:
-        level = "" if record.levelno == logging.INFO else f"{record.levelname.lower()}: "
-        return f"{datetime.fromtimestamp(record.created):%H:%M:%S} {level}{record.getMessage()}"
+def _text(record: logging.LogRecord) -> str:
+    """Return local time, level unless it is ``info``, and text."""
+    level = "" if record.levelno == logging.INFO else f"{record.levelname.lower()}: "
+    return f"{datetime.fromtimestamp(record.created):%H:%M:%S} {level}{record.getMessage()}"
 
 
-class _JsonFormatter(_Formatter):
-    """An object with ``time``, ``level``, ``kind`` and ``text``."""
-
-    def line(self, record: logging.LogRecord) -> str:
-        fields = {
-            "time": stamp(datetime.fromtimestamp(record.created, UTC)),
-            "level": record.levelname.lower(),
-            "kind": getattr(record, "kind", ""),
-            "text": record.getMessage(),
-        }
-        return json.dumps(fields, ensure_ascii=False)
+def _json(record: logging.LogRecord) -> str:
+    """Return an object with ``time``, ``level``, ``kind`` and ``text``."""
+    fields = {
+        "time": stamp(datetime.fromtimestamp(record.created, UTC)),
+        "level": record.levelname.lower(),
+        "kind": getattr(record, "kind", ""),
+        "text": record.getMessage(),
+    }
+    return json.dumps(fields, ensure_ascii=False)
 
 
-_FORMATTERS: dict[str, type[_Formatter]] = {
-    "text": _TextFormatter,
-    "journal": _Formatter,
-    "json": _JsonFormatter,
+_LINES: dict[str, Callable[[logging.LogRecord], str]] = {
+    "text": _text,
+    "journal": logging.LogRecord.getMessage,
+    "json": _json,
 }
 
 

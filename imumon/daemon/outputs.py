@@ -13,9 +13,10 @@ from datetime import UTC, datetime
 from imumon.bus import Publisher
 from imumon.config import Settings
 from imumon.daemon.alert_command import CLOSE_S, AlertCommand
-from imumon.daemon.history_feed import HistoryFeed
+from imumon.daemon.kept_record import KeptRecord
 from imumon.daemon.log import LEVELS
 from imumon.daemon.run_limits import RunOptions
+from imumon.history.metrics import MetricsServer
 from imumon.messages import EVENT_LEVELS
 from imumon.pipeline.events import DetectedEvent
 from imumon.report import Event, Report, Signal, stamp
@@ -35,10 +36,15 @@ class Outputs:
     Raises
     ------
     RosError : what is to be published in ROS 2 is not possible.
+    MetricsError : metrics are configured and cannot be served.
     """
 
-    def __init__(self, settings: Settings, options: RunOptions, history: HistoryFeed) -> None:
-        self._settings, self._history = settings, history
+    def __init__(self, settings: Settings, options: RunOptions, record: KeptRecord) -> None:
+        self._settings, self._record = settings, record
+        self._metrics: MetricsServer | None = None
+        if settings.metrics.listen:
+            self._metrics = MetricsServer(settings.metrics.listen)
+            log.info("%s", f"metrics on http://{self._metrics.address}/metrics")
         self._alert = AlertCommand(settings.alert.command if options.speed == 1.0 else "")
         self._ros = RosOutput(settings.ros2, options.url)
         self.bus: Publisher | None = None
@@ -82,7 +88,9 @@ class Outputs:
         self._alert.submit(event)
         if self.bus is not None:
             self.bus.event(event)
-            self._history.event(event)
+            self._record.event(event)
+            if self._metrics is not None:
+                self._metrics.event(event)
 
     def report(self, report: Report, signals: Mapping[str, Callable[[], Signal]]) -> None:
         """Send a report."""
@@ -90,7 +98,8 @@ class Outputs:
             self._ros.update(report)
         if self.bus is not None:
             self.bus.publish(report, signals)
-        self._history.report(report)
+        if self._metrics is not None:
+            self._metrics.update(report)
 
     def problems(self) -> Iterator[tuple[str, Level | None]]:
         """Yield what is new about the connections, with its level; None: that of the kind ``bus``."""
@@ -99,8 +108,10 @@ class Outputs:
         for text, over in self.bus.status_changes() if self.bus is not None else ():
             yield text, "notice" if over else None
 
-    def leave_ros(self) -> None:
-        """Send the last report in ROS 2 and leave it."""
+    def leave(self) -> None:
+        """Serve no metrics any more; send the last report in ROS 2 and leave it."""
+        if self._metrics is not None:
+            self._metrics.close()
         self._ros.close()
 
     def end_alerts(self, within_s: float = CLOSE_S) -> None:
