@@ -9,6 +9,7 @@ import tomllib
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
+import forked
 from paths import ROOT
 
 from imumon.cli.main import main
@@ -24,19 +25,17 @@ def imumon(*arguments: str | Path, code: int = 0) -> str:
     """
     words = [str(argument) for argument in arguments]
     inside = code == 2 or words[0] not in WITHOUT_END
-    returned, output, errors = run_inside(words) if inside else _process(words)
+    if inside:
+        returned, output, errors = run_inside(words)
+    else:
+        done = forked.run(*words)
+        returned, output, errors = done.returncode, done.stdout, done.stderr
     assert returned == code, errors
     assert "Traceback" not in errors
     if code:
         assert len(errors.strip().splitlines()) == 1, errors
         return errors
     return output
-
-
-def _process(words: list[str]) -> tuple[int, str, str]:
-    command = [sys.executable, "-m", "imumon", *words]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    return done.returncode, done.stdout, done.stderr
 
 
 def run_inside(words: list[str]) -> tuple[int, str, str]:

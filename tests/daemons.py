@@ -11,8 +11,8 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import IO
 
+from forked import Forked
 from scraping import free_port, scraped, values
 
 from imumon.bus import Subscriber
@@ -43,28 +43,36 @@ class Daemon:
         environment: Mapping[str, str] | None = None,
     ) -> None:
         self.endpoint = listen or free_endpoint()
-        command = [sys.executable, "-m", "imumon", "run", "--port", port, "--state", str(state)]
-        self.process = subprocess.Popen(
-            [*before, *command, "--listen", self.endpoint, *words],
-            env={**os.environ, **(environment or {})},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            stdin=subprocess.DEVNULL,
-            text=True,
-        )
+        words = ("run", "--port", port, "--state", str(state), "--listen", self.endpoint, *words)
+        (out, out_end), (err, err_end) = os.pipe(), os.pipe()
+        self.process: Forked | subprocess.Popen[bytes]
+        with open(os.devnull) as nothing:
+            if before:
+                self.process = subprocess.Popen(
+                    [*before, sys.executable, "-m", "imumon", *words],
+                    env={**os.environ, **(environment or {})},
+                    stdin=nothing,
+                    stdout=out_end,
+                    stderr=err_end,
+                )
+            else:
+                streams = (nothing.fileno(), out_end, err_end)
+                self.process = Forked(words, streams, environment=environment)
+        os.close(out_end)
+        os.close(err_end)
         # a pipe holds 64 kB: one that nobody reads would fill up
         self._said = {"out": "", "err": ""}
         self._readers = [
             threading.Thread(target=self._read, args=words, daemon=True)
-            for words in (("out", self.process.stdout), ("err", self.process.stderr))
+            for words in (("out", out), ("err", err))
         ]
         for reader in self._readers:
             reader.start()
         self.viewer = Subscriber([self.endpoint])
 
-    def _read(self, name: str, pipe: IO[str]) -> None:
-        with pipe:
-            for line in pipe:
+    def _read(self, name: str, pipe: int) -> None:
+        with open(pipe) as lines:
+            for line in lines:
                 self._said[name] += line
 
     @property

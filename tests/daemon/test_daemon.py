@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import forked
 import pytest
 from daemons import Daemon, free_endpoint
 from paths import ROOT
@@ -225,13 +226,7 @@ def test_duration_ends_with_a_report(tmp_path: Path) -> None:
 
 
 def run(*words: str, code: int) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "imumon", "run", *words],
-        capture_output=True,
-        text=True,
-        timeout=40,
-        check=False,
-    )
+    done = forked.run("run", *words)
     assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
     return done.stderr.strip().splitlines()[-1]

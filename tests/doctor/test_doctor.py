@@ -13,6 +13,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
+import forked
 import pytest
 import reports
 from daemons import Daemon, free_endpoint
@@ -431,8 +432,7 @@ def test_the_service(service: ServiceObservation, status: str) -> None:
 
 
 def doctor(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "imumon", "doctor", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, cwd=cwd)
+    return forked.run("doctor", *arguments, directory=cwd)
 
 
 def test_a_running_daemon_is_queried_and_not_disturbed(tmp_path: Path) -> None:
@@ -493,8 +493,7 @@ def test_another_reader_beside_the_daemon_is_named(case: Case, tmp_path: Path) -
 
 
 def usage_of_run(port: str, state: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "imumon", "run", "--port", port, "--state", str(state)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    return forked.run("run", "--port", port, "--state", str(state))
 
 
 @pytest.fixture
@@ -515,12 +514,8 @@ def test_faults_of_the_settings_are_one_check(bad_config: Path) -> None:
 
 
 def test_config_shows_origins_and_faults(bad_config: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "imumon", "config"]
-
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [*command, *arguments], capture_output=True, text=True, check=False, cwd=tmp_path
-        )
+        return forked.run("config", *arguments, directory=tmp_path)
 
     wrong = run("check")
     assert wrong.returncode == 2

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import forked
 import pytest
 from commands import imumon
 from daemons import Daemon, free_endpoint
@@ -74,7 +75,7 @@ def ended(daemon: Daemon) -> tuple[Report, str]:
 def test_a_recording_in_zipped_parts_gives_the_daemons_report(tmp_path: Path) -> None:
     config = tmp_path / "config.toml"
     config.write_text(CONFIG)
-    options = ("--speed", "400", "--seed", "11", "--config", str(config), "--json", "--duration", "1e4")
+    options = ("--speed", "50", "--seed", "11", "--config", str(config), "--json", "--duration", "1e4")
     with Daemon("sim", tmp_path, "--record", str(tmp_path / "raw.bin.gz"), *options) as daemon:
         daemon.samples(12_000)
         live, _ = ended(daemon)
@@ -161,10 +162,7 @@ def test_a_run_whose_recording_ended_early_fails(tmp_path: Path) -> None:
     """The report is complete; the exit code says that the recording is not."""
     with spawn(EmulatorSettings(seed=15)) as sensor:
         options = ["--record", "/dev/full", "--duration", "2", "--json", "--state", str(tmp_path / "state")]
-        command = [sys.executable, "-m", "imumon", "run", "--port", sensor.path, *options]
-        done = subprocess.run(
-            [*command, "--listen", free_endpoint()], capture_output=True, text=True, timeout=60, check=False
-        )
+        done = forked.run("run", "--port", sensor.path, *options, "--listen", free_endpoint())
     assert done.returncode == 1, done.stderr
     error = json.loads(done.stderr.splitlines()[-1])["error"]
     assert error["code"] == "recording_stopped"

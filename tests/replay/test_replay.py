@@ -5,13 +5,12 @@ from __future__ import annotations
 import gzip
 import json
 import re
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import forked
 import numpy as np
 import pytest
 from commands import imumon
@@ -280,10 +279,7 @@ def test_a_corrupt_recording_is_used_up_to_the_corruption(tmp_path: Path, damage
     data = path.read_bytes()
     half = len(data) // 2
     path.write_bytes(data[:half] if damage == "cut" else data[:half] + bytes(100) + data[half + 100 :])
-    arguments = ["replay", str(path), "--rate", "40", "--json"]
-    done = subprocess.run(
-        [sys.executable, "-m", "imumon", *arguments], capture_output=True, text=True, check=True
-    )
+    done = forked.run("replay", str(path), "--rate", "40", "--json")
     report = json.loads(done.stdout)
     assert 900 < report["session"]["samples"] < 1200
     assert "truncated" in report["channels"]["gyro/x"]["caveats"]

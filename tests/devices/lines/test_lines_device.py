@@ -11,6 +11,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+import forked
 import pytest
 from daemons import Daemon, free_endpoint
 from line_sender import COLUMNS, LineSender
@@ -22,16 +23,12 @@ from imumon.devices.serial_port import SerialPort
 from imumon.samples import SampleBlock
 
 
-def imumon(*words: str, text: bytes = b"") -> subprocess.CompletedProcess[bytes]:
-    command = [sys.executable, "-m", "imumon", *words]
-    return subprocess.run(command, input=text, capture_output=True, timeout=60, check=False)
+def run(state: Path, *words: str, text: bytes) -> subprocess.CompletedProcess[str]:
+    words = ("run", *words, "--state", str(state), "--listen", free_endpoint(), "--json")
+    return forked.run(*words, text=text)
 
 
-def run(state: Path, *words: str, text: bytes) -> subprocess.CompletedProcess[bytes]:
-    return imumon("run", *words, "--state", str(state), "--listen", free_endpoint(), "--json", text=text)
-
-
-def error_of(done: subprocess.CompletedProcess[bytes]) -> str:
+def error_of(done: subprocess.CompletedProcess[str]) -> str:
     """Code of the error, which is the last line."""
     code: str = json.loads(done.stderr.splitlines()[-1])["error"]["code"]
     return code
@@ -103,7 +100,7 @@ def test_a_recording_is_replayed_with_the_same_numbers(tmp_path: Path) -> None:
     capture, header = tmp_path / "capture", b"millis,gx,gy,gz,ax,ay,az\n"
     url = f"lines:-?{MILLI}"
     live = run(tmp_path, "--port", url, "--record", str(capture), text=header + lines(3000) + b"bad\n")
-    replayed = imumon("replay", str(capture), "--json")
+    replayed = forked.run("replay", str(capture), "--json")
     assert replayed.returncode == 0, replayed.stderr
     one, other = json.loads(live.stdout), json.loads(replayed.stdout)
     assert capture.read_bytes().endswith(header + lines(3000) + b"bad\n")
@@ -115,16 +112,16 @@ def test_a_recording_is_replayed_with_the_same_numbers(tmp_path: Path) -> None:
 
 
 def test_what_a_line_cannot_use_is_refused(tmp_path: Path) -> None:
-    done = imumon("run", "--port", "lines:-", "--set-baud", "9600", "--state", str(tmp_path))
+    done = forked.run("run", "--port", "lines:-", "--set-baud", "9600", "--state", str(tmp_path))
     assert done.returncode == 2
-    assert b"lines:- cannot use --set-baud" in done.stderr
+    assert "lines:- cannot use --set-baud" in done.stderr
 
 
 def test_a_url_that_is_wrong_is_one_line(tmp_path: Path) -> None:
-    done = imumon("run", "--port", "lines:/dev/x?columns=gx,speed", "--state", str(tmp_path))
+    done = forked.run("run", "--port", "lines:/dev/x?columns=gx,speed", "--state", str(tmp_path))
     assert done.returncode == 2
-    assert done.stderr.startswith(b"imumon: ")
-    assert done.stderr.count(b"\n") == 1
+    assert done.stderr.startswith("imumon: ")
+    assert done.stderr.count("\n") == 1
 
 
 def test_the_first_line_of_a_port_may_be_half_of_one(tmp_path: Path) -> None:

@@ -1,0 +1,171 @@
+"""The program in a process of its own, forked from one that has imported it: imports are most of a short run.
+
+Each process of a test run has one such parent, which has one thread. What depends on how Python starts, such as its
+encoding, is tested with `python -m imumon` instead.
+"""
+
+from __future__ import annotations
+
+import atexit
+import gc
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+MODULES = (
+    *(
+        "imumon.cli.run_command",
+        "imumon.config.loading",
+        "imumon.daemon",
+        "imumon.datasheet",
+        "imumon.doctor",
+    ),
+    *(
+        "imumon.devices.vn100.driver",
+        "imumon.devices.vn100.emulator",
+        "imumon.replay",
+        "scipy.fft",
+        "zenoh",
+    ),
+)
+"""What most commands import."""
+NUMBER = 16
+"""Bytes of a number from a parent."""
+
+
+class Forked:
+    """`imumon` with these words, as `subprocess.Popen` would start it.
+
+    Parameters
+    ----------
+    streams : descriptors of its standard input, output and error.
+    environment : variables beside those of the test.
+    """
+
+    def __init__(
+        self,
+        words: Sequence[str],
+        streams: tuple[int, int, int],
+        directory: Path | None = None,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        self.returncode: int | None = None
+        self._told, tells = os.pipe()
+        order = json.dumps([words, {**os.environ, **(environment or {})}, str(directory or Path.cwd())])
+        socket.send_fds(_parent(), [order.encode()], [*streams, tells])
+        os.close(tells)
+        self.pid = int(os.read(self._told, NUMBER))
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Return the exit code, or raise subprocess.TimeoutExpired."""
+        if self.returncode is None:
+            if not select.select([self._told], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired("imumon", timeout or 0.0)
+            self.returncode = os.waitstatus_to_exitcode(int(os.read(self._told, NUMBER)))
+            os.close(self._told)
+        return self.returncode
+
+    def poll(self) -> int | None:
+        try:
+            return self.wait(0.0)
+        except subprocess.TimeoutExpired:
+            return None
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+def run(
+    *words: str, text: bytes = b"", directory: Path | None = None, timeout: float = 120.0
+) -> subprocess.CompletedProcess[str]:
+    """Return how a command ended whose standard input is a text, as `subprocess.run` does."""
+    with ExitStack() as stack:
+        streams = [stack.enter_context(tempfile.TemporaryFile()) for _ in range(3)]
+        streams[0].write(text)
+        streams[0].seek(0)
+        process = Forked(words, tuple(stream.fileno() for stream in streams), directory)  # type: ignore[arg-type]
+        try:
+            code = process.wait(timeout)
+        finally:
+            process.kill()
+        said = []
+        for stream in streams[1:]:
+            stream.seek(0)
+            said.append(stream.read().decode())
+    return subprocess.CompletedProcess(words, code, *said)
+
+
+@cache
+def _parent() -> socket.socket:
+    """Start the parent of this process; it ends with it."""
+    here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    parent = subprocess.Popen([sys.executable, __file__, str(there.fileno())], pass_fds=[there.fileno()])
+    there.close()
+    atexit.register(lambda: (here.close(), parent.wait()))
+    return here
+
+
+def _serve(orders: socket.socket) -> None:
+    """Fork at each order, and return in the process that shall run the program."""
+    for name in MODULES:
+        import_module(name)
+    gc.freeze()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    while True:
+        order, descriptors, *_ = socket.recv_fds(orders, 1 << 20, 4)
+        if not order:
+            sys.exit()  # the test run has ended
+        with suppress(ChildProcessError):
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        if os.fork() == 0:
+            orders.close()
+            _keep(order, descriptors)
+            return
+        for descriptor in descriptors:
+            os.close(descriptor)
+
+
+def _keep(order: bytes, descriptors: list[int]) -> None:
+    """Fork the program, tell its number and how it ends; return in the program."""
+    *streams, tells = descriptors
+    program = os.fork()
+    if not program:
+        for to, stream in enumerate(streams):
+            os.dup2(stream, to)
+    for stream in streams:
+        os.close(stream)
+    if program:
+        os.write(tells, b"%*d" % (NUMBER, program))
+        os.write(tells, b"%*d" % (NUMBER, os.waitpid(program, 0)[1]))
+        os._exit(0)
+    os.close(tells)
+    sys.stdin, sys.stdout, sys.stderr = map(os.fdopen, range(3), "rww", (-1, -1, 1))
+    words, environment, directory = json.loads(order)
+    sys.argv[1:] = words
+    os.environ.clear()
+    os.environ.update(environment)
+    sys.path[1:1] = environment.get("PYTHONPATH", "").split(os.pathsep)
+    os.chdir(directory)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+if __name__ == "__main__":
+    _serve(socket.socket(fileno=int(sys.argv[1])))
+    from imumon.__main__ import main
+
+    sys.exit(main())
