@@ -22,11 +22,13 @@ if "IMUMON_TEST_RUN" not in os.environ:
     atexit.register(shutil.rmtree, os.environ["IMUMON_TEST_RUN"], ignore_errors=True)
 
 # A busy machine makes an example slow, and no law depends on it.
-settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "busy", deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("busy")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the files that take longest, so that no process works alone at the end."""
-    long = ("test_docs.py", "test_architecture.py", "test_tui.py", "test_tui_terminal.py")
+    long = ("test_docs.py", "test_evaluation.py", "test_tui.py", "test_tui_terminal.py")
     items.sort(key=lambda item: item.path.name not in long)

@@ -14,7 +14,7 @@ from imumon.samples import ACCEL, GYRO, MAG, Floats, Ints
 from imumon.timebase.sample_clock import BREAK, PlacedSamples
 
 RATE = 20.0
-ROWS = 6000
+ROWS = 4000
 KINDS = ("knock", "glitch", "tail", "motion", "stuck", "clipped", "tilt", "gap", "long gap", "break")
 
 
@@ -100,7 +100,7 @@ def test_any_blocks_give_the_same_result(
 
 @pytest.mark.parametrize("kind", ["motion", "tilt", "tail", "stuck"])
 def test_single_samples_and_equal_blocks_give_the_same_result(kind: str) -> None:
-    placed = record([(kind, 2500)], 3)
+    placed = record([(kind, 1500)], 3)
     whole = result(placed, [])[0]
     assert whole == result(placed, list(range(1, ROWS)))[0]
     assert whole == result(placed, list(range(100, ROWS, 100)))[0]

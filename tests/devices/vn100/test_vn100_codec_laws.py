@@ -25,7 +25,7 @@ LAYOUTS = (
     BinaryLayout.of({Group.COMMON: 0x0020, Group.ATTITUDE: 0x0002}),
 )
 MESSAGES = ("VNYMR", "VNIMU", "VNGYR", "VNDTV", "VNQMR")
-laws = settings(derandomize=True, max_examples=150)
+laws = settings(derandomize=True, max_examples=60)
 
 
 @dataclass(frozen=True)
