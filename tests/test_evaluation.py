@@ -638,6 +638,7 @@ def test_the_item_is_in_every_document(recording: Path, tmp_path: Path) -> None:
     [
         "colour=red", "operator=", "note=" + "x" * 1_000_000, "nothing.toml", "=", "operator",
         "FILE:operator = 3\n[place]\n", "FILE:= 1", "FILE:colour = 'red'", "FILE:note = '" + "x" * 200_000,
+        "note=a\nb", "note=a\tb", "note=\x1b[2J", "note=a\u202eb", 'FILE:note = "a\\nb"',
     ],
 )  # fmt: skip
 def test_a_wrong_item_is_one_line(word: str, recording: Path, tmp_path: Path) -> None:
@@ -648,11 +649,6 @@ def test_a_wrong_item_is_one_line(word: str, recording: Path, tmp_path: Path) ->
     assert message.startswith("imumon: --item: ")
     assert len(message.splitlines()) == 1
     assert len(message) < 400
-
-
-def test_control_characters_of_an_item_are_left_out(recording: Path) -> None:
-    page = imumon("report", recording, "--item", "note=a\x1b[2J\nb\u202e | c")
-    assert "| a[2J b \\| c |" in page
 
 
 def test_the_date_of_a_record_is_known_where_its_clock_shows_it(recording: Path, tmp_path: Path) -> None:

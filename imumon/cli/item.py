@@ -69,7 +69,9 @@ def _text(key: str, value: Any) -> str:
     """Return a value as one line of text."""
     if not isinstance(value, str | int | float):
         raise _error(f"{key} is not a text", f'write {key} = "..."')
-    text = plain(" ".join(str(value).split())).strip()
+    text = str(value).strip()
+    if plain(text) != text:
+        raise _error(f"{key} has a line break or another control character", "write one line of plain text")
     if not text or len(text) > MOST_CHARACTERS:
         size = f"{len(text):,} characters" if text else "no text"
         raise _error(f"{key} has {size}", f"give it 1 to {MOST_CHARACTERS} characters")

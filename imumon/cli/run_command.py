@@ -83,8 +83,6 @@ def add_sim(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the daemon."""
-    if arguments.stop_with_stdin:
-        threading.Thread(target=_stop_with_stdin, daemon=True).start()
     settings = _settings(arguments)
     if settings.device.port == "sim":
         return _run_emulated(arguments, settings)
@@ -129,12 +127,18 @@ def _check_settings(settings: Any) -> None:
 
 
 def _run_emulated(arguments: argparse.Namespace, settings: Any) -> int:
-    """Run on an emulator, with a temporary state unless a directory is given."""
+    """Run on an emulator, with a temporary state unless a directory is given.
+
+    The directory of `demo` is deleted here, because this process outlives a terminal that is closed.
+    """
     from imumon.devices.registry import driver
 
-    with driver().emulator(speed=arguments.speed, seed=arguments.seed) as port, _temporary() as temporary:
-        given = settings.state.directory
-        return _run_daemon(arguments, settings, port, Path(given or temporary), temporary=not given)
+    given = settings.state.directory
+    with _temporary(given if arguments.stop_with_stdin else None) as temporary:
+        if arguments.stop_with_stdin:
+            threading.Thread(target=_stop_with_stdin, daemon=True).start()
+        with driver().emulator(speed=arguments.speed, seed=arguments.seed) as port:
+            return _run_daemon(arguments, settings, port, Path(given or temporary), temporary=not given)
 
 
 class _Terminated(BaseException):
@@ -142,8 +146,8 @@ class _Terminated(BaseException):
 
 
 @contextmanager
-def _temporary() -> Iterator[str]:
-    """Give a temporary directory; a signal that ends the process deletes it first."""
+def _temporary(directory: str | None = None) -> Iterator[str]:
+    """Give a directory, by default a new one, and delete it at the end, also that by a signal."""
     received: list[int] = []
     interruptible = False
 
@@ -156,7 +160,7 @@ def _temporary() -> Iterator[str]:
 
     ending = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) == signal.SIG_DFL]
     before = {number: signal.signal(number, terminate) for number in ending}
-    directory = tempfile.mkdtemp(prefix="imumon-")
+    directory = directory or tempfile.mkdtemp(prefix="imumon-")
     try:
         interruptible = True
         if not received:
@@ -254,7 +258,7 @@ def _demo_daemon(arguments: argparse.Namespace, directory: str) -> Iterator[tupl
     command += ["--speed", f"{arguments.speed:g}", "--listen", endpoint, "--state", directory, "--id", "demo"]
     command += ["--stop-with-stdin"]
     command += [] if arguments.seed is None else ["--seed", str(arguments.seed)]
-    with open(f"{directory}/log", "w+") as log:
+    with tempfile.TemporaryFile("w+") as log:
         daemon = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True
         )
@@ -262,7 +266,8 @@ def _demo_daemon(arguments: argparse.Namespace, directory: str) -> Iterator[tupl
         def last_line() -> str | None:
             if daemon.poll() is None:
                 return None
-            lines = Path(log.name).read_text().strip().splitlines()
+            log.seek(0)
+            lines = log.read().strip().splitlines()
             return lines[-1] if lines else "it printed nothing"
 
         try:

@@ -255,8 +255,8 @@ def test_the_config_toml_of_another_program_is_mentioned_once(tmp_path: Path) ->
     assert "no daemon" in error
 
 
-def test_nothing_of_the_demo_outlives_it() -> None:
-    """Also if it is killed: its daemon stops when the pipe from the demo ends."""
+def test_nothing_of_the_demo_outlives_it(tmp_path: Path) -> None:
+    """Also if it is killed: its daemon stops when the pipe from the demo ends, and deletes the directory."""
     seed = str(os.getpid() + 10**6)
 
     def running() -> list[str]:
@@ -269,7 +269,8 @@ def test_nothing_of_the_demo_outlives_it() -> None:
 
     screen, terminal = os.openpty()
     command = [sys.executable, "-m", "imumon", "demo", "--seed", seed]
-    demo = subprocess.Popen(command, stdin=terminal, stdout=terminal, stderr=terminal)
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    demo = subprocess.Popen(command, env=environment, stdin=terminal, stdout=terminal, stderr=terminal)
     os.close(terminal)
     deadline = time.monotonic() + 20.0
     while len(running()) < 3 and time.monotonic() < deadline:  # demo, daemon and emulator
@@ -280,6 +281,7 @@ def test_nothing_of_the_demo_outlives_it() -> None:
         time.sleep(0.05)
     os.close(screen)
     assert running() == []
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
