@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from imumon.report import DeviceDescription
+from imumon.units import DAY
 
 FILTER_SCHEMA = "imumon.filter/1"
 FIX_WORDS = (
@@ -27,7 +28,7 @@ FIX_WORDS = (
 """Meaning of the words in numbers for filters, in each file that has them."""
 DEFAULT_HORIZON_S = 600.0  # s, horizon of every format without --horizon
 SHORTEST_HORIZON_S = 1.0  # s, one interval between two fixes of the reference scenario
-LONGEST_HORIZON_S = 86400.0  # s, a day without any fix
+LONGEST_HORIZON_S = DAY  # s, without any fix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from imumon.alarms import ALARMS
 from imumon.report import Change, Drift, Estimate, Event, Report, SensorGrade
-from imumon.samples import Level, sensor_of
+from imumon.samples import INERTIAL, Level, sensor_of
 from imumon.units import duration, share_text
 
 
@@ -187,7 +187,7 @@ def filter_not_known(report: Report) -> str | None:
     """
     if report.device.alias_factor is not None or report.device.stream in ("deltas", None):
         return None
-    inertial = [channel for name, channel in report.channels.items() if sensor_of(name) in ("gyro", "accel")]
+    inertial = [channel for name, channel in report.channels.items() if sensor_of(name) in INERTIAL]
     if report.channels and all("correlated" in channel.caveats for channel in inertial):
         return None
     return (
@@ -199,7 +199,7 @@ def filter_not_known(report: Report) -> str | None:
 def excluded_by(report: Report) -> tuple[dict[str, float], float]:
     """Return the excluded seconds by reason, and those of the magnetometer alone if `excluded_s` omits them."""
     by = dict(report.session.excluded_by)
-    inertial = any(sensor_of(name) in ("gyro", "accel") for name in report.channels)
+    inertial = any(sensor_of(name) in INERTIAL for name in report.channels)
     alone = by.pop("magnetic", 0.0) if inertial else 0.0
     return by, alone
 

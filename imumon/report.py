@@ -409,6 +409,11 @@ class Report:
     item: Item | None = None  # identity of the item and the measurement, of a document; null: not stated
     evaluation: Evaluation | None = None  # for documents; on the bus only `provenance`, that of the daemon
 
+    @property
+    def late_s(self) -> float:
+        """Age from which a report is late, s: three periods of at least one second."""
+        return 3.0 * max(self.period_s, 1.0)
+
 
 def stamp(moment: datetime) -> str:
     """Return the time in ISO 8601, UTC, with Z.

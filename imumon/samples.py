@@ -21,6 +21,8 @@ Clock: TypeAlias = Literal["startup", "counter", "dt", "none"]
 Level: TypeAlias = Literal["debug", "info", "notice", "warning", "error"]
 
 AXES = ("x", "y", "z")
+INERTIAL = ("gyro", "accel")
+"""Sensors whose mean is that of the motion, and that have grades."""
 GYRO = ("gyro/x", "gyro/y", "gyro/z")
 ACCEL = ("accel/x", "accel/y", "accel/z")
 MAG = ("mag/x", "mag/y", "mag/z")
@@ -96,7 +98,7 @@ class Stream:
         (True, False, False)
         """
         sensors = map(sensor_of, self.channels)
-        return tuple(s in ("gyro", "accel") and self.kind_of(s) == "deltas" for s in sensors)
+        return tuple(s in INERTIAL and self.kind_of(s) == "deltas" for s in sensors)
 
     @property
     def caveats(self) -> tuple[str, ...]:

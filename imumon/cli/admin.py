@@ -15,9 +15,6 @@ from imumon.cli.exit_codes import FAILURE, SUCCESS
 from imumon.cli.options import Parser
 from imumon.cli.output import print_json, print_status
 
-NAME_COLUMNS = 13
-"""Width of the names of the checks, characters."""
-
 
 def add_doctor(parser: Parser) -> None:
     parser.add_argument(
@@ -32,7 +29,7 @@ def doctor(arguments: argparse.Namespace) -> int:
     """Run all checks and print one line each; fail if one has failed."""
     from imumon.config import ConfigError, Settings
     from imumon.devices.registry import driver
-    from imumon.doctor import Case, examine
+    from imumon.doctor import NAMES, Case, examine
     from imumon.report import plain
 
     faults: tuple[str, ...] = ()
@@ -44,6 +41,7 @@ def doctor(arguments: argparse.Namespace) -> int:
     port = arguments.port or settings.device.port or None
     emulator: Any = driver().emulator() if port == "sim" else nullcontext(port)
     state, connect = options.state_directory(settings), tuple(arguments.connect or ())
+    width = 1 + max(map(len, NAMES))
     with emulator as port:
         case = Case(settings=settings, faults=faults, port=port, state_directory=state, connect=connect)
         checks = []
@@ -52,7 +50,7 @@ def doctor(arguments: argparse.Namespace) -> int:
             checks.append(check)
             if not arguments.json:
                 cure = f" -> {check.cure}" if check.cure else ""
-                line = f"{check.status:<8}{check.name:<{NAME_COLUMNS}}{check.text}{cure}"
+                line = f"{check.status:<8}{check.name:<{width}}{check.text}{cure}"
                 print(plain(line), flush=True)
     if arguments.json:
         _print_checks(checks)

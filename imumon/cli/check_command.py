@@ -8,10 +8,10 @@ Development Guidelines: numbers without exponent, ``label=value[unit];warning;cr
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from decimal import Decimal
 from enum import IntEnum
 from typing import Any
 
@@ -21,6 +21,7 @@ from imumon.cli.exit_codes import NOT_FOUND, CommandError
 from imumon.cli.options import Parser
 from imumon.coefficients import GRADES
 from imumon.errors import ImumonError
+from imumon.samples import INERTIAL
 
 
 class Code(IntEnum):
@@ -36,8 +37,6 @@ MAX_AGE_S = 5.0
 """s, age of a report from which it is critical, if the command line gives none."""
 SHOWN_CHANGES = 3
 """Changes that the line names."""
-FIGURES = 4
-"""Significant figures of performance data."""
 WARNED = ("stuck", "constant")
 """Caveats that are a warning, beside ``changed``."""
 
@@ -59,14 +58,13 @@ def add_check(parser: Parser) -> None:
 
 def check(arguments: argparse.Namespace) -> int:
     """Print the line of a plugin and return its exit code."""
-    from imumon.cli.daemon_state import EVENTS_S, current_reports, current_trouble, grades_text
-    from imumon.cli.query import ANSWER_S
+    from imumon.cli.daemon_state import current_reports, current_trouble, grades_text
 
     baseline = options.baseline(arguments.baseline)
     with options.subscriber(arguments) as subscriber:
-        report = options.first_report(subscriber, arguments.id, ANSWER_S, "check its service")
+        report = options.first_report(subscriber, arguments.id, options.ANSWER_S, "check its service")
         ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
-        stopped = current_trouble(subscriber, report, time.monotonic() + EVENTS_S)
+        stopped = current_trouble(subscriber, report, time.monotonic() + options.ANSWER_S)
     given = {alarm.name: getattr(arguments, f"max_{alarm.name}") for alarm in ALARMS}
     chosen = {name: share for name, share in given.items() if share is not None}
     report = replace(report, alarm_limits={**report.alarm_limits, **chosen})
@@ -165,19 +163,15 @@ def _performance(report: Any, age_s: float, max_age_s: float) -> list[str]:
     for name, channel in report.channels.items():
         sensor, _, axis = name.partition("/")
         n = channel.coefficients.get("N")
-        if sensor in ("gyro", "accel") and n is not None and n.readable.value is not None:
+        if sensor in INERTIAL and n is not None and n.readable.value is not None:
             data.append(f"{sensor}_{axis}_N={_fixed(n.readable.value)};;;0")
     return data
 
 
 def _fixed(value: float) -> str:
-    """Return a number without exponent.
+    """Return a number of four significant figures without exponent.
 
     >>> _fixed(0.0), _fixed(0.000123456), _fixed(20.123), _fixed(123456.7)
-    ('0', '0.0001235', '20.12', '123457')
+    ('0', '0.0001235', '20.12', '123500')
     """
-    if not value:
-        return "0"
-    places = max(FIGURES - 1 - math.floor(math.log10(abs(value))), 0)
-    text = f"{value:.{places}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
+    return f"{Decimal(f'{value:.4g}'):f}"

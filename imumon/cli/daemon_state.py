@@ -14,17 +14,11 @@ from typing import Any
 
 from imumon.alarms import labels
 from imumon.messages import caveats
-from imumon.report import Event, Report
+from imumon.report import Report
 from imumon.units import duration
 
 GRACE_S = 0.5
 """s beyond two periods that a report may be old, and that the next one is waited for."""
-
-LATE_S = 3.0
-"""Periods after which a report is called old."""
-
-EVENTS_S = 2.0
-"""s that the events of a device may arrive after its first report."""
 
 _TROUBLES = {
     "disconnect": "disconnected",
@@ -66,24 +60,18 @@ def _is_fresh(report: Report) -> bool:
     return 0.0 <= _clock_age_s(report) <= _patience_s(report)
 
 
-def trouble(report: Report, events: Sequence[Event]) -> str | None:
-    """Return why the sensor delivers nothing; None if it does. `events` are the last ones of the device."""
-    if report.state != "waiting":
-        return None
-    last = next((event for event in reversed(events) if event.kind in _TROUBLES), None)
-    if last is None:
-        return "the sensor is disconnected or silent"
-    return f"the sensor is {_TROUBLES[last.kind]}: {last.text}"
-
-
 def current_trouble(subscriber: Any, report: Report, end_s: float) -> str | None:
-    """Return the trouble of a device; wait until `end_s`, monotonic, for events that come after its first report."""
-    id = report.device.id
-    while report.state == "waiting" and time.monotonic() < end_s:
-        if any(event.kind in _TROUBLES for event in subscriber.events(id)):
-            break
+    """Return why the sensor delivers nothing; None if it does.
+
+    Its events may come after its first report: wait for them until `end_s`, monotonic.
+    """
+    while report.state == "waiting":
+        if found := [event for event in subscriber.events(report.device.id) if event.kind in _TROUBLES]:
+            return f"the sensor is {_TROUBLES[found[-1].kind]}: {found[-1].text}"
+        if time.monotonic() >= end_s:
+            return "the sensor is disconnected or silent"
         time.sleep(0.02)
-    return trouble(report, subscriber.events(id))
+    return None
 
 
 def grades_text(report: Report) -> str:

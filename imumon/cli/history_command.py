@@ -13,7 +13,6 @@ from typing import Any
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
-from imumon.cli.query import ANSWER_S
 from imumon.coefficients import BIAS_TERMS, COEFFICIENTS, NOISE
 from imumon.errors import ImumonError
 from imumon.history_report import LEAST_DAYS, STEPS
@@ -86,7 +85,7 @@ def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] |
     with options.subscriber(arguments, most_bytes=KEPT_BYTES) as subscriber:
         cure = "read its file with --state"
         try:
-            report = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
+            report = options.first_report(subscriber, arguments.id, options.ANSWER_S, cure)
         except CommandError as error:
             if arguments.connect or error.code != "no_daemon":
                 raise

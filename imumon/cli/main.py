@@ -47,9 +47,6 @@ COMMANDS = {
 COMPLETING = "_ARGCOMPLETE"
 """Environment variable that the script of argcomplete sets."""
 
-_FILES = 8192
-"""File descriptors that the limit of the process is raised to, as far as it may be: each connection to the daemon
-takes one."""
 _MIN_FILES = 64
 """File descriptors without which no command runs: Zenoh alone opens 20."""
 _WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
@@ -102,15 +99,13 @@ def _run(argv: Sequence[str] | None) -> int:
 
 
 def _raise_file_limit() -> None:
-    """Raise the limit of open files; raise `CommandError` if it stays too low to run."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft != resource.RLIM_INFINITY and soft < _FILES:
-        soft = _FILES if hard == resource.RLIM_INFINITY else min(_FILES, hard)
-        with suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-        if soft < _MIN_FILES:
-            message = f"only {soft} open files are allowed, {_MIN_FILES} are needed"
-            raise CommandError("too_few_files", message, "raise the limit with ulimit -n")
+    """Raise the limit of open files, of which each connection takes one; raise `CommandError` if it stays too low."""
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    if 0 <= hard < _MIN_FILES:  # below 0: no limit
+        message = f"only {hard} open files are allowed, {_MIN_FILES} are needed"
+        raise CommandError("too_few_files", message, "raise the limit with ulimit -n")
 
 
 def _parse(argv: Sequence[str], arguments: argparse.Namespace) -> Handler:

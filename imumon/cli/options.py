@@ -14,6 +14,8 @@ from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.output import print_message_once
 
 STREAMS = ("deltas", "uncompensated", "compensated")
+ANSWER_S = 2.0
+"""How long to wait for a daemon, or for what it has cached, s."""
 GATHER_S = 0.3
 """How much longer to wait for other daemons, or others of the same name, after the last one has answered, s."""
 POLL_S = 0.05

@@ -16,9 +16,6 @@ from typing import Any
 
 from imumon.errors import ImumonError
 
-STATUS_COLUMNS = 120
-"""Longest status line, characters."""
-
 _ASCII = str.maketrans(
     {
         "√": "sqrt ", "°": "deg", "²": "^2", "³": "^3", "½": "1/2", "±": "+-", "×": "x", "÷": "/", "·": "*",
@@ -90,7 +87,8 @@ def print_status(text: str) -> None:
     from imumon.report_json import plain
 
     if sys.stderr.isatty():
-        print(f"\r\x1b[K{plain(text)[:STATUS_COLUMNS]}", end="", file=sys.stderr, flush=True)
+        columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80
+        print(f"\r\x1b[K{plain(text)[: columns - 1]}", end="", file=sys.stderr, flush=True)
 
 
 def print_json(text: str) -> None:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -15,9 +13,6 @@ from imumon.cli.exit_codes import NOT_FOUND, NOT_REACHED, SUCCESS, USAGE, Comman
 from imumon.cli.options import Parser
 from imumon.cli.output import print_json, print_message, print_report, print_status, print_values
 from imumon.coefficients import GRADES, NOISE
-
-ANSWER_S = 2.0
-"""How long to wait for a daemon, s."""
 
 
 def _add_connection(parser: Parser) -> None:
@@ -61,7 +56,9 @@ def add_wait(parser: Parser) -> None:
 
 def require_terminal(instead: str) -> None:
     """Raise `CommandError` if there is no terminal; `instead` is the command that needs none."""
-    if "TEXTUAL_DRIVER" not in os.environ and not (sys.stdin.isatty() and sys.stderr.isatty()):
+    from imumon.tui import terminal
+
+    if not terminal.is_usable():
         cure = f"without one use: {instead}"
         raise CommandError("no_terminal", "the terminal UI needs a terminal", cure, USAGE)
 
@@ -99,9 +96,9 @@ def status(arguments: argparse.Namespace) -> int:
     from imumon.report import to_json
 
     with options.subscriber(arguments) as subscriber:
-        names = options.answering(subscriber, arguments.id, ANSWER_S, _cure(arguments))
+        names = options.answering(subscriber, arguments.id, options.ANSWER_S, _cure(arguments))
         if len(names) == 1 or arguments.id or arguments.values:
-            report = options.first_report(subscriber, arguments.id, ANSWER_S, "")
+            report = options.first_report(subscriber, arguments.id, options.ANSWER_S, "")
             if arguments.values:
                 print_values(report)
             elif arguments.json or arguments.verbose:
@@ -121,13 +118,13 @@ def status(arguments: argparse.Namespace) -> int:
 
 def _print_status_table(subscriber: Any, report: Any) -> None:
     """Print a report on one screen, with its age and with why the sensor delivers nothing."""
-    from imumon.cli.daemon_state import EVENTS_S, LATE_S, current_reports, current_trouble
+    from imumon.cli.daemon_state import current_reports, current_trouble
     from imumon.datasheet.tables import status_table
     from imumon.units import duration
 
     ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
-    late = current_trouble(subscriber, report, time.monotonic() + EVENTS_S)
-    if age_s > LATE_S * report.period_s:
+    late = current_trouble(subscriber, report, time.monotonic() + options.ANSWER_S)
+    if age_s > report.late_s:
         late = f"the report is {duration(age_s)} old"
     print(status_table(report, shutil.get_terminal_size().columns, late))
 
@@ -150,16 +147,16 @@ def _condition(arguments: argparse.Namespace) -> Any:
 
 def wait(arguments: argparse.Namespace) -> int:
     """Wait until a report meets the condition of the options or of the settings, else for the first sample."""
-    from imumon.cli.daemon_state import EVENTS_S, current_trouble
+    from imumon.cli.daemon_state import current_trouble
     from imumon.units import duration
 
     condition = _condition(arguments)
     end_s = time.monotonic() + arguments.timeout if arguments.timeout else float("inf")
     with options.subscriber(arguments) as subscriber:
         report = options.first_report(
-            subscriber, arguments.id, arguments.timeout or ANSWER_S, _cure(arguments)
+            subscriber, arguments.id, arguments.timeout or options.ANSWER_S, _cure(arguments)
         )
-        events_s = min(time.monotonic() + EVENTS_S, end_s)
+        events_s = min(time.monotonic() + options.ANSWER_S, end_s)
         stopped = None  # why the sensor delivers nothing
         try:
             while unmet := condition.unmet(report):
@@ -191,14 +188,12 @@ def wait(arguments: argparse.Namespace) -> int:
 
 def _next_report(subscriber: Any, report: Any, end_s: float) -> Any:
     """Return the next report of the same device, or the same one at the end of the time (monotonic, s)."""
-    from imumon.bus.device_states import GONE_S
-
     while (left_s := end_s - time.monotonic()) > 0:
         newest, arrived_s = subscriber.report(report.device.id) or (report, 0.0)
         options.warn_of_rivals(subscriber, report.device.id)
         if newest is not report:
             return newest
-        late = time.monotonic() - arrived_s > max(GONE_S, 3.0 * report.period_s)
+        late = time.monotonic() - arrived_s > report.late_s
         if late and report.device.id not in subscriber.alive():
             message = f"the daemon of {report.device.id} has ended"
             raise CommandError("daemon_ended", message, "start it again", NOT_FOUND)

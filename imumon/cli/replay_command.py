@@ -119,16 +119,15 @@ def replayed(arguments: argparse.Namespace, wanted: Any, bus: Any = None) -> Any
 
     What is doubtful in the recording is printed behind the bar.
     """
-    from imumon.cli.traceability import DigestThread, with_provenance
+    from imumon.cli.traceability import with_provenance
     from imumon.replay import ProgressBar, replay
 
     remarks: list[str] = []
-    digest = DigestThread(arguments.file)
     with ProgressBar() as bar:
         report = replay(wanted, progress=bar.update, bus=bus, remark=remarks.append)
     for text in remarks:
         print_message(text)
-    return with_provenance(report, arguments.file, given_options(arguments), wanted.guarded, digest=digest)
+    return with_provenance(report, arguments.file, given_options(arguments), wanted.guarded)
 
 
 def add_replay(parser: Parser) -> None:

@@ -15,7 +15,6 @@ from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
 from imumon.cli.item import KEYS, with_item
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message
-from imumon.cli.query import ANSWER_S
 from imumon.cli.replay_command import (
     FILES,
     add_datasheet,
@@ -121,7 +120,7 @@ def _source(arguments: argparse.Namespace, history: bool) -> tuple[Any, Any]:
     _check_recording(arguments, "a running daemon")
     with options.subscriber(arguments, most_bytes=KEPT_BYTES) as subscriber:
         cure = "give a FILE (imumon report --help)"
-        source = options.first_report(subscriber, arguments.id, ANSWER_S, cure)
+        source = options.first_report(subscriber, arguments.id, options.ANSWER_S, cure)
         source = replace(source, events=tuple(subscriber.events(source.device.id)))
         rows = published_days(subscriber, source.device.id) if history else ()
     return with_provenance(source, None, {}, None), rows

@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 from imumon import __version__
@@ -90,9 +89,6 @@ def with_provenance(
     path: str | None,
     options: Mapping[str, str],
     guards: bool | None,
-    *,
-    reason: str = "read from a running daemon",
-    digest: DigestThread | None = None,
 ) -> Report:
     """Return a report with where its numbers come from.
 
@@ -100,29 +96,21 @@ def with_provenance(
 
     Parameters
     ----------
-    path : of the input; None: none, for this `reason`.
+    path : of the input; None: a running daemon.
     options : options that were given, by name.
     guards : whether disturbances were excluded; None: unknown.
-    digest : of the input, if it has been started; None: it is computed here.
     """
     before = report.evaluation or Evaluation()
     if (made := before.provenance) is None:
-        made = replace(provenance(path, options, guards, reason, digest), made=report.time)
+        made = replace(provenance(path, options, guards, "read from a running daemon"), made=report.time)
     elif (made.software, made.commit) != (own := (_software(), commit())):
         made = replace(made, written_by=", revision ".join(filter(None, own)))
     return replace(report, evaluation=replace(before, provenance=made))
 
 
-def provenance(
-    path: str | None,
-    options: Mapping[str, str],
-    guards: bool | None,
-    reason: str,
-    started: DigestThread | None = None,
-) -> Provenance:
-    """Return program, host and input; see `with_provenance`."""
-    unknown: Digest = (None, None, reason)
-    size, digest, why = unknown if path is None else (started or DigestThread(path)).result()
+def provenance(path: str | None, options: Mapping[str, str], guards: bool | None, reason: str) -> Provenance:
+    """Return program, host and input, or the reason why there is none; see `with_provenance`."""
+    size, digest, why = (None, None, reason) if path is None else _digest(path)
     return Provenance(
         software=_software(),
         commit=commit(),
@@ -141,30 +129,7 @@ def _software() -> str:
     return f"imumon {__version__}"
 
 
-Digest = tuple[int | None, str | None, str | None]
-"""Bytes, SHA-256, and the reason why it is unknown or what it is of."""
-
-
-class DigestThread:
-    """The digest of a file, computed in a thread.
-
-    Parameters
-    ----------
-    path : file, directory, or ``-``.
-    """
-
-    def __init__(self, path: str) -> None:
-        self._found: list[Digest] = []
-        self._thread = Thread(target=lambda: self._found.append(_digest(path)), name="digest", daemon=True)
-        self._thread.start()
-
-    def result(self) -> Digest:
-        """Return the digest; wait for it."""
-        self._thread.join()
-        return self._found[0]
-
-
-def _digest(path: str) -> Digest:
+def _digest(path: str) -> tuple[int | None, str | None, str | None]:
     """Return size and SHA-256 of a file, or of the files of a directory in the order of their names.
 
     Without one, return the reason as the third.

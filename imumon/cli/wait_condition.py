@@ -17,10 +17,8 @@ from dataclasses import dataclass
 
 from imumon.messages import grade_text
 from imumon.report import GRADED, GRADES, Channel, GradeName, Report
-from imumon.samples import sensor_of
+from imumon.samples import INERTIAL, sensor_of
 from imumon.units import duration, figures, pretty, share_text
-
-GRADED_SENSORS = ("gyro", "accel")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,11 +73,7 @@ class WaitCondition:
     def without_grade(self, report: Report) -> bool:
         """Return whether a grade is required of channels that have none, such as those of a magnetometer."""
         chosen = self._chosen(report)
-        return (
-            self.grade is not None
-            and bool(chosen)
-            and not any(sensor_of(c) in GRADED_SENSORS for c in chosen)
-        )
+        return self.grade is not None and bool(chosen) and not any(sensor_of(c) in INERTIAL for c in chosen)
 
     def unreachable_grade(self, report: Report) -> GradeName | None:
         """Return the final grade of a sensor that is worse than the required one; None while it may be reached."""
@@ -93,12 +87,12 @@ class WaitCondition:
         return worst
 
     def _chosen(self, report: Report) -> dict[str, Channel]:
-        names = self.channels or GRADED_SENSORS
+        names = self.channels or INERTIAL
         return {n: c for n, c in report.channels.items() if n in names or sensor_of(n) in names}
 
     def _unmet_grade(self, report: Report, chosen: dict[str, Channel]) -> str | None:
         assert self.grade is not None
-        sensors = [s for s in GRADED_SENSORS if any(sensor_of(name) == s for name in chosen)]
+        sensors = [s for s in INERTIAL if any(sensor_of(name) == s for name in chosen)]
         for sensor in sensors:
             headline = report.grade.get(sensor)
             if headline is None or headline.nearest is None:

@@ -16,8 +16,7 @@ from imumon.alarms import DEFAULT_LIMITS
 from imumon.coefficients import NOISE, GradeName
 from imumon.samples import FASTEST_HZ
 
-Baud: TypeAlias = Literal["auto", 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
-NewBaud: TypeAlias = Literal[0, 9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
+BaudRate: TypeAlias = Literal[9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
 Share: TypeAlias = Annotated[float, "a share: a number, or a text in percent"]
 
 
@@ -37,9 +36,9 @@ class DeviceSettings(Section):
 
     port: str = ""
     """device path, pyserial URL, ros2:TOPIC or "sim"; empty: the only sensor found"""
-    baud: Baud = "auto"
+    baud: Literal["auto", BaudRate] = "auto"
     '"auto" detects it'
-    set_baud: NewBaud = 0
+    set_baud: Literal[0, BaudRate] = 0
     """change the baud rate of the sensor until its next power-up; 0: never"""
     set_rate_hz: float = field(default=0.0, metadata=RATE_HZ)
     """output rate to set on the sensor while the daemon runs, in Hz; 0: the highest that fits the baud rate"""

@@ -68,7 +68,7 @@ from imumon.report import (
     SensorGrade,
     to_json,
 )
-from imumon.samples import sensor_of
+from imumon.samples import INERTIAL, sensor_of
 from imumon.units import figures, pretty
 
 DOCUMENT_DIGITS = 12
@@ -278,7 +278,7 @@ def _point_text(curve: Allan, at: int) -> str:
 def _grade_limits(report: Report) -> Iterator[Element]:
     if not report.limits:
         return
-    columns = [(s, c) for s in ("gyro", "accel") for c in GRADED if c in report.limits.get(s, {})]
+    columns = [(s, c) for s in INERTIAL for c in GRADED if c in report.limits.get(s, {})]
     rows = tuple((name, *(_limit_text(report, s, c, name) for s, c in columns)) for name in GRADES)
     units = (f"{SENSOR_TITLES[s].lower()} {c}, {_unit(s, c)}" for s, c in columns)
     own = {grade.nearest for grade in report.grade.values()}
@@ -301,12 +301,12 @@ def _limit_text(report: Report, sensor: str, letter: str, grade: str) -> str:
 
 def _history(rows: HistoryRows) -> Iterator[Element]:
     """Yield N of each sensor over days."""
-    sensors = [sensor for sensor in SENSOR_TITLES if series(rows, sensor)]
-    if sensors:
+    known = {sensor: axes for sensor in SENSOR_TITLES if (axes := series(rows, sensor))}
+    if known:
         yield Heading("History")
-    for sensor in sensors:
+    for sensor, axes in known.items():
         caption = f"{SENSOR_TITLES[sensor]}: N of each period alone, with its 95 % limits. imumon history has all rows."
-        yield Figure(caption, history_table(rows, sensor), partial(history_svg, rows, sensor))
+        yield Figure(caption, history_table(sensor, axes), partial(history_svg, sensor, axes))
 
 
 def _filters(filters: FilterReport) -> Iterator[Element]:
@@ -336,11 +336,12 @@ def _filters(filters: FilterReport) -> Iterator[Element]:
     )
     for sensor in QUANTITIES:
         if (shown := shown_axis(filters, sensor)) is not None:
+            axis, made = shown
             caption = (
-                f"{SENSOR_TITLES[sensor]} {shown[0]}, predicted error of the {QUANTITIES[sensor][0]} since the last "
+                f"{SENSOR_TITLES[sensor]} {axis}, predicted error of the {QUANTITIES[sensor][0]} since the last "
                 "fix, root mean square: solid or first, what a filter has; dashed or second, what it states."
             )
-            yield Figure(caption, filter_table(filters, sensor), partial(filter_svg, filters, sensor))
+            yield Figure(caption, filter_table(sensor, axis, made), partial(filter_svg, sensor, made))
 
 
 def _fit(report: Report, sensors: Sequence[str]) -> Iterator[Element]:

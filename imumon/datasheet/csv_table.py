@@ -25,8 +25,9 @@ from dataclasses import fields
 from typing import Any
 
 from imumon.datasheet.tables import sensor_title, without_aliasing
+from imumon.evaluation import ExactCurve
 from imumon.messages import spreadsheet_cell
-from imumon.report import Channel, Estimate, Report
+from imumon.report import Allan, Channel, Estimate, Report
 
 COLUMNS = (
     "kind", "channel", "name", "unit", "tau_s", "time_s", "value", "low", "high", "status", "edf", "model",
@@ -101,21 +102,16 @@ def _channel_rows(channel: Channel) -> Iterator[Row]:
                 key: getattr(term, key) for key in ("name", "unit", "value", "low", "high")
             }
     if (curve := channel.allan) is not None:
-        columns = ("tau_s", "value", "low", "high", "edf", "model", "noise", "used")
-        points = zip(
-            curve.tau_s,
-            curve.sigma,
-            curve.low,
-            curve.high,
-            curve.edf,
-            curve.model,
-            curve.noise,
-            map(int, curve.used),
-            strict=True,
-        )
-        for point in points:
-            row = dict(zip(columns, point, strict=True))
-            yield {"kind": "allan", "name": "sigma", "unit": channel.unit} | row
+        for row in _points(curve):
+            base: Row = {"kind": "allan", "name": "sigma", "unit": channel.unit}
+            yield base | row | {"used": int(row["used"])}
+
+
+def _points(curve: Allan | ExactCurve) -> Iterator[Row]:
+    """Yield the columns of the points of a curve."""
+    names = [each.name for each in fields(curve) if each.name in (*COLUMNS, "sigma")]
+    for point in zip(*(getattr(curve, name) for name in names), strict=True):
+        yield dict(zip(("value" if name == "sigma" else name for name in names), point, strict=True))
 
 
 def _evaluation_rows(report: Report) -> Iterator[Row]:
@@ -123,10 +119,8 @@ def _evaluation_rows(report: Report) -> Iterator[Row]:
     made = report.evaluation
     assert made is not None
     for name, curve in made.exact.items():
-        columns = ("tau_s", "value", "low", "high", "difference")
-        for point in zip(curve.tau_s, curve.sigma, curve.low, curve.high, curve.difference, strict=True):
-            unit = report.channels[name].unit if name in report.channels else None
-            row = dict(zip(columns, point, strict=True))
+        unit = report.channels[name].unit if name in report.channels else None
+        for row in _points(curve):
             yield {"kind": "exact", "channel": name, "name": "sigma", "unit": unit} | row
     for name in dict.fromkeys((*made.budgets, *made.bias_budgets)):
         bias = {"bias": made.bias_budgets[name]} if name in made.bias_budgets else {}

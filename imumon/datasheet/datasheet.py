@@ -17,7 +17,7 @@ from imumon.datasheet.program_settings import PROGRAMS, settings_document
 from imumon.datasheet.temperature_settings import curves_not_shown
 from imumon.filter_report import FilterReport
 from imumon.report import NOISE, Report, to_json
-from imumon.samples import AXES
+from imumon.samples import AXES, INERTIAL
 
 
 class DocumentForm(NamedTuple):
@@ -37,7 +37,7 @@ def not_measured(report: Report, form: str) -> list[str]:
     if FORMS[form].curves:
         return curves_not_shown(report)
     letters = PROGRAMS[form].letters if form in PROGRAMS else NOISE
-    names = [f"{sensor}/{axis}" for sensor in ("gyro", "accel") for axis in AXES]
+    names = [f"{sensor}/{axis}" for sensor in INERTIAL for axis in AXES]
     return [
         f"{name} {letter}"
         for name in names

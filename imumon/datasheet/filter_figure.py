@@ -35,33 +35,26 @@ def shown_axis(filters: FilterReport, sensor: str) -> tuple[str, FilterChannel] 
     return max(axes.items(), key=lambda item: max(item[1].nees.n_and_k)) if axes else None
 
 
-def filter_table(filters: FilterReport, sensor: str) -> DataTable:
+def filter_table(sensor: str, axis: str, channel: FilterChannel) -> DataTable:
     """Return the error that each filter has and states, at times since its last fix."""
-    shown = shown_axis(filters, sensor)
     quantity, unit, factor = QUANTITIES[sensor]
-    head = [f"{quantity} error of axis {shown[0] if shown else '–'}, {unit}: s since the last fix"]
+    head = [f"{quantity} error of axis {axis}, {unit}: s since the last fix"]
     for title in FILTERS.values():
         head += [title, "it states"]
-    rows = []
-    if shown is not None:
-        errors = {name: _errors(shown[1], name, factor) for name in FILTERS}
-        for i, horizon in enumerate(shown[1].nees.horizon_s):
-            cells = [
-                figures(value, 2) for name in FILTERS for value in (errors[name][0][i], errors[name][1][i])
-            ]
-            rows.append((f"{horizon:g}", *cells))
+    columns = [column for name in FILTERS for column in _errors(channel, name, factor)]
+    rows = [
+        (f"{horizon:g}", *(figures(column[i], 2) for column in columns))
+        for i, horizon in enumerate(channel.nees.horizon_s)
+    ]
     return DataTable(tuple(head), tuple(rows))
 
 
-def filter_svg(filters: FilterReport, sensor: str) -> str:
-    """Return the figure of a sensor as an SVG element of the HTML page; empty without a channel."""
-    shown = shown_axis(filters, sensor)
-    if shown is None:
-        return ""
+def filter_svg(sensor: str, channel: FilterChannel) -> str:
+    """Return the figure of an axis as an SVG element of the HTML page."""
     quantity, unit, factor = QUANTITIES[sensor]
 
     def draw(panel: Axes) -> None:
-        _draw(panel, shown[1], factor)
+        _draw(panel, channel, factor)
         panel.set(xlabel="time since the last fix, s", ylabel=f"error of the {quantity}, {unit}")
 
     return page_svg(draw, f"filter-{sensor}", f"Predicted {quantity} error of a filter")

@@ -13,7 +13,7 @@ import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from imumon.datasheet.tables import filter_warning, record_title, sensor_axes, sensor_title
+from imumon.datasheet.tables import SENSOR_TITLES, filter_warning, record_title, sensor_axes, sensor_title
 from imumon.filter_report import FIX_WORDS, FilterReport
 from imumon.messages import (
     FILTER_NOT_KNOWN,
@@ -23,9 +23,10 @@ from imumon.messages import (
     no_value_text,
 )
 from imumon.report import NOISE, Estimate, Report
+from imumon.samples import INERTIAL
 from imumon.units import duration, figures
 
-NAMES = {"gyro": "gyroscope", "accel": "accelerometer"}
+NAMES = {sensor: SENSOR_TITLES[sensor].lower() for sensor in INERTIAL}
 MEANINGS = {"N": "white noise density", "K": "random walk of the bias"}
 CURES = {
     "constant": "find out why it is dead or stuck, and record again",
@@ -85,13 +86,16 @@ def worst_axis(report: Report, filters: FilterReport, sensor: str, letter: str) 
         lines += [f"  {name}: {value_text(part)}" for name, part in parts.items()]
         lines.append(f"  N of the fit; rests on {_rests_on(report)}")
     else:
-        lines += [f"  {name}: {walk_text(report, filters, f'{sensor}/{name}')}" for name in parts]
-        lines += walk_origin(report, filters)
+        lines += [f"  {name}: {_walk_text(report, filters, f'{sensor}/{name}')}" for name in parts]
+        lines += [
+            f"  from N, B and K: the smallest with NEES <= 1.25 for 1 to {filters.horizon_s:g} s without a fix;",
+            f"  rests on {_rests_on(report)}",
+        ]
     measured = parts[axis].status == "measured"
     return FilterValue(values[axis], tuple(lines), "" if measured else f"  # {BOUNDED[letter]}")
 
 
-def walk_text(report: Report, filters: FilterReport, name: str) -> str:
+def _walk_text(report: Report, filters: FilterReport, name: str) -> str:
     """Return the walk of a channel, its factor against K, and K."""
     part, made = report.channels[name].coefficients.get("K"), filters.channels.get(name)
     if made is None or part is None:
@@ -100,14 +104,6 @@ def walk_text(report: Report, filters: FilterReport, name: str) -> str:
         share = f"{figures(made.walk / made.assumed.K, 2)} times" if made.assumed.K > 0.0 else "made for"
         return f"{made.walk:.4e}, {share} K {made.assumed.K:.3e}: half its bound, K {value_text(part)}"
     return f"{made.walk:.4e}, {figures(made.walk_factor, 2)} times K {value_text(part)}"
-
-
-def walk_origin(report: Report, filters: FilterReport) -> list[str]:
-    """Return where a walk comes from, as comments."""
-    return [
-        f"  from N, B and K: the smallest with NEES <= 1.25 for 1 to {filters.horizon_s:g} s without a fix;",
-        f"  rests on {_rests_on(report)}",
-    ]
 
 
 def _rests_on(report: Report) -> str:

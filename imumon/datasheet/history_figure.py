@@ -21,11 +21,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 HistoryRows = Sequence[Mapping[str, Any]]
+Series = dict[str, list[tuple[datetime, float, float, float]]]
+"""Time and N with its limits, SI, by axis."""
 
 
-def series(rows: HistoryRows, sensor: str) -> dict[str, list[tuple[datetime, float, float, float]]]:
+def series(rows: HistoryRows, sensor: str) -> Series:
     """Return time and N with its limits, SI, by axis of a sensor; empty if there are too few."""
-    found: dict[str, list[tuple[datetime, float, float, float]]] = {}
+    found: Series = {}
     for row in rows:
         try:  # any program may answer the question for rows
             name, part, when = row["channel"], row["N"], datetime.fromisoformat(row["time"])
@@ -38,9 +40,8 @@ def series(rows: HistoryRows, sensor: str) -> dict[str, list[tuple[datetime, flo
     return {axis: points for axis, points in found.items() if len(points) >= LEAST_DAYS}
 
 
-def history_table(rows: HistoryRows, sensor: str) -> DataTable:
+def history_table(sensor: str, shown: Series) -> DataTable:
     """Return N of each axis by time; of a long history, every second, third and so on, and the newest."""
-    shown = series(rows, sensor)
     unit = unit_of(sensor, "N")
     by_time: dict[datetime, dict[str, float]] = {}
     for axis, points in shown.items():
@@ -58,11 +59,8 @@ def history_table(rows: HistoryRows, sensor: str) -> DataTable:
     return DataTable((f"N of the {sensor}, {pretty(unit.unit)}", *shown), tuple(lines))
 
 
-def history_svg(rows: HistoryRows, sensor: str) -> str:
-    """Return the figure of a sensor as an SVG element of the HTML page; empty without enough rows."""
-    shown = series(rows, sensor)
-    if not shown:
-        return ""
+def history_svg(sensor: str, shown: Series) -> str:
+    """Return the figure of a sensor as an SVG element of the HTML page."""
     unit = unit_of(sensor, "N")
     # the page keeps two decimals of a number, also of a label
     small = max(high for points in shown.values() for *_, high in points) * unit.factor < 1.0

@@ -21,7 +21,7 @@ from imumon.messages import (
     uncertainty,
 )
 from imumon.report import COEFFICIENTS, NOISE, Allan, Channel, DeviceDescription, Estimate, Report
-from imumon.samples import ALIASED, AXES, sensor_of
+from imumon.samples import ALIASED, AXES, INERTIAL, sensor_of
 from imumon.units import counted, duration, figures, measured, pretty, share_text
 
 MOST_ROWS = 30
@@ -173,7 +173,7 @@ def coefficient_text(coefficient: Estimate | None) -> str:
 def without_aliasing(report: Report, name: str, part: Estimate | None) -> Estimate | None:
     """Return N of a channel over the nominal alias factor of the sensor; None: none is known, or it is 1."""
     factor = report.device.alias_factor or 1.0
-    if part is None or factor <= ALIASED or sensor_of(name) not in ("gyro", "accel"):
+    if part is None or factor <= ALIASED or sensor_of(name) not in INERTIAL:
         return None
     return part.scaled(1.0 / factor, part.unit)
 

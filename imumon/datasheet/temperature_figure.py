@@ -28,7 +28,7 @@ def temperature_elements(report: Report) -> Iterator[Element]:
     if any(curve.reason != "no_temperature" for curves in known.values() for curve in curves.values()):
         yield Heading("Bias against the temperature")
     for sensor, curves in known.items():
-        yield from _sensor_elements(report, sensor, curves)
+        yield from _sensor_elements(sensor, curves)
     if any(curve.is_known for curves in known.values() for curve in curves.values()):
         yield Paragraph(
             "A polynomial of the temperature, with 95 % limits: those of the bias are for another record as long. It "
@@ -37,7 +37,7 @@ def temperature_elements(report: Report) -> Iterator[Element]:
         )
 
 
-def _sensor_elements(report: Report, sensor: str, curves: Mapping[str, BiasCurve]) -> Iterator[Element]:
+def _sensor_elements(sensor: str, curves: Mapping[str, BiasCurve]) -> Iterator[Element]:
     """Yield the curves of a sensor as a table and a figure, or why there are none."""
     title = SENSOR_TITLES[sensor]
     shown = {axis: curve for axis, curve in curves.items() if curve.is_known}
@@ -63,12 +63,11 @@ def _sensor_elements(report: Report, sensor: str, curves: Mapping[str, BiasCurve
     numbers = DataTable(
         (f"{title}: °C", *(f"{axis}, {name}" for axis in shown)), tuple(_rows(shown, unit.factor))
     )
-    yield Figure(text, numbers, partial(temperature_svg, report, sensor), legend)
+    yield Figure(text, numbers, partial(temperature_svg, sensor, shown), legend)
 
 
-def temperature_svg(report: Report, sensor: str) -> str:
-    """Return the curves of a sensor as an SVG element of the HTML page; empty without one."""
-    shown = {axis: curve for axis, curve in _curves(report, sensor) if curve.is_known}
+def temperature_svg(sensor: str, shown: Mapping[str, BiasCurve]) -> str:
+    """Return the curves of a sensor as an SVG element of the HTML page."""
     unit = unit_of(sensor, "B")
 
     def draw(panel: Axes) -> None:
@@ -92,7 +91,7 @@ def temperature_svg(report: Report, sensor: str) -> str:
         draw_legend(panel)
 
     label = f"Bias of the {SENSOR_TITLES[sensor].lower()} against the temperature"
-    return page_svg(draw, f"temperature-{sensor}", label, height=0.7) if shown else ""
+    return page_svg(draw, f"temperature-{sensor}", label, height=0.7)
 
 
 def with_error(value: float, half: float) -> str:
@@ -127,7 +126,7 @@ def _rise(curve: BiasCurve, values: tuple[float, ...], factor: float) -> list[fl
     return [(value - curve.bias[len(curve.bias) // 2]) * factor for value in values]
 
 
-def _rows(shown: dict[str, BiasCurve], factor: float) -> Iterator[tuple[str, ...]]:
+def _rows(shown: Mapping[str, BiasCurve], factor: float) -> Iterator[tuple[str, ...]]:
     """Yield the rise of each axis at the temperatures of the first."""
     columns = [(_rise(c, c.bias, factor), _rise(c, c.high, factor)) for c in shown.values()]
     for k, degrees in enumerate(next(iter(shown.values())).degC):

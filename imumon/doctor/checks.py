@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 
+from imumon.alarms import DEFAULT_LIMITS
 from imumon.config import Settings
 from imumon.devices.base import (
     ARRIVAL_S,
@@ -22,7 +23,6 @@ from imumon.devices.base import (
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
 from imumon.samples import ALIASED
 
-MAX_DAMAGED = 0.01  # share of damaged messages, or of unrelated bytes, above which a line is unusable
 MAX_MISSING = 0.1  # share of missing samples, or relative deficit of the rate, above which a line is unusable
 MAX_PAUSE_S = 1.0  # s without data that need no warning
 MAX_LATENCY_MS = 2  # ms, latency timer of an adapter that needs no warning
@@ -219,7 +219,7 @@ def _checksums(observation: Observation) -> Check:
     cure = (
         "check the cable and its ground, keep it short and away from motors; a lower baud rate is more robust"
     )
-    return Check("checksums", "failed" if share > MAX_DAMAGED else "warning", text, cure)
+    return Check("checksums", "failed" if share > DEFAULT_LIMITS["loss"] else "warning", text, cure)
 
 
 def _rate(observation: Observation) -> Check:

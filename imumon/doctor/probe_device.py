@@ -15,12 +15,9 @@ from imumon.devices.base import Device, DeviceLost, Observation
 from imumon.report import Report
 from imumon.samples import DeviceInfo, Ints, RawBytes, SampleBlock, Stream
 
-READ_S = 0.2  # s that one read waits for data, and between two reports of a daemon
-RATE_SPAN_S = 0.5  # s of samples from which rate and ratio of the clocks are computed
-JUMP_NS = 10_000_000_000
-"""ns of the sample clock from one sample to the next that count as a jump of the clock: longer than a gap in
-a stream that is observed for some seconds."""
-
+READ_S = (
+    0.2  # s that one read waits for data, between two reports of a daemon, and least of samples for a rate
+)
 DEVICE_CAVEATS = ("compensated", "unknown_compensation", "aliased")
 """Caveats of a report that describe the device, not the record."""
 
@@ -89,14 +86,14 @@ def observe_device(device: Device, seconds: float) -> Observation:
 def _with_samples(observation: Observation, stream: _StreamStatistics) -> Observation:
     """Return the observation with the rate, the losses and the clock of the samples."""
     span = stream.last_s - stream.first_s
-    long_enough = span >= RATE_SPAN_S
+    long_enough = span >= READ_S
     # the first block may hold samples from before: the rate is that of the samples after it
     rate = (stream.count - stream.first_count) / span if long_enough else None
     observation = replace(observation, samples=stream.count, rate_hz=rate, missing=stream.lost)
     if stream.stream.clock != "startup" or not stream.times:
         return observation
     steps = np.diff(np.concatenate(stream.times))
-    jumps = (steps < 0) | (steps > JUMP_NS)
+    jumps = (steps < 0) | (steps > round(1e9 * observation.seconds))  # no gap is longer than the observation
     observation = replace(observation, clock_jumps=int(jumps.sum()))
     regular = steps[~jumps & (steps > 0)]
     if not len(regular):

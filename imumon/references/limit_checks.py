@@ -14,7 +14,7 @@ from imumon.messages import filter_not_known
 from imumon.noise.uncertainty import probability_at_most, verdict
 from imumon.references.reference_sheet import QUANTITIES, UNITS, Limit, ReferenceSheet
 from imumon.report import Channel, Estimate, Report
-from imumon.samples import ALIASED, sensor_of
+from imumon.samples import ALIASED, INERTIAL, sensor_of
 
 
 def conformity(report: Report, sheet: ReferenceSheet) -> Conformity:
@@ -71,7 +71,7 @@ def _check(report: Report, name: str, channel: Channel, limit: Limit) -> LimitCh
 def _doubt(report: Report, name: str, limit: Limit, found: Verdict) -> str | None:
     """Return why a verdict does not hold for the sensor; None if it does."""
     letter, sensor, device = QUANTITIES[limit.quantity][0], sensor_of(name), report.device
-    factor = device.alias_factor or 1.0 if sensor in ("gyro", "accel") else 1.0
+    factor = device.alias_factor or 1.0 if sensor in INERTIAL else 1.0
     if limit.sampled_hz is not None and device.sample_rate_hz:
         factor = max(factor, math.sqrt(limit.sampled_hz / device.sample_rate_hz))
     noisy = letter == "N" and found == "fail"

@@ -1,17 +1,18 @@
 """Textual application of the terminal UI.
 
-It owns the state. Twice a second it polls the source, and only if something is new it makes a new state and
+It owns the state. Four times a second it polls the source, and only if something is new it makes a new state and
 passes it to the visible view. Threads of the bus never call it.
 """
 
 from __future__ import annotations
 
 import io
+import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
@@ -27,7 +28,7 @@ from imumon.tui.history_chart import parse
 from imumon.tui.panels import footer, status, tabs, welcome
 from imumon.tui.report_source import HistoryAnswer, ReportSource
 from imumon.tui.svg_export import portable_svg
-from imumon.tui.view_state import SPANS, STALE_PERIODS, VIEWS, WINDOWS, HistorySeries, ViewState
+from imumon.tui.view_state import SPANS, VIEWS, WINDOWS, HistorySeries, ViewState
 from imumon.tui.views import (
     DeviceView,
     DialogWindow,
@@ -43,19 +44,24 @@ from imumon.tui.views import (
 )
 from imumon.tui.widgets import THEMES, DrawnPanel, RoleStyles
 
-POLL_S = 0.5
+T = TypeVar("T")
+
+POLL_S = 0.25
 """s between two polls of the source: the screen is drawn at most this often."""
-FIRST_POLL_S = 0.1
-"""s between two polls while there is no report yet."""
 FORGET_S = 60.0
 """s after which a daemon that has finished is no longer listed, unless it is selected or compared."""
 TERMINAL_POLL_S = 5.0
-"""s between two checks whether the terminal is still open."""
+"""s between two checks whether the terminal, or the server of the browser, is still there."""
 
 
 def save_directory() -> Path:
     """Return the directory of saved files."""
     return Path.cwd()
+
+
+def _neighbour(names: Sequence[T], name: T, step: int) -> T:
+    """Return the name that is `step` places behind another, in a ring; the same if it is not there."""
+    return names[(names.index(name) + step) % len(names)] if name in names else name
 
 
 class ImumonApp(App[int]):
@@ -141,13 +147,13 @@ class ImumonApp(App[int]):
     def on_mount(self) -> None:
         self._built = True
         self.set_interval(POLL_S, self.poll)
-        self._first_poll = self.set_interval(FIRST_POLL_S, self.poll)
         self.poll()
         if self.is_web:
-            terminal.exit_with_parent(TERMINAL_POLL_S)
+            parent = os.getppid()
+            terminal.exit_when(lambda: os.getppid() != parent, TERMINAL_POLL_S)
         elif not self.is_headless:
             terminal.on_signals(lambda code: self.exit(code, return_code=code))
-            terminal.exit_when_closed(TERMINAL_POLL_S)
+            terminal.exit_when(terminal.closed, TERMINAL_POLL_S)
 
     def on_resize(self) -> None:
         self._redraw()
@@ -167,9 +173,7 @@ class ImumonApp(App[int]):
             if report.state != "stopped" or now - moment < FORGET_S or name in kept or kept[0] is None
         }
         ages = {name: max(now - moment, 0.0) for name, (_, moment) in reports.items()}
-        shown_ages = {
-            name: round(age) for name, age in ages.items() if age > STALE_PERIODS * reports[name][0].period_s
-        }
+        shown_ages = {name: round(age) for name, age in ages.items() if age > reports[name][0].late_s}
         ended = self._ended() if self._ended is not None else None
         seen = (self.source.version, (alive, connected, tuple(sorted(shown_ages.items())), ended))
         if seen == self._seen:
@@ -184,8 +188,6 @@ class ImumonApp(App[int]):
             ended=ended,
         )
         self._show(state.with_existing_selection())
-        if self.view_state.channels:
-            self._first_poll.stop()
 
     def _warn_of_rivals(self, id: str | None) -> None:
         """Notify once if several programs publish a device."""
@@ -264,25 +266,19 @@ class ImumonApp(App[int]):
         self._show(state.with_existing_selection())
 
     def action_channel(self, step: int) -> None:
-        names = self.view_state.channels
-        if names and self.view_state.channel in names:
-            self.select(channel=names[(names.index(self.view_state.channel) + step) % len(names)])
+        self.select(channel=_neighbour(self.view_state.channels, self.view_state.channel, step))
 
     def action_sensor(self, step: int) -> None:
         """Select the same axis of another sensor of the device."""
-        if (channel := self.view_state.of_other_sensor(step)) is not None:
-            self.select(channel=channel)
+        self.select(channel=self.view_state.of_other_sensor(step))
 
     def action_device(self, step: int) -> None:
-        names = list(self.view_state.reports)
-        if self.view_state.id in names:
-            self.select(id=names[(names.index(self.view_state.id) + step) % len(names)])
+        self.select(id=_neighbour(list(self.view_state.reports), self.view_state.id, step))
 
     def action_compare(self) -> None:
         """Compare with the next device, and after the last one with none."""
         names: list[str | None] = [None, *(n for n in self.view_state.reports if n != self.view_state.id)]
-        at = names.index(self.view_state.compared_id) if self.view_state.compared_id in names else 0
-        other = names[(at + 1) % len(names)]
+        other = _neighbour(names, self.view_state.compared_id, 1)
         baseline = self.view_state.reports.get(other) if other is not None else None
         self.change(compared_id=other, baseline=baseline, baseline_name="compared" if other else "saved")
 
@@ -306,7 +302,7 @@ class ImumonApp(App[int]):
         self.change(span=spans[min(max(spans.index(self.view_state.span) + step, 0), len(spans) - 1)])
 
     def action_window(self, step: int) -> None:
-        self.change(window=WINDOWS[(WINDOWS.index(self.view_state.window) + step) % len(WINDOWS)])
+        self.change(window=_neighbour(WINDOWS, self.view_state.window, step))
 
     # ------------------------------------------------------------------ keys
 
@@ -315,7 +311,7 @@ class ImumonApp(App[int]):
 
     def action_turn(self, step: int) -> None:
         if len(self.screen_stack) == 1:
-            self.action_view(VIEWS[(VIEWS.index(self.view_state.view) + step) % len(VIEWS)])
+            self.change(view=_neighbour(VIEWS, self.view_state.view, step))
 
     def action_units(self) -> None:
         notation = self.view_state.notation

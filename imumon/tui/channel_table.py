@@ -9,17 +9,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from imumon.report import NOISE, Channel
-from imumon.samples import sensor_of
+from imumon.samples import INERTIAL, sensor_of
 from imumon.tui.formatting import CELL, Line, fitted, padded, remaining_time, with_background
 from imumon.tui.view_state import ViewState
 from imumon.units import number, short
 
-TABLE = 80
-"""Cells of the whole table."""
-GRADED = ("gyro", "accel")
 COLUMNS = {"mean": 10, "std": 8, **dict.fromkeys(NOISE, CELL + 1), "nearest": 11}
 """Cells of each column, including the gap before it."""
 LABEL = 6
+"""Cells of the name of a sensor or an axis, before the columns."""
+TABLE = LABEL + sum(COLUMNS.values())
+"""Cells of the whole table."""
 
 
 def columns(width: int, *, times: bool = False) -> list[str]:
@@ -77,7 +77,7 @@ def _heading(state: ViewState, sensor: str, shown: Sequence[str]) -> Line:
     cells: dict[str, Line] = {
         "mean": [(f"mean {notation.scale(f'{sensor}/x')[1]}".rjust(COLUMNS["mean"]), "muted")],
         "std": [("std".rjust(COLUMNS["std"]), "muted")],
-        "nearest": [(" nearest" if sensor in GRADED else "", "muted")],
+        "nearest": [(" nearest" if sensor in INERTIAL else "", "muted")],
     }
     for name in NOISE:
         goal = notation.goal(precision[name]) if name in precision else ""
@@ -90,7 +90,7 @@ def _row(state: ViewState, name: str, channel: Channel, shown: Sequence[str]) ->
     """Return one axis of a sensor."""
     factor, _ = state.notation.scale(name)
     nearest = channel.grade.nearest if channel.grade is not None else None
-    blank = "–" if sensor_of(name) in GRADED else ""
+    blank = "–" if sensor_of(name) in INERTIAL else ""
     mean = "–" if channel.mean is None else number(channel.mean * factor, 4)
     cells: dict[str, tuple[str, str]] = {
         "mean": (mean, "text"),

@@ -5,22 +5,19 @@ from __future__ import annotations
 from imumon.coefficients import coefficient_ratio
 from imumon.report import NOISE, Channel, Estimate, Report
 from imumon.samples import sensor_of
+from imumon.tui.channel_table import LABEL
 from imumon.tui.formatting import CELL, Line, Notation, Span
 from imumon.tui.view_state import ViewState
 from imumon.units import short
 
-NAME = 26
-"""Cells of the name of a sensor, at most."""
-AXIS = 6
-"""Cells in front of it."""
-
 
 def comparison(state: ViewState, width: int) -> list[Line]:
     """Return the selected device and the compared one, one below the other, with their ratios."""
-    cells = max(min(NAME, width - AXIS - len(NOISE) * (CELL + 1) - 1), 2)  # 1: the scrollbar
     own, other = state.report, state.reports.get(state.compared_id or "")
     if own is None or other is None or state.id is None or state.compared_id is None:
         return []
+    longest = 1 + max(len(state.id), len(state.compared_id))
+    cells = max(min(longest, width - LABEL - len(NOISE) * (CELL + 1) - 1), 2)  # 1: the scrollbar
     lines: list[Line] = []
     last = None
     for name, channel in own.channels.items():
@@ -46,7 +43,7 @@ def _legend(own: Report, other: Report) -> list[Line]:
 
 
 def _heading(notation: Notation, sensor: str, cells: int) -> Line:
-    head: Line = [(f" {sensor:<{cells + AXIS - 1}}", "title")]
+    head: Line = [(f" {sensor:<{cells + LABEL - 1}}", "title")]
     for name in NOISE:
         text = f"{name} {notation.coefficient_scale(sensor, name)[1]}"
         head += [(" " * (CELL + 1 - len(text)), "text"), (name, name), (text[1:], "muted")]
@@ -63,7 +60,7 @@ def _row(axis: str, id: str, channel: Channel, notation: Notation, cells: int) -
 
 
 def _ratios(channel: Channel, match: Channel, cells: int) -> Line:
-    line: Line = [(f"{'':<{AXIS}}{'ratio':<{cells}}", "faint")]
+    line: Line = [(f"{'':<{LABEL}}{'ratio':<{cells}}", "faint")]
     for name in NOISE:
         text, role = ratio_text(channel.coefficients.get(name), match.coefficients.get(name))
         line.append((text.rjust(CELL + 1), role))

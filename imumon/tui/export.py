@@ -12,15 +12,9 @@ from pathlib import Path
 
 from imumon.messages import spreadsheet_cell
 from imumon.report import SensorGrade, Strip, to_json
-from imumon.tui.channel_table import GRADED
+from imumon.samples import INERTIAL
 from imumon.tui.text_panels import filtered_events
 from imumon.tui.view_state import ViewState
-
-CONVERTERS = (
-    ("rsvg-convert", ("rsvg-convert", "--zoom", "1.5", "-o")),
-    ("inkscape", ("inkscape", "--export-type=png", "--export-filename")),
-)
-"""Programs that convert SVG to PNG, with their arguments."""
 
 
 def file_name(state: ViewState, suffix: str) -> str:
@@ -32,22 +26,21 @@ def file_name(state: ViewState, suffix: str) -> str:
 
 
 def convert_to_png(svg: Path) -> Path | None:
-    """Convert with the first installed converter, and return the new file; None without a converter.
+    """Convert with rsvg-convert, and return the new file; None if it is not installed.
 
     Raises
     ------
-    OSError : the converter failed.
+    OSError : it failed.
     """
-    for program, command in CONVERTERS:
-        if shutil.which(program):
-            target = svg.with_suffix(".png")
-            command = (*command, str(target), str(svg))
-            run = subprocess.run(command, capture_output=True, timeout=30, check=False)
-            if run.returncode:
-                message = run.stderr.decode(errors="replace").strip().partition("\n")[0]
-                raise OSError(message or f"{program} failed")
-            return target
-    return None
+    target = svg.with_suffix(".png")
+    command = ["rsvg-convert", "--zoom", "1.5", "-o", str(target), str(svg)]
+    if shutil.which(command[0]) is None:
+        return None
+    run = subprocess.run(command, capture_output=True, timeout=30, check=False)
+    if run.returncode:
+        message = run.stderr.decode(errors="replace").strip().partition("\n")[0]
+        raise OSError(message or f"{command[0]} failed")
+    return target
 
 
 def exported_text(state: ViewState, form: str) -> str:
@@ -78,7 +71,7 @@ def table_rows(state: ViewState) -> Iterable[Iterable[object]]:
             ("id", "state", "gyro", "accel", "elapsed_s", "gyro_meets", "accel_meets")
         ]
         for name, r in state.reports.items():
-            grades = [r.grade.get(sensor, SensorGrade()) for sensor in GRADED]
+            grades = [r.grade.get(sensor, SensorGrade()) for sensor in INERTIAL]
             nearest, meets = [g.nearest for g in grades], [g.meets for g in grades]
             out.append((name, r.state, *nearest, r.session.elapsed_s, *meets))
         return out

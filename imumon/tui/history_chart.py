@@ -21,8 +21,6 @@ from imumon.units import number
 
 MARKED = ("change", "restart", "connect", "disconnect", "warmup", "grade", "disturbance", "constant", "state")
 """Kinds of events that are marked."""
-MOST_ROWS = 5000
-"""Rows that are drawn; a year of days has 366, two months of hours 1488."""
 QUANTITIES = (*GRADED, "mean", "temperature")
 GUTTER = 9
 """Cells to the left of a chart, for its labels."""
@@ -31,7 +29,7 @@ _ROLES = {"mean": "signal", "temperature": "point"}
 
 def parse(channel: str, rows: bytes, events: bytes) -> HistorySeries | None:
     """Return the history in the replies of a daemon; None if it has no valid row."""
-    known = [row for each in _objects(rows)[:MOST_ROWS] if (row := _row(channel, each)) is not None]
+    known = [row for each in _objects(rows) if (row := _row(channel, each)) is not None]
     if not known:
         return None
     known.sort()

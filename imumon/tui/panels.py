@@ -5,8 +5,7 @@ from __future__ import annotations
 from imumon.alarms import known
 from imumon.messages import caveat_lines, caveats, grade_text
 from imumon.report import Channel, Estimate, Report, SensorGrade
-from imumon.samples import sensor_of
-from imumon.tui.channel_table import GRADED
+from imumon.samples import INERTIAL, sensor_of
 from imumon.tui.formatting import (
     Line,
     Notation,
@@ -120,17 +119,17 @@ def headlines(state: ViewState, width: int, height: int) -> list[Line]:
     names = [caveat.replace("_", " ") for caveat in caveats(report) if caveat != shown_above]
     notes = [f"  ! {', '.join(names)} ", f"  ! {counted(len(names), 'caveat')} ", f" !{len(names)} "]
     lines: list[Line] = []
-    for sensor in GRADED:
+    for sensor in INERTIAL:
         grade = report.grade.get(sensor, SensorGrade())
         role = f"grade-{grade.nearest}-strong" if grade.nearest else "muted"
         head: Line = [(f" {sensor:<6}", "title"), (grade_text(grade), role)]
         fits = [text for text in notes if length(head) + len(text) <= width] or notes[-1:]
         note = fits[0] if names and not lines else ""
         parts = _basis(sensor, grade, report, state.notation)
-        if height < 2 * len(GRADED):
+        if height < 2 * len(INERTIAL):
             head = fitted([head, [("   ", "text")], *parts], width - len(note))
         lines.append([*padded(head, width - len(note)), (note, "warn")])
-        if height >= 2 * len(GRADED):
+        if height >= 2 * len(INERTIAL):
             lines.append(fitted([[(" " * 7, "text")], *parts], width))
     return [padded(line, width) for line in lines[:height]]
 

@@ -16,28 +16,20 @@ import threading
 import time
 from collections.abc import Callable
 
-CURE = "the screen needs a terminal; use `imumon status` or `imumon status --json` instead"
-
 
 def in_browser() -> bool:
     """Return whether the screen is drawn by a browser: `imumon.tui.web` has started this process."""
     return "WebDriver" in os.environ.get("TEXTUAL_DRIVER", "")
 
 
-def obstacle() -> str | None:
-    """Return in one line why the screen cannot be drawn here; None if it can."""
+def is_usable() -> bool:
+    """Return whether the screen can be drawn here."""
     if in_browser():
-        return None
-    for stream, name in ((sys.stdin, "stdin"), (sys.stderr, "stderr")):
-        try:
-            usable = stream is not None and os.isatty(stream.fileno())
-        except (OSError, ValueError):
-            usable = False
-        if not usable:
-            return f"{name} is not a terminal: {CURE}"
-    if os.environ.get("TERM") == "dumb":
-        return f"TERM is dumb: {CURE}"
-    return None
+        return True
+    streams = (sys.stdin, sys.stderr)
+    return os.environ.get("TERM") != "dumb" and all(
+        stream is not None and stream.isatty() for stream in streams
+    )
 
 
 def closed() -> bool:
@@ -49,31 +41,19 @@ def closed() -> bool:
     return False
 
 
-def exit_when_closed(period_s: float) -> None:
-    """End the process when its terminal is closed; check every `period_s` seconds.
+def exit_when(gone: Callable[[], bool], period_s: float) -> None:
+    """End the process when its terminal or its server is gone; check every `period_s` seconds.
 
     This runs in its own thread: without the terminal, the event loop may block in a write, and the reader of
     the keys spins because a closed terminal is always readable. There is no screen to restore.
     """
 
     def check() -> None:
-        while not closed():
+        while not gone():
             time.sleep(period_s)
         os._exit(128 + signal.SIGHUP)
 
     threading.Thread(target=check, name="terminal", daemon=True).start()
-
-
-def exit_with_parent(period_s: float) -> None:
-    """End the process when the one that started it has ended; check every `period_s` seconds."""
-    parent = os.getppid()
-
-    def check() -> None:
-        while os.getppid() == parent:
-            time.sleep(period_s)
-        os._exit(128 + signal.SIGHUP)
-
-    threading.Thread(target=check, name="parent", daemon=True).start()
 
 
 def only_ascii() -> bool:

@@ -14,7 +14,7 @@ from imumon.messages import (
     grade_text,
 )
 from imumon.report import Channel, Drift, Event, ModelColumn, Report, SensorGrade
-from imumon.tui.channel_table import GRADED
+from imumon.samples import INERTIAL
 from imumon.tui.compare import comparison
 from imumon.tui.formatting import Line, approximate_duration, fitted, length, padded, with_background, wrap
 from imumon.tui.view_state import ViewState
@@ -208,7 +208,7 @@ def sensors(state: ViewState, width: int, height: int = 0) -> list[Line]:
             ("compared" if compared else age, "bound" if compared else "warn"),
         ]
         lines.append(with_background(padded(line, width), "selected") if name == state.id else line)
-        for sensor in GRADED:
+        for sensor in INERTIAL:
             grade = report.grade.get(sensor, SensorGrade())
             role = f"grade-{grade.nearest}" if grade.nearest else "faint"
             lines.append([(f"{'':<19}{sensor:<6}", "muted"), (grade_text(grade), role)])

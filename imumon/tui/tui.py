@@ -6,14 +6,12 @@ Textual is imported in the functions: a command that only needs a status does no
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from typing import Any
 
 from imumon.tui import terminal
 from imumon.tui.report_source import ReportSource
-
-TERMINAL_GONE = 129
-"""Exit code when the terminal is closed: 128 + SIGHUP."""
 
 
 def run(source: ReportSource, *, ascii: bool = False, **options: Any) -> int:
@@ -27,12 +25,8 @@ def run(source: ReportSource, *, ascii: bool = False, **options: Any) -> int:
 
     Returns
     -------
-    int : exit code: 0, 1 without a terminal, 128 + n after signal n.
+    int : exit code: 0, 128 + n after signal n.
     """
-    reason = terminal.obstacle()
-    if reason is not None:
-        print(f"imumon: {reason}", file=sys.stderr)
-        return 1
     from imumon.tui.app import ImumonApp
 
     app = ImumonApp(source, ascii=ascii or terminal.only_ascii(), **options)
@@ -55,5 +49,5 @@ def _flushed(code: int) -> int:
         try:
             stream.flush()
         except OSError:
-            os._exit(code or TERMINAL_GONE)
+            os._exit(code or 128 + signal.SIGHUP)
     return code

@@ -22,8 +22,6 @@ SPANS = {"day": (86400.0, "10m"), "month": (31 * 86400.0, "1h"), "year": (366 * 
 WINDOWS = ("minute", "hour", "everything")
 SHOWN_CAVEATS = {"moving": "not_at_rest", "warming_up": "warming_up"}
 """Caveats that the status line shows, by the kind of the status."""
-STALE_PERIODS, STALE_S = 3.0, 3.0
-"""Periods of a report, and s at least, after which the last report is stale."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +167,7 @@ class ViewState:
         if report.state == "stopped":
             text = "the daemon has ended; this is its last report"
             return ConnectionStatus("finished", "■", "finished", text, "muted", True)
-        if age > max(STALE_S, STALE_PERIODS * report.period_s):
+        if age > report.late_s:
             old = f"no report for {approximate_duration(age)}"
             if self.ended:
                 text = f"{old}; it ended: {self.ended}"

@@ -11,7 +11,7 @@ from histories import period, write
 
 from imumon.cli.history_command import stored_days
 from imumon.datasheet import document
-from imumon.datasheet.history_figure import history_svg, history_table, series
+from imumon.datasheet.history_figure import history_table, series
 from imumon.datasheet.tables import MOST_ROWS
 from imumon.filter_report import FilterReport
 
@@ -35,7 +35,7 @@ def test_the_page_has_a_figure_and_markdown_a_table(tmp_path: Path) -> None:
     assert "<h2>History</h2>" in page
     text = document(reports.warming_up(), "md", filters(), rows).decode()
     assert "## History" in text
-    table = history_table(rows, "gyro")
+    table = history_table("gyro", series(rows, "gyro"))
     assert table.head[1:] == ("x", "y", "z")
     assert len(table.rows) <= MOST_ROWS
     assert float(table.rows[-1][1]) == pytest.approx(float(table.rows[0][1]) * 1.39, rel=0.03)
@@ -59,4 +59,3 @@ def test_there_is_none_without_enough_rows(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_a_row_that_is_none(row: dict[str, object]) -> None:
     assert series([row] * 5, "gyro") == {}
-    assert history_svg([row] * 5, "gyro") == ""

@@ -21,6 +21,7 @@ from terminals import ENVIRONMENT, Tmux
 from waiting import until
 
 ACTOR = [sys.executable, str(TESTS / "screen_actor.py")]
+COMMAND = [sys.executable, "-m", "imumon", "tui"]
 
 
 @pytest.fixture
@@ -153,7 +154,7 @@ def test_without_a_terminal_it_names_the_alternative(closed: str) -> None:
     master, slave = pty.openpty()
     try:
         done = subprocess.run(
-            ACTOR,
+            COMMAND,
             stdin=subprocess.DEVNULL if closed == "stdin" else slave,
             stdout=slave,
             stderr=subprocess.PIPE,
@@ -163,7 +164,7 @@ def test_without_a_terminal_it_names_the_alternative(closed: str) -> None:
     finally:
         os.close(master)
         os.close(slave)
-    assert done.returncode == 1
+    assert done.returncode == 2
     error = done.stderr.decode()
     assert error.count("\n") == 1
     assert "imumon status --json" in error
@@ -173,10 +174,10 @@ def test_without_a_terminal_it_names_the_alternative(closed: str) -> None:
 def test_a_dumb_terminal_is_refused() -> None:
     master, slave = pty.openpty()
     environment = {**ENVIRONMENT, "TERM": "dumb"}
-    process = subprocess.Popen(ACTOR, stdin=slave, stdout=slave, stderr=slave, env=environment)
+    process = subprocess.Popen(COMMAND, stdin=slave, stdout=slave, stderr=slave, env=environment)
     os.close(slave)
     try:
-        assert process.wait(30) == 1
+        assert process.wait(30) == 2
         assert b"imumon status" in os.read(master, 4096)
     finally:
         os.close(master)
