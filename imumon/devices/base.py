@@ -24,10 +24,9 @@ from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 from imumon.errors import ImumonError
 from imumon.samples import DeviceCounters, DeviceInfo, Item, SampleBlock
 
-RATE_TOLERANCE = 0.02
-"""Relative difference of a rate, or of a sample clock, from the host clock without a warning."""
 ARRIVAL_S, ARRIVAL_SAMPLES = 0.2, 3.0
-"""s and samples by which the same may differ in addition, because samples arrive in batches."""
+"""s and samples by which a clock or a rate may differ from the host clock beside `RATE_TOLERANCE`: samples arrive in
+batches."""
 
 
 class DeviceError(ImumonError):

@@ -20,7 +20,6 @@ from typing import ClassVar
 from imumon.devices.base import (
     ARRIVAL_S,
     ARRIVAL_SAMPLES,
-    RATE_TOLERANCE,
     Device,
     DeviceError,
     DeviceLost,
@@ -34,6 +33,7 @@ from imumon.devices.ports import POLL_S, PortInfo, find_again, find_ports
 from imumon.devices.serial_port import QUEUE_BYTES, SerialPort
 from imumon.files import SMALL_BYTES, read_bounded, write_new
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Notice, RawBytes, SampleBlock
+from imumon.timebase.interval import RATE_TOLERANCE
 
 TIME_LAPSE_QUEUE_BYTES = 1 << 19
 """Bytes of an emulator in time-lapse that may wait; it waits for its reader anyway."""

@@ -14,7 +14,6 @@ from imumon.config import Settings
 from imumon.devices.base import (
     ARRIVAL_S,
     ARRIVAL_SAMPLES,
-    RATE_TOLERANCE,
     Check,
     CheckStatus,
     DeviceError,
@@ -22,6 +21,7 @@ from imumon.devices.base import (
 )
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
 from imumon.samples import ALIASED
+from imumon.timebase.interval import RATE_TOLERANCE
 
 MAX_MISSING = 0.1  # share of missing samples, or relative deficit of the rate, above which a line is unusable
 MAX_PAUSE_S = 1.0  # s without data that need no warning

@@ -22,7 +22,7 @@ from imumon.recordings.row_selection import COPIED, HeldNumbers, are_doubled, co
 from imumon.recordings.unit_inference import SINCE_1970_S, check_magnitudes, time_unit, unit_remarks
 from imumon.report import MAX_NUMBER, stamp
 from imumon.samples import LONGEST_NS, Bools, Clock, Floats, Ints, Stream, sensor_of
-from imumon.timebase.interval import NOMINAL_SHARE
+from imumon.timebase.interval import RATE_TOLERANCE
 from imumon.timebase.late_stamps import LateStamps
 from imumon.timebase.timestamps import HostStamps, RateObstacle, rate_obstacle, stamp_interval
 from imumon.units import share_text
@@ -216,7 +216,7 @@ class FirstRows:
 
     def _compare(self, interval_s: float, *, own: bool) -> None:
         """Note if the configured rate differs from that of the stamps, and which is used."""
-        if self._rate is None or abs(self._rate * interval_s - 1.0) <= NOMINAL_SHARE:
+        if self._rate is None or abs(self._rate * interval_s - 1.0) <= RATE_TOLERANCE:
             return
         clock = " and are those of a sample clock" if own else ", but are those of a host"
         used = f"--rate {self._rate:g} is {'not used' if own else 'used'}"

@@ -16,8 +16,8 @@ from imumon.samples import Floats, Ints
 RATE_PRECISION = 1e-4
 """Relative standard error at which a learned interval is good enough: it moves N by 0.005 %."""
 
-NOMINAL_SHARE = 0.02
-"""Share by which measured steps may differ from a nominal interval that is one: less than between the
+RATE_TOLERANCE = 0.02
+"""Share by which a rate may differ from a nominal one, or a sample clock from the host clock: less than between the
 neighbouring output rates of any device."""
 
 SIGNIFICANT = 3.0
@@ -36,9 +36,6 @@ does not make them all longer, or all shorter. They need not be whole intervals:
 BURST_STEP = 0.025
 """Intervals; shorter steps are a burst and no change of rate."""
 
-SPARSE_STEP = 100.0
-"""Intervals; longer steps are gaps and no change of rate."""
-
 PASSES = 8
 """Passes of counting and fitting; two are enough without jitter."""
 
@@ -48,8 +45,8 @@ GUESS_ERROR = 0.15
 WHOLE = 0.1
 """Intervals, or ticks, by which a length may differ from a whole number of them and be one."""
 
-MOST_STEPS = 0.9
-"""Share of steps that must be whole multiples so that all are."""
+STEADY_SHARE = 0.95
+"""Share of steps that must be whole intervals for the stamps to be those of a sample clock."""
 
 AMBIGUOUS = 0.25
 """Intervals by which a step may be off a whole number, or uncertain, so that it can be counted. A step further off
@@ -79,13 +76,13 @@ def estimate_interval(
     positive = steps[steps > 0.0]
     shortest = _shortest(positive)
     singles = positive[positive < (1.0 + SINGLE_EXCESS) * shortest]
-    guess = nominal_s if nominal_s is not None and _is_multiple(positive, nominal_s) else None
+    guess = nominal_s if nominal_s is not None and are_steady(positive / nominal_s) else None
     if tick_s is not None and (multiple := guess or common_multiple(singles, tick_s)):
         return multiple
     interval, error = regression_interval(steps, guess or float(np.mean(singles)))
     if error > RATE_PRECISION and not last:
         return None
-    tolerance = min(max(SIGNIFICANT * error, RATE_PRECISION), NOMINAL_SHARE)
+    tolerance = min(max(SIGNIFICANT * error, RATE_PRECISION), RATE_TOLERANCE)
     if nominal_s is not None and abs(interval / nominal_s - 1.0) <= tolerance:
         return nominal_s
     return round_to_hertz(interval, min(SIGNIFICANT * error, RATE_PRECISION))
@@ -93,7 +90,7 @@ def estimate_interval(
 
 def is_nominal(steps: Floats, nominal_s: float, tick_s: float | None) -> bool:
     """Return whether all of (n,) steps, s, are the nominal interval, as far as the tick of the clock shows."""
-    share = RATE_PRECISION if tick_s is None else NOMINAL_SHARE
+    share = RATE_PRECISION if tick_s is None else RATE_TOLERANCE
     return bool((np.abs(steps / nominal_s - 1.0) < share).all())
 
 
@@ -206,16 +203,15 @@ def common_multiple(steps: Floats, tick_s: float) -> float | None:
     if (
         near < 1
         or (np.rint(ticks) != near).any()
-        or abs(float(np.mean(ticks)) - near) >= min(WHOLE, NOMINAL_SHARE * near)
+        or abs(float(np.mean(ticks)) - near) >= min(WHOLE, RATE_TOLERANCE * near)
     ):
         return None
     return near * tick_s
 
 
-def _is_multiple(steps: Floats, interval_s: float) -> bool:
-    """Return whether nearly all of (n,) steps, s, are whole multiples of an interval."""
-    counts = steps / interval_s
-    return bool(np.mean((np.abs(counts - np.rint(counts)) < WHOLE) & (counts > 0.5)) > MOST_STEPS)
+def are_steady(steps: Floats) -> bool:
+    """Return whether nearly all of (n,) steps, intervals, are whole."""
+    return bool(np.mean((np.abs(steps - np.rint(steps)) < WHOLE) & (steps > 0.5)) >= STEADY_SHARE)
 
 
 class RateChange:
@@ -229,7 +225,7 @@ class RateChange:
 
     def find(self, steps: Floats) -> int | None:
         """Return which of (n,) steps, intervals, is the last that shows a new rate; None: none."""
-        other = (np.abs(steps - 1.0) > NOMINAL_SHARE) & (steps > BURST_STEP) & (steps < SPARSE_STEP)
+        other = (np.abs(steps - 1.0) > RATE_TOLERANCE) & (steps > BURST_STEP)
         if not other.any():
             self._count, self._last = 0, 1.0
             return None

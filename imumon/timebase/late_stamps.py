@@ -17,12 +17,6 @@ from imumon.samples import Floats, Ints
 from imumon.timebase.interval import AMBIGUOUS, REFERENCE_SAMPLES
 from imumon.timebase.timestamps import AHEAD_ROWS, AHEAD_S
 
-LONG_STEP = 1.25
-"""Intervals; a longer step is a loss or a late stamp."""
-
-SAME_RATE = 0.2
-"""Share by which the median of the steps before may differ from the interval."""
-
 
 class LateStamps:
     """Times of rows with even stamps, of which a few are late.
@@ -57,7 +51,7 @@ class LateStamps:
         known = np.concatenate([self._known, lost])
         times, settled, ready = stamps.copy(), max(1, self._returned), len(stamps)
         steps = np.diff(stamps)
-        for row in (np.flatnonzero(steps > LONG_STEP * self.interval) + 1).tolist():
+        for row in (np.flatnonzero(steps > (1.0 + AMBIGUOUS) * self.interval) + 1).tolist():
             if row < settled or not self._same_rate(steps[max(0, row - 1 - REFERENCE_SAMPLES) : row - 1]):
                 continue
             on_time = self._settle(stamps[row - 1 :], known[row:], times[row:], final)
@@ -72,7 +66,7 @@ class LateStamps:
 
     def _same_rate(self, steps: Ints) -> bool:
         """Return whether the steps before a long one are still about one interval."""
-        return not len(steps) or abs(float(np.median(steps)) / self.interval - 1.0) < SAME_RATE
+        return not len(steps) or abs(float(np.median(steps)) / self.interval - 1.0) < AMBIGUOUS
 
     def _settle(self, stamps: Ints, known: Ints, times: Ints, final: bool) -> int | None:
         """Put the rows behind a long step that are late on the grid; return how many, None: not known yet.

@@ -21,22 +21,20 @@ from enum import IntEnum
 import numpy as np
 
 from imumon.samples import FASTEST_HZ, SLOWEST_HZ, Floats, Ints
-from imumon.timebase.interval import NOMINAL_SHARE
+from imumon.timebase.interval import RATE_TOLERANCE
 from imumon.timebase.late_stamps import LateStamps
 from imumon.timebase.timestamps import (
     AHEAD_S,
-    COARSE_STEPS,
+    FEW_STEPS,
     LONG_WINDOW,
     HostStamps,
+    is_coarse,
     rate_obstacle,
     stamp_interval,
 )
 
 FIRST_ROWS = 128
 """Rows whose stamps are assessed first; the number doubles while they are uneven."""
-
-FEW_ROWS = 8
-"""Fewest rows that are assessed, of a slow stream."""
 
 DECIDE_S = 10.0
 """s of rows after which a decision is due."""
@@ -138,7 +136,7 @@ class LiveStamps:
         count = len(self._waiting)
         span_s = float(np.ptp(self._waiting[:, RowColumn.ARRIVED])) * 1e-9 if count else 0.0
         due = final or (span_s >= DECIDE_S and count >= LONG_WINDOW) or span_s >= LATEST_S
-        if not count or (not due and (count < FEW_ROWS or (count < self._next_rows and span_s < DECIDE_S))):
+        if not count or (not due and (count < FEW_STEPS or (count < self._next_rows and span_s < DECIDE_S))):
             return
         self._next_rows = max(self._next_rows, 2 * count)
         stamps = self._waiting[:, RowColumn.STAMPS]
@@ -168,7 +166,7 @@ class LiveStamps:
         self._host = HostStamps((times - self._origin).astype(np.float64), self._interval)
         self._lost, self._lost_before = 0, np.empty(0, np.int64)
         if self._used == RowColumn.STAMPS:
-            coarse = self._interval <= COARSE_STEPS * self._resolution
+            coarse = is_coarse(self._interval, self._resolution)
             self.remark = (COARSE if coarse else UNEVEN) + (ROUGH_LOSSES if self._host.rough else "")
 
     def _contradicting(self, rows: Ints) -> Ints | None:
@@ -183,7 +181,7 @@ class LiveStamps:
         interval, steady = found
         if steady and self._late is not None:
             self._late.interval = interval
-        differs = not steady if self._steady else abs(interval / self._interval - 1.0) > NOMINAL_SHARE
+        differs = not steady if self._steady else abs(interval / self._interval - 1.0) > RATE_TOLERANCE
         self._doubts = self._doubts + 1 if differs else 0
         if self._doubts < 2:
             return None

@@ -34,6 +34,7 @@ import numpy.typing as npt
 from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, concatenated, selected
 from imumon.timebase.interval import (
     AMBIGUOUS,
+    RATE_TOLERANCE,
     REFERENCE_SAMPLES,
     RateChange,
     counter_unit,
@@ -59,10 +60,7 @@ LONGEST_GAP_S = 31 * 86400.0
 """s. A gap longer than this, with no host clock to confirm it, is of unknown length."""
 
 GAP_SLACK_S = 10.0
-"""s by which the host clock may differ from the sample clock over a gap."""
-
-GAP_SLACK_SHARE = 0.02
-"""Share of a gap by which the two clocks may differ in addition."""
+"""s by which the host clock may differ from the sample clock over a gap, and by `RATE_TOLERANCE` of it."""
 
 BREAK = -1
 """Step of a sample behind a gap of unknown length."""
@@ -325,7 +323,7 @@ class SampleClock:
             self._recent.append(np.stack([time[-REFERENCE_SAMPLES:], steps[-REFERENCE_SAMPLES:]]))
         if self._open_s is not None:
             known = int(steps.min(initial=0)) != BREAK
-            filled = (1.0 + GAP_SLACK_SHARE) * int(steps.sum()) * float(self.interval_s or 0.0)
+            filled = (1.0 + RATE_TOLERANCE) * int(steps.sum()) * float(self.interval_s or 0.0)
             self._open_s = max(0.0, self._open_s - filled) if known else 0.0
 
     def _clock_restarted(self, time: int) -> bool:
@@ -391,4 +389,4 @@ def _last_true(keep: Bools) -> npt.NDArray[np.intp]:
 
 def _with_slack(length_s: float) -> float:
     """Return the longest time that a time by another clock may be, s."""
-    return (1.0 + GAP_SLACK_SHARE) * length_s + GAP_SLACK_S
+    return (1.0 + RATE_TOLERANCE) * length_s + GAP_SLACK_S

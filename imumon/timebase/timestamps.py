@@ -16,13 +16,17 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from imumon.samples import Floats, Ints
-from imumon.timebase.interval import RATE_PRECISION, SINGLE_EXCESS, WHOLE, round_to_hertz
+from imumon.timebase.interval import (
+    AMBIGUOUS,
+    RATE_PRECISION,
+    SINGLE_EXCESS,
+    WHOLE,
+    are_steady,
+    round_to_hertz,
+)
 
 RateObstacle: TypeAlias = Literal["single_row", "time_descending", "time_constant", "time_too_coarse"]
 """Why time stamps show no rate."""
-
-STEADY_SHARE = 0.95
-"""Share of steps that must be whole intervals for the stamps to be those of a sample clock."""
 
 SHORT_WINDOW = 16
 """Rows of one of the two first estimates of the rate: more than a batch, fewer than from one lost sample to
@@ -42,9 +46,6 @@ BURST_GAPS = 3
 LOSS_DOUBTED = 0.01
 """Share of lost samples above which an estimate without losses is tried as well."""
 
-COARSE_STEPS = 4.0
-"""Resolutions of a stamp below which its steps do not show an interval: half of one is an eighth of it."""
-
 AHEAD_S = 1.0
 """s. A stall that is made up for within this time is a delay; a longer one counts as lost samples."""
 
@@ -52,7 +53,7 @@ AHEAD_ROWS = 32
 """Rows that are looked ahead at least."""
 
 FEW_STEPS = 10
-"""Steps of batched stamps that are too few to show a rate: the batches at both ends are incomplete."""
+"""Steps that are too few to show a rate: of batched stamps, the batches at both ends are incomplete."""
 
 LOSS = 0.5
 """Intervals by which the smallest delay must rise to be lost samples."""
@@ -117,9 +118,7 @@ def stamp_interval(times: Floats, resolution: float = 0.0) -> tuple[float, bool]
     shortest = float(np.quantile(ahead, 0.1, method="lower"))
     interval = float(ahead[ahead < (1.0 + SINGLE_EXCESS) * shortest].mean())
     counts = steps / interval
-    steady = float(np.mean((np.abs(counts - np.rint(counts)) < WHOLE) & (counts > 0.5))) >= STEADY_SHARE
-    fine = interval > COARSE_STEPS * resolution
-    if steady and fine and not _in_bursts(counts):
+    if are_steady(counts) and not is_coarse(interval, resolution) and not _in_bursts(counts):
         return _near_hertz(_refined(times, interval, 1)), True
     candidates = []
     for window in {min(window, len(times) - 1) for window in (SHORT_WINDOW, LONG_WINDOW)}:
@@ -131,6 +130,11 @@ def stamp_interval(times: Floats, resolution: float = 0.0) -> tuple[float, bool]
         level = _near_hertz(_lossless_interval(times))
         best = min(((_misfit(times, level), level), *([] if best is None else [best])))
     return best[1], False
+
+
+def is_coarse(interval: float, resolution: float) -> bool:
+    """Return whether stamps of a resolution do not show an interval; both in ns."""
+    return resolution >= AMBIGUOUS * interval
 
 
 def _in_bursts(counts: Floats) -> bool:
