@@ -17,6 +17,7 @@ from functools import cache
 from typing import Any
 
 from imumon.ros2.node import (
+    MOST_ENTITIES,
     QUEUE_MESSAGES,
     Publication,
     Received,
@@ -28,8 +29,6 @@ from imumon.ros2.node import (
 )
 from imumon.ros2.ros_messages import dds_name, ros_name, type_store
 
-MOST_PUBLISHERS = 1 << 12
-"""Publishers of a domain that are looked at."""
 PREFIX = "rt/"
 """Begins the DDS topic of each ROS 2 topic."""
 
@@ -169,7 +168,7 @@ class DdsNode(RosNode):
         from cyclonedds.core import InstanceState
 
         found = set()
-        for each in self._graph.read(MOST_PUBLISHERS):
+        for each in self._graph.read(MOST_ENTITIES):
             info = each.sample_info
             alive = info.valid_data and info.instance_state == InstanceState.Alive
             other = alive and each.participant_key != self.participant.guid

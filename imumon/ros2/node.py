@@ -14,6 +14,8 @@ from typing import NamedTuple
 from imumon.errors import ImumonError
 
 NODE_NAME = "imumon"
+MOST_ENTITIES = 1 << 14
+"""Publishers, subscriptions and nodes of a domain that are kept."""
 QUEUE_MESSAGES = 1 << 14
 """Messages of a topic that may wait: 16 s at 1 kHz, 8 MB."""
 

@@ -8,15 +8,12 @@ The formats are those of `docs/design.md` of ros2/rmw_zenoh after its pull reque
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
 import xxhash
 
 from imumon.ros2.ros_messages import dds_name, ros_name
 
-DEFAULT_DEPTH = 42
-"""Depth of a queue that rmw_zenoh leaves out of the QoS text."""
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_BYTES = 16
 _TOKEN_CHUNKS = 12
@@ -25,30 +22,9 @@ EntityKind: TypeAlias = Literal["NN", "MP", "MS", "SS", "SC"]
 """Node, publisher, subscription, service server, service client."""
 
 
-@dataclass(frozen=True, slots=True)
-class Qos:
-    """Quality of service, as far as rmw_zenoh uses it; the defaults are those of ROS 2 topics."""
-
-    reliable: bool = True
-    transient_local: bool = False
-    keep_all: bool = False
-    depth: int = 10
-
-    def __str__(self) -> str:
-        """Return the text of a token; empty parts are defaults.
-
-        >>> str(Qos()), str(Qos(reliable=False)), str(Qos(transient_local=True, depth=1)), str(Qos(depth=42))
-        ('::,10:,:,:,,', '2::,10:,:,:,,', ':1:,1:,:,:,,', '::,:,:,:,,')
-        """
-        reliability = "" if self.reliable else "2"
-        durability = "1" if self.transient_local else ""
-        history = "2" if self.keep_all else ""
-        depth = "" if self.depth == DEFAULT_DEPTH else str(self.depth)
-        return f"{reliability}:{durability}:{history},{depth}:,:,:,,"
-
-
-SENSOR_DATA = Qos(reliable=False, depth=5)
-"""QoS of sensor data in ROS 2 (rmw_qos_profile_sensor_data)."""
+RELIABLE, SENSOR_DATA = "::,10:,:,:,,", "2::,5:,:,:,,"
+"""Quality of service in a token: of ROS 2 topics, and of sensor data (rmw_qos_profile_sensor_data). Its parts are
+reliability, durability, history and depth, then what rmw_zenoh does not use; an empty part is the default."""
 
 
 def topic_key(domain: int, topic: str, type_name: str, hash: str = "*") -> str:
@@ -88,7 +64,7 @@ def entity_token(
     topic: str,
     type_name: str,
     hash: str,
-    qos: Qos,
+    qos: str,
     *,
     entity_id: int,
 ) -> str:

@@ -22,6 +22,7 @@ import zenoh
 from zenoh.handlers import FifoChannel
 
 from imumon.ros2.node import (
+    MOST_ENTITIES,
     NODE_NAME,
     QUEUE_MESSAGES,
     Publication,
@@ -34,11 +35,11 @@ from imumon.ros2.node import (
 )
 from imumon.ros2.ros_messages import NO_HASH, type_hash
 from imumon.ros2.topic_keys import (
+    RELIABLE,
     SENSOR_DATA,
     Attachment,
     Entity,
     EntityKind,
-    Qos,
     entity_token,
     gid_of,
     node_token,
@@ -50,13 +51,8 @@ from imumon.ros2.topic_keys import (
 THREADS = "(rx: (worker_threads: 1), app: (worker_threads: 1))"
 """Threads of Zenoh that receive and that handle, instead of two each: one task that moves between threads wakes them a
 thousand times per second at 1 kHz, which is a quarter of the cost of a message."""
-MAX_TOKENS = 1 << 14
-"""Publishers, subscriptions and nodes that are kept of a domain."""
 MAX_MESSAGE_BYTES = 1 << 20
 """Bytes of a message that is accepted; an Imu has 320."""
-LEASE_MS = 10_000
-"""ms after which a silent link is closed, as by default in Zenoh: the link of a host that is busy for two seconds must
-stay, with what waits in it. The end of a router shows at once."""
 RETRY_MS = {"period_init_ms": 500, "period_max_ms": 2000, "period_increase_factor": 1.5}
 """Times between two attempts to connect to a router that is gone."""
 ANSWER_S = 1.0
@@ -107,7 +103,7 @@ class ZenohPublication(Publication):
         self._publisher = self._node.session.declare_publisher(
             key, congestion_control=zenoh.CongestionControl.DROP
         )
-        token = self._node.token("MP", self._topic, self._type, self._hash, Qos())
+        token = self._node.token("MP", self._topic, self._type, self._hash, RELIABLE)
         self._gid = gid_of(token)
         self._token = self._node.session.liveliness().declare_token(token)
 
@@ -147,13 +143,13 @@ class ZenohNode(RosNode):
         liveliness = self.session.liveliness()
         self._node_token = liveliness.declare_token(node_token(domain, self._zid, name))
         graph = f"@ros2_lv/{domain}/**"
-        self._changes = liveliness.declare_subscriber(graph, FifoChannel(MAX_TOKENS), history=True)
+        self._changes = liveliness.declare_subscriber(graph, FifoChannel(MOST_ENTITIES), history=True)
         for reply in liveliness.get(graph, timeout=ANSWER_S):
             if reply.ok is not None:
                 self._note(str(reply.ok.key_expr))
         self._update()
 
-    def token(self, kind: EntityKind, topic: str, type_name: str, hash: str, qos: Qos) -> str:
+    def token(self, kind: EntityKind, topic: str, type_name: str, hash: str, qos: str) -> str:
         """Return the token of a new entity of this node."""
         self._entities += 1
         return entity_token(
@@ -194,7 +190,7 @@ class ZenohNode(RosNode):
 
     def _note(self, key: str) -> None:
         entity = parse_token(key)
-        if entity is None or entity.session == self._zid or len(self._tokens) >= MAX_TOKENS:
+        if entity is None or entity.session == self._zid or len(self._tokens) >= MOST_ENTITIES:
             return
         if is_plain(entity.node, entity.topic, entity.type):
             self._tokens[key] = entity
@@ -225,7 +221,6 @@ def _config(router: str) -> zenoh.Config:
         "scouting/gossip/enabled": False,
         "timestamping/enabled": True,
         "transport/shared_memory/enabled": False,
-        "transport/link/tx/lease": LEASE_MS,
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
     }
     config = zenoh.Config()

@@ -31,8 +31,9 @@ from imumon.ros2.ros_messages import (
     with_imu_covariances,
 )
 from imumon.ros2.topic_keys import (
+    RELIABLE,
+    SENSOR_DATA,
     Attachment,
-    Qos,
     entity_token,
     gid_of,
     node_token,
@@ -141,7 +142,7 @@ IMU_TYPE = f"sensor_msgs::msg::dds_::Imu_/RIHS01_{HASHES[IMU]}"
 
 def test_key_token_gid_and_attachment_of_the_vector() -> None:
     assert topic_key(0, "/imu/data_cov", IMU, type_hash(IMU)) == f"0/imu/data_cov/{IMU_TYPE}"
-    token = entity_token(0, ZID, "imumon", "MP", "/imu/data_cov", IMU, type_hash(IMU), Qos(), entity_id=10)
+    token = entity_token(0, ZID, "imumon", "MP", "/imu/data_cov", IMU, type_hash(IMU), RELIABLE, entity_id=10)
     assert token == f"@ros2_lv/0/{ZID}/0/10/MP/%/%/imumon/%imu%data_cov/{IMU_TYPE}/::,10:,:,:,,"
     assert gid_of(token).hex(" ") == "52 7f 04 b6 35 76 45 98 95 f4 51 e0 bc 2d 00 b7"
     attachment = Attachment(1, STAMP_NS, gid_of(token))
@@ -162,14 +163,16 @@ def test_keys_of_the_design_document() -> None:
 
 def test_tokens_of_the_design_document() -> None:
     assert node_token(2, ZID, "listener") == f"@ros2_lv/2/{ZID}/0/0/NN/%/%/listener"
-    token = entity_token(2, ZID, "listener", "MS", "/chatter", STRING, type_hash(STRING), Qos(), entity_id=10)
+    token = entity_token(
+        2, ZID, "listener", "MS", "/chatter", STRING, type_hash(STRING), RELIABLE, entity_id=10
+    )
     assert token == f"@ros2_lv/2/{ZID}/0/10/MS/%/%/listener/%chatter/{STRING_TYPE}/::,10:,:,:,,"
     entity = parse_token(token)
     assert entity is not None
     assert (entity.kind, entity.node, entity.topic, entity.type) == ("MS", "/listener", "/chatter", STRING)
-    talker = token.replace("MS", "MP").replace("listener", "talker").replace(",10", ",7")
+    talker = token.replace("MS", "MP").replace("listener", "talker").replace("/::,10", "/2::,5")
     made = entity_token(
-        2, ZID, "talker", "MP", "/chatter", STRING, type_hash(STRING), Qos(depth=7), entity_id=10
+        2, ZID, "talker", "MP", "/chatter", STRING, type_hash(STRING), SENSOR_DATA, entity_id=10
     )
     assert made == talker
 
