@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from imumon.devices.vn100.commands import BAUD_RATES
+from imumon.devices.ports import BAUD_RATES
 from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
 from imumon.devices.vn100.emulator.emulator import make_device

@@ -24,6 +24,10 @@ from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 from imumon.errors import ImumonError
 from imumon.samples import DeviceCounters, DeviceInfo, Item, SampleBlock
 
+RESTART_NS = 1_000_000_000
+"""ns by which the clock of a restarted sensor goes back at least; less is a wrong order."""
+WRAP_NS = 10_000_000_000
+"""ns of a step over the wrap of a counter at most: a larger one may be a restart."""
 ARRIVAL_S, ARRIVAL_SAMPLES = 0.2, 3.0
 """s and samples by which a clock or a rate may differ from the host clock beside `RATE_TOLERANCE`: samples arrive in
 batches."""

@@ -30,9 +30,11 @@ pyserial: Any = _pyserial  # it has no types
 POLL_S = 0.1
 """s after which a wait for bytes looks whether it has to end."""
 READ_BYTES = 1 << 16
-"""Bytes of one read from the port: more than a tty holds, and the longest datagram."""
+"""Bytes of one read: more than a tty holds, and the longest datagram; after a stall, megabytes may be queued."""
 DATAGRAM_BYTES = 1 << 22
 """Bytes of datagrams for which the kernel is asked, in case the reader is late; it may give less."""
+BAUD_RATES = (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600)
+"""bit/s in the order in which they are tried: the factory value of most sensors, then the fast ones."""
 STANDARD_INPUT = "-"
 """Path of standard input."""
 

@@ -40,8 +40,6 @@ FEW_BYTES = 512
 tty holds up to 1 Mbit/s. The baud rate does not show it: a board on USB ignores it."""
 COLLECT_BYTES = 2048
 """Bytes from which the reader does not wait: half of what a tty holds."""
-PIECE_BYTES = 1 << 16
-"""Bytes that `SerialPort.read` returns at most: after a stall there may be megabytes."""
 
 
 class SerialPort:
@@ -110,7 +108,7 @@ class SerialPort:
     @property
     def waits(self) -> bool:
         """Whether to read at once: a whole piece is queued, or no more bytes will arrive."""
-        return self._queued >= PIECE_BYTES or self._loss is not None
+        return self._queued >= READ_BYTES or self._loss is not None
 
     @property
     def overruns(self) -> int:
@@ -143,7 +141,7 @@ class SerialPort:
             if not self._queue and self._loss is not None:
                 raise self._loss
             piece, size = [], 0
-            while self._queue and size < PIECE_BYTES:
+            while self._queue and size < READ_BYTES:
                 piece.append(self._queue.popleft())
                 size += len(piece[-1])
             self._queued -= size

@@ -15,8 +15,6 @@ from imumon.devices.base import InvalidOption
 from imumon.samples import ACCEL, AXES, CHANNELS, GYRO, Stream
 
 DEFAULT_COLUMNS = "t_ms,gx,gy,gz,ax,ay,az"
-MOST_COLUMNS = 64
-"""Columns of a line at most."""
 SENSORS = {"gyro": "gyro", "accel": "accel", "mag": "mag", "temp": "temperature", "pressure": "pressure"}
 """Quantity of each parameter that gives a unit."""
 
@@ -94,7 +92,7 @@ def header_columns(cells: Sequence[str], settings: Mapping[str, str]) -> LineCol
     >>> header_columns(["MPU6050", "ready"], {}) is None
     True
     """
-    if not 1 < len(cells) <= MOST_COLUMNS:
+    if len(cells) < 2:
         return None
     columns = [_time_named(parse_name(k, cell)) for k, cell in enumerate(cells)]
     if any(column.unknown_unit is not None for column in columns):

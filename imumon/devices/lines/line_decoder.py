@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from imumon.devices.base import RESTART_NS, WRAP_NS
 from imumon.devices.lines.line_columns import (
     DEFAULT_COLUMNS,
     LineColumns,
@@ -39,10 +40,6 @@ LONGEST_LINE = 4096
 """Bytes of a line at most."""
 WRAPS = (1 << 30, 1 << 32)
 """Periods of counters, in their units: MicroPython ``ticks_ms`` and ``ticks_us``; Arduino ``millis`` and ``micros``."""
-WRAP_NS = 10_000_000_000
-"""ns of the step over a wrap at most: a larger one may be a restart."""
-RESTART_NS = 1_000_000_000
-"""ns by which a restarted clock goes back at least; less is a wrong order."""
 GRAVITY_SAMPLES = 100
 """Samples whose acceleration is compared with gravity."""
 GRAVITY_RATIO = 1.5

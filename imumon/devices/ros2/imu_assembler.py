@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from imumon.ros2.node import Received
+from imumon.ros2.node import QUEUE_MESSAGES, Received
 from imumon.ros2.ros_messages import (
     IMU,
     MAGNETIC_FIELD,
@@ -41,8 +41,6 @@ PARTNER_S = 1.0
 """s that a row waits for its partner in another topic."""
 FIRST_S = 12.0
 """s that the first rows wait for a further topic, whose messages may be rare."""
-PARTNER_ROWS = 1 << 14
-"""Samples of another topic that are kept."""
 SILENT_S = 0.5
 """s without a message of the publisher that is followed, after which another one may take its place."""
 SILENT_MESSAGES = 3.0
@@ -72,8 +70,8 @@ class PartnerTopic:
 
     def add(self, stamps: Sequence[int], values: Sequence[Sequence[float]]) -> None:
         if stamps:
-            self.stamps = np.append(self.stamps, np.array(stamps, np.int64))[-PARTNER_ROWS:]
-            self.values = np.append(self.values, np.array(values).reshape(-1, 3), axis=0)[-PARTNER_ROWS:]
+            self.stamps = np.append(self.stamps, np.array(stamps, np.int64))[-QUEUE_MESSAGES:]
+            self.values = np.append(self.values, np.array(values).reshape(-1, 3), axis=0)[-QUEUE_MESSAGES:]
 
     def match(self, stamps: Ints) -> Floats:
         """Return (n, 3) the values whose stamps are nearest, within half an interval; NaN: there are none."""

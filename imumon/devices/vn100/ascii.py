@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from imumon.devices.vn100.checksum import crc16, xor8
 from imumon.devices.vn100.measurements import WIDTHS, SampleConverter, sample_converter
+from imumon.devices.vn100.registers import ErrorCode
 from imumon.samples import Floats
 
 
@@ -72,14 +73,8 @@ MEASUREMENT_HEADERS = frozenset(message.encode() for message in MEASUREMENTS)
 OTHER_PRODUCTS = frozenset({"VNGPS", "VNGPE", "VNINS", "VNINE", "VNISL", "VNISE", "VNG2S", "VNG2E", "VNRTK"})
 """Asynchronous messages of the VN-200 and VN-300: valid, but not decoded."""
 
-ERRORS = {
-    0x01: "hard fault", 0x02: "serial input buffer overflow", 0x03: "invalid checksum",
-    0x04: "invalid command", 0x05: "not enough parameters", 0x06: "too many parameters",
-    0x07: "invalid parameter", 0x08: "invalid register", 0x09: "not allowed",
-    0x0A: "watchdog reset", 0x0B: "serial output buffer overflow",
-    0x0C: "baud rate too low for the requested output", 0xFF: "error buffer overflow",
-}  # fmt: skip
-"""Meaning of the codes of ``VNERR``."""
+ERRORS: dict[int, str] = {code: code.name.lower().replace("_", " ") for code in ErrorCode}
+"""Text of an error by its code."""
 
 SENTENCE = re.compile(rb"\$(VN[A-Z0-9]{3}(?:,[^$\r\n\xfa]*)?)\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2})\r?\n")
 """Frame of a sentence. The start of another message ends it, so a truncated sentence never includes the next

@@ -14,9 +14,8 @@ from typing import Protocol
 from imumon.devices.base import DeviceError, DeviceNotFound
 from imumon.devices.vn100.ascii import Response, SensorError, encode
 from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
+from imumon.devices.vn100.registers import ErrorCode
 
-BAUD_RATES = (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600)
-"""Baud rates in the order in which they are tried: the factory value, then the fast ones."""
 LISTEN_S = 0.1
 """s to listen before the first request: a stream of 20 Hz or more needs none."""
 LISTEN_ONLY_S = 1.2
@@ -26,7 +25,14 @@ REPLY_S = 0.3
 TRIES = 5
 """Most requests for one reply: a line that damages one byte in a hundred damages every fourth reply."""
 
-_RETRIABLE = {0x01, 0x02, 0x03, 0x0A, 0x0B, 0xFF}
+_RETRIABLE = {
+    ErrorCode.HARD_FAULT,
+    ErrorCode.SERIAL_INPUT_BUFFER_OVERFLOW,
+    ErrorCode.INVALID_CHECKSUM,
+    ErrorCode.WATCHDOG_RESET,
+    ErrorCode.SERIAL_OUTPUT_BUFFER_OVERFLOW,
+    ErrorCode.ERROR_BUFFER_OVERFLOW,
+}
 """Error codes that are not about the request, or after which it should be sent again."""
 _NMEA = re.compile(rb"\$(G[A-Z][A-Z]{3}|P[A-Z]{3,8}),[ -~]*")
 

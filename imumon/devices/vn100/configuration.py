@@ -13,8 +13,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from imumon.devices.base import DeviceNotFound, InvalidOption
+from imumon.devices.ports import BAUD_RATES
 from imumon.devices.vn100.ascii import Response
-from imumon.devices.vn100.commands import BAUD_RATES, CommandChannel, baud_unsupported
+from imumon.devices.vn100.commands import CommandChannel, baud_unsupported
 from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.devices.vn100.registers import BINARY_OUTPUTS, LOOP_RATE, ErrorCode, RegisterNumber
 from imumon.devices.vn100.stream_settings import (
@@ -227,7 +228,7 @@ class Configuration:
             text = output(self._kind, divisor, mode)
             if channel.write(register, text) and same(channel.read(register) or "", text):
                 return divisor
-            if channel.error_code != ErrorCode.BAUD_TOO_LOW:
+            if channel.error_code != ErrorCode.BAUD_RATE_TOO_LOW:
                 break
         return None
 

@@ -5,14 +5,9 @@ from __future__ import annotations
 import re
 
 from imumon.devices.vn100 import registers
-from imumon.devices.vn100.registers import REGISTERS, RegisterNumber
+from imumon.devices.vn100.registers import DATA_REGISTERS, REGISTERS, RegisterNumber
 from imumon.devices.vn100.stream_settings import OFF, Texts, alias_factors, parse_output, source
 from imumon.samples import ALIASED, DeviceInfo, Stream
-
-DATA_REGISTERS = (23, 25, 26, 35, 43, 44, 82, 84, 85)
-"""Registers that change what the samples mean: with another value they begin another record. The outputs are
-not among them: they make another stream, which the pipeline sees itself."""
-
 
 FAMILY = "VN-100"
 """Family of a sensor that does not say its model."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import IntFlag
 from functools import lru_cache
 from math import pi
 from typing import Any, TypeAlias
@@ -20,6 +21,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from imumon.devices.vn100.registers import LOOP_RATE
 from imumon.samples import CHANNELS, Bools, Clock, Floats, Ints, Kind, Stream, sensor_of
 
 GetQuantity: TypeAlias = Callable[[str], npt.NDArray[Any]]
@@ -44,9 +46,6 @@ _OTHERS: dict[str, tuple[Kind, str]] = {"temperature": ("unknown", "temp"), "pre
 _OVER_DT = {"dtheta": pi / 180.0, "dvel": 1.0}
 """Increments, with the factor that converts their rate to SI."""
 
-TICK_S = 1.0 / 800.0
-"""s, period of the inner loop of a VN-100: its output intervals are multiples of it."""
-
 _MAX_INTERVAL_S = 1e6
 """s; longer intervals are invalid."""
 
@@ -54,8 +53,15 @@ _MAX_VALUE = 1e9
 """Channel unit; larger values are invalid, no sensor measures them. A damaged float that passes its check can
 be 1e38, whose fourth power overflows: one such sample would invalidate all moments."""
 
-_VPE_SATURATED = 0x0204
-"""Bits of VpeStatus: gyroscope saturated (2), accelerometer saturated (9)."""
+
+class VpeStatus(IntFlag):
+    """Bits of VpeStatus that imumon reads or the emulator sets."""
+
+    GYRO_SATURATED = 1 << 2
+    ACCEL_SATURATED = 1 << 9
+    SATURATED = GYRO_SATURATED | ACCEL_SATURATED
+    MAG_DISTURBED = 1 << 11
+    ACCEL_DISTURBED = 1 << 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +123,7 @@ class SampleConverter:
         saturated: Bools | None = None
         for flag in self.flags:
             word = get(flag)[:, 0]
-            flagged = (word & _VPE_SATURATED if flag == "vpe" else word) != 0
+            flagged = (word & VpeStatus.SATURATED.value if flag == "vpe" else word) != 0
             saturated = flagged if saturated is None else saturated | flagged
         return ConvertedSamples(values, time, saturated, _valid_rows(values, dt, time))
 
@@ -188,5 +194,5 @@ def sample_converter(quantities: frozenset[str], source: str) -> SampleConverter
     flags = tuple(flag for flag in ("vpe", "sat") if flag in available)
     differing = {sensor: own for sensor, own in kinds.items() if own != kind}
     gyro_kind, accel_kind = differing.get("gyro"), differing.get("accel")
-    stream = Stream(kind, channels, source, clock, gyro=gyro_kind, accel=accel_kind, tick_s=TICK_S)
+    stream = Stream(kind, channels, source, clock, gyro=gyro_kind, accel=accel_kind, tick_s=1.0 / LOOP_RATE)
     return SampleConverter(stream, tuple(parts), uses_dt, flags)

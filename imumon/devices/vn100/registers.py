@@ -44,7 +44,7 @@ BINARY_OUTPUTS = (75, 76, 77)
 
 
 class RegisterNumber(IntEnum):
-    """Numbers of the registers that have a meaning for the session."""
+    """Numbers of the registers that the session or the emulator knows by name."""
 
     BAUD = 5
     OUTPUT_TYPE = 6
@@ -58,22 +58,28 @@ class RegisterNumber(IntEnum):
     STARTUP_BIAS = 43
     IRON_CONTROL = 44
     IRON_RESULT = 47
+    STARTUP_FILTER_BIAS = 74
     DELTA_CONTROL = 82
     GYRO_CALIBRATION = 84
     IMU_FILTER = 85
 
 
 class ErrorCode(IntEnum):
-    """Why the sensor refuses a command, as it says itself."""
+    """Codes of ``VNERR``: why the sensor refuses a command, or what has happened to it."""
 
-    BAD_CHECKSUM = 0x03
-    BAD_COMMAND = 0x04
-    TOO_FEW = 0x05
-    TOO_MANY = 0x06
-    BAD_PARAMETER = 0x07
-    BAD_REGISTER = 0x08
+    HARD_FAULT = 0x01
+    SERIAL_INPUT_BUFFER_OVERFLOW = 0x02
+    INVALID_CHECKSUM = 0x03
+    INVALID_COMMAND = 0x04
+    NOT_ENOUGH_PARAMETERS = 0x05
+    TOO_MANY_PARAMETERS = 0x06
+    INVALID_PARAMETER = 0x07
+    INVALID_REGISTER = 0x08
     NOT_ALLOWED = 0x09
-    BAUD_TOO_LOW = 0x0C
+    WATCHDOG_RESET = 0x0A
+    SERIAL_OUTPUT_BUFFER_OVERFLOW = 0x0B
+    BAUD_RATE_TOO_LOW = 0x0C
+    ERROR_BUFFER_OVERFLOW = 0xFF
 
 
 class RegisterError(ValueError):
@@ -120,7 +126,9 @@ class RegisterField:
         except ValueError:
             number = math.nan
         if not math.isfinite(number) or (self.kind == "integer" and number != int(number)):
-            raise RegisterError(ErrorCode.BAD_PARAMETER, f"{self.name}: {text!r} is not of kind {self.kind}")
+            raise RegisterError(
+                ErrorCode.INVALID_PARAMETER, f"{self.name}: {text!r} is not of kind {self.kind}"
+            )
         return number if self.kind == "real" else int(number)
 
     def normalise(self, text: str, generation: Generation) -> str:
@@ -129,12 +137,12 @@ class RegisterField:
         if isinstance(value, str):
             if len(value) > self.high:
                 raise RegisterError(
-                    ErrorCode.BAD_PARAMETER, f"{self.name}: longer than {self.high:.0f} characters"
+                    ErrorCode.INVALID_PARAMETER, f"{self.name}: longer than {self.high:.0f} characters"
                 )
             return value
         allowed = value in self.choices if self.choices else self.low <= value <= self.high
         if not allowed or self.only.get(int(value), generation) != generation:
-            raise RegisterError(ErrorCode.BAD_PARAMETER, f"{self.name}: {text} is not allowed")
+            raise RegisterError(ErrorCode.INVALID_PARAMETER, f"{self.name}: {text} is not allowed")
         return self.format(value)
 
     def format(self, value: Value) -> str:
@@ -209,10 +217,14 @@ class Register:
                 count = int(layout[2].parse(values[2])).bit_count()
                 if len(values) != 3 + count:
                     text = f"register {self.id} needs one field word for each set group"
-                    raise RegisterError(ErrorCode.BAD_PARAMETER, text)
+                    raise RegisterError(ErrorCode.INVALID_PARAMETER, text)
                 layout += [replace(word, name=f"word{i + 1}") for i in range(count)]
         if len(values) != len(layout):
-            code = ErrorCode.TOO_FEW if len(values) < len(layout) else ErrorCode.TOO_MANY
+            code = (
+                ErrorCode.NOT_ENOUGH_PARAMETERS
+                if len(values) < len(layout)
+                else ErrorCode.TOO_MANY_PARAMETERS
+            )
             raise RegisterError(code, f"register {self.id} has {len(layout)} fields, not {len(values)}")
         return zip(layout, values, strict=True)
 
@@ -317,7 +329,12 @@ def _settings() -> Iterable[Register]:
     aiding = (*_integers("mode", 0, 1), *_reals("uncertainty_tuning filter_tuning"))
     yield Register(51, "velocity aiding control", aiding, _both("1,0.1,0.01"))
     filter_bias = (*bias, *_reals("accel_x accel_y accel_z", "%+07.3f"), *_reals("pressure", "%+010.3f"))
-    yield Register(74, "startup filter bias", filter_bias, {2: f"{zero},+00.000,+00.000,+00.000,+00000.000"})
+    yield Register(
+        RegisterNumber.STARTUP_FILTER_BIAS,
+        "startup filter bias",
+        filter_bias,
+        {2: f"{zero},+00.000,+00.000,+00.000,+00000.000"},
+    )
     for number in BINARY_OUTPUTS:
         yield Register(number, f"binary output {number - 74}", _BINARY, _both("0,0,00"))
     delta = (*_integers("frame", 0, 1), *_integers("gyro_compensation accel_compensation", 0, 3))
@@ -378,5 +395,16 @@ def _readings() -> Iterable[Register]:
 REGISTERS = {r.id: r for r in sorted((*_settings(), *_readings()), key=lambda r: r.id)}
 """Every register of a VN-100 of either firmware generation, by number."""
 
-CHANGE_THE_DATA = (26, 35, 43, 44, 82, 85, 23, 25, 84, 30, 32, 5, 6, 7, 75, 76, 77)
-"""Registers whose value changes the meaning of the samples; the report contains them."""
+DATA_REGISTERS = (26, 35, 43, 44, 82, 85, 23, 25, 84)
+"""Registers that change what the samples mean: with another value they begin another record."""
+
+CHANGE_THE_DATA = (
+    *DATA_REGISTERS,
+    RegisterNumber.PROTOCOL,
+    RegisterNumber.SYNC_CONTROL,
+    RegisterNumber.BAUD,
+    RegisterNumber.OUTPUT_TYPE,
+    RegisterNumber.OUTPUT_RATE,
+    *BINARY_OUTPUTS,
+)
+"""Registers that the report contains: those, and the outputs, which make another stream: the pipeline sees that."""

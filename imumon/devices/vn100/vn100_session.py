@@ -16,11 +16,12 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from imumon.devices.base import DeviceNotFound, DeviceOptions
+from imumon.devices.base import RESTART_NS, DeviceNotFound, DeviceOptions
 from imumon.devices.port_device import QUIET_UNKNOWN_S, PortDevice, RateCheck, Session
+from imumon.devices.ports import BAUD_RATES
 from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.ascii import ERRORS, SensorError
-from imumon.devices.vn100.commands import BAUD_RATES, CommandChannel, NotAVn100, OtherSensor, Port
+from imumon.devices.vn100.commands import CommandChannel, NotAVn100, OtherSensor, Port
 from imumon.devices.vn100.configuration import Configuration
 from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.devices.vn100.device_info import device_info, nominal_rate
@@ -33,8 +34,6 @@ QUIET_S = 1.0
 """s without data after which the sensor is resumed; or four samples, if they take longer."""
 RETRY_S = 5.0
 """s between two scans for a sensor that does not reply. A scan takes up to ten seconds."""
-RESTART_NS = 1_000_000_000
-"""ns by which the sample clock goes backwards if the sensor was restarted; less is a wrong order."""
 GARBAGE_BYTES = 64
 """Bytes without a valid message that count as garbage; fewer may be the rest of a message."""
 ERROR_NOTICE_S = 60.0

@@ -17,6 +17,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from imumon.devices.base import WRAP_NS
 from imumon.devices.xsens.mt_messages import (
     CLIPPED,
     PREAMBLE,
@@ -31,8 +32,6 @@ from imumon.samples import ACCEL, GYRO, Clock, Kind, SampleBlock, Stream
 
 COUNTER, TICKS = 1 << 16, 1 << 32
 """Periods of the packet counter and of SampleTimeFine."""
-RESTART_TICKS = int(10.0 / TICK_S)
-"""Ticks. A step modulo the period that is longer is a restart, if the clock goes back."""
 CHANNELS = (*GYRO, *ACCEL, "temperature")
 _Row: TypeAlias = "tuple[Stream, list[float], int, int, bool | None]"
 """Stream, values, time in ns, samples lost before it, and saturation of a sample; None: unknown."""
@@ -148,7 +147,7 @@ class MtDecoder:
         if DataId.SAMPLE_TIME_FINE in found:
             raw = int(found[DataId.SAMPLE_TIME_FINE][0])
             forward = (raw - self._raw_ticks) % TICKS
-            if self._ticks is None or (raw < self._raw_ticks and forward > RESTART_TICKS):
+            if self._ticks is None or (raw < self._raw_ticks and forward * TICK_S * 1e9 > WRAP_NS):
                 self._ticks, packets = raw, None
             else:
                 self._ticks += forward

@@ -11,7 +11,8 @@ import time
 from collections.abc import Mapping
 
 from imumon.devices.base import DeviceError, DeviceNotFound, DeviceOptions
-from imumon.devices.port_device import PortDevice, Session
+from imumon.devices.port_device import QUIET_UNKNOWN_S, PortDevice, Session
+from imumon.devices.ports import BAUD_RATES
 from imumon.devices.serial_port import SerialPort
 from imumon.devices.xsens.mt_decoder import MtDecoder, stream_of
 from imumon.devices.xsens.mt_messages import (
@@ -25,8 +26,6 @@ from imumon.devices.xsens.mt_messages import (
 )
 from imumon.samples import DeviceInfo, Kind, Notice, SampleBlock
 
-BAUD_RATES = (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600)
-"""bit/s; the first is that of the factory."""
 DEFAULT_RATE_HZ = 100
 """Hz. Deltas lose nothing at a low rate, and every model and baud rate can do this one."""
 TEMPERATURE_HZ = 1
@@ -36,8 +35,6 @@ REPLY_S = 0.5
 TRIES = 3
 LISTEN_S = 2.0
 """s to wait for a valid message at one baud rate, if nothing may be written."""
-QUIET_S = 3.0
-"""s without a sample after which the sensor is configured again."""
 SETTING = "output configuration"
 NAMES: Mapping[int, str] = {
     DataId.TEMPERATURE: "temperature", DataId.PACKET_COUNTER: "counter", DataId.SAMPLE_TIME_FINE: "time",
@@ -211,7 +208,7 @@ class MtSession(Session):
         return items
 
     def check_health(self) -> list[Notice]:
-        if time.monotonic() - self._sample_at < QUIET_S:
+        if time.monotonic() - self._sample_at < QUIET_UNKNOWN_S:
             was, self._silent = self._silent, False
             return [Notice("resumed", "samples arrive again")] if was else []
         first, self._silent = not self._silent, True

@@ -9,8 +9,9 @@ import pytest
 from vn100_bench import RATE, Bench, Unplugged
 
 from imumon.devices.base import DeviceNotFound, InvalidOption
+from imumon.devices.ports import BAUD_RATES
 from imumon.devices.vn100.binary import BinaryLayout
-from imumon.devices.vn100.commands import BAUD_RATES, NotAVn100
+from imumon.devices.vn100.commands import NotAVn100
 from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.devices.vn100.emulator.emulator import make_device

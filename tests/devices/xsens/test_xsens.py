@@ -228,7 +228,7 @@ def test_an_interrupted_start_is_restored(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_a_sensor_that_stops_is_started_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imumon.devices.xsens.mt_session.QUIET_S", 0.5)
+    monkeypatch.setattr("imumon.devices.xsens.mt_session.QUIET_UNKNOWN_S", 0.5)
     with MtEmulator(link=tmp_path / "mti") as sensor:
         device = device_of(sensor, tmp_path)
         device.open()

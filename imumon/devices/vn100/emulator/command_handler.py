@@ -18,6 +18,7 @@ from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
 from imumon.devices.vn100.emulator.output_streams import ChecksumKind, Message, OutputStreams, binary_layout
 from imumon.devices.vn100.emulator.register_file import RegisterFile
 from imumon.devices.vn100.emulator.sensor_model import SensorModel
+from imumon.devices.vn100.measurements import VpeStatus
 from imumon.devices.vn100.registers import REGISTERS, ErrorCode, Register, RegisterError, RegisterNumber
 
 INPUT_BUFFER = 256
@@ -37,10 +38,6 @@ _AFFECT_LOAD = (
     RegisterNumber.OUTPUT_RATE,
     *registers.BINARY_OUTPUTS,
 )
-_INPUT_OVERFLOW = 0x02
-_STARTUP_FILTER_BIAS = 74
-_MAGNETIC_DISTURBANCE, _ACCELERATION_DISTURBANCE = 1 << 11, 1 << 12
-"""Bits of VpeStatus."""
 
 
 class CommandHandler:
@@ -80,8 +77,8 @@ class CommandHandler:
             "VNSIH": (self._set_initial_heading, 1, 4),
             "VNSGB": (self._set_startup_bias, 0, 0),
             "VNSFB": (self._set_startup_bias, 0, 0),  # its name in newer software
-            "VNKMD": (lambda state: self._known_disturbance(_MAGNETIC_DISTURBANCE, state), 1, 1),
-            "VNKAD": (lambda state: self._known_disturbance(_ACCELERATION_DISTURBANCE, state), 1, 1),
+            "VNKMD": (lambda state: self._known_disturbance(VpeStatus.MAG_DISTURBED, state), 1, 1),
+            "VNKAD": (lambda state: self._known_disturbance(VpeStatus.ACCEL_DISTURBED, state), 1, 1),
             "VNCMD": (self._acknowledge, 0, 0),
         }
 
@@ -109,7 +106,7 @@ class CommandHandler:
             self._input += part
             if len(self._input) > INPUT_BUFFER:
                 self._input.clear()
-                self._error(_INPUT_OVERFLOW, "xor")
+                self._error(ErrorCode.SERIAL_INPUT_BUFFER_OVERFLOW, "xor")
             elif self._input.endswith((b"\n", b"\r")):
                 at = self._input.rfind(b"$")
                 if at >= 0:
@@ -140,15 +137,17 @@ class CommandHandler:
         kind: ChecksumKind = "crc" if len(checksum) == 4 else "xor"
         complete = star and _CHECKSUM.fullmatch(checksum) and _BODY.fullmatch(body)
         if not complete or (checksum[:1] not in b"Xx" and not ascii.intact(body, checksum)):
-            self._error(ErrorCode.BAD_CHECKSUM, kind)
+            self._error(ErrorCode.INVALID_CHECKSUM, kind)
             return
         command, fields = ascii.split(body)
         try:
             if command not in self._commands:
-                raise RegisterError(ErrorCode.BAD_COMMAND, command)
+                raise RegisterError(ErrorCode.INVALID_COMMAND, command)
             handler, least, most = self._commands[command]
             if not least <= len(fields) <= most:
-                code = ErrorCode.TOO_FEW if len(fields) < least else ErrorCode.TOO_MANY
+                code = (
+                    ErrorCode.NOT_ENOUGH_PARAMETERS if len(fields) < least else ErrorCode.TOO_MANY_PARAMETERS
+                )
                 raise RegisterError(code, command)
             if command == "VNBOM":
                 self._replies.append(self._poll_binary(*fields))
@@ -173,23 +172,23 @@ class CommandHandler:
 
     def _register(self, text: str) -> Register:
         if not text.isdigit():
-            raise RegisterError(ErrorCode.BAD_PARAMETER, "the register is not a number")
+            raise RegisterError(ErrorCode.INVALID_PARAMETER, "the register is not a number")
         register = REGISTERS.get(int(text))
         if register is None or not register.in_generation(self.registers.generation):
-            raise RegisterError(ErrorCode.BAD_REGISTER, "no such register")
+            raise RegisterError(ErrorCode.INVALID_REGISTER, "no such register")
         return register
 
     def _port_number(self, text: str) -> int:
         if text == "?":
             return self.registers.port
         if text not in ("1", "2"):
-            raise RegisterError(ErrorCode.BAD_PARAMETER, "choose port 1 or 2")
+            raise RegisterError(ErrorCode.INVALID_PARAMETER, "choose port 1 or 2")
         return int(text)
 
     def _read_register(self, number: str, *ports: str) -> Sequence[str]:
         register = self._register(number)
         if len(ports) > register.ports:
-            raise RegisterError(ErrorCode.TOO_MANY, "no such parameter")
+            raise RegisterError(ErrorCode.TOO_MANY_PARAMETERS, "no such parameter")
         port = self._port_number(ports[0]) if ports else None
         echoed = () if port is None else (str(port),)
         return (f"{register.id:02d}", *self._values(register, port), *echoed)
@@ -227,7 +226,7 @@ class CommandHandler:
                     self.outputs.bytes_per_second(trial, each)
                     > int(trial.read(RegisterNumber.BAUD, each)[0]) / 10
                 ):
-                    raise RegisterError(ErrorCode.BAUD_TOO_LOW, "the output does not fit the baud")
+                    raise RegisterError(ErrorCode.BAUD_RATE_TOO_LOW, "the output does not fit the baud")
         self.registers.write(register.id, stored, port)
         if register.id == RegisterNumber.SYNC_STATUS:
             self.outputs.set_sync_counts(*map(int, stored))
@@ -247,24 +246,26 @@ class CommandHandler:
 
     def _poll_binary(self, number: str) -> bytes:
         if not number.isdigit() or not 1 <= int(number) <= 3:
-            raise RegisterError(ErrorCode.BAD_PARAMETER, "choose binary output 1 to 3")
+            raise RegisterError(ErrorCode.INVALID_PARAMETER, "choose binary output 1 to 3")
         words = self.registers.read(registers.BINARY_OUTPUTS[int(number) - 1])[2:]
         if not int(words[0], 16):
-            raise RegisterError(ErrorCode.BAD_PARAMETER, "this output has no fields")
+            raise RegisterError(ErrorCode.INVALID_PARAMETER, "this output has no fields")
         return self.outputs.packet(words)
 
     def _tare(self) -> Sequence[str]:
         if self.registers.generation == 3:
-            raise RegisterError(ErrorCode.BAD_COMMAND, "firmware 3 has VNSIH instead")
+            raise RegisterError(ErrorCode.INVALID_COMMAND, "firmware 3 has VNSIH instead")
         self.outputs.estimator.heading = 0.0
         self.outputs.estimator.reset_bias()
         return ()
 
     def _set_initial_heading(self, *angles: str) -> Sequence[str]:
         if self.registers.generation == 2:
-            raise RegisterError(ErrorCode.BAD_COMMAND, "firmware 2 has VNTAR instead")
+            raise RegisterError(ErrorCode.INVALID_COMMAND, "firmware 2 has VNTAR instead")
         if len(angles) == 2:
-            raise RegisterError(ErrorCode.TOO_FEW, "give a heading, three angles or a quaternion")
+            raise RegisterError(
+                ErrorCode.NOT_ENOUGH_PARAMETERS, "give a heading, three angles or a quaternion"
+            )
         numbers = [_number(text) for text in angles]
         heading = numbers[0]
         if len(numbers) == 4:
@@ -277,9 +278,9 @@ class CommandHandler:
         form = REGISTERS[RegisterNumber.STARTUP_BIAS].fields[0].format
         bias = [form(float(value)) for value in self.outputs.estimator.bias[-1]]
         self.registers.write(RegisterNumber.STARTUP_BIAS, bias)
-        if _STARTUP_FILTER_BIAS in self.registers:
-            rest = self.registers.read(_STARTUP_FILTER_BIAS)[3:]
-            self.registers.write(_STARTUP_FILTER_BIAS, (*bias, *rest))
+        if RegisterNumber.STARTUP_FILTER_BIAS in self.registers:
+            rest = self.registers.read(RegisterNumber.STARTUP_FILTER_BIAS)[3:]
+            self.registers.write(RegisterNumber.STARTUP_FILTER_BIAS, (*bias, *rest))
         return ()
 
     def _known_disturbance(self, bit: int, state: str) -> Sequence[str]:
@@ -315,7 +316,7 @@ class CommandHandler:
 
 def _flag(text: str) -> bool:
     if text not in ("0", "1"):
-        raise RegisterError(ErrorCode.BAD_PARAMETER, "give 0 or 1")
+        raise RegisterError(ErrorCode.INVALID_PARAMETER, "give 0 or 1")
     return text == "1"
 
 
@@ -323,4 +324,4 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise RegisterError(ErrorCode.BAD_PARAMETER, f"{text!r} is not a number") from None
+        raise RegisterError(ErrorCode.INVALID_PARAMETER, f"{text!r} is not a number") from None

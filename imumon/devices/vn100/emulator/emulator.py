@@ -16,6 +16,7 @@ from imumon.devices.vn100 import registers
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
 from imumon.devices.vn100.emulator.faults import Faults, ForeignDevice
+from imumon.devices.vn100.emulator.output_streams import MOST_TICKS
 from imumon.devices.vn100.emulator.sensor_model import SensorModel
 from imumon.devices.vn100.emulator.uart import PseudoTerminal, Uart
 from imumon.devices.vn100.registers import RegisterNumber
@@ -28,9 +29,6 @@ IDLE_S = 0.05
 
 _STEP_S, _STEP_TIME_LAPSE_S = 0.004, 0.016
 """s, shortest time between two steps, in real time and in time-lapse."""
-
-_TIME_LAPSE_TICKS = 1 << 14
-"""Ticks that one step computes at most in time-lapse."""
 
 
 def make_device(settings: EmulatorSettings) -> CommandHandler:
@@ -121,7 +119,7 @@ class Emulator:
             self._start += now - self._last_step
         self._last_step = now
         target = int((now - self._start) * self._ticks_per_s)
-        most = outputs.tick + _TIME_LAPSE_TICKS
+        most = outputs.tick + MOST_TICKS
         if time_lapse and target > most:
             self._start += (target - most) / self._ticks_per_s
             target = most

@@ -41,8 +41,8 @@ Message: TypeAlias = tuple[int, bytes]
 STARTUP_TICKS = 440
 """Age of the sensor clock at its first message: 0.55 s."""
 
-_EXTEND_TICKS = 1 << 14
-"""Most ticks that the sensor model computes at once."""
+MOST_TICKS = 1 << 14
+"""Ticks that the sensor model computes at once, and one step in time-lapse, at most."""
 
 _LINEAR = {"VNYBA": "linAccelBody", "VNYIA": "linAccelNed"}
 _INCREMENTS = ("deltas", "deltaTheta", "deltaVel")
@@ -180,7 +180,7 @@ class OutputStreams:
         messages: list[Message] = []
         while self.tick < upto:
             if self._model.end <= self.tick:
-                self._model.extend(max(LOOP_RATE, min(upto - self.tick, _EXTEND_TICKS)))
+                self._model.extend(max(LOOP_RATE, min(upto - self.tick, MOST_TICKS)))
             stop = min(upto, self._model.end)
             messages += self._run(self.tick, stop, silent)
             self.tick = stop
@@ -259,4 +259,4 @@ def binary_layout(words: Sequence[str]) -> binary.BinaryLayout:
     try:
         return binary.BinaryLayout.of({g: int(word, 16) for g, word in zip(groups, words[1:], strict=True)})
     except ValueError as error:
-        raise RegisterError(ErrorCode.BAD_PARAMETER, str(error)) from None
+        raise RegisterError(ErrorCode.INVALID_PARAMETER, str(error)) from None
