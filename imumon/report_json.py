@@ -16,9 +16,8 @@ from typing import Any, Literal
 
 MAX_NUMBER = 1e150  # numbers from outside are smaller: squares and other units are finite
 MAX_BYTES = 4_000_000  # bytes of JSON that is read; 64 channels with line breaks have 0.7 MB
-MAX_POINTS = 4096  # numbers in an array; the longest has 225
 MAX_ITEMS = 256  # entries of a mapping, and lines or parts in a list
-MAX_TEXT = 4096  # characters of a text: the longest path of Linux
+MAX_LENGTH = 4096  # characters of a text, as the longest path of Linux, and numbers in an array
 
 T = typing.TypeVar("T")
 _CONTROL = re.compile(
@@ -110,14 +109,14 @@ class JsonReader:
                 word(k): inner(v) for k, v in bounded(_checked(data, dict), MAX_ITEMS).items()
             }
         if hint is str:
-            return lambda data: plain(bounded(_checked(data, str), MAX_TEXT))
+            return lambda data: plain(bounded(_checked(data, str), MAX_LENGTH))
         if origin is Literal:
             return lambda data: _listed(data, arguments)
         if origin is None:
             return lambda data: _checked(data, hint)
         inner = self._reader(arguments[0])
         if origin is tuple:
-            most = MAX_POINTS if arguments[0] in _NUMBERS else MAX_ITEMS
+            most = MAX_LENGTH if arguments[0] in _NUMBERS else MAX_ITEMS
             return lambda data: tuple(map(inner, bounded(_checked(data, list), most)))
         return lambda data: None if data is None else inner(data)
 

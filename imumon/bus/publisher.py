@@ -19,7 +19,7 @@ from functools import partial
 import zenoh
 
 from imumon.bus.bus_error import BusError, Unreachable
-from imumon.bus.queryable import LastValues, Signals
+from imumon.bus.queryable import MAX_QUEUED, LastValues, Signals
 from imumon.bus.uplink import Links, Uplink, open_local, open_uplink
 from imumon.bus.zenoh_session import RETRY_S, SessionOptions, check_endpoint, clean_id
 from imumon.report import Channel, Event, Report, members, to_json
@@ -27,9 +27,7 @@ from imumon.report import Channel, Event, Report, members, to_json
 CURVES = ("allan", "histogram", "spectrum")
 """Fields of a channel that only the report contains; the key of the channel leaves them out."""
 
-_MAX_QUEUED_EVENTS = 1000  # events
 _FIRST_ATTEMPT_S = 3.0  # s; limits the delay of the start by a router that drops packets
-_MAX_REPORTED_ERRORS = 20  # different texts in `Publisher.status_changes`
 _CLOSE_S = 0.7  # s; limits the delay of the exit by a congested link
 
 
@@ -87,7 +85,7 @@ class Publisher:
         self._curves: dict[str, tuple[tuple[object, ...], str]] = {}  # of each channel, and their JSON
         self._stop_connecting = threading.Event()
         self._reported_uplinks: dict[str, str | None] = {}
-        self._reported_errors: set[str] = set()
+        self._reported_error: str | None = None
         router = options.mode == "router"  # routers find routes between each other within one session
         self._session, self.endpoints = open_local(options, listen, connect if router else (), self.id)
         self._last_values = LastValues(self._root)
@@ -130,7 +128,7 @@ class Publisher:
     def event(self, event: Event) -> None:
         """Send an event; return at once."""
         with self._changed:
-            if len(self._events) >= _MAX_QUEUED_EVENTS:
+            if len(self._events) >= MAX_QUEUED:
                 self._events.popleft()
                 self._counts.events_dropped += 1
             self._events.append(event)
@@ -158,9 +156,9 @@ class Publisher:
             if error != self._reported_uplinks.get(endpoint):
                 messages.append((error or f"{endpoint}: connected", error is None))
         self._reported_uplinks = uplinks
-        reason, reported = self.last_error, self._reported_errors
-        if reason is not None and reason not in reported and len(reported) < _MAX_REPORTED_ERRORS:
-            reported.add(reason)
+        reason = self.last_error
+        if reason not in (None, self._reported_error):
+            self._reported_error = reason
             messages.append((f"a message could not be published: {reason}", False))
         return messages
 

@@ -24,6 +24,7 @@ JSON = "application/json"
 EVENTS_KEPT = 100
 """Events that are replied to a ``get`` and cached for advanced subscribers."""
 
+MAX_QUEUED = 1024  # events, or tokens, in a queue; the oldest is dropped
 MAX_QUERIES = 16  # queries in a queue; the oldest, or one that does not fit, gets no reply
 _CLOSE_S = 0.2  # s; limits the delay of the exit by a reply that blocks
 _MAX_SELECTOR = 1024  # characters of a key with parameters; a query with more is not replied to

@@ -27,7 +27,7 @@ from zenoh.handlers import RingChannel
 
 from imumon.bus.bus_error import BusError
 from imumon.bus.device_states import DeviceState, DeviceStates
-from imumon.bus.queryable import EVENTS_KEPT
+from imumon.bus.queryable import EVENTS_KEPT, MAX_QUEUED
 from imumon.bus.zenoh_session import (
     MAX_MESSAGE_BYTES,
     SessionOptions,
@@ -39,7 +39,6 @@ from imumon.report import Event, Report, Signal, from_json, is_device_name, plai
 
 _MAX_MESSAGE = 1_000_000  # bytes; a report of 11 channels has 72 kB, one of 64 has 0.4 MB
 _MAX_EVENT = 20_000  # bytes; a text has at most 4096 characters
-_MAX_QUEUED = 1024  # events or tokens in a queue; the oldest is dropped
 _MAX_QUEUED_REPORTS = 64  # reports in the queue, which bounds its bytes
 KEPT_BYTES = 32_000_000
 """Bytes of the newest reports of all devices, and of a reply with rows of the history; a daemon sends at most 10 MB."""
@@ -94,12 +93,12 @@ class Subscriber:
         # larger than `_MAX_MESSAGE`, so that a report that is too long is counted
         accepted = MAX_MESSAGE_BYTES if most_bytes is None else most_bytes
         self._session = open_session(options, (), self.endpoints, access_control=False, most_bytes=accepted)
-        queue: RingChannel[Any] = RingChannel(_MAX_QUEUED)
+        queue: RingChannel[Any] = RingChannel(MAX_QUEUED)
         alive = self._session.liveliness().declare_subscriber(f"{self._root}/alive", queue, history=True)
         self._threads = (
             start_listener(alive, self._on_alive),
             start_listener(self._subscribe("report", 1, _MAX_QUEUED_REPORTS), self._on_report),
-            start_listener(self._subscribe("event", EVENTS_KEPT, _MAX_QUEUED), self._on_event),
+            start_listener(self._subscribe("event", EVENTS_KEPT, MAX_QUEUED), self._on_event),
             threading.Thread(target=self._request_signals, name="imumon-signal", daemon=True),
         )
         self._threads[-1].start()

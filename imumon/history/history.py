@@ -30,9 +30,7 @@ from imumon.samples import Level
 from imumon.units import DAY
 
 MOST_PENDING = 2400
-"""Periods that wait for the disk, two weeks of them; then the oldest is dropped."""
-MOST_EVENTS = 1000
-"""Events that wait for the disk; then the oldest is dropped."""
+"""Periods that wait for the disk, two weeks of them, and events; then the oldest is dropped."""
 MOST_ROWS = 20_000
 """Rows of one answer on the bus, 8 MB. More need a longer step."""
 CLOSE_S = 3.0
@@ -107,7 +105,7 @@ class History:
         when = datetime.fromisoformat(event.time).timestamp()
         with self._changed:
             self._events.append((when, event))
-            if len(self._events) > MOST_EVENTS:
+            if len(self._events) > MOST_PENDING:
                 del self._events[0]
                 self._dropped += 1
 

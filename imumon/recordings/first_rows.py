@@ -16,11 +16,12 @@ import numpy as np
 
 from imumon.column_names import UNITS, Column
 from imumon.errors import RateRequired
+from imumon.noise.validity_groups import LARGEST
 from imumon.recordings.base import RecordingError
 from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
 from imumon.recordings.row_selection import COPIED, HeldNumbers, are_doubled, copies
 from imumon.recordings.unit_inference import SINCE_1970_S, check_magnitudes, time_unit, unit_remarks
-from imumon.report import MAX_NUMBER, stamp
+from imumon.report import stamp
 from imumon.samples import LONGEST_NS, Bools, Clock, Floats, Ints, Stream, sensor_of
 from imumon.timebase.interval import RATE_TOLERANCE
 from imumon.timebase.late_stamps import LateStamps
@@ -256,7 +257,7 @@ class FirstRows:
 
 def present(rows: Floats) -> Bools:
     """Return which of some numbers are there: finite, and no larger than an instrument writes."""
-    return np.abs(rows) < MAX_NUMBER
+    return np.abs(rows) < LARGEST
 
 
 def _repeating(found: ColumnLayout, rows: Floats) -> Iterator[str]:

@@ -48,15 +48,9 @@ _FOREIGN = {
     b"MATLAB 7.3": ("mat_73", "a MATLAB 7.3 file", "save it again with save FILE.mat -v7"),
     b"\xd0\xcf\x11\xe0": ("xls", "a workbook of Excel", "save the sheet as CSV"),
     b"ARROW1": ("arrow", "an Arrow file", "write it as Parquet or CSV: pandas.read_feather(FILE).to_csv"),
-    b"\x80\x04\x95": (
-        "pickle",
-        "a pickle of Python, which can run any program",
-        "write it as CSV or with numpy.savez",
-    ),
-    b"\x80\x05\x95": (
-        "pickle",
-        "a pickle of Python, which can run any program",
-        "write it as CSV or with numpy.savez",
+    **dict.fromkeys(
+        (b"\x80\x04\x95", b"\x80\x05\x95"),
+        ("pickle", "a pickle of Python, which can run any program", "write it as CSV or with numpy.savez"),
     ),
     b"TDSm": ("tdms", "a TDMS file of LabVIEW", "export it as CSV"),
     b"FMT, 128, ": ("dataflash_text", "an ArduPilot log as text", "use the .BIN file it was made from"),

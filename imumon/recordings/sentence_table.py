@@ -156,12 +156,12 @@ def sentence_table(
     if not blocks or blocks[0].stream.clock != "none":
         return None
     time = _time_column(cells_of(decoded(lines[first - 1])) if first else [], beside)
-    if time is None:
-        bare = all(
-            match is None or not (match[0].endswith(b'"') or line[match.end() :].strip())
-            for line, match in zip(lines, matches, strict=True)
-        )
-        return None if bare else SentenceTable(capture, options, decoder, scheme, blocks[0].stream, None)
+    bare = all(
+        match is None or not (match[0].endswith(b'"') or line[match.end() :].strip())
+        for line, match in zip(lines, matches, strict=True)
+    )
+    if time is None and bare:
+        return None
     return SentenceTable(capture, options, decoder, scheme, blocks[0].stream, time)
 
 
