@@ -12,6 +12,11 @@ QUOTED = 40
 """Characters that a message quotes of foreign text at most."""
 
 
+def why(error: OSError) -> str:
+    """Return the reason of an error of the system, as a part of a message."""
+    return (error.strerror or str(error)).lower()
+
+
 class ImumonError(Exception):
     """Base class of all errors that a user may see.
 

@@ -2,7 +2,7 @@
 
 It connects to all given endpoints (by default to all default ports of this machine), reconnects by itself, and keeps
 the newest report of each device, its last events, which daemons are alive, and the signal of one selected channel.
-Reports are stored as bytes and parsed when they are read, so a display that reads twice a second parses them so often.
+Reports are stored as bytes and parsed when they are read, so a display parses those that it draws.
 
 Any peer may publish on these keys. Messages that are invalid or too long, names that are no device names, and
 reports of another device than their key are counted and ignored; the number of devices and the bytes of their

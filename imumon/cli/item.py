@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from imumon.cli.exit_codes import USAGE, CommandError
+from imumon.errors import why
 from imumon.evaluation import Item
 from imumon.files import SMALL_BYTES
 from imumon.report import Report, plain
@@ -60,7 +61,7 @@ def _read(path: Path) -> Mapping[str, Any]:
             raise _error(f"{path} has more than {SMALL_BYTES:,} bytes", cure)
         return tomllib.loads(data.decode())
     except OSError as error:
-        raise _error(f"cannot read {path}: {(error.strerror or str(error)).lower()}", cure) from None
+        raise _error(f"cannot read {path}: {why(error)}", cure) from None
     except ValueError as error:
         raise _error(f"{path} is no TOML file: {plain(str(error))}", cure) from None
 

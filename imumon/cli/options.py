@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 from imumon import units
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.output import print_message_once
+from imumon.errors import why
 
 STREAMS = ("deltas", "uncompensated", "compensated")
 ANSWER_S = 2.0
@@ -299,8 +300,7 @@ def baseline(path: str | None) -> Any:
     try:
         return saved_report(Path(path))
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        message = f"baseline {path}: {reason}"
+        message = f"baseline {path}: {why(error)}"
         raise CommandError("baseline_unreadable", message, "name a readable file", USAGE) from None
     except ValueError:
         message, cure = f"baseline {path} is not a report", "make one with imumon report --format json"

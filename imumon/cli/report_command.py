@@ -23,6 +23,7 @@ from imumon.cli.replay_command import (
     replay_options,
     replayed,
 )
+from imumon.errors import why
 from imumon.files import replace_file
 
 REPORT_CURE = "make one with imumon report --format json"
@@ -85,7 +86,7 @@ def report(arguments: argparse.Namespace) -> int:
     try:
         replace_file(arguments.output, data)
     except OSError as error:
-        message = f"cannot write {arguments.output}: {_reason(error)}"
+        message = f"cannot write {arguments.output}: {why(error)}"
         raise CommandError("output_not_writable", message, "name another file with -o") from None
     return SUCCESS
 
@@ -175,10 +176,6 @@ def _check_output_is_no_input(output: str, *inputs: str | None) -> None:
                     raise CommandError("output_is_input", message, "name another file", USAGE)
 
 
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()
-
-
 def _from_file(arguments: argparse.Namespace) -> Any:
     """Return the report of a file; its contents decide, not its name."""
     head = b""
@@ -189,7 +186,7 @@ def _from_file(arguments: argparse.Namespace) -> Any:
         except IsADirectoryError:
             pass  # a bag of several files
         except OSError as error:
-            message = f"cannot read {arguments.file}: {_reason(error)}"
+            message = f"cannot read {arguments.file}: {why(error)}"
             raise CommandError("file_unreadable", message, "check the path and its permissions") from None
     from imumon.checkpoint import is_state
     from imumon.cli.history_command import with_turn_on

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from imumon import __version__
+from imumon.errors import why
 from imumon.evaluation import Evaluation, Provenance
 from imumon.messages import one_warmup
 from imumon.report import Report, plain
@@ -147,7 +148,7 @@ def _digest(path: str) -> tuple[int | None, str | None, str | None]:
                     digest.update(piece)
                     size += len(piece)
     except OSError as error:
-        return None, None, (error.strerror or str(error)).lower()
+        return None, None, why(error)
     several = f"of {len(files)} files in the order of their names, joined" if source.is_dir() else None
     return size, digest.hexdigest(), several
 

@@ -9,31 +9,22 @@ from imumon.config.loading import load, origin_lines, render, search
 from imumon.config.settings import (
     NAMES,
     SECTIONS,
-    AlertSettings,
     DeviceSettings,
-    GuardSettings,
-    LogSettings,
     RecordSettings,
     ReportSettings,
     Settings,
-    StateSettings,
     ZenohSettings,
 )
-from imumon.config.toml_file import ConfigError, ConfigFault
+from imumon.config.toml_file import ConfigError
 
 __all__ = [
     "NAMES",
     "SECTIONS",
-    "AlertSettings",
     "ConfigError",
-    "ConfigFault",
     "DeviceSettings",
-    "GuardSettings",
-    "LogSettings",
     "RecordSettings",
     "ReportSettings",
     "Settings",
-    "StateSettings",
     "ZenohSettings",
     "load",
     "origin_lines",

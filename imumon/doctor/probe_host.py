@@ -16,6 +16,7 @@ from pathlib import Path
 from imumon.devices.linux_tty import holders, locker
 from imumon.devices.ports import find_ports
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation
+from imumon.errors import why
 
 
 def observe_port(path: str, daemon: str | None = None) -> PortObservation:
@@ -75,7 +76,7 @@ def observe_state(path: Path) -> StateObservation:
             with tempfile.NamedTemporaryFile(dir=path, prefix=".doctor-"):
                 pass
         except OSError as error:
-            problem = f"{path}: {(error.strerror or str(error)).lower()}"
+            problem = f"{path}: {why(error)}"
     elif not os.access(existing, os.W_OK | os.X_OK):
         problem = f"{existing}: permission denied"
     free = None

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from imumon.coefficients import COEFFICIENTS, MG
-from imumon.errors import ImumonError
+from imumon.errors import ImumonError, why
 from imumon.files import SMALL_BYTES, open_regular
 from imumon.report import plain
 from imumon.report_json import check
@@ -110,9 +110,8 @@ def read_sheet(path: Path | str) -> ReferenceSheet:
         with open(open_regular(path, follow=True), "rb") as file:
             data = file.read(SMALL_BYTES + 1)
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
         cure = f"name a file, or one of {', '.join(published())}"
-        raise SheetError("datasheet_unreadable", f"--datasheet {path}: {reason}", cure) from None
+        raise SheetError("datasheet_unreadable", f"--datasheet {path}: {why(error)}", cure) from None
     return _parsed(data, str(path))
 
 

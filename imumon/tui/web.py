@@ -9,6 +9,7 @@ goes to the browser.
 from __future__ import annotations
 
 import asyncio
+import errno
 import shlex
 import signal
 import sys
@@ -17,7 +18,7 @@ from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
-from imumon.errors import ImumonError
+from imumon.errors import ImumonError, why
 
 MOST_BROWSERS = 8
 """Browsers at once; each is a process of about 60 MB."""
@@ -108,7 +109,7 @@ def serve(arguments: Sequence[str], host: str, port: int, ready: Callable[[str],
     try:
         server.serve()
     except OSError as error:
-        reason = "in use" if error.errno == 98 else (error.strerror or str(error)).lower()
+        reason = "in use" if error.errno == errno.EADDRINUSE else why(error)
         cure = "choose another address with --listen"
         raise WebError("web_not_served", f"{shown}:{port}: {reason}", cure) from None
     return bool(interrupts)
