@@ -90,14 +90,19 @@ class Forked:
 
 
 def run(
-    *words: str, text: bytes = b"", directory: Path | None = None, timeout: float = 120.0
+    *words: str,
+    text: bytes = b"",
+    directory: Path | None = None,
+    environment: Mapping[str, str] | None = None,
+    timeout: float = 120.0,
 ) -> subprocess.CompletedProcess[str]:
     """Return how a command ended whose standard input is a text, as `subprocess.run` does."""
     with ExitStack() as stack:
         streams = [stack.enter_context(tempfile.TemporaryFile()) for _ in range(3)]
         streams[0].write(text)
         streams[0].seek(0)
-        process = Forked(words, tuple(stream.fileno() for stream in streams), directory)  # type: ignore[arg-type]
+        into, out, err = (stream.fileno() for stream in streams)
+        process = Forked(words, (into, out, err), directory, environment)
         try:
             code = process.wait(timeout)
         finally:
@@ -159,7 +164,7 @@ def _keep(order: bytes, descriptors: list[int]) -> None:
     sys.argv[1:] = words
     os.environ.clear()
     os.environ.update(environment)
-    sys.path[1:1] = environment.get("PYTHONPATH", "").split(os.pathsep)
+    sys.path[:1] = environment.get("PYTHONPATH", "").split(os.pathsep)
     os.chdir(directory)
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

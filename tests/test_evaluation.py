@@ -88,6 +88,14 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def saved(recording: Path) -> Path:
+    """Return the saved report of the recording."""
+    path = recording.with_name("saved.json")
+    imumon("report", recording, "-o", path)
+    return path
+
+
 def sheet_file(tmp_path: Path, *, gyro: float) -> Path:
     path = tmp_path / "sheet.toml"
     path.write_text(SHEET.format(gyro=gyro))
@@ -641,11 +649,11 @@ def test_the_item_is_in_every_document(recording: Path, tmp_path: Path) -> None:
         "note=a\nb", "note=a\tb", "note=\x1b[2J", "note=a\u202eb", 'FILE:note = "a\\nb"',
     ],
 )  # fmt: skip
-def test_a_wrong_item_is_one_line(word: str, recording: Path, tmp_path: Path) -> None:
+def test_a_wrong_item_is_one_line(word: str, saved: Path, tmp_path: Path) -> None:
     if word.startswith("FILE:"):
         (tmp_path / "item.toml").write_text(word[5:])
         word = str(tmp_path / "item.toml")
-    message = imumon("report", recording, "--item", word, code=2)
+    message = imumon("report", saved, "--item", word, code=2)
     assert message.startswith("imumon: --item: ")
     assert len(message.splitlines()) == 1
     assert len(message) < 400
@@ -659,16 +667,16 @@ def test_the_date_of_a_record_is_known_where_its_clock_shows_it(recording: Path,
     assert "| Start | 2025-06-15T15:06:40.000Z |" in " ".join(imumon("report", tmp_path / "unix.npz").split())
 
 
-def test_strict_settings_rest_on_measured_numbers_only(recording: Path, tmp_path: Path) -> None:
+def test_strict_settings_rest_on_measured_numbers_only(saved: Path, tmp_path: Path) -> None:
     out = tmp_path / "imu.yaml"
-    message = imumon("report", recording, "--strict", "-o", out, code=1)
+    message = imumon("report", saved, "--strict", "-o", out, code=1)
     assert message.startswith("imumon: --strict: not measured, but at most bounded: gyro/x B, gyro/x K")
     assert not out.exists()
     assert "--strict is for settings" in imumon(
-        "report", recording, "--strict", "-o", tmp_path / "x.html", code=2
+        "report", saved, "--strict", "-o", tmp_path / "x.html", code=2
     )
-    assert "linear_acceleration_covariance" in imumon("report", recording, "--strict", "--format", "ros")
-    assert "# " in imumon("report", recording, "--format", "kalibr")
+    assert "linear_acceleration_covariance" in imumon("report", saved, "--strict", "--format", "ros")
+    assert "# " in imumon("report", saved, "--format", "kalibr")
 
 
 def test_the_exact_curve_has_the_samples_of_the_other_with_guards(recording: Path, tmp_path: Path) -> None:
@@ -716,13 +724,13 @@ def test_n_without_aliasing_stands_beside_the_read_one(recording: Path) -> None:
     assert "without aliasing" not in imumon("report", recording, "--filter", "20")
 
 
-def test_words_are_explained_where_they_are_printed(recording: Path, tmp_path: Path) -> None:
-    for text in (imumon("replay", recording), imumon("report", recording)):
+def test_words_are_explained_where_they_are_printed(recording: Path, saved: Path) -> None:
+    for text in (imumon("replay", recording), imumon("report", saved)):
         assert "the one to quote" in text
     for form in ("filter", "kalibr", "px4", "ros"):
-        text = " ".join(imumon("report", recording, "--format", form).replace("#", "").split())
+        text = " ".join(imumon("report", saved, "--format", form).replace("#", "").split())
         assert ("A fix is a measurement" in text) == ("fix" in text.replace("prefix", "")), form
-    page = imumon("report", recording).partition("## For Kalibr")[0]
+    page = imumon("report", saved).partition("## For Kalibr")[0]
     assert page.count("noise folds") == 1
     assert "--filter names it" in page
 

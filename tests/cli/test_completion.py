@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from commands import imumon
 from daemons import Daemon, free_endpoint
 
 from imumon.cli import parsers
@@ -19,8 +20,7 @@ needs_bash = pytest.mark.skipif(shutil.which("bash") is None, reason="bash is no
 
 @cache
 def script(shell: str) -> str:
-    command = [sys.executable, "-m", "imumon", "completion", shell]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return imumon("completion", shell)
 
 
 def complete(line: str, directory: Path) -> set[str]:

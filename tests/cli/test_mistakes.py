@@ -12,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+import forked
 import pytest
 from commands import imumon, run_inside
 from daemons import free_endpoint
@@ -88,9 +89,7 @@ def test_the_settings_may_select_the_emulator(tmp_path: Path) -> None:
 
 def test_a_run_without_a_sample_is_4(tmp_path: Path) -> None:
     arguments = ("run", "--port", "sim", "--duration", "0.001", "--json", "--listen", free_endpoint())
-    done = subprocess.run(
-        [sys.executable, "-m", "imumon", *arguments], capture_output=True, text=True, check=False
-    )
+    done = forked.run(*arguments)
     assert (done.returncode, done.stdout) == (4, "")
     assert "--duration" in done.stderr
 

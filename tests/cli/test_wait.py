@@ -168,7 +168,7 @@ def test_without_a_daemon_it_is_3_within_2_seconds() -> None:
 
 
 def test_exit_codes_with_a_daemon(tmp_path: Path) -> None:
-    with Daemon("sim", tmp_path, "--speed", "100", "--seed", "1") as daemon:
+    with Daemon("sim", tmp_path, "--speed", "30", "--seed", "1") as daemon:
         where = ("--connect", daemon.endpoint)
         daemon.samples(1)
         reached = wait(*where, "--coefficient", "N", "--precision", "10%", "--timeout", "60s")

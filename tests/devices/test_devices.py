@@ -15,6 +15,7 @@ from contextlib import contextmanager, suppress
 from importlib.metadata import distribution
 from pathlib import Path
 
+import forked
 import numpy as np
 import pytest
 import ros2_actors
@@ -291,14 +292,7 @@ def installed(tmp_path: Path) -> dict[str, str]:
 
 
 def imumon(*arguments: str, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "imumon", *arguments],
-        capture_output=True,
-        text=True,
-        env=env,
-        timeout=60,
-        check=False,
-    )
+    return forked.run(*arguments, environment=env)
 
 
 def test_run_reads_a_device_of_another_distribution(installed: dict[str, str], tmp_path: Path) -> None:

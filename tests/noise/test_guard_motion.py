@@ -42,8 +42,9 @@ def carried(n: int, rate: float, seed: int) -> Floats:
     return np.asarray((slow_motion + 0.1 * tremor) * ([0.1] * 3 + [0.5] * 3))
 
 
-@pytest.mark.parametrize("rate", [50.0, 100.0, 400.0])
-@pytest.mark.parametrize("deviation", [0.2, 1.0, 2.0, 5.0])
+@pytest.mark.parametrize(
+    ("rate", "deviation"), [(50.0, 0.2), (50.0, 5.0), (100.0, 1.0), (100.0, 2.0), (400.0, 0.2), (400.0, 5.0)]
+)
 def test_white_noise_of_any_size_is_rest(rate: float, deviation: float) -> None:
     """A deviation of deg/s, and 0.3 m/s^2 beside it: no sample of an hour is excluded."""
     for seed in range(2):
@@ -63,11 +64,10 @@ def test_noise_of_a_cheap_gyroscope_is_rest(sensors: tuple[str, ...]) -> None:
     """White noise of 2 deg/s, flicker noise and random walk."""
     rate, axes = 100.0, len(sensors)
     density = np.radians(2.0) / np.sqrt(rate)
-    for seed in range(2):
-        N, B, K = [density] * axes, density / 20.0, density / 300.0
-        guard, valid = run(synthesise(1_000_000, rate, N=N, B=B, K=K, seed=seed), rate, sensors)
-        assert guard.at_rest
-        assert valid.all()
+    N, B, K = [density] * axes, density / 20.0, density / 300.0
+    guard, valid = run(synthesise(1_000_000, rate, N=N, B=B, K=K, seed=1), rate, sensors)
+    assert guard.at_rest
+    assert valid.all()
 
 
 @pytest.mark.parametrize("rate", [100.0, 400.0])

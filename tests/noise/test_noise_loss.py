@@ -36,8 +36,17 @@ def received(loss: float, run: int) -> Bools:
     return ok[:, None]
 
 
-@pytest.mark.parametrize("kind", ["white", "flicker", "walk"])
-@pytest.mark.parametrize(("loss", "run"), [(0.05, 1), (0.2, 1), (0.5, 1), (0.1, 100)])
+@pytest.mark.parametrize(
+    ("kind", "loss", "run"),
+    [
+        ("white", 0.05, 1),
+        ("white", 0.5, 1),
+        ("white", 0.1, 100),
+        ("flicker", 0.2, 1),
+        ("walk", 0.5, 1),
+        ("walk", 0.1, 100),
+    ],
+)
 def test_loss_does_not_bend_the_curve(kind: str, loss: float, run: int) -> None:
     values, ok = signal(kind), received(loss, run)
     whole, part = OctaveCascade(CHANNELS, 0.01), OctaveCascade(CHANNELS, 0.01)
