@@ -35,7 +35,7 @@ from imumon.errors import ImumonError
 from imumon.files import open_regular, read_bounded, rename_aside, write_new
 from imumon.report import plain
 
-FORMAT = 4
+FORMAT = 5
 """Version of what a state holds. Up to 3, it was another container, too."""
 PRESET = 0
 """Compression preset of xz. Preset 1 takes one and a half times the time for 1 % less."""

@@ -62,7 +62,7 @@ class PowerUps:
         std = low = high = None
         if len(biases) >= LEAST_POWER_UPS:
             std = float(np.std(biases, ddof=1))
-            low, high = deviation_limits(std, len(biases))
+            low, high = deviation_limits(std, len(biases) - 1)
         counted = replace(distribution, turn_on_count=len(biases))
         return replace(counted, turn_on_std=std, turn_on_low=low, turn_on_high=high)
 

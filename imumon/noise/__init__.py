@@ -48,6 +48,7 @@ restarts the estimator: it never returns limits of one record for another.
 | `filter_parameters` | numbers that keep a Kalman filter consistent |
 | `uncertainty` | conformity with a limit, and uncertainty budgets |
 | `validity_groups` | channels that miss the same samples |
+| `array_state` | state of an accumulator as arrays |
 | `synthesis` | noise of given N, B, K |
 """
 

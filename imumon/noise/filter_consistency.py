@@ -17,18 +17,16 @@ Reference: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
+from imumon.noise.power_law import phase_autocovariance
 from imumon.samples import Floats
 
 STEP_S = 0.2
-"""s, step of the filter in the reference scenario (contract, 5 Hz); it divides 1 s.01 %."""
+"""s, step of the filter in the reference scenario (contract, 5 Hz); it divides 1 s."""
 
 FIXES = 900
 """Fixes of the reference scenario, one per second (contract)."""
@@ -66,10 +64,6 @@ class ChannelTruths:
     B: Floats  # (r,) unit
     K: Floats  # (r,) unit*sqrt(Hz)
     fix: Floats  # (r,) integrated unit, standard deviation of a fix
-
-    def take(self, rows: npt.NDArray[np.intp]) -> ChannelTruths:
-        """Return the truths of these rows; a row may occur several times."""
-        return ChannelTruths(self.N[rows], self.B[rows], self.K[rows], self.fix[rows])
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +190,7 @@ def _squared_error(
     covariance = truths.N[:, None, None] ** 2 * product(increments, increments)
     covariance += truths.fix[:, None, None] ** 2 * product(fixes, fixes)
     mixed, ahead = np.zeros((r, len(horizon_s))), truths.N[:, None] ** 2 * horizon_s
-    for noise, square in zip((_flicker, _walk), strength, strict=True):
+    for noise, square in enumerate(strength, start=1):
         within = (_increments(noise) @ flat).reshape(n, r, m)
         covariance += square[:, None, None] * product(increments, within)
         later = _covariance(start[:, None], start[:, None] + 1.0, now, now + horizon_s, noise)
@@ -206,26 +200,14 @@ def _squared_error(
     return np.asarray(np.einsum("rhi,rij,rhj->rh", rows, covariance, rows) + 2.0 * mixed + ahead)
 
 
-def _flicker(lag: Floats) -> Floats:
-    """Return the generalised autocovariance of integrated flicker of B = 1."""
-    size = np.abs(lag)
-    return np.asarray(size**2 * np.log(np.where(size > 0.0, size, 1.0)) / (2.0 * math.pi))
-
-
-def _walk(lag: Floats) -> Floats:
-    """Return the generalised autocovariance of an integrated random walk of K = 1."""
-    return np.asarray(np.abs(lag) ** 3 / 12.0)
-
-
-def _covariance(
-    a: Floats | float, b: Floats, c: Floats | float, d: Floats, noise: Callable[[Floats], Floats]
-) -> Floats:
-    """Return the generalised covariance of the increments over [a, b] and [c, d], s."""
-    return noise(b - d) - noise(b - c) - noise(a - d) + noise(np.asarray(a - c))
+def _covariance(a: Floats | float, b: Floats, c: Floats | float, d: Floats, noise: int) -> Floats:
+    """Return the generalised covariance of the increments over [a, b] and [c, d], s, of N, B or K = 1 by number."""
+    near, far = phase_autocovariance(b - d)[noise], phase_autocovariance(np.asarray(a - c))[noise]
+    return np.asarray(near - phase_autocovariance(b - c)[noise] - phase_autocovariance(a - d)[noise] + far)
 
 
 @cache
-def _increments(noise: Callable[[Floats], Floats]) -> Floats:
+def _increments(noise: int) -> Floats:
     """Return the covariance of the increments between the fixes, (FIXES, FIXES)."""
     start = np.arange(float(FIXES))
     return _covariance(start[:, None], start[:, None] + 1.0, start, start + 1.0, noise)

@@ -32,26 +32,18 @@ from imumon.samples import Floats
 MOST_NEES = 1.25
 """1, largest NEES of the recommended numbers (contract)."""
 
-AIM = 0.998 * MOST_NEES
-"""1, NEES that the search aims at: what is between the horizons, and rounding, stay within `MOST_NEES`."""
-
 LEAST_NEES = 0.8
-"""1, smallest NEES of the filter with Gauss-Markov terms (contract).99 to 1.02."""
+"""1, smallest NEES of the filter with Gauss-Markov terms (contract)."""
 
 LEAST_N, MOST_SIZE = 1e-15, 1e6
 """unit/sqrt(Hz) and SI, N below and N, B or K above which a report describes no sensor."""
 
-NO_WALK = 1e-6
-"""1/s, share of N in the unit of the search: a channel without B and K gets a walk too."""
+SMALLEST_WALK, LARGEST_WALK = 0.1, 10.0
+"""Share of K below which no walk goes, where the reference scenario needs none, and of sqrt(K^2 + B^2/s), where the
+search begins."""
 
-SMALLEST_WALK = 0.1
-"""Share of K below which no walk goes, where the reference scenario needs none."""
-
-COARSE = np.geomspace(1e-4, 10.0, 21)
-"""Walks of the first search, in units of sqrt(K^2 + B^2/s).7 %."""
-
-FINE = 9
-"""Walks between two neighbours of the first search, in the second; a line between two gives the result."""
+HALVINGS = 16
+"""Halvings of the search on a logarithmic scale: 0.02 %."""
 
 HORIZON_DIGITS = (1.0, 1.4, 2.0, 3.0, 4.0, 6.0)
 """Horizons of a decade, s: multiples of the step of the filter."""
@@ -107,33 +99,14 @@ def horizons(horizon_s: float) -> Floats:
 
 
 def smallest_walk(truths: ChannelTruths, horizon_s: Floats) -> Floats:
-    """Return the smallest walk, (c,), whose largest predicted NEES is just below `MOST_NEES`.
-
-    Two searches on a logarithmic grid, each for all channels at once, then a line between two neighbours. The
-    NEES falls as the walk rises.
-    """
-    unit = np.maximum(np.hypot(truths.K, truths.B), NO_WALK * truths.N)
-    low, high = COARSE[0] * unit, COARSE[-1] * unit
-    for count in (len(COARSE), FINE):
-        walks = np.geomspace(low, high, count, axis=1)  # (c, count)
-        excess = np.log(_largest_nees(truths, walks, horizon_s) / AIM)
-        first = np.argmax(excess <= 0.0, axis=1)
-        first = np.where((excess <= 0.0).any(axis=1), first, count - 1)
-        at, before = np.arange(len(unit)), np.maximum(first - 1, 0)
-        low, high = walks[at, before], walks[at, first]
-        ends = excess[at, before], excess[at, first]
-    rise = np.where(ends[0] > ends[1], ends[0] - ends[1], 1.0)
-    share = np.clip(ends[0] / rise, 0.0, 1.0)
-    walk = low * (high / low) ** share
-    return np.asarray(np.maximum(walk, SMALLEST_WALK * truths.K))
-
-
-def _largest_nees(truths: ChannelTruths, walks: Floats, horizon_s: Floats) -> Floats:
-    """Return the largest NEES over the horizons for each walk, (c, w)."""
-    rows = np.repeat(np.arange(len(walks)), walks.shape[1])
-    repeated = truths.take(rows)
-    found = predict(FilterModels.without_terms(repeated.N, walks.ravel()), repeated, horizon_s)
-    return np.asarray(found.nees.max(axis=1).reshape(walks.shape))
+    """Return the smallest walk, (c,), with a predicted NEES of at most `MOST_NEES`: it falls as the walk rises."""
+    low, high = SMALLEST_WALK * truths.K, LARGEST_WALK * np.hypot(truths.K, truths.B)
+    for _ in range(HALVINGS):
+        middle = np.sqrt(low * high)
+        found = predict(FilterModels.without_terms(truths.N, middle), truths, horizon_s)
+        enough = found.nees.max(axis=1) <= MOST_NEES
+        low, high = np.where(enough, low, middle), np.where(enough, middle, high)
+    return high
 
 
 def gauss_markov(truths: ChannelTruths, horizon_s: Floats) -> tuple[FilterModels, Consistency]:

@@ -14,6 +14,8 @@ import numpy.typing as npt
 
 from imumon.samples import Bools, Floats
 
+LEAST_SHARE = 0.2
+"""Share of valid samples from which the mean of a block counts, and a segment of the spectrum."""
 LARGEST = 1e60
 """Channel unit; larger values never count, so that sums of fourth powers stay finite."""
 

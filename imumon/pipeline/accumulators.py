@@ -17,8 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.noise.allan.overlapping import SampleStore
+from imumon.noise.array_state import subset
 from imumon.noise.detection import Guard, GuardedSamples
-from imumon.noise.detection.disturbance import Disturbance, subset
+from imumon.noise.detection.disturbance import Disturbance
 from imumon.noise.statistics.differences import DifferenceAccumulator, RobustDeviation
 from imumon.noise.statistics.envelope import Envelope
 from imumon.noise.statistics.histogram import HistogramAccumulator

@@ -14,9 +14,9 @@ from imumon.evaluation import ExactCurve
 from imumon.noise.allan.overlapping import (
     SampleStore,
     averaging_lengths,
-    chi_square_limits,
     overlapping_deviation,
 )
+from imumon.noise.statistics.moments import deviation_limits
 from imumon.report import Allan, Channel
 from imumon.samples import Floats, Ints
 
@@ -56,7 +56,7 @@ def _curve(channel: Channel, sigma: Floats, terms: Ints, lengths: list[int], int
         tau = lengths[k] * interval_s
         limits: tuple[float | None, float | None] = (None, None)
         if known and sigma[k] > 0.0:
-            limits = chi_square_limits(float(sigma[k]), float(np.interp(math.log(tau), places, edfs)))
+            limits = deviation_limits(float(sigma[k]), float(np.interp(math.log(tau), places, edfs)))
         low.append(limits[0])
         high.append(limits[1])
         differences.append(_difference(allan, tau, float(sigma[k])))

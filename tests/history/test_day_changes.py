@@ -196,14 +196,14 @@ def test_the_repeatability_has_limits_after_five_power_ups() -> None:
     shape = ups.described(Distribution(), "gyro/z")
     assert shape.turn_on_count == LEAST_POWER_UPS
     assert shape.turn_on_std == pytest.approx(np.std(biases, ddof=1))
-    assert (shape.turn_on_low, shape.turn_on_high) == deviation_limits(shape.turn_on_std or 0.0, 5)
+    assert (shape.turn_on_low, shape.turn_on_high) == deviation_limits(shape.turn_on_std or 0.0, 4)
 
 
 def test_the_limits_hold_the_truth_in_95_percent() -> None:
     rng = np.random.default_rng(4)
     held = 0
     for _ in range(2000):
-        low, high = deviation_limits(float(np.std(rng.standard_normal(6), ddof=1)), 6)
+        low, high = deviation_limits(float(np.std(rng.standard_normal(6), ddof=1)), 5)
         held += low <= 1.0 <= high
     assert held / 2000 == pytest.approx(0.95, abs=0.015)
 

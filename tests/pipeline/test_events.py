@@ -132,14 +132,6 @@ def test_a_new_record_does_not_end_the_warm_up_of_the_one_before() -> None:
     assert log.drain() == []
 
 
-def test_a_guard_continues_a_state_that_does_not_say_whether_it_was_stuck() -> None:
-    guard = Guard(["gyro"] * 3, 100.0)
-    guard.update(noise(10.0)[:, :3])
-    saved = guard.save()
-    del saved["stuck"]
-    assert not Guard.restore(saved).stuck
-
-
 def test_unguarded_records_keep_no_changes_that_nobody_reads() -> None:
     values = noise(20.0)
     values[1000:1500] = values[1000]

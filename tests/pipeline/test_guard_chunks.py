@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
 from imumon.pipeline.accumulators import Accumulators
@@ -80,6 +80,7 @@ def result(placed: PlacedSamples, edges: list[int]) -> tuple[list[object], list[
     return exact, rounded
 
 
+@example([("gap", 496), ("long gap", 391), ("clipped", 232), ("motion", 443)], [541, 536, 541, 102, 496], 3)
 @settings(max_examples=15, phases=(Phase.explicit, Phase.reuse, Phase.generate))
 @given(
     st.lists(st.tuples(st.sampled_from(KINDS), st.integers(0, ROWS - 1)), max_size=5),

@@ -33,6 +33,7 @@ import numpy.typing as npt
 from imumon.noise.allan.curve import AllanCurve, WindowSums
 from imumon.noise.allan.octave import BLOCK, RATIO, VALID_SHARE
 from imumon.noise.allan.stages import BATCH, OctaveStages
+from imumon.noise.array_state import subset
 from imumon.noise.blocks import BlockAccumulator, BlockMeans
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum import SpectrumAccumulator
@@ -276,8 +277,8 @@ class OctaveCascade:
         self.segment_start, self.ended_segments, position = (int(x) for x in state["numbers"])
         self._valid[:] = state["valid"]
         self._stages.load(state, position)
-        self.spectrum = SpectrumAccumulator.restore(_named(state, "spectrum."))
-        self.blocks = BlockAccumulator.restore(_named(state, "blocks."))
+        self.spectrum = SpectrumAccumulator.restore(subset(state, "spectrum."))
+        self.blocks = BlockAccumulator.restore(subset(state, "blocks."))
         self._offset[:] = state["offset"]
         self._has_offset[:] = state["settled"]
         self._fill = state["pending"].shape[1]
@@ -348,8 +349,3 @@ class OctaveCascade:
             if first.shape[1]:
                 self._offset[mine] = np.median(first, axis=1)
                 self._has_offset[group] = True
-
-
-def _named(state: Mapping[str, npt.NDArray[Any]], prefix: str) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays whose name begins with a prefix, without it."""
-    return {name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)}

@@ -27,11 +27,11 @@ make flicker 4 % too high.
 
 from __future__ import annotations
 
-import copy
 import math
 
 import numpy as np
 
+from imumon.noise.array_state import ArrayState
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Floats, Ints
 
@@ -57,7 +57,7 @@ BEFORE_SEGMENT = -math.inf
 """Count of a cluster that begins before the segment: always too few."""
 
 
-class Octave:
+class Octave(ArrayState):
     """Sums and history of one averaging time.
 
     Parameters
@@ -73,6 +73,8 @@ class Octave:
     history : (c, lag) channel unit, the last entries.
     counts : (g, lag) valid samples in them.
     """
+
+    _STATE = ("squares", "terms", "white_excess", "history", "counts")
 
     def __init__(self, index: int, groups: ValidityGroups) -> None:
         self.m = m = 1 << index
@@ -92,13 +94,6 @@ class Octave:
     def nbytes(self) -> int:
         """Bytes of sums and history."""
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
-
-    def copy(self) -> Octave:
-        """Return an independent octave in the same state."""
-        other = copy.copy(self)
-        for name in ("squares", "terms", "white_excess", "history", "counts"):
-            setattr(other, name, getattr(self, name).copy())
-        return other
 
     def start_segment(self) -> None:
         """Clear the history but keep the sums."""

@@ -15,7 +15,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import chdtri
 
 from imumon.samples import Bools, Floats, Ints
 
@@ -25,8 +24,6 @@ LEAST_SHARE = 0.9
 """Share of the samples of an average that must be there: the rest adds at most a tenth to white variance."""
 BROKEN = -(1 << 40)
 """Count of a gap of unknown length: no average that holds it has enough samples."""
-TAIL = 0.025
-"""Probability beyond each 95 % limit."""
 
 
 class SampleStore:
@@ -110,14 +107,3 @@ def overlapping_deviation(values: Floats, valid: Ints, lengths: Sequence[int]) -
         if terms[k]:
             sigma[k] = math.sqrt(float(difference @ difference) / (2.0 * terms[k]))
     return sigma, terms
-
-
-def chi_square_limits(sigma: float, edf: float) -> tuple[float, float]:
-    """Return the 95 % limits of an Allan deviation with this many equivalent degrees of freedom.
-
-    >>> [round(limit, 3) for limit in chi_square_limits(1.0, 10.0)]
-    [0.699, 1.755]
-    """
-    return sigma * math.sqrt(edf / float(chdtri(edf, TAIL))), sigma * math.sqrt(
-        edf / float(chdtri(edf, 1.0 - TAIL))
-    )

@@ -21,6 +21,7 @@ import numpy as np
 from imumon.noise.allan.cascade import OctaveCascade
 from imumon.noise.allan.curve import AllanCurve, WindowSums, padded
 from imumon.noise.allan.octave import BLOCK
+from imumon.noise.array_state import subset
 from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
 from imumon.samples import Bools, Floats, Ints
 
@@ -173,8 +174,7 @@ class WindowedCascade:
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> WindowedCascade:
         """Return a cascade in a saved state; it continues identically."""
-        own = {k.removeprefix("cascade."): v for k, v in saved.items() if k.startswith("cascade.")}
-        self = cls(OctaveCascade.restore(own))
+        self = cls(OctaveCascade.restore(subset(saved, "cascade.")))
         for number in range(int(saved["numbers"][2])):
             part = f"mark{number}."
             start, segments, octaves, place = (int(v) for v in saved[f"{part}numbers"])

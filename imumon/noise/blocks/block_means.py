@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from imumon.noise.validity_groups import LEAST_SHARE
 from imumon.samples import Floats, Ints
 
 BLOCKS = 1024
 """Most blocks. Half of them widen the limits of B by 2 %, twice as many narrow them by 3 %."""
 PIECE = 256
 """Samples that are added up together: a block of the cascade, so that any chunking of it gives the same bits."""
-LEAST_SHARE = 0.2
-"""Share of valid samples from which the mean of a block counts, as of a segment of the spectrum."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,9 +4,9 @@ The detection of a knock requires the usual noise. Time is divided into *frames*
 0.1 s. The baseline keeps five figures of every quiet frame and channel: the mean, the deviation of the samples
 about it, that of the parts about it, the distance of the mean from the level (the median of the `LEVEL_FRAMES`
 quiet frames before it), and what the mean would scatter by if the noise within 0.1 s were white. Medians over
-the last `BASELINE_FRAMES` of them are the baseline: it does not move before half of those frames are disturbed.
+the last `MEMORY_FRAMES` of them are the baseline: it does not move before half of those frames are disturbed.
 
-The scales change at fixed frame numbers only (`SCHEDULE`, then every `BASELINE_FRAMES`), so that decisions do
+The scales change at fixed frame numbers only (powers of two, then every `MEMORY_FRAMES`), so that decisions do
 not depend on how the samples are chunked. As long as they rest on few frames, the thresholds are wider by the
 uncertainty of the scales.
 
@@ -18,25 +18,24 @@ limits remain where this fails: coloured noise that is small is rest, and noise 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from imumon.noise.detection.frame_statistics import PARTS, ArrayState, FrameStatistics
+from imumon.noise.array_state import ArrayState
+from imumon.noise.detection.frame_statistics import (
+    FIRST_FRAMES,
+    MEMORY_FRAMES,
+    PARTS,
+    FrameStatistics,
+    frames_to_change,
+)
 from imumon.samples import Bools, Floats
 
-BASELINE_FRAMES = 128
-"""Frames that the scales rest on: two minutes give them to 10 %, and follow a change within a few minutes."""
 LEVEL_FRAMES = 8
 """Frames that the level rests on: it must follow a random walk, and one disturbed frame must not move it."""
-SCHEDULE = (2, 3, 4, 6, 8, 12, 16, 32, 64, 128)
-"""Quiet frames after which the scales change."""
 
 UNUSUAL_SIGMA = 7.0
-"""Standard deviations of a sample, of the mean of a part and of that of a frame that are unusual: 3e-12, less than one
-sample in a month at 800 Hz."""
-SPREAD_SIGMA = 6.0
-"""Standard deviations of the logarithm of a frame's deviation that are unusual, see `LEAST_RATIO`."""
+"""Standard deviations of a sample, of the mean of a part, of that of a frame and of the logarithm of its deviation that
+are unusual: 3e-12, less than one sample in a month at 800 Hz."""
 LEAST_RATIO = 1.5
 """Factor by which the deviation of an unusual frame exceeds the usual one at least: less matters little."""
 
@@ -56,34 +55,22 @@ Noise does not distinguish a steady turn from a bias."""
 REST_FRAMES = 16
 """Last frames by which rest is assessed, or those of motion that are tried as a new baseline: enough for scales that
 are right to 20 %."""
-LEAST_REST_FRAMES = 4
-"""Frames below which the sensor is taken to be at rest."""
 
 MAD_SIGMA = 1.4826
 """Standard deviation of a Gaussian over its median absolute deviation, 1 / 0.6745."""
-MEDIAN_ERROR = 1.25
-"""Standard error of a median over that of a mean, sqrt(pi / 2)."""
-SCALE_MARGIN = 4.0
-"""Standard errors of a scale by which thresholds of samples and parts are wider."""
-SHIFT_ERROR = 1.2
+MAD_ERROR = 1.2
 """Relative standard error of a deviation from n median absolute distances, times sqrt(n)."""
-SHIFT_MARGIN = 3.0
-"""Standard errors of the scatter of the means by which its threshold is wider."""
+MARGIN = 3.0
+"""Standard errors of a scale by which its threshold is wider."""
+
 MOST_SCATTER = 3.0
 """Factor by which the scatter of a scale may exceed that of white noise: beyond, disturbances are in it."""
 
-COARSE_SIGMA = 0.3
-"""Deviation, in quantisation steps, below which a channel is mostly constant: one step is no knock."""
-COARSE_PEAK_STEPS = 3.0
-"""Quantisation steps that a sample of such a channel may be off."""
-COARSE_MEAN_STEPS = 2.0
-"""Quantisation steps that the mean of a part or a frame of such a channel may be off."""
+COARSE_STEPS = 3.0
+"""Quantisation steps that a channel may be off by which is mostly constant: its deviation is below a third of one."""
 
 ROUNDING = 1e-12
 """Share of the level by which sums of equal numbers may differ."""
-
-
-_PUBLIC_STATE = ("origin", "sample", "part", "shift")
 
 
 class NoiseBaseline(ArrayState):
@@ -104,7 +91,21 @@ class NoiseBaseline(ArrayState):
         frame, of a part from it, and of the mean of a frame from the level.
     """
 
-    _STATE = ("_ring", "_recent_means", "_scale", "_scatter", "_step", "_limits", *_PUBLIC_STATE)
+    _STATE = (
+        *(
+            "_ring",
+            "_recent_means",
+            "_scale",
+            "_scatter",
+            "_step",
+            "_limits",
+            "origin",
+            "sample",
+            "part",
+            "shift",
+        ),
+        *("frames", "at_rest", "stale"),
+    )
 
     def __init__(self, sensors: tuple[str, ...], frame: int) -> None:
         c = len(sensors)
@@ -114,7 +115,7 @@ class NoiseBaseline(ArrayState):
         self._axes = np.array([float(sensors.count(s)) for s in sensors])
         self._rest_limit = np.array([limits.get(s, np.inf) for s in sensors])
         # ring by frame number: mean, ln rms, ln parts, |mean - level|, white
-        self._ring = np.full((BASELINE_FRAMES, 5, c), np.nan)
+        self._ring = np.full((MEMORY_FRAMES, 5, c), np.nan)
         self.frames = 0
         self.stale = 0
         self.at_rest = True
@@ -131,13 +132,12 @@ class NoiseBaseline(ArrayState):
     @property
     def ready(self) -> bool:
         """Whether it has learned from enough quiet frames to assess others."""
-        return bool(self.frames >= SCHEDULE[0])
+        return bool(self.frames > 1)
 
     @property
     def next_change(self) -> int:
         """Frames until the scales change."""
-        last = BASELINE_FRAMES * (self.frames // BASELINE_FRAMES + 1)
-        return next((at for at in SCHEDULE if self.frames < at), last) - self.frames
+        return frames_to_change(self.frames)
 
     @property
     def peak(self) -> Floats:
@@ -173,7 +173,7 @@ class NoiseBaseline(ArrayState):
             return
         self._update_step(quiet)
         tiny = np.finfo(np.float64).tiny
-        ring, at = self._ring, (self.frames + np.arange(k)) % BASELINE_FRAMES
+        ring, at = self._ring, (self.frames + np.arange(k)) % MEMORY_FRAMES
         ring[at, 0] = quiet.mean
         ring[at, 1] = np.log(np.maximum(quiet.rms, tiny))
         ring[at, 2] = np.log(np.maximum(quiet.parts, tiny))
@@ -216,21 +216,21 @@ class NoiseBaseline(ArrayState):
 
     def _update_scales(self) -> None:
         """Recompute scales and thresholds from the frames in the ring."""
-        n = min(self.frames, BASELINE_FRAMES)
+        n = min(self.frames, MEMORY_FRAMES)
         self.origin = self.level
         logs = self._ring[:n, 1:3]
         self._scale = _median(logs, self._scale)
         floor = np.array([[(2.0 * self._frame) ** -0.5], [(2.0 * PARTS - 2.0) ** -0.5]])
         scatter = MAD_SIGMA * _median(np.abs(logs - self._scale), np.zeros_like(self._scale))
         self._scatter = np.minimum(np.maximum(scatter, floor), MOST_SCATTER * floor)
-        wider = 1.0 + SCALE_MARGIN * MEDIAN_ERROR * self._scatter / np.sqrt(n)
+        wider = 1.0 + MARGIN * self._scatter * np.sqrt(0.5 * np.pi / n)  # of a median
         rms, parts = np.exp(self._scale)
         self.sample = UNUSUAL_SIGMA * wider[0] * rms
         self.part = UNUSUAL_SIGMA * wider[1] * parts
         shift = MAD_SIGMA * _median(self._ring[:n, 3], np.zeros_like(rms))
         # The mean of a frame scatters at least as white noise of the parts would. With few distances, the
         # scatter of the parts is the least that is assumed.
-        shift = np.maximum(shift, parts / np.sqrt(PARTS)) * (1.0 + SHIFT_MARGIN * SHIFT_ERROR / np.sqrt(n))
+        shift = np.maximum(shift, parts / np.sqrt(PARTS)) * (1.0 + MARGIN * MAD_ERROR / np.sqrt(n))
         self.shift = UNUSUAL_SIGMA * (shift if n > LEVEL_FRAMES else np.maximum(parts, shift))
         # a constant channel differs from its level by rounding
         for limit in (self.sample, self.part, self.shift):
@@ -240,11 +240,11 @@ class NoiseBaseline(ArrayState):
 
     def _thresholds(self) -> Floats:
         """Return (5, c) thresholds for peak, part_peak, distance of the mean, rms and parts."""
-        wider = np.maximum(SPREAD_SIGMA * self._scatter, np.log(LEAST_RATIO))
+        wider = np.maximum(UNUSUAL_SIGMA * self._scatter, np.log(LEAST_RATIO))
         limits = np.stack((self.sample, self.part, self.shift, *np.exp(self._scale + wider)))
         # A single step is no knock of a channel that is mostly constant.
-        coarse = np.exp(self._scale[0]) < COARSE_SIGMA * self._step
-        allowed = np.array([COARSE_PEAK_STEPS, COARSE_MEAN_STEPS, COARSE_MEAN_STEPS, 1.0, 1.0])
+        coarse = COARSE_STEPS * np.exp(self._scale[0]) < self._step
+        allowed = np.array([COARSE_STEPS, COARSE_STEPS, COARSE_STEPS, 1.0, 1.0])
         steps = allowed[:, None] * np.where(coarse, self._step, 0.0)
         return np.asarray(np.maximum(np.maximum(limits, steps), ROUNDING * np.abs(self.origin)))
 
@@ -253,25 +253,15 @@ class NoiseBaseline(ArrayState):
         if float(np.linalg.norm(self.level[self._members.get("gyro", [])])) > TURN_RATE:
             return False
         k = min(n, REST_FRAMES)
-        if k < LEAST_REST_FRAMES:
+        if k < FIRST_FRAMES:
             return True
-        rows = self._ring[(self.frames - k + np.arange(k)) % BASELINE_FRAMES]
+        rows = self._ring[(self.frames - k + np.arange(k)) % MEMORY_FRAMES]
         step = np.sqrt(0.5 * np.mean(np.diff(rows[:, 0], axis=0) ** 2, axis=0))  # Allan deviation at 1 s
         white = _median(rows[:, 4], np.zeros(rows.shape[2]))
         factor = REST_FACTOR * (1.0 + ((k - 1) * self._axes) ** -0.5)
         limit = np.maximum(self._rest_limit, factor * white)
         excess = (step / np.minimum(limit, SHAKEN_FACTOR * self._rest_limit)) ** 2
         return all(float(excess[axes].mean()) <= 1.0 for axes in self._members.values())
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays."""
-        return super().save() | {"frames": np.array([self.frames, self.at_rest, self.stale])}
-
-    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue from a saved state."""
-        super().restore(saved)
-        self.frames, at_rest, self.stale = (int(v) for v in saved["frames"])
-        self.at_rest = bool(at_rest)
 
 
 def _median(rows: Floats, otherwise: Floats) -> Floats:

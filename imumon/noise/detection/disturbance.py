@@ -19,8 +19,9 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
+from imumon.noise.array_state import ArrayState, subset
 from imumon.noise.detection.baseline import REST_FRAMES, NoiseBaseline
-from imumon.noise.detection.frame_statistics import PARTS, ArrayState, FrameStatistics
+from imumon.noise.detection.frame_statistics import PARTS, FrameStatistics
 from imumon.noise.detection.outliers import OutlierDetector, own_limit
 from imumon.samples import Bools, Floats
 
@@ -124,6 +125,8 @@ class DisturbanceDetector(ArrayState):
     latest : (2, c) channel unit, mean and deviation of the last undisturbed frame that was passed on.
     """
 
+    _STATE = ("moving", "_reason", "latest")
+
     def __init__(self, sensors: Sequence[str], kinds: tuple[str, ...], frame: int) -> None:
         self.inertial = kinds == INERTIAL
         self.channels = [i for i, s in enumerate(sensors) if s in kinds]
@@ -160,7 +163,7 @@ class DisturbanceDetector(ArrayState):
         index : place on the grid of the first row.
         """
         k, frame = x.shape[1], x.shape[2] * x.shape[3]
-        if self.baseline.ready and not self.moving and not any(self._unusual):
+        if self.baseline.ready and not (self.moving or self.baseline.stale or any(self._unusual)):
             frames, _ = self._figures(x, usable)
             if frames.known.all() and not self.baseline.unusual(frames).any():
                 self._learn(frames, codes)
@@ -390,33 +393,24 @@ class DisturbanceDetector(ArrayState):
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""
-        state = np.array([self.moving, self._reason, *self._unusual], dtype=np.int64)
-        out: dict[str, np.ndarray] = {"state": state}
+        out = super().save() | {"unusual": np.array(self._unusual)}
         out |= {f"outliers.{name}": value for name, value in self.outliers.save().items()}
         found = [[o.place, o.group, o.channel, o.size] for o in self.found]
         out["found"] = np.array(found, dtype=np.float64).reshape(-1, 4)
-        out["latest"] = self.latest.copy()
         if self._candidates:
             frames = FrameStatistics.joined(self._candidates)
             out |= {f"candidates.{name}": getattr(frames, name) for name in FrameStatistics.__slots__}
         return out | {f"baseline.{name}": value for name, value in self.baseline.save().items()}
 
-    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
+    def load(self, saved: Mapping[str, np.ndarray]) -> None:
         """Continue from a saved state."""
-        self.moving = int(saved["state"][0])
-        self._reason = ReasonCode(saved["state"][1])
-        self._unusual = [Shows(v) for v in saved["state"][2:]]
-        self.outliers.restore(subset(saved, "outliers."))
+        super().load(saved)
+        self._unusual = [Shows(v) for v in saved["unusual"]]
+        self.outliers.load(subset(saved, "outliers."))
         found = saved["found"].tolist()
         self.found = [Outlier(int(at), int(group), int(c), size) for at, group, c, size in found]
-        self.latest = np.array(saved["latest"])
         self._candidates = []
         if candidates := subset(saved, "candidates."):
             frames = FrameStatistics(*(candidates[name] for name in FrameStatistics.__slots__))
             self._candidates = [frames[i : i + 1] for i in range(len(frames.mean))]
-        self.baseline.restore(subset(saved, "baseline."))
-
-
-def subset(saved: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
-    """Return the arrays of a saved state whose names begin with `prefix`, without the prefix."""
-    return {name.removeprefix(prefix): value for name, value in saved.items() if name.startswith(prefix)}
+        self.baseline.load(subset(saved, "baseline."))

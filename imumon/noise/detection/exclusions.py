@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from imumon.noise.array_state import ArrayState
 from imumon.noise.detection.disturbance import (
     REASONS,
     Codes,
@@ -23,7 +24,7 @@ OUTLIER_EVENT_FRAMES = 60
 events."""
 
 
-class Exclusions:
+class Exclusions(ArrayState):
     """What the guard has excluded.
 
     Parameters
@@ -37,6 +38,8 @@ class Exclusions:
     disturbances : number of disturbances so far, running ones included.
     events : disturbances that ended and were not read yet, in order.
     """
+
+    _STATE = ("counts", "disturbances")
 
     def __init__(self, detectors: Sequence[DisturbanceDetector], part: int, frame: int) -> None:
         self._detectors, self._part, self._frame = detectors, part, frame

@@ -1,13 +1,11 @@
-"""Statistics of frames, by which disturbances are assessed, and the base of detectors with a state.
+"""Statistics of frames, by which disturbances are assessed.
 
 Time is divided into *frames* of ten *parts*, about 1 s and 0.1 s.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -19,21 +17,19 @@ KNOWN_SHARE = 0.25
 """Valid share of a frame from which it is assessed."""
 INDEPENDENT_SAMPLES = 100
 """Independent samples of a frame that are assumed at most: the filter of the sensor may end at 50 Hz."""
+FIRST_FRAMES = 4
+"""Frames that are assessed together at the beginning, because one may be disturbed; rest is not doubted before."""
+MEMORY_FRAMES = 128
+"""Frames that usual figures rest on: two minutes give scales to 10 %, and follow a change within a few minutes."""
 
 
-class ArrayState:
-    """Base of detectors whose state is some arrays: the attributes named in `_STATE`."""
+def frames_to_change(frames: int) -> int:
+    """Return the frames until usual figures change, which do not depend on how samples are chunked.
 
-    _STATE: ClassVar[tuple[str, ...]]
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays."""
-        return {name.strip("_"): getattr(self, name).copy() for name in self._STATE}
-
-    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue from a saved state."""
-        for name in self._STATE:
-            setattr(self, name, np.array(saved[name.strip("_")]))
+    >>> [frames_to_change(frames) for frames in (0, 1, 2, 5, 127, 128, 200)]
+    [1, 1, 2, 3, 1, 128, 56]
+    """
+    return min(1 << frames.bit_length(), (frames // MEMORY_FRAMES + 1) * MEMORY_FRAMES) - frames
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from imumon.noise.array_state import ArrayState, subset
 from imumon.noise.detection.disturbance import (
     INERTIAL,
     REASONS,
@@ -32,27 +33,16 @@ from imumon.noise.detection.disturbance import (
     DisturbanceDetector,
     Reason,
     ReasonCode,
-    subset,
 )
 from imumon.noise.detection.exclusions import Exclusions
-from imumon.noise.detection.frame_statistics import PARTS, ArrayState
-from imumon.noise.detection.stuck import RepeatDetector, StuckAxisDetector
+from imumon.noise.detection.frame_statistics import FIRST_FRAMES, PARTS
+from imumon.noise.detection.stuck import RepeatDetector
 from imumon.samples import Bools, Floats
 
 MARGIN_BEFORE = 5
 """Parts (0.1 s) excluded before any other disturbance: it begins below the threshold."""
 MARGIN_AFTER = 10
-"""Parts (0.1 s) excluded after a knock, motion, saturation or a magnetic disturbance, while it rings down."""
-STUCK_MARGIN_AFTER = 5
-"""Parts (0.1 s) excluded after a stuck output, while the sensor's filter settles."""
-
-FIRST_FRAMES = 4
-"""Frames that are assessed together at the beginning: one of them may be disturbed."""
-
-LONG_SKIP = 3
-"""Whole missing frames from which a gap is skipped and not passed through the detectors."""
-
-_ARRAYS = ("values", "valid", "saturated", "codes", "tail")
+"""Parts (0.1 s) excluded after it, while it rings down and the filter of the sensor settles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +63,7 @@ class GuardedSamples:
     broken: bool = False
 
 
-class Guard:
+class Guard(ArrayState):
     """Delay line that marks disturbed samples invalid.
 
     Parameters
@@ -88,6 +78,8 @@ class Guard:
     sensors, groups : (c,) sensor and group of each channel.
     """
 
+    _STATE = ("_values", "_valid", "_saturated", "_codes", "_tail", "_index", "_started", "_was_stuck")
+
     def __init__(self, sensors: Sequence[str], rate_hz: float, *, excludes: bool = True) -> None:
         self.sensors, self._rate, self._excludes = tuple(sensors), rate_hz, excludes
         names = list(dict.fromkeys(sensors))
@@ -100,9 +92,7 @@ class Guard:
             if any(s in kinds for s in names)
         ]
         self._exclusions = Exclusions(self._detectors, self._part, self._frame)
-        self._repeats = RepeatDetector(self.groups)
-        assessed = [c for detector in self._detectors for c in detector.channels]
-        self._stuck_axes = StuckAxisDetector(assessed, self.groups)
+        self._repeats = RepeatDetector(self.groups, self._frame)
         self._values = np.zeros((len(self.groups), 0)).T  # column-major: channels are contiguous
         self._valid = np.zeros((0, len(names)), dtype=bool)
         self._saturated = np.zeros(0, dtype=bool)
@@ -204,7 +194,7 @@ class Guard:
         """Note that `n` samples are missing; return the samples that are assessed."""
         fill = -len(self._values) % self._frame
         whole = max(0, n - fill) // self._frame
-        if whole < LONG_SKIP:
+        if whole < FIRST_FRAMES:
             return self._missing(n)
         out, rows = self._drain(fill), whole * self._frame
         out.append(GuardedSamples(self._values, self._valid, skipped=rows))
@@ -265,8 +255,6 @@ class Guard:
         rows = slice(done, done + k * self._frame)
         values, valid, saturated = self._values[rows], self._valid[rows], self._saturated[rows]
         stuck = self._repeats.update(values, valid)
-        for f, group in self._stuck_axes.update(values, valid, k):
-            stuck[f * self._frame : (f + 1) * self._frame, group] = True
         self._note_stuck(stuck, valid, self._index + done)
         codes = np.zeros((k, PARTS, len(self._detectors)), dtype=np.int8)
         clean = bool(valid.all()) and not (stuck.any() or saturated.any())
@@ -305,7 +293,7 @@ class Guard:
             known = np.flatnonzero(received[rows])
             if not len(known):
                 continue
-            now = bool(repeats[rows][known[-1]]) or (self._was_stuck and f in self._stuck_axes.unclear)
+            now = bool(repeats[rows][known[-1]])
             if now != self._was_stuck:
                 self._was_stuck = now
                 self._stuck_changes.append((index + (f + 1) * self._frame, now))
@@ -346,11 +334,8 @@ class Guard:
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays, without running disturbances and unread events."""
-        numbers = [self._index, self.disturbances, self._started, *self._breaks]
-        out = {name: getattr(self, f"_{name}").copy() for name in _ARRAYS}
-        out |= {"sensors": np.array(self.sensors), "rate": np.array(self._rate)}
-        out |= {"stuck": np.array(self._was_stuck), "counts": self._exclusions.counts.copy()}
-        out |= {"excludes": np.array(self._excludes), "numbers": np.array(numbers, dtype=np.int64)}
+        out = super().save() | {"sensors": np.array(self.sensors), "rate": np.array(self._rate)}
+        out |= {"excludes": np.array(self._excludes), "breaks": np.array(self._breaks, dtype=np.int64)}
         for prefix, part in self._parts().items():
             out |= {prefix + name: value for name, value in part.save().items()}
         return out
@@ -359,28 +344,23 @@ class Guard:
     def restore(cls, saved: Mapping[str, np.ndarray]) -> Guard:
         """Return a guard that continues from a saved state."""
         self = cls([str(s) for s in saved["sensors"]], float(saved["rate"]), excludes=bool(saved["excludes"]))
-        for name in _ARRAYS:
-            setattr(self, f"_{name}", saved[name].copy())
-        self._exclusions.counts = saved["counts"].copy()
-        self._index, self._exclusions.disturbances, started, *self._breaks = (
-            int(v) for v in saved["numbers"]
-        )
-        self._started, self._was_stuck = bool(started), bool(saved.get("stuck", False))
+        self.load(saved)
+        self._breaks = saved["breaks"].tolist()
         for prefix, part in self._parts().items():
-            part.restore(subset(saved, prefix))
+            part.load(subset(saved, prefix))
         return self
 
     def _parts(self) -> dict[str, ArrayState]:
         """Return the objects that are saved with the guard, by the prefix of their arrays."""
         parts: dict[str, ArrayState] = {f"detector{w}.": d for w, d in enumerate(self._detectors)}
-        return parts | {"repeats.": self._repeats, "stuck_axes.": self._stuck_axes}
+        return parts | {"repeats.": self._repeats, "exclusions.": self._exclusions}
 
 
 def _with_margins(codes: Codes) -> Codes:
     """Return the codes of parts with the margins of their reasons; if several apply, the highest."""
     out = codes.copy()
     for code in np.unique(codes[codes > 0]).tolist():
-        before, after = MARGIN_BEFORE, STUCK_MARGIN_AFTER if code == ReasonCode.STUCK else MARGIN_AFTER
-        reach = np.convolve(codes == code, np.ones(before + after + 1))[before : before + len(codes)] > 0.5
+        reach = np.convolve(codes == code, np.ones(MARGIN_BEFORE + MARGIN_AFTER + 1)) > 0.5
+        reach = reach[MARGIN_BEFORE : MARGIN_BEFORE + len(codes)]
         np.maximum(out, np.int8(code), out=out, where=reach)
     return out

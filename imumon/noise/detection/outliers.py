@@ -5,7 +5,7 @@ on its own sensor. Outliers that crowd are not single: they are a knock.
 
 If outliers are more than `NOISE_SHARE` of the samples of a channel, they are the noise of the sensor and stay
 in the statistics, which then describe what the sensor really gives. The decision is made frame by frame from
-counts that halve every `FADE_FRAMES` frames, so it is a function of the samples alone. Until the decision, at
+counts that halve every `MEMORY_FRAMES` frames, so it is a function of the samples alone. Until the decision, at
 most `NOISE_SHARE` and three standard errors of the counted samples are excluded; they stay excluded.
 """
 
@@ -15,29 +15,19 @@ import math
 
 import numpy as np
 
+from imumon.noise.array_state import ArrayState
 from imumon.noise.detection.baseline import MAD_SIGMA, UNUSUAL_SIGMA
-from imumon.noise.detection.frame_statistics import PARTS, ArrayState
-from imumon.noise.detection.stuck import CHANCE
+from imumon.noise.detection.frame_statistics import MEMORY_FRAMES, PARTS
+from imumon.noise.detection.stuck import CHANCE, run_beyond_chance
 from imumon.samples import Bools, Floats, Ints
 
 NOISE_SHARE = 0.01
 """Share of the samples of a channel above which outliers are its noise."""
-RARE_SHARE = 0.005
-"""Share below which they are excluded again."""
 COUNT_ERRORS = 3.0
 """Standard errors of the count, sqrt(n), by which it exceeds `NOISE_SHARE`."""
-FADE_FRAMES = 1024
-"""Frames after which the counts halve: a quarter of an hour, so that they follow the sensor."""
 
 LEAST_RUN = 3
 """Samples in a row, or nearly, that are a knock where outliers are rare."""
-MOST_OUTLIERS = 0.3
-"""Share of the samples of a frame and sensor up to which they are outliers."""
-CROWD_ERRORS = 5.0
-"""Standard errors above their usual share in a frame up to which they are, too."""
-SMALL_SAMPLE = 1.5
-"""Standard errors of a deviation from n samples, times sqrt(2 n), by which the threshold of samples without a
-baseline is wider."""
 
 
 class OutlierDetector(ArrayState):
@@ -81,10 +71,7 @@ class OutlierDetector(ArrayState):
         shares = self._rows / max(int(self._frames[0]) * self._frame, 1)
         sensors = [far[members].any(axis=0).reshape(-1) for members in self._members]
         for rows, share in zip(sensors, shares.tolist(), strict=True):
-            crowd = share + CROWD_ERRORS * math.sqrt(share / self._frame)
-            if rows.reshape(-1, self._frame).mean(axis=1).max() > max(MOST_OUTLIERS, crowd):
-                return None
-            least = run_beyond_chance(share)
+            least = run_beyond_chance(share, LEAST_RUN)
             if np.convolve(rows, np.ones(min(2 * least - 1, len(rows)))).max() > least - 0.5:
                 return None
         if len(sensors) > 1:  # a bit error is in one sensor, a knock in both
@@ -100,16 +87,16 @@ class OutlierDetector(ArrayState):
             self._channels += outliers.sum(axis=(1, 2, 3))
             self._rows += [outliers[members].any(axis=0).sum() for members in self._members]
         while frames:
-            step = min(frames, FADE_FRAMES - int(self._frames[0]))
+            step = min(frames, MEMORY_FRAMES - int(self._frames[0]))
             self._frames += step
             frames -= step
-            if self._frames[0] >= FADE_FRAMES:
+            if self._frames[0] >= MEMORY_FRAMES:
                 self._frames //= 2
                 self._channels *= 0.5
                 self._rows *= 0.5
         n = float(self._frames[0]) * self._frame
         most = NOISE_SHARE * n + COUNT_ERRORS * math.sqrt(NOISE_SHARE * n)
-        self.noise = np.where(self.noise, self._channels > RARE_SHARE * n, self._channels > most)
+        self.noise = self._channels > most
 
 
 def _middle(d: Floats, usable: Bools | None) -> Floats:
@@ -138,15 +125,4 @@ def own_limit(d: Floats, usable: Bools | None) -> Floats:
     median = np.median(x, axis=1, keepdims=True)
     scale = MAD_SIGMA * np.median(np.abs(x - median), axis=1)
     scale = np.where(scale > 0.0, scale, x.std(axis=1))
-    return np.asarray(UNUSUAL_SIGMA * (1.0 + SMALL_SAMPLE * 2.0 / math.sqrt(2.0 * n)) * scale)
-
-
-def run_beyond_chance(share: float) -> int:
-    """Return how many outliers in a row are no chance, where they have this share of the samples.
-
-    >>> run_beyond_chance(0.0), run_beyond_chance(0.001), run_beyond_chance(0.05)
-    (3, 4, 10)
-    """
-    if share <= 0.0:
-        return LEAST_RUN
-    return max(LEAST_RUN, math.ceil(math.log(CHANCE) / math.log(min(share, 0.5))))
+    return np.asarray(UNUSUAL_SIGMA * scale)

@@ -1,15 +1,14 @@
 """Stuck output: whole samples and single axes that repeat instead of being measured.
 
-A sensor that hangs repeats the same sample, and an axis that hangs repeats its value. Neither adds
-information, and both distort every statistic without exceeding any limit. Some repeats are normal: a
-magnetometer that updates at 250 Hz and is read at 800 Hz, a quantised temperature, a constant channel. The
-detectors therefore learn the usual share p of repeats. A run of r repeats counts as stuck only if p^r is below
-`CHANCE`.
+A sensor that hangs repeats the same sample, and an axis that hangs repeats its value. Neither adds information, and
+both distort every statistic without exceeding any limit. Some repeats are normal: a magnetometer that updates at 250 Hz
+and is read at 800 Hz, a quantised temperature, a constant channel. The detector therefore learns the usual share p of
+repeats.
 
-- `RepeatDetector` compares whole samples of a group of channels.
-- `StuckAxisDetector` compares the values of one axis over whole frames. An axis that never changed is
-  constant, not stuck: it is reported elsewhere and excludes nothing. An axis whose noise is hardly wider than
-  one quantisation step may be constant at some levels, and is never stuck.
+- A run of r samples that repeat as a whole is stuck if p^r is below `CHANCE`.
+- An axis is compared where other axes of its sensor change. It is stuck if it keeps its value for two frames, unless
+  it usually repeats: an axis whose noise is hardly wider than one quantisation step may be constant at some levels, and
+  one that never changed is constant. That is reported elsewhere and excludes nothing.
 """
 
 from __future__ import annotations
@@ -19,75 +18,52 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from imumon.noise.detection.frame_statistics import ArrayState
+from imumon.noise.array_state import ArrayState
+from imumon.noise.detection.frame_statistics import MEMORY_FRAMES, frames_to_change
 from imumon.samples import Bools, Floats
 
 CHANCE = 1e-12
-"""Probability below which a run of repeats is not chance: less than one false run in a month at 800 Hz."""
-
+"""Probability below which a run is not chance: less than one false run in a month at 800 Hz."""
 LEAST_REPEATS = 5
 """Samples, shortest run of repeats that counts, however rare repeats are: a driver may send one twice."""
 LEAST_FRAMES = 2
-"""Frames, shortest run in which a stuck axis does not change at all: one may be split by a restart."""
-LAWFUL_SHARE = 0.999
-"""Share of repeats from which a channel counts as constant: no run of it is unusual."""
-
-LEARN_ROWS = 8
-"""Samples from which the share of repeats is taken as usual."""
-LEARN_EVERY = 32
-"""Frames between two updates of the usual share, after powers of two at first."""
-FADE_ROWS = 4096
-"""Samples after which older ones count half, so that the usual share follows the sensor."""
-
-LEARN_FRAMES = 8
-"""Most frames of one run without a change that are learned as usual; changing frames in which the
-quantisation step is determined."""
-FADE_FRAMES = 4096
-"""Frames, memory of the usual share of frames without a change."""
-WIDE_STEPS = 4.0
-"""Quantisation steps that a frame of an axis must span before a constant value counts: a narrower axis may
-stay in the middle of a step."""
-LEAST_VALID = 0.5
-"""Valid share of a frame from which it is compared."""
-
-HASH_MULTIPLIER = 0x9E3779B97F4A7C15
-"""2^64 over the golden ratio, for multiplicative hashing (Knuth, TAOCP 3, section 6.4)."""
+"""Frames, shortest run of an axis: a smooth signal keeps its rounded value for a while where it turns."""
+USUAL_REPEATS = 1.0 / 3.0
+"""Share of repeats from which an axis is never stuck: that of noise of 0.85 steps, below which it depends on the
+level."""
 
 _NEVER = int(np.iinfo(np.int64).max)
 
 
 class RepeatDetector(ArrayState):
-    """Find groups of channels that repeat whole samples.
+    """Find groups of channels that repeat whole samples, and axes that repeat their value.
 
     Parameters
     ----------
     groups : (c,) group of each channel, 0 ... g-1.
+    frame : samples of a frame.
     """
 
-    _STATE = ("_previous", "_started", "_run", "_repeats", "_rows", "_longest", "_frames")
+    _STATE = ("_last", "_started", "_run", "_repeats", "_rows", "_longest", "_frames")
 
-    def __init__(self, groups: Sequence[int]) -> None:
+    def __init__(self, groups: Sequence[int], frame: int) -> None:
         self._channels = [[c for c, g in enumerate(groups) if g == group] for group in range(max(groups) + 1)]
-        # odd multipliers, different for each channel, so that a sum of products identifies a sample
-        keys = [HASH_MULTIPLIER * (2 * c + 3) ** 2 | 1 for c in range(len(groups))]
-        self._keys = np.array([key % 2**64 for key in keys], dtype=np.uint64)
-        g = len(self._channels)
-        self._previous = np.zeros(g, dtype=np.uint64)  # hash of the last sample
-        self._started = np.zeros(g, dtype=bool)
-        self._run = np.zeros(g, dtype=np.int64)  # repeats in a row
-        self._repeats = np.zeros(g)  # samples learned from: repeats, all
-        self._rows = np.zeros(g)
-        self._longest = np.full(g, _NEVER, dtype=np.int64)  # repeats in a row that count as stuck
+        self._frame, size = frame, len(self._channels) + len(groups)
+        self._last = np.zeros(len(groups))  # channel unit, last sample
+        self._started = np.zeros(len(self._channels), dtype=bool)
+        # of each group, then of each channel
+        self._run = np.zeros(size, dtype=np.int64)  # repeats in a row
+        self._repeats, self._rows = np.zeros(size), np.zeros(size)  # samples learned from: repeats, all
+        self._longest = np.full(size, _NEVER, dtype=np.int64)  # repeats in a row that count as stuck
         self._frames = np.zeros(1, dtype=np.int64)
 
     @property
     def next_change(self) -> int:
-        """Frames until the usual share of repeats changes: at powers of two and multiples of `LEARN_EVERY`."""
-        frames = int(self._frames[0])
-        return min(1 << frames.bit_length(), (frames // LEARN_EVERY + 1) * LEARN_EVERY) - frames
+        """Frames until the usual share of repeats changes."""
+        return frames_to_change(int(self._frames[0]))
 
     def update(self, values: Floats, valid: Bools) -> Bools:
-        """Return the rows (n, g) that repeat the one before, in a run that is too long for chance.
+        """Return the rows (n, g) in which a group, or an axis of it, is stuck.
 
         Parameters
         ----------
@@ -95,12 +71,21 @@ class RepeatDetector(ArrayState):
         valid : (n, g) received rows of each group.
         """
         stuck = np.zeros(valid.shape, dtype=bool)
-        bits = values.T.view(np.uint64)
         for g, channels in enumerate(self._channels):
-            mixed = bits[channels[0]] * self._keys[channels[0]]
-            for c in channels[1:]:
-                mixed += bits[c] * self._keys[c]
-            self._compare(g, mixed, valid[:, g], stuck[:, g])
+            rows = slice(None) if valid[:, g].all() else np.flatnonzero(valid[:, g])
+            x = values[rows].T[channels]
+            if not x.shape[1]:
+                continue
+            same = np.empty(x.shape, dtype=bool)
+            np.equal(x[:, 1:], x[:, :-1], out=same[:, 1:])
+            same[:, 0] = self._started[g] & (x[:, 0] == self._last[channels])
+            self._last[channels], self._started[g] = x[:, -1], True
+            whole = np.asarray(same.all(axis=0))
+            found = self._compare(g, whole)
+            changes = np.flatnonzero(~whole) if whole.any() else slice(None)
+            for c, own in zip(channels, same, strict=True):
+                found[changes] |= self._compare(len(self._channels) + c, own[changes])
+            stuck[rows, g] = found
         return stuck
 
     def learn(self, frames: int) -> None:
@@ -109,144 +94,40 @@ class RepeatDetector(ArrayState):
         self._frames += frames
         if not due:
             return
-        for g in range(len(self._rows)):
-            if self._rows[g] < LEARN_ROWS:
-                continue
-            self._longest[g] = run_beyond_chance(self._repeats[g] / self._rows[g])
-            if self._rows[g] > FADE_ROWS:
-                self._rows[g] *= 0.5
-                self._repeats[g] *= 0.5
+        for i in np.flatnonzero(self._rows).tolist():
+            share = float(self._repeats[i] / self._rows[i])
+            if i < len(self._channels):
+                self._longest[i] = run_beyond_chance(share, LEAST_REPEATS)
+            else:
+                self._longest[i] = LEAST_FRAMES * self._frame - 1 if share < USUAL_REPEATS else _NEVER
+        if self._frames[0] % MEMORY_FRAMES == 0:
+            self._rows *= 0.5
+            self._repeats *= 0.5
 
-    def _compare(self, g: int, mixed: np.ndarray, valid: Bools, out: Bools) -> None:
-        """Mark the stuck rows of group `g` in `out`, (n,)."""
-        index = None if valid.all() else np.flatnonzero(valid)
-        row = mixed if index is None else mixed[index]
-        if not len(row):
-            return
-        same = np.empty(len(row), dtype=bool)
-        same[1:] = row[1:] == row[:-1]
-        same[0] = bool(self._started[g]) and row[0] == self._previous[g]
-        self._previous[g], self._started[g] = row[-1], True
-        usual, repeats = len(row), int(np.count_nonzero(same))
+    def _compare(self, i: int, same: Bools) -> Bools:
+        """Return the stuck rows (n,) of group or channel i, of those that repeat; learn from the others."""
+        stuck, repeats = np.zeros(len(same), dtype=bool), int(np.count_nonzero(same))
         if repeats:
-            place = np.arange(1, len(row) + 1)
+            place = np.arange(1, len(same) + 1)
             since = np.maximum.accumulate(np.where(same, 0, place))
             run = place - since
-            run[since == 0] += self._run[g]
-            self._run[g] = run[-1]
-            stuck = run >= self._longest[g]
-            if stuck.any():
-                usual -= int(stuck.sum())
-                repeats -= int(stuck.sum())
-                out[slice(None) if index is None else index] = stuck
-        else:
-            self._run[g] = 0
-        self._rows[g] += usual
-        self._repeats[g] += repeats
-
-
-class StuckAxisDetector(ArrayState):
-    """Find axes that do not change at all.
-
-    Parameters
-    ----------
-    channels : columns that are compared.
-    groups : (c,) group of each channel of the stream.
-
-    Attributes
-    ----------
-    unclear : frames of the last update with too few valid rows to decide whether a stuck axis still is.
-    """
-
-    _STATE = ("_run", "_flat", "_frames", "_step", "_span")
-
-    def __init__(self, channels: Sequence[int], groups: Sequence[int]) -> None:
-        span = range(channels[0], channels[-1] + 1) if channels else range(0)
-        contiguous = list(span) == list(channels)
-        self._rows = slice(span.start, span.stop) if contiguous else np.array(channels, dtype=np.intp)
-        self._groups = [groups[c] for c in channels]
-        c = len(channels)
-        self.unclear: set[int] = set()
-        self._run = np.zeros(c, dtype=np.int64)  # frames in a row without a change
-        self._flat = np.zeros(c)  # frames learned from: those without a change, all
-        self._frames = np.zeros(c)
-        self._step = np.full(c, np.inf)  # channel unit, least step
-        self._span = np.zeros(c)  # channel unit, of the values of a moving frame
-
-    @property
-    def stuck(self) -> Bools:
-        """(c,) Compared channels that are stuck now."""
-        return np.asarray(self._run >= self._needed())
-
-    def update(self, values: Floats, valid: Bools, frames: int) -> list[tuple[int, int]]:
-        """Return frame and group of each axis that is stuck.
-
-        Parameters
-        ----------
-        values : (n, c) channel unit, of whole frames.
-        valid : (n, g).
-        """
-        x = values.T[self._rows].reshape(len(self._groups), frames, -1)
-        half = x.shape[2] // 2
-        suspect = (x[:, :, 0] == x[:, :, half]) & (x[:, :, 0] == x[:, :, -1])
-        ok = None if valid.all() else valid.T[self._groups].reshape(x.shape)
-        if ok is not None:
-            suspect |= ~ok.all(axis=2)
-        stuck, self.unclear = [], set()
-        for f in range(frames):
-            examined = suspect[:, f] | (self._run > 0) | (self._frames < LEARN_FRAMES)
-            if not examined.any():
-                self._learn(np.ones(len(x)))
-                continue
-            moved = ~examined
-            for c in np.flatnonzero(examined).tolist():
-                row = x[c, f] if ok is None else x[c, f][ok[c, f]]
-                if len(row) < LEAST_VALID * x.shape[2]:
-                    if self._run[c] >= LEAST_FRAMES and self.stuck[c]:
-                        self.unclear.add(f)
-                    continue
-                span = float(row.max() - row.min())
-                if span > 0.0:
-                    moved[c] = True
-                    self._end_run(c, row, span)
-                    continue
-                self._run[c] += 1
-                if self._run[c] >= LEAST_FRAMES and self.stuck[c]:
-                    stuck.append((f, self._groups[c]))
-            self._learn(moved.astype(np.float64))
+            run[since == 0] += self._run[i]
+            self._run[i] = run[-1]
+            stuck = run >= self._longest[i]
+        elif len(same):
+            self._run[i] = 0
+        excluded = int(np.count_nonzero(stuck))
+        self._rows[i] += len(same) - excluded
+        self._repeats[i] += repeats - excluded
         return stuck
 
-    def _end_run(self, c: int, row: Floats, span: float) -> None:
-        """Note that a channel changes: the constant frames before were usual."""
-        if self._frames[c] < LEARN_FRAMES:
-            self._step[c] = min(self._step[c], float(np.diff(np.unique(row)).min()))
-        usual = min(int(self._run[c]), LEARN_FRAMES)
-        self._run[c], self._span[c] = 0, span
-        self._frames[c] += usual
-        self._flat[c] += usual
 
-    def _learn(self, frames: Floats) -> None:
-        """Count (c,) more frames in which each channel changed; older frames fade."""
-        self._frames += frames
-        self._flat *= np.where(self._frames > FADE_FRAMES, 1.0 - 1.0 / FADE_FRAMES, 1.0)
-        np.minimum(self._frames, FADE_FRAMES, out=self._frames)
+def run_beyond_chance(share: float, least: int) -> int:
+    """Return the length of a run, at least `least`, that is too long for chance; `share` is the usual one.
 
-    def _needed(self) -> Floats:
-        """Return (c,) frames in a row without a change that are too many for chance; inf if unknown."""
-        share = np.where(self._frames > 0, self._flat / np.maximum(self._frames, 1.0), 1.0)
-        lawful = (share >= LAWFUL_SHARE) | (self._span < WIDE_STEPS * self._step)
-        needed = math.log(CHANCE) / np.log(np.clip(share, CHANCE, LAWFUL_SHARE))
-        return np.where(lawful, np.inf, np.maximum(LEAST_FRAMES, np.ceil(needed)))
-
-
-def run_beyond_chance(share: float) -> int:
-    """Return the length of a run of repeats that is too long for chance; `share` is the usual one.
-
-    >>> run_beyond_chance(0.0), run_beyond_chance(0.69), run_beyond_chance(1.0) > 10**12
+    >>> run_beyond_chance(0.0, 5), run_beyond_chance(0.69, 5), run_beyond_chance(1.0, 5) > 10**12
     (5, 75, True)
     """
-    if share >= LAWFUL_SHARE:
-        return _NEVER
     if share <= 0.0:
-        return LEAST_REPEATS
-    return max(LEAST_REPEATS, math.ceil(math.log(CHANCE) / math.log(share)))
+        return least
+    return max(least, math.ceil(math.log(CHANCE) / math.log(share))) if share < 1.0 else _NEVER

@@ -58,8 +58,6 @@ HARMONICS = 3
 """Highest harmonic of the mains that is a candidate."""
 MAINS_SPREAD = 0.002
 """Relative deviation of the mains frequency from its nominal value that is common."""
-LINE_ERROR_BINS = 0.75
-"""Bins by which the frequency of a line may be wrong, for its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +82,7 @@ class NarrowBand:
 
     def line(self, sampling: float, resolution: float) -> Line:
         """Return its peak as a line of a signal with a sampling rate, Hz, found in bins of a width, Hz."""
-        aliases, name = mains(self.peak_hz, sampling, LINE_ERROR_BINS * resolution)
+        aliases, name = mains(self.peak_hz, sampling, resolution)
         amplitude = math.sqrt(2.0 * self.peak_power)
         return Line(frequency_hz=self.peak_hz, amplitude=amplitude, aliases_hz=aliases, name=name)
 

@@ -35,6 +35,7 @@ from imumon.noise.spectrum.level_sums import (
 )
 from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES, PowerSpectrum, displayed
 from imumon.noise.spectrum.spectral_lines import BINS, HOP, SEGMENT
+from imumon.noise.validity_groups import LEAST_SHARE
 from imumon.samples import Floats
 
 LEVELS = 30
@@ -43,8 +44,6 @@ MOST_VARIATION, MOST_VARIATION_BELOW, BELOW = 0.35, 0.06, 5
 """Relative variance of the share of valid samples within a segment that counts, and the same from level `BELOW` on: so
 much of the variance of the slow noise within the segment appears as white noise. Single losses have averaged out on the
 lower levels, where slow noise prevails and only long gaps remain."""
-LEAST_SHARE = 0.2
-"""Mean share of valid samples in a segment that counts."""
 LONG_GAP = 1 << 16
 """Samples, longest gap that segments may span; a longer one ends all segments."""
 

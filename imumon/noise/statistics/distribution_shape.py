@@ -38,8 +38,6 @@ MODE_HEIGHT = 0.1
 """Share of the highest count by which a mode rises above the valleys beside it."""
 MODE_WIDTH = 0.25
 """Width of the smoothing kernel for modes, as a share of the standard deviation."""
-LEAST_MODE_WIDTH = 0.5
-"""Bins, least width of that kernel."""
 LEARN_SAMPLES = 256
 """Samples from which the step of a quantised channel is read, and below which there is no verdict."""
 
@@ -149,7 +147,7 @@ def _modes(counts: Ints, centres: Floats, sigma: float) -> tuple[float, ...]:
     centres : (k,) channel unit.
     sigma : bins, standard deviation of all samples.
     """
-    h = max(MODE_WIDTH * sigma, LEAST_MODE_WIDTH)
+    h = MODE_WIDTH * sigma
     reach = math.ceil(3.0 * h)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / h) ** 2)
     kernel /= kernel.sum()

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from imumon.noise.array_state import ArrayState
 from imumon.samples import Bools, Floats, Ints
 
 COLUMN_S = 0.5
@@ -58,7 +59,7 @@ class RecentStatistics:
     std: Floats
 
 
-class Envelope:
+class Envelope(ArrayState):
     """Columns of the last minute, the last hour, and everything.
 
     Parameters
@@ -67,12 +68,14 @@ class Envelope:
     rate_hz : Hz, sampling rate.
     """
 
+    _STATE = ("column", "_n", "_offset", "_minute", "_sums", "_hour", "_all", "_wide")
+
     def __init__(self, groups: Sequence[int], rate_hz: float) -> None:
         self._groups = list(groups)
         c = len(self._groups)
         self.column = max(1, round(COLUMN_S * rate_hz))
         self._n = 0  # samples on the grid
-        self._offset: Floats | None = None  # (c,) near the values, so that sums lose no digits
+        self._offset = np.full(c, np.nan)  # near the values, so that sums lose no digits
         self._minute = np.full((RECENT_COLUMNS, 2, c), np.nan)  # ring by column number: low, high
         self._sums = np.zeros((RECENT_COLUMNS, 3, c))  # count, sum, sum of squares, about the offset
         self._hour = np.full((RECENT_COLUMNS, 2, c), np.nan)
@@ -84,7 +87,7 @@ class Envelope:
         n = len(values)
         if not n:
             return
-        if self._offset is None:
+        if np.isnan(self._offset).any():
             self._offset = np.where(np.isfinite(values[0]), values[0], 0.0)
         x = np.ascontiguousarray(values.T)
         ok = None
@@ -168,25 +171,17 @@ class Envelope:
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = total / count
             variance = np.where(count > 1, (square - count * mean**2) / (count - 1), np.nan)
-        offset = 0.0 if self._offset is None else self._offset
-        return RecentStatistics(count, mean + offset, np.sqrt(np.maximum(variance, 0.0)))
+        return RecentStatistics(count, mean + self._offset, np.sqrt(np.maximum(variance, 0.0)))
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""
-        out = {name: getattr(self, f"_{name}").copy() for name in ("minute", "sums", "hour", "all")}
-        out |= {"groups": np.array(self._groups), "column": np.array(self.column)}
-        out["numbers"] = np.array([self._n, self._wide], dtype=np.int64)
-        return out if self._offset is None else out | {"offset": self._offset.copy()}
+        return super().save() | {"groups": np.array(self._groups)}
 
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> Envelope:
         """Return an envelope that continues from a saved state."""
         self = cls(saved["groups"].tolist(), 1.0)
-        self.column = int(saved["column"])
-        self._minute, self._sums = saved["minute"].copy(), saved["sums"].copy()
-        self._hour, self._all = saved["hour"].copy(), saved["all"].copy()
-        self._n, self._wide = (int(v) for v in saved["numbers"])
-        self._offset = saved["offset"].copy() if "offset" in saved else None
+        self.load(saved)
         return self
 
 

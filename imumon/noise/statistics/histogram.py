@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from imumon.noise.array_state import ArrayState
 from imumon.noise.statistics.distribution_shape import FEW_LEVELS, LEARN_SAMPLES, DistributionShape, assessed
 from imumon.samples import Bools, Floats, Ints
 
@@ -25,25 +26,23 @@ LEAST_STEP = 1e-150
 """Channel unit, least quantisation step: its reciprocal and its square are finite."""
 ROUNDED_GAP = 1e-9
 """Share of the largest value below which a difference of two values is rounding."""
-LATTICE_ERROR = 0.02
-"""Steps by which a difference may miss a multiple of the quantisation step."""
-LATTICE_ROUNDING = 1e-7
-"""The same, in addition, as a share of the multiple."""
+LATTICE_ERROR = 0.1
+"""Steps by which a difference may miss a multiple of the quantisation step: nine random levels do not in 3e-6."""
 MOST_MULTIPLE = 1e6
 """Steps, largest difference with which a step is recognised: beyond, any number is a multiple."""
 PRECISE_BITS = 44
 """Bits of a place on the lattice that are exact: a float has 53, and sums of places need some."""
 
-_ARRAYS = ("step", "unit", "exponent", "low", "counts", "started")
 
-
-class HistogramAccumulator:
+class HistogramAccumulator(ArrayState):
     """Histograms of some channels.
 
     Parameters
     ----------
     groups : (c,) group of each channel, 0 ... g-1; the channels of a group share their validity.
     """
+
+    _STATE = ("_step", "_unit", "_exponent", "_low", "_counts", "_started", "_holding")
 
     def __init__(self, groups: Sequence[int]) -> None:
         self._groups = list(groups)
@@ -186,8 +185,7 @@ class HistogramAccumulator:
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""
-        out = {name: getattr(self, f"_{name}").copy() for name in _ARRAYS}
-        out |= {"holding": np.array(self._holding), "groups": np.array(self._groups)}
+        out = super().save() | {"groups": np.array(self._groups)}
         if self._held:
             g = max(self._groups) + 1
             out["held"] = np.concatenate([v for v, _ in self._held])
@@ -200,9 +198,7 @@ class HistogramAccumulator:
     def restore(cls, saved: Mapping[str, np.ndarray]) -> HistogramAccumulator:
         """Return an accumulator that continues from a saved state."""
         self = cls(saved["groups"].tolist())
-        for name in _ARRAYS:
-            setattr(self, f"_{name}", saved[name].copy())
-        self._holding = int(saved["holding"])
+        self.load(saved)
         self._held = [(saved["held"], saved["held_valid"])] if "held" in saved else []
         return self
 
@@ -227,7 +223,7 @@ def quantum(x: Floats) -> float:
     for divisor in (1, 2, 3):  # the least difference may itself be several steps
         fine = step / divisor
         multiples = gaps / fine
-        if np.all(np.abs(multiples - np.rint(multiples)) < LATTICE_ERROR + LATTICE_ROUNDING * multiples) and (
+        if np.all(np.abs(multiples - np.rint(multiples)) < LATTICE_ERROR) and (
             multiples.max() < MOST_MULTIPLE and (len(levels) > FEW_LEVELS or divisor == 1)
         ):
             # the whole range determines the step better than the least difference

@@ -8,7 +8,6 @@ changes has a deviation of exactly zero.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,13 +16,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtri
 
+from imumon.noise.array_state import ArrayState
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Bools, Floats, Ints
 
 BATCH = 16384
 """Samples that are reduced together: their work arrays fit into the cache of the processor."""
-
-_ARRAYS = ("_count", "_origin", "_mean", "_comoment", "_third", "_fourth", "_min", "_max", "_last")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,20 +60,16 @@ class MomentsResult:
     covariance: tuple[Floats | None, ...]
 
 
-def deviation_limits(deviation: float, count: int) -> tuple[float, float]:
-    """Return the 95 % limits of a standard deviation that is estimated from independent Gaussian values.
+def deviation_limits(deviation: float, dof: float) -> tuple[float, float]:
+    """Return the 95 % limits of a standard or Allan deviation whose square is chi-square with these degrees of freedom.
 
-    The sum of squares over the true variance is chi-square with count - 1 degrees of freedom.
-
-    >>> low, high = deviation_limits(1.0, 5)
-    >>> round(float(low), 3), round(float(high), 3)
-    (0.599, 2.874)
+    >>> [round(limit, 3) for limit in deviation_limits(1.0, 10.0)]
+    [0.699, 1.755]
     """
-    dof = count - 1
     return deviation * (dof / chdtri(dof, 0.025)) ** 0.5, deviation * (dof / chdtri(dof, 0.975)) ** 0.5
 
 
-class Moments:
+class Moments(ArrayState):
     """Running moments of a stream.
 
     Parameters
@@ -92,6 +86,8 @@ class Moments:
     >>> x.count, x.mean, round(x.std, 6), x.min, x.last
     (4, 4.0, 2.94392, 1.0, 7.0)
     """
+
+    _STATE = ("_count", "_origin", "_mean", "_comoment", "_third", "_fourth", "_min", "_max", "_last")
 
     def __init__(self, channels: int, groups: Sequence[int] | None = None) -> None:
         self._groups = ValidityGroups(channels, groups)
@@ -123,13 +119,6 @@ class Moments:
             for group, members in enumerate(self._groups.members):
                 self._add(part[present[start : start + BATCH, group]][:, members], [members])
 
-    def copy(self) -> Moments:
-        """Return independent moments in the same state."""
-        other = copy.copy(self)
-        for name in _ARRAYS:
-            setattr(other, name, getattr(self, name).copy())
-        return other
-
     def merge(self, other: Moments) -> None:
         """Add the statistics of another record that follows this one.
 
@@ -157,16 +146,14 @@ class Moments:
 
     def save(self) -> dict[str, npt.NDArray[Any]]:
         """Return the state as small arrays."""
-        state: dict[str, npt.NDArray[Any]] = {name[1:]: getattr(self, name).copy() for name in _ARRAYS}
-        return state | {"group": self._groups.of.astype(np.int64)}
+        return super().save() | {"group": self._groups.of.astype(np.int64)}
 
     @classmethod
     def restore(cls, state: Mapping[str, npt.NDArray[Any]]) -> Moments:
         """Return moments that continue from a saved state."""
         groups = [int(g) for g in state["group"]]
         self = cls(len(groups), groups)
-        for name in _ARRAYS:
-            getattr(self, name)[...] = state[name[1:]]
+        self.load(state)
         return self
 
     def _channel(self, c: int) -> ChannelMoments:

@@ -18,9 +18,6 @@ CHANGE_SIGMA = 5.0
 LEAST_CHANGE = {"N": 0.05, "B": 0.5}
 """Relative change below which it does not matter to a user: B of the same sensor varies by as much."""
 
-_LEAST_ERROR = 1e-12
-"""Relative, least divisor."""
-
 
 def detect_changes(before: ChannelFit | Channel, now: ChannelFit | Channel, against: str) -> list[Change]:
     """Return the significant changes of N and B between two parts of a record, or two records.
@@ -54,13 +51,13 @@ def _compare(
     """Return the change of a coefficient, compared on a logarithmic scale; None if there is none."""
     errors = []
     for each in (before, now):
-        if not each.value or not each.low or not each.high or each.low <= 0.0:
+        if not each.value or not each.low or not each.high or not 0.0 < each.low < each.high:
             return None
         errors.append(math.log(each.high / each.low) / (2.0 * LIMIT_95))
     assert before.value is not None
     assert now.value is not None
     ratio = now.value / before.value
-    sigma = abs(math.log(ratio)) / max(math.hypot(*errors), _LEAST_ERROR)
+    sigma = abs(math.log(ratio)) / math.hypot(*errors)
     if sigma < CHANGE_SIGMA or abs(math.log(ratio)) < math.log1p(least):
         return None
     return Change(

@@ -15,18 +15,15 @@ import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
 from imumon.coefficients import Excess
+from imumon.noise.allan.octave import BLOCK
 from imumon.noise.allan.windows import WindowedCascade
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
 from imumon.samples import Floats
 
-MOST_PARTS = 8
-"""Parts that are joined in pairs."""
 QUARTERS = 4
 PART_S = 8.0
 """s, shortest part: a quarter must be long enough for N."""
-GRID = 256
-"""Samples; parts end where the cascade has processed all samples."""
 
 EXCESS_P = 0.25
 """Probability below which scatter counts. A variance is neglected only where a weak test does not find it either:
@@ -97,7 +94,7 @@ class Quarters:
 
     def __init__(self, cascade: WindowedCascade, rate_hz: float) -> None:
         self._cascade = cascade
-        self._length = GRID * max(1, round(PART_S * rate_hz / GRID))
+        self._length = BLOCK * max(1, round(PART_S * rate_hz / BLOCK))  # where all samples are processed
         self._marks: list[tuple[int, SpectrumMark]] = []
         self._begin()
 
@@ -113,8 +110,8 @@ class Quarters:
         if self._cascade.position > self.next_end:  # a gap of hours: the parts are not neighbours any more
             self._drop(len(self._marks))
         self._begin()
-        if len(self._marks) > MOST_PARTS:
-            for number in range(MOST_PARTS - 1, 0, -2):
+        if len(self._marks) > 2 * QUARTERS:
+            for number in range(2 * QUARTERS - 1, 0, -2):
                 self._cascade.cascade.spectrum.drop_mark(self._marks.pop(number)[1])
             self._length *= 2
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.allan.windows import Window, WindowedCascade
-from imumon.noise.detection.disturbance import subset
+from imumon.noise.array_state import subset
 from imumon.noise.fit import Estimator
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
@@ -30,9 +30,7 @@ from imumon.noise.stretches.warmup import CANDIDATES_S, DECISION_LENGTH, is_over
 from imumon.report import Change
 from imumon.samples import Bools, Floats
 
-LONG_GAP_HOURS = 2
-"""Hours of a gap from which its hours are skipped as one."""
-HOUR_S = 3600
+HOUR_S = STEPS_S[1]
 """s, length of the parts that are compared with those before: long enough for B."""
 
 HOURS_BEFORE = "hours before"
@@ -134,8 +132,7 @@ class RecordStatistics:
         """Note that `n` samples are missing."""
         while n > 0:
             part = min(n, self._until_split())
-            long = n > LONG_GAP_HOURS * self._hour and self.position % self._hour == 0
-            if long and len(self._splits()) == 1:
+            if n > self._hour and self.position % self._hour == 0 and len(self._splits()) == 1:
                 part = n // self._hour * self._hour  # hours without samples are skipped
             self._cascade.skip(part)
             self._split()

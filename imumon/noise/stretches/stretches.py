@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from imumon.noise.allan.windows import WindowedCascade
+from imumon.noise.array_state import subset
 from imumon.noise.blocks import BlockAccumulator
-from imumon.noise.detection.disturbance import subset
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
 from imumon.noise.statistics.moments import Moments

@@ -25,8 +25,6 @@ OVER = 0.5
 STILL = 0.25
 """Time constant of an exponential that still settles at the end of a record, as a share of its length: of a shorter one
 at most 2 % remain."""
-LEAST_WARMUP_S = 60.0
-"""s, shortest record in which a warm-up is sought."""
 LONGEST_WARMUP_S = 7200.0
 """s, longest time after which a sensor may still warm up."""
 WARMING_DEGC = 1.0
@@ -66,7 +64,7 @@ def is_warming_up(degrees: Floats, block_s: float) -> bool:
     """
     length = degrees.size * block_s
     known = degrees[np.isfinite(degrees)]
-    if known.size < 4 or not LEAST_WARMUP_S <= length <= LONGEST_WARMUP_S / SETTLED_SHARE:
+    if known.size < 4:
         return False
     low, high = float(known[: max(1, known.size // 50)].mean()), float(known.max())
     rise = high - low
