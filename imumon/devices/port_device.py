@@ -27,12 +27,13 @@ from imumon.devices.base import (
     DeviceOptions,
     Interrupted,
     RawDecoder,
+    sample_blocks,
 )
 from imumon.devices.linux_tty import pseudo_terminal
 from imumon.devices.ports import POLL_S, PortInfo, find_again, find_ports
 from imumon.devices.serial_port import QUEUE_BYTES, SerialPort
 from imumon.files import SMALL_BYTES, read_bounded, write_new
-from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Notice, RawBytes, SampleBlock
+from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Notice, RawBytes
 from imumon.timebase.interval import RATE_TOLERANCE
 
 TIME_LAPSE_QUEUE_BYTES = 1 << 19
@@ -337,7 +338,7 @@ class PortDevice(Device):
             raise
         if data:
             items.append(RawBytes(data))
-            blocks = [item for item in session.decode(data) if isinstance(item, SampleBlock)]
+            blocks = sample_blocks(session.decode(data))
             self._streaming |= bool(blocks)
             items += blocks
         if self._started:  # without `start` nothing may be repaired: that writes to the sensor
@@ -358,7 +359,7 @@ class PortDevice(Device):
         return []
 
     def finish(self) -> list[Item]:
-        return [item for item in self._decoder.finish() if isinstance(item, SampleBlock)]
+        return [*sample_blocks(self._decoder.finish())]
 
     @property
     def counters(self) -> DeviceCounters:

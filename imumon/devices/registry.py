@@ -27,6 +27,7 @@ def schemes() -> list[str]:
     return sorted(_entry_points())
 
 
+@cache
 def driver(scheme: str = DEFAULT_SCHEME) -> DeviceDriver:
     """Return the driver of a scheme.
 
@@ -34,7 +35,29 @@ def driver(scheme: str = DEFAULT_SCHEME) -> DeviceDriver:
     ------
     DeviceError : no driver has this scheme, or its package cannot be imported.
     """
-    return _load(scheme)
+    point = _entry_points().get(scheme)
+    if point is None:
+        known = ", ".join(f"{name}:..." for name in schemes())
+        raise DeviceError(
+            "unknown_device_scheme",
+            f"no device driver is named {scheme!r}",
+            f"write the path of a serial port, sim, or one of {known}",
+        )
+    try:
+        made = point.load()()
+    except Exception as error:  # whatever another distribution does wrong
+        raise DeviceError(
+            "driver_not_importable",
+            f"the device driver {scheme!r} ({point.value}) cannot be imported ({type(error).__name__}: {error})",
+            "repair or uninstall its package",
+        ) from error
+    if not isinstance(made, DeviceDriver) or made.scheme != scheme:
+        raise DeviceError(
+            "driver_invalid",
+            f"the entry point {scheme!r} ({point.value}) is no DeviceDriver of this scheme",
+            "repair or uninstall its package",
+        )
+    return made
 
 
 def driver_of(url: str) -> DeviceDriver:
@@ -46,7 +69,7 @@ def driver_of(url: str) -> DeviceDriver:
     ------
     DeviceError : no driver has this scheme, or its package cannot be imported.
     """
-    return _load(scheme_of(url))
+    return driver(scheme_of(url))
 
 
 def scheme_of(url: str) -> str:
@@ -71,7 +94,7 @@ def scheme_of_bytes(data: bytes) -> str | None:
 
 def installed(scheme: str | None) -> DeviceDriver | None:
     """Return the driver that a file or a report names; None if it names none, or one that is not installed."""
-    return _load(scheme) if scheme in _entry_points() else None
+    return driver(scheme) if scheme in _entry_points() else None
 
 
 def setting_texts(driver: DeviceDriver | None, settings: Mapping[str, str]) -> dict[str, str]:
@@ -83,30 +106,3 @@ def setting_texts(driver: DeviceDriver | None, settings: Mapping[str, str]) -> d
 @cache
 def _entry_points() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=GROUP)}
-
-
-@cache
-def _load(scheme: str) -> DeviceDriver:
-    point = _entry_points().get(scheme)
-    if point is None:
-        known = ", ".join(f"{name}:..." for name in schemes())
-        raise DeviceError(
-            "unknown_device_scheme",
-            f"no device driver is named {scheme!r}",
-            f"write the path of a serial port, sim, or one of {known}",
-        )
-    try:
-        made = point.load()()
-    except Exception as error:  # whatever another distribution does wrong
-        raise DeviceError(
-            "driver_not_importable",
-            f"the device driver {scheme!r} ({point.value}) cannot be imported ({type(error).__name__}: {error})",
-            "repair or uninstall its package",
-        ) from error
-    if not isinstance(made, DeviceDriver) or made.scheme != scheme:
-        raise DeviceError(
-            "driver_invalid",
-            f"the entry point {scheme!r} ({point.value}) is no DeviceDriver of this scheme",
-            "repair or uninstall its package",
-        )
-    return made

@@ -270,8 +270,8 @@ def test_ports_are_observed_without_opening_them(tmp_path: Path) -> None:
 @pytest.fixture
 def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """URL of a device without bytes, registers and serial port."""
-    load = registry._load
-    monkeypatch.setattr(registry, "_load", lambda scheme: FakeDriver() if scheme == "fake" else load(scheme))
+    load = registry.driver
+    monkeypatch.setattr(registry, "driver", lambda scheme: FakeDriver() if scheme == "fake" else load(scheme))
     (tmp_path / "device").touch()
     return f"fake:{tmp_path / 'device'}"
 

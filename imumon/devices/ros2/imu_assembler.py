@@ -185,7 +185,7 @@ class ImuAssembler:
                 self._reject(message)
                 return
             self._count_lost(message.sequence)
-        self._note_hash(message.hash, items)
+        self._note_hash(message.hash)
         try:
             stamp, gyro, accel = imu_message(message.payload)
         except CdrError:
@@ -219,7 +219,7 @@ class ImuAssembler:
             self.losses += 1
         self._sequence = sequence
 
-    def _note_hash(self, hash: str, items: list[Item]) -> None:
+    def _note_hash(self, hash: str) -> None:
         if hash and hash not in (NO_HASH, type_hash(IMU)):
             text = f"{self._url.topic} has an unknown type hash: messages of another length are invalid"
             if text not in self.remarks:

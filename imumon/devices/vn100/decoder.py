@@ -25,6 +25,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from imumon.devices.base import sample_blocks
 from imumon.devices.vn100 import ascii, binary
 from imumon.devices.vn100.ascii import Response, SensorError
 from imumon.devices.vn100.measurements import ConvertedSamples, SampleConverter
@@ -276,6 +277,6 @@ def _merge_blocks(items: list[DecodedItem]) -> list[DecodedItem]:
     merged: list[DecodedItem] = []
     for _, group in groupby(items, key=lambda item: getattr(item, "stream", None)):
         members = list(group)
-        blocks = [item for item in members if isinstance(item, SampleBlock)]
+        blocks = sample_blocks(members)
         merged += [concatenated(blocks)] if blocks else members
     return merged

@@ -28,8 +28,6 @@ from imumon.devices.vn100.device_info import device_info, nominal_rate
 from imumon.devices.vn100.registers import CHANGE_THE_DATA, FACTORY_BAUD, LOOP_RATE, RegisterNumber
 from imumon.samples import DeviceInfo, Kind, Notice, SampleBlock, Stream
 
-__all__ = ["Port", "RateCheck", "StreamRequest", "Vn100Session"]
-
 QUIET_S = 1.0
 """s without data after which the sensor is resumed; or four samples, if they take longer."""
 RETRY_S = 5.0
