@@ -53,23 +53,26 @@ def unit_covariances(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache
 def walk_bound(
-    N: float, B: float, K: float, length_s: float, degrees: tuple[float, ...] = (), settles_s: float = 0.0
+    N: float,
+    B: float,
+    K: float,
+    length_s: float,
+    columns: tuple[tuple[float, ...], ...] = (),
+    settles_s: float = 0.0,
 ) -> float:
     """Return the standard deviation of K^2 by generalised least squares on 600 block means.
 
-    Beside N, B, drift, a temperature, and an exponential of unknown size and time constant.
+    Beside N, B, drift, some columns, and an exponential of unknown size and time constant.
 
     Parameters
     ----------
-    degrees : temperature of the blocks; empty: there is none.
+    columns : values of the blocks, such as their temperature.
     settles_s : s, time constant of the exponential; 0: there is none.
     """
-    blocks = len(degrees) or 600
+    blocks = len(columns[0]) if columns else 600
     length = length_s / blocks
     at = (np.arange(blocks) + 0.5) * length
-    regressors = [np.ones(blocks), at]
-    if degrees:
-        regressors.append(np.array(degrees))
+    regressors = [np.ones(blocks), at, *map(np.array, columns)]
     if settles_s:
         regressors += [np.exp(-at / settles_s), at * np.exp(-at / settles_s)]
     free = np.linalg.qr(np.stack(regressors, axis=1), mode="complete")[0][:, len(regressors) :]

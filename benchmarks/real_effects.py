@@ -204,9 +204,9 @@ def fits_of(name: str, K: float, seeds: list[int]) -> Fits:
 
 def bound(K: float, effect: Effect) -> float:
     """Standard deviation of K^2 by generalised least squares beside the nuisance terms of an effect."""
-    degrees = tuple(DEGREES.reshape(600, -1).mean(axis=1).tolist()) if effect.heated else ()
+    columns = (tuple(DEGREES.reshape(600, -1).mean(axis=1).tolist()),) if effect.heated else ()
     white = effect.N * math.sqrt(1.0 + effect.white)
-    return walk_bound(white, effect.B, K, effect.length / effect.rate, degrees, effect.settles_s)
+    return walk_bound(white, effect.B, K, effect.length / effect.rate, columns, effect.settles_s)
 
 
 def detection(effect: Effect) -> float:

@@ -6,8 +6,9 @@ Records of half an hour, 48 sensors each, N = 6.1e-5 rad/s/sqrt(Hz), B = 2.4e-5 
 drift of 1e-4 rad/s over the record. The bias is 5e-5 rad/s/degC times half the span, times u, u + u^2 / 2, or
 u + u^2 / 2 + u^3 / 2: u is the temperature from -1 to 1. The temperature warms up with a time constant of a fifth of
 the record, or it rises and returns, with a hysteresis of a share of the whole effect. Its noise is 0.02 degC. The truth
-of the bias at the reference is that of the next record as long, that of the curve its rise from the middle. Seeds are
-0, 1, 2 ...
+of the bias at the reference is that of the next record as long, that of the curve its rise from the middle. The last
+column is the least ratio of K that any method has: half of the bounds of K by generalised least squares with these
+columns, and without. Seeds are 0, 1, 2 ...
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from itertools import product
 
 import numpy as np
 from accuracy import share
+from bounds import walk_bound
 from document_tables import head, row
 
 from imumon.noise import Estimator, OctaveCascade, synthesise
@@ -26,6 +28,7 @@ from imumon.noise.fit.results import ChannelFit
 from imumon.report import BiasCurve
 
 N, B, RATE_HZ, LENGTH, SENSORS = 6.1e-5, 2.4e-5, 40.0, 72_000, 48
+BLOCKS = 600
 SLOPE, OFFSET, DRIFT, COLDEST_DEGC, NOISE_DEGC = 5e-5, 9.8, 1e-4, 20.0, 0.02
 WEIGHTS = np.array([1.0, 0.5, 0.5])
 TIME = np.arange(LENGTH) / LENGTH
@@ -81,6 +84,11 @@ def cells(shape: str, hysteresis: float, span: float, degree: int, k: float, rec
             curve += (np.abs(error) <= np.array(each.high) - own).tolist()
             if each.hysteresis is not None:
                 loops.append(each.hysteresis.low <= loop <= each.hysteresis.high)
+    means = u.reshape(BLOCKS, -1).mean(axis=1)
+    columns = [tuple(means**power) for power in range(1, degree + 1)]
+    if shape == "returns":
+        columns.append(tuple(ways.reshape(BLOCKS, -1).mean(axis=1)))
+    least = [walk_bound(N, B, k, LENGTH / RATE_HZ, each) for each in (tuple(columns), ())]
     shares = [share(np.array(found)) if found else "–" for found in (bias, slope, loops)]
     return [
         f"{100.0 * np.mean(right):.0f}",
@@ -88,6 +96,7 @@ def cells(shape: str, hysteresis: float, span: float, degree: int, k: float, rec
         f"{100.0 * np.mean(curve):.1f}" if curve else "–",
         shares[2],
         *(f"{ratio:.3f}" for ratio in np.median(ratios, axis=0)),
+        f"{np.sqrt(least[0] / least[1]):.3f}",
     ]
 
 
@@ -98,7 +107,7 @@ def main() -> None:
     parser.add_argument("--records", type=int, default=2, help="of each kind, of 48 sensors; default 2")
     records = parser.parse_args().records
     held = ("degree, %", "bias, %", "slope, %", "curve, %", "loop, %")
-    ratios = [f"{letter} ratio" for letter in "NBK"]
+    ratios = [f"{letter} ratio" for letter in "NBK"] + ["least K ratio"]
     print(head("temperature", "temperature", "hysteresis, %", "span, degC", "degree", "K", *held, *ratios))
     for (shape, hysteresis), (span, degree), k in product(KINDS, EFFECTS, (0.0, 1e-6)):
         found = cells(shape, hysteresis, span, degree, k, records)
