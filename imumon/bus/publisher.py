@@ -220,7 +220,7 @@ class Publisher:
         texts = {name: self._channel_texts(name, channel) for name, channel in report.channels.items()}
         whole = ",".join(f"{to_json(name)}:{own[:-1]},{curves[1:]}" for name, (own, curves) in texts.items())
         bare = to_json({key: part for key, part in members(report).items() if key != "channels"})
-        self._last_values.signals = signals
+        self._last_values.set_signals(signals)
         self._put("report", f'{bare[:-1]},"channels":{{{whole}}}}}')
         for name, (own, _) in texts.items():
             self._put(name, own)

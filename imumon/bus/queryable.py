@@ -1,7 +1,8 @@
 """Last value of every key of a device, as the reply to a ``get``.
 
-Signals are large, so their text is made for a query only. A thread of its own replies to the queries for the history:
-it is read from the disk, and a querier may ask for replies that wait for its congested link.
+Signals are large, so their text is made for a query only; one before the first report waits for it. A thread of its own
+replies to the queries that waited, and to those for the history: it is read from the disk, and a querier may ask for
+replies that wait for its congested link.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from functools import partial
 from queue import Full, Queue
 from typing import TypeAlias
 
@@ -25,7 +27,7 @@ EVENTS_KEPT = 100
 """Events that are replied to a ``get`` and cached for advanced subscribers."""
 
 MAX_QUEUED = 1024  # events, or tokens, in a queue; the oldest is dropped
-MAX_QUERIES = 16  # queries in a queue; the oldest, or one that does not fit, gets no reply
+MAX_QUERIES = 16  # queries that wait; the oldest, or one that does not fit, gets no reply
 _CLOSE_S = 0.2  # s; limits the delay of the exit by a reply that blocks
 _MAX_SELECTOR = 1024  # characters of a key with parameters; a query with more is not replied to
 
@@ -38,7 +40,6 @@ class LastValues:
 
     Attributes
     ----------
-    signals : those of the newest report.
     answer_history : from the name of a key below ``history`` and the parameters of a query to JSON; None: there
         is no history.
     """
@@ -48,10 +49,11 @@ class LastValues:
         self._lock = threading.Lock()
         self._last: dict[str, tuple[str, zenoh.Timestamp]] = {}
         self._events: deque[tuple[str, zenoh.Timestamp]] = deque(maxlen=EVENTS_KEPT)
-        self.signals: Signals = {}
+        self._signals: Signals | None = None  # of the newest report
+        self._early: deque[zenoh.Query] = deque(maxlen=MAX_QUERIES)  # wait for the first report
         self.answer_history: Callable[[str, str], str] | None = None
-        self._asked: Queue[tuple[zenoh.Query, str] | None] = Queue(MAX_QUERIES)  # for the history
-        self._replier = start_listener(iter(self._asked.get, None), lambda asked: self._reply_history(*asked))
+        self._due: Queue[Callable[[], None] | None] = Queue(MAX_QUERIES)
+        self._replier = start_listener(iter(self._due.get, None), self._reply_due)
 
     def store(self, name: str, text: str, timestamp: zenoh.Timestamp) -> None:
         """Store a message that is being published under `name`."""
@@ -60,6 +62,16 @@ class LastValues:
                 self._events.append((text, timestamp))
             else:
                 self._last[name] = (text, timestamp)
+
+    def set_signals(self, signals: Signals) -> None:
+        """Store what makes the signals of the newest report."""
+        with self._lock:
+            self._signals = signals
+            early = list(self._early)
+            self._early.clear()
+        for query in early:
+            with suppress(Full):
+                self._due.put_nowait(partial(self._reply_signals, query, signals))
 
     def messages(self) -> Iterator[tuple[str, str, zenoh.Timestamp]]:
         """Yield name, text and timestamp of every stored message."""
@@ -82,18 +94,19 @@ class LastValues:
                 query.reply(key, text, encoding=JSON, timestamp=timestamp)
         if (below := self._history_name(query)) is not None:
             with suppress(Full):
-                self._asked.put_nowait((query, below))
+                self._due.put_nowait(partial(self._reply_history, query, below))
                 return
-        for name, signal in self.signals.items():
-            key = f"{self._root}/signal/{name}"
-            if query.key_expr.intersects(key):
-                query.reply(key, to_json(signal()), encoding=JSON)
-        query.drop()
+        with self._lock:
+            signals = self._signals
+            if signals is None and "/signal/" in str(query.key_expr):
+                self._early.append(query)
+                return
+        self._reply_signals(query, signals or {})
 
     def close(self) -> None:
         """End the thread that replies; the sessions are closed by then, so it waits for no link."""
         with suppress(Full):
-            self._asked.put(None, timeout=_CLOSE_S)
+            self._due.put(None, timeout=_CLOSE_S)
         self._replier.join(_CLOSE_S)
 
     def _history_name(self, query: zenoh.Query) -> str | None:
@@ -104,16 +117,26 @@ class LastValues:
         asked = "/history" in str(query.key_expr) and "*" not in name
         return name.removeprefix("/") if asked else None
 
+    def _reply_due(self, reply: Callable[[], None]) -> None:
+        with suppress(zenoh.ZError):  # the querier may have gone
+            reply()
+
+    def _reply_signals(self, query: zenoh.Query, signals: Signals) -> None:
+        for name, signal in signals.items():
+            key = f"{self._root}/signal/{name}"
+            if query.key_expr.intersects(key):
+                query.reply(key, to_json(signal()), encoding=JSON)
+        query.drop()
+
     def _reply_history(self, query: zenoh.Query, name: str) -> None:
         assert self.answer_history is not None
-        with suppress(zenoh.ZError):  # the querier may have gone
-            try:
-                text = self.answer_history(name, str(query.parameters))
-                query.reply(f"{self._root}/history{f'/{name}' if name else ''}", text, encoding=JSON)
-            except Exception as error:  # no query may end the thread
-                other = ImumonError("history_failed", str(error), "see the log of the daemon")
-                known = error if isinstance(error, ImumonError) else other
-                described = {"code": known.code, "message": known.message, "cure": known.cure}
-                query.reply_err(json.dumps({"error": described}), encoding=JSON)
-            finally:
-                query.drop()
+        try:
+            text = self.answer_history(name, str(query.parameters))
+            query.reply(f"{self._root}/history{f'/{name}' if name else ''}", text, encoding=JSON)
+        except Exception as error:  # no query may end the thread
+            other = ImumonError("history_failed", str(error), "see the log of the daemon")
+            known = error if isinstance(error, ImumonError) else other
+            described = {"code": known.code, "message": known.message, "cure": known.cure}
+            query.reply_err(json.dumps({"error": described}), encoding=JSON)
+        finally:
+            query.drop()
