@@ -107,7 +107,7 @@ def main() -> None:
     parser.add_argument("--records", type=int, default=2, help="of each kind, of 48 sensors; default 2")
     records = parser.parse_args().records
     held = ("degree, %", "bias, %", "slope, %", "curve, %", "loop, %")
-    ratios = [f"{letter} ratio" for letter in "NBK"] + ["least K ratio"]
+    ratios = [f"{letter} ratio" for letter in "NBK"] + ["least"]
     print(head("temperature", "temperature", "hysteresis, %", "span, degC", "degree", "K", *held, *ratios))
     for (shape, hysteresis), (span, degree), k in product(KINDS, EFFECTS, (0.0, 1e-6)):
         found = cells(shape, hysteresis, span, degree, k, records)

@@ -42,8 +42,6 @@ FEWEST_CYCLES, FEW_CYCLES = 2, 16
 """Cycles in a segment from which an oscillation is one, and up to which regressors describe it."""
 OSCILLATION_PLACES = 41
 """Frequencies at which an oscillation is sought about a coefficient."""
-SETTLING_PENALTY = 3.0
-"""Logarithm of the odds against an exponential, for the choice of its size and its time constant."""
 SETTLING_CERTAIN = 20.0
 """Twice the log likelihood ratio from which it counts alone: odds of 10^3."""
 CERTAIN = 30.0
@@ -227,9 +225,12 @@ class SlowTermSearch:
         ]
 
     def _doubt(self, candidates: list[_Candidate], gains: Floats) -> None:
-        """Keep the most likely exponential beside the terms if it is more likely than none."""
+        """Keep the most likely exponential beside the terms if it is more likely than none.
+
+        The odds before the data are even, and divided over the time constants that are tried.
+        """
         falls = [
-            (float(np.exp(0.5 * gain - SETTLING_PENALTY)), each.regressors)
+            (float(np.exp(0.5 * gain)) / columns_of.SETTLING_SHARES.size, each.regressors)
             for gain, each in zip(gains, candidates, strict=True)
             if each.regressors and each.regressors[0].name == "settling"
         ]
