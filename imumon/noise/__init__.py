@@ -23,7 +23,7 @@ The curve with its 95 % limits, the octaves that the fit uses and the caveats:
    0.005 s  8.63e-04  [8.58e-04, 8.68e-04]
    0.160 s  1.51e-04  [1.48e-04, 1.54e-04]
    5.120 s  3.21e-05  [2.87e-05, 3.64e-05]
- 163.840 s  7.20e-06  [3.87e-06, 2.71e-05]
+ 163.840 s  7.20e-06  [3.85e-06, 2.76e-05]
 >>> bool(fit.used.all()), fit.caveats
 (True, ())
 

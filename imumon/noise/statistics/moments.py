@@ -8,6 +8,7 @@ changes has a deviation of exactly zero.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -66,7 +67,8 @@ def deviation_limits(deviation: float, dof: float) -> tuple[float, float]:
     >>> [round(limit, 3) for limit in deviation_limits(1.0, 10.0)]
     [0.699, 1.755]
     """
-    return deviation * (dof / chdtri(dof, 0.025)) ** 0.5, deviation * (dof / chdtri(dof, 0.975)) ** 0.5
+    low, high = (deviation * math.sqrt(dof / float(chdtri(dof, tail))) for tail in (0.025, 0.975))
+    return low, high
 
 
 class Moments(ArrayState):
