@@ -39,6 +39,9 @@ Axis: TypeAlias = Literal["x", "y", "z"]
 MAX_DEGC = 1e3
 """degC, beyond which a number in a message is no temperature."""
 MAX_CHANNELS = 64  # channels of a report; a sensor has about 11
+MOST_CHARACTERS = 500  # of a text that a user or a file gives: a paragraph of a page
+WARM_S = 1800.0
+"""s after a power-up before which no sensor counts as warm, and its bias not as settled."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

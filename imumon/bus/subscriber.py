@@ -42,6 +42,8 @@ _MAX_EVENT = 20_000  # bytes; a text has at most 4096 characters
 _MAX_QUEUED_REPORTS = 64  # reports in the queue, which bounds its bytes
 KEPT_BYTES = 32_000_000
 """Bytes of the newest reports of all devices, and of a reply with rows of the history; a daemon sends at most 10 MB."""
+GATHER_S = 0.3
+"""s to wait for further daemons, or others of the same name, after the last one has answered."""
 _SIGNAL_S = 3.0  # s that the reply with a signal may take
 HISTORY_PERIOD_S = 30.0
 """s between two requests of the history that is shown."""

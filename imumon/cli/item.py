@@ -15,11 +15,9 @@ from imumon.cli.exit_codes import USAGE, CommandError
 from imumon.errors import why
 from imumon.evaluation import Item
 from imumon.files import SMALL_BYTES
-from imumon.report import Report, plain
+from imumon.report import MOST_CHARACTERS, Report, plain
 
 KEYS = tuple(field.name for field in fields(Item))
-MOST_CHARACTERS = 500
-"""Characters of a value: a paragraph of a page."""
 
 
 def with_item(report: Report, words: Sequence[str]) -> Report:

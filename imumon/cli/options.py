@@ -17,8 +17,6 @@ from imumon.errors import why
 STREAMS = ("deltas", "uncompensated", "compensated")
 ANSWER_S = 2.0
 """How long to wait for a daemon, or for what it has cached, s."""
-GATHER_S = 0.3
-"""How much longer to wait for other daemons, or others of the same name, after the last one has answered, s."""
 POLL_S = 0.05
 """Time between two checks for a report, s."""
 
@@ -231,6 +229,7 @@ def answering(subscriber: Any, id: str | None, timeout_s: float, cure: str) -> l
     ----------
     cure : what to do if no daemon answers, beside starting one.
     """
+    from imumon.bus.subscriber import GATHER_S
     from imumon.messages import matching
 
     end_s = time.monotonic() + timeout_s

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from imumon.devices.base import (
+    READ_S,
     Device,
     DeviceDriver,
     DeviceEnded,
@@ -31,8 +32,6 @@ log = logging.getLogger(__name__)
 
 BATCHES = 32
 """Batches in the queue; one holds what one `Device.read` returned."""
-READ_S = 0.2
-"""s that one `Device.read` may wait for data."""
 RETRY_S = 0.5
 """s between two attempts to open a device that was lost, and at least from one opening to the next."""
 LONGEST_RETRY_S = 16.0

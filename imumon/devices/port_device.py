@@ -20,6 +20,7 @@ from typing import ClassVar
 from imumon.devices.base import (
     ARRIVAL_S,
     ARRIVAL_SAMPLES,
+    BATCH_S,
     Device,
     DeviceError,
     DeviceLost,
@@ -38,8 +39,6 @@ from imumon.timebase.interval import RATE_TOLERANCE
 
 TIME_LAPSE_QUEUE_BYTES = 1 << 19
 """Bytes of an emulator in time-lapse that may wait; it waits for its reader anyway."""
-BATCH_S = 0.25
-"""s for which bytes are collected: each batch has a fixed cost. A report is at most this much behind."""
 INTERRUPTIONS = ("reconfigured", "found", "lost", "garbage", "silent")
 """Kinds of notices after which a stream without a clock has a gap of unknown length."""
 QUIET_UNKNOWN_S = 3.0

@@ -11,13 +11,10 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from imumon.bus import Subscriber
-from imumon.devices.base import Device, DeviceLost, Observation
+from imumon.devices.base import READ_S, Device, DeviceLost, Observation
 from imumon.report import Report
 from imumon.samples import DeviceInfo, Ints, RawBytes, SampleBlock, Stream
 
-READ_S = (
-    0.2  # s that one read waits for data, between two reports of a daemon, and least of samples for a rate
-)
 DEVICE_CAVEATS = ("compensated", "unknown_compensation", "aliased")
 """Caveats of a report that describe the device, not the record."""
 

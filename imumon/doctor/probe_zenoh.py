@@ -8,11 +8,11 @@ from dataclasses import replace
 
 from imumon.bus import BusError, SessionOptions, Subscriber
 from imumon.bus.bus_error import Unreachable
+from imumon.bus.subscriber import GATHER_S
 from imumon.bus.zenoh_session import is_local, local_endpoints, open_session
 from imumon.doctor.observed import ZenohObservation
 
 ANSWER_S = 1.0  # s to wait for the first daemon
-OTHERS_S = 0.3  # s to wait for further daemons after the first
 
 
 class ZenohProbe:
@@ -40,7 +40,7 @@ class ZenohProbe:
         if self.subscriber is None:
             return ZenohObservation(error=self._error)
         if self.subscriber.wait_report(None, ANSWER_S) is not None:
-            time.sleep(OTHERS_S)
+            time.sleep(GATHER_S)
         free, error = self._free_endpoint()
         reports = tuple(report for report, _ in self.subscriber.reports().values())
         rivals = self.subscriber.rivals()

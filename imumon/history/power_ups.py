@@ -16,12 +16,9 @@ import numpy as np
 
 from imumon.history.store import PowerUp, TimedPeriod
 from imumon.noise.statistics.moments import deviation_limits
-from imumon.report import Distribution, Report
+from imumon.report import WARM_S, Distribution, Report
 from imumon.samples import sensor_of
 
-SETTLE_S = 1800.0
-"""s after a power-up from which the bias counts as settled. Of a sensor that warms up for longer, the first period
-without the warm-up counts."""
 SAME_S, SAME_SHARE = 60.0, 1e-3
 """s, and share of the time that passed, by which the clock of the sensor may lag behind that of the host in one
 power-up: delays of the line, and clocks of 1000 ppm."""
@@ -108,7 +105,7 @@ class PowerUps:
         counted = period.samples / max(period.samples + period.missing, 1)
         length_s = max(timed.end - timed.begin, 1e-9)
         excluded = min(period.excluded_s / min(length_s, period.step_s), 1.0)
-        if newest is None or newest.means or not period.complete or period.warming_up or clock_s < SETTLE_S:
+        if newest is None or newest.means or not period.complete or period.warming_up or clock_s < WARM_S:
             return False
         if counted * (1.0 - excluded) < LEAST_SHARE:
             return False

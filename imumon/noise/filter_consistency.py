@@ -37,8 +37,6 @@ FIX_STD = {"gyro": 1e-3, "accel": 1e-2}
 UNKNOWN_BIAS = 1e3
 """Fixes' standard deviations per second that the bias may have at the start: it is unknown."""
 
-_STEPS = round(1.0 / STEP_S)  # between two fixes
-
 
 @dataclass(frozen=True, slots=True)
 class FilterModels:
@@ -102,7 +100,7 @@ def _step_matrices(models: FilterModels) -> tuple[Floats, Floats]:
     drive[:, 1, 1] = models.walk**2 * STEP_S
     drive[:, term, term] = models.sigma**2 * -np.expm1(-2.0 * STEP_S / models.tau)
     transition, covariance = one, drive
-    for _ in range(_STEPS - 1):
+    for _ in range(round(1.0 / STEP_S) - 1):  # between two fixes
         covariance = one @ covariance @ one.swapaxes(1, 2) + drive
         transition = one @ transition
     return transition, covariance

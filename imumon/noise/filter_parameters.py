@@ -30,10 +30,8 @@ from imumon.report import Channel, Estimate, Report
 from imumon.samples import Floats
 
 MOST_NEES = 1.25
-"""1, largest NEES of the recommended numbers (contract)."""
-
-LEAST_NEES = 0.8
-"""1, smallest NEES of the filter with Gauss-Markov terms (contract)."""
+"""1, largest NEES of the recommended numbers, and one over the smallest of the filter with Gauss-Markov terms
+(contract)."""
 
 LEAST_N, MOST_SIZE = 1e-15, 1e6
 """unit/sqrt(Hz) and SI, N below and N, B or K above which a report describes no sensor."""
@@ -124,7 +122,9 @@ def gauss_markov(truths: ChannelTruths, horizon_s: Floats) -> tuple[FilterModels
         slight = 2.0 * sigma**2 * tau < NEGLIGIBLE_TERM * truths.N[:, None] ** 2
         models = FilterModels(truths.N, truths.K, np.where(slight, 0.0, sigma), tau)
         found = predict(models, truths, horizon_s)
-        missing = np.flatnonzero((found.nees > MOST_NEES).any(axis=1) | (found.nees < LEAST_NEES).any(axis=1))
+        missing = np.flatnonzero(
+            (found.nees > MOST_NEES).any(axis=1) | (found.nees < 1.0 / MOST_NEES).any(axis=1)
+        )
         if not len(missing):
             break
     return models, found

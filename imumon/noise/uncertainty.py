@@ -42,6 +42,7 @@ from scipy.special import ndtr, stdtr, stdtrit
 from imumon.coefficients import LIMIT_95
 from imumon.evaluation import UncertaintyBudget, UncertaintyComponent, Verdict
 from imumon.history_report import DayScatter
+from imumon.noise.validity_groups import DITHERED
 from imumon.report import COEFFICIENTS, Channel, Estimate, Report
 from imumon.samples import sensor_of
 
@@ -53,9 +54,6 @@ crystal over temperature."""
 GIVEN_RATE_TOLERANCE = 0.01
 """Share by which a configured or mean rate is assumed to be off at most: the oscillator of a sensor without a
 crystal."""
-DITHERED = 0.5
-"""Steps, least standard deviation at which rounding acts as white noise (Widrow and Kollar, Quantization Noise,
-2008, section 4: exact to 3 % there)."""
 
 NOT_COVERED = (
     "a coefficient that moves away and does not return: its limits hold its mean over this record, not its value "

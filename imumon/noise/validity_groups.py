@@ -16,6 +16,11 @@ from imumon.samples import Bools, Floats
 
 LEAST_SHARE = 0.2
 """Share of valid samples from which the mean of a block counts, and a segment of the spectrum."""
+ROUNDING = 1e-12
+"""Relative size of what rounding alone makes."""
+DITHERED = 0.5
+"""Quantisation steps, least standard deviation at which rounding acts as white noise (Widrow and Kollar, Quantization
+Noise, 2008, section 4: exact to 3 % there); below, it hides the noise."""
 LARGEST = 1e60
 """Channel unit; larger values never count, so that sums of fourth powers stay finite."""
 

@@ -17,13 +17,11 @@ from imumon.alarms import ALARMS, RECOVERED, known
 from imumon.messages import EVENT_LEVELS, change_text, grade_text
 from imumon.noise.stretches.record_statistics import HOURS_BEFORE
 from imumon.pipeline.accumulators import Accumulators, Happened
-from imumon.report import Change, Event, Report, SensorGrade, stamp
+from imumon.report import WARM_S, Change, Event, Report, SensorGrade, stamp
 from imumon.samples import Ints, Level
 from imumon.timebase.sample_clock import BREAK
 from imumon.units import duration
 
-WARM_S = 1800.0
-"""s since the first sample before which no sensor counts as warm: the time that the documents give."""
 GAP_EVENT_S = 10.0
 """s of device time between two events about gaps, or about resets of the clock: a lossy link or a broken clock
 must not flood the log."""

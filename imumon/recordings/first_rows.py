@@ -16,6 +16,7 @@ import numpy as np
 
 from imumon.column_names import UNITS, Column
 from imumon.errors import RateRequired
+from imumon.noise.statistics.differences import REPEATED
 from imumon.noise.validity_groups import LARGEST
 from imumon.recordings.base import RecordingError
 from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
@@ -37,8 +38,6 @@ SLOW = {"temperature", "pressure"}
 HELD_STEPS = 2.0
 """Mean steps between the numbers of a slow sensor for which one is held: its steps are not quite even."""
 
-HELD = 0.25
-"""Share of the rows that repeat all axes of a sensor above which it is slower than the rows; rounding repeats few."""
 
 RATE_CURE = "give the sample rate with --rate"
 
@@ -265,7 +264,7 @@ def _repeating(found: ColumnLayout, rows: Floats) -> Iterator[str]:
     for sensor in sorted(INERTIAL & set(map(sensor_of, found.channels)), reverse=True):
         own = [k for k, name in enumerate(found.channels) if sensor_of(name) == sensor]
         share = float(copies(rows[:, own]).mean()) if len(rows) > 1 else 0.0
-        if HELD < share < COPIED:
+        if REPEATED < share < COPIED:
             yield f"{sensor} repeats its values in {share_text(share)} of the rows: it is slower than they are"
 
 

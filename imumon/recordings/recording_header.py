@@ -11,10 +11,7 @@ from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from imumon.report import plain, stamp
-
-MAX_CHARACTERS = 500
-"""Characters of a text that are kept: names of columns have the most."""
+from imumon.report import MOST_CHARACTERS, plain, stamp
 
 
 def read_header(line: bytes) -> dict[str, Any] | None:
@@ -34,7 +31,7 @@ def read_header(line: bytes) -> dict[str, Any] | None:
 
 
 def _text(value: Any) -> str | None:
-    return plain(value)[:MAX_CHARACTERS] if isinstance(value, str) else None
+    return plain(value)[:MOST_CHARACTERS] if isinstance(value, str) else None
 
 
 def _name(value: Any) -> str | None:

@@ -17,11 +17,11 @@ from imumon.devices.base import (
     RawDecoder,
 )
 from imumon.devices.lines.line_columns import DEFAULT_COLUMNS, SENSORS, LinesUrl, columns_of
+from imumon.devices.ports import BAUD_RATES
 from imumon.samples import FASTEST_HZ, SLOWEST_HZ
 
 FILTER = "Lines do not say how the sensor filters: see the settings that its program writes."
 TEXTS = {"columns": "numbers of a line"} | dict.fromkeys(SENSORS, "unit")
-DEFAULT_BAUD = 115200
 PARAMETERS = ("columns", *SENSORS, "baud", "rate", "id")
 URL_CURE = "write lines:/dev/ttyACM0, lines:tcp://HOST:PORT, lines:udp://:PORT or lines:-"
 
@@ -76,7 +76,7 @@ def parse_url(url: str, device: Any = None) -> LinesUrl:
     if not path:
         raise InvalidOption("lines_url_invalid", f"{url} names no port", URL_CURE)
     known = getattr(device, "baud", "auto")
-    baud = given.get("baud", str(DEFAULT_BAUD if known == "auto" else known))
+    baud = given.get("baud", str(BAUD_RATES[0] if known == "auto" else known))
     rate = given.get("rate", str(getattr(device, "rate_hz", 0.0) or ""))
     if not baud.isdigit() or not 0 < int(baud) < 1e8:
         raise InvalidOption("lines_url_invalid", f"{baud!r} is no baud rate", "write for example baud=115200")

@@ -11,6 +11,7 @@ import time
 from dataclasses import replace
 
 from imumon.devices.base import (
+    BATCH_S,
     Device,
     DeviceError,
     DeviceLost,
@@ -30,8 +31,6 @@ POLL_S = 0.05
 """s between two looks for it."""
 GONE_S = 1.0
 """s without a publisher and without a message after which the topic is gone."""
-BATCH_S = 0.2
-"""s for which messages are collected: each batch has a fixed cost."""
 
 
 class Ros2Device(Device):

@@ -28,6 +28,7 @@ from imumon.noise.detection.frame_statistics import (
     FrameStatistics,
     frames_to_change,
 )
+from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Bools, Floats
 
 LEVEL_FRAMES = 8
@@ -61,16 +62,13 @@ MAD_SIGMA = 1.4826
 MAD_ERROR = 1.2
 """Relative standard error of a deviation from n median absolute distances, times sqrt(n)."""
 MARGIN = 3.0
-"""Standard errors of a scale by which its threshold is wider."""
+"""Standard errors of a scale, or of a count, by which its threshold is wider."""
 
 MOST_SCATTER = 3.0
 """Factor by which the scatter of a scale may exceed that of white noise: beyond, disturbances are in it."""
 
 COARSE_STEPS = 3.0
 """Quantisation steps that a channel may be off by which is mostly constant: its deviation is below a third of one."""
-
-ROUNDING = 1e-12
-"""Share of the level by which sums of equal numbers may differ."""
 
 
 class NoiseBaseline(ArrayState):

@@ -16,16 +16,13 @@ import math
 import numpy as np
 
 from imumon.noise.array_state import ArrayState
-from imumon.noise.detection.baseline import MAD_SIGMA, UNUSUAL_SIGMA
+from imumon.noise.detection.baseline import MAD_SIGMA, MARGIN, UNUSUAL_SIGMA
 from imumon.noise.detection.frame_statistics import MEMORY_FRAMES, PARTS
 from imumon.noise.detection.stuck import CHANCE, run_beyond_chance
 from imumon.samples import Bools, Floats, Ints
 
 NOISE_SHARE = 0.01
 """Share of the samples of a channel above which outliers are its noise."""
-COUNT_ERRORS = 3.0
-"""Standard errors of the count, sqrt(n), by which it exceeds `NOISE_SHARE`."""
-
 LEAST_RUN = 3
 """Samples in a row, or nearly, that are a knock where outliers are rare."""
 
@@ -95,7 +92,7 @@ class OutlierDetector(ArrayState):
                 self._channels *= 0.5
                 self._rows *= 0.5
         n = float(self._frames[0]) * self._frame
-        most = NOISE_SHARE * n + COUNT_ERRORS * math.sqrt(NOISE_SHARE * n)
+        most = NOISE_SHARE * n + MARGIN * math.sqrt(NOISE_SHARE * n)
         self.noise = self._channels > most
 
 

@@ -17,19 +17,18 @@ from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.bias_curve import bias_curve
 from imumon.noise.fit.channel_results import TOO_SHORT, stated
 from imumon.noise.fit.description import Choice, Describer
-from imumon.noise.fit.observations import LEAST_VARIANCE, ROUNDING, block_series
+from imumon.noise.fit.observations import LEAST_VARIANCE, block_series
 from imumon.noise.fit.results import ChannelFit, pending_fit
 from imumon.noise.fit.stated_curve import Stated, with_curve
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.level_sums import SUB_BAND
+from imumon.noise.validity_groups import DITHERED, ROUNDING
 from imumon.report import BiasCurve
 from imumon.samples import Floats
 
 CUT = "gaps of unknown length cut the record into parts that are too short"
 RENEWAL_GROWTH = 1.02
 """1, growth of the record after which a fit is computed again: limits shrink by 1 % meanwhile."""
-HIDDEN_SHARE = 0.5
-"""1, share of the resolution below which an Allan deviation at tau0 is rounding, not noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,7 +240,7 @@ def _why_pending(curve: AllanCurve, channel: int, step: float) -> tuple[str, str
     variance = curve.avar[present, channel]
     if not (variance > LEAST_VARIANCE).any():
         return "the channel is constant", "constant"
-    if variance[0] < (HIDDEN_SHARE * step) ** 2:
+    if variance[0] < (DITHERED * step) ** 2:
         return _resolution_reason(step)
     return None
 
@@ -252,7 +251,7 @@ def _hidden(sums: NoiseSums, channel: int, step: float) -> tuple[str, str] | Non
         return None
     white = float(sums.levels[0].power[channel].mean()) / float(sums.levels[0].averages[sums.group[channel]])
     bins = SUB_BAND if sums.pooled else 1
-    return _resolution_reason(step) if white / bins < (HIDDEN_SHARE * step) ** 2 else None
+    return _resolution_reason(step) if white / bins < (DITHERED * step) ** 2 else None
 
 
 def _resolution_reason(step: float) -> tuple[str, str]:

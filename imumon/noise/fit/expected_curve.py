@@ -20,10 +20,9 @@ from scipy.special import gammaincinv
 from imumon.noise.allan.octave import RATIO
 from imumon.noise.fit.observations import BlockSeries
 from imumon.noise.power_law import phase_autocovariance
+from imumon.report import COEFFICIENTS
 from imumon.samples import Floats, Ints
 
-FLICKER_FLOOR = 2.0 * np.log(2.0) / np.pi
-"""Allan variance of averaged flicker of B = 1."""
 SAMPLED_OCTAVES = 8
 """Octaves at which point samples of flicker differ from averages."""
 LAGS = 12
@@ -47,7 +46,7 @@ def noise_variances(m: Ints, *, averaged: bool) -> Floats:
     array([0.6366, 0.5093])
     """
     clusters = m.astype(np.float64)
-    flicker, walk = np.full(m.size, FLICKER_FLOOR), clusters / 3.0
+    flicker, walk = np.full(m.size, COEFFICIENTS["B"].deviation(1.0) ** 2), clusters / 3.0
     if not averaged:
         walk = walk * (1.0 + 0.5 / clusters**2)
         short = m < 1 << SAMPLED_OCTAVES

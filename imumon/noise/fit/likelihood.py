@@ -16,7 +16,8 @@ from functools import cached_property
 import numpy as np
 from scipy.special import gammaincc
 
-from imumon.noise.fit.observations import LEAST_VARIANCE, ROUNDING, Coefficients, Powers
+from imumon.noise.fit.observations import LEAST_VARIANCE, Coefficients, Powers
+from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Bools, Floats
 
 GRID = 20

@@ -26,6 +26,7 @@ from imumon.noise.spectrum.expectation import (
     short_term_density,
 )
 from imumon.noise.spectrum.level_sums import FIRST_BIN, SUB_BAND, last_bin
+from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES
 from imumon.noise.spectrum.spectral_lines import SEGMENT
 from imumon.samples import Bools, Floats, Ints
 
@@ -33,8 +34,6 @@ BAND_EDGES = (46, 70, 94, 128)
 """Bins between which the power of a level is one observation: within it no noise changes by more than 2.3 times."""
 LEAST_BINS = 2
 """Bins without a line from which a band counts."""
-LEAST_SEGMENTS = 4
-"""Segments from which a level counts."""
 SINGLE = 48
 """Cosine coefficients that stay single: the spectrum of a smooth regressor falls with the square of their number."""
 LEAST_BLOCKS = 12
@@ -44,8 +43,6 @@ MOST_FILLED = 0.05
 two segments, as does a gap of unknown length."""
 LEAST_VARIANCE = 1e-100
 """(channel unit)^2; below, squares of variances underflow: a channel is constant, and a power holds no information."""
-ROUNDING = 1e-12
-"""Relative size of what rounding alone makes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,7 +201,7 @@ def spectral_powers(sums: NoiseSums, column: int, *, averaged: bool, window: int
     group = int(sums.group[column])
     for s, level in enumerate(sums.levels):
         count = float(level.averages[group])
-        if count < LEAST_SEGMENTS:
+        if count < LEAST_AVERAGES:
             continue
         bins = np.arange(FIRST_BIN, last_bin(s))
         mask = masks[s][column][bins] if s < len(masks) else np.zeros(bins.size, dtype=bool)
@@ -256,7 +253,7 @@ def observed_density(sums: NoiseSums, column: int) -> tuple[Floats, Floats, Floa
     group, found = int(sums.group[column]), []
     for s, level in enumerate(sums.levels):
         count = float(level.averages[group])
-        if count < LEAST_SEGMENTS:
+        if count < LEAST_AVERAGES:
             continue
         bins = np.arange(FIRST_BIN, last_bin(s))
         first = bins[::SUB_BAND] if sums.pooled else bins

@@ -25,7 +25,7 @@ from imumon.report import Line
 from imumon.samples import Bools, Floats, Ints
 
 LEAST_AVERAGES = 4
-"""Averages from which a level replaces the one above in what is displayed."""
+"""Averages from which a level counts in a fit, and replaces the one above in what is displayed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
+from imumon.noise.statistics.distribution_shape import MOMENT_ERRORS
 from imumon.samples import Bools, Floats
 
 PER_OCTAVE, BINS = 16, 1024
@@ -46,8 +47,6 @@ LEAST_DIFFERENCES = 200
 """Differences from which there is a result: the median is then right to 10 %."""
 LEAST_EXCESS = 0.05
 """Share by which the deviation exceeds the robust one at least, where both disagree."""
-EXCESS_ERRORS = 4.0
-"""Standard errors by which they disagree."""
 RATIO_VARIANCE = 2.8
 """Variance of the ratio times the number of differences, for white Gaussian noise: 1.36 of the median and 0.5
 of the mean square, 1.5 for the correlation of neighbouring differences."""
@@ -181,7 +180,7 @@ class DifferenceAccumulator:
             return None
         error = math.sqrt((RATIO_VARIANCE + 0.25 * max(excess, 0.0)) / n)
         ratio = sigma / robust
-        return RobustDeviation(robust, ratio, ratio > 1.0 + max(LEAST_EXCESS, EXCESS_ERRORS * error))
+        return RobustDeviation(robust, ratio, ratio > 1.0 + max(LEAST_EXCESS, MOMENT_ERRORS * error))
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""

@@ -28,7 +28,7 @@ GAUSSIAN_KURTOSIS = 0.5
 DISTANCE_ERROR = 1.5
 """Sampling error of the distance that is allowed, times sqrt(n)."""
 MOMENT_ERRORS = 4.0
-"""Standard errors of skewness and kurtosis that are allowed, and by which a mode must rise."""
+"""Standard errors of skewness, kurtosis and a ratio of deviations that are allowed, and by which a mode must rise."""
 COARSE_STEPS = 1.5
 """Standard deviation, in quantisation steps, below which a channel is called quantised."""
 FEW_LEVELS = 8

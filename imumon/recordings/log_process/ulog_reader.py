@@ -24,6 +24,7 @@ from imumon.recordings.log_process.base import (
     rows_at,
     step_s,
 )
+from imumon.recordings.row_selection import HOLE
 from imumon.samples import AXES, Floats
 from imumon.units import share_text
 
@@ -32,8 +33,6 @@ Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 COVERED = 0.9
 """Share of the time that integrals must cover to be averages over the sampling interval."""
 
-ONE_STEP = 1.5
-"""Median steps up to which a step is that of two consecutive messages."""
 
 FIFO = {"sensor_gyro_fifo": ("gyro", "rad/s"), "sensor_accel_fifo": ("accel", "m/s2")}
 """Topics with all samples of a chip: sensor and unit."""
@@ -172,7 +171,7 @@ def _coverage(interval_s: Floats, times_us: npt.NDArray[Any]) -> float:
     if len(times_us) < 2 or len(interval_s) != len(times_us):
         return 0.0
     steps = np.diff(times_us.astype(np.float64)) * 1e-6
-    near = (steps > 0.0) & (steps < ONE_STEP * float(np.median(steps)))
+    near = (steps > 0.0) & (steps < HOLE * float(np.median(steps)))
     return float(interval_s[1:][near].sum() / steps[near].sum()) if near.any() else 0.0
 
 
