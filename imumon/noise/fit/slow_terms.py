@@ -53,7 +53,7 @@ MOST_TERMS = 12
 """Terms, and searches for oscillations, in one record: one with more is not at rest."""
 SEARCHED = 256
 """Single coefficients in which terms are sought, and which stay single beside a step, whose spectrum falls slowly."""
-COARSE = 8
+COARSE = 10
 """Values of B and of K in the search."""
 
 
@@ -256,8 +256,11 @@ class SlowTermSearch:
         own = own[~terms.masked[own] & (series.f[own] <= self._top)]
         X = columns_of.matrix(series, terms.regressors)
         coefficients = Coefficients(series.y[own], X[own], series.variance[:, own])
-        falling = np.concatenate(([0.0], np.geomspace(1e-3, 1.0, COARSE - 1)))
-        B, K = self.surface.B[-1] * np.linspace(0.0, 1.0, COARSE), self.surface.K[-1] * falling
+        # the likeliest values are among them: beside a large K the likelihood is narrow
+        _, b, k = np.sqrt(self.surface.powers)
+        B = np.append((b or self.surface.B[-1]) * np.linspace(0.0, 1.0, COARSE - 1), self.surface.B[-1])
+        falling = np.append(0.0, np.geomspace(0.01, 1.0, COARSE - 2))
+        K = np.append((k or self.surface.K[-1]) * falling, self.surface.K[-1])
         return columns_of.gains(coefficients, self._likelihood.surface(B, K), columns[own], starts)
 
     def _oscillation(self, number: int) -> list[Regressor]:
