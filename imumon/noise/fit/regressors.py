@@ -257,6 +257,7 @@ def likely_steps(series: BlockSeries) -> list[Regressor]:
         own = series.series[begin : begin + count]
         total = np.concatenate(([0.0], np.cumsum(own)))
         places: set[int] = set()
+        near = STEP_MARGIN - 2
         for width in STEP_WIDTHS:
             if count >= 2 * max(width, STEP_MARGIN):
                 jumps = np.abs(total[2 * width :] - 2.0 * total[width:-width] + total[: -2 * width])
@@ -265,9 +266,9 @@ def likely_steps(series: BlockSeries) -> list[Regressor]:
                 places |= {*ends.tolist(), *(ends - 1).tolist()}
         if places:
             at = np.array(sorted(places))
-            before, after = total[at] - total[at - 4], total[at + 5] - total[at + 1]
-            height = 0.25 * (after - before)
-            share = np.divide(own[at] - 0.25 * before, height, out=np.ones(at.size), where=height != 0.0)
+            before = (total[at] - total[at - near]) / near
+            height = (total[at + near + 1] - total[at + 1]) / near - before
+            share = np.divide(own[at] - before, height, out=np.ones(at.size), where=height != 0.0)
             lines = (np.arange(count)[:, None] > at).astype(np.float64)
             lines[at, np.arange(at.size)] = np.clip(share, 0.0, 1.0)
             names = ["step"] * at.size
