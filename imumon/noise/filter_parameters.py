@@ -40,6 +40,10 @@ SMALLEST_WALK, LARGEST_WALK = 0.1, 10.0
 """Share of K below which no walk goes, where the reference scenario needs none, and of sqrt(K^2 + B^2/s), where the
 search begins."""
 
+NO_WALK = 1e-6
+"""1/s, share of N that stands for B and K in a channel without them, and share of the largest walk where the search
+ends."""
+
 HALVINGS = 16
 """Halvings of the search on a logarithmic scale: 0.02 %."""
 
@@ -98,7 +102,8 @@ def horizons(horizon_s: float) -> Floats:
 
 def smallest_walk(truths: ChannelTruths, horizon_s: Floats) -> Floats:
     """Return the smallest walk, (c,), with a predicted NEES of at most `MOST_NEES`: it falls as the walk rises."""
-    low, high = SMALLEST_WALK * truths.K, LARGEST_WALK * np.hypot(truths.K, truths.B)
+    high = LARGEST_WALK * np.maximum(np.hypot(truths.K, truths.B), NO_WALK * truths.N)
+    low = np.maximum(SMALLEST_WALK * truths.K, NO_WALK * high)
     for _ in range(HALVINGS):
         middle = np.sqrt(low * high)
         found = predict(FilterModels.without_terms(truths.N, middle), truths, horizon_s)

@@ -96,6 +96,17 @@ def test_the_walk_is_the_smallest_that_is_consistent(horizon: float) -> None:
     assert (walking(VARIED, 0.97 * walk, at) > MOST_NEES)[needed].all()
 
 
+def test_the_walk_of_a_channel_without_b_or_k_is_that_of_nearly_none() -> None:
+    one = np.ones(4)
+    truths = ChannelTruths(
+        6e-5 * one, np.array([2e-5, 2e-5, 0.0, 0.0]), np.array([0.0, 1e-12, 0.0, 1e-15]), 1e-3 * one
+    )
+    flicker, nearly, none, nearly_none = smallest_walk(truths, horizons(600.0)).tolist()
+    assert flicker == pytest.approx(nearly, rel=1e-3)
+    assert 0.0 < none < 1e-3 * flicker
+    assert 0.0 < nearly_none < 1e-3 * flicker
+
+
 @pytest.mark.parametrize("fix", [GYRO_FIX, ACCEL_FIX])
 @pytest.mark.parametrize("horizon", [1.0, 600.0, 1800.0, 86400.0])
 def test_gauss_markov_terms_are_consistent_at_every_horizon(horizon: float, fix: float) -> None:

@@ -90,19 +90,19 @@ class NoiseBaseline(ArrayState):
     """
 
     _STATE = (
-        *(
-            "_ring",
-            "_recent_means",
-            "_scale",
-            "_scatter",
-            "_step",
-            "_limits",
-            "origin",
-            "sample",
-            "part",
-            "shift",
-        ),
-        *("frames", "at_rest", "stale"),
+        "_ring",
+        "_recent_means",
+        "_scale",
+        "_scatter",
+        "_step",
+        "_limits",
+        "origin",
+        "sample",
+        "part",
+        "shift",
+        "frames",
+        "at_rest",
+        "stale",
     )
 
     def __init__(self, sensors: tuple[str, ...], frame: int) -> None:

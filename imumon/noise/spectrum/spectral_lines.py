@@ -4,7 +4,8 @@ A group begins with a bin that exceeds the higher of the medians of the bins on 
 hundreds of reports. The Allan variance is a thousand times more precise than a bin, so that weak lines bend it, and
 real lines wander: a fan changes its speed by a per cent. So every group is a narrow band with a frequency, a width and
 a power, which the fit leaves out. Groups that are found are excluded from the medians of the next pass, so that a
-strong line does not hide a weak one beside it. A band that stands out is a line for people.
+strong line does not hide a weak one beside it. A band whose highest bin is `PROMINENCE` times the density beside it is
+reported as a line.
 
 Sampled signals fold: a line at f may be any |k rate +- f|, so mains and its harmonics are candidates. This module does
 not depend on how a density is measured.
@@ -28,8 +29,8 @@ SEGMENT = 256
 HOP = SEGMENT // 2
 BINS = HOP + 1
 LINE_CHANCE = 1e-6
-"""Probability that noise alone makes a band of a bin: one in 200 reports of nine channels, of little power. A line,
-which stands out, was in none of 3,000 (`python benchmarks/guards.py --lines`)."""
+"""Probability that noise alone makes a band of a bin: one in 200 reports of nine channels, of little power. One with
+`PROMINENCE` was in none of 3,000 (`python benchmarks/guards.py --lines`)."""
 PROMINENCE = 2.0
 """Least ratio of the highest bin of a line to the density beside it: less does not matter to a user."""
 SIDE = 11
@@ -117,9 +118,8 @@ def find_narrow_bands(
     band : bins in which the centroid may be.
     """
     df, nu, to_mean = rate / SEGMENT, OVERLAP_DOF * averages, median_to_mean(averages)
-    margin = 1.0 + LEVEL_ERRORS * math.sqrt(
-        math.pi / nu / SIDE
-    )  # a median's variance is pi / 2 that of a mean
+    # the variance of a median is pi / 2 that of a mean
+    margin = 1.0 + LEVEL_ERRORS * math.sqrt(math.pi / nu / SIDE)
     least = 2.0 * float(gammainccinv(0.5 * nu, LINE_CHANCE)) / nu * margin
     inside, level = np.zeros(BINS, dtype=bool), power
     for _ in range(PASSES):
