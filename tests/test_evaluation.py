@@ -30,7 +30,8 @@ from imumon.filter_report import FilterReport
 from imumon.noise.allan.overlapping import SampleStore, averaging_lengths, overlapping_deviation
 from imumon.noise.synthesis import synthesise
 from imumon.noise.uncertainty import probability_at_most, uncertainty_budgets, verdict
-from imumon.references import SheetError, conformity, published, read_sheet, sheet_of_model
+from imumon.references import SheetError, published, read_sheet, sheet_of_model
+from imumon.references.limit_checks import conformity
 from imumon.report import COEFFICIENTS, Report, from_json, to_json
 from imumon.tui.formatting import Notation
 from imumon.units import figures

@@ -139,12 +139,11 @@ def published_days(subscriber: Any, id: str) -> list[dict[str, Any]]:
 
 def stored_days(path: Path) -> list[dict[str, Any]]:
     """Return the rows that the datasheet shows beside a saved state, of the history in its directory."""
+    if (file := _beside(path)) is None:
+        return []
     from imumon.history.rows import rows
     from imumon.history.selection import selection
     from imumon.history.store import HistoryStore
-
-    if (file := _beside(path)) is None:
-        return []
 
     def rows_of(step: str, days: float) -> list[dict[str, Any]]:
         now = time.time()
@@ -170,11 +169,11 @@ def _sheet_rows(rows_of: Callable[[str, float], list[dict[str, Any]]]) -> list[d
 
 def with_turn_on(report: Any, path: Path) -> Any:
     """Return the report of a saved state with the turn-on bias that the history in its directory shows."""
+    if (file := _beside(path)) is None:
+        return report
     from imumon.history.power_ups import PowerUps
     from imumon.history.store import HistoryError, HistoryStore
 
-    if (file := _beside(path)) is None:
-        return report
     try:
         with HistoryStore(file) as store:
             return PowerUps(store.power_ups()).annotated(report)
@@ -184,10 +183,13 @@ def with_turn_on(report: Any, path: Path) -> Any:
 
 def _beside(path: Path) -> Path | None:
     """Return the history beside a saved state; None if there is none, or it is no state."""
+    name, state, _ = path.name.partition(".state")
+    if not state:
+        return None
     from imumon.history.store import SUFFIX
 
-    file = path.with_name(f"{path.name.partition('.state')[0]}{SUFFIX}")
-    return file if ".state" in path.name and file.exists() else None
+    file = path.with_name(f"{name}{SUFFIX}")
+    return file if file.exists() else None
 
 
 def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:

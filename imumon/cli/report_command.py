@@ -112,12 +112,13 @@ def _check_options(arguments: argparse.Namespace, form: str) -> None:
 
 def _source(arguments: argparse.Namespace, history: bool) -> tuple[Any, Any]:
     """Return the report of the file or the daemon, and the days of its history."""
-    from imumon.bus.subscriber import KEPT_BYTES
     from imumon.cli.history_command import published_days, stored_days
     from imumon.cli.traceability import with_provenance
 
     if arguments.file:
         return _from_file(arguments), stored_days(Path(arguments.file))
+    from imumon.bus.subscriber import KEPT_BYTES
+
     _check_recording(arguments, "a running daemon")
     with options.subscriber(arguments, most_bytes=KEPT_BYTES) as subscriber:
         cure = "give a FILE (imumon report --help)"
@@ -188,18 +189,19 @@ def _from_file(arguments: argparse.Namespace) -> Any:
         except OSError as error:
             message = f"cannot read {arguments.file}: {why(error)}"
             raise CommandError("file_unreadable", message, "check the path and its permissions") from None
+    from imumon.cli.traceability import with_provenance
+
+    if head.lstrip().startswith(b"{"):
+        _check_recording(arguments, "a saved report")
+        return with_provenance(_from_report(Path(arguments.file)), arguments.file, {}, None)
     from imumon.checkpoint import is_state
     from imumon.cli.history_command import with_turn_on
-    from imumon.cli.traceability import with_provenance
 
     if is_state(head):
         _check_recording(arguments, "a saved state")
         saved, guarded = _from_state(Path(arguments.file))
         made = with_turn_on(saved, Path(arguments.file))
         return with_provenance(made, arguments.file, {}, guarded)
-    if head.lstrip().startswith(b"{"):
-        _check_recording(arguments, "a saved report")
-        return with_provenance(_from_report(Path(arguments.file)), arguments.file, {}, None)
     from imumon.datasheet import FORMS
     from imumon.recordings import OptionNotApplicable
 

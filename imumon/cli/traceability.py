@@ -40,16 +40,13 @@ def evaluated(report: Report, sheet: Any = None, rows: Sequence[Mapping[str, Any
     ------
     SheetError : the sheet is of another device.
     """
-    from imumon.history.repeatability import day_scatter
-    from imumon.noise.uncertainty import bias_budgets, not_covered, uncertainty_budgets, with_combined
-    from imumon.references import conformity
-
     report = replace(report, events=one_warmup(report.events))
     made = report.evaluation or Evaluation()
     parts = [budget for budgets in made.budgets.values() for budget in budgets.values()]
-    if not made.not_covered or any(
-        budget.low is None for budget in parts
-    ):  # an earlier version has no limits
+    if not made.not_covered or any(each.low is None for each in parts):  # an earlier version has no limits
+        from imumon.history.repeatability import day_scatter
+        from imumon.noise.uncertainty import bias_budgets, not_covered, uncertainty_budgets, with_combined
+
         made = replace(
             made,
             budgets=uncertainty_budgets(report, day_scatter(rows)),
@@ -60,6 +57,8 @@ def evaluated(report: Report, sheet: Any = None, rows: Sequence[Mapping[str, Any
     report = replace(report, evaluation=made)
     found = _checked(report, sheet) or _sheet_of_model(report)
     if found is not None:
+        from imumon.references.limit_checks import conformity
+
         report = replace(report, evaluation=replace(made, conformity=conformity(report, found)))
     return report
 

@@ -16,7 +16,7 @@ from imumon.config import Settings
 from imumon.daemon.persistence import Persistence, uptime_s
 from imumon.daemon.recorder import Recorder
 from imumon.daemon.run_limits import RunOptions, Timer
-from imumon.history import History
+from imumon.history.history import History
 from imumon.pipeline import Monitor, MonitorOptions, RecordMismatch
 from imumon.report import Event, Report, SessionCounters, stamp
 from imumon.samples import DeviceCounters, DeviceInfo, Level, SampleBlock

@@ -8,11 +8,12 @@ rows         published form of the rows: JSON, CSV
 power_ups    when the sensor was switched on, and its bias each time
 repeatability  scatter of N, B and K between days
 
+`History` is imported from its module: it tests for changes, which reading the file does not need.
+
 docs/HISTORY.md describes rows, sizes and questions.
 """
 
-from imumon.history.history import History
 from imumon.history.selection import Selection
 from imumon.history.store import HistoryError, HistoryStore
 
-__all__ = ["History", "HistoryError", "HistoryStore", "Selection"]
+__all__ = ["HistoryError", "HistoryStore", "Selection"]

@@ -4,7 +4,6 @@ reference_sheet  files and their format; the files of this directory are read by
 limit_checks     pass, fail or undecided of each value
 """
 
-from imumon.references.limit_checks import conformity
 from imumon.references.reference_sheet import (
     ReferenceSheet,
     SheetError,
@@ -13,4 +12,4 @@ from imumon.references.reference_sheet import (
     sheet_of_model,
 )
 
-__all__ = ["ReferenceSheet", "SheetError", "conformity", "published", "read_sheet", "sheet_of_model"]
+__all__ = ["ReferenceSheet", "SheetError", "published", "read_sheet", "sheet_of_model"]

@@ -13,8 +13,8 @@ from histories import BEGIN, NAMES, period, with_slopes, write
 from reports import warming_up as report
 
 from imumon.datasheet.signal_text import signal_lines
-from imumon.history import History
 from imumon.history.day_changes import DayChanges, change_text
+from imumon.history.history import History
 from imumon.history.power_ups import LEAST_POWER_UPS, PowerUps
 from imumon.history.rows import iso
 from imumon.history.store import TimedPeriod

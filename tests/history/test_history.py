@@ -21,8 +21,8 @@ from paths import TESTS
 from waiting import until
 
 from imumon.cli.history_command import _readable
-from imumon.history import History, HistoryError, HistoryStore
-from imumon.history.history import MOST_PENDING
+from imumon.history import HistoryError, HistoryStore
+from imumon.history.history import MOST_PENDING, History
 from imumon.history.rows import csv_pieces, json_pieces, rows
 from imumon.history.schema import ESTIMATE_COLUMNS, MIGRATIONS, VERSION
 from imumon.history.selection import Selection, SelectionError, moment, of_parameters, selection
