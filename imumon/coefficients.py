@@ -21,6 +21,9 @@ GRADES: tuple[GradeName, ...] = get_args(GradeName)
 LIMIT_95 = 1.959964
 """Standard errors, half-width of a 95 % interval."""
 
+QUARTERS = 4
+"""Parts of a record between which the scatter of a coefficient is known."""
+
 MG = 1000.0 / STANDARD_GRAVITY
 """mg in a m/s^2."""
 

@@ -15,13 +15,12 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from scipy.special import zeta
 
 from imumon.samples import Floats
 
-ALIASES = 20
-"""Aliases on each side that are added for averages."""
 EXACT = 256
-"""Blocks for which the variances of flicker are computed from the covariance; their edge factor serves all others."""
+"""Blocks, or samples of a cluster, up to which flicker is computed exactly: beyond, what it tends to serves."""
 
 
 def sampled_density(f: Floats, *, averaged: bool) -> Floats:
@@ -38,10 +37,10 @@ def sampled_density(f: Floats, *, averaged: bool) -> Floats:
     if not averaged:
         slope = 2.0 * np.sin(np.pi * f)
         return np.stack((np.ones_like(f), 1.0 / slope, 1.0 / slope**2))
-    at = np.abs(f[:, None] + np.arange(-ALIASES, ALIASES + 1))
-    rate = 2.0 * np.pi * at
-    average = np.sinc(at) ** 2
-    return np.stack((np.ones_like(f), (average / rate).sum(axis=1), (average / rate**2).sum(axis=1)))
+    square = np.sin(np.pi * f) ** 2
+    # the sum of |f + k|^-3
+    flicker = square * (zeta(3.0, f) + zeta(3.0, 1.0 - f)) / (2.0 * np.pi**3)  # type: ignore[no-untyped-call]
+    return np.stack((np.ones_like(f), flicker, 0.25 / square - 1.0 / 6.0))
 
 
 def phase_autocovariance(lag: Floats) -> Floats:
@@ -92,8 +91,4 @@ def coefficient_variances(n: int) -> Floats:
     edge = np.ones(n - 1)
     factors = _edge_factors()[: EXACT // 2]
     edge[: factors.size] = factors[: n - 1]
-    sine = np.sin(np.pi * k / (2.0 * n))
-    # differences of averages of a walk have the variance 2/3 and the covariance 1/6 with the next one
-    return np.stack(
-        (np.ones(n - 1), sampled_density(k / (2.0 * n), averaged=True)[1] * edge, 0.25 / sine**2 - 1.0 / 6.0)
-    )
+    return sampled_density(k / (2.0 * n), averaged=True) * np.stack((np.ones(n - 1), edge, np.ones(n - 1)))

@@ -39,15 +39,13 @@ from dataclasses import replace
 
 from scipy.special import ndtr, stdtr, stdtrit
 
-from imumon.coefficients import LIMIT_95
+from imumon.coefficients import LIMIT_95, QUARTERS
 from imumon.evaluation import UncertaintyBudget, UncertaintyComponent, Verdict
 from imumon.history_report import DayScatter
 from imumon.noise.validity_groups import DITHERED
 from imumon.report import COEFFICIENTS, Channel, Estimate, Report
 from imumon.samples import sensor_of
 
-QUARTERS = 4
-"""Parts of a record between which scatter is known."""
 CRYSTAL_TOLERANCE = 1e-4
 """Share by which the clock of a sensor is assumed to be off at most: 100 parts in a million, ten times a usual
 crystal over temperature."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.noise.statistics.envelope import ALL_COLUMNS, RECENT_COLUMNS, Envelope, EnvelopeColumns
+from imumon.noise.statistics.envelope import RECENT_COLUMNS, Envelope, EnvelopeColumns
 from imumon.samples import Bools, Floats
 
 
@@ -38,7 +38,7 @@ def test_columns_have_the_extremes(n: int, chunk: int) -> None:
     minute, hour, everything = envelope.minute(), envelope.hour(), envelope.everything()
     assert (minute.width, hour.width) == (20, 1200)
     assert len(minute.low) <= RECENT_COLUMNS
-    assert len(everything.low) <= ALL_COLUMNS
+    assert len(everything.low) <= 2 * RECENT_COLUMNS
     assert everything.start == 0
     for columns in (minute, hour, everything):
         low, high = expected(values, valid, columns.width, columns.start)

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imumon.noise.allan import OctaveCascade
-from imumon.noise.allan.octave import BLOCK
 from imumon.noise.allan.windows import WindowedCascade
+from imumon.noise.blocks.block_means import BLOCK
 
 RNG = np.random.default_rng(11)
 

@@ -31,10 +31,11 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.noise.allan.curve import AllanCurve, WindowSums
-from imumon.noise.allan.octave import BLOCK, RATIO, VALID_SHARE
+from imumon.noise.allan.octave import RATIO, VALID_SHARE
 from imumon.noise.allan.stages import BATCH, OctaveStages
 from imumon.noise.array_state import subset
 from imumon.noise.blocks import BlockAccumulator, BlockMeans
+from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum import SpectrumAccumulator
 from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark

@@ -11,9 +11,9 @@ its cluster.
 
 Each cluster has a sum and a count of valid samples, by group of channels. Differences that touch a cluster
 with too few valid samples are skipped; where some are missing, the average of the others represents the
-cluster (Sesia & Tavella, Metrologia 45, 2008, S134). Clusters shorter than `FULL_BELOW` samples must be
-complete. Of longer ones a share is enough, because a link that loses every third packet must not lose all
-long averaging times.
+cluster (Sesia & Tavella, Metrologia 45, 2008, S134). Clusters of up to R samples must be complete: they are
+many, and losing a few costs nothing. Of longer ones a share is enough, because a link that loses every third
+packet must not lose all long averaging times.
 
 The average of n of m samples keeps flicker noise and random walk, but has more white noise: the variance of a
 difference is that of white samples times 1/n + 1/n' instead of 2/m. So each octave also sums the relative
@@ -32,6 +32,7 @@ import math
 import numpy as np
 
 from imumon.noise.array_state import ArrayState
+from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Floats, Ints
 
@@ -42,12 +43,6 @@ degrees of freedom of the limits are those of this value."""
 VALID_SHARE = 0.45
 """1, share of a cluster that must be valid for it to count. Below one half, so that a link that loses half of
 its packets keeps all averaging times."""
-
-BLOCK = 256
-"""Samples. Squares are added in groups that lie on this grid, so that any chunking gives the same bits."""
-
-FULL_BELOW = 16
-"""Samples. Shorter clusters must be complete: they are many, and losing a few costs nothing."""
 
 EXCESS_SCALE = float(1 << 20)
 """1. The relative excess of white noise is summed as integers in units of 1/`EXCESS_SCALE`, so that the sum
@@ -81,7 +76,7 @@ class Octave(ArrayState):
         self.lag = min(m, RATIO)
         self.step = 2 if m >= RATIO else 1  # entries per entry of the next octave
         self.group = max(1, BLOCK * self.lag // m)  # entries in a block
-        self._least_count = VALID_SHARE * m if m >= FULL_BELOW else float(m)
+        self._least_count = VALID_SHARE * m if m > RATIO else float(m)
         self._group_of = groups.of
         self.squares = np.zeros(groups.channels)
         self.terms = np.zeros(len(groups), dtype=np.int64)
@@ -142,7 +137,7 @@ class Octave(ArrayState):
         enough = counts >= self._least_count
         use = (enough[:, lag:] & enough[:, :n]).astype(np.float64)
         self.terms += use.sum(axis=1).astype(np.int64)
-        if self.m >= FULL_BELOW:
+        if self.m > RATIO:
             weight = np.divide(self.m, counts, out=np.zeros_like(counts), where=enough)
             excess = 0.5 * (weight[:, lag:] + weight[:, :n]) - 1.0
             self.white_excess += np.rint(excess * use * EXCESS_SCALE).astype(np.int64).sum(axis=1)

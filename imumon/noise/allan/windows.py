@@ -20,8 +20,8 @@ import numpy as np
 
 from imumon.noise.allan.cascade import OctaveCascade
 from imumon.noise.allan.curve import AllanCurve, WindowSums, padded
-from imumon.noise.allan.octave import BLOCK
 from imumon.noise.array_state import subset
+from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
 from imumon.samples import Bools, Floats, Ints
 

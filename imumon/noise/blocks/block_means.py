@@ -18,8 +18,8 @@ from imumon.samples import Floats, Ints
 
 BLOCKS = 1024
 """Most blocks. Half of them widen the limits of B by 2 %, twice as many narrow them by 3 %."""
-PIECE = 256
-"""Samples that are added up together: a block of the cascade, so that any chunking of it gives the same bits."""
+BLOCK = 256
+"""Samples whose sums lie on one grid, here and in the Allan cascade, so that any chunking gives the same bits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,10 +186,10 @@ class BlockAccumulator:
     def _add(self, x: Floats, valid: Floats | None, offset: Floats, done: int) -> None:
         """Add samples for which there is room, `done` of the update already.
 
-        Sums are of at most `PIECE` samples from the beginning of the update on, added one after the other.
+        Sums are of at most `BLOCK` samples from the beginning of the update on, added one after the other.
         """
         n = x.shape[1]
-        pieces = np.arange(-done % PIECE, n, PIECE)
+        pieces = np.arange(-done % BLOCK, n, BLOCK)
         edges = np.unique(np.concatenate(([0], pieces, np.arange(-self._n % self._length, n, self._length))))
         sums, blocks = np.add.reduceat(x, edges, axis=1), (self._n + edges) // self._length
         if valid is None:

@@ -45,13 +45,10 @@ class ReasonCode(IntEnum):
 INERTIAL = ("gyro", "accel")
 
 WINDOW_FRAMES = 10
-"""Frames by which motion is recognised, the last ones."""
+"""Frames by which motion is recognised, the last ones. Half of them, quiet and in a row, end it."""
 MOTION_FRAMES = 8
-"""Unusual frames among them that mean motion: a knock and its echo take fewer."""
-QUIET_FRAMES = 5
-"""Quiet frames in a row that end motion."""
-MOST_UNUSUAL = 0.15
-"""Share of these frames that may be unusual by the baseline that was learned from them."""
+"""Unusual frames among them that mean motion: a knock and its echo take fewer. Motion leaves as many usual frames as a
+new baseline may have unusual ones."""
 LARGEST_SHARE = 0.5
 """Share of the parts of a frame up to which single parts explain it."""
 ONE_AXIS = 0.5
@@ -280,7 +277,7 @@ class DisturbanceDetector(ArrayState):
         codes[:] = self._reason
         if frames.known[0]:
             self._candidates.append(frames)
-        if self.baseline.ready and not any(self._unusual[-QUIET_FRAMES:]):
+        if self.baseline.ready and not any(self._unusual[WINDOW_FRAMES // 2 :]):
             self.moving, self._candidates = 0, []
         elif len(self._candidates) >= REST_FRAMES:
             return self._try_new_baseline()
@@ -323,7 +320,7 @@ class DisturbanceDetector(ArrayState):
         self._candidates = []
         trial = NoiseBaseline(*self._baseline_arguments)
         trial.add(frames)
-        if not trial.at_rest or trial.unusual(frames).any(axis=1).mean() > MOST_UNUSUAL:
+        if not trial.at_rest or trial.unusual(frames).any(axis=1).sum() > WINDOW_FRAMES - MOTION_FRAMES:
             return False
         self.baseline, self.moving = trial, 0
         self._unusual = [Shows.USUAL] * WINDOW_FRAMES

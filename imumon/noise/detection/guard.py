@@ -39,11 +39,6 @@ from imumon.noise.detection.frame_statistics import FIRST_FRAMES, PARTS
 from imumon.noise.detection.stuck import RepeatDetector
 from imumon.samples import Bools, Floats
 
-MARGIN_BEFORE = 5
-"""Parts (0.1 s) excluded before any other disturbance: it begins below the threshold."""
-MARGIN_AFTER = 10
-"""Parts (0.1 s) excluded after it, while it rings down and the filter of the sensor settles."""
-
 
 @dataclass(frozen=True, slots=True)
 class GuardedSamples:
@@ -357,10 +352,14 @@ class Guard(ArrayState):
 
 
 def _with_margins(codes: Codes) -> Codes:
-    """Return the codes of parts with the margins of their reasons; if several apply, the highest."""
-    out = codes.copy()
+    """Return the codes of parts with margins; if several apply, the highest.
+
+    Half a frame before, because a disturbance begins below the threshold, and a frame after, while it rings down and
+    the filter of the sensor settles.
+    """
+    out, before = codes.copy(), PARTS // 2
     for code in np.unique(codes[codes > 0]).tolist():
-        reach = np.convolve(codes == code, np.ones(MARGIN_BEFORE + MARGIN_AFTER + 1)) > 0.5
-        reach = reach[MARGIN_BEFORE : MARGIN_BEFORE + len(codes)]
+        reach = np.convolve(codes == code, np.ones(before + PARTS + 1)) > 0.5
+        reach = reach[before : before + len(codes)]
         np.maximum(out, np.int8(code), out=out, where=reach)
     return out

@@ -19,12 +19,10 @@ from scipy.special import gammaincinv
 
 from imumon.noise.allan.octave import RATIO
 from imumon.noise.fit.observations import BlockSeries
-from imumon.noise.power_law import phase_autocovariance
+from imumon.noise.power_law import EXACT, phase_autocovariance
 from imumon.report import COEFFICIENTS
 from imumon.samples import Floats, Ints
 
-SAMPLED_OCTAVES = 8
-"""Octaves at which point samples of flicker differ from averages."""
 LAGS = 12
 """Clusters over which the covariance of differences is summed: that of flicker falls with the fourth power."""
 LINE_NODES = np.linspace(-2.2, 2.2, 23)
@@ -49,8 +47,8 @@ def noise_variances(m: Ints, *, averaged: bool) -> Floats:
     flicker, walk = np.full(m.size, COEFFICIENTS["B"].deviation(1.0) ** 2), clusters / 3.0
     if not averaged:
         walk = walk * (1.0 + 0.5 / clusters**2)
-        short = m < 1 << SAMPLED_OCTAVES
-        phase = _sampled_flicker(2 << SAMPLED_OCTAVES)
+        short = m < EXACT  # beyond, point samples of flicker are like averages
+        phase = _sampled_flicker(2 * EXACT)
         flicker[short] = (phase[2 * m[short]] - 4.0 * phase[m[short]]) / clusters[short] ** 2
     return np.stack((1.0 / clusters, flicker, walk))
 

@@ -21,7 +21,8 @@ from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Bools, Floats
 
 GRID = 20
-"""Values of B and of K at which the likelihood is computed."""
+"""Values of B and of K at which the likelihood is computed, half as many where terms are sought. Frequencies of an
+oscillation between two coefficients."""
 FINE = 8
 """Parts of a cell of the grid between which a quantile is interpolated."""
 DECADES = np.concatenate(([0.0], np.geomspace(1e-6, 1e12, 27)))
@@ -32,10 +33,8 @@ MOST_MOVES = 6
 """Times that a grid which does not hold the likelihood is moved."""
 SCORING_STEPS = 3
 """Steps of Fisher's scoring for N^2 at each point of the grid."""
-LEAST_POWER, LEAST_SHARE = 1e-3, 1e-30
-"""Shares of an observed power, and of the greatest one, below which no model is compared with it."""
-HUGE = 1e300
-"""Logarithm of a likelihood that is zero."""
+LEAST_POWER = 1e-3
+"""Share of an observed power below which no model is compared with it."""
 
 SLOW_BANDS, SLOW_DEGREES = (0, 6, 16), 3.0
 """First coefficients of the bands in which the misfit of the single ones is judged, and least degrees of freedom of a
@@ -115,7 +114,7 @@ class Likelihood:
         more, beta, beta_variance = self._restricted(a, b, k)
         # without any noise there is no likelihood
         total = log + more
-        total = np.where(np.isfinite(total), total, -HUGE)
+        total = np.where(np.isfinite(total), total, -np.inf)
         return Surface(B, K, total, a, variance, c_best, beta, beta_variance)
 
     def _profile(
@@ -171,7 +170,7 @@ class Likelihood:
     @cached_property
     def _floor(self) -> Floats:
         """(r,) least power of a model."""
-        share = np.maximum(LEAST_POWER * self.powers.power, LEAST_SHARE * self.powers.power.max())
+        share = np.maximum(LEAST_POWER * self.powers.power, ROUNDING**2 * self.powers.power.max())
         return np.asarray(np.maximum(share, LEAST_VARIANCE))
 
     @cached_property
@@ -236,7 +235,7 @@ class Likelihood:
 
         The deviance of gamma variables: chi-square of one degree each (McCullagh & Nelder 1989, section 8.3).
         """
-        ratio = np.maximum(self.powers.power / self.model(surface), LEAST_SHARE)[:rows]
+        ratio = np.maximum(self.powers.power / self.model(surface), ROUNDING**2)[:rows]
         deviance = self.dof[:rows] * (ratio - 1.0 - np.log(ratio))
         # two or three terms are fitted, most of them to the powers
         return float(deviance.sum()), max(float(ratio.size) - 2.0 - bool(self.shape), 1.0)
@@ -254,7 +253,7 @@ class Likelihood:
         dof = np.maximum(np.add.reduceat(own, starts), LEAST_VARIANCE)
         known = dof >= SLOW_DEGREES
         dof = dof[known]
-        ratio = np.maximum(np.add.reduceat(ratio, starts)[known] / dof, LEAST_SHARE)
+        ratio = np.maximum(np.add.reduceat(ratio, starts)[known] / dof, ROUNDING**2)
         return float((dof * (ratio - 1.0 - np.log(ratio))).sum()), float(dof.size)
 
     def model(self, surface: Surface) -> Floats:

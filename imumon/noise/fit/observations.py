@@ -37,7 +37,8 @@ LEAST_BINS = 2
 SINGLE = 48
 """Cosine coefficients that stay single: the spectrum of a smooth regressor falls with the square of their number."""
 LEAST_BLOCKS = 12
-"""Blocks from which a segment counts, and without which nothing is said of B and K."""
+"""Blocks from which a segment counts, and without which nothing is said of B and K. A step has half of them on each
+side."""
 MOST_FILLED = 0.05
 """Share of the blocks that holes may be, all of them and each. They are filled by interpolation. A longer one separates
 two segments, as does a gap of unknown length."""

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from imumon.noise.fit.likelihood import Surface, normal_matrix
-from imumon.noise.fit.observations import SINGLE, BlockSeries, Coefficients
+from imumon.noise.fit.observations import LEAST_BLOCKS, SINGLE, BlockSeries, Coefficients
 from imumon.samples import Floats, Ints
 
 OSCILLATION = ("oscillation", "oscillation_sine", "oscillation_growth", "oscillation_sine_growth")
@@ -37,8 +37,6 @@ BOTH_WAYS = 0.15
 the span, and of the blocks, that each direction has at least where hysteresis can be seen."""
 STEP_WIDTHS, STEP_PLACES = (1, 4, 16), 2
 """Blocks before and after a place whose means are compared, and places that are tried for each."""
-STEP_MARGIN = 6
-"""Blocks on each side of a step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +118,7 @@ def temperature(series: BlockSeries) -> tuple[Regressor | None, str]:
     if own is None:
         return None, "no_temperature"
     known = np.isfinite(own)
-    if known.sum() < max(STEP_MARGIN, 0.5 * own.size) or np.ptp(own[known]) < LEAST_SPAN_DEGC:
+    if known.sum() < 0.5 * own.size or np.ptp(own[known]) < LEAST_SPAN_DEGC:
         return None, "small_range"
     at = np.arange(own.size)
     own = np.interp(at, at[known], own[known])
@@ -252,17 +250,17 @@ def likely_steps(series: BlockSeries) -> list[Regressor]:
 
     The value at the place itself has the share of the step that it shows.
     """
-    out = []
+    out, margin = [], LEAST_BLOCKS // 2
+    near = margin - 2
     for segment, (begin, count) in enumerate(zip(series.begin.tolist(), series.count.tolist(), strict=True)):
         own = series.series[begin : begin + count]
         total = np.concatenate(([0.0], np.cumsum(own)))
         places: set[int] = set()
-        near = STEP_MARGIN - 2
         for width in STEP_WIDTHS:
-            if count >= 2 * max(width, STEP_MARGIN):
+            if count >= 2 * max(width, margin):
                 jumps = np.abs(total[2 * width :] - 2.0 * total[width:-width] + total[: -2 * width])
                 ends = np.argsort(-jumps)[:STEP_PLACES] + width
-                ends = ends[(ends >= STEP_MARGIN) & (ends <= count - STEP_MARGIN)]
+                ends = ends[(ends >= margin) & (ends <= count - margin)]
                 places |= {*ends.tolist(), *(ends - 1).tolist()}
         if places:
             at = np.array(sorted(places))

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import gammainccinv
 
 from imumon.noise.fit import regressors as columns_of
-from imumon.noise.fit.likelihood import Likelihood, Surface
+from imumon.noise.fit.likelihood import GRID, Likelihood, Surface
 from imumon.noise.fit.observations import (
     SINGLE,
     BlockSeries,
@@ -40,8 +40,6 @@ MOST_MASKED = 0.5
 """Share of the coefficients from which what is above the noise is no oscillation."""
 FEWEST_CYCLES, FEW_CYCLES = 2, 16
 """Cycles in a segment from which an oscillation is one, and up to which regressors describe it."""
-OSCILLATION_PLACES = 41
-"""Frequencies at which an oscillation is sought about a coefficient."""
 SETTLING_CERTAIN = 20.0
 """Twice the log likelihood ratio from which it counts alone: odds of 10^3."""
 CERTAIN = 30.0
@@ -53,8 +51,6 @@ MOST_TERMS = 12
 """Terms, and searches for oscillations, in one record: one with more is not at rest."""
 SEARCHED = 256
 """Single coefficients in which terms are sought, and which stay single beside a step, whose spectrum falls slowly."""
-COARSE = 10
-"""Values of B and of K in the search."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -258,14 +254,14 @@ class SlowTermSearch:
         coefficients = Coefficients(series.y[own], X[own], series.variance[:, own])
         # the likeliest values are among them: beside a large K the likelihood is narrow
         _, b, k = np.sqrt(self.surface.powers)
-        B = np.append((b or self.surface.B[-1]) * np.linspace(0.0, 1.0, COARSE - 1), self.surface.B[-1])
-        falling = np.append(0.0, np.geomspace(0.01, 1.0, COARSE - 2))
+        B = np.append((b or self.surface.B[-1]) * np.linspace(0.0, 1.0, GRID // 2 - 1), self.surface.B[-1])
+        falling = np.append(0.0, np.geomspace(0.01, 1.0, GRID // 2 - 2))
         K = np.append((k or self.surface.K[-1]) * falling, self.surface.K[-1])
         return columns_of.gains(coefficients, self._likelihood.surface(B, K), columns[own], starts)
 
     def _oscillation(self, number: int) -> list[Regressor]:
         """Return the regressors of the oscillation about a coefficient of the last segment."""
-        places = number + 1.0 + np.linspace(-1.0, 1.0, OSCILLATION_PLACES)
+        places = number + 1.0 + np.linspace(-1.0, 1.0, 2 * GRID + 1)
         gains = self._gains(columns_of.waves(self._series, places), 2 * np.arange(places.size))
         return columns_of.oscillation(self._series, float(places[gains.argmax()]))
 

@@ -34,9 +34,6 @@ SMOOTH_OCTAVES_END = 64
 ALIAS_WIDTHS, ALIAS_SHARE = 3.0, 0.1
 """Widths of a line within which its alias lies, and the least share of an oscillation that remains of the line."""
 
-LINE_DEGREES = 4.0 * math.sqrt(math.pi)
-"""Degrees of freedom of noise in a band with a Gaussian shape, over width and time."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stated:
@@ -73,9 +70,12 @@ def with_curve(
     present = curve.terms[:, channel] > 0
     fixed = moved_variances_at(m, stated.moved)
     edf = degrees_of_freedom(m, curve.terms[:, channel], curve.span, powers)
-    # a product of noise and what is not random adds twice its share; a line is noise of its own width
+    # a product of noise and what is not random adds twice its share; a line is noise of its own width, with
+    # 4 sqrt(pi) degrees of freedom over width and time in a band with a Gaussian shape
     share = np.where(edf > 0.0, (random**2 + 2.0 * random * fixed) / np.maximum(edf, 1e-9), 1.0)
-    share = share + (line_shares**2 / (LINE_DEGREES * lines[:, 1:2] * curve.span + 1.0)).sum(axis=0)
+    share = share + (line_shares**2 / (4.0 * math.sqrt(math.pi) * lines[:, 1:2] * curve.span + 1.0)).sum(
+        axis=0
+    )
     edf = np.where(present, (random + fixed) ** 2 / share, 0.0)
     low, high = limit_factors(np.maximum(edf, 1.0))
     sigma = curve.sigma[:, channel]

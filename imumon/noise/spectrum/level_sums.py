@@ -9,9 +9,9 @@ import numpy as np
 from imumon.noise.spectrum.spectral_lines import BINS, SEGMENT
 from imumon.samples import Floats, Ints
 
-FIRST_BIN, LAST_BIN = 46, 92
-"""Bins of a level that are used, from the first one to before the last: an octave in which the filter is flat. The
-level above begins at twice the frequency. Level 0 is used up to half the sampling rate."""
+FIRST_BIN = 46
+"""First bin of a level that is used. An octave is, in which the filter is flat: the level above begins at twice the
+frequency. Level 0 is used up to half the sampling rate."""
 SUB_BAND = 8
 """Bins that are added up in the sums of a part of a record: a sixth of the octave."""
 
@@ -44,7 +44,7 @@ class LevelSums:
 
 def last_bin(level: int) -> int:
     """Return the end of the bins that are used of a level."""
-    return LAST_BIN if level else BINS - 1
+    return 2 * FIRST_BIN if level else BINS - 1
 
 
 def sub_bands(level: int) -> Ints:

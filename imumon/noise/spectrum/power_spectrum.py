@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imumon.noise.spectrum.level_sums import FIRST_BIN, LAST_BIN, WINDOW_POWER
+from imumon.noise.spectrum.level_sums import FIRST_BIN, WINDOW_POWER, last_bin
 from imumon.noise.spectrum.spectral_lines import (
     BINS,
     PROMINENCE,
@@ -110,7 +110,7 @@ def _densities(sums: list[tuple[Floats, Ints]], rate_hz: float) -> list[tuple[fl
 
 def _shown(s: int, levels: int) -> tuple[int, int]:
     """Return the range of bins of level s that are displayed and searched for lines."""
-    return 2 if s + 1 == levels else FIRST_BIN, LAST_BIN if s else BINS
+    return 2 if s + 1 == levels else FIRST_BIN, last_bin(s) if s else BINS
 
 
 def _white(power: Floats, averages: int) -> float:

@@ -34,12 +34,9 @@ LINE_CHANCE = 1e-6
 PROMINENCE = 2.0
 """Least ratio of the highest bin of a line to the density beside it: less does not matter to a user."""
 SIDE = 11
-"""Bins on each side of a bin whose median is the level there."""
+"""Bins on each side of a bin whose median is the level there. Lines are sought above as many."""
 LOBE = 2
 """Bins on each side of a bin that the main lobe of the window fills."""
-_WINDOWS = np.add.outer(np.arange(BINS + 2 * LOBE + SIDE + 1), np.arange(SIDE))  # bins of each stretch
-LOWEST_BIN = 12
-"""First bin in which a line is sought: below, a drift exceeds the bins beside it."""
 PASSES = 3
 """Searches, each with the medians of the bins that the one before left."""
 LEVEL_ERRORS = 3.0
@@ -126,7 +123,7 @@ def find_narrow_bands(
         left, right = _side_levels(np.where(inside, np.nan, power)) * to_mean
         higher = np.fmax(left, right)
         high = (power > least * higher) | (inside & np.isnan(higher))
-        high[:LOWEST_BIN] = False
+        high[: SIDE + 1] = False  # a drift exceeds the bins beside it
         if not high.any():
             return [], inside
         level = np.sqrt(np.where(np.isfinite(left), left, right) * np.where(np.isfinite(right), right, left))
@@ -163,8 +160,7 @@ def _side_levels(power: Floats) -> Floats:
     reach = LOBE + SIDE
     padded = np.full(BINS + 2 * reach, np.nan)
     padded[reach + 2 : reach + BINS] = power[2:]
-    windows = padded[_WINDOWS]
-    windows.sort(axis=1)
+    windows = np.sort(np.lib.stride_tricks.sliding_window_view(padded, SIDE), axis=1)
     known = np.isfinite(windows).sum(axis=1)
     median = windows[np.arange(len(windows)), np.maximum(known - 1, 0) // 2]
     median[known < SIDE // 2] = np.nan

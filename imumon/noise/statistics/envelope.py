@@ -1,7 +1,7 @@
 """Envelope: minimum and maximum of each channel in columns of time, for drawing a signal.
 
 Three envelopes run together: the last minute in columns of half a second, the last hour in columns of half a
-minute, and everything in at most 240 columns that double in length when they are full. The columns of the
+minute, and everything in at most twice as many columns, which double in length when they are full. The columns of the
 last minute also have sums, for its mean and standard deviation.
 
 Columns lie on the sample grid: any chunking gives the same columns, and a gap leaves empty ones.
@@ -23,8 +23,6 @@ RECENT_COLUMNS = 120
 """Columns of the last minute and of the last hour: more than a terminal is wide."""
 HOUR_COLUMN = 60
 """Columns of the minute in one of the hour."""
-ALL_COLUMNS = 240
-"""Most columns of everything; at least half of them are in use."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +77,7 @@ class Envelope(ArrayState):
         self._minute = np.full((RECENT_COLUMNS, 2, c), np.nan)  # ring by column number: low, high
         self._sums = np.zeros((RECENT_COLUMNS, 3, c))  # count, sum, sum of squares, about the offset
         self._hour = np.full((RECENT_COLUMNS, 2, c), np.nan)
-        self._all = np.full((ALL_COLUMNS, 2, c), np.nan)
+        self._all = np.full((2 * RECENT_COLUMNS, 2, c), np.nan)
         self._wide = 1  # columns of the minute in one of everything
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
@@ -138,8 +136,8 @@ class Envelope(ArrayState):
 
     def _join_columns(self, last: int) -> None:
         """Double the columns of everything until column `last` of the minute fits."""
-        while last // self._wide >= ALL_COLUMNS:
-            pairs = self._all.reshape(ALL_COLUMNS // 2, 2, 2, -1)
+        while last // self._wide >= 2 * RECENT_COLUMNS:
+            pairs = self._all.reshape(RECENT_COLUMNS, 2, 2, -1)
             half = np.stack(
                 (np.fmin(*pairs[:, :, 0].swapaxes(0, 1)), np.fmax(*pairs[:, :, 1].swapaxes(0, 1))), 1
             )

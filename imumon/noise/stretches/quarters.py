@@ -14,22 +14,19 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
-from imumon.coefficients import Excess
-from imumon.noise.allan.octave import BLOCK
+from imumon.coefficients import QUARTERS, Excess
 from imumon.noise.allan.windows import WindowedCascade
+from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
 from imumon.samples import Floats
 
-QUARTERS = 4
 PART_S = 8.0
 """s, shortest part: a quarter must be long enough for N."""
 
 EXCESS_P = 0.25
 """Probability below which scatter counts. A variance is neglected only where a weak test does not find it either:
 Bancroft, Biometrics 20 (1964); at 0.05 the limits of a scatter as large as the statistics hold 88 %, at 0.25 92 %."""
-BISECTIONS = 60
-"""Halvings of an interval, to the rounding."""
 
 
 def excess(values: Floats, errors: Floats) -> Excess:
@@ -64,8 +61,7 @@ def excess(values: Floats, errors: Floats) -> Excess:
         if squares(0.0) <= target:
             return 0.0
         low, high = 0.0, float(np.sum((logs - logs.mean()) ** 2)) / target
-        for _ in range(BISECTIONS):
-            middle = 0.5 * (low + high)
+        while low < (middle := 0.5 * (low + high)) < high:
             low, high = (middle, high) if squares(middle) > target else (low, middle)
         return float(np.sqrt(high))
 

@@ -30,7 +30,7 @@ from imumon.noise.stretches.warmup import CANDIDATES_S, DECISION_LENGTH, is_over
 from imumon.report import Change
 from imumon.samples import Bools, Floats
 
-HOUR_S = STEPS_S[1]
+_, HOUR_S, _ = STEPS_S
 """s, length of the parts that are compared with those before: long enough for B."""
 
 HOURS_BEFORE = "hours before"
