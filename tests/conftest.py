@@ -1,6 +1,7 @@
 """Settings of every test run."""
 
 import atexit
+import gc
 import os
 import shutil
 import sys
@@ -15,6 +16,10 @@ sys.dont_write_bytecode = False
 
 # As the program itself does, before numpy is loaded: threads of OpenBLAS wait for each other on a busy machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# The modules of a test run are a million objects. Python would look for garbage among them again and again.
+gc.freeze()
+gc.set_threshold(100_000, 20)
 
 # What the processes of a test run share (tests/reports.py); the first of them makes and removes it.
 if "IMUMON_TEST_RUN" not in os.environ:

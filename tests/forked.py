@@ -16,8 +16,9 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, suppress
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -39,8 +40,21 @@ MODULES = (
     ),
 )
 """What most commands import."""
+ORDER = 1 << 20
+"""Bytes of the words and the environment of a process."""
+
 NUMBER = 16
 """Bytes of a number from a parent."""
+
+PROGRAM = """#!{} -IS
+import json, os, socket, sys
+told = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+told.connect({!r})
+order = json.dumps([sys.argv[1:], os.getcwd(), dict(os.environ)])
+socket.send_fds(told, [order.encode()], [0, 1, 2])
+sys.exit(int(told.recv(9)))
+"""
+"""File `imumon` of a shell that runs documents."""
 
 
 class Forked:
@@ -114,6 +128,39 @@ def run(
     return subprocess.CompletedProcess(words, code, *said)
 
 
+@contextmanager
+def installed(directory: Path) -> Iterator[None]:
+    """Put a file `imumon` into a directory; a process that runs it gives its words and streams to a fork."""
+    place = str(directory / "orders")
+    file = directory / "imumon"
+    file.write_text(PROGRAM.format(sys.executable, place))
+    file.chmod(0o755)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as orders:
+        orders.bind(place)
+        orders.listen()
+        threading.Thread(target=_answer, args=(orders,), daemon=True).start()
+        yield
+        orders.shutdown(socket.SHUT_RDWR)
+
+
+def _answer(orders: socket.socket) -> None:
+    """Take orders until the socket is shut down; commands of a pipe run at the same time."""
+    with suppress(OSError):
+        while True:
+            client, _ = orders.accept()
+            threading.Thread(target=_answer_one, args=(client,), daemon=True).start()
+
+
+def _answer_one(client: socket.socket) -> None:
+    with client:
+        order, (into, out, err), *_ = socket.recv_fds(client, ORDER, 3)
+        words, directory, environment = json.loads(order)
+        process = Forked(words, (into, out, err), Path(directory), environment)
+        for stream in (into, out, err):
+            os.close(stream)
+        client.send(str(process.wait()).encode())
+
+
 @cache
 def _parent() -> socket.socket:
     """Start the parent of this process; it ends with it."""
@@ -131,7 +178,7 @@ def _serve(orders: socket.socket) -> None:
     gc.freeze()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     while True:
-        order, descriptors, *_ = socket.recv_fds(orders, 1 << 20, 4)
+        order, descriptors, *_ = socket.recv_fds(orders, ORDER, 4)
         if not order:
             sys.exit()  # the test run has ended
         with suppress(ChildProcessError):

@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import forked
 import pytest
 from daemons import Daemon, free_endpoint
 from paths import ROOT
@@ -75,7 +76,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     endpoint = free_endpoint()
     (directory / "config.toml").write_text(f'[zenoh]\nlisten = ["{endpoint}"]\n')
     home = {"HOME": str(directory), "XDG_STATE_HOME": str(directory / "state")}
-    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    path = f"{directory / 'bin'}:{Path(sys.executable).parent}:{os.environ['PATH']}"
     environment = {**os.environ, **home, "PATH": path}
     lines = []
     for number in range(400):  # $VNYMR at rest, with a little noise
@@ -92,7 +93,11 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
         fast.samples(2000)
         fast.stop()
     subprocess.run(["gzip", "-k", directory / "recording.bin"], check=True)
-    with Daemon(*words, "1", listen=endpoint) as daemon:  # beside the commands, and in nobody's way
+    (directory / "bin").mkdir()
+    with (
+        Daemon(*words, "1", listen=endpoint) as daemon,  # beside the commands, and in nobody's way
+        forked.installed(directory / "bin"),
+    ):
         daemon.wait(lambda report: report.session.restarts == 1)
         yield Place(directory, endpoint, environment)
 
