@@ -155,7 +155,6 @@ class Checkpoint:
     Attributes
     ----------
     failed : why the last save did not reach the disk; None if it did.
-    saved : number of successful saves.
 
     Raises
     ------
@@ -166,7 +165,6 @@ class Checkpoint:
         self.path = directory / f"{device}.state"
         self.previous = directory / f"{device}.state.1"
         self.failed: str | None = None
-        self.saved = 0
         self._device, self._lock = device, -1
         self._deferred: list[tuple[str, Path | None]] = []  # arguments of `_move` that failed, to try again
         try:
@@ -313,7 +311,7 @@ class Checkpoint:
                 self._move(*self._deferred[0])
                 self._deferred.pop(0)
             self._write(encode(state))
-            self.failed, self.saved = None, self.saved + 1
+            self.failed = None
         except Exception as error:  # no failure may prevent the next save
             self.failed = self._reason(error)
 

@@ -1,11 +1,11 @@
 """Settings: a TOML file and the options of the command line become one immutable tree.
 
-settings   the sections: types, limits, defaults, descriptions
-loading    a file and options to checked settings, and back to TOML
+settings   the sections: types, limits, defaults
+loading    a file and options to checked settings, and back to lines of TOML
 toml_file  lines and places of a TOML file, faults
 """
 
-from imumon.config.loading import load, origin_lines, render, search
+from imumon.config.loading import load, origin_lines, search
 from imumon.config.settings import (
     NAMES,
     SECTIONS,
@@ -28,6 +28,5 @@ __all__ = [
     "ZenohSettings",
     "load",
     "origin_lines",
-    "render",
     "search",
 ]

@@ -6,15 +6,12 @@ All faults of a file are reported at once, each with its line, what is allowed a
 
 from __future__ import annotations
 
-import ast
 import os
 import re
-import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import fields
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast, get_args, get_origin, get_type_hints
 
@@ -103,40 +100,6 @@ def _checked_sections(values: Mapping[str, Any], places: Places) -> dict[str, An
     if faults:
         raise ConfigError(*sorted(faults, key=places.order)[:MOST_FAULTS])
     return sections
-
-
-_FILE_COMMENT = """\
-# Settings of imumon: all of them, with their defaults. Options override this file.
-# Searched in ./config.toml, $XDG_CONFIG_HOME/imumon/config.toml, /etc/imumon/config.toml."""
-
-
-def render(settings: Settings) -> str:
-    """Return the settings as a TOML file with the description of each above it."""
-    lines = [_FILE_COMMENT, ""]
-    for section, cls in SECTIONS.items():
-        lines.append(f"[{section}]  # {(cls.__doc__ or '').strip()}")
-        for name, description in _descriptions(cls).items():
-            value = getattr(getattr(settings, section), name)
-            lines += [f"# {description}", f"{name} = {toml_text(value)}"]
-        lines.append("")
-    return "\n".join(lines[:-1]) + "\n"
-
-
-def _descriptions(cls: type) -> dict[str, str]:
-    """Return the text below each setting of a section in the source, by name."""
-    import inspect
-
-    (section,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
-    assert isinstance(section, ast.ClassDef)
-    return {
-        setting.target.id: text.value.value
-        for setting, text in pairwise(section.body)
-        if isinstance(setting, ast.AnnAssign)
-        and isinstance(setting.target, ast.Name)
-        and isinstance(text, ast.Expr)
-        and isinstance(text.value, ast.Constant)
-        and isinstance(text.value.value, str)
-    }
 
 
 @cache

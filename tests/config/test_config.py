@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from paths import ROOT
 
 from imumon import config
-from imumon.config import ConfigError, Settings, load, origin_lines, render, search
+from imumon.config import ConfigError, Settings, load, origin_lines, search
 
 SHIPPED = ROOT / "config.toml"
 
@@ -69,8 +69,8 @@ def test_empty_file_is_the_defaults(tmp_path: Path) -> None:
 
 
 def test_shipped_file_is_the_defaults_with_a_comment_each() -> None:
-    assert SHIPPED.read_text("utf-8") == render(Settings())
     read = load(SHIPPED)
+    assert not [name for name, origin in read.origins.items() if origin == "default"]
     for part in config.SECTIONS:
         assert getattr(read, part) == getattr(Settings(), part)
     lines = SHIPPED.read_text("utf-8").splitlines()
@@ -320,13 +320,13 @@ def test_a_config_toml_with_a_table_of_imumon_counts(places: Path, text: str) ->
 
 
 @given(st.text(), st.floats(0.1, 60.0), st.lists(st.text(), max_size=3))
-def test_what_is_rendered_is_read_back(text: str, period: float, names: list[str]) -> None:
+def test_what_is_shown_is_read_back(text: str, period: float, names: list[str]) -> None:
     settings = Settings(
         device=config.DeviceSettings(port=text),
         report=config.ReportSettings(period_s=period),
         zenoh=config.ZenohSettings(allow=tuple(names), raw={"a/b": text, "c": [1, True]}),
     )
-    read = tomllib.loads(render(settings))
+    read = tomllib.loads("\n".join(origin_lines(settings)))
     assert read["device"]["port"] == text
     assert read["report"]["period_s"] == period
     assert read["zenoh"]["allow"] == names
