@@ -16,7 +16,6 @@ import numpy as np
 
 from imumon.column_names import UNITS, Column
 from imumon.errors import RateRequired
-from imumon.noise.statistics.differences import REPEATED
 from imumon.noise.validity_groups import LARGEST
 from imumon.recordings.base import RecordingError
 from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
@@ -261,6 +260,8 @@ def present(rows: Floats) -> Bools:
 
 def _repeating(found: ColumnLayout, rows: Floats) -> Iterator[str]:
     """Yield a remark on each inertial sensor that is slower than its rows and holds its values between."""
+    from imumon.noise.statistics.differences import REPEATED
+
     for sensor in sorted(INERTIAL & set(map(sensor_of, found.channels)), reverse=True):
         own = [k for k, name in enumerate(found.channels) if sensor_of(name) == sensor]
         share = float(copies(rows[:, own]).mean()) if len(rows) > 1 else 0.0
