@@ -57,14 +57,12 @@ class TableTimes:
     ----------
     origin : (1 or 2,) the times of the first row, as in the table.
     scales : ns in a unit of each column of time.
-    host : places rows whose stamps are those of a host; None: they are those of a sample clock.
-    late : corrects late stamps of a sample clock; None: they are those of a host.
+    stamps : places the rows, by stamps of a host or by those of a sample clock.
     """
 
     origin: Floats
     scales: tuple[float, ...]
-    host: HostStamps | None = None
-    late: LateStamps | None = None
+    stamps: HostStamps | LateStamps | None = None
 
     @property
     def started(self) -> str | None:
@@ -242,7 +240,7 @@ class FirstRows:
         interval, steady = stamp_interval(t)
         self._compare(interval * 1e-9, own=steady)
         if steady:
-            return "startup", interval * 1e-9, replace(used, late=LateStamps(interval))
+            return "startup", interval * 1e-9, replace(used, stamps=LateStamps(interval))
         host = HostStamps(t, interval)
         text = "its time stamps are late or in batches, as those of a host: "
         text += "only their mean rate is used" if self._rate is None else "they only show what was lost"
@@ -250,7 +248,7 @@ class FirstRows:
             text += ", and single lost samples cannot be detected"
         self.remarks.append(text)
         interval_s = interval * 1e-9 if self._rate is None else 1.0 / self._rate
-        return "none", interval_s, replace(used, host=host)
+        return "none", interval_s, replace(used, stamps=host)
 
 
 def present(rows: Floats) -> Bools:

@@ -14,11 +14,12 @@ import numpy as np
 
 from imumon.recordings.base import Recording
 from imumon.recordings.columns import INERTIAL, ColumnLayout
-from imumon.recordings.first_rows import FirstRows, TableStart, present
+from imumon.recordings.first_rows import FirstRows, TableStart, TableTimes, present
 from imumon.recordings.log_process.base import BLOCK_BYTES as BLOCK_BYTES
 from imumon.recordings.log_process.base import ROWS as ROWS
 from imumon.recordings.row_selection import OwnRows, RowOrder, copies
 from imumon.samples import Floats, Ints, SampleBlock, Stream, sensor_of
+from imumon.timebase.timestamps import HostStamps
 
 ROW_NAMES = {
     **dict.fromkeys(("npz", "npy", "mat", "parquet"), "sample"),
@@ -85,8 +86,8 @@ class TableRows:
         self._used: list[int] | None = None  # columns that are not left out
         self._own_rows = OwnRows(path, columns)
         self._order: RowOrder | None = None  # of a table with times
-        self._waiting: list[Floats] = []  # until their stamps have been placed
-        self._waiting_lost = np.empty(0, np.int64)  # rows lost before each of these, of a sample clock
+        self._waiting: Floats | None = None  # values until their stamps have been placed
+        self._waiting_lost = np.empty(0, np.int64)  # rows lost before each of these
         self._incomplete, self._first_incomplete = 0, ""  # rows that lacked a number, and where the first is
         self._back, self._first_back = 0, ""  # steps back of a clock, and where the first is
         self._last: Ints | None = None  # ns, the last two times
@@ -134,9 +135,9 @@ class TableRows:
         if self._back:
             times = "once" if self._back == 1 else f"{self._back:,} times"
             remarks.append(f"the time in {self._layout.times[0].name} steps back {times}; {self._first_back}")
-        host = self._start.times.host if self._start is not None and self._start.times is not None else None
-        if host is not None and host.back_s:
-            text = f"its clock steps back by {host.back_s:.6g} s"
+        stamps = self._start.times.stamps if self._start is not None and self._start.times is not None else None
+        if isinstance(stamps, HostStamps) and stamps.back_s:
+            text = f"its clock steps back by {stamps.back_s:.6g} s"
             remarks.append(f"{text}: a gap of unknown length, counted as none")
         return remarks
 
@@ -204,13 +205,9 @@ class TableRows:
             return
         width = len(self._layout.columns)
         times = used.nanoseconds(rows[:, width : width + len(self._layout.times)])
-        self._waiting.append(values)
-        if used.host is not None:
-            yield from self._placed(used.host.place(times.astype(np.float64)))
-        elif used.late is not None:
+        if not isinstance(used.stamps, HostStamps):
             self._note_back(times, places)
-            self._waiting_lost = np.concatenate([self._waiting_lost, lost])
-            yield from self._in_time(used.late.place(times, lost))
+        yield from self._placed(start.stream, used, values, times, lost)
 
     def _in_si(self, stream: Stream, rows: Floats) -> Floats:
         """Return the values of complete rows, channel unit."""
@@ -261,30 +258,30 @@ class TableRows:
         if self._order is not None:
             no_rows = np.empty((0, len(self._used or ())))
             yield from self._sorted_blocks(*self._order.sort(no_rows, np.empty(0), (), final=True))
-        used = self._start.times if self._start is not None else None
-        if used is not None and used.host is not None:
-            yield from self._placed(used.host.place(np.empty(0), final=True))
-        if used is not None and used.late is not None:
+        if self._start is not None and self._start.times is not None:
             nothing = np.empty(0, np.int64)
-            yield from self._in_time(used.late.place(nothing, nothing, final=True))
+            no_values = np.empty((0, len(self._layout.columns)))
+            yield from self._placed(
+                self._start.stream, self._start.times, no_values, nothing, nothing, final=True
+            )
 
-    def _in_time(self, times: Ints) -> Iterator[SampleBlock]:
-        """Yield the oldest rows that wait, at their times on the grid."""
-        if not len(times):
-            return
-        assert self._start is not None
-        values, lost, ready = np.concatenate(self._waiting), self._waiting_lost, len(times)
-        self._waiting, self._waiting_lost = [values[ready:]], lost[ready:]
-        yield SampleBlock(self._start.stream, values[:ready], times, lost[:ready])
-
-    def _placed(self, lost: Ints) -> Iterator[SampleBlock]:
-        """Yield the oldest rows that wait, of which the losses before are known."""
-        if not len(lost):
-            return
-        assert self._start is not None
-        values = np.concatenate(self._waiting)
-        self._waiting = [values[len(lost) :]]
-        yield SampleBlock(self._start.stream, values[: len(lost)], None, lost)
+    def _placed(
+        self, stream: Stream, used: TableTimes, values: Floats, times: Ints, lost: Ints, *, final: bool = False
+    ) -> Iterator[SampleBlock]:
+        """Yield the oldest rows that wait: with their times on the grid, or with what a host shows to be lost."""
+        values = values if self._waiting is None else np.concatenate([self._waiting, values])
+        waiting = np.concatenate([self._waiting_lost, lost])
+        found: Ints | None = None
+        if isinstance(used.stamps, HostStamps):
+            known = used.stamps.place(times.astype(np.float64), final=final)
+        else:
+            assert used.stamps is not None
+            found = used.stamps.place(times, lost, final=final)
+            known = waiting[: len(found)]
+        ready = len(known)
+        self._waiting, self._waiting_lost = values[ready:], waiting[ready:]
+        if ready:
+            yield SampleBlock(stream, values[:ready], found, known)
 
     def _sort_times(self, rows: Floats) -> Floats:
         """Return (n,) times by which rows are sorted, in any unit."""
