@@ -180,7 +180,7 @@ def decode(line: bytes, cuts: list[int]) -> tuple[Vn100Decoder, list[object]]:
     return decoder, out
 
 
-COUNTERS = ("messages", "message_bytes", "discarded", "bad_checksums", "malformed", "nonfinite")
+COUNTERS = ("messages", "message_bytes", "discarded", "bad_checksums", "nonfinite")
 
 
 def test_one_input(data: bytes) -> None:

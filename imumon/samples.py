@@ -33,7 +33,7 @@ SLOWEST_HZ, FASTEST_HZ = 1e-4, 1e5
 """Limits of a sample rate, Hz: no inertial sensor is slower or faster."""
 
 LONGEST_NS = 4e18
-"""ns of the longest time: it fits 64 bits."""
+"""ns of the longest time: the difference of two fits 64 bits."""
 
 ALIASED = 1.001
 """Alias factor above which N counts as raised, beyond rounding errors."""

@@ -26,15 +26,12 @@ from imumon.samples import DeviceCounters, DeviceInfo, Item, SampleBlock
 
 RESTART_NS = 1_000_000_000
 """ns by which the clock of a restarted sensor goes back at least; less is a wrong order."""
-WRAP_NS = 10_000_000_000
-"""ns of a step over the wrap of a counter at most: a larger one may be a restart."""
 READ_S = 0.2
 """s that one `Device.read` may wait for data."""
 BATCH_S = 0.25
 """s for which bytes or messages are collected: each batch has a fixed cost. A report is at most this much behind."""
-ARRIVAL_S, ARRIVAL_SAMPLES = 0.2, 3.0
-"""s and samples by which a clock or a rate may differ from the host clock beside `RATE_TOLERANCE`: samples arrive in
-batches."""
+ARRIVAL_SAMPLES = 3.0
+"""Samples by which a rate may differ from the host clock beside `READ_S` and `RATE_TOLERANCE`: it sees batches."""
 
 
 class DeviceError(ImumonError):

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from imumon.devices.base import (
-    ARRIVAL_S,
     ARRIVAL_SAMPLES,
     BATCH_S,
+    READ_S,
     Device,
     DeviceError,
     DeviceLost,
@@ -76,7 +76,7 @@ class RateCheck:
         if span < RATE_SHORTEST_S:
             return
         error_s = abs(self._count / nominal_hz - span)
-        if error_s > RATE_TOLERANCE * span + ARRIVAL_S + ARRIVAL_SAMPLES / nominal_hz:
+        if error_s > RATE_TOLERANCE * span + READ_S + ARRIVAL_SAMPLES / nominal_hz:
             rate = self._count / span
             if self._rate_hz is None or abs(rate / self._rate_hz - 1.0) > RATE_TOLERANCE:
                 self._rate_hz = rate

@@ -12,8 +12,8 @@ from collections.abc import Iterable, Iterator
 from imumon.alarms import DEFAULT_LIMITS
 from imumon.config import Settings
 from imumon.devices.base import (
-    ARRIVAL_S,
     ARRIVAL_SAMPLES,
+    READ_S,
     Check,
     CheckStatus,
     DeviceError,
@@ -256,7 +256,7 @@ def _clock(observation: Observation) -> Iterator[Check]:
         yield Check("clock", "failed", text, "the sensor restarted: check its power supply")
     elif ratio is not None:
         text = f"one second of the sample clock takes {1.0 / ratio:.3f} s of the host clock"
-        if abs(ratio - 1.0) <= RATE_TOLERANCE + ARRIVAL_S / observation.seconds:
+        if abs(ratio - 1.0) <= RATE_TOLERANCE + READ_S / observation.seconds:
             yield Check("clock", "ok", text)
         else:
             cure = "the coefficients use the sample clock: check it against an independent clock"

@@ -21,6 +21,7 @@ import numpy as np
 from imumon.recordings.base import RecordingError
 from imumon.recordings.columns import READ_ALONE, ColumnLayout
 from imumon.samples import AXES, Bools, Floats, sensor_of
+from imumon.timebase.interval import SINGLE_EXCESS
 from imumon.units import share_text
 
 COMPLETE = 0.75
@@ -29,9 +30,6 @@ of three."""
 
 WINDOW = 64
 """Rows by which a row may be late and is still sorted: more than a datagram holds."""
-
-HOLE = 1.5
-"""Typical steps of time between two rows from which one is missing between them."""
 
 UNSORTED = 0.05
 """Share of steps back, after sorting, above which rows are in no order: a clock does not restart that often."""
@@ -214,7 +212,7 @@ class RowOrder:
         late = (np.flatnonzero(steps < 0.0) + 1).tolist()
         if not late or not (steps > 0.0).any():
             return None
-        hole = HOLE * float(np.median(steps[steps > 0.0]))
+        hole = (1.0 + SINGLE_EXCESS) * float(np.median(steps[steps > 0.0]))
         values, order, at, last = times.tolist(), list(range(len(times))), 0, np.nan
         for first in late:
             at = max(at, first)

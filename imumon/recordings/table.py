@@ -135,7 +135,9 @@ class TableRows:
         if self._back:
             times = "once" if self._back == 1 else f"{self._back:,} times"
             remarks.append(f"the time in {self._layout.times[0].name} steps back {times}; {self._first_back}")
-        stamps = self._start.times.stamps if self._start is not None and self._start.times is not None else None
+        stamps = (
+            self._start.times.stamps if self._start is not None and self._start.times is not None else None
+        )
         if isinstance(stamps, HostStamps) and stamps.back_s:
             text = f"its clock steps back by {stamps.back_s:.6g} s"
             remarks.append(f"{text}: a gap of unknown length, counted as none")
@@ -266,7 +268,14 @@ class TableRows:
             )
 
     def _placed(
-        self, stream: Stream, used: TableTimes, values: Floats, times: Ints, lost: Ints, *, final: bool = False
+        self,
+        stream: Stream,
+        used: TableTimes,
+        values: Floats,
+        times: Ints,
+        lost: Ints,
+        *,
+        final: bool = False,
     ) -> Iterator[SampleBlock]:
         """Yield the oldest rows that wait: with their times on the grid, or with what a host shows to be lost."""
         values = values if self._waiting is None else np.concatenate([self._waiting, values])

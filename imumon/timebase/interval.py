@@ -20,14 +20,15 @@ RATE_TOLERANCE = 0.02
 """Share by which a rate may differ from a nominal one, or a sample clock from the host clock: less than between the
 neighbouring output rates of any device."""
 
+CLOCK_SLACK_S = 10.0
+"""s by which a clock may differ from the host clock over a time, beside `RATE_TOLERANCE` of it, or step over the wrap
+of its counter: with more, it was set or has restarted."""
+
 SIGNIFICANT = 3.0
 """Standard errors by which a learned interval differs from a nominal one, or from whole Hz."""
 
 SINGLE_EXCESS = 0.5
-"""Share by which a step may exceed the shortest ones and still be of one interval."""
-
-SHORTEST_STEP = 0.9
-"""Ticks that the shortest step of a microsecond count can have: with less, the count is of ticks."""
+"""Intervals by which a step may exceed one, or the smallest delay may rise, before a sample is missing."""
 
 RATE_CHANGE_STEPS = 64
 """Equal steps in a row that are not one interval, after which the rate of the device has changed. Jitter
@@ -100,7 +101,7 @@ def counter_unit(steps: Floats, tick_s: float | None) -> float:
     >>> counter_unit(np.full(9, 20.0), 1 / 800), counter_unit(np.full(9, 5000.0), 1 / 800)
     (0.00125, 1e-06)
     """
-    if tick_s is not None and _shortest(steps[steps > 0.0]) * 1e-6 < SHORTEST_STEP * tick_s:
+    if tick_s is not None and _shortest(steps[steps > 0.0]) * 1e-6 < (1.0 - WHOLE) * tick_s:
         return tick_s
     return 1e-6
 

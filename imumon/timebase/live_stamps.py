@@ -21,7 +21,7 @@ from enum import IntEnum
 import numpy as np
 
 from imumon.samples import FASTEST_HZ, SLOWEST_HZ, Floats, Ints
-from imumon.timebase.interval import RATE_TOLERANCE
+from imumon.timebase.interval import CLOCK_SLACK_S, RATE_TOLERANCE
 from imumon.timebase.late_stamps import LateStamps
 from imumon.timebase.timestamps import (
     AHEAD_S,
@@ -48,12 +48,8 @@ CHECK_ROWS = 2048
 FOLLOW = 0.01
 """Intervals per sample by which the grid may follow the stamps, so that no step gets ambiguous."""
 
-JUMP_NS = 10e9
-"""ns by which a stamp may differ from the time of arrival, compared with the stamp before: beyond it, the stamp is
-wrong, or the clock was set."""
-
 WRONG_STAMPS = 8
-"""Such stamps in a row after which the clock was set."""
+"""Stamps in a row that differ by `CLOCK_SLACK_S` from the time of arrival, after which the clock was set."""
 
 COARSE = "its time stamps are too coarse for its rate: only their mean rate is used"
 UNEVEN = "its time stamps are late or in batches, as those of a host: only their mean rate is used"
@@ -242,7 +238,7 @@ class LiveStamps:
         for k, (stamp, arrived) in enumerate(rows[:, [self._used, RowColumn.ARRIVED]].tolist()):
             if self._last is not None:
                 expected = self._last[0] + arrived - self._last[1]
-                far = abs(stamp - expected) > JUMP_NS
+                far = abs(stamp - expected) > CLOCK_SLACK_S * 1e9
                 self._wrong = self._wrong + 1 if far else 0
                 if far and self._wrong < WRONG_STAMPS:
                     times[k] = expected - self._origin

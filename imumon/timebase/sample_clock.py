@@ -34,6 +34,7 @@ import numpy.typing as npt
 from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, concatenated, selected
 from imumon.timebase.interval import (
     AMBIGUOUS,
+    CLOCK_SLACK_S,
     RATE_TOLERANCE,
     REFERENCE_SAMPLES,
     RateChange,
@@ -58,9 +59,6 @@ checksum must not put a year of missing samples into the record."""
 
 LONGEST_GAP_S = 31 * 86400.0
 """s. A gap longer than this, with no host clock to confirm it, is of unknown length."""
-
-GAP_SLACK_S = 10.0
-"""s by which the host clock may differ from the sample clock over a gap, and by `RATE_TOLERANCE` of it."""
 
 BREAK = -1
 """Step of a sample behind a gap of unknown length."""
@@ -98,7 +96,6 @@ class SampleClock:
     ----------
     interval_s : s, or None while it is being learned; until then samples are held back.
     duplicates : samples that arrived twice; excluded.
-    implausible : samples whose time stamp the next sample contradicted; excluded.
     rest : samples from a change of the rate on, which belong to another grid; None: it has not changed.
     """
 
@@ -108,7 +105,6 @@ class SampleClock:
         self.clock = clock
         self.interval_s = interval_s if clock == "none" else None
         self.duplicates = 0
-        self.implausible = 0
         self.rest: SampleBlock | None = None
         self._nominal_s = interval_s
         self._tick_s = tick_s
@@ -356,11 +352,9 @@ class SampleClock:
             follows = i + 1 < n
             if step == 0:
                 self.duplicates += 1
-            elif follows and 1 <= round((int(time[i + 1]) - before) * scale) <= far:
-                self.implausible += 1  # the next sample continues the old time: this stamp is wrong
-            else:
+            elif not (follows and 1 <= round((int(time[i + 1]) - before) * scale) <= far):
                 steps[i] = BREAK if step < 0 and (follows or final) else step
-                continue
+                continue  # else the next sample continues the old time: this stamp is wrong
             keep[i] = False
             if follows and todo[-1:] != [i + 1]:
                 todo.append(i + 1)  # its step counts from the last sample that is kept
@@ -389,4 +383,4 @@ def _last_true(keep: Bools) -> npt.NDArray[np.intp]:
 
 def _with_slack(length_s: float) -> float:
     """Return the longest time that a time by another clock may be, s."""
-    return (1.0 + RATE_TOLERANCE) * length_s + GAP_SLACK_S
+    return (1.0 + RATE_TOLERANCE) * length_s + CLOCK_SLACK_S

@@ -55,11 +55,8 @@ AHEAD_ROWS = 32
 FEW_STEPS = 10
 """Steps that are too few to show a rate: of batched stamps, the batches at both ends are incomplete."""
 
-LOSS = 0.5
-"""Intervals by which the smallest delay must rise to be lost samples."""
-
 ROUGH_LOSS = 5.0
-"""The same where single losses do not show."""
+"""Intervals by which the smallest delay must rise to be lost samples, where single losses do not show."""
 
 ROUGH_LOSS_S = 0.1
 """s, at least, of a loss where single losses do not show."""
@@ -227,7 +224,7 @@ class HostStamps:
         self._tick = interval
         self._window = _ahead(interval)
         self.rough = _roughness(times, interval) > WHOLE
-        self._least = max(ROUGH_LOSS, ROUGH_LOSS_S * 1e9 / interval) if self.rough else LOSS
+        self._least = max(ROUGH_LOSS, ROUGH_LOSS_S * 1e9 / interval) if self.rough else SINGLE_EXCESS
         self._pending = np.empty(0)
         self._rows = 0  # before the pending ones
         self._lost = 0
@@ -266,7 +263,7 @@ class HostStamps:
             if above < -self._window:
                 self.back_s -= above * self._tick * 1e-9
             # clocks drift apart slowly; a row that is early shows a smaller delay at once
-            self._level = level + (above if above < -LOSS else above / self._window)
+            self._level = level + (above if above < -SINGLE_EXCESS else above / self._window)
         self._pending, self._rows = times[ready:], self._rows + ready
         return lost
 

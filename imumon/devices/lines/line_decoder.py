@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imumon.devices.base import RESTART_NS, WRAP_NS
+from imumon.devices.base import RESTART_NS
 from imumon.devices.lines.line_columns import (
     DEFAULT_COLUMNS,
     LineColumns,
@@ -33,6 +33,7 @@ from imumon.devices.lines.line_columns import (
 from imumon.errors import QUOTED
 from imumon.report import plain
 from imumon.samples import LONGEST_NS, SampleBlock
+from imumon.timebase.interval import CLOCK_SLACK_S
 from imumon.timebase.live_stamps import LiveStamps
 from imumon.units import STANDARD_GRAVITY
 
@@ -197,7 +198,7 @@ class LineDecoder:
             return False
         unit = self.columns.wrapping_ns if self.columns else 0
         for period in (unit * count for count in WRAPS):
-            if last < period and row.time_ns + period - last < WRAP_NS:
+            if last < period and row.time_ns + period - last < CLOCK_SLACK_S * 1e9:
                 self._offset += period
                 return False
         return True

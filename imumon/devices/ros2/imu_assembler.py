@@ -28,7 +28,7 @@ from imumon.ros2.ros_messages import (
     type_hash,
 )
 from imumon.ros2.topic_url import TopicUrl
-from imumon.samples import ACCEL, GYRO, MAG, Bools, Floats, Ints, Item, Notice, SampleBlock, Stream
+from imumon.samples import ACCEL, GYRO, LONGEST_NS, MAG, Floats, Ints, Item, Notice, SampleBlock, Stream
 from imumon.timebase.live_stamps import LiveStamps
 
 GAUSS = 1e4
@@ -49,9 +49,6 @@ MOST_LOST = 1_000_000
 """Messages; a larger step of the sequence number is a new count."""
 NOTICE_S = 10.0
 """s between two notices of lost messages."""
-
-FARTHEST_NS = 1 << 61
-"""ns since the Unix epoch, 73 years: the difference of two of them fits 64 bits."""
 
 NONE = (math.nan,) * 3
 SENSORS = (("gyro", GYRO), ("accel", ACCEL), ("mag", MAG), ("temperature", ("temperature",)))
@@ -193,9 +190,10 @@ class ImuAssembler:
             return
         numbers = (*(gyro or NONE), *(accel or NONE), self._temperature)
         arrived = round(now_s * 1e9)
+        longest = int(LONGEST_NS)  # a publisher may send any time
         published = arrived if message.source_ns is None else message.source_ns
         self._rows.append(numbers)
-        self._times.append((stamp, _within_64_bits(published), arrived, self._lost_before))
+        self._times.append((stamp, max(-longest, min(published, longest)), arrived, self._lost_before))
         self._lost_before = 0
 
     def _is_followed(self, message: Received, now_s: float, here: bool) -> bool:
@@ -306,7 +304,7 @@ class ImuAssembler:
         start = 0
         for name, columns in SENSORS:
             part = values[:, start : start + len(columns)]
-            found: Bools = np.asarray(np.isfinite(part).all(axis=1))
+            found = np.asarray(np.isfinite(part).all(axis=1))
             if name == "temperature" and found.any():  # the rows before the first one
                 values[~found, start] = part[found][0]
                 found[:] = True
@@ -347,11 +345,6 @@ class ImuAssembler:
         text = f"{topic} ({1e9 / interval:.4g} Hz) is left out: its stamps do not match those of {self._url.topic}"
         more = "; read it with a second imumon run" if name == "accel" else ""
         self.remarks.append(text + more)
-
-
-def _within_64_bits(time_ns: int) -> int:
-    """Return a time whose differences fit 64 bits; a publisher may send anything."""
-    return min(max(time_ns, -FARTHEST_NS), FARTHEST_NS)
 
 
 def _further_sample(name: str, payload: bytes) -> tuple[int, Sequence[float] | None]:

@@ -100,7 +100,6 @@ class Vn100Decoder:
 
     Attributes
     ----------
-    malformed : sentences with a valid checksum but invalid fields.
     nonfinite : valid messages that are no samples: a number is not finite or not plausible, or an interval is
         not positive.
 
@@ -111,7 +110,7 @@ class Vn100Decoder:
 
     def __init__(self) -> None:
         self.fed = self.messages = self.message_bytes = self.discarded = 0
-        self.bad_checksums = self.malformed = self.nonfinite = 0
+        self.bad_checksums = self.nonfinite = 0
         self._buffer = b""
         self._losses = LossCounter()
         self._started_streams: set[bytes] = set()
@@ -210,7 +209,6 @@ class Vn100Decoder:
             return self._measurements(data, at, body, size, len(check))
         items = self._parse_response(body)
         if items is None:
-            self.malformed += 1
             return 0
         self._items += items
         self._losses.end_gap()
@@ -233,7 +231,6 @@ class Vn100Decoder:
         name = body[:5]
         sentence_format = ascii.sentence_format(body)
         if sentence_format is None:
-            self.malformed += 1
             self._losses.add_damaged(name)
             return 0
         limit = min((len(data) - at) // size, _MAX_RUN)

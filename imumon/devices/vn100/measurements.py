@@ -46,12 +46,9 @@ _OTHERS: dict[str, tuple[Kind, str]] = {"temperature": ("unknown", "temp"), "pre
 _OVER_DT = {"dtheta": pi / 180.0, "dvel": 1.0}
 """Increments, with the factor that converts their rate to SI."""
 
-_MAX_INTERVAL_S = 1e6
-"""s; longer intervals are invalid."""
-
 _MAX_VALUE = 1e9
-"""Channel unit; larger values are invalid, no sensor measures them. A damaged float that passes its check can
-be 1e38, whose fourth power overflows: one such sample would invalidate all moments."""
+"""Channel unit, or s of an interval; larger values are invalid, no sensor measures them. A damaged float that passes
+its check can be 1e38, whose fourth power overflows: one such sample would invalidate all moments."""
 
 
 class VpeStatus(IntFlag):
@@ -130,18 +127,18 @@ class SampleConverter:
 
 def _nanoseconds(dt: Floats) -> Ints:
     """Return intervals, (n,) s, in whole ns; 0 for invalid ones."""
-    return np.rint(np.where((dt > 0.0) & (dt < _MAX_INTERVAL_S), dt, 0.0) * 1e9).astype(np.int64)
+    return np.rint(np.where((dt > 0.0) & (dt < _MAX_VALUE), dt, 0.0) * 1e9).astype(np.int64)
 
 
 def _valid_rows(values: Floats, dt: Floats | None, time: Ints | None) -> Bools | None:
     """Return (n,) which rows are valid; None if all are, the usual case, which is detected fast."""
-    intervals_valid = dt is None or (dt.min() > 0.0 and dt.max() < _MAX_INTERVAL_S)
+    intervals_valid = dt is None or (dt.min() > 0.0 and dt.max() < _MAX_VALUE)
     times_valid = time is None or time.min() >= 0
     if intervals_valid and times_valid and values.min() > -_MAX_VALUE and values.max() < _MAX_VALUE:
         return None
     valid: Bools = np.logical_and.reduce(np.abs(values) < _MAX_VALUE, axis=1)
     if dt is not None:
-        valid = valid & (dt[:, 0] > 0.0) & (dt[:, 0] < _MAX_INTERVAL_S)
+        valid = valid & (dt[:, 0] > 0.0) & (dt[:, 0] < _MAX_VALUE)
     if time is not None:
         valid = valid & (time >= 0)
     return valid

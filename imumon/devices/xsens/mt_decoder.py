@@ -17,7 +17,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from imumon.devices.base import WRAP_NS
 from imumon.devices.xsens.mt_messages import (
     CLIPPED,
     PREAMBLE,
@@ -29,6 +28,7 @@ from imumon.devices.xsens.mt_messages import (
     size_at,
 )
 from imumon.samples import ACCEL, GYRO, Clock, Kind, SampleBlock, Stream
+from imumon.timebase.interval import CLOCK_SLACK_S
 
 COUNTER, TICKS = 1 << 16, 1 << 32
 """Periods of the packet counter and of SampleTimeFine."""
@@ -147,7 +147,7 @@ class MtDecoder:
         if DataId.SAMPLE_TIME_FINE in found:
             raw = int(found[DataId.SAMPLE_TIME_FINE][0])
             forward = (raw - self._raw_ticks) % TICKS
-            if self._ticks is None or (raw < self._raw_ticks and forward * TICK_S * 1e9 > WRAP_NS):
+            if self._ticks is None or (raw < self._raw_ticks and forward * TICK_S > CLOCK_SLACK_S):
                 self._ticks, packets = raw, None
             else:
                 self._ticks += forward

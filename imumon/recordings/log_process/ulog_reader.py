@@ -24,8 +24,8 @@ from imumon.recordings.log_process.base import (
     rows_at,
     step_s,
 )
-from imumon.recordings.row_selection import HOLE
 from imumon.samples import AXES, Floats
+from imumon.timebase.interval import SINGLE_EXCESS
 from imumon.units import share_text
 
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
@@ -171,7 +171,7 @@ def _coverage(interval_s: Floats, times_us: npt.NDArray[Any]) -> float:
     if len(times_us) < 2 or len(interval_s) != len(times_us):
         return 0.0
     steps = np.diff(times_us.astype(np.float64)) * 1e-6
-    near = (steps > 0.0) & (steps < HOLE * float(np.median(steps)))
+    near = (steps > 0.0) & (steps < (1.0 + SINGLE_EXCESS) * float(np.median(steps)))
     return float(interval_s[1:][near].sum() / steps[near].sum()) if near.any() else 0.0
 
 
