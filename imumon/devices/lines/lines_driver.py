@@ -48,7 +48,7 @@ class LinesDriver(DeviceDriver):
         cure = "configure the sensor to average over the interval of its lines"
         yield Check("aliasing", "warning", "unknown: lines do not say how the sensor filters", cure)
         for remark in observation.info.remarks:
-            cure = "see docs/LINES.md: columns=, units and baud= of the URL"
+            cure = "see docs/SENSORS.md: columns=, units and baud= of the URL"
             yield Check("lines", "warning", remark, cure)
 
     def filter_advice(self, rate_hz: float | None) -> Mapping[str, str]:

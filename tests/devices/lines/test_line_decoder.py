@@ -211,7 +211,7 @@ def test_a_url_that_is_wrong_has_a_code_and_a_cure(url: str, code: str) -> None:
 
 
 SKETCHES = re.findall(
-    r"```text lines\n(.*?)```\n+```sh lines\n(.*?)```", (ROOT / "docs" / "LINES.md").read_text(), re.S
+    r"```text lines\n(.*?)```\n+```sh lines\n(.*?)```", (ROOT / "docs" / "SENSORS.md").read_text(), re.S
 )
 BOARDS = ["MPU-6050", "ICM-20948", "BNO085", "MicroPython", "pipe"]
 
