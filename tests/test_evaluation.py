@@ -65,7 +65,7 @@ def imumon(*words: object, code: int = 0) -> str:
     with redirect_stdout(out), redirect_stderr(err):
         assert main([str(word) for word in words]) == code, err.getvalue()
         out.flush()
-    return err.getvalue() if code else out.buffer.getvalue().decode()  # type: ignore[attr-defined]
+    return err.getvalue() if code else out.buffer.getvalue().decode()
 
 
 def make_report() -> Report:
@@ -153,25 +153,22 @@ def test_exact_on_the_command_line_equals_allantools_at_every_octave(recording: 
         _, expected, _, _ = allantools.oadev(data[:, column], rate=HZ, data_type="freq", taus=curve.tau_s)
         np.testing.assert_allclose(curve.sigma[: len(expected)], expected, rtol=1e-9)
         allan = report.channels[name].allan
-        assert allan is not None
         assert [tau for tau in allan.tau_s if tau not in curve.tau_s] == []
         for sigma, difference, own in zip(curve.sigma, curve.difference, allan.sigma, strict=True):
             assert difference == pytest.approx(own / sigma - 1.0)
         assert max(abs(d) for d in curve.difference[:4] if d is not None) < 0.02
-        assert all(lo < s < hi for lo, s, hi in zip(curve.low, curve.sigma, curve.high, strict=True))  # type: ignore[operator]
+        assert all(lo < s < hi for lo, s, hi in zip(curve.low, curve.sigma, curve.high, strict=True))
 
 
 def test_ten_averaging_times_per_decade(recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "x.json"
     imumon("report", recording, "--exact", "--taus", "decade", "-o", out)
     report = from_json(Report, out.read_text())
-    assert report.evaluation is not None
     taus = np.array(report.evaluation.exact["gyro/x"].tau_s)
     decade = taus[(taus > 0.99) & (taus < 9.9)]
     assert len(decade) == 10
     assert "Exact Allan deviation" in shown(report)
     allan = report.channels["gyro/x"].allan
-    assert allan is not None
     shared = sum(any(abs(tau - t) < 1e-9 for t in taus) for tau in allan.tau_s)
     assert 0 < shared < len(allan.tau_s)
     assert f"| {shared} of {len(allan.tau_s)} " in shown(report)  # the rest of the octaves is not compared
@@ -193,7 +190,6 @@ def test_taus_need_exact_and_exact_needs_samples(recording: Path, tmp_path: Path
 def test_a_real_recording_agrees_with_another_tool() -> None:
     """The figures of kiran_stat5min, computed by allantools from the sentences."""
     report = replayed(RECORDINGS / "kiran_stat5min.vnymr.txt.gz", "--rate", "40", "--exact", "--no-guards")
-    assert report.evaluation is not None
     sigma = report.evaluation.exact["gyro/x"].sigma
     for octave, expected in ((1, 0.0004636), (4, 0.0001679), (6, 8.573e-05)):
         assert sigma[octave] == pytest.approx(expected, rel=1e-3)
@@ -279,7 +275,6 @@ def test_limits_are_converted_from_the_units_of_the_sheet() -> None:
     """0.0035 °/s/√Hz is 0.21 °/√h; a one-sided density is √2 N; in-run stability is 0.664 B."""
     report = make_report()
     n, b = report.channels["gyro/x"].coefficients["N"], report.channels["gyro/x"].coefficients["B"]
-    assert n is not None
     assert n.value is not None
     checks = {(c.channel, c.quantity): c for c in conformity(report, published()["vn-100"]).checks}
     found = checks["gyro/x", "N"]
@@ -287,7 +282,6 @@ def test_limits_are_converted_from_the_units_of_the_sheet() -> None:
     assert found.limit * 60.0 == pytest.approx(0.21)
     other = {(c.channel, c.quantity): c for c in conformity(report, published()["adis16405"]).checks}
     assert other["gyro/x", "density"].value == pytest.approx(np.sqrt(2.0) * np.degrees(n.value))
-    assert b is not None
     assert b.high is not None
     assert other["gyro/x", "floor"].high == pytest.approx(0.664 * np.degrees(b.high), rel=1e-3)
 
@@ -302,7 +296,6 @@ def test_only_the_data_sheet_of_the_measured_model_is_used() -> None:
     }
     for model, title in titles.items():
         made = evaluated(replace(report, device=replace(report.device, model=model))).evaluation
-        assert made is not None
         assert (made.conformity.title if made.conformity else None) == title
         text = shown(
             evaluated(replace(report, device=replace(report.device, model=model, id="a", setting_texts={})))
@@ -340,8 +333,6 @@ def test_a_data_sheet_on_the_command_line(recording: Path, tmp_path: Path) -> No
     for limit, expected in ((2.0 * n, "pass"), (0.5 * n, "fail")):
         sheet = sheet_file(tmp_path, gyro=limit)
         report = replayed(recording, "--datasheet", sheet, "--filter", "20")
-        assert report.evaluation is not None
-        assert report.evaluation.conformity is not None
         checks = {(c.channel, c.quantity): c for c in report.evaluation.conformity.checks}
         of_gyro = {(f"gyro/{axis}", "N") for axis in "xyz"}
         assert set(checks) == of_gyro | {("accel/x", "floor"), ("accel/y", "floor")}
@@ -417,12 +408,11 @@ def test_a_budget_adds_up() -> None:
 def test_a_budget_that_cannot_be_is_rejected() -> None:
     """N, B and K are above 0, a bias may be negative, an uncertainty is not."""
     report = evaluated(make_report())
-    assert report.evaluation is not None
     made = report.evaluation.budgets["gyro/x"]["N"]
     part = made.components[0]
 
     def read(budgets: dict[str, Any], bias: dict[str, Any]) -> Report:
-        evaluation = replace(report.evaluation, budgets=budgets, bias_budgets=bias)  # type: ignore[type-var]
+        evaluation = replace(report.evaluation, budgets=budgets, bias_budgets=bias)
         return from_json(Report, to_json(replace(report, evaluation=evaluation)))
 
     read({}, {"gyro/x": replace(made, value=-1e-3)})
@@ -457,7 +447,6 @@ def with_excess(excess: Excess | None) -> tuple[Report, UncertaintyBudget]:
     moved = with_coefficients(channel, N=replace(channel.coefficients["N"], excess=excess))
     device = replace(report.device, model="A1")
     made = evaluated(replace(report, channels={"gyro/x": moved}, device=device))
-    assert made.evaluation is not None
     return made, made.evaluation.budgets["gyro/x"]["N"]
 
 
@@ -540,9 +529,7 @@ def test_a_report_names_program_input_and_options(recording: Path, tmp_path: Pat
     saved = tmp_path / "saved.json"
     imumon("report", recording, "--no-guards", "--stream", "uncompensated", "-o", saved)
     made = from_json(Report, saved.read_text()).evaluation
-    assert made is not None
     origin = made.provenance
-    assert origin is not None
     assert origin.software.startswith("imumon ")
     assert origin.commit
     assert (origin.input, origin.input_bytes) == ("rest.csv", recording.stat().st_size)
@@ -568,8 +555,6 @@ def test_the_digest_of_a_directory_is_of_all_its_files(tmp_path: Path) -> None:
     for name, data in (("b.db3", b"two"), ("a.yaml", b"one")):
         (bag / name).write_bytes(data)
     made = with_provenance(make_report(), str(bag), {}, None).evaluation
-    assert made is not None
-    assert made.provenance is not None
     assert made.provenance.input_sha256 == hashlib.sha256(b"onetwo").hexdigest()
     assert made.provenance.input == "bag"
 
@@ -632,7 +617,6 @@ def test_the_item_is_in_every_document(recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "x.json"
     imumon("report", recording, "--item", item, "--item", "serial=S-17", "--item", "place=room 4", "-o", out)
     report = from_json(Report, out.read_text())
-    assert report.item is not None
     assert (report.item.operator, report.item.place, report.device.serial) == ("A. Person", "room 4", "S-17")
     for form in ("md", "html"):
         page = imumon("report", out, "--format", form, "--item", "note=<script>x</script>")
@@ -688,7 +672,7 @@ def test_the_exact_curve_has_the_samples_of_the_other_with_guards(recording: Pat
     np.savez(tmp_path / "k.npz", t=rows[:, 0], gyro=rows[:, 1:4], accel=rows[:, 4:])
     report = replayed(tmp_path / "k.npz", "--exact")
     assert report.session.excluded_s > 0.5
-    curve = report.evaluation.exact["gyro/x"]  # type: ignore[union-attr]
+    curve = report.evaluation.exact["gyro/x"]
     assert curve.tau_s[-1] > 10.0
     assert max(abs(d) for d, tau in zip(curve.difference, curve.tau_s, strict=True) if d and tau < 5.0) < 0.05
     with_exact = document(report, "svg", FilterReport(time=report.time, device=report.device)).decode()
@@ -712,7 +696,7 @@ def test_each_row_of_the_table_has_its_device_caveats_and_origin(recording: Path
     n = report.channels["gyro/x"].coefficients["N"]
     (own,) = (r for r in rows if (r["kind"], r["channel"], r["name"]) == ("coefficient", "gyro/x", "N"))
     assert [float(own[key]) for key in ("low", "combined_low", "combined_high", "k")] == pytest.approx(
-        [n.low, n.combined_low, n.combined_high, report.evaluation.budgets["gyro/x"]["N"].coverage]  # type: ignore[union-attr]
+        [n.low, n.combined_low, n.combined_high, report.evaluation.budgets["gyro/x"]["N"].coverage]
     )
     assert set(own["caveats"].split()) == set(report.channels["gyro/x"].caveats)
     (corrected,) = (r for r in rows if (r["kind"], r["channel"]) == ("corrected", "gyro/x"))
@@ -792,7 +776,7 @@ def test_every_command_and_the_screen_state_the_combined_limits() -> None:
     made = replace(
         report, channels={"gyro/x": replace(channel, coefficients={**channel.coefficients, "N": part})}
     )
-    factor = part.readable.value / value  # type: ignore[operator]
+    factor = part.readable.value / value
     assert Notation(si=True).limits(part) == (value, low, high)
     assert Notation().limits(part) == pytest.approx((factor * value, factor * low, factor * high))
     assert figures(factor * high) in "\n".join(channel_rows(made, None))

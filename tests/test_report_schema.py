@@ -175,7 +175,7 @@ def filled(hint: Any, *, empty: bool) -> Any:
                 parts[field.name] = dict.fromkeys(keys, 0.1)
         if parts.get("channel"):
             parts["channel"] = "gyro/x"
-        return hint(**parts)  # type: ignore[operator]
+        return hint(**parts)
     return {str: "°/√h", int: 3, float: 0.1, bool: True}[hint]
 
 

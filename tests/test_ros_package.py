@@ -46,8 +46,6 @@ def launch_file(monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setitem(sys.modules, name, stub)
     monkeypatch.syspath_prepend(str(PACKAGE))
     spec = importlib.util.spec_from_file_location("imumon_launch", PACKAGE / "launch" / "imumon.launch.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -93,7 +91,7 @@ def test_dds_is_the_middleware_unless_the_environment_names_zenoh(launch_file: A
 
 
 def test_the_program_passes_on_its_words_without_those_of_ros(launch_file: Any) -> None:
-    from imumon_ros.monitor import without_ros_arguments  # type: ignore[import-not-found]
+    from imumon_ros.monitor import without_ros_arguments
 
     words = ["/imu", "--ros-args", "-r", "__node:=x", "--", "--json", "--ros-args", "-p", "a:=b"]
     assert without_ros_arguments(words) == ["/imu", "--json"]

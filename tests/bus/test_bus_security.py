@@ -16,7 +16,7 @@ from imumon.bus import BusError, Publisher, SessionOptions, Subscriber
 
 def receives(address: str, *, timeout: float, **settings: object) -> bool:
     """Return whether a subscriber with these settings gets a report."""
-    with Subscriber([address], settings=SessionOptions(**settings)) as subscriber:  # type: ignore[arg-type]
+    with Subscriber([address], settings=SessionOptions(**settings)) as subscriber:
         received = subscriber.wait_report("a", timeout=timeout) is not None
         assert received == subscriber.connected()
         return received
@@ -129,7 +129,7 @@ def test_allow_lists_common_names_and_tls_may_listen_on_every_interface(keys: Pa
 def test_invalid_key_and_certificate_files_have_their_codes(keys: Path) -> None:
     def code(**settings: str) -> str:
         with pytest.raises(BusError, match=r"^[^\n]*$") as caught:
-            Publisher("a", listen=[f"tls/127.0.0.1:{free_port()}"], settings=SessionOptions(**settings))  # type: ignore[arg-type]
+            Publisher("a", listen=[f"tls/127.0.0.1:{free_port()}"], settings=SessionOptions(**settings))
         return caught.value.code
 
     right = identity(keys, "daemon")

@@ -20,7 +20,7 @@ from imumon.report import Event
 
 
 def event(kind: str, level: str = "warning", text: str = "x") -> Event:
-    return Event(time="2026-01-02T00:00:00.000Z", kind=kind, text=text, device="a", level=level)  # type: ignore[arg-type]
+    return Event(time="2026-01-02T00:00:00.000Z", kind=kind, text=text, device="a", level=level)
 
 
 def appended(path: Path) -> list[dict[str, object]]:

@@ -54,7 +54,6 @@ def test_from_bytes_to_a_grade_and_back_to_rest(tmp_path: Path) -> None:
         assert report.session.missing == 0
         adds_up(report)
         n = report.channels["gyro/x"].coefficients["N"]
-        assert n is not None
         assert n.status == "measured"
         assert n.low is not None
         assert n.high is not None
@@ -157,7 +156,6 @@ def test_a_line_that_is_never_silent_does_not_keep_it_from_its_end(
         begun = time.monotonic()
         outcome = reader.run()
         assert time.monotonic() - begun < 60.0
-        assert outcome.report is not None
         assert outcome.report.session.samples > 50
 
 
@@ -251,13 +249,11 @@ def test_the_subscriber_of_the_documents_reads_what_the_daemon_says(tmp_path: Pa
     program = re.search(
         r"```python\n(import json\nimport zenoh.*?)```", (ROOT / "docs" / "ZENOH.md").read_text(), re.S
     )
-    assert program is not None
     assert len(program[1].strip().splitlines()) <= 16
     with spawn(EmulatorSettings(seed=10)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
         daemon.samples(50)
         code = program[1].replace("tcp/127.0.0.1:7448", daemon.endpoint)
         reader = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-        assert reader.stdout is not None
         line = reader.stdout.readline()
         os.kill(reader.pid, signal.SIGKILL)
         reader.communicate()

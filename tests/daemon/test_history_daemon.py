@@ -54,7 +54,7 @@ def test_history_of_a_daemon_from_the_bus_to_the_file(tmp_path: Path) -> None:
         assert [row["complete"] for row in rows[:-1]] == [True] * (len(rows) - 1)
         assert rows[-1]["complete"] is False
         assert {(row["device"], row["channel"], row["step"]) for row in rows} == {("lab", "gyro/x", "10m")}
-        assert rows[0]["N"]["status"] == "measured"  # type: ignore[index]
+        assert rows[0]["N"]["status"] == "measured"
         assert ask(daemon.endpoint, "imumon/lab/history?_time=[now(-2h)..now(-1h)]") == ([], [])
         assert ask(daemon.endpoint, "imumon/lab/history?step=7m") == ([], ["step_invalid"])
         whole, _ = ask(daemon.endpoint, "imumon/lab/history?step=1d")

@@ -25,7 +25,7 @@ KINDS = {DEGRADED: "change", LOSSY: "loss", UNPLUGGED: "disconnect"}
 CODES = {DEGRADED: 1, LOSSY: 1, UNPLUGGED: 2}
 QUIET_S = 10.0
 """s without samples after which the alarms are looked at: the guards hold back the last seconds."""
-BAD_GYRO = replace(WHITE["gyro"], n=tuple(2.0 * n for n in WHITE["gyro"].n))  # type: ignore[arg-type]
+BAD_GYRO = replace(WHITE["gyro"], n=tuple(2.0 * n for n in WHITE["gyro"].n))
 
 
 @pytest.mark.slow

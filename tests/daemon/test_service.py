@@ -212,7 +212,6 @@ def test_a_device_that_vanishes_while_it_is_started_is_opened_again(
         options = RunOptions(url=sensor.path, state_directory=tmp_path, duration_s=3.0)
         result = Daemon(settings, options).run()
     assert tries == [2]
-    assert result.report is not None
     assert result.report.session.samples > 0
     assert manager.until("STATUS=waiting: unplugged") < manager.until("STATUS=running")
     manager.close()
@@ -264,7 +263,7 @@ def test_a_full_standard_error_does_not_block_and_drops_are_counted(
                 LOGGER.info("line %050d", k)
             thread = threading.Thread(target=lambda: read.append(reader.read()))
             thread.start()
-            queue = logging.getLogger("imumon").handlers[0].queue  # type: ignore[attr-defined]
+            queue = logging.getLogger("imumon").handlers[0].queue
             while not queue.empty():
                 time.sleep(0.01)
             LOGGER.info("at last")
@@ -293,7 +292,6 @@ print(time.monotonic() - start < 3.0)
     with subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        assert process.stdout is not None
         assert process.stdout.read() == "True\n"
         assert process.wait(20) == 0
 

@@ -125,7 +125,6 @@ def test_the_name_of_a_grade_does_not_cover_a_letter(sensor: str, age: str) -> N
 def test_the_predicted_error_of_a_filter_is_shown(sensor: str) -> None:
     report = make_report(LONG_S)
     shown = shown_axis(filters(report), sensor)
-    assert shown is not None
     root = ET.fromstring(filter_svg(sensor, shown[1]))
     assert len([line for line in root.iter("path") if "stroke-dasharray" in (line.get("style") or "")]) >= 3
     assert 'class="allan"' in text(report, "html")
@@ -145,7 +144,6 @@ def test_every_point_of_a_curve_is_drawn_within_the_frame(sensor: str, age: str)
     width, height = (float(v) for v in (root.get("viewBox") or "").split()[2:])
     for axis in "xyz":
         allan = report.channels[f"{sensor}/{axis}"].allan
-        assert allan is not None
         styled = ((use, use.get("style") or "") for use in root.iter("use"))
         drawn = [(use, style) for use, style in styled if f"stroke: var(--{axis})" in style]
         legend = drawn[-1][0].get("href")  # others are ends of the bars of N, B and K

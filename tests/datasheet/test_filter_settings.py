@@ -223,8 +223,7 @@ def test_kfgins_drives_its_bias_by_the_walk() -> None:
             walk = filters(report).channels[f"{sensor}/{axis}"].walk
             assert 2.0 * (float(std) * unit) ** 2 / seconds == pytest.approx(walk**2, rel=1e-4)
     n = report.channels["gyro/x"].coefficients["N"]
-    assert n is not None
-    assert float(re.search(r"^  arw: \[([^,]*),", shown, re.MULTILINE)[1]) == pytest.approx(  # type: ignore[index]
+    assert float(re.search(r"^  arw: \[([^,]*),", shown, re.MULTILINE)[1]) == pytest.approx(
         n.readable.value, rel=1e-5
     )
 
@@ -340,7 +339,7 @@ def test_gtsam_before_4_3_adds_no_uncertainty_of_the_bias_to_each_sample(
         made = SimpleNamespace(**{name: partial(calls.__setitem__, name) for name in names})
         maker = SimpleNamespace(MakeSharedU=lambda gravity, made=made: made)
         module = SimpleNamespace(PreintegrationCombinedParams=maker)
-        monkeypatch.setitem(sys.modules, "gtsam", module)  # type: ignore[arg-type]
+        monkeypatch.setitem(sys.modules, "gtsam", module)
         exec(text(make_report(LONG_S), "gtsam"), {})
         assert sorted(calls) == sorted(names)
         if has_it:

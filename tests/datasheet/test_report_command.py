@@ -49,7 +49,6 @@ def saved(recording: Path) -> Path:
 def test_recording_to_report_to_datasheet_and_baseline(recording: Path, saved: Path, tmp_path: Path) -> None:
     report = from_json(Report, saved.read_text())
     n = report.channels["gyro/x"].coefficients["N"]
-    assert n is not None
     assert (n.low or 0.0) < 6e-5 < (n.high or 0.0)
     page = tmp_path / "sheet.html"
     imumon("report", saved, "-o", page)
@@ -65,7 +64,7 @@ def test_recording_to_report_to_datasheet_and_baseline(recording: Path, saved: P
     )
     (tmp_path / "before.json").write_text(to_json(before))
     printed = imumon("replay", recording, "--baseline", tmp_path / "before.json")
-    now = float(re.search(r"^gyro/x: N was 0.103, is (\S+) °/√h \(against the baseline\)$", printed, re.M)[1])  # type: ignore[index]
+    now = float(re.search(r"^gyro/x: N was 0.103, is (\S+) °/√h \(against the baseline\)$", printed, re.M)[1])
     assert now == pytest.approx(COEFFICIENTS["N"].units["gyro"].factor * (n.value or 0.0), rel=0.01)
     assert "nothing changed" not in printed
 
@@ -112,7 +111,6 @@ def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
     assert report.session.samples >= 3000
     assert report.device.model == live.device.model
     assert report.device.stream == "deltas"
-    assert report.channels["gyro/x"].coefficients["N"] is not None
     assert report.channels["gyro/x"].coefficients["N"].status == "measured"
     data = state.read_bytes()
     state.write_bytes(data[:-100])

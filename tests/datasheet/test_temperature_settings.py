@@ -59,7 +59,6 @@ def read(text: str, pattern: str) -> dict[str, float]:
 def expected(report: Report, name: str) -> tuple[Floats, Floats]:
     """Return the temperatures and the values of the curve of a channel."""
     curve = report.channels[name].bias_curve
-    assert curve is not None
     return np.array(curve.degC), np.array(curve.bias)
 
 
@@ -133,7 +132,6 @@ def test_the_datasheet_has_terms_curve_and_span(warm: tuple[Path, Report]) -> No
     for sensor, title in (("gyro", "Gyroscope"), ("accel", "Accelerometer")):
         assert f'aria-label="Bias of the {title.lower()} against the temperature"' in page
         curve = report.channels[f"{sensor}/x"].bias_curve
-        assert curve is not None
         factor = unit_of(sensor, "B").factor
         slope = curve.terms[1]
         shown = with_error(slope.value * factor, 0.5 * (slope.high - slope.low) * factor)

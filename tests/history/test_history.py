@@ -207,7 +207,7 @@ def test_old_entries_are_deleted(tmp_path: Path) -> None:
         history = History(tmp_path, "imu", keep_days=1)
         history.add([period(number).period], RECORD, begin)
         history.close()
-    (day,) = {row["time"][:10] for row in read(history.path)}  # type: ignore[index]
+    (day,) = {row["time"][:10] for row in read(history.path)}
     assert day == datetime.fromtimestamp(now - 600, UTC).isoformat()[:10]
 
 
@@ -372,7 +372,7 @@ def test_a_year_of_nine_channels_fits_into_150_mb_and_is_queried_within_a_second
         for _ in range(5):  # the shortest counts: others may have the processor
             begin = time.perf_counter()
             with HistoryStore(path) as store:
-                chosen = selection(BEGIN + 365 * day, **words)  # type: ignore[arg-type]
+                chosen = selection(BEGIN + 365 * day, **words)
                 text = "".join(
                     json_pieces(row for timed in store.periods(chosen) for row in rows(timed, "imu", chosen))
                 )

@@ -37,7 +37,7 @@ def imumon(*words: object) -> str:
     with redirect_stdout(out), redirect_stderr(io.StringIO()):
         assert main([str(word) for word in words]) == 0
         out.flush()
-    return out.buffer.getvalue().decode()  # type: ignore[attr-defined]
+    return out.buffer.getvalue().decode()
 
 
 def make_report() -> Report:
@@ -62,7 +62,6 @@ def test_days_of_the_history_are_a_component(tmp_path: Path) -> None:
     factors = 1.0 + 0.1 * np.random.default_rng(1).standard_normal(20)
     rows = history_rows(tmp_path, factors)
     made = evaluated(make_report(), rows=rows).evaluation
-    assert made is not None
     budget = made.budgets["gyro/x"]["N"]
     parts = {each.source: each for each in budget.components}
     n = 1.234567e-4 * factors
@@ -82,7 +81,6 @@ def test_days_of_the_history_are_a_component(tmp_path: Path) -> None:
 
 def test_days_that_scatter_by_their_statistics_alone_add_nothing(tmp_path: Path) -> None:
     made = evaluated(make_report(), rows=history_rows(tmp_path, [1.0, 1.001, 0.999, 1.0])).evaluation
-    assert made is not None
     (part,) = (c for c in made.budgets["gyro/x"]["N"].components if c.source == "repeatability")
     assert part.standard == 0.0
     assert part.basis.endswith("none")
@@ -90,7 +88,6 @@ def test_days_that_scatter_by_their_statistics_alone_add_nothing(tmp_path: Path)
 
 def test_two_days_are_too_few(tmp_path: Path) -> None:
     made = evaluated(make_report(), rows=history_rows(tmp_path, [1.0, 2.0])).evaluation
-    assert made is not None
     (part,) = (c for c in made.budgets["gyro/x"]["N"].components if c.source == "repeatability")
     assert part.standard is None
     assert part.basis == "fewer than 3 days of the history have a value"
@@ -114,18 +111,15 @@ def test_the_bias_has_a_budget_once_power_ups_are_known() -> None:
     report = make_report()
     channel = report.channels["gyro/x"]
     shape = channel.distribution
-    assert shape is not None
     assert shape.bias_low is not None
     assert shape.bias_high is not None
-    assert evaluated(report).evaluation.bias_budgets == {}  # type: ignore[union-attr]
+    assert evaluated(report).evaluation.bias_budgets == {}
     few = replace(channel, distribution=replace(shape, turn_on_count=2))
     known = replace(few, distribution=replace(shape, turn_on_count=6, turn_on_std=1e-3))
     short = evaluated(replace(report, channels={"gyro/x": few}))
-    assert short.evaluation is not None
     assert short.evaluation.bias_budgets == {}  # what a power cycle adds is not known
     assert "the history has only 2 of them" in shown(short)
     annotated = evaluated(replace(report, channels={"gyro/x": known}))
-    assert annotated.evaluation is not None
     budget = annotated.evaluation.bias_budgets["gyro/x"]
     assert budget.components[1].standard == 1e-3
     statistics = (shape.bias_high - shape.bias_low) / (2.0 * 1.959964)
@@ -158,7 +152,6 @@ def test_a_saved_state_shows_the_history_of_its_directory(tmp_path: Path) -> Non
         assert "between 8 days of the history" in text
         assert "of N, B and K, except as far as the days of the history show it" in text
     shape = from_json(Report, saved.read_text()).channels["gyro/x"].distribution
-    assert shape is not None
     assert (shape.turn_on_count, shape.turn_on_std) == (6, pytest.approx(1e-3 * np.sqrt(3.5)))
 
 
@@ -169,19 +162,13 @@ def test_a_report_of_a_daemon_names_the_daemon(tmp_path: Path) -> None:
             Report, imumon("report", "--connect", daemon.endpoint, "--format", "json")
         ).evaluation
         daemon.stop()
-    assert report.evaluation is not None
     origin = report.evaluation.provenance
-    assert origin is not None
     assert (origin.software, origin.commit) == (f"imumon {__version__}", commit())
     assert (origin.guards, origin.input, origin.input_reason) == (False, None, "a running daemon")
     (state,) = tmp_path.glob("*.state")
     of_state = from_json(Report, imumon("report", state, "--format", "json")).evaluation
-    assert of_state is not None
-    assert of_state.provenance is not None
     assert of_state.provenance.guards is False
     assert origin.made == report.time
-    assert made is not None
-    assert made.provenance is not None
     assert (made.provenance.software, made.provenance.written_by) == (origin.software, None)
 
 

@@ -39,12 +39,12 @@ def test_the_report_gives_the_repeatability_over_six_power_ups(tmp_path: Path) -
         for runs in (range(1, 4), range(4, POWER_UPS + 1)):
             with Daemon(port, state, before=LAPSE) as daemon:
                 for number in runs:
-                    report = daemon.wait(lambda r, n=number: shape(r).turn_on_count == n, timeout=200.0)  # type: ignore[misc]
+                    report = daemon.wait(lambda r, n=number: shape(r).turn_on_count == n, timeout=200.0)
                     assert (shape(report).turn_on_std is None) == (number < LEAST_POWER_UPS)
                     if number < POWER_UPS:
                         restarts = report.session.restarts
                         sensor.ask("reboot")
-                        daemon.wait(lambda r, n=restarts: r.session.restarts > n)  # type: ignore[misc]
+                        daemon.wait(lambda r, n=restarts: r.session.restarts > n)
                 report = daemon.wait(lambda r: True)
                 code, sheet, _ = run_inside(["report", "--connect", daemon.endpoint])
                 left, _, said = daemon.stop()

@@ -140,7 +140,6 @@ def test_unguarded_records_keep_no_changes_that_nobody_reads() -> None:
     assert guard.stuck_changes() != []
     monitor = Monitor(MonitorOptions(guarded=False))
     feed(monitor, values, clock(values))
-    assert monitor._record is not None
     assert monitor._record.accumulators.guard.stuck_changes() == []
     assert drained(monitor, "stuck") == []
 
@@ -151,8 +150,6 @@ def test_an_error_while_a_pipe_is_open_is_no_crash() -> None:
     with subprocess.Popen(
         [sys.executable, "-P", "-m", "imumon", "replay", "-"], stdin=subprocess.PIPE, stderr=subprocess.PIPE
     ) as process:
-        assert process.stdin is not None
-        assert process.stderr is not None
         sentence = ascii.encode(ascii.sentence("VNYMR", row))
         process.stdin.write(sentence * ((1 << 20) // len(sentence) + 100))
         process.stdin.flush()

@@ -56,7 +56,6 @@ def result(placed: PlacedSamples, edges: list[int]) -> tuple[list[object], list[
     statistics = Accumulators(channels, 1.0 / RATE, averaged=[True] * 9, guarded=True)
     happened = []
     for begin, end in itertools.pairwise([0, *edges, ROWS]):
-        assert placed.saturated is not None
         block = PlacedSamples(placed.values[begin:end], placed.steps[begin:end], placed.saturated[begin:end])
         if end > begin:
             happened.append(statistics.feed(block))

@@ -112,7 +112,6 @@ def test_the_share_of_a_short_record_refers_to_its_length() -> None:
 def test_the_monitor_reports_loss_with_its_level_and_time() -> None:
     monitor = Monitor(MonitorOptions(alarm_limits={"loss": 0.05}))
     whole = block(12_000)
-    assert whole.time_ns is not None
     there = np.random.default_rng(1).random(12_000) >= np.where(np.arange(12_000) < 2000, 0.0, 0.2)
     values, time, lost = whole.values[there], whole.time_ns[there], whole.lost[there]
     monitor.feed(SampleBlock(DELTAS, values, time, lost))
@@ -137,7 +136,6 @@ def test_a_stuck_sensor_and_its_recovery_are_events() -> None:
     part.values[4000:6000] = part.values[4000]
     levels = []
     for a in range(0, 9000, 100):
-        assert part.time_ns is not None
         monitor.feed(
             SampleBlock(DELTAS, part.values[a : a + 100], part.time_ns[a : a + 100], part.lost[a : a + 100])
         )

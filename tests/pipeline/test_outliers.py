@@ -134,7 +134,6 @@ def test_the_report_gives_the_size_of_what_outliers_add() -> None:
     assert "outliers" in report.channels["gyro/x"].caveats
     assert "outliers" not in report.channels["gyro/y"].caveats
     robust = report.channels["gyro/x"].robust
-    assert robust is not None
     assert robust.ratio > 1.9
     assert any(f"{robust.ratio:.2f} times" in text for text in caveat_lines(report))
     assert any(f"{robust.ratio:.2f} times" in text for text in report_table(report).splitlines())

@@ -59,7 +59,6 @@ def test_noise_belongs_to_its_own_period() -> None:
     truth = 1e-3 / np.sqrt(RATE)
     for each, factor in ((first, 1.0), (second, 2.0)):
         n = each.channels["gyro/x"].coefficients["N"]
-        assert n is not None
         assert n.low is not None
         assert n.high is not None
         assert n.value == pytest.approx(truth * factor, rel=0.05)

@@ -203,7 +203,6 @@ def test_we_read_what_fast_dds_publishes(fast_dds: Path, domain: int) -> None:
 def test_fast_dds_reads_what_we_publish(fast_dds: Path, node: RosNode, domain: int) -> None:
     program = [str(fast_dds), "listen", str(domain), "5"]
     with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as listener:
-        assert listener.stdout is not None
         assert listener.stdout.readline() == "ready\n"
         topic = node.advertise("/imu/data", IMU)
         payload = imu_payload(1_700_000_000_123_456_789, [0.001, 0.0, 0.0], [0.0, 0.0, -9.8125])

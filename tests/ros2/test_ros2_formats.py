@@ -168,7 +168,6 @@ def test_tokens_of_the_design_document() -> None:
     )
     assert token == f"@ros2_lv/2/{ZID}/0/10/MS/%/%/listener/%chatter/{STRING_TYPE}/::,10:,:,:,,"
     entity = parse_token(token)
-    assert entity is not None
     assert (entity.kind, entity.node, entity.topic, entity.type) == ("MS", "/listener", "/chatter", STRING)
     talker = token.replace("MS", "MP").replace("listener", "talker").replace("/::,10", "/2::,5")
     made = entity_token(

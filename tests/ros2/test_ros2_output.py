@@ -50,7 +50,6 @@ def test_each_sensor_and_the_stream_have_a_status() -> None:
     assert gyro["values"]["grade"] == made.grade["gyro"].nearest
     assert gyro["values"]["provisional"] == str(made.grade["gyro"].provisional).lower()
     n = made.channels["gyro/x"].coefficients["N"]
-    assert n is not None
     assert gyro["values"]["N x"].startswith(f"{n.readable.value:.3g}"[:4])
     assert "deg/sqrt(h)" in gyro["values"]["N x"]
     drift = made.channels["gyro/x"].drift
@@ -89,9 +88,7 @@ def test_a_caveat_that_limits_the_meaning_only_is_listed() -> None:
 def test_variances_are_those_of_measured_coefficients_only() -> None:
     made = report()
     found = sample_variances(made, "gyro")
-    assert found is not None
     n, rate = made.channels["gyro/y"].coefficients["N"], made.device.sample_rate_hz
-    assert n is not None
     assert n.value is not None
     assert rate is not None
     assert found[1] == pytest.approx(n.value**2 * rate)

@@ -16,7 +16,7 @@ from imumon.tui.view_state import SPANS, ViewState
 
 
 def text(lines: object) -> str:
-    return "\n".join("".join(part for part, _ in line) for line in lines)  # type: ignore[attr-defined]
+    return "\n".join("".join(part for part, _ in line) for line in lines)
 
 
 def state(span: str = "day", *, shown: bool = True) -> ViewState:
@@ -76,7 +76,6 @@ def test_it_says_so_while_there_is_none() -> None:
 
 def test_a_bound_is_no_point() -> None:
     series = parse("gyro/x", *reports.history_reply("gyro/x", *SPANS["day"]))
-    assert series is not None
     assert np.isnan(series.values["B"][::3]).all()
     assert np.isfinite(series.values["N"]).all()
 

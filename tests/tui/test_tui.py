@@ -36,7 +36,7 @@ def drive(
     """Run the screen without a terminal and let the script use it."""
 
     async def go() -> ImumonApp:
-        app = ImumonApp(source, clock=source.clock, **options)  # type: ignore[arg-type]
+        app = ImumonApp(source, clock=source.clock, **options)
         async with app.run_test(size=size) as pilot:
             await pilot.pause()
             await script(app, pilot)
@@ -94,7 +94,6 @@ def test_arrows_select_the_channel_and_request_its_signal() -> None:
         assert app.view_state.channel == "accel/y"
         assert source.watched[-1] == (reports.ID, "accel/y")
         await pilot.press("2")
-        assert app.view_state.signal is not None
         assert app.view_state.signal.channel == "accel/y"
 
     drive(source, script)
@@ -417,7 +416,7 @@ def test_every_view_shows_the_status() -> None:
                 if app.view_state.channels:
                     assert app.query_one("#body").has_class("stale") is not now.live, (name, view)
 
-    drive(source, script, (80, 24))  # type: ignore[arg-type]
+    drive(source, script, (80, 24))
 
 
 @pytest.mark.parametrize("width", [44, 66, 80, 99, 100, 150])
@@ -553,8 +552,6 @@ def test_a_new_theme_redraws_everything() -> None:
 
 def _contrast(style: Style) -> float:
     """Return the contrast ratio of WCAG 2.2."""
-    assert style.color is not None
-    assert style.bgcolor is not None
     parts = np.array([style.color.get_truecolor(), style.bgcolor.get_truecolor()]) / 255.0
     linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
     dark, light = sorted(linear @ [0.2126, 0.7152, 0.0722])
@@ -676,7 +673,6 @@ def test_every_view_can_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     table = next(tmp_path.glob("*overview*.csv"))
     rows = list(csv.reader(table.open()))
     allan = source.reports()[reports.ID][0].channels["gyro/x"].allan
-    assert allan is not None
     assert float(rows[1][3]) == allan.sigma[0]
     heads = [
         row[0]

@@ -104,7 +104,7 @@ def test_a_coefficient_fits_its_column(
         value=value if status == "measured" else None,
         low=low,
         high=high,
-        status=status,  # type: ignore[arg-type]
+        status=status,
     )
     text, _ = Notation(si=si, ascii=ascii).coefficient(part, seconds)
     assert len(text) <= CELL
@@ -261,7 +261,6 @@ def test_the_chart_marks_only_measured_coefficients() -> None:
 def test_unused_octaves_are_dimmed() -> None:
     report = reports.report()
     channel = report.channels["accel/y"]
-    assert channel.allan is not None
     used = (False, False, *channel.allan.used[2:])
     channel = replace(channel, allan=replace(channel.allan, used=used))
     report = replace(report, channels={**report.channels, "accel/y": channel})

@@ -39,7 +39,6 @@ def page(folder: Path, *words: str) -> Iterator[tuple[str, subprocess.Popen[str]
     command = [sys.executable, "-m", "imumon", "web", "--listen", address, *words]
     with subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True) as process:
         try:
-            assert process.stderr is not None
             assert address in process.stderr.readline()
             yield f"http://{address}", process
         finally:
@@ -100,7 +99,7 @@ def selected_tab(picture: bytes) -> int:
     width, height = shown.size
     rows = [[shown.getpixel((x, y)) for x in range(width // 2)] for y in range(height - 25, height)]
     lightest = max(rows, key=sum)
-    return next(x for x, value in enumerate(lightest) if value > 100)  # type: ignore[operator]
+    return next(x for x, value in enumerate(lightest) if value > 100)
 
 
 @pytest.mark.slow
