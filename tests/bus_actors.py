@@ -127,15 +127,8 @@ def daemon(
         if command == "events":
             for index in range(int(rest)):
                 publisher.event(event(id, index))
-        elif command == "counts":
-            counts = publisher.counts
-            emit(
-                reports=counts.reports,
-                events=counts.events,
-                longest=longest,
-                error=publisher.last_error,
-                uplinks=publisher.uplink_errors(),
-            )
+        elif command == "state":
+            emit(longest=longest, error=publisher.last_error, uplinks=publisher.uplink_errors())
         elif command == "stop":
             break
     stop.set()

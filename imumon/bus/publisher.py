@@ -1,9 +1,9 @@
 """Publisher: the side of the bus on which a daemon sends.
 
 The caller never waits for the bus: `Publisher.publish` stores the newest report and returns, a thread sends
-it, and Zenoh drops messages of a congested link. Events are queued; the queue is bounded and what it drops is
-counted. Late subscribers get the last values from Zenoh's cache or by a ``get``. Signals (minimum and maximum
-per time column) are large and rarely used, so they are sent only in reply to a ``get``.
+it, and Zenoh drops messages of a congested link. Events are queued; the queue is bounded and drops the oldest.
+Late subscribers get the last values from Zenoh's cache or by a ``get``. Signals (minimum and maximum per time
+column) are large and rarely used, so they are sent only in reply to a ``get``.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
-from dataclasses import dataclass, replace
 from functools import partial
 
 import zenoh
@@ -29,16 +28,6 @@ CURVES = ("allan", "histogram", "spectrum")
 
 _FIRST_ATTEMPT_S = 3.0  # s; limits the delay of the start by a router that drops packets
 _CLOSE_S = 0.7  # s; limits the delay of the exit by a congested link
-
-
-@dataclass(slots=True)
-class PublisherCounts:
-    """Messages of a publisher."""
-
-    reports: int = 0  # sent
-    events: int = 0  # sent
-    events_dropped: int = 0  # did not fit into the queue
-    errors: int = 0  # messages that could not be serialised or sent
 
 
 class Publisher:
@@ -75,11 +64,10 @@ class Publisher:
         self._root = f"imumon/{self.id}"
         for endpoint in connect:
             check_endpoint(endpoint)
-        self._changed = threading.Condition()  # of the next five fields
+        self._changed = threading.Condition()  # of the next four fields
         self._newest: tuple[Report, Signals] | None = None
-        self._events: deque[Event] = deque()
+        self._events: deque[Event] = deque(maxlen=MAX_QUEUED)
         self._closing = False
-        self._counts = PublisherCounts()
         self._last_error: str | None = None
         self._last_grade: str | None = None  # of the thread, as is the next
         self._curves: dict[str, tuple[tuple[object, ...], str]] = {}  # of each channel, and their JSON
@@ -128,16 +116,8 @@ class Publisher:
     def event(self, event: Event) -> None:
         """Send an event; return at once."""
         with self._changed:
-            if len(self._events) >= MAX_QUEUED:
-                self._events.popleft()
-                self._counts.events_dropped += 1
             self._events.append(event)
             self._changed.notify()
-
-    @property
-    def counts(self) -> PublisherCounts:
-        with self._changed:
-            return replace(self._counts)
 
     @property
     def last_error(self) -> str | None:
@@ -192,7 +172,8 @@ class Publisher:
             with self._changed:
                 self._changed.wait_for(lambda: self._newest or self._events or self._closing)
                 newest, self._newest = self._newest, None
-                events, self._events = self._events, deque()
+                events = list(self._events)
+                self._events.clear()
                 if self._closing and not newest and not events:
                     return
             for event in events:
@@ -209,12 +190,9 @@ class Publisher:
             failure = f"{type(error).__name__}: {error}"
         with self._changed:
             self._last_error = failure
-            self._counts.errors += failure is not None
 
     def _send_event(self, event: Event) -> None:
         self._put("event", to_json(event))
-        with self._changed:
-            self._counts.events += 1
 
     def _send_report(self, report: Report, signals: Signals) -> None:
         texts = {name: self._channel_texts(name, channel) for name, channel in report.channels.items()}
@@ -228,8 +206,6 @@ class Publisher:
         if grade != self._last_grade:
             self._put("grade", grade)
             self._last_grade = grade
-        with self._changed:
-            self._counts.reports += 1
 
     def _channel_texts(self, name: str, channel: Channel) -> tuple[str, str]:
         """Return the JSON of a channel without its curves, and theirs, which stay the same for many reports."""
