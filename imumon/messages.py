@@ -223,8 +223,13 @@ def excluded_text(share: float, by: Mapping[str, float]) -> str:
 def change_text(channel: str, change: Change) -> str:
     """Return a change as text, such as ``gyro/x: N has grown by 40 % against the baseline``."""
     against = f"against the {change.against}"
+    if change.since is not None and change.p_value is not None:
+        against += f" since {change.since[:10]}, p = {change.p_value:.0e}"
     if change.ratio is None:
-        return f"{channel}: the bias has moved from {change.before:.3g} to {change.now:.3g} {against}"
+        name, unit = (
+            ("bias", "") if change.quantity == "bias" else ("slope against the temperature", " per degC")
+        )
+        return f"{channel}: the {name} has moved from {change.before:.3g} to {change.now:.3g}{unit} {against}"
     verb = "grown" if change.ratio > 1.0 else "fallen"
     return f"{channel}: {change.quantity} has {verb} by {share_text(abs(change.ratio - 1.0))} {against}"
 

@@ -18,7 +18,7 @@ from imumon.noise.stretches.change import LEAST_CHANGE
 from imumon.noise.stretches.day_change import DAYS_KEPT, find_day_change
 from imumon.report import Change, stamp
 from imumon.samples import sensor_of
-from imumon.units import DAY, HOUR, share_text
+from imumon.units import DAY, HOUR
 
 AGAINST = "history"
 """What such a change is a change against, in the report."""
@@ -100,15 +100,3 @@ def _change(days: Sequence[TimedPeriod], name: str, letter: str) -> Change | Non
         since=stamp(datetime.fromtimestamp(known[step.day][0].begin, UTC)),
         p_value=step.p_value,
     )
-
-
-def change_text(name: str, change: Change) -> str:
-    """Return a change as text, such as ``N of gyro/y grew by 12 % since 3 November, p = 1e-06``."""
-    since = datetime.fromisoformat(change.since) if change.since else None
-    when = f" since {since.day} {since:%B}" if since is not None else ""
-    if change.ratio is None:
-        moved = f"against the temperature moved from {change.before:.3g} to {change.now:.3g} per degC"
-    else:
-        verb = "grew" if change.ratio > 1.0 else "fell"
-        moved = f"{verb} by {share_text(abs(change.ratio - 1.0))}"
-    return f"{change.quantity} of {name} {moved}{when}, p = {change.p_value:.0e}"

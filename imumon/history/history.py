@@ -18,12 +18,13 @@ from pathlib import Path
 from typing import Any
 
 from imumon.history import selection
-from imumon.history.day_changes import DayChanges, change_text
+from imumon.history.day_changes import DayChanges
 from imumon.history.power_ups import PowerUps
 from imumon.history.rows import iso, json_pieces, rows
 from imumon.history.selection import Selection, SelectionError
 from imumon.history.store import SUFFIX, HistoryError, HistoryStore, PowerUp, TimedPeriod, damaged, set_aside
 from imumon.history_report import STEPS, HistoryPeriod
+from imumon.messages import change_text
 from imumon.noise.stretches.day_change import DAYS_KEPT
 from imumon.report import Event, Report
 from imumon.samples import Level

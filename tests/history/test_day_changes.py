@@ -13,11 +13,12 @@ from histories import BEGIN, NAMES, period, with_slopes, write
 from reports import warming_up as report
 
 from imumon.datasheet.signal_text import signal_lines
-from imumon.history.day_changes import DayChanges, change_text
+from imumon.history.day_changes import DayChanges
 from imumon.history.history import History
 from imumon.history.power_ups import LEAST_POWER_UPS, PowerUps
 from imumon.history.rows import iso
 from imumon.history.store import TimedPeriod
+from imumon.messages import change_text
 from imumon.noise.statistics.moments import deviation_limits
 from imumon.noise.stretches.day_change import find_day_change
 from imumon.report import Distribution, Event
@@ -47,7 +48,9 @@ def test_a_step_is_found_with_its_day_and_the_scatter_is_not() -> None:
     assert change.p_value is not None
     assert change.p_value < 1e-5
     assert "temperature" not in judged.changes
-    assert change_text("gyro/y", change).startswith("N of gyro/y grew by 12 % since 28 January, p = ")
+    assert change_text("gyro/y", change).startswith(
+        "gyro/y: N has grown by 12 % against the history since 2026-01-28, p = "
+    )
 
 
 def test_days_that_are_short_in_progress_or_warm_up_do_not_count() -> None:
@@ -85,8 +88,8 @@ def test_a_step_of_the_slope_is_judged_by_the_errors_of_the_days() -> None:
     assert (change.quantity, change.ratio, change.since) == ("slope", None, "2026-01-21T00:00:00.000Z")
     assert (change.before, change.now) == (pytest.approx(-1e-6, abs=2e-7), pytest.approx(1e-6, abs=2e-7))
     text = change_text("gyro/x", change)
-    assert text.startswith("slope of gyro/x against the temperature moved from -")
-    assert " per degC since 21 January, p = " in text
+    assert text.startswith("gyro/x: the slope against the temperature has moved from -")
+    assert " per degC against the history since 2026-01-21, p = " in text
     shown = report()
     shown = replace(
         shown, channels={**shown.channels, "gyro/x": replace(shown.channels["gyro/x"], changes=(change,))}
