@@ -84,7 +84,7 @@ def test_a_restarted_daemon_reports_that_the_slope_of_the_bias_has_changed(tmp_p
         daemon.samples(10)
         (event,) = until(lambda: [e for e in daemon.viewer.events("lab") if e.kind == "change"])
         assert (event.channel, event.level) == ("gyro/x", "warning")
-        assert event.text.startswith("slope of gyro/x against the temperature moved from -")
+        assert event.text.startswith("gyro/x: the slope against the temperature has moved from -")
 
 
 def test_no_history_is_kept_if_none_is_wanted(tmp_path: Path) -> None:
