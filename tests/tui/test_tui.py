@@ -45,6 +45,15 @@ def drive(
     return asyncio.run(go())
 
 
+def driven(
+    source: Callable[[], reports.FakeSource] = lambda: reports.FakeSource(reports.report()),
+    size: tuple[int, int] = (150, 40),
+    **options: object,
+) -> Callable[[Script], Callable[[], None]]:
+    """Make a test of a script that uses the screen of a source."""
+    return lambda script: lambda: drive(source(), script, size, **options) and None
+
+
 def visible_text(app: App[int]) -> str:
     """Return the text of the visible panels."""
     parts = [*app.screen_stack[0].query(DrawnPanel), *app.screen.query(ScrolledPanel)]
@@ -64,39 +73,33 @@ def _number(report: Report, channel: str, letter: str) -> str:
 # ---------------------------------------------------------------------------- keys
 
 
-def test_digits_and_tab_change_the_view() -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for key, name in zip("123456", VIEWS, strict=True):
-            await pilot.press(key)
-            assert app.view_state.view == name
-            assert [v.id for v in app.query(View) if v.display] == [name]
-            assert app.focused is app.query_one(f"#{name}")
-        await pilot.press("tab")
-        assert app.view_state.view == "overview"
-        await pilot.press("shift+tab")
-        assert app.view_state.view == "history"
-
-    drive(reports.FakeSource(reports.report()), script)
+@driven()
+async def test_digits_and_tab_change_the_view(app: ImumonApp, pilot: Pilot[int]) -> None:
+    for key, name in zip("123456", VIEWS, strict=True):
+        await pilot.press(key)
+        assert app.view_state.view == name
+        assert [v.id for v in app.query(View) if v.display] == [name]
+        assert app.focused is app.query_one(f"#{name}")
+    await pilot.press("tab")
+    assert app.view_state.view == "overview"
+    await pilot.press("shift+tab")
+    assert app.view_state.view == "history"
 
 
-def test_arrows_select_the_channel_and_request_its_signal() -> None:
-    source = reports.FakeSource(reports.report())
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        assert app.view_state.channel == "gyro/x"
-        await pilot.press("down", "down")
-        assert app.view_state.channel == "gyro/z"
-        await pilot.press("right")
-        assert app.view_state.channel == "accel/z"
-        await pilot.press("left", "left")
-        assert app.view_state.channel == "mag/z"
-        await pilot.press("up", "up", "up", "k")
-        assert app.view_state.channel == "accel/y"
-        assert source.watched[-1] == (reports.ID, "accel/y")
-        await pilot.press("2")
-        assert app.view_state.signal.channel == "accel/y"
-
-    drive(source, script)
+@driven(lambda: reports.FakeSource(reports.report()))
+async def test_arrows_select_the_channel_and_request_its_signal(app: ImumonApp, pilot: Pilot[int]) -> None:
+    assert app.view_state.channel == "gyro/x"
+    await pilot.press("down", "down")
+    assert app.view_state.channel == "gyro/z"
+    await pilot.press("right")
+    assert app.view_state.channel == "accel/z"
+    await pilot.press("left", "left")
+    assert app.view_state.channel == "mag/z"
+    await pilot.press("up", "up", "up", "k")
+    assert app.view_state.channel == "accel/y"
+    assert app.source.watched[-1] == (reports.ID, "accel/y")
+    await pilot.press("2")
+    assert app.view_state.signal.channel == "accel/y"
 
 
 def test_units_freeze_overlay_limits_zoom_and_theme() -> None:
@@ -124,15 +127,13 @@ def test_units_freeze_overlay_limits_zoom_and_theme() -> None:
     drive(source, script)
 
 
-def test_a_baseline_is_set_and_removed() -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        await pilot.press("b")
-        assert app.view_state.baseline is app.view_state.report
-        assert "at 10:00" in visible_text(app)
-        await pilot.press("b")
-        assert app.view_state.baseline is None
-
-    drive(reports.FakeSource(reports.report()), script, (170, 40))
+@driven(size=(170, 40))
+async def test_a_baseline_is_set_and_removed(app: ImumonApp, pilot: Pilot[int]) -> None:
+    await pilot.press("b")
+    assert app.view_state.baseline is app.view_state.report
+    assert "at 10:00" in visible_text(app)
+    await pilot.press("b")
+    assert app.view_state.baseline is None
 
 
 @pytest.mark.parametrize(
@@ -152,23 +153,21 @@ def test_each_quit_key_ends_the_screen(key: str, before: tuple[str, ...]) -> Non
     assert drive(reports.FakeSource(reports.report()), script).return_code == 0
 
 
-def test_help_names_every_key_of_the_visible_view() -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for key in "12345":
-            await pilot.press(key)
-            view = app.query_one(f"#{app.view_state.view}", View)
-            await pilot.press("question_mark")
-            await pilot.pause()
-            text = visible_text(app)
-            for _, what in keys_of(list(type(view).BINDINGS), False):
-                assert what.removeprefix("next ").removeprefix("previous ") in text, what
-            window = app.screen.query_one(ScrolledPanel)
-            assert "…" not in "".join(t for line in window.lines() for t, _ in line)
-            assert (window.max_scroll_x, window.max_scroll_y) == (0, 0)
-            await pilot.press("escape")
-            await pilot.pause()
-
-    drive(reports.FakeSource(reports.report(), reports.report(id=OTHER)), script, (60, 20))
+@driven(lambda: reports.FakeSource(reports.report(), reports.report(id=OTHER)), size=(60, 20))
+async def test_help_names_every_key_of_the_visible_view(app: ImumonApp, pilot: Pilot[int]) -> None:
+    for key in "12345":
+        await pilot.press(key)
+        view = app.query_one(f"#{app.view_state.view}", View)
+        await pilot.press("question_mark")
+        await pilot.pause()
+        text = visible_text(app)
+        for _, what in keys_of(list(type(view).BINDINGS), False):
+            assert what.removeprefix("next ").removeprefix("previous ") in text, what
+        window = app.screen.query_one(ScrolledPanel)
+        assert "…" not in "".join(t for line in window.lines() for t, _ in line)
+        assert (window.max_scroll_x, window.max_scroll_y) == (0, 0)
+        await pilot.press("escape")
+        await pilot.pause()
 
 
 def test_events_are_filtered_by_words() -> None:
@@ -187,27 +186,23 @@ def test_events_are_filtered_by_words() -> None:
     drive(reports.FakeSource(reports.report()), script)
 
 
-def test_several_sensors_are_listed_switched_and_compared() -> None:
-    source = reports.FakeSource(reports.report(), reports.report(900.0, id=OTHER, scale=2.0))
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        assert "1 of 2" in status(app)
-        await pilot.press("n")
-        assert app.view_state.id == OTHER
-        assert f"{OTHER} · 2 of 2" in status(app)
-        await pilot.press("n", "5")
-        assert reports.ID in visible_text(app)
-        assert OTHER in visible_text(app)
-        await pilot.press("c")
-        assert app.view_state.compared_id == OTHER
-        assert "compared" in visible_text(app)
-        assert _number(reports.report(900.0, id=OTHER, scale=2.0), "gyro/x", "N") in visible_text(app)
-        await pilot.press("c")
-        assert app.view_state.compared_id is None
-        await pilot.press("down", "enter")
-        assert (app.view_state.id, app.view_state.view) == (OTHER, "overview")
-
-    drive(source, script)
+@driven(lambda: reports.FakeSource(reports.report(), reports.report(900.0, id=OTHER, scale=2.0)))
+async def test_several_sensors_are_listed_switched_and_compared(app: ImumonApp, pilot: Pilot[int]) -> None:
+    assert "1 of 2" in status(app)
+    await pilot.press("n")
+    assert app.view_state.id == OTHER
+    assert f"{OTHER} · 2 of 2" in status(app)
+    await pilot.press("n", "5")
+    assert reports.ID in visible_text(app)
+    assert OTHER in visible_text(app)
+    await pilot.press("c")
+    assert app.view_state.compared_id == OTHER
+    assert "compared" in visible_text(app)
+    assert _number(reports.report(900.0, id=OTHER, scale=2.0), "gyro/x", "N") in visible_text(app)
+    await pilot.press("c")
+    assert app.view_state.compared_id is None
+    await pilot.press("down", "enter")
+    assert (app.view_state.id, app.view_state.view) == (OTHER, "overview")
 
 
 def test_a_finished_daemon_is_forgotten_after_a_minute() -> None:
@@ -231,29 +226,23 @@ def test_a_finished_daemon_is_forgotten_after_a_minute() -> None:
     drive(source, script)
 
 
-def test_the_screen_waits_for_the_requested_device() -> None:
+@driven(lambda: reports.FakeSource(reports.report()), id=OTHER)
+async def test_the_screen_waits_for_the_requested_device(app: ImumonApp, pilot: Pilot[int]) -> None:
     """With --id, no other device is shown instead."""
-    source = reports.FakeSource(reports.report())
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        assert app.view_state.report is None
-        assert f"first report of {OTHER}" in visible_text(app)
-        source.arrive(reports.report(id=OTHER))
-        app.poll()
-        await pilot.pause()
-        assert app.view_state.id == OTHER
-
-    drive(source, script, id=OTHER)
+    assert app.view_state.report is None
+    assert f"first report of {OTHER}" in visible_text(app)
+    app.source.arrive(reports.report(id=OTHER))
+    app.poll()
+    await pilot.pause()
+    assert app.view_state.id == OTHER
 
 
-def test_a_click_selects_a_row_and_a_view() -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        await pilot.click("#table", offset=(8, 2))
-        assert app.view_state.channel == "gyro/y"
-        await pilot.click("#footer", offset=(16, 0))
-        assert app.view_state.view == "signal"
-
-    drive(reports.FakeSource(reports.report()), script)
+@driven()
+async def test_a_click_selects_a_row_and_a_view(app: ImumonApp, pilot: Pilot[int]) -> None:
+    await pilot.click("#table", offset=(8, 2))
+    assert app.view_state.channel == "gyro/y"
+    await pilot.click("#footer", offset=(16, 0))
+    assert app.view_state.view == "signal"
 
 
 def test_the_palette_has_the_commands_of_the_keys() -> None:
@@ -358,30 +347,26 @@ def test_without_a_daemon_the_screen_shows_commands() -> None:
         assert command in text
 
 
-def test_the_screen_survives_loss_and_return_of_the_daemon() -> None:
+@driven(lambda: reports.FakeSource(connected=False))
+async def test_the_screen_survives_loss_and_return_of_the_daemon(app: ImumonApp, pilot: Pilot[int]) -> None:
     """The last data stay, dimmed, with their age; when the daemon returns the screen continues."""
-    source = reports.FakeSource(connected=False)
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        assert "no daemon" in status(app)
-        source.arrive(reports.report())
+    assert "no daemon" in status(app)
+    app.source.arrive(reports.report())
+    app.poll()
+    await pilot.pause()
+    assert "● live" in status(app)
+    assert app.focused is app.query_one("#overview")
+    app.source.disconnect()
+    for seconds in (2.0, 5.0, 30.0):
+        app.source.now += seconds
         app.poll()
-        await pilot.pause()
-        assert "● live" in status(app)
-        assert app.focused is app.query_one("#overview")
-        source.disconnect()
-        for seconds in (2.0, 5.0, 30.0):
-            source.now += seconds
-            app.poll()
-        assert "no report for 37 s; reconnecting" in status(app)
-        assert app.query_one("#body").has_class("stale")
-        assert _number(reports.report(), "gyro/x", "N") in visible_text(app)
-        source.arrive(reports.report())
-        app.poll()
-        assert "● live" in status(app)
-        assert not app.query_one("#body").has_class("stale")
-
-    drive(source, script)
+    assert "no report for 37 s; reconnecting" in status(app)
+    assert app.query_one("#body").has_class("stale")
+    assert _number(reports.report(), "gyro/x", "N") in visible_text(app)
+    app.source.arrive(reports.report())
+    app.poll()
+    assert "● live" in status(app)
+    assert not app.query_one("#body").has_class("stale")
 
 
 def test_nothing_is_drawn_when_nothing_is_new() -> None:
@@ -399,24 +384,20 @@ def test_nothing_is_drawn_when_nothing_is_new() -> None:
     drive(source, script)
 
 
-def test_every_view_shows_the_status() -> None:
+@driven(lambda: SwitchableSource(), size=(80, 24))
+async def test_every_view_shows_the_status(app: ImumonApp, pilot: Pilot[int]) -> None:
     """In every state and view: title of the status, old numbers dimmed, never blank."""
-    source = SwitchableSource()
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for name in SOURCES:
-            source.use(name)
-            app.poll()
-            now = app.view_state.connection_status()
-            for view in VIEWS:
-                app.action_view(view)
-                await pilot.pause()
-                assert status(app).startswith(f" {now.mark} {now.title} "), (name, view)
-                assert len(visible_text(app).split()) > 10, (name, view)
-                if app.view_state.channels:
-                    assert app.query_one("#body").has_class("stale") is not now.live, (name, view)
-
-    drive(source, script, (80, 24))
+    for name in SOURCES:
+        app.source.use(name)
+        app.poll()
+        now = app.view_state.connection_status()
+        for view in VIEWS:
+            app.action_view(view)
+            await pilot.pause()
+            assert status(app).startswith(f" {now.mark} {now.title} "), (name, view)
+            assert len(visible_text(app).split()) > 10, (name, view)
+            if app.view_state.channels:
+                assert app.query_one("#body").has_class("stale") is not now.live, (name, view)
 
 
 @pytest.mark.parametrize("width", [44, 66, 80, 99, 100, 150])
@@ -432,20 +413,18 @@ def test_the_footer_names_the_views_and_the_keys_that_fit(width: int) -> None:
     assert "…" not in text
 
 
-def test_every_mode_shows_the_key_that_ends_it() -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        await pilot.press("f")
-        assert "f continues" in status(app)
-        await pilot.press("f", "z")
-        assert "esc back" in visible_text(app)
-        await pilot.press("escape")
-        assert not app.view_state.zoomed
-        await pilot.press("z", "z", "escape", "4", "slash", "g", "enter")
-        assert "esc shows all" in visible_text(app)
-        await pilot.press("escape")
-        assert "esc" not in visible_text(app)
-
-    drive(reports.FakeSource(reports.report()), script, (80, 24))
+@driven(size=(80, 24))
+async def test_every_mode_shows_the_key_that_ends_it(app: ImumonApp, pilot: Pilot[int]) -> None:
+    await pilot.press("f")
+    assert "f continues" in status(app)
+    await pilot.press("f", "z")
+    assert "esc back" in visible_text(app)
+    await pilot.press("escape")
+    assert not app.view_state.zoomed
+    await pilot.press("z", "z", "escape", "4", "slash", "g", "enter")
+    assert "esc shows all" in visible_text(app)
+    await pilot.press("escape")
+    assert "esc" not in visible_text(app)
 
 
 def with_times(report: Report, times: dict[str, float | None]) -> Report:
@@ -538,16 +517,14 @@ def test_no_colour_and_every_theme_draw(theme: str, monkeypatch: pytest.MonkeyPa
     drive(reports.FakeSource(reports.report(), age=14.0), script, (80, 24), theme=theme)
 
 
-def test_a_new_theme_redraws_everything() -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        dark = app.export_screenshot()
-        await pilot.press("t")
-        await pilot.pause()
-        light = app.export_screenshot()
-        assert "#d5dae3" in dark
-        assert "#d5dae3" not in light
-
-    drive(reports.FakeSource(reports.report()), script)
+@driven()
+async def test_a_new_theme_redraws_everything(app: ImumonApp, pilot: Pilot[int]) -> None:
+    dark = app.export_screenshot()
+    await pilot.press("t")
+    await pilot.pause()
+    light = app.export_screenshot()
+    assert "#d5dae3" in dark
+    assert "#d5dae3" not in light
 
 
 def _contrast(style: Style) -> float:
@@ -571,14 +548,12 @@ def test_text_and_marks_are_readable(theme: str) -> None:
     drive(reports.FakeSource(reports.report()), script, (60, 20), theme=theme)
 
 
-def test_no_text_is_cut_at_60_columns() -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for key in "12346":
-            await pilot.press(key)
-            await pilot.pause()
-            assert "…" not in visible_text(app), key
-
-    drive(reports.FakeSource(reports.report(caveats=("aliased",))), script, (60, 20))
+@driven(lambda: reports.FakeSource(reports.report(caveats=("aliased",))), size=(60, 20))
+async def test_no_text_is_cut_at_60_columns(app: ImumonApp, pilot: Pilot[int]) -> None:
+    for key in "12346":
+        await pilot.press(key)
+        await pilot.pause()
+        assert "…" not in visible_text(app), key
 
 
 def test_colours_are_only_theme_variables() -> None:
@@ -586,15 +561,13 @@ def test_colours_are_only_theme_variables() -> None:
     assert "#" not in "".join(line.partition("{")[2] for line in style.splitlines())
 
 
-def test_ascii_mode_draws_only_ascii() -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for key in "12345":
-            await pilot.press(key)
-            await pilot.pause()
-            for y in range(app.size.height):
-                assert _row(app, y).isascii(), _row(app, y)
-
-    drive(reports.FakeSource(reports.report()), script, (80, 24), ascii=True)
+@driven(size=(80, 24), ascii=True)
+async def test_ascii_mode_draws_only_ascii(app: ImumonApp, pilot: Pilot[int]) -> None:
+    for key in "12345":
+        await pilot.press(key)
+        await pilot.pause()
+        for y in range(app.size.height):
+            assert _row(app, y).isascii(), _row(app, y)
 
 
 def _row(app: ImumonApp, y: int) -> str:
@@ -604,13 +577,11 @@ def _row(app: ImumonApp, y: int) -> str:
     )
 
 
-def test_a_dialog_window_does_not_hide_the_view_below() -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        await pilot.press("question_mark")
-        await pilot.pause()
-        assert "vn100-0100056785" in app.export_screenshot()
-
-    drive(reports.FakeSource(reports.report()), script)
+@driven()
+async def test_a_dialog_window_does_not_hide_the_view_below(app: ImumonApp, pilot: Pilot[int]) -> None:
+    await pilot.press("question_mark")
+    await pilot.pause()
+    assert "vn100-0100056785" in app.export_screenshot()
 
 
 def test_names_that_look_like_markup_are_shown_unchanged() -> None:
@@ -727,16 +698,16 @@ def test_an_empty_state_exports_nothing() -> None:
         assert list(export.table_rows(ViewState(view=view))) == []
 
 
-def test_the_headline_keeps_its_limit_and_the_chart_its_units_in_si() -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        assert "limit 0.2" in visible_text(app)
-        await pilot.press("u")
-        await pilot.pause()
-        shown = visible_text(app)
-        assert "N of y, 1.12e-04 rad/s/√Hz, industrial limit 5.82e-05" in shown
-        assert "N 8.83e-05 rad/s/√Hz" in shown
-
-    drive(reports.FakeSource(reports.report()), script, (150, 40))
+@driven(size=(150, 40))
+async def test_the_headline_keeps_its_limit_and_the_chart_its_units_in_si(
+    app: ImumonApp, pilot: Pilot[int]
+) -> None:
+    assert "limit 0.2" in visible_text(app)
+    await pilot.press("u")
+    await pilot.pause()
+    shown = visible_text(app)
+    assert "N of y, 1.12e-04 rad/s/√Hz, industrial limit 5.82e-05" in shown
+    assert "N 8.83e-05 rad/s/√Hz" in shown
 
 
 def test_a_saved_picture_contains_no_notification(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
