@@ -21,6 +21,9 @@ GRADES: tuple[GradeName, ...] = get_args(GradeName)
 LIMIT_95 = 1.959964
 """Standard errors, half-width of a 95 % interval."""
 
+SIGNIFICANT = 3.9
+"""Standard errors from which a drift, slope or correlation is significant: 10^-4, because many channels are tested."""
+
 QUARTERS = 4
 """Parts of a record between which the scatter of a coefficient is known."""
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from imumon.alarms import ALARMS
+from imumon.coefficients import LIMIT_95, SIGNIFICANT
 from imumon.report import Change, Drift, Estimate, Event, Report, SensorGrade
 from imumon.samples import INERTIAL, Level, sensor_of
 from imumon.units import duration, share_text
@@ -310,15 +311,11 @@ def caveat_lines(report: Report) -> list[str]:
     return [f"{joined(names)}: {lines[c]}" if names else lines[c] for c, names in caveats(report).items()]
 
 
-SIGNIFICANT_WIDTHS = 2.0
-"""Half-widths of 95 % limits beyond which a slope is significant, 10^-4: the same as in the caveat ``temperature``."""
-
-
 def follows_temperature(drift: Drift | None) -> bool:
     """Return whether a mean follows the temperature significantly: otherwise its slope is no figure."""
     if drift is None or drift.per_degC is None or drift.per_degC_high is None:
         return False
-    return abs(drift.per_degC) > SIGNIFICANT_WIDTHS * (drift.per_degC_high - drift.per_degC)
+    return LIMIT_95 * abs(drift.per_degC) > SIGNIFICANT * (drift.per_degC_high - drift.per_degC)
 
 
 def drifts_with_temperature(drift: Drift | None) -> bool:

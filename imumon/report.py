@@ -40,6 +40,8 @@ MAX_DEGC = 1e3
 """degC, beyond which a number in a message is no temperature."""
 MAX_CHANNELS = 64  # channels of a report; a sensor has about 11
 MOST_CHARACTERS = 500  # of a text that a user or a file gives: a paragraph of a page
+UNGRADED_SHARE = 0.5
+"""Share of the samples excluded or stuck above which nothing is graded: the rest is not representative."""
 WARM_S = 1800.0
 """s after a power-up before which no sensor counts as warm, and its bias not as settled."""
 
@@ -93,7 +95,7 @@ class SessionCounters:
     @property
     def mostly_excluded(self) -> bool:
         """Whether the guards excluded more than half of the record: it shows no grade, nor an assumed unit."""
-        return self.excluded_s > 0.5 * self.elapsed_s
+        return self.excluded_s > UNGRADED_SHARE * self.elapsed_s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

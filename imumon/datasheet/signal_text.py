@@ -11,8 +11,8 @@ import math
 import textwrap
 from collections.abc import Iterator
 
-from imumon.coefficients import BIAS_TERMS, LIMIT_95, unit_of
-from imumon.messages import SIGNIFICANT_WIDTHS, drifts_with_temperature, follows_temperature
+from imumon.coefficients import BIAS_TERMS, SIGNIFICANT, unit_of
+from imumon.messages import drifts_with_temperature, follows_temperature
 from imumon.report import GRADED, Change, Channel, Drift, ModelColumn, Report
 from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty, share_text
@@ -172,7 +172,7 @@ def _correlations(name: str, report: Report) -> Iterator[str]:
         for other, r in (shape.correlation.items() if shape is not None else ())
         if other in names[names.index(name) :]
         and abs(r) >= CORRELATED
-        and abs(r) > SIGNIFICANT_WIDTHS * LIMIT_95 * _standard_error(report, name, other)
+        and abs(r) > SIGNIFICANT * _standard_error(report, name, other)
     ]
     if others:
         yield f"moves together with {', '.join(others)}"

@@ -102,10 +102,6 @@ class GuardedStatistics:
                 self.differences.update(item.values[:, : self.allan_channels], allan_valid)
 
 
-UNGRADED_SHARE = 0.5
-"""Share of the samples excluded or stuck above which nothing is graded: the rest is not representative."""
-
-
 class Accumulators:
     """Statistics of one stream.
 

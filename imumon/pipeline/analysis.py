@@ -22,8 +22,8 @@ from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.stretches.quarters import excess
 from imumon.noise.stretches.warmup import still_settles
 from imumon.pipeline import report_builder
-from imumon.pipeline.accumulators import UNGRADED_SHARE, Accumulators
-from imumon.report import NOISE, BiasCurve, Channel, Estimate, SensorGrade
+from imumon.pipeline.accumulators import Accumulators
+from imumon.report import NOISE, UNGRADED_SHARE, BiasCurve, Channel, Estimate, SensorGrade
 from imumon.samples import UNITS, sensor_of
 from imumon.units import counted, duration
 

@@ -13,9 +13,9 @@ from imumon.messages import excluded_text
 from imumon.noise.grading import grade_sensor
 from imumon.noise.stretches.change import compare_with_report
 from imumon.pipeline import report_builder
-from imumon.pipeline.accumulators import UNGRADED_SHARE, Accumulators
+from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.analysis import Analysis
-from imumon.report import Change, Channel, ChannelGrade, Report, SensorGrade
+from imumon.report import UNGRADED_SHARE, Change, Channel, ChannelGrade, Report, SensorGrade
 from imumon.samples import sensor_of
 from imumon.units import share_text
 

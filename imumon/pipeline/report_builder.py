@@ -13,11 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from imumon import report
-from imumon.coefficients import COEFFICIENTS, LIMIT_95, NOISE, Excess
+from imumon.coefficients import COEFFICIENTS, LIMIT_95, NOISE, SIGNIFICANT, Excess
 from imumon.messages import NO_THERMOMETER
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import ChannelFit
-from imumon.noise.fit.results import SIGNIFICANT
 from imumon.noise.grading import LIMITS, grade_channel
 from imumon.noise.spectrum import PowerSpectrum
 from imumon.noise.statistics.differences import RobustDeviation

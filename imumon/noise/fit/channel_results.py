@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from imumon.coefficients import LIMIT_95
+from imumon.coefficients import LIMIT_95, SIGNIFICANT
 from imumon.noise.fit.description import Description
 from imumon.noise.fit.expected_curve import moved_variances
 from imumon.noise.fit.likelihood import averaged as average_over
 from imumon.noise.fit.likelihood import evidence, normal_matrix, quantiles
 from imumon.noise.fit.regressors import BENT, COLLINEAR, OSCILLATION
-from imumon.noise.fit.results import SIGNIFICANT, ChannelFit
+from imumon.noise.fit.results import ChannelFit
 from imumon.noise.fit.stated_curve import BENDS, Stated, line_bands, moved, oscillations
 from imumon.noise.fit.time_to_precision import seconds_to
 from imumon.noise.noise_sums import NoiseSums

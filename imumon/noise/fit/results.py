@@ -7,14 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from imumon.coefficients import SIGNIFICANT
 from imumon.report import COEFFICIENTS, NOISE, Change, Estimate, ModelColumn
 from imumon.samples import Bools, Floats
 
 SLOPE_TOLERANCE = 0.2
 """1, difference from the nominal slope of log sigma over log tau up to which a slope is read."""
-
-SIGNIFICANT = 3.9
-"""Standard errors from which a drift or a temperature slope is significant: 10^-4, because many channels are tested."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
