@@ -32,7 +32,7 @@ from imumon.noise.synthesis import synthesise
 from imumon.noise.uncertainty import probability_at_most, uncertainty_budgets, verdict
 from imumon.references import SheetError, published, read_sheet, sheet_of_model
 from imumon.references.limit_checks import conformity
-from imumon.report import COEFFICIENTS, Report, from_json, to_json
+from imumon.report import COEFFICIENTS, Event, Report, from_json, to_json
 from imumon.tui.formatting import Notation
 from imumon.units import figures
 
@@ -571,23 +571,16 @@ def test_excluded_intervals_have_begin_and_end() -> None:
     assert len(excluding_events(report)) == 3  # the first warm-up is part of the second
 
 
-def _events() -> tuple[Any, ...]:
-    base = make_report().events[0] if make_report().events else None
-    from imumon.report import Event
-
-    make = lambda kind, at, length, text: Event(  # noqa: E731
-        time=base.time if base else make_report().time,
-        kind=kind,
-        text=text,
-        device="a",
-        elapsed_s=at,
-        length_s=length,
+def _events() -> tuple[Event, ...]:
+    rows = (
+        ("disturbance", 400.13, 0.01, "glitch on gyro/x: 0.01 s excluded"),
+        ("disturbance", 1000.0, 2.0, "knock on gyro/x: 2 s excluded"),
+        ("warmup", 1500.0, 300.0, "a warm-up of 5 min is over and excluded"),
+        ("warmup", 1638.0, 594.0, "a warm-up of 9 min 54 s is over and excluded"),
     )
-    return (
-        make("disturbance", 400.13, 0.01, "glitch on gyro/x: 0.01 s excluded"),
-        make("disturbance", 1000.0, 2.0, "knock on gyro/x: 2 s excluded"),
-        make("warmup", 1500.0, 300.0, "a warm-up of 5 min is over and excluded"),
-        make("warmup", 1638.0, 594.0, "a warm-up of 9 min 54 s is over and excluded"),
+    return tuple(
+        Event(time=make_report().time, kind=kind, text=text, device="a", elapsed_s=at, length_s=length)
+        for kind, at, length, text in rows
     )
 
 
@@ -675,8 +668,7 @@ def test_the_exact_curve_has_the_samples_of_the_other_with_guards(recording: Pat
     curve = report.evaluation.exact["gyro/x"]
     assert curve.tau_s[-1] > 10.0
     assert max(abs(d) for d, tau in zip(curve.difference, curve.tau_s, strict=True) if d and tau < 5.0) < 0.05
-    with_exact = document(report, "svg", FilterReport(time=report.time, device=report.device)).decode()
-    assert ">exact<" in with_exact
+    assert ">exact<" in shown(report, "svg")
 
 
 # ---------------------------------------------------------------- words and the table of numbers

@@ -10,9 +10,7 @@ libraries/AP_InertialSensor/AP_InertialSensor_tempcal.cpp.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from math import comb
 
 from imumon.datasheet.filter_values import NAMES, caveat_lines
 from imumon.datasheet.tables import record_title, sensor_axes, sensor_title
@@ -64,6 +62,8 @@ def sensor_curve(report: Report, sensor: str, reference_degC: float | None = Non
     ----------
     reference_degC : degC; None: the middle of the temperatures of the record.
     """
+    from numpy.polynomial import Polynomial
+
     curves = {axis: channel.bias_curve for axis, channel in sensor_axes(report, sensor)}
     whole = [each for each in curves.values() if each is not None and each.is_known]
     if len(whole) < len(AXES):
@@ -76,7 +76,8 @@ def sensor_curve(report: Report, sensor: str, reference_degC: float | None = Non
     for axis, curve in zip(curves, whole, strict=True):
         comments.append(f"  {axis}: {_curve_text(curve)}")
         own = [each.value for each in curve.terms[: None if is_shown(curve) else 1]]
-        terms.append(_about([*own, *[0.0] * (TERMS - len(own))], reference - (curve.reference_degC or 0.0)))
+        moved = Polynomial(own)(Polynomial([reference - (curve.reference_degC or 0.0), 1.0])).coef.tolist()
+        terms.append((*moved, *[0.0] * (TERMS - len(moved))))
     return SensorCurve("", reference, low, high, tuple(terms), tuple(comments))
 
 
@@ -172,15 +173,3 @@ def ardupilot_lines(report: Report) -> list[str]:
 def _number(value: float) -> str:
     """Return a number with the digits that a float of 32 bits has."""
     return f"{value:.9g}"
-
-
-def _about(terms: Sequence[float], shift: float) -> tuple[float, ...]:
-    """Return the terms of a polynomial about a reference that is higher by a shift.
-
-    >>> _about([1.0, 2.0, 3.0, 0.0], 1.0)
-    (6.0, 8.0, 3.0, 0.0)
-    """
-    return tuple(
-        sum(term * comb(n, power) * shift ** (n - power) for n, term in enumerate(terms) if n >= power)
-        for power in range(len(terms))
-    )
