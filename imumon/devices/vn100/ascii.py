@@ -88,7 +88,6 @@ _TO_PATTERN = bytes.maketrans(b"-123456789", b"+000000000")
 _NUMBER = re.compile(rb"\+?0+(?:\.0+)?")
 _APPENDED = re.compile(rb"T0{1,15}|S[0A-Fa-f]{4}")
 _MAX_DIGITS = 15  # digits; 10^15 < 2^53, so the integer is exact. Required, not tuned
-_MIN_ARRAY = 8  # sentences; fewer are checked one by one. Sets the speed only
 _HEX = np.array([list(b"%02X" % value) for value in range(256)], np.uint8)
 
 
@@ -170,34 +169,20 @@ class SentenceFormat:
     def count_valid(self, data: bytes, at: int, check: int, end: int, limit: int) -> int:
         """Return the number of consecutive valid sentences of this pattern from `at`, at most `limit`.
 
-        The first one must be valid. A few are checked one by one, more in arrays whose size doubles as long
-        as all are valid.
+        The first one must be valid. The others are checked as arrays, whose size doubles as long as all are valid.
 
         Parameters
         ----------
         check, end : number of characters of the checksum and of the line end.
         """
         size = len(self.pattern) + 2 + check + end
-        step = _MIN_ARRAY
-        for count in range(1, min(limit, step)):
-            if not self._is_valid(data, at + count * size, size):
-                return count
-        count = min(limit, step)
-        while count < limit:
+        count = step = valid = 1
+        while count < limit and valid == step:
             step = min(2 * step, limit - count)
             rows = data[at + count * size : at + (count + step) * size]
-            count += (valid := self._count_valid_rows(rows, check, end, step))
-            if valid < step:
-                break
+            valid = self._count_valid_rows(rows, check, end, step)
+            count += valid
         return count
-
-    def _is_valid(self, data: bytes, at: int, size: int) -> bool:
-        match = SENTENCE.fullmatch(data, at, at + size)
-        return (
-            match is not None
-            and match[1].translate(_TO_PATTERN) == self.pattern
-            and intact(match[1], match[2])
-        )
 
     def _count_valid_rows(self, data: bytes, check: int, end: int, count: int) -> int:
         """Return how many of `count` sentences in `data` precede one that is invalid or differs."""

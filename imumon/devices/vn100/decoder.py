@@ -2,10 +2,7 @@
 
 Rules, which do not depend on the chunks:
 
-- A message begins at ``$`` or at FA; every other byte between messages is discarded.
-- Bytes that may become a message are kept until more bytes decide. If they cannot become one, or if the
-  checksum is wrong, **one** byte is discarded and the search continues after it: FA, ``$``, CR and LF all
-  occur inside payloads, and a damaged message must not take its neighbour with it.
+- A message begins at ``$`` or at FA: both occur inside payloads, see `FrameDecoder`.
 - A message is valid if its frame, its checksum and its grammar are valid. Then it is counted with all its
   bytes. Not every valid message is a sample: its numbers may not be finite.
 - A binary packet with a wrong CRC counts as a bad checksum only if its header occurred in a valid packet
@@ -19,19 +16,17 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from dataclasses import replace
 from functools import partial
-from itertools import groupby
 from typing import TypeAlias
 
 import numpy as np
 
-from imumon.devices.base import sample_blocks
+from imumon.devices.frame_decoder import FrameDecoder
 from imumon.devices.vn100 import ascii, binary
 from imumon.devices.vn100.ascii import Response, SensorError
-from imumon.devices.vn100.measurements import ConvertedSamples, SampleConverter
-from imumon.samples import Ints, SampleBlock, concatenated
+from imumon.samples import Bools, SampleBlock, selected
 
-_START = re.compile(rb"[$\xfa]")
 _TEXT = bytes(range(0x20, 0x7F)) + b"\r\n\t"
 _MAX_RUN = 8192
 """Messages; most that are decoded as one array, about as many as one read delivers."""
@@ -95,8 +90,8 @@ class LossCounter:
         return self._lost.pop(name, 0)
 
 
-class Vn100Decoder:
-    """Feed bytes, get items; see `imumon.devices.base.RawDecoder`.
+class Vn100Decoder(FrameDecoder[Response | SensorError]):
+    """Feed bytes, get items; see `imumon.devices.frame_decoder.FrameDecoder`.
 
     Attributes
     ----------
@@ -108,62 +103,31 @@ class Vn100Decoder:
     ([Response(command='VNRRG', fields=('07', '40'))], 4)
     """
 
+    start = re.compile(rb"[$\xfa]")
+
     def __init__(self) -> None:
-        self.fed = self.messages = self.message_bytes = self.discarded = 0
-        self.bad_checksums = self.nonfinite = 0
-        self._buffer = b""
+        super().__init__()
+        self.nonfinite = 0
         self._losses = LossCounter()
         self._started_streams: set[bytes] = set()
         self._seen_packet = False
-        self._items: list[DecodedItem] = []
-
-    @property
-    def pending(self) -> int:
-        """Bytes kept until more bytes decide whether they are a message."""
-        return len(self._buffer)
-
-    def feed(self, data: bytes) -> list[DecodedItem]:
-        """Return the items that `data` completes, in the order of their last bytes."""
-        self.fed += len(data)
-        return self._scan(self._buffer + data, final=False)
 
     def finish(self) -> list[DecodedItem]:
         """Return the items in the pending bytes at the end of the stream.
 
         Bytes that are fed later belong to another connection; losses between the two are not estimated.
         """
-        items = self._scan(self._buffer, final=True)
+        items = super().finish()
         self._losses = LossCounter()
         self._started_streams.clear()
         return items
 
-    @np.errstate(all="ignore")  # rows that are not finite are removed later
-    def _scan(self, data: bytes, final: bool) -> list[DecodedItem]:
-        at, end = 0, len(data)
-        while at < end:
-            start = _START.search(data, at)
-            begin = start.start() if start else end
-            self._discard(data[at:begin])
-            at = begin
-            if at == end:
-                break
-            size = self._packet(data, at) if data[at] == binary.SYNC else self._sentence(data, at)
-            if size is None:
-                if not final:
-                    break
-                size = 0
-            if size == 0:
-                self._discard(data[at : at + 1])
-                size = 1
-            at += size
-        self._buffer = data[at:]
-        items, self._items = self._items, []
-        return _merge_blocks(items)
+    def _read(self, data: bytes, at: int) -> int | None:
+        return self._packet(data, at) if data[at] == binary.SYNC else self._sentence(data, at)
 
     def _discard(self, data: bytes) -> None:
-        if data:
-            self.discarded += len(data)
-            self._losses.add_discarded(data)
+        super()._discard(data)
+        self._losses.add_discarded(data)
 
     def _packet(self, data: bytes, at: int) -> int | None:
         """Return the bytes of the valid packets that begin here; 0: none, None: more bytes are needed."""
@@ -187,8 +151,8 @@ class Vn100Decoder:
         lost = self._losses.add_valid(layout.header, layout.length, count)
         if layout.converter is not None:
             packets = layout.decode(data, at, count)
-            samples = layout.converter.convert(partial(layout.quantity, packets), count)
-            self._emit(layout.header, layout.converter, samples, lost)
+            block, valid = layout.converter.convert(partial(layout.quantity, packets), count)
+            self._emit(layout.header, block, valid, lost)
         return layout.length * count
 
     def _sentence(self, data: bytes, at: int) -> int | None:
@@ -212,7 +176,7 @@ class Vn100Decoder:
             return 0
         self._items += items
         self._losses.end_gap()
-        self._count(size, 1)
+        self._count(size)
         return size
 
     @staticmethod
@@ -240,40 +204,22 @@ class Vn100Decoder:
         converter = sentence_format.converter
         if converter is not None:
             values = sentence_format.read(data, at, size, count)
-            samples = converter.convert(partial(sentence_format.quantity, values), count)
-            self._emit(name, converter, samples, lost)
+            block, valid = converter.convert(partial(sentence_format.quantity, values), count)
+            self._emit(name, block, valid, lost)
         return size * count
 
-    def _count(self, size: int, count: int) -> None:
-        self.messages += count
-        self.message_bytes += size * count
-
-    def _emit(self, name: bytes, converter: SampleConverter, samples: ConvertedSamples, lost: int) -> None:
-        """Add a block of the valid samples; invalid ones count as lost."""
-        total = len(samples.values)
-        before: Ints = np.zeros(total, np.int64)
-        if samples.valid is not None:
-            rows = np.flatnonzero(samples.valid)
+    def _emit(self, name: bytes, block: SampleBlock, valid: Bools | None, lost: int) -> None:
+        """Add the valid samples of a block; invalid ones count as lost."""
+        if valid is not None:
+            total, rows = len(block), np.flatnonzero(valid)
             self.nonfinite += total - len(rows)
             if len(rows) == 0:
                 self._losses.add_lost(name, lost + total)
                 return
-            before = np.diff(rows, prepend=-1) - 1
             self._losses.add_lost(name, total - 1 - int(rows[-1]))
-            samples = samples.select(rows)
-        before[0] += lost
+            block = replace(selected(block, valid), lost=np.diff(rows, prepend=-1) - 1)
+        block.lost[0] += lost
         if name not in self._started_streams:
             self._started_streams.add(name)
-            before[0] = 0
-        block = SampleBlock(converter.stream, samples.values, samples.time_ns, before, samples.saturated)
+            block.lost[0] = 0
         self._items.append(block)
-
-
-def _merge_blocks(items: list[DecodedItem]) -> list[DecodedItem]:
-    """Return the items with consecutive blocks of one stream merged."""
-    merged: list[DecodedItem] = []
-    for _, group in groupby(items, key=lambda item: getattr(item, "stream", None)):
-        members = list(group)
-        blocks = sample_blocks(members)
-        merged += [concatenated(blocks)] if blocks else members
-    return merged

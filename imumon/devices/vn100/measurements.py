@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.devices.vn100.registers import LOOP_RATE
-from imumon.samples import CHANNELS, Bools, Clock, Floats, Ints, Kind, Stream, sensor_of
+from imumon.samples import CHANNELS, Bools, Clock, Floats, Ints, Kind, SampleBlock, Stream, sensor_of
 
 GetQuantity: TypeAlias = Callable[[str], npt.NDArray[Any]]
 """Function that returns a quantity by name: (n, k), k its number of components."""
@@ -62,31 +62,6 @@ class VpeStatus(IntFlag):
 
 
 @dataclass(frozen=True, slots=True)
-class ConvertedSamples:
-    """Samples of consecutive messages of one type, before invalid ones are removed.
-
-    Attributes
-    ----------
-    values : (n, c) channel unit.
-    time_ns : (n,) time of the clock of the stream, see `SampleBlock.time_ns`; None without a clock.
-    saturated : (n,) whether the sensor reports saturation; None if it does not report it.
-    valid : (n,) every number finite and plausible, every interval positive, every time stamp possible; None:
-        all are valid.
-    """
-
-    values: Floats
-    time_ns: Ints | None
-    saturated: Bools | None
-    valid: Bools | None
-
-    def select(self, rows: npt.NDArray[np.intp]) -> ConvertedSamples:
-        """Return only these rows."""
-        time = None if self.time_ns is None else self.time_ns[rows]
-        saturated = None if self.saturated is None else self.saturated[rows]
-        return ConvertedSamples(self.values[rows], time, saturated, None)
-
-
-@dataclass(frozen=True, slots=True)
 class SampleConverter:
     """Converts the quantities of one type of message to samples of one stream.
 
@@ -103,8 +78,12 @@ class SampleConverter:
     uses_dt: bool
     flags: tuple[str, ...]
 
-    def convert(self, get: GetQuantity, count: int) -> ConvertedSamples:
-        """Return the samples of `count` messages. The caller suppresses floating-point warnings."""
+    @np.errstate(all="ignore")  # rows that are not finite are invalid
+    def convert(self, get: GetQuantity, count: int) -> tuple[SampleBlock, Bools | None]:
+        """Return the samples of `count` messages of one type, and which are valid.
+
+        Those are finite and plausible, with a positive interval and a possible time stamp; None: all are.
+        """
         values = np.empty((len(self.stream.channels), count)).T  # channel by channel in memory
         dt = get("dt").astype(np.float64) if self.uses_dt else None
         for part, columns in self.parts:
@@ -122,7 +101,8 @@ class SampleConverter:
             word = get(flag)[:, 0]
             flagged = (word & VpeStatus.SATURATED.value if flag == "vpe" else word) != 0
             saturated = flagged if saturated is None else saturated | flagged
-        return ConvertedSamples(values, time, saturated, _valid_rows(values, dt, time))
+        block = SampleBlock(self.stream, values, time, np.zeros(count, np.int64), saturated)
+        return block, _valid_rows(values, dt, time)
 
 
 def _nanoseconds(dt: Floats) -> Ints:
