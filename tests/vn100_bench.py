@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import random
 
+from imumon.config import DeviceSettings
 from imumon.devices.ports import BAUD_RATES
 from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
 from imumon.devices.vn100.emulator.emulator import make_device
 from imumon.devices.vn100.emulator.faults import ForeignDevice
 from imumon.devices.vn100.registers import REGISTERS
-from imumon.devices.vn100.vn100_session import StreamRequest, Vn100Session
+from imumon.devices.vn100.vn100_session import Vn100Session
 from imumon.samples import Notice, SampleBlock
 
 STEP_S = 0.02
@@ -118,11 +119,11 @@ class Bench:
         memory = self.device.registers
         return {(r, p): memory.read(r, p) for r in REGISTERS if r in memory for p in (1, 2)}
 
-    def session(self, request: StreamRequest = StreamRequest(), **more: object) -> Vn100Session:  # noqa: B008
-        return Vn100Session(self, request, self.clock, **more)  # type: ignore[arg-type]
+    def session(self, settings: DeviceSettings = DeviceSettings(), **more: object) -> Vn100Session:  # noqa: B008
+        return Vn100Session(self, settings, self.clock, **more)  # type: ignore[arg-type]
 
-    def streaming(self, request: StreamRequest = StreamRequest()) -> Vn100Session:  # noqa: B008
-        session = self.session(request)
+    def streaming(self, settings: DeviceSettings = DeviceSettings()) -> Vn100Session:  # noqa: B008
+        session = self.session(settings)
         session.connect()
         session.save_settings()
         session.configure()

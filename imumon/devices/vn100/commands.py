@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from typing import Protocol
 
 from imumon.devices.base import DeviceError, DeviceNotFound
+from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.ascii import Response, SensorError, encode
 from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.devices.vn100.registers import ErrorCode
@@ -45,30 +45,6 @@ class OtherSensor(DeviceError):
     """The sensor is not that of this record."""
 
 
-class Port(Protocol):
-    """Port of a session. Its methods raise `DeviceLost` if it has vanished."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def baud(self) -> int: ...
-
-    @property
-    def fixed_baud(self) -> bool:
-        """Whether the baud rate has no effect."""
-
-    def read(self, timeout: float) -> bytes:
-        """Return the received bytes; wait up to `timeout` seconds for the first one."""
-
-    def write(self, data: bytes) -> None: ...
-
-    def set_baud(self, baud: int) -> bool:
-        """Change the baud rate and discard received bytes; return False if the adapter cannot."""
-
-    def reopen(self) -> None: ...
-
-
 class CommandChannel:
     """Requests and replies over one port.
 
@@ -88,7 +64,7 @@ class CommandChannel:
     """
 
     def __init__(
-        self, port: Port, clock: Callable[[], float], listen_only: bool, progress: Callable[[str], None]
+        self, port: SerialPort, clock: Callable[[], float], listen_only: bool, progress: Callable[[str], None]
     ) -> None:
         self.port = port
         self.settings: dict[int, str] = {}

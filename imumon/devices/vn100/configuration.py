@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from imumon.devices.base import DeviceNotFound, InvalidOption
 from imumon.devices.ports import BAUD_RATES
@@ -19,6 +20,7 @@ from imumon.devices.vn100.commands import CommandChannel, baud_unsupported
 from imumon.devices.vn100.decoder import Vn100Decoder
 from imumon.devices.vn100.registers import BINARY_OUTPUTS, LOOP_RATE, ErrorCode, RegisterNumber
 from imumon.devices.vn100.stream_settings import (
+    CHANGEABLE,
     OFF,
     UNCOMPENSATED_DELTAS,
     divisors,
@@ -30,18 +32,14 @@ from imumon.devices.vn100.stream_settings import (
     same,
     windowed,
 )
-from imumon.samples import Kind, SampleBlock, Stream
+from imumon.samples import SampleBlock, Stream
+
+if TYPE_CHECKING:
+    from imumon.config import DeviceSettings
 
 FIRST_PACKET_S = 0.5
 """s, and two output intervals, to wait for the first packet of a new stream."""
 
-_CHANGED = (
-    *BINARY_OUTPUTS,
-    RegisterNumber.DELTA_CONTROL,
-    RegisterNumber.IMU_FILTER,
-    RegisterNumber.OUTPUT_TYPE,
-)
-"""Registers that may be changed, in the order in which they are restored; the baud rate comes last."""
 _NEW_BAUD = "new baud"
 """Key of the baud rate that will be set, in the saved settings."""
 
@@ -67,9 +65,7 @@ class Configuration:
     Parameters
     ----------
     channel : to the sensor, whose settings are read before anything is called here.
-    kind : of samples to request.
-    baud : bit/s, to set on the sensor; None: never.
-    rate_hz : Hz, output rate to set; None: the highest that fits the baud rate.
+    settings : what the user requests.
     clock : s, monotonic.
 
     Attributes
@@ -77,17 +73,10 @@ class Configuration:
     remarks : about refused settings in the last `apply`.
     """
 
-    def __init__(
-        self,
-        channel: CommandChannel,
-        kind: Kind,
-        baud: int | None,
-        rate_hz: float | None,
-        clock: Callable[[], float],
-    ) -> None:
+    def __init__(self, channel: CommandChannel, settings: DeviceSettings, clock: Callable[[], float]) -> None:
         self.remarks: list[str] = []
         self._channel, self._port, self._clock = channel, channel.port, clock
-        self._kind, self._baud, self._rate_hz = kind, baud, rate_hz
+        self._kind, self._baud, self._rate_hz = settings.stream, settings.set_baud, settings.set_rate_hz
         self._originals: dict[int, str] | None = None
         self._paused = False
 
@@ -98,7 +87,7 @@ class Configuration:
         ----------
         saved : the return value in an earlier process that ended without `revert`; None: there was none.
         """
-        new_baud = None if self._baud is None else str(self._baud)
+        new_baud = str(self._baud) if self._baud else None
         before, written = self._originals, new_baud
         if before is None and saved is not None:
             before = {int(register): text for register, text in saved.items() if register.isdigit()}
@@ -123,7 +112,7 @@ class Configuration:
         if self._channel.request("VNASY,0") is None:
             text = f"the sensor on {self._port.name} has stopped replying"
             raise DeviceNotFound("device_stopped_replying", text, "check the cable")
-        if self._baud is not None and not self._change_baud(self._baud):
+        if self._baud and not self._change_baud(self._baud):
             self.remarks.append(f"the sensor stays at {self._port.baud} baud, it refused {self._baud}")
         stream = self._start_binary()
         if stream is None:
@@ -136,7 +125,7 @@ class Configuration:
     def _check_rate(self) -> None:
         """Raise `InvalidOption` if the requested rate is none of the sensor, or does not fit the baud rate."""
         rate_hz, baud = self._rate_hz, self._baud or self._port.baud
-        if rate_hz is None or divisors(self._kind, baud, rate_hz):
+        if not rate_hz or divisors(self._kind, baud, rate_hz):
             return
         rates = [f"{LOOP_RATE // divisor}" for divisor in reversed(divisors(self._kind, baud))]
         text = f"{rate_hz:g} Hz is no output rate of the sensor at {baud} baud"
@@ -155,7 +144,9 @@ class Configuration:
         changed = [r for r, text in before.items() if r in channel.written or channel.settings.get(r) != text]
         if not changed and not self._paused:
             return True
-        done = self._is_pausing(before) and all(channel.write(r, before[r]) for r in _CHANGED if r in changed)
+        done = self._is_pausing(before) and all(
+            channel.write(r, before[r]) for r in CHANGEABLE if r in changed
+        )
         if done and RegisterNumber.BAUD in changed:
             done = self._change_baud(int(before[RegisterNumber.BAUD]))
         if not done or channel.request("VNASY,1") is None:
@@ -261,7 +252,7 @@ class Configuration:
         """Restore the outputs and use the stream of the sensor; where there is none, its IMU sentence."""
         channel, before = self._channel, self._originals or {}
         self.remarks.append("the binary stream does not arrive: the stream that the sensor sends is used")
-        for register in _CHANGED:
+        for register in CHANGEABLE:
             if register in before:
                 channel.write(register, before[register])
         if before.get(RegisterNumber.OUTPUT_TYPE) == "0" and all(

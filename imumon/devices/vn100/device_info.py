@@ -46,7 +46,9 @@ def device_info(
     """
     facts = {} if stream is None else stream.facts
     rate = nominal_rate(settings, stream) or rate_hz
-    factors = _alias_factors(settings, stream, rate)
+    factors: dict[str, float | None] = {"gyro": None, "accel": None}
+    if stream is not None:
+        factors = alias_factors(stream.kind_of, rate, settings.get(RegisterNumber.IMU_FILTER))
     worst = None if None in factors.values() else max(filter(None, factors.values()))
     model, serial = identity.get(1), identity.get(3)
     family = family_of(model)
@@ -86,16 +88,6 @@ def device_info(
 def _delta_control(settings: Texts, stream: Stream | None) -> str | None:
     """Return how the sensor compensates increments; empty if the stream has none, None: unknown."""
     return settings.get(RegisterNumber.DELTA_CONTROL) if stream and any(stream.averaged) else ""
-
-
-def _alias_factors(settings: Texts, stream: Stream | None, rate_hz: float | None) -> dict[str, float | None]:
-    """Return the factor by which aliasing inflates N, by sensor; None: unknown."""
-    if stream is None:
-        return {"gyro": None, "accel": None}
-    window = settings.get(RegisterNumber.IMU_FILTER)
-    return {
-        sensor: alias_factors(stream.kind_of(sensor), rate_hz, window)[sensor] for sensor in ("gyro", "accel")
-    }
 
 
 def nominal_rate(settings: Texts, stream: Stream | None) -> float | None:

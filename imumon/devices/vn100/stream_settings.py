@@ -9,7 +9,7 @@ was killed. This module sends nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
 from imumon.devices.vn100.registers import BINARY_OUTPUTS, LOOP_RATE, REGISTERS, RegisterNumber
@@ -37,6 +37,15 @@ DIVISORS = tuple(d for d in range(1, LOOP_RATE + 1) if LOOP_RATE % d == 0)
 """Divisors whose rate is a whole number of hertz."""
 
 
+CHANGEABLE = (
+    *BINARY_OUTPUTS,
+    RegisterNumber.DELTA_CONTROL,
+    RegisterNumber.IMU_FILTER,
+    RegisterNumber.OUTPUT_TYPE,
+)
+"""Registers that may be changed, in the order in which they are restored; the baud rate comes last."""
+
+
 def output(kind: Kind, divisor: int, mode: int) -> str:
     """Return the value of a binary output register for `kind`; `mode` is the port of the sensor, 1 or 2.
 
@@ -46,14 +55,14 @@ def output(kind: Kind, divisor: int, mode: int) -> str:
     return f"{mode},{divisor},05,0001,{_OUTPUTS[kind][0]:04X}"
 
 
-def divisors(kind: Kind, baud: int, rate_hz: float | None = None) -> list[int]:
-    """Return the divisors whose stream fits the baud rate, the fastest first; `rate_hz`: of that rate only.
+def divisors(kind: Kind, baud: int, rate_hz: float = 0.0) -> list[int]:
+    """Return the divisors whose stream fits the baud rate, the fastest first; `rate_hz`, if any: of that rate only.
 
     >>> [LOOP_RATE // divisors("deltas", baud)[0] for baud in (9600, 115200, 921600)]
     [8, 100, 800]
     """
     fitting = [d for d in DIVISORS if _OUTPUTS[kind][1] * LOOP_RATE / d <= LOAD * baud / 10]
-    return [d for d in fitting if rate_hz is None or d * rate_hz == LOOP_RATE]
+    return [d for d in fitting if not rate_hz or d * rate_hz == LOOP_RATE]
 
 
 def own_output(settings: Texts) -> str:
@@ -137,7 +146,9 @@ def windowed(text: str, window: int, kind: Kind) -> str | None:
     return ",".join(fields)
 
 
-def alias_factors(kind: Kind, rate_hz: float | None, filtering: str | None) -> dict[str, float | None]:
+def alias_factors(
+    kind_of: Callable[[str], Kind], rate_hz: float | None, filtering: str | None
+) -> dict[str, float | None]:
     """Return the nominal factor by which aliasing inflates N of each sensor; 1: none, None: unknown.
 
     The sensor averages `window` samples of its 800 Hz loop and sends every (800/rate)-th average. White noise
@@ -146,22 +157,24 @@ def alias_factors(kind: Kind, rate_hz: float | None, filtering: str | None) -> d
 
     Parameters
     ----------
+    kind_of : kind of the samples of a sensor.
     rate_hz : Hz, output rate; None: unknown.
     filtering : register 85; None: unknown.
 
-    >>> alias_factors("compensated", 40.0, "0,4,4,4,0,0,3,3,3,0")["gyro"].__round__(3)
+    >>> alias_factors(lambda _: "compensated", 40.0, "0,4,4,4,0,0,3,3,3,0")["gyro"].__round__(3)
     2.236
     """
-    if kind == "deltas":
-        return {"gyro": 1.0, "accel": 1.0}
-    fields = (filtering or "").split(",")
-    if rate_hz is None or rate_hz <= 0.0 or len(fields) != 10 or not all(map(str.isdigit, fields)):
-        return {"gyro": None, "accel": None}
-    bit = 1 if kind == "uncompensated" else 2
     factors: dict[str, float | None] = {}
+    fields = (filtering or "").split(",")
     for sensor, column in (("gyro", 2), ("accel", 1)):
-        window = max(1, int(fields[column])) if int(fields[column + 5]) & bit else 1
-        factors[sensor] = alias_factor(window, rate_hz)
+        kind = kind_of(sensor)
+        if kind == "deltas":
+            factors[sensor] = 1.0
+        elif not rate_hz or len(fields) != 10 or not all(map(str.isdigit, fields)):
+            factors[sensor] = None
+        else:
+            applies = int(fields[column + 5]) & (1 if kind == "uncompensated" else 2)
+            factors[sensor] = alias_factor(int(fields[column]) if applies else 1, rate_hz)
     return factors
 
 
@@ -199,14 +212,7 @@ def originals(current: Texts, saved: Texts | None, new_baud: str | None = None) 
     saved : originals of an earlier process that did not restore them; None: there are none.
     new_baud : baud rate that this process may have set.
     """
-    changeable = (
-        RegisterNumber.BAUD,
-        RegisterNumber.OUTPUT_TYPE,
-        *BINARY_OUTPUTS,
-        RegisterNumber.DELTA_CONTROL,
-        RegisterNumber.IMU_FILTER,
-    )
-    values = {r: current[r] for r in changeable if r in current}
+    values = {r: current[r] for r in (*CHANGEABLE, RegisterNumber.BAUD) if r in current}
     requested = [r for r in BINARY_OUTPUTS if is_ours(values.get(r, OFF))]
     if saved is None:
         if not requested:

@@ -1,10 +1,10 @@
 """The VN-100 as a device: identification, configuration, health checks and restored settings.
 
-The port and the clock of a session are arguments; it waits only in `Port.read`. `PortDevice` opens the port. Rules:
+The port and the clock of a session are arguments; it waits only in `read` of the port, which `PortDevice` opens. Rules:
 
-- Only `configuration` changes the sensor and restores it; with `StreamRequest.listen_only` nothing is written.
+- Only `configuration` changes the sensor and restores it; with `DeviceSettings.listen_only` nothing is written.
 - `check_health` repairs what can be repaired in place: a paused sensor, a restarted one, another baud rate, a
-  bad read. If the port vanishes, the exception of `Port` passes through.
+  bad read. If the port vanishes, the exception of the port passes through.
 
 Life of a session: `connect`, `save_settings` (keep the result on disk), `configure`; then `read`, `decode` and
 `check_health` repeatedly; `restore`.
@@ -14,19 +14,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from imumon.devices.base import RESTART_NS, DeviceNotFound, DeviceOptions
 from imumon.devices.port_device import QUIET_UNKNOWN_S, PortDevice, RateCheck, Session
 from imumon.devices.ports import BAUD_RATES
 from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.ascii import ERRORS, SensorError
-from imumon.devices.vn100.commands import CommandChannel, NotAVn100, OtherSensor, Port
+from imumon.devices.vn100.commands import CommandChannel, NotAVn100, OtherSensor
 from imumon.devices.vn100.configuration import Configuration
 from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.devices.vn100.device_info import device_info, nominal_rate
 from imumon.devices.vn100.registers import CHANGE_THE_DATA, FACTORY_BAUD, LOOP_RATE, RegisterNumber
 from imumon.samples import DeviceInfo, Kind, Notice, SampleBlock, Stream
+
+if TYPE_CHECKING:
+    from imumon.config import DeviceSettings
 
 QUIET_S = 1.0
 """s without data after which the sensor is resumed; or four samples, if they take longer."""
@@ -40,35 +44,13 @@ ERROR_NOTICE_S = 60.0
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 
 
-@dataclass(frozen=True, slots=True)
-class StreamRequest:
-    """Stream that the user requests.
-
-    Attributes
-    ----------
-    stream : kind of samples to request from the sensor.
-    listen_only : write nothing.
-    baud : bit/s; None: detect it.
-    set_baud : bit/s, change the baud rate of the sensor to this; None: never.
-    set_rate_hz : Hz, output rate to set; None: the highest that fits the baud rate.
-    rate_hz : Hz, rate of a stream without a clock if the sensor does not give it.
-    """
-
-    stream: Kind = "deltas"
-    listen_only: bool = False
-    baud: int | None = None
-    set_baud: int | None = None
-    set_rate_hz: float | None = None
-    rate_hz: float | None = None
-
-
 class Vn100Session(Session):
     """One sensor on one port.
 
     Parameters
     ----------
     port : open port.
-    request : stream that the user requests.
+    settings : what the user requests.
     clock : s, monotonic.
     decoder : of an earlier session with this sensor, so that its counters continue.
     serial : serial number that the sensor must have; None: any.
@@ -82,8 +64,8 @@ class Vn100Session(Session):
 
     def __init__(
         self,
-        port: Port,
-        request: StreamRequest,
+        port: SerialPort,
+        settings: DeviceSettings,
         clock: Callable[[], float],
         *,
         decoder: Vn100Decoder | None = None,
@@ -92,11 +74,9 @@ class Vn100Session(Session):
         paced: bool = True,
     ) -> None:
         self.decoder = Vn100Decoder() if decoder is None else decoder
-        self._port, self._request, self._clock, self._progress = port, request, clock, progress
-        self._channel = CommandChannel(port, clock, request.listen_only, progress)
-        self._configuration = Configuration(
-            self._channel, request.stream, request.set_baud, request.set_rate_hz, clock
-        )
+        self._port, self._settings, self._clock, self._progress = port, settings, clock, progress
+        self._channel = CommandChannel(port, clock, settings.listen_only, progress)
+        self._configuration = Configuration(self._channel, settings, clock)
         self._serial, self._paced = serial, paced
         self._identity: dict[int, str] = {}
         self._divisor: int | None = None  # of the configured stream; None if the sensor sends its own
@@ -122,7 +102,7 @@ class Vn100Session(Session):
         OtherSensor : another serial number than `serial`.
         """
         self._channel.find_baud(self._bauds())
-        if not self._request.listen_only:
+        if not self._settings.listen_only:
             self._identify()
         self._reset_health(self._clock())
         return self.info()
@@ -134,7 +114,7 @@ class Vn100Session(Session):
         ----------
         saved : the return value in an earlier process that ended without `restore`; None: there was none.
         """
-        return {} if self._request.listen_only else self._configuration.save_originals(saved)
+        return {} if self._settings.listen_only else self._configuration.save_originals(saved)
 
     def configure(self) -> DeviceInfo:
         """Make the sensor stream the requested samples; if it cannot, use its own stream and add a remark.
@@ -145,7 +125,7 @@ class Vn100Session(Session):
         """
         self._streams.clear()
         self._divisor = None
-        if not self._request.listen_only:
+        if not self._settings.listen_only:
             self._progress("configuring the stream")
             configured = self._configuration.apply()
             if configured is not None:
@@ -156,7 +136,7 @@ class Vn100Session(Session):
 
     def changes(self) -> str | None:
         """Return which output was changed and what is restored at the end; None without a change."""
-        return None if self._request.listen_only else self._configuration.changes()
+        return None if self._settings.listen_only else self._configuration.changes()
 
     def restore(self) -> bool:
         """Restore the original settings; return whether the sensor has confirmed each.
@@ -187,7 +167,7 @@ class Vn100Session(Session):
         for item in items:
             if isinstance(item, SampleBlock):
                 self._streams[item.stream.kind] = item.stream
-                if self._divisor is None or item.stream.kind == self._request.stream:
+                if self._divisor is None or item.stream.kind == self._settings.stream:
                     self._on_samples(now)
                 self._check_rate(item, now)
                 self._check_restart(item)
@@ -218,7 +198,7 @@ class Vn100Session(Session):
             self._identity,
             self._channel.settings,
             self._best(),
-            LOOP_RATE / self._divisor if self._divisor is not None else self._request.rate_hz,
+            LOOP_RATE / self._divisor if self._divisor is not None else self._settings.rate_hz or None,
             tuple(self._configuration.remarks),
         )
         remark = info.sample_rate_hz and self._rate_check.remark(info.sample_rate_hz)
@@ -232,8 +212,8 @@ class Vn100Session(Session):
         """Compare a configured rate with the host clock if the stream has no clock, or with listen-only."""
         if not self._paced or block.stream != self._best():
             return
-        if self._request.listen_only or block.stream.clock == "none":
-            nominal = nominal_rate(self._channel.settings, block.stream) or self._request.rate_hz
+        if self._settings.listen_only or block.stream.clock == "none":
+            nominal = nominal_rate(self._channel.settings, block.stream) or self._settings.rate_hz
             if nominal:
                 self._rate_check.update(len(block) + int(block.lost.sum()), now, nominal)
 
@@ -249,8 +229,8 @@ class Vn100Session(Session):
         """Return the baud rates to try, in this order."""
         if self._port.fixed_baud:
             return [self._port.baud]
-        if self._request.baud is not None:
-            return list(dict.fromkeys((self._request.baud, self._request.set_baud or self._request.baud)))
+        if self._settings.baud != "auto":
+            return list(dict.fromkeys((self._settings.baud, self._settings.set_baud or self._settings.baud)))
         return list(dict.fromkeys((self._port.baud, *BAUD_RATES)))
 
     def _identify(self) -> None:
@@ -317,7 +297,7 @@ class Vn100Session(Session):
         self._next_check = now + QUIET_S
         if self._silences > 2:
             self._notice_once("silent", "nothing arrives from the sensor: check its power and the cable")
-        if self._request.listen_only:
+        if self._settings.listen_only:
             return
         if self._silences % 8:
             self._channel.resume_output()
@@ -370,23 +350,16 @@ class Vn100Device(PortDevice):
     title = "VN-100"
 
     def __init__(self, options: DeviceOptions) -> None:
-        settings = options.settings
-        self._request = StreamRequest(
-            stream=settings.stream,
-            listen_only=settings.listen_only,
-            baud=None if settings.baud == "auto" else settings.baud,
-            set_baud=settings.set_baud or None,
-            set_rate_hz=settings.set_rate_hz or None,
-            rate_hz=settings.rate_hz or None,
-        )
+        self._settings = options.settings
         self._messages = Vn100Decoder()
         path = options.url.removeprefix("vn100:")
-        super().__init__(options, path, self._request.baud or FACTORY_BAUD, self._messages)
+        baud = FACTORY_BAUD if self._settings.baud == "auto" else self._settings.baud
+        super().__init__(options, path, baud, self._messages)
 
     def _new_session(self, port: SerialPort) -> Vn100Session:
         return Vn100Session(
             port,
-            self._request,
+            self._settings,
             time.monotonic,
             decoder=self._messages,
             serial=self._serial,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 
 import pytest
@@ -13,7 +14,7 @@ from vn100_emulated import ask, blocks, make, save
 from imumon.devices.base import InvalidOption
 from imumon.devices.vn100 import ascii
 from imumon.devices.vn100.checksum import crc16
-from imumon.devices.vn100.emulator import EmulatorSettings, Noise, from_command_line
+from imumon.devices.vn100.emulator import EmulatorSettings, Noise, add_arguments, from_arguments
 from imumon.devices.vn100.emulator.command_handler import BOOTING_S, SAVING_S
 from imumon.devices.vn100.emulator.faults import Faults
 from imumon.devices.vn100.registers import (
@@ -308,10 +309,14 @@ def test_impossible_rates_are_rejected() -> None:
     assert unfit.value.code == "rate_does_not_fit"
 
 
-def test_settings_survive_a_round_trip_through_the_command_line() -> None:
+def test_the_command_line_gives_the_settings() -> None:
     settings = EmulatorSettings(
         rate=100, baud=230400, speed=60, gyro=Noise((1e-4, 2e-4, 3e-4), (0, 0, 0), (0, 0, 0)), seed=3,
         hum=0.01, model="VN-200", impostor="nmea", faults=Faults.parse("drop=0.25,crc=1e-3"),
     )  # fmt: skip
-    assert from_command_line(settings.arguments()) == settings
-    assert from_command_line([]) == EmulatorSettings()
+    words = "--rate 100 --baud 230400 --speed 60 --gyro-n 1e-4,2e-4,3e-4 --gyro-b 0 --gyro-k 0,0,0 --seed 3 "
+    words += "--hum 0.01 --model VN-200 --impostor nmea --fault drop=0.25,crc=1e-3"
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    assert from_arguments(parser.parse_args(words.split())) == settings
+    assert from_arguments(parser.parse_args([])) == EmulatorSettings()

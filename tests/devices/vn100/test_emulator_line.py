@@ -321,7 +321,8 @@ def test_signals_end_the_emulator_and_remove_the_link(number: int, code: int, tm
     command = [
         sys.executable,
         "-m",
-        "imumon.devices.vn100.emulator",
+        "imumon",
+        "sim",
         "--link",
         str(link),
         "--control",
@@ -355,7 +356,7 @@ def test_a_link_replaces_no_other_file(tmp_path: Path) -> None:
     kept.write_text("mine")
     (tmp_path / "linked").symlink_to(kept)
     for arguments in (["--link", str(kept)], ["--link", str(tmp_path / "linked")], ["--control", str(kept)]):
-        command = [sys.executable, "-m", "imumon.devices.vn100.emulator", *arguments]
+        command = [sys.executable, "-m", "imumon", "sim", *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 2
         assert str(kept) in done.stderr
@@ -365,7 +366,7 @@ def test_a_link_replaces_no_other_file(tmp_path: Path) -> None:
 
 def test_a_link_to_a_used_terminal_is_kept_and_a_stale_one_is_replaced(tmp_path: Path) -> None:
     link = tmp_path / "vn100"
-    command = [sys.executable, "-m", "imumon.devices.vn100.emulator", "--link", str(link)]
+    command = [sys.executable, "-m", "imumon", "sim", "--link", str(link)]
     with spawn(EmulatorSettings(seed=1, link=str(link))) as sensor:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stdout) == (2, "")
@@ -387,10 +388,10 @@ def test_a_link_to_a_used_terminal_is_kept_and_a_stale_one_is_replaced(tmp_path:
 
 def test_usage_errors_are_one_line() -> None:
     for arguments in (["--rate", "300"], ["--rate", "200", "--baud", "115200"]):
-        command = [sys.executable, "-m", "imumon.devices.vn100.emulator", *arguments]
+        command = [sys.executable, "-m", "imumon", "sim", *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode != 0
-        assert done.stderr.startswith(f"imumon sim: --rate {arguments[1]}")
+        assert re.match(rf"imumon( sim)?: --rate {arguments[1]}", done.stderr)
         assert done.stderr.count("\n") == 1
         assert done.stdout == ""
 

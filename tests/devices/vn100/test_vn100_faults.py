@@ -8,12 +8,12 @@ import re
 import pytest
 from vn100_bench import RATE, Bench, Killed, kinds
 
+from imumon.config import DeviceSettings
 from imumon.devices.vn100.ascii import ERRORS, encode
 from imumon.devices.vn100.commands import OtherSensor
 from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
 from imumon.devices.vn100.emulator.emulator import make_device
-from imumon.devices.vn100.vn100_session import StreamRequest
 
 # ---------------------------------------------------------------------- faults
 
@@ -50,7 +50,7 @@ def test_restarted_sensor_with_the_same_saved_stream_is_configured_again() -> No
 @pytest.mark.parametrize("flash", [9600, 460800])
 def test_other_baud_after_a_power_interruption_is_found(flash: int) -> None:
     bench = Bench(make_device(EmulatorSettings(seed=1, baud=flash, rate=RATE.get(flash, 40.0))))
-    session = bench.streaming(StreamRequest(set_baud=115200))
+    session = bench.streaming(DeviceSettings(set_baud=115200))
     assert bench.baud == 115200
     bench.run(session, 0.5)
     bench.power_cut()
@@ -165,7 +165,7 @@ def test_lossy_line_is_usable() -> None:
 
 def test_flash_is_not_written_and_the_sensor_is_not_reset() -> None:
     bench = Bench()
-    session = bench.streaming(StreamRequest(set_baud=230400))
+    session = bench.streaming(DeviceSettings(set_baud=230400))
     bench.run(session, 1.0)
     bench.power_cut()
     bench.run(session, 4.0)
@@ -202,7 +202,7 @@ def test_restore_restores_every_register(seed: int) -> None:
     bench = Bench(_random_settings(dice))
     before = bench.registers()
     stream = dice.choice(("deltas", "uncompensated", "compensated"))
-    session = bench.streaming(StreamRequest(stream=stream, set_baud=dice.choice((None, 460800))))  # type: ignore[arg-type]
+    session = bench.streaming(DeviceSettings(stream=stream, set_baud=dice.choice((0, 460800))))  # type: ignore[arg-type]
     assert bench.registers() != before
     bench.run(session, 0.5)
     assert session.restore()
@@ -215,8 +215,8 @@ def test_settings_are_restored_after_a_kill_at_any_moment(seed: int) -> None:
     """The same session restores them after an interruption, the next one after a kill."""
     dice = random.Random(100 + seed)
     original = _random_settings(dice)
-    request = StreamRequest(
-        stream=dice.choice(("deltas", "uncompensated")), set_baud=dice.choice((None, 460800))
+    request = DeviceSettings(
+        stream=dice.choice(("deltas", "uncompensated")), set_baud=dice.choice((0, 460800))
     )  # type: ignore[arg-type]
     before = Bench(original).registers()
     for steps in range(seed % 3, 1000, 3):
@@ -249,7 +249,7 @@ def test_settings_of_a_killed_process_are_restored_without_saved_settings() -> N
     for stream in ("deltas", "uncompensated"):
         bench = Bench()
         before = bench.registers()
-        bench.streaming(StreamRequest(stream=stream))  # type: ignore[arg-type]
+        bench.streaming(DeviceSettings(stream=stream))  # type: ignore[arg-type]
         assert bench.registers() != before
         second = bench.streaming()
         assert second.restore()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from vn100_bench import RATE, Bench, Unplugged
 
+from imumon.config import DeviceSettings
 from imumon.devices.base import DeviceNotFound, InvalidOption
 from imumon.devices.ports import BAUD_RATES
 from imumon.devices.vn100.binary import BinaryLayout
@@ -17,7 +18,6 @@ from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.devices.vn100.emulator.emulator import make_device
 from imumon.devices.vn100.emulator.faults import ForeignDevice
 from imumon.devices.vn100.stream_settings import DIVISORS, alias_factors, divisors, is_ours, output
-from imumon.devices.vn100.vn100_session import StreamRequest
 from imumon.samples import DeviceInfo
 
 # ---------------------------------------------------------------------- connection
@@ -87,14 +87,14 @@ def test_garbage_in_the_input_buffer_does_not_disturb_the_first_request() -> Non
 def test_only_the_configured_baud_is_tried() -> None:
     bench = Bench()
     with pytest.raises(NotAVn100) as refused:
-        bench.session(StreamRequest(baud=9600)).connect()
+        bench.session(DeviceSettings(baud=9600)).connect()
     assert refused.value.code == "device_sends_garbage"
-    assert bench.session(StreamRequest(baud=115200)).connect().baud == 115200
+    assert bench.session(DeviceSettings(baud=115200)).connect().baud == 115200
 
 
 def test_the_requested_output_rate_is_set_and_the_change_is_said() -> None:
     bench = Bench()
-    session = bench.streaming(StreamRequest(set_rate_hz=50.0))
+    session = bench.streaming(DeviceSettings(set_rate_hz=50.0))
     samples, _ = bench.run(session, 2.0)
     assert session.info().sample_rate_hz == 50.0
     assert samples == pytest.approx(100, abs=5)
@@ -108,8 +108,8 @@ def test_the_requested_output_rate_is_set_and_the_change_is_said() -> None:
 def test_an_output_rate_that_is_not_possible_is_refused(rate: float) -> None:
     bench = Bench()
     with pytest.raises(InvalidOption, match=r"at 115200 baud: give --set-rate one of 1, 2, .*, 100, or"):
-        bench.streaming(StreamRequest(set_rate_hz=rate))
-    assert bench.streaming(StreamRequest(set_rate_hz=200.0, set_baud=230400)).info().sample_rate_hz == 200.0
+        bench.streaming(DeviceSettings(set_rate_hz=rate))
+    assert bench.streaming(DeviceSettings(set_rate_hz=200.0, set_baud=230400)).info().sample_rate_hz == 200.0
 
 
 def test_unsupported_baud_is_skipped_or_an_error() -> None:
@@ -117,9 +117,9 @@ def test_unsupported_baud_is_skipped_or_an_error() -> None:
     bench.adapter_can = {9600, 115200}
     assert bench.session().connect().baud == 115200
     with pytest.raises(DeviceNotFound) as refused:
-        bench.session(StreamRequest(baud=921600)).connect()
+        bench.session(DeviceSettings(baud=921600)).connect()
     assert refused.value.code == "baud_unsupported"
-    session = bench.session(StreamRequest(set_baud=921600))
+    session = bench.session(DeviceSettings(set_baud=921600))
     session.connect()
     with pytest.raises(DeviceNotFound) as refused:
         session.configure()
@@ -179,7 +179,7 @@ def test_another_device_is_refused_with_a_code_for_its_bytes(kind: str, code: st
     bench.impostor = ForeignDevice(kind, 0.0)
     tried: list[str] = []
     with pytest.raises(NotAVn100) as refused:
-        bench.session(StreamRequest(listen_only=listen_only), progress=tried.append).connect()
+        bench.session(DeviceSettings(listen_only=listen_only), progress=tried.append).connect()
     assert refused.value.code == code
     assert refused.value.cure
     assert "\n" not in str(refused.value)
@@ -228,7 +228,7 @@ def test_exception_of_a_vanished_port_passes_through() -> None:
 @pytest.mark.parametrize("baud", [9600, 115200, 921600])
 def test_readings_are_averaged_over_their_interval(stream: str, baud: int) -> None:
     bench = Bench(make_device(EmulatorSettings(seed=1, baud=baud, rate=RATE.get(baud, 40.0))))
-    session = bench.streaming(StreamRequest(stream=stream))  # type: ignore[arg-type]
+    session = bench.streaming(DeviceSettings(stream=stream))  # type: ignore[arg-type]
     info = session.info()
     assert info.stream == stream
     assert info.alias_factor == 1.0
@@ -251,7 +251,7 @@ def test_compensated_deltas_are_switched_to_uncompensated() -> None:
 
 def test_set_baud_raises_the_baud_and_restore_lowers_it() -> None:
     bench = Bench()
-    session = bench.streaming(StreamRequest(set_baud=921600))
+    session = bench.streaming(DeviceSettings(set_baud=921600))
     assert bench.baud == bench.device.baud == 921600
     assert session.info().sample_rate_hz == 800.0
     samples, _ = bench.run(session, 1.0)
@@ -295,7 +295,7 @@ def test_listen_only_writes_nothing_and_reports_unknown_values(
     if binary is not None:
         bench.device.set_register(75, *binary)
     before = bench.registers()
-    session = bench.session(StreamRequest(listen_only=True, rate_hz=40.0 if binary is None else None))
+    session = bench.session(DeviceSettings(listen_only=True, rate_hz=40.0 if binary is None else 0.0))
     assert session.connect().model is None
     assert session.save_settings() == {}
     session.configure()
@@ -318,7 +318,7 @@ def listening(*binary: str, register: tuple[str, ...] = (), **options: object) -
     bench.device.set_register(75, *binary)
     if register:
         bench.device.set_register(82, *register)
-    session = bench.session(StreamRequest(listen_only=not register, **options))  # type: ignore[arg-type]
+    session = bench.session(DeviceSettings(listen_only=not register, **options))  # type: ignore[arg-type]
     session.connect()
     bench.run(session, 1.0)
     return session.info()
@@ -347,7 +347,7 @@ def test_deltas_are_uncompensated_only_if_register_82_is_known() -> None:
 @pytest.mark.parametrize(("rate", "correct"), [(40.0, True), (39.8, True), (38.0, False), (80.0, False)])
 def test_configured_rate_is_compared_with_the_host_clock(rate: float, correct: bool) -> None:
     bench = Bench()
-    session = bench.session(StreamRequest(listen_only=True, rate_hz=rate))
+    session = bench.session(DeviceSettings(listen_only=True, rate_hz=rate))
     session.connect()
     bench.run(session, 4.0)
     assert not any("samples arrive at" in remark for remark in session.info().remarks)
@@ -363,7 +363,7 @@ def test_configured_rate_is_compared_with_the_host_clock(rate: float, correct: b
 
 def test_rate_is_not_compared_in_time_lapse() -> None:
     bench = Bench()
-    session = bench.session(StreamRequest(listen_only=True, rate_hz=80.0), paced=False)
+    session = bench.session(DeviceSettings(listen_only=True, rate_hz=80.0), paced=False)
     session.connect()
     bench.run(session, 10.0)
     assert not any("samples arrive at" in remark for remark in session.info().remarks)
@@ -372,20 +372,24 @@ def test_rate_is_not_compared_in_time_lapse() -> None:
 # ---------------------------------------------------------------------- alias factors and streams
 
 
+def factors_of(kind: str, rate: float | None, filtering: str | None) -> dict[str, float | None]:
+    return alias_factors(lambda _: kind, rate, filtering)  # type: ignore[arg-type,return-value]
+
+
 def test_alias_factors_follow_the_definition() -> None:
     factory = "0,4,4,4,0,0,3,3,3,0"
     for rate, factor in {20.0: 10**0.5, 40.0: 5**0.5, 100.0: 2**0.5, 200.0: 1.0, 800.0: 1.0}.items():
         for kind in ("compensated", "uncompensated"):
-            assert alias_factors(kind, rate, factory) == pytest.approx({"gyro": factor, "accel": factor})  # type: ignore[arg-type]
-        assert set(alias_factors("deltas", rate, factory).values()) == {1.0}
-    apart = alias_factors("uncompensated", 40.0, "0,20,4,4,0,0,3,3,3,0")
+            assert factors_of(kind, rate, factory) == pytest.approx({"gyro": factor, "accel": factor})  # type: ignore[arg-type]
+        assert set(factors_of("deltas", rate, factory).values()) == {1.0}
+    apart = factors_of("uncompensated", 40.0, "0,20,4,4,0,0,3,3,3,0")
     assert apart == pytest.approx({"accel": 1.0, "gyro": 5**0.5})
-    off = alias_factors("compensated", 40.0, "0,20,20,4,0,0,1,1,1,0")
+    off = factors_of("compensated", 40.0, "0,20,20,4,0,0,1,1,1,0")
     assert off == pytest.approx({"accel": 20**0.5, "gyro": 20**0.5}), (
         "the window is for uncompensated readings"
     )
     for rate, text in ((None, factory), (40.0, None), (40.0, "nonsense")):
-        assert set(alias_factors("compensated", rate, text).values()) == {None}
+        assert set(factors_of("compensated", rate, text).values()) == {None}
 
 
 def test_requested_streams_fit_the_baud_and_are_recognised() -> None:

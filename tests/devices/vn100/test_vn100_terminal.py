@@ -14,10 +14,11 @@ from pathlib import Path
 import pytest
 from vn100_bench import kinds
 
+from imumon.config import DeviceSettings
 from imumon.devices.base import DeviceLost
 from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, spawn
-from imumon.devices.vn100.vn100_session import StreamRequest, Vn100Session
+from imumon.devices.vn100.vn100_session import Vn100Session
 from imumon.samples import Notice, SampleBlock
 
 # ---------------------------------------------------------------------- emulator process
@@ -42,7 +43,7 @@ def live(session: Vn100Session, seconds: float, enough: int) -> int:
 @pytest.mark.parametrize("baud", [115200, 921600, 230400])
 def test_first_connection_on_a_terminal(baud: int) -> None:
     with spawn(EmulatorSettings(seed=1, baud=baud)) as running, SerialPort(running.path) as port:
-        session = Vn100Session(port, StreamRequest(), time.monotonic)
+        session = Vn100Session(port, DeviceSettings(), time.monotonic)
         session.connect()
         session.configure()
         assert live(session, 3.0, 50) >= 50
@@ -57,7 +58,7 @@ def test_replugged_sensor_under_another_name(tmp_path: Path) -> None:
     link = tmp_path / "sensor"
     with spawn(EmulatorSettings(seed=1, link=str(link))) as running:
         with SerialPort(str(link)) as port:
-            session = Vn100Session(port, StreamRequest(), time.monotonic)
+            session = Vn100Session(port, DeviceSettings(), time.monotonic)
             serial = session.connect().serial
             saved = session.save_settings()
             session.configure()
@@ -73,7 +74,7 @@ def test_replugged_sensor_under_another_name(tmp_path: Path) -> None:
         assert os.path.realpath(link) != first
         with SerialPort(str(link)) as port:
             again = Vn100Session(
-                port, StreamRequest(), time.monotonic, decoder=session.decoder, serial=serial
+                port, DeviceSettings(), time.monotonic, decoder=session.decoder, serial=serial
             )
             again.connect()
             again.save_settings(saved)
@@ -86,7 +87,7 @@ def test_replugged_sensor_under_another_name(tmp_path: Path) -> None:
 
 def test_reboot_on_a_terminal(emulator: EmulatorProcess) -> None:
     with SerialPort(emulator.path) as port:
-        session = Vn100Session(port, StreamRequest(), time.monotonic)
+        session = Vn100Session(port, DeviceSettings(), time.monotonic)
         session.connect()
         session.configure()
         assert live(session, 3.0, 20) >= 20
@@ -103,9 +104,10 @@ def test_reboot_on_a_terminal(emulator: EmulatorProcess) -> None:
 def test_settings_of_a_killed_process_are_restored(emulator: EmulatorProcess) -> None:
     code = """
 import sys, time
-from imumon.devices.vn100.vn100_session import StreamRequest, Vn100Session
+from imumon.config import DeviceSettings
+from imumon.devices.vn100.vn100_session import Vn100Session
 from imumon.devices.serial_port import SerialPort
-session = Vn100Session(SerialPort(sys.argv[1]), StreamRequest(), time.monotonic)
+session = Vn100Session(SerialPort(sys.argv[1]), DeviceSettings(), time.monotonic)
 session.connect(); session.save_settings(); session.configure()
 print("streaming", flush=True)
 while True:
@@ -117,12 +119,12 @@ while True:
         assert victim.stdout.readline() == b"streaming\n"
         victim.send_signal(signal.SIGKILL)
     with SerialPort(emulator.path) as port:
-        session = Vn100Session(port, StreamRequest(), time.monotonic)
+        session = Vn100Session(port, DeviceSettings(), time.monotonic)
         assert session.connect().settings["6 async data output type"] == "0"
         assert session.save_settings()["6"] == "14"
         session.configure()
         assert live(session, 3.0, 20) >= 20
         assert session.restore()
-        after = Vn100Session(port, StreamRequest(), time.monotonic).connect()
+        after = Vn100Session(port, DeviceSettings(), time.monotonic).connect()
         assert after.settings["6 async data output type"] == "14"
         assert after.settings["75 binary output 1"] == "0,0,00"

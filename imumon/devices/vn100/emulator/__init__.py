@@ -10,7 +10,6 @@ from imumon.devices.vn100.emulator.emulator_settings import (
     Noise,
     add_arguments,
     from_arguments,
-    from_command_line,
 )
 from imumon.devices.vn100.emulator.process import EmulatorProcess, spawn
 
@@ -20,6 +19,5 @@ __all__ = [
     "Noise",
     "add_arguments",
     "from_arguments",
-    "from_command_line",
     "spawn",
 ]

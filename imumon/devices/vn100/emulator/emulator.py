@@ -137,7 +137,7 @@ class Emulator:
         for made_at, message in messages:
             if self._cut_next:
                 message, self._cut_next = message[: len(message) // 2], False
-            arriving = self._faults.apply(message, self._rng) if self._faults else [message]
+            arriving = self._faults.apply(message, self._rng)
             self._lost += not arriving
             self._duplicated += len(arriving) > 1
             for each in arriving:

@@ -8,7 +8,6 @@ configured ones.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
@@ -111,22 +110,6 @@ class EmulatorSettings:
     def time_lapse(self) -> bool:
         return self.speed > 1.0
 
-    def arguments(self) -> list[str]:
-        """Return the command-line arguments of these settings; defaults are omitted."""
-        options: dict[str, str] = {}
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if isinstance(value, Noise):
-                for letter in "nbk":
-                    axes = getattr(value, letter)
-                    if axes != getattr(entry.default, letter):
-                        options[f"--{entry.name}-{letter}"] = ",".join(map(repr, axes))
-            elif isinstance(value, Faults):
-                options |= {"--fault": str(value)} if value else {}
-            elif value not in (entry.default, None):
-                options[f"--{entry.name.replace('_', '-')}"] = str(value)
-        return [text for option in options.items() for text in option]
-
 
 def _axes(text: str) -> Axes:
     """Return the numbers of a text: one for all axes, or three separated by commas."""
@@ -212,10 +195,3 @@ def from_arguments(arguments: argparse.Namespace) -> EmulatorSettings:
     }
     others = [entry.name for entry in fields(EmulatorSettings) if entry.name not in _UNITS]
     return EmulatorSettings(**values, **{name: getattr(arguments, name) for name in others})
-
-
-def from_command_line(arguments: Sequence[str]) -> EmulatorSettings:
-    """Return the settings of command-line arguments."""
-    parser = argparse.ArgumentParser(prog="imumon sim")
-    add_arguments(parser)
-    return from_arguments(parser.parse_args(arguments))

@@ -67,13 +67,6 @@ class Faults:
         """Return the names of the faults for `--help`."""
         return ", ".join(entry.name for entry in fields(Faults)) + " (corrupt: of a byte, else of a message)"
 
-    def __str__(self) -> str:
-        values = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        return ",".join(f"{name}={value!r}" for name, value in values.items() if value)
-
-    def __bool__(self) -> bool:
-        return any(getattr(self, entry.name) for entry in fields(self))
-
     def apply(self, message: bytes, rng: np.random.Generator) -> list[bytes]:
         """Return what arrives of one message: nothing, the message, or a damaged one, perhaps twice."""
         drop, duplicate, cut, crc = rng.random(4)

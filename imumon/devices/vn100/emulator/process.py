@@ -7,9 +7,9 @@ however the parent ends.
 from __future__ import annotations
 
 import json
+import pickle
 import subprocess
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,8 +33,9 @@ class EmulatorProcess:
     InvalidOption : the emulator did not start.
     """
 
-    def __init__(self, arguments: Sequence[str]) -> None:
-        command = [sys.executable, "-P", "-m", "imumon.devices.vn100.emulator", *arguments, "--control", "-"]
+    def __init__(self, settings: EmulatorSettings) -> None:
+        controlled = pickle.dumps(replace(settings, control="-")).hex()
+        command = [sys.executable, "-P", "-m", "imumon.devices.vn100.emulator", controlled]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
         )
@@ -84,4 +85,4 @@ class EmulatorProcess:
 
 def spawn(settings: EmulatorSettings | None = None) -> EmulatorProcess:
     """Return an emulator in a separate process, which exits with its parent."""
-    return EmulatorProcess(replace(settings or EmulatorSettings(), control=None).arguments())
+    return EmulatorProcess(settings or EmulatorSettings())
