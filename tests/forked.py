@@ -24,22 +24,25 @@ from importlib import import_module
 from pathlib import Path
 
 MODULES = (
-    *(
-        "imumon.cli.run_command",
-        "imumon.config.loading",
-        "imumon.daemon",
-        "imumon.datasheet",
-        "imumon.doctor",
-    ),
-    *(
-        "imumon.devices.vn100.driver",
-        "imumon.devices.vn100.emulator",
-        "imumon.replay",
-        "scipy.fft",
-        "zenoh",
-    ),
+    "imumon.cli.replay_command",
+    "imumon.cli.run_command",
+    "imumon.cli.traceability",
+    "imumon.config.loading",
+    "imumon.daemon",
+    "imumon.datasheet",
+    "imumon.devices.vn100.driver",
+    "imumon.devices.vn100.emulator",
+    "imumon.devices.vn100.vn100_session",
+    "imumon.doctor",
+    "imumon.replay",
+    "pydantic.json_schema",
+    "pydantic.main",
+    "pydantic.types",
+    "scipy.fft",
+    "zenoh",
 )
-"""What most commands import."""
+"""What most commands import, some of it late."""
+
 ORDER = 1 << 20
 """Bytes of the words and the environment of a process."""
 
