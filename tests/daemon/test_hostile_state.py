@@ -62,7 +62,6 @@ def array(kind: str, *shape: int, content: bytes = b"") -> tuple[str, bytes]:
 
 
 @cache
-@cache
 def bomb(kind: int) -> bytes:
     """Return a small file with an array larger than any state."""
     return forged(array("|u1", 260 << 20, content=bytes(260 << 20)), kind=kind)

@@ -22,7 +22,18 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.devices.vn100.registers import LOOP_RATE
-from imumon.samples import CHANNELS, Bools, Clock, Floats, Ints, Kind, SampleBlock, Stream, sensor_of
+from imumon.samples import (
+    CHANNELS,
+    SLOWEST_HZ,
+    Bools,
+    Clock,
+    Floats,
+    Ints,
+    Kind,
+    SampleBlock,
+    Stream,
+    sensor_of,
+)
 
 GetQuantity: TypeAlias = Callable[[str], npt.NDArray[Any]]
 """Function that returns a quantity by name: (n, k), k its number of components."""
@@ -46,8 +57,11 @@ _OTHERS: dict[str, tuple[Kind, str]] = {"temperature": ("unknown", "temp"), "pre
 _OVER_DT = {"dtheta": pi / 180.0, "dvel": 1.0}
 """Increments, with the factor that converts their rate to SI."""
 
+_MAX_INTERVAL_S = 1.0 / SLOWEST_HZ
+"""Longer intervals are invalid: a damaged one would be a gap of years."""
+
 _MAX_VALUE = 1e9
-"""Channel unit, or s of an interval; larger values are invalid, no sensor measures them. A damaged float that passes
+"""Channel unit; larger values are invalid, no sensor measures them. A damaged float that passes
 its check can be 1e38, whose fourth power overflows: one such sample would invalidate all moments."""
 
 
@@ -107,18 +121,18 @@ class SampleConverter:
 
 def _nanoseconds(dt: Floats) -> Ints:
     """Return intervals, (n,) s, in whole ns; 0 for invalid ones."""
-    return np.rint(np.where((dt > 0.0) & (dt < _MAX_VALUE), dt, 0.0) * 1e9).astype(np.int64)
+    return np.rint(np.where((dt > 0.0) & (dt < _MAX_INTERVAL_S), dt, 0.0) * 1e9).astype(np.int64)
 
 
 def _valid_rows(values: Floats, dt: Floats | None, time: Ints | None) -> Bools | None:
     """Return (n,) which rows are valid; None if all are, the usual case, which is detected fast."""
-    intervals_valid = dt is None or (dt.min() > 0.0 and dt.max() < _MAX_VALUE)
+    intervals_valid = dt is None or (dt.min() > 0.0 and dt.max() < _MAX_INTERVAL_S)
     times_valid = time is None or time.min() >= 0
     if intervals_valid and times_valid and values.min() > -_MAX_VALUE and values.max() < _MAX_VALUE:
         return None
     valid: Bools = np.logical_and.reduce(np.abs(values) < _MAX_VALUE, axis=1)
     if dt is not None:
-        valid = valid & (dt[:, 0] > 0.0) & (dt[:, 0] < _MAX_VALUE)
+        valid = valid & (dt[:, 0] > 0.0) & (dt[:, 0] < _MAX_INTERVAL_S)
     if time is not None:
         valid = valid & (time >= 0)
     return valid
