@@ -161,7 +161,8 @@ def _answer_one(client: socket.socket) -> None:
         process = Forked(words, (into, out, err), Path(directory), environment)
         for stream in (into, out, err):
             os.close(stream)
-        client.send(str(process.wait()).encode())
+        code = process.wait()
+        client.send(str(code if code >= 0 else 128 - code).encode())  # as a shell says it of a signal
 
 
 @cache

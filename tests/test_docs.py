@@ -9,6 +9,7 @@ blocks are checked against the command line.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -119,6 +120,19 @@ def test_a_command_runs(block: Block, place: Place, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_the_installed_command_runs(place: Place) -> None:
+    """The commands of documents are forked: this is the one that pip installed, in a process of its own."""
+    command = Path(sys.executable).parent / "imumon"
+    words = [command, "replay", "recording.bin", "--json"]
+    version = subprocess.check_output([command, "--version"], text=True, env=place.environment)
+    assert version.split() == ["imumon", imumon.__version__]
+    made = subprocess.run(
+        words, cwd=place.directory, env=place.environment, capture_output=True, text=True, check=True
+    )
+    assert json.loads(made.stdout)["session"]["samples"] > 0
+    assert not made.stderr
 
 
 @pytest.mark.parametrize("block", [b for b in RUN if b.language == "python"], ids=lambda b: b.name)

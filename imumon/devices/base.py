@@ -182,12 +182,16 @@ class RawDecoder(Protocol):
     pending : bytes held back until more come.
     """
 
-    fed: int
-    messages: int
-    message_bytes: int
-    discarded: int
-    bad_checksums: int
-
+    @property
+    def fed(self) -> int: ...
+    @property
+    def messages(self) -> int: ...
+    @property
+    def message_bytes(self) -> int: ...
+    @property
+    def discarded(self) -> int: ...
+    @property
+    def bad_checksums(self) -> int: ...
     @property
     def pending(self) -> int: ...
 

@@ -198,10 +198,17 @@ def sent(session: zenoh.Session, number: int) -> None:
 
 def test_publish_returns_at_once_drops_old_events_and_survives_a_bad_report() -> None:
     address = free_endpoint()
+    arrived: list[Any] = []
     with Publisher("x", listen=[address]) as publisher, plain_session(address) as session:
+        session.declare_subscriber(
+            "imumon/x/event", lambda s: arrived.append(json.loads(s.payload.to_bytes()))
+        )
+        until(lambda: session.info.transports())
         for number in range(5000):
             publisher.event(event("x", number))
         assert len(publisher._events) <= MAX_QUEUED
+        newest = json.loads(to_json(event("x", 4999)))
+        until(lambda: newest in arrived)
         publisher.publish(report("x", 1))
         sent(session, 1)
         bad = report("x", 2)

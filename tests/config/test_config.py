@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import tomllib
 from pathlib import Path
 
@@ -74,9 +75,12 @@ def test_shipped_file_is_the_defaults_with_a_comment_each() -> None:
     for part in config.SECTIONS:
         assert getattr(read, part) == getattr(Settings(), part)
     lines = SHIPPED.read_text("utf-8").splitlines()
-    for number, line in enumerate(lines):
-        if " = " in line and not line.startswith("#"):
-            assert lines[number - 1].startswith("# ")
+    settings = [n for n, line in enumerate(lines) if " = " in line and not line.startswith("#")]
+    comments = [lines[n - 1] for n in settings]
+    assert not [text for text in comments if not re.match(r"# (\S+ )+\S+", text)]
+    assert len(set(comments)) == len(comments)
+    for part, section in config.SECTIONS.items():
+        assert f"[{part}]  # {section.__doc__}" in lines
 
 
 @pytest.mark.parametrize("value", ["0.02", '"2%"', '"2.0%"'])

@@ -67,7 +67,7 @@ def live(path: Path, block_bytes: int) -> tuple[Report, list[DetectedEvent]]:
             assert isinstance(item, SampleBlock)
             monitor.feed(item)
             if monitor.samples / RATE >= due_s:
-                due_s += 3000.0
+                due_s += 900.0
                 report("running")
     monitor.flush()
     return report("stopped"), events

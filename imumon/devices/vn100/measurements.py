@@ -58,11 +58,11 @@ _OVER_DT = {"dtheta": pi / 180.0, "dvel": 1.0}
 """Increments, with the factor that converts their rate to SI."""
 
 _MAX_INTERVAL_S = 1.0 / SLOWEST_HZ
-"""Longer intervals are invalid: a damaged one would be a gap of years."""
+"""s; longer intervals are invalid, no sensor has them. A damaged one would be a gap of years."""
 
 _MAX_VALUE = 1e9
-"""Channel unit; larger values are invalid, no sensor measures them. A damaged float that passes
-its check can be 1e38, whose fourth power overflows: one such sample would invalidate all moments."""
+"""Channel unit; larger values are invalid, no sensor measures them. A damaged float that passes its check can be 1e38,
+whose fourth power overflows: one such sample would invalidate all moments."""
 
 
 class VpeStatus(IntFlag):

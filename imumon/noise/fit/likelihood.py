@@ -112,9 +112,9 @@ class Likelihood:
         b, k = _pairs(B, K)
         a, c_best, log, variance = self._profile(b, k, np.full(b.size, c))
         more, beta, beta_variance = self._restricted(a, b, k)
-        # without any noise there is no likelihood
+        # without any noise there is no likelihood; a finite number, so that a surface of it alone gives no NaN
         total = log + more
-        total = np.where(np.isfinite(total), total, -np.inf)
+        total = np.where(np.isfinite(total), total, np.finfo(np.float32).min)
         return Surface(B, K, total, a, variance, c_best, beta, beta_variance)
 
     def _profile(

@@ -412,7 +412,15 @@ def test_valid_sentences_of_other_protocols_are_not_messages() -> None:
     decoder, items = decode(
         ascii.encode("GPRMC,000012.800,V,,,,,0.00,0.00,060180,,,N").replace(b"$VN", b"$GP")
     )
-    assert (decoder.messages, items) == (0, [])
+    assert (decoder.messages, decoder.discarded, items) == (0, decoder.fed, [])
+
+
+@pytest.mark.parametrize("interval", ["2000000.0", "0.0", "-1.0"])
+def test_an_interval_that_no_sensor_has_is_a_lost_sample(interval: str) -> None:
+    rows = [f"VNDTV,{dt},+000.010,+000.020,+000.030,+0.1,+0.2,+0.3" for dt in ("0.01", interval, "0.01")]
+    decoder, items = decode(b"".join(map(ascii.encode, rows)))
+    assert (decoder.messages, decoder.nonfinite, total(items)) == (3, 1, 2)
+    assert blocks(items)[0].lost.tolist() == [0, 1]
 
 
 def test_measurements_of_other_products_are_skipped() -> None:
@@ -434,6 +442,7 @@ def test_measurements_of_other_products_are_skipped() -> None:
 def test_a_valid_checksum_with_invalid_grammar_is_refused(body: str) -> None:
     decoder, items = decode(ascii.encode(body))
     assert (decoder.messages, decoder.bad_checksums, items) == (0, 0, [])
+    assert decoder.discarded == decoder.fed
 
 
 def test_an_overlong_line_does_not_block_the_stream() -> None:
