@@ -25,7 +25,7 @@ from imumon.files import open_regular
 from imumon.recordings.base import ReadOptions, RecordingError
 from imumon.recordings.columns import LISTED, SENSORS, layout
 from imumon.recordings.raw_capture import ACCESS
-from imumon.recordings.table import ROWS, Table, TableRows
+from imumon.recordings.table import ROWS, Table
 from imumon.report import plain
 from imumon.samples import AXES, Floats, SampleBlock
 
@@ -133,8 +133,7 @@ class ArrayFile(Table):
             raise RecordingError(
                 "no_sensor", text, f"name the columns, --map gyro/x={example}:rad/s,..."
             ) from None
-        self._rows = TableRows(path, found, kind, options.rate_hz, names)
-        self._columns = [columns[k] for k in self._rows.columns]
+        self._columns = [columns[k] for k in self._begin(found, kind, options.rate_hz, names)]
         lengths = {column.length: column.array for column in self._columns}
         if len(lengths) != 1:
             text = ", ".join(f"{array} {length:,}" for length, array in sorted(lengths.items()))

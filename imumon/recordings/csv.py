@@ -17,9 +17,9 @@ from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout
 from imumon.recordings.csv_rows import (
     MISSING,
     TOO_LONG,
-    TOO_LONG_BYTES,
     DateReader,
     RowParser,
+    TextTable,
     has_cells,
     is_number,
     lines_of,
@@ -27,7 +27,6 @@ from imumon.recordings.csv_rows import (
     split,
 )
 from imumon.recordings.raw_capture import RawCapture
-from imumon.recordings.table import BLOCK_BYTES, ROWS, Table, TableRows
 from imumon.report import plain
 from imumon.samples import AXES, SampleBlock
 
@@ -42,7 +41,7 @@ ECHOED = (
 """Columns that ``ros2 topic echo --csv`` prints of `sensor_msgs/Imu`, without a header."""
 
 
-class CsvFile(Table):
+class CsvFile(TextTable):
     """A CSV file, gzip or not, as blocks of samples.
 
     Iterating raises `RecordingError` if its columns are not those of an inertial sensor.
@@ -53,56 +52,11 @@ class CsvFile(Table):
         self.path = capture.path
         self._dates: dict[int, DateReader] = {}  # by column, of those with dates instead of numbers
 
-    def __iter__(self) -> Iterator[list[SampleBlock]]:
-        blocks = self._line_blocks()
-        first, before = self._read_head(blocks)
-        waiting, count, size = [first], first.count(b"\n"), len(first)
-        for block in blocks:
-            if count >= ROWS or size > BLOCK_BYTES:
-                yield self._parsed(waiting, range(before + 1, before + count + 1))
-                before += count
-                waiting, count, size = [], 0, 0
-            waiting.append(block)
-            count += block.count(b"\n")
-            size += len(block)
-        if size:
-            yield self._parsed(waiting, range(before + 1, before + count + 1), last=True)
-        yield self._with_invalid_rows(self._finish())
+    def _parsed(self, block: bytes, places: range, *, last: bool = False) -> list[SampleBlock]:
+        return self._blocks(*self._parser.numbers(block, places, last=last))
 
-    def _parsed(self, lines: list[bytes], places: range, *, last: bool = False) -> list[SampleBlock]:
-        return self._with_invalid_rows(
-            self._blocks(*self._parser.numbers(b"".join(lines), places, last=last))
-        )
-
-    def _with_invalid_rows(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
-        """Return the same blocks and put the remark on invalid rows in front of the others."""
-        self.remarks = [*self._parser.remarks, *self.remarks]
-        return blocks
-
-    def _line_blocks(self) -> Iterator[bytes]:
-        """Yield the lines that end in each chunk of the file, in a time that is linear in its size."""
-        rest, skipping = b"", False  # the line that has begun; whether it is too long, and waits for its end
-        carriage = b""  # at the end of a chunk: its line feed may follow
-        for chunk in self._capture:
-            self.fed += len(chunk)
-            self.problem, self.progress = self._capture.problem, self._capture.progress
-            if carriage or b"\r" in chunk:
-                chunk = carriage + chunk
-                carriage = b"\r" if chunk.endswith(b"\r") else b""
-                chunk = chunk.removesuffix(b"\r").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-            first, end, more = chunk.partition(b"\n")
-            if not skipping:
-                rest += first
-            skipping = skipping or len(rest) > LONGEST_LINE
-            if not end:
-                rest = b"" if skipping else rest
-                continue
-            whole = more.rfind(b"\n") + 1
-            yield (TOO_LONG_BYTES if skipping else rest) + b"\n" + more[:whole]
-            rest, skipping = more[whole:], False
-        self.problem = self._capture.problem
-        if skipping or rest.strip():
-            yield (TOO_LONG_BYTES if skipping else rest) + b"\n"
+    def _line_remarks(self) -> Sequence[str]:
+        return self._parser.remarks
 
     def _read_head(self, blocks: Iterator[bytes]) -> tuple[bytes, int]:
         """Find the header and the columns; return the lines read behind them, and how many are before."""
@@ -130,8 +84,8 @@ class CsvFile(Table):
         except RecordingError as error:
             raise error.of(self.path) from None
         found = self._with_readable_times(found, seen[begin:], separator)
-        self._rows = TableRows(self.path, found, "csv", self._options.rate_hz, names)
-        self._parser = RowParser(self.path, header, separator, self._rows.columns, self._dates)
+        columns = self._begin(found, "csv", self._options.rate_hz, names)
+        self._parser = RowParser(self.path, header, separator, columns, self._dates)
         return head.split(b"\n", begin)[begin], begin
 
     def _without_header(self, seen: Sequence[str]) -> tuple[list[str], int, str | None]:

@@ -1,4 +1,4 @@
-"""Rows of a CSV file: lines to cells, dates and numbers, one block at a time.
+"""Rows of a table of text: lines to cells, dates and numbers, one block at a time.
 
 A row that lacks a number is a lost sample, and so is an invalid row: they are counted and the first is named. A file
 with many invalid rows is no table.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime, time, timedelta
 from functools import cache
 from typing import Any
@@ -17,7 +17,9 @@ import numpy as np
 
 from imumon.errors import QUOTED
 from imumon.recordings.base import LONGEST_LINE, RecordingError
-from imumon.samples import Floats
+from imumon.recordings.raw_capture import RawCapture
+from imumon.recordings.table import BLOCK_BYTES, ROWS, Table
+from imumon.samples import Floats, SampleBlock
 from imumon.units import DAY
 
 INVALID_SHARE = 0.1
@@ -38,6 +40,61 @@ ARROW_MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "N
 
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 """Contents of a cell without a number."""
+
+
+class TextTable(Table):
+    """A table of text, gzip or not, in blocks of whole lines; memory does not grow with its length."""
+
+    _capture: RawCapture
+
+    def __iter__(self) -> Iterator[list[SampleBlock]]:
+        blocks = self._line_blocks()
+        first, before = self._read_head(blocks)
+        waiting, count, size = [first], first.count(b"\n"), len(first)
+        for block in blocks:
+            if count >= ROWS or size > BLOCK_BYTES:
+                yield self._parsed(b"".join(waiting), range(before + 1, before + count + 1))
+                before += count
+                waiting, count, size = [], 0, 0
+            waiting.append(block)
+            count += block.count(b"\n")
+            size += len(block)
+        if size:
+            yield self._parsed(b"".join(waiting), range(before + 1, before + count + 1), last=True)
+        yield self._finish()
+
+    def _read_head(self, blocks: Iterator[bytes]) -> tuple[bytes, int]:
+        """Read the lines before the rows; return the lines read behind them, and how many are before."""
+        return b"", 0
+
+    def _parsed(self, block: bytes, places: range, *, last: bool = False) -> list[SampleBlock]:
+        """Return the samples of some lines with their numbers; the last ones end the table."""
+        raise NotImplementedError
+
+    def _line_blocks(self) -> Iterator[bytes]:
+        """Yield the lines that end in each chunk of the file, in a time that is linear in its size."""
+        rest, skipping = b"", False  # the line that has begun; whether it is too long, and waits for its end
+        carriage = b""  # at the end of a chunk: its line feed may follow
+        for chunk in self._capture:
+            self.fed += len(chunk)
+            self.problem, self.progress = self._capture.problem, self._capture.progress
+            if carriage or b"\r" in chunk:
+                chunk = carriage + chunk
+                carriage = b"\r" if chunk.endswith(b"\r") else b""
+                chunk = chunk.removesuffix(b"\r").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+            first, end, more = chunk.partition(b"\n")
+            if not skipping:
+                rest += first
+            skipping = skipping or len(rest) > LONGEST_LINE
+            if not end:
+                rest = b"" if skipping else rest
+                continue
+            whole = more.rfind(b"\n") + 1
+            yield (TOO_LONG_BYTES if skipping else rest) + b"\n" + more[:whole]
+            rest, skipping = more[whole:], False
+        self.problem = self._capture.problem
+        if skipping or rest.strip():
+            yield (TOO_LONG_BYTES if skipping else rest) + b"\n"
 
 
 def lines_of(block: bytes) -> list[str]:

@@ -103,7 +103,7 @@ class FirstRows:
 
     Parameters
     ----------
-    path, what, layout, rate_hz, names, source : see `TableRows`.
+    path, what, layout, rate_hz, names, source : see `Table`.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ import numpy as np
 from imumon.recordings.base import ReadOptions, RecordingError
 from imumon.recordings.columns import LISTED, ColumnLayout, layout
 from imumon.recordings.log_process.base import Topic
-from imumon.recordings.table import Table, TableRows
+from imumon.recordings.table import Table
 from imumon.report import plain
 from imumon.samples import SampleBlock
 
@@ -98,7 +98,7 @@ class LogFile(Table):
                 replace(topic, name=plain(topic.name), type=plain(topic.type)) for topic in topics
             ]
             self._at = self._chosen(options)
-            found = self._layout(options)
+            found = self._found_columns(options)
         except BaseException:
             self._close()
             raise
@@ -113,7 +113,7 @@ class LogFile(Table):
         self._names = [self._topic.columns[column.index] for column in self._columns]
         source = f"{kind} {self._topic.name}"
         self.topic = self._topic.name if kind == "bag" else None
-        self._rows = TableRows(path, found, kind, options.rate_hz, source=source)
+        self._begin(found, kind, options.rate_hz, source=source)
 
     @property
     def _topic(self) -> Topic:
@@ -185,7 +185,7 @@ class LogFile(Table):
         shown = dict.fromkeys(f"{topic.name} ({topic.type})" for topic in self._topics)
         return ", ".join(sorted(shown)[:LISTED]) + (" ..." if len(shown) > LISTED else "")
 
-    def _layout(self, options: ReadOptions) -> ColumnLayout:
+    def _found_columns(self, options: ReadOptions) -> ColumnLayout:
         """Return the columns of the stream: the known ones, unless the user names others."""
         topic, given = self._topic, options.columns or {}
         names = list(map(plain, topic.columns))

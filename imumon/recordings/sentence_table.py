@@ -10,18 +10,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from imumon.column_names import Column, parse_name
 from imumon.devices.base import RawDecoder, sample_blocks
-from imumon.recordings.base import HEAD_BYTES, HEAD_LINES, LONGEST_LINE, ReadOptions, RecordingError
+from imumon.recordings.base import HEAD_BYTES, HEAD_LINES, ReadOptions, RecordingError
 from imumon.recordings.columns import ColumnLayout
-from imumon.recordings.csv_rows import DateReader, decoded, separator_of, split
+from imumon.recordings.csv_rows import DateReader, TextTable, decoded, separator_of, split
 from imumon.recordings.raw_capture import RawCapture
-from imumon.recordings.table import ROWS, Table, TableRows
 from imumon.report import plain
 from imumon.samples import SampleBlock, Stream, sensor_of
 
@@ -32,7 +31,7 @@ SI = {"gyro": "rad/s", "accel": "m/s2", "mag": "gauss", "temperature": "degc", "
 """Units of samples, as `column_names` spells them."""
 
 
-class SentenceTable(Table):
+class SentenceTable(TextTable):
     """A table with a column of sentences, and one of times or a rate.
 
     Parameters
@@ -60,32 +59,14 @@ class SentenceTable(Table):
             for k, name in enumerate(stream.channels)
         )
         found = ColumnLayout(stream.kind, stream.channels, columns, (time,) if time is not None else ())
-        self._rows = TableRows(self.path, found, "csv", options.rate_hz, source=f"csv of {stream.source}")
-        self._other = self._invalid = self._line = 0
+        self._begin(found, "csv", options.rate_hz, source=f"csv of {stream.source}")
+        self._other = self._invalid = 0
         self._first_invalid = 0
 
-    def __iter__(self) -> Iterator[list[SampleBlock]]:
-        rest = b""
-        waiting: list[bytes] = []
-        for chunk in self._capture:
-            self.fed += len(chunk)
-            self.progress = self._capture.progress
-            *lines, rest = (rest + chunk).split(b"\n")
-            rest = rest[-LONGEST_LINE:]
-            waiting += lines
-            if len(waiting) >= ROWS:
-                yield self._parsed(waiting)
-                waiting = []
-        self.problem = self._capture.problem
-        yield self._parsed([*waiting, rest])
-        yield self._with_own_remarks(self._finish())
-
-    def _parsed(self, lines: Sequence[bytes]) -> list[SampleBlock]:
-        """Return the samples of some lines."""
+    def _parsed(self, block: bytes, places: range, *, last: bool = False) -> list[SampleBlock]:
         rows: list[list[float]] = []
-        places: list[int] = []
-        for line in lines:
-            self._line += 1
+        used: list[int] = []
+        for line, place in zip(block.split(b"\n"), places, strict=False):
             match = SENTENCE.search(line)
             if match is None:
                 continue  # a header, a comment, or the end of a truncated file
@@ -95,27 +76,23 @@ class SentenceTable(Table):
                 continue
             if not values:
                 self._invalid += 1
-                self._first_invalid = self._first_invalid or self._line
+                self._first_invalid = self._first_invalid or place
             row = values or [math.nan] * len(self._stream.channels)
             if self._time is not None:
                 cells = cells_of(decoded(line[: match.start()] + line[match.end() :]))
                 row = [*row, cell_time(cells, self._time.index, self._dates)]
             rows.append(row)
-            places.append(self._line if values else 0)
-        if not rows:
-            return []
-        return self._with_own_remarks(self._blocks(np.array(rows), places))
+            used.append(place if values else 0)
+        return self._blocks(np.array(rows), used) if rows else []
 
-    def _with_own_remarks(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
-        """Return the same blocks and put the remarks on sentences in front of the others."""
+    def _line_remarks(self) -> Sequence[str]:
         own = []
         if self._invalid:
             text = f"{self._invalid:,} sentences fail their check and count as lost"
             own.append(f"{text}; first line {self._first_invalid}")
         if self._other:
             own.append(f"{self._other:,} sentences of another type are not used, only {self._stream.source}")
-        self.remarks = [*own, *self.remarks]
-        return blocks
+        return own
 
     def _values(self, sentence: bytes) -> list[float] | None:
         """Return the sample of a sentence; nothing of an invalid one, None of one of another type."""

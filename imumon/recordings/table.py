@@ -30,61 +30,45 @@ ROW_NAMES = {
 """Word for a row of a table in messages, where it is no line."""
 
 
-class Table(Recording):
-    """Recording that is a table: its rows go through `TableRows`."""
-
-    _rows: TableRows
-
-    def _blocks(self, rows: Floats, places: Sequence[int]) -> list[SampleBlock]:
-        """Return the blocks of some rows and update the counters; see `TableRows.blocks`."""
-        return self._counted(list(self._rows.blocks(rows, places)))
-
-    def _finish(self) -> list[SampleBlock]:
-        return self._counted(list(self._rows.finish()))
-
-    def _counted(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
-        self.bad_checksums, self.remarks = self._rows.lost, self._rows.remarks
-        self.started, self.assumed_unit = self._rows.started, self._rows.assumed_unit
-        return blocks
-
-
 def _rows(count: int, one: str, many: str) -> str:
     """Return a number of rows with a verb in its form for one or for many."""
     return f"1 row {one}" if count == 1 else f"{count:,} rows {many}"
 
 
-class TableRows:
-    """Numbers of a table as blocks of samples.
-
-    Parameters
-    ----------
-    path : for messages.
-    columns : columns of the stream.
-    what : kind of the table: ``csv``, ``npz``, ``npy``, ``mat``, ``parquet``, ``bag``, ``px4``, ``ardupilot``.
-    rate_hz : Hz, configured sample rate; None: not configured.
-    names : of all columns of the table.
-    source : what the samples are taken from, for people; empty: `what`.
+class Table(Recording):
+    """Recording that is a table: its reader calls `_begin`, then `_blocks` for its rows and `_finish`.
 
     Attributes
     ----------
-    lost : rows that lacked a number.
+    path : for messages.
     """
 
-    def __init__(
+    path: str
+
+    def _begin(
         self,
-        path: str,
         columns: ColumnLayout,
         what: str,
         rate_hz: float | None,
         names: Sequence[str] = (),
         source: str = "",
-    ) -> None:
-        self._path, self._row = path, ROW_NAMES.get(what, "line")
-        self._first = FirstRows(path, columns, what, rate_hz, names, source or what)
+    ) -> list[int]:
+        """Prepare to read rows; return the indices of their columns in the table.
+
+        Parameters
+        ----------
+        columns : columns of the stream.
+        what : kind of the table: ``csv``, ``npz``, ``npy``, ``mat``, ``parquet``, ``bag``, ``px4``, ``ardupilot``.
+        rate_hz : Hz, configured sample rate; None: not configured.
+        names : of all columns of the table.
+        source : what the samples are taken from, for people; empty: `what`.
+        """
+        self._row = ROW_NAMES.get(what, "line")
+        self._first = FirstRows(self.path, columns, what, rate_hz, names, source or what)
         self._start: TableStart | None = None  # None before the first rows
         self._lost_before = 0  # rows lost before the next one
         self._used: list[int] | None = None  # columns that are not left out
-        self._own_rows = OwnRows(path, columns)
+        self._own_rows = OwnRows(self.path, columns)
         self._order: RowOrder | None = None  # of a table with times
         self._waiting: Floats | None = None  # values until their stamps have been placed
         self._waiting_lost = np.empty(0, np.int64)  # rows lost before each of these
@@ -93,25 +77,45 @@ class TableRows:
         self._last: Ints | None = None  # ns, the last two times
         self._last_row: Floats | None = None
         self._copies = 0  # rows left out because they are copies of the row before
-        self.lost = 0
+        return [column.index for column in self._first.columns]
 
-    @property
-    def started(self) -> str | None:
-        """Date of the first row; see `Recording`."""
-        return None if self._start is None or self._start.times is None else self._start.times.started
+    def _blocks(self, rows: Floats, places: Sequence[int]) -> list[SampleBlock]:
+        """Return the blocks of some rows, (n, k) with the columns of `_begin`; not finite is missing.
 
-    @property
-    def assumed_unit(self) -> str:
-        """Unit that is assumed; see `Recording`."""
-        return "" if self._start is None else self._start.assumed_unit
+        Parameters
+        ----------
+        places : (n,) number of each row in its file, for messages; 0: the row has been reported.
+
+        Raises
+        ------
+        RecordingError : the numbers cannot have their unit, or the rows are in no order. RateRequired : there is no
+            time and no rate.
+        """
+        return self._noted(self._used_blocks(rows, places))
+
+    def _finish(self) -> list[SampleBlock]:
+        """Return the rows that still wait, at the end of the table; raise a `RecordingError` as `_blocks`."""
+        return self._noted(self._last_blocks())
+
+    def _noted(self, blocks: Iterator[SampleBlock]) -> list[SampleBlock]:
+        """Return some blocks, and set what their rows show of the recording."""
+        found = list(blocks)
+        self.remarks = [*self._line_remarks(), *self._row_remarks()]
+        if self._start is not None:
+            self.assumed_unit = self._start.assumed_unit
+            self.started = None if self._start.times is None else self._start.times.started
+        return found
+
+    def _line_remarks(self) -> Sequence[str]:
+        """Return remarks on lines that are no rows."""
+        return ()
 
     @property
     def _layout(self) -> ColumnLayout:
         return self._first.layout
 
-    @property
-    def remarks(self) -> list[str]:
-        """Columns and rows that are not used, and assumptions about units and stamps."""
+    def _row_remarks(self) -> list[str]:
+        """Return remarks on columns and rows that are not used, and on assumptions about units and stamps."""
         remarks = list(self._first.remarks)
         if self._incomplete:
             rows = _rows(self._incomplete, "lacks a number and counts", "lack a number and count")
@@ -143,23 +147,7 @@ class TableRows:
             remarks.append(f"{text}: a gap of unknown length, counted as none")
         return remarks
 
-    @property
-    def columns(self) -> list[int]:
-        """Indices of the columns of the table, in the order of `blocks`."""
-        return [column.index for column in self._first.columns]
-
-    def blocks(self, rows: Floats, places: Sequence[int]) -> Iterator[SampleBlock]:
-        """Yield blocks of some rows, (n, k) with the columns of `columns`; not finite is missing.
-
-        Parameters
-        ----------
-        places : (n,) number of each row in its file, for messages; 0: the row has been reported.
-
-        Raises
-        ------
-        RecordingError : the numbers cannot have their unit, or the rows are in no order. RateRequired : there is no
-            time and no rate.
-        """
+    def _used_blocks(self, rows: Floats, places: Sequence[int]) -> Iterator[SampleBlock]:
         if len(rows):
             self._own_rows.mark_fillers(rows)
             rows, places = self._own_rows.select(rows, present(rows), places)
@@ -168,7 +156,7 @@ class TableRows:
         if self._used is None:
             self._used = self._first.choose_columns(rows)
             if self._layout.times:
-                self._order = RowOrder(self._path, self._layout.times[0].name)
+                self._order = RowOrder(self.path, self._layout.times[0].name)
         rows = rows[:, self._used]
         if self._order is not None:
             rows, places = self._order.sort(rows, self._sort_times(rows), places)
@@ -191,7 +179,7 @@ class TableRows:
             places = [places[k] for k in kept.tolist()]
         lost = np.diff(kept, prepend=-1 - self._lost_before) - 1
         bad = len(rows) - len(kept)
-        self.lost += bad
+        self.bad_checksums += bad
         self._lost_before += bad - int(lost.sum())
         if not len(kept):
             return
@@ -249,13 +237,7 @@ class TableRows:
         self._back += int(back.sum())
         self._last = recent[-2:]
 
-    def finish(self) -> Iterator[SampleBlock]:
-        """Yield the rows that still wait, at the end of the table.
-
-        Raises
-        ------
-        RecordingError : see `blocks`.
-        """
+    def _last_blocks(self) -> Iterator[SampleBlock]:
         self._own_rows.check()
         if self._order is not None:
             no_rows = np.empty((0, len(self._used or ())))
