@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import re
 import typing
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Any, Literal
 
@@ -121,14 +121,11 @@ class JsonReader:
         return lambda data: None if data is None else inner(data)
 
     def _dataclass_reader(self, cls: Any) -> Callable[[Any], Any]:
-        """Return the function that makes a `cls`.
-
-        Arrays that a report of an earlier version does not have are unknown in every entry.
-        """
+        """Return the function that makes a `cls`."""
         hints = typing.get_type_hints(cls)
         own_entries = {f.name: names for f in fields(cls) if (names := f.metadata.get("entries"))}
         readers = {f.name: self._reader(hints[f.name]) for f in fields(cls)}
-        arrays = {} if cls in self._lists else {n: k for n in readers if (k := _number_kind(hints[n]))}
+        arrays = [] if cls in self._lists else [name for name in readers if _is_numbers(hints[name])]
         own_check = self._checks.get(cls, lambda part: None)
 
         def read(data: Any) -> Any:
@@ -136,29 +133,17 @@ class JsonReader:
             for field, names in own_entries.items():
                 given[field] = {name: data[name] for name in names if data.get(name) is not None}
             part = cls(**{name: readers[name](value) for name, value in given.items() if name in readers})
-            if arrays:
-                absent = [name for name, kind in arrays.items() if name not in data and kind == float | None]
-                part = _with_equal_lengths(part, arrays, absent)
+            lengths = {len(getattr(part, name)) for name in arrays}
+            check(len(lengths) < 2, f"arrays of different lengths in {cls.__name__}")
             own_check(part)
             return part
 
         return read
 
 
-def _number_kind(hint: Any) -> Any:
-    """Return the type of the numbers of an array; None: it is no array of numbers."""
-    kind = typing.get_args(hint)[0] if typing.get_origin(hint) is tuple else None
-    return kind if kind in _NUMBERS else None
-
-
-def _with_equal_lengths(part: Any, arrays: Collection[str], absent: Sequence[str]) -> Any:
-    """Return an object whose absent arrays are unknown in every entry; raise TypeError if lengths differ."""
-    count = max(len(getattr(part, name)) for name in arrays)
-    if absent and count:
-        part = replace(part, **dict.fromkeys(absent, (None,) * count))
-    if any(len(getattr(part, name)) != count for name in arrays):
-        raise TypeError(f"arrays of different lengths in {type(part).__name__}")
-    return part
+def _is_numbers(hint: Any) -> bool:
+    """Return whether a type is that of an array of numbers."""
+    return typing.get_origin(hint) is tuple and typing.get_args(hint)[0] in _NUMBERS
 
 
 def _reject_constant(name: str) -> None:
