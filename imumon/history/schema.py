@@ -1,66 +1,58 @@
-"""Schema of the history: its tables, and how each version comes from the one before.
-
-``PRAGMA user_version`` of a file is the version of its schema; `MIGRATIONS` brings an older file up to date.
-"""
+"""Schema of the history: its tables and their version, which is the ``PRAGMA user_version`` of a file."""
 
 from __future__ import annotations
 
 from imumon.coefficients import BIAS_TERMS, COEFFICIENTS
 
-MIGRATIONS = (
-    """
-    CREATE TABLE channel (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE);
-    CREATE TABLE period (
-        id INTEGER PRIMARY KEY,
-        step INTEGER NOT NULL,      -- s
-        record TEXT NOT NULL,       -- when the record began
-        number INTEGER NOT NULL,    -- of the period in its record
-        begin REAL NOT NULL,        -- s since 1970
-        end REAL NOT NULL,
-        complete INTEGER NOT NULL,
-        samples INTEGER NOT NULL,
-        missing INTEGER NOT NULL,
-        excluded_s REAL NOT NULL,
-        temperature REAL,           -- degC
-        warming_up INTEGER NOT NULL,
-        UNIQUE (step, record, number)
-    );
-    CREATE INDEX period_time ON period (step, begin);
-    CREATE INDEX period_open ON period (step) WHERE complete = 0;
-    CREATE TABLE noise (
-        period INTEGER NOT NULL,
-        channel INTEGER NOT NULL,
-        mean REAL, std REAL, grade INTEGER,
-        PRIMARY KEY (period, channel)
-    ) WITHOUT ROWID;
-    """,
-    """
-    CREATE TABLE event (
-        id INTEGER PRIMARY KEY,
-        time REAL NOT NULL,         -- s since 1970, of the first
-        kind TEXT NOT NULL,
-        channel TEXT,
-        text TEXT NOT NULL,         -- of the first
-        count INTEGER NOT NULL      -- of this kind and channel within 10 minutes
-    );
-    CREATE INDEX event_time ON event (time);
-    CREATE TABLE power_up (
-        id INTEGER PRIMARY KEY,
-        time REAL NOT NULL,         -- s since 1970
-        clock_s REAL NOT NULL,      -- s since the power-up, when it was last seen
-        seen REAL NOT NULL,         -- s since 1970, when it was last seen
-        settled INTEGER NOT NULL    -- whether turn_on has its bias
-    );
-    CREATE TABLE turn_on (
-        power_up INTEGER NOT NULL,
-        channel INTEGER NOT NULL,
-        mean REAL NOT NULL,         -- channel unit, once settled
-        PRIMARY KEY (power_up, channel)
-    ) WITHOUT ROWID;
-    """,
-)
-"""Each brings the schema from one version to the next."""
-VERSION = len(MIGRATIONS)
+SCHEMA = """
+CREATE TABLE channel (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE);
+CREATE TABLE period (
+    id INTEGER PRIMARY KEY,
+    step INTEGER NOT NULL,      -- s
+    record TEXT NOT NULL,       -- when the record began
+    number INTEGER NOT NULL,    -- of the period in its record
+    begin REAL NOT NULL,        -- s since 1970
+    end REAL NOT NULL,
+    complete INTEGER NOT NULL,
+    samples INTEGER NOT NULL,
+    missing INTEGER NOT NULL,
+    excluded_s REAL NOT NULL,
+    temperature REAL,           -- degC
+    warming_up INTEGER NOT NULL,
+    UNIQUE (step, record, number)
+);
+CREATE INDEX period_time ON period (step, begin);
+CREATE INDEX period_open ON period (step) WHERE complete = 0;
+CREATE TABLE noise (
+    period INTEGER NOT NULL,
+    channel INTEGER NOT NULL,
+    mean REAL, std REAL, grade INTEGER,
+    PRIMARY KEY (period, channel)
+) WITHOUT ROWID;
+CREATE TABLE event (
+    id INTEGER PRIMARY KEY,
+    time REAL NOT NULL,         -- s since 1970, of the first
+    kind TEXT NOT NULL,
+    channel TEXT,
+    text TEXT NOT NULL,         -- of the first
+    count INTEGER NOT NULL      -- of this kind and channel within 10 minutes
+);
+CREATE INDEX event_time ON event (time);
+CREATE TABLE power_up (
+    id INTEGER PRIMARY KEY,
+    time REAL NOT NULL,         -- s since 1970
+    clock_s REAL NOT NULL,      -- s since the power-up, when it was last seen
+    seen REAL NOT NULL,         -- s since 1970, when it was last seen
+    settled INTEGER NOT NULL    -- whether turn_on has its bias
+);
+CREATE TABLE turn_on (
+    power_up INTEGER NOT NULL,
+    channel INTEGER NOT NULL,
+    mean REAL NOT NULL,         -- channel unit, once settled
+    PRIMARY KEY (power_up, channel)
+) WITHOUT ROWID;
+"""
+VERSION = 2
 
 ESTIMATE_COLUMNS = {
     letter: tuple(f"{letter.lower()}{part}" for part in ("", "_low", "_high", "_status"))

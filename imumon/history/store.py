@@ -2,7 +2,7 @@
 
 A period of 10 minutes, an hour or a day is one row of ``period``; each of its channels is one row of ``noise``. Nine
 channels take 80 MB in a year. The file is in WAL mode: readers never wait for the writer, and a killed writer leaves
-a whole file. A file that is damaged, foreign or of a later version is renamed to a name with the reason, like a state
+a whole file. A file that is damaged, foreign or of another version is renamed to a name with the reason, like a state
 (`imumon.checkpoint`), and a new one begins.
 
 One process writes: the daemon that holds the lock of the state. A period is identified by its record and its number
@@ -24,7 +24,7 @@ from typing import Any, get_args
 
 from imumon.errors import ImumonError
 from imumon.files import rename_aside
-from imumon.history.schema import ESTIMATE_COLUMNS, MIGRATIONS, VERSION
+from imumon.history.schema import ESTIMATE_COLUMNS, SCHEMA, VERSION
 from imumon.history.selection import Selection
 from imumon.history_report import STEPS, HistoryPeriod, PeriodChannel
 from imumon.report import GRADES, Estimate, Event, GradeName, Status
@@ -115,7 +115,7 @@ class HistoryStore:
     Parameters
     ----------
     path : of the file.
-    write : create and migrate it; else it must exist.
+    write : create it; else it must exist.
 
     Raises
     ------
@@ -153,23 +153,20 @@ class HistoryStore:
     def _open(self, write: bool) -> None:
         connection = self._connection
         version = connection.execute("PRAGMA user_version").fetchone()[0]
-        if version > VERSION or (version < VERSION and not write):
+        if version != VERSION and (version or not write):
             message = f"history {self.path} is of another version of imumon (schema {version})"
             raise HistoryError(
                 "history_version", message, f"use the version that made it; this reads {VERSION}"
             )
         if not write:
             return
-        foreign = version == 0 and connection.execute("SELECT 1 FROM sqlite_schema").fetchone()
-        if foreign:
+        if version == 0 and connection.execute("SELECT 1 FROM sqlite_schema").fetchone():
             raise damaged(self.path)
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = NORMAL")
         connection.execute("PRAGMA journal_size_limit = 4194304")
-        for number in range(version, VERSION):
-            connection.executescript(
-                f"BEGIN; {MIGRATIONS[number]}; PRAGMA user_version = {number + 1}; COMMIT;"
-            )
+        if version == 0:
+            connection.executescript(f"BEGIN; {SCHEMA} PRAGMA user_version = {VERSION}; COMMIT;")
         for name in sorted(set(itertools.chain(*ESTIMATE_COLUMNS.values())) - self._noise_columns()):
             connection.execute(f"ALTER TABLE noise ADD COLUMN {name}")
         if connection.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok":
@@ -312,15 +309,6 @@ class HistoryStore:
                     yield _timed_period(list(group), names, tuple(estimates))
         except sqlite3.DatabaseError:
             raise damaged(self.path) from None
-
-    def count(self, selected: Selection) -> int:
-        """Return the number of rows of a selection, about."""
-        names = [name for (name,) in self._connection.execute("SELECT name FROM channel")]
-        (periods,) = self._connection.execute(
-            "SELECT count(*) FROM period WHERE step = ? AND begin BETWEEN ? AND ?",
-            (STEPS[selected.step], selected.since, selected.until),
-        ).fetchone()
-        return int(periods) * sum(map(selected.wants, names))
 
     def events(self, since: float, until: float) -> list[dict[str, Any]]:
         """Return events, oldest first: time (s since 1970), kind, channel, text and count."""

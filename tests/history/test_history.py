@@ -21,10 +21,10 @@ from paths import TESTS
 from waiting import until
 
 from imumon.cli.history_command import _readable
-from imumon.history import HistoryError, HistoryStore
+from imumon.history import HistoryStore
 from imumon.history.history import MOST_PENDING, History
 from imumon.history.rows import csv_pieces, json_pieces, rows
-from imumon.history.schema import ESTIMATE_COLUMNS, MIGRATIONS, VERSION
+from imumon.history.schema import ESTIMATE_COLUMNS, VERSION
 from imumon.history.selection import Selection, SelectionError, moment, of_parameters, selection
 from imumon.history.store import devices, set_aside
 from imumon.report import Event
@@ -102,26 +102,7 @@ def test_a_selection_takes_what_lies_or_lasts_in_it(
         assert [timed.period.number for timed in store.periods(selected)] == numbers
 
 
-def test_a_file_of_the_first_version_is_migrated_and_keeps_its_rows(tmp_path: Path) -> None:
-    path = tmp_path / "imu.history.sqlite"
-    with sqlite3.connect(path) as old:
-        old.executescript(f"{MIGRATIONS[0]}; PRAGMA user_version = 1;")
-        old.execute("INSERT INTO channel VALUES (1, 'gyro/x')")
-        old.execute("INSERT INTO period VALUES (1, 600, 'r', 0, 5.0, 605.0, 1, 10, 0, 0.0, NULL, 0)")
-        old.execute("INSERT INTO noise (period, channel, mean) VALUES (1, 1, 0.25)")
-    old.close()
-    with pytest.raises(HistoryError) as refused:
-        HistoryStore(path)
-    assert refused.value.code == "history_version"
-    HistoryStore(path, write=True).close()
-    assert [row["mean"] for row in read(path)] == [0.25]
-    with HistoryStore(path, write=True) as store:
-        assert store.events(0.0, 1e12) == []
-    with sqlite3.connect(path) as new:
-        assert new.execute("PRAGMA user_version").fetchone() == (VERSION,)
-
-
-@pytest.mark.parametrize("damage", ["text", "cut", "middle", "later", "link", "other"])
+@pytest.mark.parametrize("damage", ["text", "cut", "middle", "earlier", "later", "link", "other"])
 def test_a_file_that_cannot_be_used_is_set_aside(tmp_path: Path, damage: str) -> None:
     path = tmp_path / "imu.history.sqlite"
     if damage == "text":
@@ -136,10 +117,10 @@ def test_a_file_that_cannot_be_used_is_set_aside(tmp_path: Path, damage: str) ->
     else:
         write(tmp_path, "imu", [period(k) for k in range(300)])
         data = path.read_bytes()
-        if damage == "later":
-            with sqlite3.connect(path) as later:
-                later.execute(f"PRAGMA user_version = {VERSION + 1}")
-            later.close()
+        if damage in ("earlier", "later"):
+            with sqlite3.connect(path) as other:
+                other.execute(f"PRAGMA user_version = {VERSION + (1 if damage == 'later' else -1)}")
+            other.close()
         else:
             half = len(data) // 2
             cut = data[:half] if damage == "cut" else data[:half] + b"\xaa" * 8192 + data[half + 8192 :]
@@ -150,7 +131,7 @@ def test_a_file_that_cannot_be_used_is_set_aside(tmp_path: Path, damage: str) ->
     notes: list[str] = []
     until(lambda: notes.extend(text for text, _ in history.problems()) or notes)
     history.close()
-    reason = "other-version" if damage == "later" else "damaged"
+    reason = "other-version" if damage in ("earlier", "later") else "damaged"
     assert (tmp_path / f"imu.{reason}-1.history.sqlite").read_bytes() == before
     assert "a new history begins" in notes[0]
     assert len(read(path)) == len(NAMES) + 1
