@@ -19,7 +19,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import zenoh
 from zenoh import ext
@@ -47,6 +47,11 @@ GATHER_S = 0.3
 _SIGNAL_S = 3.0  # s that the reply with a signal may take
 HISTORY_PERIOD_S = 30.0
 """s between two requests of the history that is shown."""
+
+HistoryQuestion: TypeAlias = tuple[str, str, float, str]
+"""Device, channel, span in s before now, and step of the rows."""
+HistoryAnswer: TypeAlias = tuple[HistoryQuestion, bytes, bytes]
+"""The question, and the rows and events of the reply as JSON."""
 
 T = TypeVar("T", Report, Event, Signal)
 
@@ -88,7 +93,7 @@ class Subscriber:
         self._signal: tuple[Signal, float] | None = None
         self._closed = False
         self._signal_due = threading.Event()
-        self._asked: tuple[str, str, float, str] | None = None
+        self._asked: HistoryQuestion | None = None
         self._answer: tuple[tuple[str, str, float, str], bytes, bytes] | None = None
         self._history_due = threading.Event()
         self._history_thread: threading.Thread | None = None
@@ -188,13 +193,8 @@ class Subscriber:
                     raise _refusal(reply.err.payload.to_bytes())
         return None
 
-    def watch_history(self, asked: tuple[str, str, float, str] | None) -> None:
-        """Choose the history that is requested now and every `HISTORY_PERIOD_S`; None: none.
-
-        Parameters
-        ----------
-        asked : device, channel, span in s before now, and step of the rows.
-        """
+    def watch_history(self, asked: HistoryQuestion | None) -> None:
+        """Choose the history that is requested now and every `HISTORY_PERIOD_S`; None: none."""
         if asked == self._asked:
             return
         self._asked = asked
@@ -204,8 +204,8 @@ class Subscriber:
             self._history_thread.start()
         self._history_due.set()
 
-    def history_answer(self) -> tuple[tuple[str, str, float, str], bytes, bytes] | None:
-        """Return the newest replies with their question: rows and events, JSON."""
+    def history_answer(self) -> HistoryAnswer | None:
+        """Return the newest replies with their question."""
         return self._answer
 
     def _request_history(self) -> None:

@@ -2,7 +2,6 @@
 
 tui            entry: `run` on a terminal
 app            the application: polls the source of reports, owns the state, handles keys
-report_source  the interface of the source of reports
 view_state     everything that the screen shows at one moment
 views          the six views and the dialog windows
 widgets        widgets that draw lines in the colours of the theme

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import ClassVar, TypeVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
@@ -26,7 +26,6 @@ from imumon.tui import export, terminal
 from imumon.tui.formatting import Line, Notation
 from imumon.tui.history_chart import parse
 from imumon.tui.panels import footer, status, tabs, welcome
-from imumon.tui.report_source import HistoryAnswer, ReportSource
 from imumon.tui.svg_export import portable_svg
 from imumon.tui.view_state import SPANS, VIEWS, WINDOWS, HistorySeries, ViewState
 from imumon.tui.views import (
@@ -43,6 +42,9 @@ from imumon.tui.views import (
     keys_of,
 )
 from imumon.tui.widgets import THEMES, DrawnPanel, RoleStyles
+
+if TYPE_CHECKING:
+    from imumon.bus.subscriber import HistoryAnswer, Subscriber
 
 T = TypeVar("T")
 
@@ -101,7 +103,7 @@ class ImumonApp(App[int]):
 
     def __init__(
         self,
-        source: ReportSource,
+        source: Subscriber,
         *,
         id: str | None = None,
         ascii: bool = False,

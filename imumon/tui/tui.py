@@ -8,13 +8,15 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from imumon.tui import terminal
-from imumon.tui.report_source import ReportSource
+
+if TYPE_CHECKING:
+    from imumon.bus.subscriber import Subscriber
 
 
-def run(source: ReportSource, *, ascii: bool = False, **options: Any) -> int:
+def run(source: Subscriber, *, ascii: bool = False, **options: Any) -> int:
     """Show a source until the user quits.
 
     Parameters
