@@ -361,15 +361,6 @@ def no_bias_curve(reason: str) -> tuple[str, str]:
     return NO_BIAS_CURVE.get(reason, (reason.replace("_", " "), "record longer"))
 
 
-def within(meets: str | None) -> str:
-    """Return the text of the grade that every figure meets, for use beside the nearest grade.
-
-    >>> within("consumer"), within(None)
-    ('every figure within consumer limits', 'some figure beyond consumer limits')
-    """
-    return f"every figure within {meets} limits" if meets else "some figure beyond consumer limits"
-
-
 def matching(name: str | None, names: Iterable[str]) -> list[str]:
     """Return the devices that a user means: the one of this name, else those that begin with it; None: all.
 

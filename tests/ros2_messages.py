@@ -50,7 +50,7 @@ def _plain(value: Any) -> Any:
 
 def header(stamp_ns: int, frame_id: str = "") -> dict[str, Any]:
     """Return the fields of a header."""
-    made: dict[str, Any] = _plain(ros_messages.header(stamp_ns, frame_id))
+    made: dict[str, Any] = {**_plain(ros_messages.header(stamp_ns)), "frame_id": frame_id}
     return made
 
 

@@ -80,7 +80,6 @@ def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] |
     """Return the rows of a running daemon; None if there is none and no endpoint was given."""
     from imumon.bus.subscriber import KEPT_BYTES
     from imumon.history.rows import iso
-    from imumon.history.selection import described
 
     with options.subscriber(arguments, most_bytes=KEPT_BYTES) as subscriber:
         cure = "read its file with --state"
@@ -90,8 +89,8 @@ def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] |
             if arguments.connect or error.code != "no_daemon":
                 raise
             return None
-        parameters = described({"channel": ",".join(chosen.channels), "step": chosen.step})
-        parameters += f";_time=[{iso(chosen.since)}..{iso(chosen.until)}]"
+        channels = f"channel={','.join(chosen.channels)};" if chosen.channels else ""
+        parameters = f"{channels}step={chosen.step};_time=[{iso(chosen.since)}..{iso(chosen.until)}]"
         answer = subscriber.history(report.device.id, parameters)
         if answer is None:
             message = f"the daemon of {report.device.id} keeps no history"

@@ -101,11 +101,6 @@ class SerialPort:
         return self.name.startswith(("socket://", "tcp://", "udp://")) or self.name == STANDARD_INPUT
 
     @property
-    def gone(self) -> bool:
-        """Whether the port has vanished; bytes read before are still returned."""
-        return self._loss is not None
-
-    @property
     def waits(self) -> bool:
         """Whether to read at once: a whole piece is queued, or no more bytes will arrive."""
         return self._queued >= READ_BYTES or self._loss is not None

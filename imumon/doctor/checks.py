@@ -303,9 +303,9 @@ def _running(zenoh: ZenohObservation) -> Check:
 
 def state(state: StateObservation) -> Check:
     """Check whether statistics can be saved."""
-    if not state.writable:
+    if state.problem is not None:
         cure = "choose another with --state or state.directory, or correct its owner"
-        return Check("state", "failed", state.problem or f"{state.path} cannot be written", cure)
+        return Check("state", "failed", state.problem, cure)
     if state.free_bytes is not None and state.free_bytes < MIN_FREE_BYTES:
         text = f"{state.path}: only {state.free_bytes / 1e6:.1f} MB free"
         return Check("state", "warning", text, "free some space: a state takes a megabyte, a recording more")

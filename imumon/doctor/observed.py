@@ -62,8 +62,7 @@ class StateObservation:
     """The state directory of the daemon."""
 
     path: Path
-    writable: bool  # a file, or the directory itself, can be created
-    problem: str | None = None  # why it is not writable
+    problem: str | None = None  # why nothing can be created in it
     free_bytes: int | None = None  # on its file system; None: unknown
     records: int = 0  # number of saved states
 

@@ -85,9 +85,7 @@ def observe_state(path: Path) -> StateObservation:
     records = 0
     with contextlib.suppress(OSError):
         records = sum(1 for entry in path.iterdir() if entry.is_file() and entry.suffix == ".state")
-    return StateObservation(
-        path=path, writable=problem is None, problem=problem, free_bytes=free, records=records
-    )
+    return StateObservation(path=path, problem=problem, free_bytes=free, records=records)
 
 
 def observe_service() -> ServiceObservation:

@@ -8,7 +8,6 @@ before now (``30d``), a date, or a date and time, all in UTC.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -136,12 +135,3 @@ def _time_range(text: str, now: float) -> tuple[float | None, float | None]:
 def _invalid(text: str) -> SelectionError:
     cure = "write 2h, 30d, 2026-11-03, or 2026-11-03T10:20:00Z"
     return SelectionError("time_invalid", f"{text[:40]!r} is not a time", cure)
-
-
-def described(parameters: Mapping[str, str]) -> str:
-    """Return parameters as the text of a query.
-
-    >>> described({"channel": "gyro/x", "step": "1d"})
-    'channel=gyro/x;step=1d'
-    """
-    return ";".join(f"{name}={value}" for name, value in parameters.items() if value)

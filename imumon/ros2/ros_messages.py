@@ -74,11 +74,11 @@ def message(type_name: str, **fields: Any) -> Any:
     return type_store().types[type_name](**fields)
 
 
-def header(stamp_ns: int, frame_id: str = "") -> Any:
+def header(stamp_ns: int) -> Any:
     """Return a ``std_msgs/msg/Header``."""
     seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
     stamp = message("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
-    return message("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
+    return message("std_msgs/msg/Header", stamp=stamp, frame_id="")
 
 
 def stamp_ns(made: Any) -> int:

@@ -187,23 +187,29 @@ class AxisScale:
         return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
 
 
-def logarithmic(values: Floats, step: float = 0.5) -> AxisScale:
+SCALE_STEP = 0.5
+"""Decades, of which both ends of a logarithmic scale are multiples."""
+
+MARGIN = 0.06
+"""Share of the range of some values that a linear scale is wider at each end."""
+
+
+def logarithmic(values: Floats) -> AxisScale:
     """Return a logarithmic scale around some values, which does not move while a curve grows.
 
     Parameters
     ----------
     values : (n,) any unit; those that are not positive are ignored.
-    step : decades; both ends are multiples of it.
     """
     values = values[np.isfinite(values) & (values > 0)]
     if not len(values):
         return AxisScale(0.1, 10.0, log=True)
-    low = math.floor((math.log10(float(values.min())) - 0.08) / step) * step
-    high = math.ceil((math.log10(float(values.max())) + 0.08) / step) * step
+    low = math.floor((math.log10(float(values.min())) - 0.08) / SCALE_STEP) * SCALE_STEP
+    high = math.ceil((math.log10(float(values.max())) + 0.08) / SCALE_STEP) * SCALE_STEP
     return AxisScale(10.0**low, 10.0**high, log=True)
 
 
-def linear(values: Floats, margin: float = 0.06) -> AxisScale:
+def linear(values: Floats) -> AxisScale:
     """Return a linear scale around some values.
 
     Parameters
@@ -214,7 +220,7 @@ def linear(values: Floats, margin: float = 0.06) -> AxisScale:
     if not len(values):
         return AxisScale(0.0, 1.0)
     low, high = float(values.min()), float(values.max())
-    extra = (high - low) * margin or max(abs(high), 1e-12) * 1e-3
+    extra = (high - low) * MARGIN or max(abs(high), 1e-12) * 1e-3
     return AxisScale(low - extra, high + extra)
 
 
