@@ -18,15 +18,8 @@ import numpy as np
 from imumon.noise.power_law import average_covariance, sampled_density
 from imumon.noise.spectrum.half_band import TAPS
 from imumon.noise.spectrum.level_sums import FIRST_BIN, WINDOW, WINDOW_POWER, last_bin
-from imumon.noise.spectrum.spectral_lines import BINS, HOP, SEGMENT
+from imumon.noise.spectrum.spectral_lines import BINS, HOP, LOBE, SEGMENT
 from imumon.samples import Floats, Ints
-
-FINE = 8
-"""Points per bin at which a density is averaged over the lobe of the window."""
-LOBE = 3
-"""Bins to each side of a bin over which the power of the Hann window is averaged; beyond are 10^-5 of it."""
-SAME_FROM = 6
-"""Level from which on the levels differ by their scale only: sampling no longer shows."""
 
 
 def filter_power(f: Floats, level: int) -> Floats:
@@ -48,7 +41,7 @@ def window_power(f: Floats, window: int) -> Floats:
 def short_term_density(level: int) -> Floats:
     """Return (n,) 4 sin^2(pi f) at each bin in use: quantisation, or the first bend of a filter of unknown shape."""
     f = np.arange(FIRST_BIN, last_bin(level)) / SEGMENT / 2.0**level
-    return np.asarray(4.0 * np.sin(np.pi * f) ** 2 * filter_power(f, min(level, SAME_FROM)))
+    return np.asarray(4.0 * np.sin(np.pi * f) ** 2 * filter_power(f, level))
 
 
 @lru_cache(maxsize=128)
@@ -62,12 +55,8 @@ def bin_expectation(level: int, *, averaged: bool, window: int = 1) -> Floats:
     averaged : the samples are true averages over their interval, else point samples.
     window : samples of a moving average in the sensor; 1: none.
     """
-    if level > SAME_FROM + window.bit_length():
-        same = SAME_FROM + window.bit_length()
-        scale = 2.0 ** (level - same)
-        factors = np.array([1.0, scale, scale**2])[:, None]
-        return np.asarray(bin_expectation(same, averaged=averaged, window=window) * factors)
-    offsets = np.arange(-LOBE * FINE, LOBE * FINE + 1) / FINE
+    # the power of a window is resolved by half bins
+    offsets = 0.5 * np.arange(-2 * LOBE, 2 * LOBE + 1)
     t = np.arange(SEGMENT)
     lobe = np.abs(np.exp(-2j * np.pi * np.multiply.outer(offsets, t) / SEGMENT) @ WINDOW) ** 2
     lobe /= lobe.sum()

@@ -15,7 +15,8 @@ frequency. Level 0 is used up to half the sampling rate."""
 SUB_BAND = 8
 """Bins that are added up in the sums of a part of a record: a sixth of the octave."""
 
-WINDOW = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(SEGMENT) / SEGMENT)
+WINDOW = np.square(np.sin(np.pi * np.arange(SEGMENT) / SEGMENT))
+"""Hann window."""
 WINDOW_POWER = float(WINDOW @ WINDOW)
 
 
@@ -66,8 +67,6 @@ class Level:
         self.hops = 0  # since the last break
         self.last: Floats | None = None  # (c, HOP) the hop before
         self.last_share: Floats | None = None  # (g, HOP) its shares of valid samples; None: all
-        self.history: Floats | None = None  # (c, HISTORY) inputs before the next hop
-        self.history_share: Floats | None = None
         self.half: Floats | None = None  # (c, HOP/2) first half of a hop
         self.half_share: Floats | None = None
         self.waiting: list[tuple[Floats, Floats | None]] = []  # hops (c, n HOP) and their shares (g, n HOP)

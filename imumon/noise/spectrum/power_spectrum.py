@@ -14,13 +14,13 @@ from imumon.noise.spectrum.level_sums import FIRST_BIN, WINDOW_POWER, last_bin
 from imumon.noise.spectrum.spectral_lines import (
     BINS,
     PROMINENCE,
-    ROUNDING,
     SEGMENT,
     NarrowBand,
     distinct,
     find_narrow_bands,
     median_to_mean,
 )
+from imumon.noise.validity_groups import ROUNDING
 from imumon.report import Line
 from imumon.samples import Bools, Floats, Ints
 
@@ -69,7 +69,7 @@ def displayed(sums: list[tuple[Floats, Ints]], rate_hz: float, channels: int) ->
     lines: list[list[Line]] = [[] for _ in range(channels)]
     bands: list[list[NarrowBand]] = [[] for _ in range(channels)]
     masks: list[Bools] = []
-    rounding = ROUNDING**2 * np.nansum(levels[0][1], axis=1) * rate_hz / SEGMENT  # (channel unit)^2
+    rounding = ROUNDING**2 * np.nansum(levels[0][1], axis=1)  # (channel unit)^2/Hz
     for s, (rate, power, count) in reversed(list(enumerate(levels))):
         low, high = _shown(s, len(levels))
         frequency.append(np.arange(low, high) * rate / SEGMENT)
@@ -77,8 +77,8 @@ def displayed(sums: list[tuple[Floats, Ints]], rate_hz: float, channels: int) ->
         averages.append(np.broadcast_to(count, (high - low, len(count))))
         inside = np.zeros(power.shape, dtype=bool)
         for i in np.flatnonzero(count >= LEAST_AVERAGES).tolist():
-            found, inside[i] = find_narrow_bands(power[i], int(count[i]), rate, range(low, high))
-            found = [each for each in found if each.power > rounding[i]]
+            own = np.maximum(power[i], rounding[i])
+            found, inside[i] = find_narrow_bands(own, int(count[i]), rate, range(low, high))
             bands[i] += found
             lines[i] += [each.line(rate_hz, rate / SEGMENT) for each in found if each.prominence > PROMINENCE]
         masks.insert(0, inside)

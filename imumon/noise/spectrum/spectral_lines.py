@@ -27,7 +27,7 @@ from imumon.samples import Bools, Floats
 SEGMENT = 256
 """Samples of a periodogram: each stage of the cascade resolves two octaves."""
 HOP = SEGMENT // 2
-BINS = HOP + 1
+BINS = np.fft.rfftfreq(SEGMENT).size
 LINE_CHANCE = 1e-6
 """Probability that noise alone makes a band of a bin: one in 200 reports of nine channels, of little power. One with
 `PROMINENCE` was in none of 3,000 (`python benchmarks/guards.py --lines`)."""
@@ -43,14 +43,10 @@ LEVEL_ERRORS = 3.0
 """Standard errors of the median beside a bin by which the threshold is higher."""
 OVERLAP_DOF = 1.89
 """Degrees of freedom of a bin per average: half overlap costs 1 + 2 (1/6)^2 (Welch 1967)."""
-WINDOW_VARIANCE = 1.0 / 3.0
-"""Bins^2, variance of the Hann window's power, 1/4, 1, 1/4: the part of a measured width that is not the line's."""
 LEAST_WIDTH = 0.05
 """Bins, least width of a band: the error of its frequency."""
 SAME_LINE = 0.03
 """Relative difference of frequency within which lines of two stages are the same."""
-ROUNDING = 1e-10
-"""Deviation, as a share of that of the values, below which it may be their rounding."""
 MAINS_HZ = (50.0, 60.0)
 HARMONICS = 3
 """Highest harmonic of the mains that is a candidate."""
@@ -142,8 +138,9 @@ def find_narrow_bands(
             continue
         frequency = float(weights @ group / weights.sum())
         if band.start <= frequency < band.stop:
-            variance = float(weights @ (group - frequency) ** 2 / weights.sum()) - WINDOW_VARIANCE
-            width = math.sqrt(max(variance, LEAST_WIDTH**2))
+            variance = float(weights @ (group - frequency) ** 2 / weights.sum())
+            # the power of a Hann window in three bins, 1/4, 1, 1/4, has a variance of 1/3
+            width = math.sqrt(max(variance - 1.0 / 3.0, LEAST_WIDTH**2))
             core = np.abs(group - group[np.argmax(above)]) <= LOBE
             high_power = float(weights[core].sum())
             peak = float(weights[core] @ group[core]) / high_power

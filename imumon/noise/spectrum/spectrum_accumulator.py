@@ -23,7 +23,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from imumon.noise.spectrum.half_band import HISTORY, decimated_with_shares
+from imumon.noise.spectrum.half_band import decimated_with_shares
 from imumon.noise.spectrum.level_sums import (
     FIRST_BIN,
     WINDOW,
@@ -204,14 +204,13 @@ class SpectrumAccumulator:
             return
         x, share = _joined(level.waiting, self._g)
         level.waiting = []
+        before, share_before = level.last, level.last_share
         self._add_segments(s, x, share)
         level.last = x[:, -HOP:].copy()
         level.last_share = None if share is None else share[:, -HOP:].copy()
         if s + 1 >= LEVELS:
             return
-        halves, half_share, level.history, level.history_share = decimated_with_shares(
-            level.history, level.history_share, x, share
-        )
+        halves, half_share = decimated_with_shares(before, share_before, x, share)
         if level.half is not None:
             halves, half_share = _joined([(level.half, level.half_share), (halves, half_share)], self._g)
         used = halves.shape[1] // HOP * HOP
@@ -340,7 +339,7 @@ class SpectrumAccumulator:
                 if f"{s}.{name}" in saved and name != "power":
                     value = saved[f"{s}.{name}"]
                     setattr(level, name, int(value) if name == "hops" else value.copy())
-            if level.history is None:
+            if level.last is None:
                 self._missing_before(level)
         for number, (start, place) in enumerate(saved["marks"].reshape(-1, 2).tolist()):
             mark = SpectrumMark(start, place)
@@ -370,7 +369,6 @@ class SpectrumAccumulator:
             return
         c = len(self._groups)
         level.last, level.last_share = np.zeros((c, HOP)), np.zeros((self._g, HOP))
-        level.history, level.history_share = np.zeros((c, HISTORY)), np.zeros((self._g, HISTORY))
         if level.hops % 2:
             level.half, level.half_share = np.zeros((c, HOP // 2)), np.zeros((self._g, HOP // 2))
 
