@@ -1,15 +1,21 @@
 """Period of the history: what a record showed in 10 minutes, an hour or a day, as a message between packages.
 
 The pipeline makes it, the daemon gives it the time of the host clock, the history stores it. A row of the published
-history is one channel of one period.
+history is one channel of one period (docs/HISTORY.md). Any program may publish rows, so what is no row is left out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
 
-from imumon.report import Estimate, GradeName
+from imumon.coefficients import BIAS_TERMS
+from imumon.report import COEFFICIENTS, Estimate, GradeName
+from imumon.report_json import JsonReader, check, entries
 
 STEPS = {"10m": 600, "1h": 3600, "1d": 86400}
 """s, lengths of the periods by name."""
@@ -56,3 +62,63 @@ class HistoryPeriod:
     warming_up: bool  # whether the sensor still warmed up at its end
     grades: Mapping[str, GradeName | None] = field(default_factory=dict)  # nearest, of the record at its end
     channels: Mapping[str, PeriodChannel] = field(default_factory=dict)  # by name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HistoryRow:
+    """A row of the published history: one channel of one period."""
+
+    channel: str
+    time: str  # ISO 8601, of its beginning
+    end: str  # ISO 8601
+    step: str = ""  # one of `STEPS`
+    coefficients: Mapping[str, Estimate] = field(  # by letter, SI, of this period alone
+        default_factory=dict, metadata=entries((*COEFFICIENTS, *BIAS_TERMS))
+    )
+    mean: float | None = None  # channel unit
+    temperature: float | None = None  # degC
+    samples: int = 0
+    missing: int = 0
+    excluded_s: float = 0.0
+    complete: bool = False
+    warming_up: bool = True
+
+    @property
+    def begin(self) -> datetime:
+        """Beginning, UTC."""
+        return datetime.fromisoformat(self.time).astimezone(UTC)
+
+    @property
+    def length_s(self) -> float:
+        """Time from its beginning to its end, s."""
+        return (datetime.fromisoformat(self.end).astimezone(UTC) - self.begin).total_seconds()
+
+
+def _check_row(row: HistoryRow) -> None:
+    check(
+        row.length_s >= 0.0 <= min(row.samples, row.missing),
+        "an end before the beginning, or a negative count",
+    )
+    for letter, part in row.coefficients.items():
+        known = [each for each in (part.low, part.value, part.high) if each is not None]
+        check(known == sorted(known), "a value outside of its limits")
+        check(letter in BIAS_TERMS or min(known, default=0.0) >= 0.0, "a negative size")
+
+
+_READER = JsonReader({HistoryRow: _check_row})
+
+
+def objects(reply: bytes) -> list[Any]:
+    """Return the entries of an array of JSON; none if a reply is something else."""
+    try:
+        found = json.loads(reply)
+    except (ValueError, RecursionError):
+        return []
+    return found if isinstance(found, list) else []
+
+
+def history_rows(found: Iterable[Any]) -> Iterator[HistoryRow]:
+    """Yield the rows among some data of JSON."""
+    for each in found:
+        with suppress(TypeError, AttributeError, KeyError, ValueError, OverflowError):
+            yield _READER.part(HistoryRow, each)

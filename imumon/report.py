@@ -249,6 +249,10 @@ class ModelColumn:
         """Standard error, in `unit`."""
         return (self.high - self.low) / (2.0 * LIMIT_95)
 
+    def limits(self, factor: float = 1.0) -> tuple[float, float, float]:
+        """Return value and limits times a factor."""
+        return self.value * factor, self.low * factor, self.high * factor
+
     @property
     def sigma(self) -> float:
         """Standard errors by which it differs from zero."""

@@ -91,7 +91,11 @@ class JsonReader:
         """
         if len(text) > MAX_BYTES:
             raise TypeError(f"more than {MAX_BYTES} bytes")
-        return typing.cast(T, self._reader(cls)(json.loads(text, parse_constant=_reject_constant)))
+        return self.part(cls, json.loads(text, parse_constant=_reject_constant))
+
+    def part(self, cls: type[T], data: Any) -> T:
+        """Return data of JSON as `cls`; raise an error as `read`."""
+        return typing.cast(T, self._reader(cls)(data))
 
     def _reader(self, hint: Any) -> Callable[[Any], Any]:
         """Return the function that makes a value of type `hint` from JSON data."""

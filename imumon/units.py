@@ -102,6 +102,16 @@ def measured(value: float, low: float | None, high: float | None, about: str = "
     return f"{number(value, digits)} {about}{percent(relative)}"
 
 
+def plus_minus(value: float, low: float | None, high: float | None, digits: int) -> str:
+    """Return a value, with some digits, and the half-width of its limits.
+
+    >>> plus_minus(-0.206, -0.247, -0.165, 3)
+    '-0.206 ±0.041'
+    """
+    half = "" if low is None or high is None else f" ±{number(0.5 * (high - low), 2)}"
+    return f"{number(value, digits)}{half}"
+
+
 def counted(count: int, what: str) -> str:
     """Return a number of things.
 

@@ -13,10 +13,9 @@ from typing import Any
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
-from imumon.coefficients import BIAS_TERMS, COEFFICIENTS, NOISE
+from imumon.coefficients import BIAS_TERMS, COEFFICIENTS, NOISE, Estimate
 from imumon.errors import ImumonError
-from imumon.history_report import LEAST_DAYS, STEPS
-from imumon.units import DAY
+from imumon.history_report import LEAST_DAYS, STEPS, HistoryRow, history_rows, objects
 
 ESTIMATE = 25
 """Cells of a coefficient in the table."""
@@ -53,13 +52,13 @@ def history(arguments: argparse.Namespace) -> int:
         channels=tuple(arguments.channel or ()),
         step=arguments.step,
     )
-    objects = _objects(arguments, chosen)
+    found = _objects(arguments, chosen)
     if arguments.json:
-        pieces: Iterable[str] = (*json_pieces(objects), "\n")
+        pieces: Iterable[str] = (*json_pieces(found), "\n")
     elif arguments.csv:
-        pieces = csv_pieces(objects)
+        pieces = csv_pieces(found)
     else:
-        pieces = _table(objects)
+        pieces = _table(found)
     for piece in pieces:
         sys.stdout.write(piece)
     return 0
@@ -125,45 +124,39 @@ SHEET_STEPS = (("1d", 366.0), ("1h", 10.0))
 SHEET_CHANNELS = ("gyro", "accel", "mag")
 
 
-def published_days(subscriber: Any, id: str) -> list[dict[str, Any]]:
+def published_days(subscriber: Any, id: str) -> list[HistoryRow]:
     """Return the rows of a running daemon that the datasheet shows; empty without a history."""
-
-    def rows_of(step: str, days: float) -> list[dict[str, Any]]:
-        parameters = f"_time=[now(-{days:.0f}d)..now()];step={step};channel={','.join(SHEET_CHANNELS)}"
-        found: list[dict[str, Any]] = json.loads(subscriber.history(id, parameters) or "[]")
-        return found
-
-    return _sheet_rows(rows_of)
+    return _sheet_rows(lambda asked: objects(subscriber.history(id, asked) or b"[]"))
 
 
-def stored_days(path: Path) -> list[dict[str, Any]]:
+def stored_days(path: Path) -> list[HistoryRow]:
     """Return the rows that the datasheet shows beside a saved state, of the history in its directory."""
     if (file := _beside(path)) is None:
         return []
     from imumon.history.rows import rows
-    from imumon.history.selection import selection
+    from imumon.history.selection import of_parameters
     from imumon.history.store import HistoryStore
 
-    def rows_of(step: str, days: float) -> list[dict[str, Any]]:
-        now = time.time()
-        chosen = selection(now, since=now - DAY * days, channels=SHEET_CHANNELS, step=step)
+    def answer(asked: str) -> list[dict[str, Any]]:
+        chosen = of_parameters(asked, time.time())
         with HistoryStore(file) as store:
             return [row for timed in store.periods(chosen) for row in rows(timed, file.name, chosen)]
 
-    return _sheet_rows(rows_of)
+    return _sheet_rows(answer)
 
 
-def _sheet_rows(rows_of: Callable[[str, float], list[dict[str, Any]]]) -> list[dict[str, Any]]:
+def _sheet_rows(answer: Callable[[str], list[Any]]) -> list[HistoryRow]:
     """Return the rows of the longest step of which there are enough; empty after an error."""
-    rows: list[dict[str, Any]] = []
+    found: list[HistoryRow] = []
     for step, days in SHEET_STEPS:
+        asked = f"_time=[now(-{days:.0f}d)..now()];step={step};channel={','.join(SHEET_CHANNELS)}"
         try:
-            rows = rows_of(step, days)
+            found = [*history_rows(answer(asked))]
         except ImumonError:
             return []
-        if len({row["time"] for row in rows}) >= LEAST_DAYS:
+        if len({row.begin for row in found}) >= LEAST_DAYS:
             break
-    return rows
+    return found
 
 
 def with_turn_on(report: Any, path: Path) -> Any:
@@ -191,54 +184,54 @@ def _beside(path: Path) -> Path | None:
     return file if file.exists() else None
 
 
-def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
+def _table(found: Iterable[dict[str, Any]]) -> Iterator[str]:
     """Yield lines for people: readable units, limits as half-widths."""
+    from imumon.samples import sensor_of
     from imumon.units import duration, number
 
     empty = True
-    for each in objects:
+    for row in history_rows(found):
         if empty:
             empty = False
             names = "".join(f"{letter:<{ESTIMATE}}" for letter in NOISE)
             head = f"{'time':<17}{'channel':<12}{names}{'mean':>12}{'°C':>7}{'missing':>10}"
-            yield f"{head}  step {each['step']}\n"
-        sensor = each["channel"].partition("/")[0]
-        noise = "".join(f"{_readable(sensor, letter, each[letter]):<{ESTIMATE}}" for letter in NOISE)
-        mean = "–" if each["mean"] is None else number(each["mean"], 5)
-        heat = "–" if each["temperature"] is None else f"{each['temperature']:.1f}"
-        missing = f"{each['missing']:,}" if each["missing"] else "–"
-        line = f"{each['time'][:16].replace('T', ' '):<17}{each['channel']:<12}{noise}{mean:>12}{heat:>7}{missing:>10}"
-        notes = ["in progress"] * (not each["complete"])
-        others = [letter for letter in COEFFICIENTS if letter not in NOISE and each.get(letter)]
-        notes += [f"{letter} {_readable(sensor, letter, each[letter])}" for letter in others]
-        notes += [_slope(sensor, slope)] if (slope := each.get(BIAS_TERMS[0])) else []
-        notes += [f"{duration(each['excluded_s'])} excluded"] * (each["excluded_s"] >= 1.0)
+            yield f"{head}  step {row.step}\n"
+        sensor, known = sensor_of(row.channel), row.coefficients
+        noise = "".join(f"{_readable(sensor, letter, known.get(letter)):<{ESTIMATE}}" for letter in NOISE)
+        mean = "–" if row.mean is None else number(row.mean, 5)
+        heat = "–" if row.temperature is None else f"{row.temperature:.1f}"
+        missing = f"{row.missing:,}" if row.missing else "–"
+        line = f"{row.begin:%Y-%m-%d %H:%M} {row.channel:<12}{noise}{mean:>12}{heat:>7}{missing:>10}"
+        notes = ["in progress"] * (not row.complete)
+        others = [letter for letter in COEFFICIENTS if letter not in NOISE and letter in known]
+        notes += [f"{letter} {_readable(sensor, letter, known[letter])}" for letter in others]
+        notes += _slope(sensor, known.get(BIAS_TERMS[0]))
+        notes += [f"{duration(row.excluded_s)} excluded"] * (row.excluded_s >= 1.0)
         yield f"{line}  {', '.join(notes)}".rstrip() + "\n"
     if empty:
         yield "no rows in this time\n"
 
 
-def _slope(sensor: str, part: dict[str, Any]) -> str:
-    """Return the slope of the bias against the temperature in the readable unit, with its half-width."""
+def _slope(sensor: str, part: Estimate | None) -> list[str]:
+    """Return the slope of the bias against the temperature in the readable unit, if it is known."""
     from imumon.coefficients import unit_of
-    from imumon.units import number, pretty
+    from imumon.units import plus_minus, pretty
 
     unit = unit_of(sensor, "B")
-    half = 0.5 * (part["high"] - part["low"]) * unit.factor
-    return f"slope {number(part['value'] * unit.factor, 3)} ±{number(half, 2)} {pretty(unit.unit)}/°C"
+    own = Estimate() if part is None else part.scaled(unit.factor)
+    if own.value is None:
+        return []
+    return [f"slope {plus_minus(own.value, own.low, own.high, 3)} {pretty(unit.unit)}/°C"]
 
 
-def _readable(sensor: str, letter: str, part: dict[str, Any] | None) -> str:
+def _readable(sensor: str, letter: str, part: Estimate | None) -> str:
     """Return a coefficient in the readable unit, with its half-width or the factor of its limits."""
     from imumon.units import measured, number, pretty
 
     unit = COEFFICIENTS[letter].units.get(sensor)
     if part is None or unit is None:
         return "–"
-    name = pretty(unit.unit)
-    if part["status"] == "upper_bound":
-        return f"< {number(part['high'] * unit.factor, 3)} {name}"
-    if part["value"] is None:
-        return "pending"
-    value, low, high = (part[limit] * unit.factor for limit in ("value", "low", "high"))
-    return f"{measured(value, low, high)} {name}"
+    own = part.scaled(unit.factor)
+    if own.status == "upper_bound" and own.high is not None:
+        return f"< {number(own.high, 3)} {pretty(unit.unit)}"
+    return "pending" if own.value is None else f"{measured(own.value, own.low, own.high)} {pretty(unit.unit)}"

@@ -19,6 +19,7 @@ from typing import Any
 from imumon import __version__
 from imumon.errors import why
 from imumon.evaluation import Evaluation, Provenance
+from imumon.history_report import HistoryRow
 from imumon.messages import one_warmup
 from imumon.report import Report, plain
 
@@ -26,7 +27,7 @@ COMPUTING = ("numpy", "scipy")
 """Packages whose version is recorded."""
 
 
-def evaluated(report: Report, sheet: Any = None, rows: Sequence[Mapping[str, Any]] = ()) -> Report:
+def evaluated(report: Report, sheet: Any = None, rows: Sequence[HistoryRow] = ()) -> Report:
     """Return a report with the budget of its values and their check against a data sheet.
 
     A saved report keeps its budgets: the history that they rest on is not in it.

@@ -5,22 +5,21 @@ The rows are those of `imumon history` (docs/HISTORY.md), of days or, of a young
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from imumon.coefficients import unit_of
+from imumon.coefficients import Estimate, unit_of
 from imumon.datasheet.elements import DataTable
 from imumon.datasheet.plotting import COLOURS, MARKERS, draw_legend, page_svg
 from imumon.datasheet.tables import MOST_ROWS
-from imumon.history_report import LEAST_DAYS
-from imumon.report import MAX_NUMBER
+from imumon.history_report import LEAST_DAYS, HistoryRow
 from imumon.units import figures, pretty
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-HistoryRows = Sequence[Mapping[str, Any]]
+HistoryRows = Sequence[HistoryRow]
 Series = dict[str, list[tuple[datetime, float, float, float]]]
 """Time and N with its limits, SI, by axis."""
 
@@ -29,14 +28,9 @@ def series(rows: HistoryRows, sensor: str) -> Series:
     """Return time and N with its limits, SI, by axis of a sensor; empty if there are too few."""
     found: Series = {}
     for row in rows:
-        try:  # any program may answer the question for rows
-            name, part, when = row["channel"], row["N"], datetime.fromisoformat(row["time"])
-            if name.startswith(f"{sensor}/") and part is not None and part["value"] is not None:
-                numbers = float(part["value"]), float(part["low"]), float(part["high"])
-                if 0.0 <= numbers[1] <= numbers[0] <= numbers[2] < MAX_NUMBER and name[-1] in MARKERS:
-                    found.setdefault(name.partition("/")[2], []).append((when, *numbers))
-        except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError):
-            continue
+        part, axis = row.coefficients.get("N", Estimate()), row.channel.removeprefix(f"{sensor}/")
+        if axis in MARKERS and part.value is not None and part.low is not None and part.high is not None:
+            found.setdefault(axis, []).append((row.begin, part.value, part.low, part.high))
     return {axis: points for axis, points in found.items() if len(points) >= LEAST_DAYS}
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 from imumon.coefficients import BIAS_TERMS, SIGNIFICANT, unit_of
 from imumon.messages import drifts_with_temperature, follows_temperature
-from imumon.report import GRADED, Change, Channel, Drift, ModelColumn, Report
+from imumon.report import GRADED, Change, Channel, Drift, Report
 from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty, share_text
 
@@ -57,15 +57,15 @@ def _row(name: str, channel: Channel) -> str:
     return f"{name:<12}{bias:>24}{minute:>12}{spread:>10}{slope:>21}".rstrip()
 
 
-def with_half_width(value: float | None, low: float | None, high: float | None) -> str:
-    """Return a value with the half-width of its limits.
+def with_half_width(value: float | None, low: float | None, high: float | None, digits: int = 3) -> str:
+    """Return a value with some decimals and the half-width of its limits.
 
     >>> with_half_width(1.2e-3, 1.1e-3, 1.3e-3), with_half_width(None, None, None)
     ('1.200e-03 ±1.0e-04', '')
     """
     if value is None:
         return ""
-    return f"{value:.3e}" + ("" if low is None or high is None else f" ±{(high - low) / 2.0:.1e}")
+    return f"{value:.{digits}e}" + ("" if low is None or high is None else f" ±{(high - low) / 2.0:.1e}")
 
 
 def spectral_lines(channel: Channel, unit: str = "") -> list[str]:
@@ -91,17 +91,12 @@ def turn_on_text(name: str, channel: Channel) -> str:
 
 def _slope(drift: Drift, unit: str) -> str:
     """Return how a mean follows the temperature, as a sentence."""
-    slope = drift.per_degC or 0.0
-    half = "" if drift.per_degC_high is None else f" ±{drift.per_degC_high - slope:.1e}"
+    slope = with_half_width(drift.per_degC or 0.0, drift.per_degC_low, drift.per_degC_high, 2)
     share = "" if drift.explained is None else f", {share_text(drift.explained)} of the slow variance"
     if drift.temperature_min is not None and drift.temperature_max is not None:
         share += f", from {drift.temperature_min:.1f} to {drift.temperature_max:.1f} {pretty('degC')}"
-    text = f"follows the temperature by {slope:.2e}{half} {unit} per degree{share}"
+    text = f"follows the temperature by {slope} {unit} per degree{share}"
     return f"{text}; the coefficients are without this effect"
-
-
-def _limits(column: ModelColumn) -> tuple[float, float, float]:
-    return column.value, column.low, column.high
 
 
 def _notes(name: str, channel: Channel) -> Iterator[str]:
@@ -142,9 +137,9 @@ def _temperature_notes(channel: Channel, unit: str) -> Iterator[str]:
         yield _slope(drift, unit)
     if curve is not None and curve.is_known and follows_temperature(drift):
         text = f"bias against the temperature of degree {len(curve.terms) - 1}, {curve.degC[0]:.1f} to "
-        text += f"{curve.degC[-1]:.1f} {pretty('degC')}: {with_half_width(*_limits(curve.terms[1]))} {unit} per degree"
+        text += f"{curve.degC[-1]:.1f} {pretty('degC')}: {with_half_width(*curve.terms[1].limits())} {unit} per degree"
         if curve.hysteresis is not None:
-            text += f", hysteresis {with_half_width(*_limits(curve.hysteresis))} {unit}"
+            text += f", hysteresis {with_half_width(*curve.hysteresis.limits())} {unit}"
         yield text
 
 

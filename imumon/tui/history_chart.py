@@ -1,17 +1,20 @@
 """Charts of the history of one channel: N, B, mean and temperature over a day, a month or a year, with the events.
 
-The rows come from the daemon as JSON (docs/HISTORY.md). Any program may answer, so a row that is not valid is left out.
+The rows come from the daemon as JSON (docs/HISTORY.md).
 """
 
 from __future__ import annotations
 
-import json
+import math
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 
-from imumon.report import GRADED, MAX_NUMBER, plain
+from imumon.history_report import HistoryRow, history_rows, objects
+from imumon.report import GRADED
 from imumon.samples import sensor_of
 from imumon.tui.braille_canvas import AxisScale, Canvas, PlotFrame, linear
 from imumon.tui.charts import EXTREME_VALUES, centred_text
@@ -29,46 +32,30 @@ _ROLES = {"mean": "signal", "temperature": "point"}
 
 def parse(channel: str, rows: bytes, events: bytes) -> HistorySeries | None:
     """Return the history in the replies of a daemon; None if it has no valid row."""
-    known = [row for each in _objects(rows) if (row := _row(channel, each)) is not None]
+    known = [_numbers(row) for row in history_rows(objects(rows)) if row.channel == channel]
     if not known:
         return None
     known.sort()
     table = np.array(known, dtype=np.float64)
     begin, end = table[:, 0], table[:, 1]
     values = {name: table[:, k] for k, name in enumerate(QUANTITIES, 2)}
-    found = ((_time(each), plain(str(each.get("kind"))[:20])) for each in _objects(events))
-    marks = [(when, kind) for when, kind in found if when is not None]
-    shown = tuple(mark for mark in marks if mark[1] in MARKED)
+    shown = tuple(_marks(objects(events)))
     return HistorySeries(channel, float(begin[0]), float(end.max()), 0.5 * (begin + end), values, shown)
 
 
-def _objects(data: bytes) -> list[dict[str, Any]]:
-    try:
-        found = json.loads(data)
-    except (ValueError, RecursionError):
-        return []
-    return [each for each in found if isinstance(each, dict)] if isinstance(found, list) else []
+def _numbers(row: HistoryRow) -> tuple[float, ...]:
+    """Return begin, end and quantities of a row; what is not known is NaN."""
+    noise = [part.value if (part := row.coefficients.get(name)) else None for name in GRADED]
+    quantities = (math.nan if each is None else each for each in (*noise, row.mean, row.temperature))
+    return (row.begin.timestamp(), row.begin.timestamp() + row.length_s, *quantities)
 
 
-def _row(channel: str, each: dict[str, Any]) -> tuple[float, ...] | None:
-    begin, end = _time(each), _time(each, "end")
-    if each.get("channel") != channel or begin is None or end is None:
-        return None
-    parts = [each.get(name) for name in GRADED]
-    noise = [part.get("value") if isinstance(part, dict) else None for part in parts]
-    return (begin, end, *map(_number, (*noise, each.get("mean"), each.get("temperature"))))
-
-
-def _number(value: object) -> float:
-    good = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < MAX_NUMBER
-    return float(value) if good else np.nan  # type: ignore[arg-type]
-
-
-def _time(each: dict[str, Any], name: str = "time") -> float | None:
-    try:
-        return datetime.fromisoformat(each[name]).astimezone(UTC).timestamp()
-    except (KeyError, TypeError, ValueError, OverflowError):
-        return None
+def _marks(events: Iterable[Any]) -> Iterator[tuple[float, str]]:
+    """Yield time, s since 1970, and kind of the events that are marked."""
+    for each in events:
+        with suppress(KeyError, TypeError, ValueError, OverflowError):
+            if each["kind"] in MARKED:
+                yield datetime.fromisoformat(each["time"]).astimezone(UTC).timestamp(), each["kind"]
 
 
 @EXTREME_VALUES

@@ -13,12 +13,12 @@ from imumon.messages import (
     follows_temperature,
     grade_text,
 )
-from imumon.report import Channel, Drift, Event, ModelColumn, Report, SensorGrade
+from imumon.report import Channel, Drift, Event, Report, SensorGrade
 from imumon.samples import INERTIAL
 from imumon.tui.compare import comparison
 from imumon.tui.formatting import Line, approximate_duration, fitted, length, padded, with_background, wrap
 from imumon.tui.view_state import ViewState
-from imumon.units import duration, number, share_text
+from imumon.units import duration, number, plus_minus, share_text
 
 
 def _pair(name: str, value: object, note: str = "", role: str = "text") -> Line:
@@ -293,10 +293,5 @@ def _effect(channel: Channel, factor: float, unit: str) -> list[Line]:
         return parts
     slope, loop = curve.terms[1], curve.hysteresis
     rest = f", degree {len(curve.terms) - 1}"
-    rest += "" if loop is None else f", hysteresis {_with_error(loop, factor, 2)} {unit}"
-    return [[(f"   {_with_error(slope, factor, 3)} {unit} per degree", "text")], [(rest, "muted")]]
-
-
-def _with_error(column: ModelColumn, factor: float, digits: int) -> str:
-    half = 0.5 * (column.high - column.low) * factor
-    return f"{number(column.value * factor, digits)} ±{number(half, 2)}"
+    rest += "" if loop is None else f", hysteresis {plus_minus(*loop.limits(factor), 2)} {unit}"
+    return [[(f"   {plus_minus(*slope.limits(factor), 3)} {unit} per degree", "text")], [(rest, "muted")]]

@@ -14,6 +14,7 @@ from imumon.datasheet import document
 from imumon.datasheet.history_figure import history_table, series
 from imumon.datasheet.tables import MOST_ROWS
 from imumon.filter_report import FilterReport
+from imumon.history_report import HistoryRow, history_rows
 
 
 def filters() -> FilterReport:
@@ -21,7 +22,7 @@ def filters() -> FilterReport:
     return FilterReport(time=report.time, device=report.device)
 
 
-def stored(folder: Path, days: int) -> list[dict[str, object]]:
+def stored(folder: Path, days: int) -> list[HistoryRow]:
     begin = time.time() - (days + 1) * 86400.0
     made = [period(k, step_s=86400, begin=begin + 86400.0 * k, noise=1.0 + 0.01 * k) for k in range(days)]
     write(folder, "imu", made)
@@ -58,4 +59,4 @@ def test_there_is_none_without_enough_rows(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_a_row_that_is_none(row: dict[str, object]) -> None:
-    assert series([row] * 5, "gyro") == {}
+    assert series([*history_rows([row] * 5)], "gyro") == {}

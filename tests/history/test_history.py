@@ -27,7 +27,7 @@ from imumon.history.rows import csv_pieces, json_pieces, rows
 from imumon.history.schema import ESTIMATE_COLUMNS, VERSION
 from imumon.history.selection import Selection, SelectionError, moment, of_parameters, selection
 from imumon.history.store import devices, set_aside
-from imumon.report import Event
+from imumon.report import Estimate, Event
 
 EVER = Selection(since=0.0, until=1e12)
 
@@ -411,5 +411,5 @@ def test_errors_of_the_command(tmp_path: Path, words: tuple[str, ...], code: int
 def test_the_limits_of_a_row_are_a_percentage_or_a_factor(
     value: float, low: float, high: float, text: str
 ) -> None:
-    part = {"value": value, "low": low, "high": high, "status": "measured"}
+    part = Estimate(value=value, low=low, high=high, status="measured")
     assert " ".join(_readable("gyro", "N", part).split()[1:-1]) == text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import time
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
@@ -27,6 +28,8 @@ from imumon.filter_report import FilterReport
 from imumon.history import HistoryStore
 from imumon.history.repeatability import day_scatter
 from imumon.history.store import SUFFIX, PowerUp
+from imumon.history_report import HistoryRow
+from imumon.history_report import history_rows as read_rows
 from imumon.noise.uncertainty import uncertainty_budgets
 from imumon.report import Report, from_json, to_json
 
@@ -49,7 +52,7 @@ def shown(report: Report, form: str = "md") -> str:
     return document(report, form, FilterReport(time=report.time, device=report.device)).decode()
 
 
-def history_rows(folder: Path, noises: Sequence[float]) -> list[dict[str, Any]]:
+def history_rows(folder: Path, noises: Sequence[float]) -> list[HistoryRow]:
     """Return the rows beside a saved state whose N has these factors, one per day."""
     begin = time.time() - (len(noises) + 1) * 86400.0
     days = [period(k, step_s=86400, begin=begin + 86400.0 * k, noise=noise) for k, noise in enumerate(noises)]
@@ -102,9 +105,10 @@ def test_two_days_are_too_few(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_a_row_that_is_no_day_does_not_count(tmp_path: Path, wrong: dict[str, Any]) -> None:
-    rows = [row for row in history_rows(tmp_path, [1.0, 2.0, 3.0, 4.0]) if row["channel"] == "gyro/x"]
-    assert day_scatter(rows)["gyro/x"]["N"].days == 4
-    assert day_scatter([rows[0] | wrong, *rows[1:]])["gyro/x"]["N"].days == 3
+    known = [row for row in history_rows(tmp_path, [1.0, 2.0, 3.0, 4.0]) if row.channel == "gyro/x"]
+    rows = json.loads(to_json(known))
+    assert day_scatter(read_rows(rows))["gyro/x"]["N"].days == 4
+    assert day_scatter(read_rows([rows[0] | wrong, *rows[1:]]))["gyro/x"]["N"].days == 3
 
 
 def test_the_bias_has_a_budget_once_power_ups_are_known() -> None:
