@@ -219,6 +219,11 @@ class _Mark:
     low: float
     high: float
 
+    @property
+    def level(self) -> float:
+        """Height at which it is drawn: the value, or the bound."""
+        return self.high if self.value is None else self.value
+
 
 def _marks(report: Report, sensor: str, curves: Mapping[str, Allan]) -> Iterator[_Mark]:
     """Yield where the coefficients lie on their asymptotes."""
@@ -243,10 +248,10 @@ def _marks(report: Report, sensor: str, curves: Mapping[str, Allan]) -> Iterator
 def _draw_marks(panel: Axes, marks: Sequence[_Mark]) -> None:
     """Draw the coefficients as bars over their 95 % limits, upper bounds as arrows, with one letter for the axes."""
     bottom, top = panel.get_ylim()
-    marks = [mark for mark in marks if bottom < mark.high < top]
+    marks = [mark for mark in marks if bottom < mark.level and mark.high < top]
     for mark in marks:
         slope, colour = COEFFICIENTS[mark.letter].slope, COLOURS[mark.axis]
-        level, end = (mark.value, mark.low) if mark.value is not None else (mark.high, mark.high / ROOM**2)
+        level, end = mark.level, mark.high / ROOM**2 if mark.value is None else mark.low
         wide = (mark.tau_s / ROOM, mark.tau_s * ROOM)
         line = [level * (t / mark.tau_s) ** slope for t in wide]
         panel.plot(wide, line, color=colour, linewidth=0.8, linestyle=(0, (3, 2)), zorder=3.0)

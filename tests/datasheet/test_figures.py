@@ -58,6 +58,21 @@ def test_the_figure_of_the_page_marks_n_b_and_k() -> None:
     assert {"N", "B", "K"} <= set(letters)
 
 
+def test_a_coefficient_below_the_frame_is_not_marked() -> None:
+    """Its limits may reach into the frame: a bar would begin above its end."""
+    report = make_report(LONG_S)
+    channels = dict(report.channels)
+    for name in ("gyro/x", "gyro/y", "gyro/z"):
+        known = channels[name].coefficients
+        below = replace(
+            known["K"], value=1e-12, low=1e-13, status="measured", combined_low=None, combined_high=None
+        )
+        channels[name] = replace(channels[name], coefficients={**known, "K": below})
+    letters = [e.text for e in ET.fromstring(svg(replace(report, channels=channels), "gyro")).iter("text")]
+    assert {"N", "B"} <= set(letters)
+    assert "K" not in letters
+
+
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="poppler is not installed")
 def test_pdftotext_finds_the_numbers(tmp_path: Path) -> None:
     (tmp_path / "x.pdf").write_bytes(made(make_report(), "pdf-figure"))
