@@ -14,31 +14,23 @@ from collections.abc import Iterable
 import numpy as np
 
 from imumon.noise.fit import ChannelFit
+from imumon.noise.fit.regressors import BOTH_WAYS
 from imumon.samples import Floats
 
 CANDIDATES_S = (120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 5400.0)
 """s, possible ends of a warm-up: a finer grid would exclude little less."""
 DECISION_LENGTH = 2.5
 """Length of the record, as a multiple of a candidate, at which the candidate is decided."""
-OVER = 0.5
-"""Time constant of an exponential that is over at a candidate, as a share of its time: at most a seventh remains."""
-STILL = 0.25
-"""Time constant of an exponential that still settles at the end of a record, as a share of its length: of a shorter one
-at most 2 % remain."""
-LONGEST_WARMUP_S = 7200.0
-"""s, longest time after which a sensor may still warm up."""
-WARMING_DEGC = 1.0
-"""degC, least rise of the temperature during a warm-up."""
-SETTLED_SHARE = 0.15
-"""Share of the record within which the temperature makes most of its rise if the warm-up is over."""
-HIGHEST_SHARE = 0.1
-"""Share of the range of the temperature by which the last mean may be below the highest: a cycle of the ambient
-temperature is no warm-up."""
+STILL = 0.22
+"""Time constant of what still settles at the end of a record, as a share of its length: of a shorter one at most 1 %
+remains there, and a sixth at a candidate that is decided there."""
+CHANGED_DEGC = 1.0
+"""degC from which a temperature has changed: less is no warm-up, and no cause of a change between days."""
 
 
 def is_over(fits: Iterable[ChannelFit], candidate_s: float) -> bool:
     """Return whether some channel settles along an exponential that is over at a candidate, s."""
-    return any(time_s <= OVER * candidate_s for time_s in _time_constants_s(fits))
+    return any(time_s <= STILL * DECISION_LENGTH * candidate_s for time_s in _time_constants_s(fits))
 
 
 def still_settles(fits: Iterable[ChannelFit], length_s: float) -> bool:
@@ -68,8 +60,9 @@ def is_warming_up(degrees: Floats, block_s: float) -> bool:
         return False
     low, high = float(known[: max(1, known.size // 50)].mean()), float(known.max())
     rise = high - low
-    if rise < WARMING_DEGC or known[-1] < high - HIGHEST_SHARE * rise:
+    # a cycle of the ambient temperature is no warm-up
+    if rise < CHANGED_DEGC or known[-1] < high - BOTH_WAYS * rise:
         return False
     # 1 - 1/e of the rise, one time constant of an exponential
     reached = float(np.argmax(known > low + 0.632 * rise)) / known.size
-    return reached > SETTLED_SHARE and reached * length < LONGEST_WARMUP_S
+    return reached > STILL and reached * length < CANDIDATES_S[-1]
