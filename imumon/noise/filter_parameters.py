@@ -36,9 +36,9 @@ MOST_NEES = 1.25
 LEAST_N, MOST_SIZE = 1e-15, 1e6
 """unit/sqrt(Hz) and SI, N below and N, B or K above which a report describes no sensor."""
 
-SMALLEST_WALK, LARGEST_WALK = 0.1, 10.0
-"""Share of K below which no walk goes, where the reference scenario needs none, and of sqrt(K^2 + B^2/s), where the
-search begins."""
+LARGEST_WALK = 10.0
+"""Share of sqrt(K^2 + B^2/s) where the search for a walk begins, and of the walk that K is at most: none goes below,
+where the reference scenario needs none."""
 
 NO_WALK = 1e-6
 """1/s, share of N that stands for B and K in a channel without them, and share of the largest walk where the search
@@ -103,7 +103,7 @@ def horizons(horizon_s: float) -> Floats:
 def smallest_walk(truths: ChannelTruths, horizon_s: Floats) -> Floats:
     """Return the smallest walk, (c,), with a predicted NEES of at most `MOST_NEES`: it falls as the walk rises."""
     high = LARGEST_WALK * np.maximum(np.hypot(truths.K, truths.B), NO_WALK * truths.N)
-    low = np.maximum(SMALLEST_WALK * truths.K, NO_WALK * high)
+    low = np.maximum(truths.K / LARGEST_WALK, NO_WALK * high)
     for _ in range(HALVINGS):
         middle = np.sqrt(low * high)
         found = predict(FilterModels.without_terms(truths.N, middle), truths, horizon_s)

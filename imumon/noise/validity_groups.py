@@ -22,7 +22,7 @@ DITHERED = 0.5
 """Quantisation steps, least standard deviation at which rounding acts as white noise (Widrow and Kollar, Quantization
 Noise, 2008, section 4: exact to 3 % there); below, it hides the noise."""
 LARGEST = 1e60
-"""Channel unit; larger values never count, so that sums of fourth powers stay finite."""
+"""Channel unit; larger values never count, so that sums of fourth powers stay finite. One over it is the least step."""
 
 
 class ValidityGroups:

@@ -11,11 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.constants import Julian_year
 
 from imumon.samples import Floats
 
-MAX_SECONDS = 3.15576e7
-"""s, one year: longer times are not reported, because no sensor stays the same that long."""
 FREQUENCIES = 60
 """Points of the integral, even in the logarithm of frequency."""
 LOWEST_CYCLES = 1.5
@@ -61,10 +60,10 @@ def seconds_to(
 
     Returns
     -------
-    s; None where a coefficient is not measured, or not as precise within `MAX_SECONDS`.
+    s; None where a coefficient is not measured, or not as precise within a year: no sensor stays the same that long.
     """
     doublings = np.arange(
-        2 + max(0, math.ceil(math.log2(1.0 + MAX_SECONDS / (samples * tau0)))), dtype=np.float64
+        2 + max(0, math.ceil(math.log2(1.0 + Julian_year / (samples * tau0)))), dtype=np.float64
     )
     errors = relative_errors(powers, samples * np.exp2(doublings), highest)
     out: list[float | None] = []
@@ -79,5 +78,5 @@ def seconds_to(
         else:
             part = math.log(reached[at - 1] / least) / math.log(reached[at - 1] / reached[at])
             seconds = samples * (2.0 ** (at - 1.0 + part) - 1.0) * tau0
-            out.append(seconds if seconds < MAX_SECONDS else None)
+            out.append(seconds if seconds < Julian_year else None)
     return out

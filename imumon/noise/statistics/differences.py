@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from imumon.noise.statistics.distribution_shape import MOMENT_ERRORS
+from imumon.noise.statistics.distribution_shape import FEW_LEVELS, LEARN_SAMPLES, MOMENT_ERRORS
 from imumon.samples import Bools, Floats
 
 PER_OCTAVE, BINS = 16, 1024
@@ -41,10 +41,6 @@ nothing. Rounding to `LEAST_STEPS` gives a tenth."""
 
 LEAST_STEPS = 3.0
 """Quantisation steps that sigma(tau0) has at least: the median of fewer levels says little."""
-LEVEL_STEPS = 8
-"""Steps below which the median is sought between levels, because bins are finer than them."""
-LEAST_DIFFERENCES = 200
-"""Differences from which there is a result: the median is then right to 10 %."""
 LEAST_EXCESS = 0.05
 """Share by which the deviation exceeds the robust one at least, where both disagree."""
 RATIO_VARIANCE = 2.8
@@ -137,7 +133,7 @@ class DifferenceAccumulator:
         """
         n = self._counts.sum(axis=1)
         square, fourth = (self._sums / np.maximum(n, 1)[:, None]).T
-        known = (n >= LEAST_DIFFERENCES) & (square > 0.0)
+        known = (n >= LEARN_SAMPLES) & (square > 0.0)
         excess = fourth / np.where(known, square, 1.0) ** 2 - 3.0
         return np.where(known, 2.0 * excess, 0.0)
 
@@ -156,7 +152,7 @@ class DifferenceAccumulator:
 
     def _robust(self, c: int, step: float, excess: float) -> RobustDeviation | None:
         n = int(self._counts[c].sum())
-        if n < LEAST_DIFFERENCES or not self._sums[c, 0] > 0.0:
+        if n < LEARN_SAMPLES or not self._sums[c, 0] > 0.0:
             return None
         sigma = math.sqrt(0.5 * float(self._sums[c, 0]) / n)
         if sigma < LEAST_STEPS * step:
@@ -165,8 +161,8 @@ class DifferenceAccumulator:
             return None
         below = np.concatenate(([0], np.cumsum(self._counts[c]))) / n  # at the edges of the bins
         edges = _edges()
-        if 0.0 < sigma < LEVEL_STEPS * step:  # at the edges next to the middle between two levels
-            levels = np.arange(0.5, 4.0 * LEVEL_STEPS) * step
+        if 0.0 < sigma < FEW_LEVELS * step:  # at the edges next to the middle between two levels
+            levels = np.arange(0.5, 4.0 * FEW_LEVELS) * step
             below, edges = below[np.searchsorted(edges, levels)], levels
         at = int(np.searchsorted(below, 0.5))
         if not 0 < at < len(edges):

@@ -32,14 +32,14 @@ MOMENT_ERRORS = 4.0
 COARSE_STEPS = 1.5
 """Standard deviation, in quantisation steps, below which a channel is called quantised."""
 FEW_LEVELS = 8
-"""Levels up to which a channel whose step could not be learned counts as quantised, and above which the least
-difference may be several steps."""
+"""Levels up to which a channel whose step could not be learned counts as quantised, above which the least difference
+may be several steps, and in a deviation, below which a median is sought between them."""
 MODE_HEIGHT = 0.1
 """Share of the highest count by which a mode rises above the valleys beside it."""
 MODE_WIDTH = 0.25
 """Width of the smoothing kernel for modes, as a share of the standard deviation."""
 LEARN_SAMPLES = 256
-"""Samples from which the step of a quantised channel is read, and below which there is no verdict."""
+"""Samples from which the step of a quantised channel is read, and below which there is no verdict and no median."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,16 +16,11 @@ import numpy as np
 
 from imumon.noise.array_state import ArrayState
 from imumon.noise.statistics.distribution_shape import FEW_LEVELS, LEARN_SAMPLES, DistributionShape, assessed
+from imumon.noise.validity_groups import LARGEST, ROUNDING
 from imumon.samples import Bools, Floats, Ints
 
 HISTOGRAM_BINS = 256
 """Bins of a channel: at least half of them are in use."""
-
-
-LEAST_STEP = 1e-150
-"""Channel unit, least quantisation step: its reciprocal and its square are finite."""
-ROUNDED_GAP = 1e-9
-"""Share of the largest value below which a difference of two values is rounding."""
 LATTICE_ERROR = 0.1
 """Steps by which a difference may miss a multiple of the quantisation step: nine random levels do not in 3e-6."""
 MOST_MULTIPLE = 1e6
@@ -217,8 +212,8 @@ def quantum(x: Floats) -> float:
     if len(levels) < 2:
         return 0.0
     gaps = np.diff(levels)
-    step = float(gaps[gaps > ROUNDED_GAP * np.abs(levels).max()].min(initial=np.inf))
-    if not LEAST_STEP < step < math.inf:
+    step = float(gaps[gaps > ROUNDING * np.abs(levels).max()].min(initial=np.inf))
+    if not 1.0 / LARGEST < step < math.inf:
         return 0.0
     for divisor in (1, 2, 3):  # the least difference may itself be several steps
         fine = step / divisor
