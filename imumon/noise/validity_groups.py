@@ -15,7 +15,7 @@ import numpy.typing as npt
 from imumon.samples import Bools, Floats
 
 LEAST_SHARE = 0.2
-"""Share of valid samples from which the mean of a block counts, and a segment of the spectrum."""
+"""Share of valid samples from which the mean of a block counts, a segment of the spectrum, and a frame of the guard."""
 ROUNDING = 1e-12
 """Relative size of what rounding alone makes."""
 DITHERED = 0.5

@@ -19,6 +19,7 @@ limits remain where this fails: coloured noise that is small is rest, and noise 
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import ndtri
 
 from imumon.noise.array_state import ArrayState
 from imumon.noise.detection.frame_statistics import (
@@ -57,8 +58,6 @@ REST_FRAMES = 16
 """Last frames by which rest is assessed, or those of motion that are tried as a new baseline: enough for scales that
 are right to 20 %."""
 
-MAD_SIGMA = 1.4826
-"""Standard deviation of a Gaussian over its median absolute deviation, 1 / 0.6745."""
 MAD_ERROR = 1.2
 """Relative standard error of a deviation from n median absolute distances, times sqrt(n)."""
 MARGIN = 3.0
@@ -219,13 +218,13 @@ class NoiseBaseline(ArrayState):
         logs = self._ring[:n, 1:3]
         self._scale = _median(logs, self._scale)
         floor = np.array([[(2.0 * self._frame) ** -0.5], [(2.0 * PARTS - 2.0) ** -0.5]])
-        scatter = MAD_SIGMA * _median(np.abs(logs - self._scale), np.zeros_like(self._scale))
+        scatter = gaussian_deviation(_median(np.abs(logs - self._scale), np.zeros_like(self._scale)))
         self._scatter = np.minimum(np.maximum(scatter, floor), MOST_SCATTER * floor)
         wider = 1.0 + MARGIN * self._scatter * np.sqrt(0.5 * np.pi / n)  # of a median
         rms, parts = np.exp(self._scale)
         self.sample = UNUSUAL_SIGMA * wider[0] * rms
         self.part = UNUSUAL_SIGMA * wider[1] * parts
-        shift = MAD_SIGMA * _median(self._ring[:n, 3], np.zeros_like(rms))
+        shift = gaussian_deviation(_median(self._ring[:n, 3], np.zeros_like(rms)))
         # The mean of a frame scatters at least as white noise of the parts would. With few distances, the
         # scatter of the parts is the least that is assumed.
         shift = np.maximum(shift, parts / np.sqrt(PARTS)) * (1.0 + MARGIN * MAD_ERROR / np.sqrt(n))
@@ -260,6 +259,11 @@ class NoiseBaseline(ArrayState):
         limit = np.maximum(self._rest_limit, factor * white)
         excess = (step / np.minimum(limit, SHAKEN_FACTOR * self._rest_limit)) ** 2
         return all(float(excess[axes].mean()) <= 1.0 for axes in self._members.values())
+
+
+def gaussian_deviation(median: Floats) -> Floats:
+    """Return the standard deviation of Gaussians whose median absolute deviation is given."""
+    return np.asarray(median / ndtri(0.75))
 
 
 def _median(rows: Floats, otherwise: Floats) -> Floats:

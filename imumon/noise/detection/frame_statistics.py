@@ -9,12 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from imumon.noise.validity_groups import LEAST_SHARE
 from imumon.samples import Bools, Floats, Ints
 
 PARTS = 10
 """Parts of a frame: of about 0.1 s, the shortest time that is excluded."""
-KNOWN_SHARE = 0.25
-"""Valid share of a frame from which it is assessed."""
 INDEPENDENT_SAMPLES = 100
 """Independent samples of a frame that are assumed at most: the filter of the sensor may end at 50 Hz."""
 FIRST_FRAMES = 4
@@ -105,7 +104,7 @@ class FrameStatistics:
             weighted = np.einsum("ckp,kp->ck", means * means, count)
             spread = weighted / (filled * part)
             part_peak = np.abs(means * np.sqrt(count / part)).max(axis=2)
-            known = n >= KNOWN_SHARE * size
+            known = n >= LEAST_SHARE * size
             variance = square - mean**2
             left, right = count[:, :-1], count[:, 1:]
             weight = left * right / np.maximum(left + right, 1)

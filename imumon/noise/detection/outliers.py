@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from imumon.noise.array_state import ArrayState
-from imumon.noise.detection.baseline import MAD_SIGMA, MARGIN, UNUSUAL_SIGMA
+from imumon.noise.detection.baseline import MARGIN, UNUSUAL_SIGMA, gaussian_deviation
 from imumon.noise.detection.frame_statistics import MEMORY_FRAMES, PARTS
 from imumon.noise.detection.stuck import CHANCE, run_beyond_chance
 from imumon.samples import Bools, Floats, Ints
@@ -120,6 +120,6 @@ def own_limit(d: Floats, usable: Bools | None) -> Floats:
     if n < PARTS:
         return np.full(len(d), np.inf)
     median = np.median(x, axis=1, keepdims=True)
-    scale = MAD_SIGMA * np.median(np.abs(x - median), axis=1)
+    scale = gaussian_deviation(np.median(np.abs(x - median), axis=1))
     scale = np.where(scale > 0.0, scale, x.std(axis=1))
     return np.asarray(UNUSUAL_SIGMA * scale)

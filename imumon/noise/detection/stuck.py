@@ -17,13 +17,15 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import ndtr
 
 from imumon.noise.array_state import ArrayState
+from imumon.noise.detection.baseline import UNUSUAL_SIGMA
 from imumon.noise.detection.frame_statistics import MEMORY_FRAMES, frames_to_change
 from imumon.samples import Bools, Floats
 
-CHANCE = 1e-12
-"""Probability below which a run is not chance: less than one false run in a month at 800 Hz."""
+CHANCE = float(ndtr(-UNUSUAL_SIGMA))
+"""Probability below which a run is not chance: that of an unusual sample."""
 LEAST_REPEATS = 5
 """Samples, shortest run of repeats that counts, however rare repeats are: a driver may send one twice."""
 LEAST_FRAMES = 2
@@ -126,7 +128,7 @@ def run_beyond_chance(share: float, least: int) -> int:
     """Return the length of a run, at least `least`, that is too long for chance; `share` is the usual one.
 
     >>> run_beyond_chance(0.0, 5), run_beyond_chance(0.69, 5), run_beyond_chance(1.0, 5) > 10**12
-    (5, 75, True)
+    (5, 74, True)
     """
     if share <= 0.0:
         return least
