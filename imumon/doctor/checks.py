@@ -7,7 +7,7 @@ The checks of a device apply to any kind; its driver replaces or adds those that
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from imumon.alarms import DEFAULT_LIMITS
 from imumon.config import Settings
@@ -128,19 +128,23 @@ def no_device(error: DeviceError) -> Check:
     return Check("sensor", "failed", error.message, error.cure or None)
 
 
-def device(observation: Observation, specific: Iterable[Check]) -> list[Check]:
+def device(
+    observation: Observation, specific: Iterable[Check], alarm_limits: Mapping[str, float] = DEFAULT_LIMITS
+) -> list[Check]:
     """Return the checks of a device in order.
 
     Parameters
     ----------
     specific : checks of its driver; each replaces the generic one of the same name.
+    alarm_limits : by name of the alarm; see `imumon.alarms`.
     """
-    by_name = {check.name: check for check in (*_generic(observation), *specific)}
+    max_loss = alarm_limits.get("loss", DEFAULT_LIMITS["loss"])
+    by_name = {check.name: check for check in (*_generic(observation, max_loss), *specific)}
     known = [by_name.pop(name) for name in DEVICE_CHECKS if name in by_name]
     return [*known, *by_name.values()]
 
 
-def _generic(observation: Observation) -> Iterator[Check]:
+def _generic(observation: Observation, max_loss: float) -> Iterator[Check]:
     if observation.lost is not None:
         yield Check("sensor", "failed", observation.lost, "check the plug and the strain relief of the cable")
     yield _model(observation)
@@ -149,7 +153,7 @@ def _generic(observation: Observation) -> Iterator[Check]:
         yield _aliasing(observation)
         yield _compensation(observation)
     if observation.messages:
-        yield _checksums(observation)
+        yield _checksums(observation, max_loss)
     if observation.samples:
         yield _rate(observation)
         yield from _clock(observation)
@@ -207,7 +211,7 @@ def _compensation(observation: Observation) -> Check:
     return Check("compensation", "warning", text, "use an uncompensated stream of the sensor")
 
 
-def _checksums(observation: Observation) -> Check:
+def _checksums(observation: Observation, max_loss: float) -> Check:
     bad = observation.bad_checksums
     total = observation.messages + bad
     text = f"{bad} of {total} messages damaged in {observation.seconds:.0f} s"
@@ -219,7 +223,7 @@ def _checksums(observation: Observation) -> Check:
     cure = (
         "check the cable and its ground, keep it short and away from motors; a lower baud rate is more robust"
     )
-    return Check("checksums", "failed" if share > DEFAULT_LIMITS["loss"] else "warning", text, cure)
+    return Check("checksums", "failed" if share > max_loss else "warning", text, cure)
 
 
 def _rate(observation: Observation) -> Check:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
+from imumon.alarms import limits
 from imumon.config import Settings
 from imumon.devices import registry
 from imumon.devices.base import Check, DeviceError, DeviceOptions
@@ -112,6 +113,7 @@ def _examine_device(
     progress: Callable[[str], None],
 ) -> list[Check]:
     driver = registry.driver_of(port.path)
+    alarm_limits = limits(case.settings.alert) if report is None else report.alarm_limits
     if report is not None and probe.subscriber is not None:
         progress(f"observing the daemon {report.device.id} for {case.seconds:g} s")
         observation = observe_daemon(probe.subscriber, report, case.seconds)
@@ -128,7 +130,7 @@ def _examine_device(
             progress(f"observing the device for {case.seconds:g} s")
             observation = observe_device(device, case.seconds)
     specific = driver.checks(observation, case.settings.device)
-    return [*checks.latency(port), *checks.device(observation, specific)]
+    return [*checks.latency(port), *checks.device(observation, specific, alarm_limits)]
 
 
 def _same_port(one: str, other: str) -> bool:

@@ -20,6 +20,7 @@ from daemons import Daemon, free_endpoint
 from fake_device import FakeDriver
 
 from imumon.config import DeviceSettings, Settings, ZenohSettings, load
+from imumon.config.settings import AlertSettings
 from imumon.devices import registry
 from imumon.devices.base import Check, DeviceOptions, Observation
 from imumon.devices.registry import driver
@@ -106,6 +107,14 @@ def test_damaged_messages_are_detected(case: Case, fault: str) -> None:
         results = by_name(replace(case, seconds=0.5), sensor.path)  # 80 messages: some are certainly damaged
     assert results["checksums"].status == "failed", results
     assert results["checksums"].cure
+
+
+def test_damage_below_the_configured_loss_is_a_warning(case: Case) -> None:
+    tolerant = replace(case.settings, alert=AlertSettings(max_loss=0.9))
+    with spawn(CLOCKED) as sensor:
+        sensor.ask("fault crc=0.2")
+        results = by_name(replace(case, settings=tolerant, seconds=0.5), sensor.path)
+    assert results["checksums"].status == "warning", results
 
 
 @pytest.mark.parametrize("fault", ["drop=0.25", "duplicate=0.5"])
