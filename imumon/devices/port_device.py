@@ -93,7 +93,7 @@ class RateCheck:
 
 
 class Session(ABC):
-    """What a family of sensors does on an open port. A sensor that only sends needs `info` alone."""
+    """What a family of sensors does on an open port. A sensor that only sends needs `info`, `read`, `decode`."""
 
     def connect(self) -> DeviceInfo:
         """Identify the sensor, without changing it.
