@@ -203,7 +203,7 @@ def test_publish_returns_at_once_drops_old_events_and_survives_a_bad_report() ->
         session.declare_subscriber(
             "imumon/x/event", lambda s: arrived.append(json.loads(s.payload.to_bytes()))
         )
-        until(lambda: session.info.transports())
+        until(lambda: publisher.event(event("x", 0)) or arrived)  # the subscription is known
         for number in range(5000):
             publisher.event(event("x", number))
         assert len(publisher._events) <= MAX_QUEUED
