@@ -13,8 +13,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtr
 
-from imumon.coefficients import LIMIT_95
+from imumon.coefficients import BIAS_TERMS, LIMIT_95
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit import regressors as columns_of
 from imumon.noise.fit.expected_curve import noise_variances
@@ -25,11 +26,10 @@ from imumon.noise.fit.slow_terms import SlowTerms
 from imumon.report import BiasCurve, ModelColumn
 from imumon.samples import Floats
 
-MOST_DEGREE = 3
-"""Degree of the polynomials of flight controllers."""
-TERM_SIGMA = 1.15
-"""Standard errors from which a term of a higher degree is one: 25 % by chance (Bancroft 1944). Limits do not hold
-beside a term in doubt that is left out."""
+NEGLECTED_P = 0.25
+"""Probability by chance below which a term of a higher degree, or the variance between quarters, counts: the limits of
+the others do not hold beside one in doubt that is neglected (Bancroft 1944; Biometrics 20, 1964). At 0.05 the limits of
+a scatter as large as the statistics hold 88 %, at 0.25 92 %."""
 SPAN_PER_DEGREE_DEGC = 2.0
 """degC, span that each degree above the first one needs: sensors bend little within less."""
 LOWEST_DEGC, HIGHEST_DEGC = -60.0, 110.0
@@ -92,10 +92,10 @@ def bias_curve(
     if drift is not None and _correlation(fit.covariance, one, drift) > COLLINEAR:
         return BiasCurve(reason="collinear")
     degree = 1
-    for more in range(2, MOST_DEGREE + 1):
+    for more in range(2, len(BIAS_TERMS) + 1):
         if high - low >= SPAN_PER_DEGREE_DEGC * more:
             other = _fitted(series, u, loop, more, noise)
-            if other.sigma(one + more - 1) > TERM_SIGMA:
+            if 2.0 * ndtr(-other.sigma(one + more - 1)) < NEGLECTED_P:
                 fit, degree = other, more
     return _stated(series, fit, blocks.offset[column], one, degree, reference, half, u)
 

@@ -14,6 +14,7 @@ from imumon.noise.fit.likelihood import averaged as average_over
 from imumon.noise.fit.likelihood import evidence, normal_matrix, quantiles
 from imumon.noise.fit.regressors import BENT, COLLINEAR, OSCILLATION
 from imumon.noise.fit.results import ChannelFit
+from imumon.noise.fit.slow_terms import CHANCE
 from imumon.noise.fit.stated_curve import BENDS, Stated, line_bands, moved, oscillations
 from imumon.noise.fit.time_to_precision import seconds_to
 from imumon.noise.noise_sums import NoiseSums
@@ -25,8 +26,6 @@ LEAST_B_K_S = 10.0
 EVIDENCE = 4.8
 """Twice the log likelihood ratio against zero from which a coefficient is measured: 1.4 % false detections (half of the
 records have the best value at zero). Of N^2 and Q^2 it is the square over that of the standard error."""
-MISFIT_P = 0.01
-"""Probability of the misfit below which the caveat ``misfit`` is given."""
 SAME_PERIOD = 0.2
 """Relative difference up to which two periods are those of one oscillation."""
 
@@ -58,7 +57,7 @@ def stated(
     none, lines = np.zeros(0), line_bands(sums, channel)
     periods_s = _periods(found, lines, tau0)
     holds = {
-        "misfit": found.p_value < MISFIT_P,
+        "misfit": found.p_value < CHANCE,
         "correlated": found.window > 1 or found.likelihood.shape == "filtered",
         "quantised": "Q" in coefficients,
         "oscillation": bool(periods_s),

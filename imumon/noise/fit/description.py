@@ -26,6 +26,7 @@ from imumon.noise.fit.likelihood import Likelihood, Surface, mixed, rows_up_to
 from imumon.noise.fit.observations import BlockSeries, Powers, meeting_frequency, spectral_powers
 from imumon.noise.fit.slow_terms import SlowTerms, SlowTermSearch
 from imumon.noise.noise_sums import NoiseSums
+from imumon.report import NOISE
 from imumon.samples import Floats
 
 REJECT_P = 1e-3
@@ -37,8 +38,6 @@ MOST_ERROR = 0.3
 """Relative error of the model above which no coefficient is given, and of N^2 up to which octaves are left out."""
 WINDOWS = (2, 3, 4, 5, 6, 8, 10, 12, 16)
 """Samples of a moving average that sensors have."""
-LEAST_ROWS = 4
-"""Bands that a description needs: three terms and a test."""
 
 Grids: TypeAlias = tuple[Floats, Floats]
 """Values of B and of K."""
@@ -151,7 +150,7 @@ class Describer:
             yield 0, window, ""
         yield 0, 1, "quantised"
         first = 0
-        while first == 0 or self._rows(first) > LEAST_ROWS:
+        while first == 0 or self._rows(first) > len(NOISE) + 1:  # the shape is a term, too
             yield first, 1, "filtered"
             first += 1
 
@@ -160,7 +159,7 @@ class Describer:
         best, least = 1, np.inf
         for window in (1, *WINDOWS):
             powers = self._powers(window)
-            if powers.top.size < LEAST_ROWS:
+            if powers.top.size <= len(NOISE):
                 break
             rows = np.argsort(-powers.top)[:8]
             ratio = np.log(np.maximum(powers.power[rows], 1e-300) / powers.expected[rows, 0])
@@ -189,20 +188,20 @@ class Describer:
         The upper end is judged by the spectrum: what moves slowly does not change it. A description whose white noise
         does not show is none.
         """
-        if first and self._rows(first) < LEAST_ROWS:
+        if first and self._rows(first) <= len(NOISE):
             return 0.0, np.inf
         likelihood, surface = self._search(first, window, shape)
         if first and not _shows(surface):
             return 0.0, np.inf
         tested = replace(likelihood, error=TOLERANCE)
         own = int(rows_up_to(self._powers(window), _highest(first)).sum())
-        rows = own if own >= LEAST_ROWS else None
+        rows = own if own > len(NOISE) else None
         misfit, dof = tested.misfit(surface, rows)
         return tested.p_value(surface, rows), misfit / dof
 
     def _shows_white(self, first: int, window: int, shape: str) -> bool:
         """Return whether the white noise still shows with some octaves left out."""
-        return self._rows(first) >= LEAST_ROWS and _shows(self._search(first, window, shape)[1])
+        return self._rows(first) > len(NOISE) and _shows(self._search(first, window, shape)[1])
 
     # ------------------------------------------------------------------ likelihoods
 

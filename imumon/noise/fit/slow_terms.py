@@ -31,7 +31,7 @@ from imumon.noise.fit.regressors import Regressor
 from imumon.samples import Bools, Floats, Ints
 
 CHANCE = 0.01
-"""Probability, over all coefficients of a record, that noise alone makes an oscillation: it costs little."""
+"""Probability, over all of a record, that noise alone makes an oscillation, or a misfit: it costs little."""
 LEAK = 0.02
 """Share of the noise that the leakage of an oscillation may have in a coefficient that counts."""
 OSCILLATION_WIDTHS = (1, 3, 8, 24)

@@ -23,13 +23,11 @@ from imumon.noise.fit.slow_terms import CERTAIN
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.power_law import sampled_density
 from imumon.noise.spectrum.expectation import window_power
+from imumon.noise.spectrum.spectral_lines import SEGMENT
 from imumon.samples import Floats, Ints
 
 BENDS = 0.1
 """Share of the Allan variance at some tau from which lines or a drift bend the curve visibly."""
-
-SMOOTH_OCTAVES_END = 64
-"""Samples, longest cluster for which the contribution of a line hardly changes within a bin of the spectrum."""
 
 ALIAS_WIDTHS, ALIAS_SHARE = 3.0, 0.1
 """Widths of a line within which its alias lies, and the least share of an oscillation that remains of the line."""
@@ -132,7 +130,8 @@ def _departure(
         return long
     long = long + line_share
     short = density_variances(m, f, width, np.where(lines, density, stated) - noise)
-    return np.where(m <= SMOOTH_OCTAVES_END, short, long)
+    # a contribution hardly changes within a quarter of its period, which a bin is at most
+    return np.where(4 * m <= SEGMENT, short, long)
 
 
 def line_bands(sums: NoiseSums, channel: int) -> Floats:

@@ -17,16 +17,13 @@ from scipy.special import gammaincc, gammainccinv
 from imumon.coefficients import QUARTERS, Excess
 from imumon.noise.allan.windows import WindowedCascade
 from imumon.noise.blocks.block_means import BLOCK
+from imumon.noise.fit.bias_curve import NEGLECTED_P
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
 from imumon.samples import Floats
 
 PART_S = 8.0
 """s, shortest part: a quarter must be long enough for N."""
-
-EXCESS_P = 0.25
-"""Probability below which scatter counts. A variance is neglected only where a weak test does not find it either:
-Bancroft, Biometrics 20 (1964); at 0.05 the limits of a scatter as large as the statistics hold 88 %, at 0.25 92 %."""
 
 
 def excess(values: Floats, errors: Floats) -> Excess:
@@ -69,7 +66,7 @@ def excess(values: Floats, errors: Floats) -> Excess:
         return 2.0 * float(gammainccinv(half_dof, beyond))
 
     p_value = float(gammaincc(half_dof, 0.5 * squares(0.0)))
-    if p_value >= EXCESS_P:
+    if p_value >= NEGLECTED_P:
         by_chance = min(
             1.0, squares(0.0) / (2.0 * half_dof)
         )  # agree better than their errors: bound as if not
