@@ -82,14 +82,8 @@ def _command(process: Path) -> str:
 
 def overruns(fd: int | None) -> int | None:
     """Return the overruns that the driver has counted since it was loaded; None if it does not count."""
-    if fd is None:
-        return None
-    counts = array.array("i", [0] * 20)  # struct serial_icounter_struct
-    try:
-        fcntl.ioctl(fd, _TIOCGICOUNT, counts)
-    except OSError:
-        return None
-    return counts[7] + counts[10]
+    counts = _numbers(fd, _TIOCGICOUNT, 20)  # struct serial_icounter_struct
+    return None if counts is None else counts[7] + counts[10]
 
 
 def hung_up(fd: int) -> bool:
@@ -101,14 +95,18 @@ def hung_up(fd: int) -> bool:
 
 def actual_baud(fd: int | None) -> int | None:
     """Return the speed that the driver has really set; None if it cannot be asked."""
-    if fd is None or not sys.platform.startswith("linux"):
-        return None
-    settings = array.array("i", [0] * 64)  # struct termios2: the output speed is its eleventh word
-    try:
-        fcntl.ioctl(fd, _TCGETS2, settings)
-    except OSError:
-        return None
-    return settings[10]
+    settings = _numbers(fd, _TCGETS2, 64)  # struct termios2: the output speed is its eleventh word
+    return None if settings is None else settings[10]
+
+
+def _numbers(fd: int | None, request: int, count: int) -> array.array[int] | None:
+    """Return what the driver answers to a request, as integers of C; None if it knows no such request."""
+    if fd is not None and sys.platform.startswith("linux"):
+        with contextlib.suppress(OSError):
+            numbers = array.array("i", [0] * count)
+            fcntl.ioctl(fd, request, numbers)
+            return numbers
+    return None
 
 
 def is_no_terminal(path: str) -> bool:
