@@ -192,7 +192,6 @@ class DeviceInfo:
     sample_rate_hz : Hz, nominal.
     alias_factor : factor by which the filter of the sensor inflates N, the worse of gyroscope and
         accelerometer; 1 is none.
-    alias_factors : the same by sensor.
     settings : settings that change the data, by name, as text.
     data_settings : those settings of which another value makes another record.
     caveats : ``compensated``, ``unknown_compensation``, ``aliased``.
@@ -213,7 +212,6 @@ class DeviceInfo:
     clock: str | None = None
     sample_rate_hz: float | None = None
     alias_factor: float | None = None
-    alias_factors: Mapping[str, float | None] = field(default_factory=dict)
     settings: Mapping[str, str] = field(default_factory=dict)
     data_settings: tuple[str, ...] = ()
     caveats: tuple[str, ...] = ()

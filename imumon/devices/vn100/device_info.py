@@ -77,7 +77,6 @@ def device_info(
         baud=baud,
         sample_rate_hz=rate,
         alias_factor=worst,
-        alias_factors=factors,
         settings={name: settings[r] for r, name in names.items()},
         data_settings=tuple(name for r, name in names.items() if r in DATA_REGISTERS),
         remarks=(*remarks, *(remark for remark, holds in unknown.items() if holds)),
