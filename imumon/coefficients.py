@@ -7,7 +7,7 @@ metrics and CSV read the table. Standard library only, as `report`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
 
@@ -225,6 +225,17 @@ class Estimate:
         if not self.value or self.low is None or self.high is None:
             return None
         return 0.5 * (self.high - self.low) / self.value
+
+    def text(
+        self,
+        value: Callable[[float, float | None, float | None], str],
+        bound: Callable[[float], str],
+        pending: str,
+    ) -> str:
+        """Return what `value` makes of a measured value with its limits, or `bound` of a bound, else `pending`."""
+        if self.status == "measured" and self.value is not None:
+            return value(self.value, self.low, self.high)
+        return bound(self.high) if self.status == "upper_bound" and self.high is not None else pending
 
     def scaled(self, factor: float, unit: str = "") -> Estimate:
         """Return the same in another unit.

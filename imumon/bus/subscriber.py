@@ -94,7 +94,7 @@ class Subscriber:
         self._closed = False
         self._signal_due = threading.Event()
         self._asked: HistoryQuestion | None = None
-        self._answer: tuple[tuple[str, str, float, str], bytes, bytes] | None = None
+        self._answer: HistoryAnswer | None = None
         self._history_due = threading.Event()
         self._history_thread: threading.Thread | None = None
         # larger than `_MAX_MESSAGE`, so that a report that is too long is counted

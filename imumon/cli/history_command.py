@@ -231,7 +231,7 @@ def _readable(sensor: str, letter: str, part: Estimate | None) -> str:
     unit = COEFFICIENTS[letter].units.get(sensor)
     if part is None or unit is None:
         return "–"
-    own = part.scaled(unit.factor)
-    if own.status == "upper_bound" and own.high is not None:
-        return f"< {number(own.high, 3)} {pretty(unit.unit)}"
-    return "pending" if own.value is None else f"{measured(own.value, own.low, own.high)} {pretty(unit.unit)}"
+    name = pretty(unit.unit)
+    return part.scaled(unit.factor).text(
+        lambda *limits: f"{measured(*limits)} {name}", lambda high: f"< {number(high, 3)} {name}", "pending"
+    )

@@ -127,13 +127,13 @@ def _unknown(sensor: str, parts: Mapping[str, Estimate]) -> str:
 
 def value_text(part: Estimate) -> str:
     """Return a coefficient with the limits that documents state."""
-    part = part.stated
-    if part.status == "measured" and part.value is not None:
-        known = part.low is not None and part.high is not None
-        return f"{part.value:.4e}" + (f" (95 %: {part.low:.3e} to {part.high:.3e})" if known else "")
-    if part.status == "upper_bound" and part.high is not None:
-        return f"< {part.high:.3e} (95 %), not seen"
-    return no_value_text(part) or "not known yet"
+
+    def value(value: float, low: float | None, high: float | None) -> str:
+        limits = "" if low is None or high is None else f" (95 %: {low:.3e} to {high:.3e})"
+        return f"{value:.4e}{limits}"
+
+    pending = no_value_text(part) or "not known yet"
+    return part.stated.text(value, lambda high: f"< {high:.3e} (95 %), not seen", pending)
 
 
 def settings_header(report: Report, filters: FilterReport) -> list[str]:

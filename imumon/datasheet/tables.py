@@ -158,16 +158,18 @@ def shown_letters(channels: Iterable[Channel]) -> tuple[str, ...]:
     return tuple(letter for letter in COEFFICIENTS if letter in NOISE or letter in known)
 
 
-def coefficient_text(coefficient: Estimate | None) -> str:
-    """Return a coefficient with the limits that documents state, in readable units: ``0.358 (0.353 to 0.364)``."""
+def coefficient_text(coefficient: Estimate | None, *, short: bool = False) -> str:
+    """Return a coefficient with the limits that documents state, in readable units: ``0.358 (0.353 to 0.364)``.
+
+    Parameters
+    ----------
+    short : with the half-width of its limits or their factor instead: ``0.358 ±1.5 %``, ``3.5 ×÷2.1``.
+    """
     if coefficient is None:
         return ""
-    shown = coefficient.stated.readable
-    if coefficient.status == "measured" and shown.value is not None:
-        return with_limits(shown.value, shown.low, shown.high)
-    if coefficient.status == "upper_bound" and shown.high is not None:
-        return f"< {figures(shown.high)}"
-    return no_value_text(coefficient) or "too short"
+    pending = no_value_text(coefficient) or "too short"
+    value = measured if short else with_limits
+    return coefficient.stated.readable.text(value, lambda high: f"< {figures(high)}", pending)
 
 
 def without_aliasing(report: Report, name: str, part: Estimate | None) -> Estimate | None:
@@ -261,21 +263,12 @@ def _channel_cells(
                 head.append(f"{letter}{unit}" if known else "")
             yield (*head, *(("meets", "nearest") if channel.grade else ("", ""))[not limits :])
         numbers = (_number(getattr(channel, each)) for each in statistics)
-        text = coefficient_text if limits else _abbreviated
-        noise = (text(channel.coefficients.get(letter)) for letter in letters)
+        noise = (coefficient_text(channel.coefficients.get(letter), short=not limits) for letter in letters)
         yield (name, *numbers, *noise, *axis_grades(channel)[not limits :])
 
 
 def _number(value: float | None) -> str:
     return "" if value is None else f"{value:>{NUMBER}.4e}"
-
-
-def _abbreviated(coefficient: Estimate | None) -> str:
-    """Return a coefficient with the half-width of its limits or their factor: ``0.358 ±1.5 %``, ``3.5 ×÷2.1``."""
-    shown = Estimate() if coefficient is None else coefficient.stated.readable
-    if shown.status != "measured" or shown.value is None:
-        return coefficient_text(coefficient)
-    return measured(shown.value, shown.low, shown.high)
 
 
 def grade_lines(report: Report, *, reasons: bool = True) -> list[str]:

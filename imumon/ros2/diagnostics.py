@@ -132,12 +132,13 @@ def _axes(axes: Mapping[str, Channel]) -> Iterator[tuple[str, str]]:
 def _coefficient(coefficient: Estimate) -> str:
     """Return a coefficient with its 95 % limits, in the readable unit."""
     shown = coefficient.readable
-    if coefficient.status == "measured" and shown.value is not None:
-        limits = f" ({figures(shown.low or 0.0)} to {figures(shown.high)})" if shown.high is not None else ""
-        return f"{figures(shown.value)}{limits} {shown.unit}"
-    if coefficient.status == "upper_bound" and shown.high is not None:
-        return f"< {figures(shown.high)} {shown.unit}"
-    return f"pending: {coefficient.reason}" if coefficient.reason else "pending"
+
+    def value(value: float, low: float | None, high: float | None) -> str:
+        limits = "" if high is None else f" ({figures(low or 0.0)} to {figures(high)})"
+        return f"{figures(value)}{limits} {shown.unit}"
+
+    pending = f"pending: {coefficient.reason}" if coefficient.reason else "pending"
+    return shown.text(value, lambda high: f"< {figures(high)} {shown.unit}", pending)
 
 
 def sample_variances(report: Report, sensor: str) -> Sequence[float] | None:
