@@ -99,9 +99,8 @@ def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] |
 
 
 def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, Any]]:
-    """Yield the rows of a file."""
-    from imumon.history.rows import rows
-    from imumon.history.store import SUFFIX, HistoryStore, devices
+    """Return the rows of a file."""
+    from imumon.history.store import SUFFIX, devices
     from imumon.messages import matching
 
     known = devices(directory)
@@ -114,9 +113,17 @@ def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, An
         cure = "start one with imumon run, or name the directory with --state"
         raise CommandError("no_history", message, cure, NOT_FOUND)
     name = meant[0] if meant else str(id)
-    with HistoryStore(directory / f"{name}{SUFFIX}") as store:
+    return _file_rows(directory / f"{name}{SUFFIX}", chosen)
+
+
+def _file_rows(file: Path, chosen: Any) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a file."""
+    from imumon.history.rows import rows
+    from imumon.history.store import SUFFIX, HistoryStore
+
+    with HistoryStore(file) as store:
         for timed in store.periods(chosen):
-            yield from rows(timed, name, chosen)
+            yield from rows(timed, file.name.removesuffix(SUFFIX), chosen)
 
 
 SHEET_STEPS = (("1d", 366.0), ("1h", 10.0))
@@ -133,19 +140,12 @@ def stored_days(path: Path) -> list[HistoryRow]:
     """Return the rows that the datasheet shows beside a saved state, of the history in its directory."""
     if (file := _beside(path)) is None:
         return []
-    from imumon.history.rows import rows
     from imumon.history.selection import of_parameters
-    from imumon.history.store import HistoryStore
 
-    def answer(asked: str) -> list[dict[str, Any]]:
-        chosen = of_parameters(asked, time.time())
-        with HistoryStore(file) as store:
-            return [row for timed in store.periods(chosen) for row in rows(timed, file.name, chosen)]
-
-    return _sheet_rows(answer)
+    return _sheet_rows(lambda asked: _file_rows(file, of_parameters(asked, time.time())))
 
 
-def _sheet_rows(answer: Callable[[str], list[Any]]) -> list[HistoryRow]:
+def _sheet_rows(answer: Callable[[str], Iterable[Any]]) -> list[HistoryRow]:
     """Return the rows of the longest step of which there are enough; empty after an error."""
     found: list[HistoryRow] = []
     for step, days in SHEET_STEPS:
