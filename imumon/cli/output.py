@@ -68,7 +68,7 @@ def print_message(text: str) -> None:
 print_message_once = cache(print_message)
 
 
-def print_error(error: ImumonError, as_json: bool = False) -> None:
+def print_error(error: ImumonError, as_json: bool) -> None:
     """Print an error on standard error: one line, or as JSON."""
     if not as_json:
         print_message(str(error))

@@ -232,7 +232,7 @@ class Monitor:
         strips = own.envelope.minute(), own.envelope.hour(), own.envelope.everything()
         return {name: partial(signal, name, strips, k, own.interval_s) for k, name in enumerate(own.channels)}
 
-    def exact_curves(self, report: Report, *, octaves: bool = True) -> dict[str, ExactCurve]:
+    def exact_curves(self, report: Report, *, octaves: bool) -> dict[str, ExactCurve]:
         """Return the fully overlapping Allan deviation by channel; empty unless the samples are stored."""
         own = self._record.accumulators if self._record is not None else None
         if own is None or (store := own.statistics.store) is None:

@@ -35,7 +35,7 @@ def crc16(data: bytes | memoryview, initial: int = 0) -> int:
     return binascii.crc_hqx(data, initial)
 
 
-def crc16_rows(rows: npt.NDArray[np.uint8], initial: int = 0) -> npt.NDArray[np.uint16]:
+def crc16_rows(rows: npt.NDArray[np.uint8], initial: int) -> npt.NDArray[np.uint16]:
     """Return the (n,) CRC16 of each row of (n, k) bytes, k even; each step handles two bytes of all rows.
 
     Parameters

@@ -197,7 +197,7 @@ class Register:
         """
         return {entry.name: entry.parse(text) for entry, text in self._pairs(values)}
 
-    def normalise(self, values: Sequence[str], generation: Generation = 3) -> tuple[str, ...]:
+    def normalise(self, values: Sequence[str], generation: Generation) -> tuple[str, ...]:
         """Return the fields as the sensor stores them when they are written.
 
         Raises

@@ -200,7 +200,7 @@ def filter_advice(rate_hz: float | None) -> Mapping[str, str]:
     }
 
 
-def originals(current: Texts, saved: Texts | None, new_baud: str | None = None) -> dict[int, str]:
+def originals(current: Texts, saved: Texts | None, new_baud: str | None) -> dict[int, str]:
     """Return the values to restore at the end of the registers that imumon may change.
 
     A killed process leaves its stream on and the ASCII output off. Values of this form are replaced by the saved

@@ -49,7 +49,7 @@ class RegisterFile:
         """Replace the fields of a register; the caller has validated them."""
         self._current[self._key(register, port)] = tuple(values)
 
-    def with_values(self, register: int, values: Sequence[str], port: int | None = None) -> RegisterFile:
+    def with_values(self, register: int, values: Sequence[str], port: int | None) -> RegisterFile:
         """Return the register file as it would be after `write`."""
         other = RegisterFile(self.generation, self.port)
         other._current = {**self._current, self._key(register, port): tuple(values)}
