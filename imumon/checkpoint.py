@@ -31,7 +31,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from imumon.errors import ImumonError
+from imumon.errors import ImumonError, why
 from imumon.files import open_regular, read_bounded, rename_aside, write_new
 from imumon.report import plain
 
@@ -188,7 +188,7 @@ class Checkpoint:
                 text = f"another imumon uses the state of {self._device} in {directory}"
                 raise StateError("state_locked", text, "stop it or choose another --state") from None
             # some network file systems have no locks
-            text = f"files cannot be locked in {directory} ({_system_message(error)})"
+            text = f"files cannot be locked in {directory} ({why(error)})"
             raise StateError("state_not_lockable", text, "choose another --state") from None
         self._lock = lock
 
@@ -225,7 +225,7 @@ class Checkpoint:
             except MemoryError:
                 reason, message = "damaged", f"state {path.name} needs more memory than there is"
             except OSError as error:
-                message = f"state {path.name} cannot be read ({_system_message(error)})"
+                message = f"state {path.name} cannot be read ({why(error)})"
                 reason = "unreadable"
             except StateVersionError as error:
                 reason, message = "other-version", error.message
@@ -340,7 +340,3 @@ class Checkpoint:
             os.fsync(directory)
         finally:
             os.close(directory)
-
-
-def _system_message(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()

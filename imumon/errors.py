@@ -12,9 +12,9 @@ QUOTED = 40
 """Characters that a message quotes of foreign text at most."""
 
 
-def why(error: OSError) -> str:
-    """Return the reason of an error of the system, as a part of a message."""
-    return (error.strerror or str(error)).lower()
+def why(error: Exception) -> str:
+    """Return the reason of an error of the system or of a library, as a part of a message."""
+    return (getattr(error, "strerror", None) or str(error) or type(error).__name__).lower()
 
 
 class ImumonError(Exception):

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from imumon.alarms import known
-from imumon.errors import ImumonError
+from imumon.errors import ImumonError, why
 from imumon.messages import EVENT_LEVELS
 from imumon.report import GRADES, Event, Report
 
@@ -61,7 +61,7 @@ class MetricsServer:
             try:
                 self._server, self._thread = start_http_server(number, host, registry)
             except OSError as error:
-                reason = (error.strerror or str(error)).lower()
+                reason = why(error)
                 continue
             self._server.socket.listen()  # the server has let 5 clients wait; further ones tried again after 1 s
             if handler := getattr(self._server, "RequestHandlerClass", None):

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from imumon.column_names import parse_name
-from imumon.errors import ImumonError
+from imumon.errors import ImumonError, why
 from imumon.files import open_regular
 from imumon.recordings.base import ReadOptions, RecordingError
 from imumon.recordings.columns import LISTED, SENSORS, layout
@@ -152,8 +152,7 @@ class ArrayFile(Table):
         except OSError as error:
             if error.errno is None:  # of a library: the contents are wrong
                 raise RecordingError(*corrupt) from None
-            why = (error.strerror or str(error)).lower()
-            raise RecordingError("not_readable", f"cannot read {self.path}: {why}", ACCESS) from None
+            raise RecordingError("not_readable", f"cannot read {self.path}: {why(error)}", ACCESS) from None
         except Exception:  # zipfile, numpy, scipy and pyarrow raise many kinds
             raise RecordingError(*corrupt) from None
 

@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any, BinaryIO
 
+from imumon.errors import why
 from imumon.recordings.base import RecordingError
 from imumon.recordings.raw_capture import MARK, part_path
 
@@ -90,10 +91,8 @@ class CaptureWriter:
         try:
             self._begin_part()
         except OSError as error:
-            why = (error.strerror or str(error)).lower()
-            raise RecordingError(
-                "not_writable", f"cannot record to {path}: {why}", "give another --record"
-            ) from None
+            text = f"cannot record to {path}: {why(error)}"
+            raise RecordingError("not_writable", text, "give another --record") from None
         self._thread = threading.Thread(target=self._run, name=f"record {path}", daemon=True)
         self._thread.start()
 
@@ -179,19 +178,18 @@ class CaptureWriter:
                 self._in_part += len(data)
                 self.written_bytes += len(data)
         except Exception as error:  # any error is reported in `stopped`
-            why = error.strerror if isinstance(error, OSError) else str(error)
-            self._stop((why or type(error).__name__).lower())
+            self._stop(why(error))
         with contextlib.suppress(OSError):
             self._end_part()
 
-    def _stop(self, why: str) -> None:
+    def _stop(self, reason: str) -> None:
         if self.stopped is None:
             kept = ""
             with contextlib.suppress(
                 OSError, ValueError
             ):  # what a full disk took of the last bytes counts, too
                 kept = f"; the file has {os.fstat(self._file.fileno()).st_size:,} bytes"
-            self.stopped = f"recording to {self.path} has ended: {why}{kept}"
+            self.stopped = f"recording to {self.path} has ended: {reason}{kept}"
 
 
 def _open_pipe(path: str) -> BinaryIO:

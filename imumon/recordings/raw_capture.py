@@ -16,6 +16,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from typing import Any, BinaryIO
 
+from imumon.errors import why
 from imumon.files import open_regular
 from imumon.recordings.base import LONGEST_LINE, RecordingError
 from imumon.recordings.recording_header import read_header
@@ -174,8 +175,7 @@ class _Part:
             self._file = _standard_input() if path == "-" else open_input(path, pipe=not later)
             head = self._file.read(CHUNK)
         except (OSError, ValueError) as error:
-            why = getattr(error, "strerror", None) or str(error)
-            raise RecordingError("not_readable", f"cannot read {path}: {why.lower()}", ACCESS) from None
+            raise RecordingError("not_readable", f"cannot read {path}: {why(error)}", ACCESS) from None
         if not head:
             raise RecordingError("empty", f"{path} is empty: nothing was recorded", "record again")
         for magic, (name, what, cure) in _FOREIGN.items():
