@@ -22,13 +22,10 @@ from imumon.noise.allan.cascade import OctaveCascade
 from imumon.noise.allan.curve import AllanCurve, WindowSums, padded
 from imumon.noise.array_state import subset
 from imumon.noise.blocks.block_means import BLOCK
-from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
+from imumon.noise.spectrum.spectrum_accumulator import LEVELS, SpectrumMark
 from imumon.samples import Bools, Floats, Ints
 
 __all__ = ["Window", "WindowSums", "WindowedCascade"]
-
-MAX_OCTAVES = 48
-"""Octaves that a window has space for: 2^47 samples are 5,000 years at 800 Hz."""
 
 
 @dataclass(slots=True, eq=False)
@@ -40,7 +37,7 @@ class Window:
     start : samples of the grid before it, a multiple of the block.
     valid : (c,) valid samples before it.
     segments : segments that ended before it.
-    squares, terms, white_excess : (`MAX_OCTAVES`, c) snapshot of the sums of each octave, taken when no later
+    squares, terms, white_excess : (`LEVELS`, c) snapshot of the sums of each octave, taken when no later
         difference reaches back over the start.
     octaves : number of octaves whose snapshot has been taken.
     mark : the same place in the spectrum.
@@ -99,17 +96,17 @@ class WindowedCascade:
         """Begin a new segment: no later difference reaches back over the start of any window."""
         self.cascade.break_()
         for window in self._windows:
-            self._take_snapshot(window, MAX_OCTAVES)
+            self._take_snapshot(window, LEVELS)
 
     def open_window(self) -> Window:
         """Begin a window at the last end of a block."""
         now = self.cascade.block_sums()
-        rows = padded(now.squares[:0], MAX_OCTAVES), padded(now.terms[:0], MAX_OCTAVES)
+        rows = padded(now.squares[:0], LEVELS), padded(now.terms[:0], LEVELS)
         window = Window(now.span, now.valid, self.cascade.ended_segments, *rows, rows[1].copy())
         window.mark = self.cascade.add_mark()
         self._windows.append(window)
         if window.start == self.cascade.segment_start:
-            self._take_snapshot(window, MAX_OCTAVES)  # nothing lies before it in this segment
+            self._take_snapshot(window, LEVELS)  # nothing lies before it in this segment
         return window
 
     def close_window(self, window: Window) -> None:
@@ -129,7 +126,7 @@ class WindowedCascade:
 
     def _until_snapshot(self) -> int:
         """Return the samples until the next snapshot, at least one."""
-        due = [self._due(window, window.octaves) for window in self._windows if window.octaves < MAX_OCTAVES]
+        due = [self._due(window, window.octaves) for window in self._windows if window.octaves < LEVELS]
         return max(1, min(due, default=1 << 62) - self.position)
 
     def _due(self, window: Window, octave: int) -> int:
@@ -140,7 +137,7 @@ class WindowedCascade:
     def _take_due_snapshots(self) -> None:
         for window in self._windows:
             octaves = window.octaves
-            while octaves < MAX_OCTAVES and self.position >= self._due(window, octaves):
+            while octaves < LEVELS and self.position >= self._due(window, octaves):
                 octaves += 1
             if octaves > window.octaves:
                 self._take_snapshot(window, octaves)
@@ -180,7 +177,7 @@ class WindowedCascade:
             start, segments, octaves, place = (int(v) for v in saved[f"{part}numbers"])
             mark = self.cascade.spectrum.marks[place]
             squares, terms, excess = (
-                padded(saved[part + name], MAX_OCTAVES) for name in ("squares", "terms", "lacks")
+                padded(saved[part + name], LEVELS) for name in ("squares", "terms", "lacks")
             )
             valid = saved[f"{part}valid"]
             self._windows.append(Window(start, valid, segments, squares, terms, excess, octaves, mark))

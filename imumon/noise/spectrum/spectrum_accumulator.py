@@ -38,8 +38,8 @@ from imumon.noise.spectrum.spectral_lines import BINS, HOP, SEGMENT
 from imumon.noise.validity_groups import LEAST_SHARE
 from imumon.samples import Floats
 
-LEVELS = 30
-"""Most levels: 2^37 samples are five years at 800 Hz."""
+LEVELS = 38
+"""Most levels, and octaves of a window of the Allan curve: 2^37 samples are five years at 800 Hz."""
 MOST_VARIATION, MOST_VARIATION_BELOW, BELOW = 0.35, 0.06, 5
 """Relative variance of the share of valid samples within a segment that counts, and the same from level `BELOW` on: so
 much of the variance of the slow noise within the segment appears as white noise. Single losses have averaged out on the
