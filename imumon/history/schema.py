@@ -1,4 +1,7 @@
-"""Schema of the history: its tables and their version, which is the ``PRAGMA user_version`` of a file."""
+"""Schema of the history: its tables and their version, which is the ``PRAGMA user_version`` of a file.
+
+Version 2 is the first that was released. A later one must bring the files of this one up to date.
+"""
 
 from __future__ import annotations
 
