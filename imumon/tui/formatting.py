@@ -139,9 +139,9 @@ class Notation:
         value, low, high = self.limits(part)
         if part.status == "measured" and value is not None:
             text = measured(value, low, high, self.symbol("±"), self.symbol("×÷"))
-            while len(text) > CELL:  # blanks go first: a number without its last sign is another number
-                text = text.replace(" ", "", 1)
-            return text, "text"
+            # Blanks go first: a number without its last sign is another number.
+            forms = (text, text.replace(" ", "", 1), text.replace(" ", ""), number(value, 3))
+            return next(form for form in forms if len(form) <= CELL), "text"
         if part.status == "upper_bound" and high is not None:
             return f"< {number(high, 2)}", "bound"
         if (why := no_value_text(part)) is not None:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import reports
 from cases import case
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from imumon import units
-from imumon.report import Distribution, Estimate
+from imumon.report import MAX_NUMBER, Distribution, Estimate
 from imumon.tui import (
     braille_canvas,
     channel_table,
@@ -42,7 +42,7 @@ DRAWN = {
     "drift": text_panels.drift,
 }
 sizes = st.tuples(st.integers(12, 230), st.integers(3, 64))
-finite = st.floats(1e-12, 1e12, allow_nan=False)
+finite = st.floats(1e-12, 1e12) | st.floats(-MAX_NUMBER, MAX_NUMBER)
 
 
 @cache
@@ -95,6 +95,7 @@ def test_every_age_of_a_record_draws(elapsed_s: float) -> None:
 
 
 @settings(max_examples=300)
+@example(value=9e149, low=1e-5, high=1.5e-5, status="measured", seconds=None, si=False, ascii=True)
 @given(value=finite, low=finite, high=finite, status=st.sampled_from(["measured", "upper_bound", "pending"]),
        seconds=st.none() | st.floats(0, 1e12), si=st.booleans(), ascii=st.booleans())  # fmt: skip
 def test_a_coefficient_fits_its_column(
