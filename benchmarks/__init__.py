@@ -1,0 +1,1 @@
+"""Long studies: accuracy, cost and behaviour over months."""
