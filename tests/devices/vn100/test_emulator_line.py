@@ -400,6 +400,15 @@ def test_usage_errors_are_one_line() -> None:
         assert done.stdout == ""
 
 
+@pytest.mark.parametrize("words", [(), ("--help",), ("--rate", "40")])
+def test_the_process_of_the_emulator_is_no_command(words: tuple[str, ...]) -> None:
+    command = [sys.executable, "-m", "imumon.devices.vn100.emulator", *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.endswith("start one with imumon sim\n")
+    assert done.stderr.count("\n") == 1
+
+
 # ---------------------------------------------------------------- time-lapse
 
 

@@ -8,6 +8,8 @@ import sys
 from imumon.devices.vn100.emulator.main_loop import run
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
+    try:
+        (settings,) = map(bytes.fromhex, sys.argv[1:])
+    except ValueError:
         sys.exit("imumon: this module is the process of an emulator: start one with imumon sim")
-    sys.exit(run(pickle.loads(bytes.fromhex(sys.argv[1]))))
+    sys.exit(run(pickle.loads(settings)))
