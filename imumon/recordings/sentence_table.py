@@ -119,7 +119,7 @@ def sentence_table(
     ----------
     decoder : of the driver of `scheme`, with nothing in it yet.
     """
-    lines = capture.head[:HEAD_BYTES].split(b"\n")[:HEAD_LINES]
+    lines = re.split(rb"\r\n?|\n", capture.head[:HEAD_BYTES])[:HEAD_LINES]
     matches = [SENTENCE.search(line) for line in lines]
     beside = [
         cells_of(decoded(line[: match.start()] + line[match.end() :]))
@@ -157,7 +157,7 @@ def _time_column(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Column
 
 def cells_of(text: str) -> list[str]:
     """Return the cells of a line without its sentence, of which a separator is left."""
-    return split(text.strip("\r"), separator_of(text))
+    return split(text, separator_of(text))
 
 
 def cell_time(cells: Sequence[str], index: int, dates: DateReader) -> float:

@@ -62,6 +62,15 @@ def test_sentences_without_a_time_are_a_raw_capture(tmp_path: Path) -> None:
     assert replayed(path, rate_hz=40.0)[0].session.samples == 300
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_every_line_end_separates_sentences_beside_a_time(tmp_path: Path, end: str) -> None:
+    values, lines = sentences(300)
+    path = tmp_path / "a.csv"
+    path.write_text("".join(f"{k / 40:.3f},{s}{end}" for k, s in enumerate(lines)), newline="")
+    assert replayed(path)[0].session.samples == 300
+    np.testing.assert_allclose(read(path).values[:, :3], values[:, 6:], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("form", "header"),
     [('"{s}"', "data\n"), ('"{s}"', ""), ("{s},ok", "data,state\n")],
