@@ -11,7 +11,7 @@ import re
 from itertools import pairwise
 
 DEG = math.degrees(1.0)
-HOUR, DAY = 3600.0, 86400.0
+MINUTE, HOUR, DAY, YEAR = 60.0, 3600.0, 86400.0, 365.25 * 86400.0
 FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
 """Allan deviation of flicker noise over its B."""
 STANDARD_GRAVITY = 9.80665

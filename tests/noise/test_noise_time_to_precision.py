@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.constants import Julian_year
 
 from imumon.noise import Estimator, OctaveCascade, fit_curve, synthesise
 from imumon.noise.fit.time_to_precision import relative_errors, seconds_to
+from imumon.units import YEAR
 
 N, B, RATE = 6.1e-5, 2.4e-5, 40.0
 POWERS = np.array([N**2 * RATE, B**2, 0.0])
@@ -32,7 +32,7 @@ def test_the_time_of_white_noise_grows_with_the_square_of_the_precision(factor: 
 
 
 def test_what_takes_years_has_no_time() -> None:
-    assert seconds([0.1 * np.sqrt(2.0 * Julian_year / 1800.0), np.inf, np.inf])[0] is None
+    assert seconds([0.1 * np.sqrt(2.0 * YEAR / 1800.0), np.inf, np.inf])[0] is None
 
 
 def test_more_samples_never_make_a_coefficient_less_certain() -> None:

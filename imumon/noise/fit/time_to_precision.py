@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.constants import Julian_year
 
 from imumon.samples import Floats
+from imumon.units import YEAR
 
 FREQUENCIES = 60
 """Points of the integral, even in the logarithm of frequency."""
@@ -62,9 +62,7 @@ def seconds_to(
     -------
     s; None where a coefficient is not measured, or not as precise within a year: no sensor stays the same that long.
     """
-    doublings = np.arange(
-        2 + max(0, math.ceil(math.log2(1.0 + Julian_year / (samples * tau0)))), dtype=np.float64
-    )
+    doublings = np.arange(2 + max(0, math.ceil(math.log2(1.0 + YEAR / (samples * tau0)))), dtype=np.float64)
     errors = relative_errors(powers, samples * np.exp2(doublings), highest)
     out: list[float | None] = []
     for term, (width, least) in enumerate(zip(widths.tolist(), precision.tolist(), strict=True)):
@@ -78,5 +76,5 @@ def seconds_to(
         else:
             part = math.log(reached[at - 1] / least) / math.log(reached[at - 1] / reached[at])
             seconds = samples * (2.0 ** (at - 1.0 + part) - 1.0) * tau0
-            out.append(seconds if seconds < Julian_year else None)
+            out.append(seconds if seconds < YEAR else None)
     return out

@@ -13,16 +13,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.constants import hour, minute
 
 from imumon.noise.array_state import ArrayState
 from imumon.samples import Bools, Floats, Ints
+from imumon.units import HOUR, MINUTE
 
 RECENT_COLUMNS = 120
 """Columns of the last minute and of the last hour: more than a terminal is wide."""
-COLUMN_S = minute / RECENT_COLUMNS
+COLUMN_S = MINUTE / RECENT_COLUMNS
 """s, length of a column of the last minute."""
-HOUR_COLUMN = round(hour / minute)
+HOUR_COLUMN = round(HOUR / MINUTE)
 """Columns of the minute in one of the hour."""
 
 
