@@ -137,6 +137,7 @@ class JsonReader:
             for field, names in own_entries.items():
                 given[field] = {name: data[name] for name in names if data.get(name) is not None}
             part = cls(**{name: readers[name](value) for name, value in given.items() if name in readers})
+            # An array that a later version adds must stay optional: reports of this one do not have it.
             lengths = {len(getattr(part, name)) for name in arrays}
             check(len(lengths) < 2, f"arrays of different lengths in {cls.__name__}")
             own_check(part)

@@ -16,11 +16,13 @@ import numpy as np
 
 from imumon.noise.array_state import ArrayState
 from imumon.noise.statistics.distribution_shape import FEW_LEVELS, LEARN_SAMPLES, DistributionShape, assessed
-from imumon.noise.validity_groups import LARGEST, ROUNDING
+from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats, Ints
 
 HISTOGRAM_BINS = 256
 """Bins of a channel: at least half of them are in use."""
+ROUNDED_GAP = 1e-9
+"""Share of the largest value below which a difference of two values is rounding, such as that of ten printed digits."""
 LATTICE_ERROR = 0.1
 """Steps by which a difference may miss a multiple of the quantisation step: nine random levels do not in 3e-6."""
 MOST_MULTIPLE = 1e6
@@ -212,7 +214,7 @@ def quantum(x: Floats) -> float:
     if len(levels) < 2:
         return 0.0
     gaps = np.diff(levels)
-    step = float(gaps[gaps > ROUNDING * np.abs(levels).max()].min(initial=np.inf))
+    step = float(gaps[gaps > ROUNDED_GAP * np.abs(levels).max()].min(initial=np.inf))
     if not 1.0 / LARGEST < step < math.inf:
         return 0.0
     for divisor in (1, 2, 3):  # the least difference may itself be several steps
