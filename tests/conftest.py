@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 import tempfile
+from zlib import crc32
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -34,6 +35,16 @@ settings.load_profile("busy")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files that take longest, so that no process works alone at the end."""
-    long = ("test_docs.py", "test_evaluation.py", "test_tui.py", "test_tui_terminal.py")
-    items.sort(key=lambda item: item.path.name not in long)
+    """Begin with the files that take longest, so that no process works alone at the end, and mix the others.
+
+    In the order of the alphabet, all processes would wait for daemons at one time and compute at another.
+    """
+    long = (
+        "test_docs.py",
+        "test_daemon.py",
+        "test_devices.py",
+        "test_evaluation.py",
+        "test_tui.py",
+        "test_monitor.py",
+    )
+    items.sort(key=lambda item: (item.path.name not in long, crc32(item.path.name.encode())))
