@@ -39,12 +39,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     In the order of the alphabet, all processes would wait for daemons at one time and compute at another.
     """
-    long = (
-        "test_docs.py",
-        "test_daemon.py",
-        "test_devices.py",
-        "test_evaluation.py",
-        "test_tui.py",
-        "test_monitor.py",
-    )
-    items.sort(key=lambda item: (item.path.name not in long, crc32(item.path.name.encode())))
+    long = [
+        "docs",
+        "daemon",
+        "devices",
+        "evaluation",
+        "tui",
+        "monitor",
+        "doctor",
+        "mistakes",
+        "wait",
+        "recording",
+        "likelihood",
+    ]
+    items.sort(key=lambda item: (item.path.stem[5:] not in long, crc32(item.path.name.encode())))
