@@ -153,9 +153,8 @@ def test_steps_are_estimated_from_the_values() -> None:
     assert quantum(x.astype(np.float32).astype(np.float64)) == 0.0
     assert quantum(np.rint(x * 14) * 0.001 - 9.8) == pytest.approx(0.001)
     assert quantum(25.0 + np.rint(x) * 0.1) == pytest.approx(0.1)
-    assert quantum((25.0 + np.rint(x) * 0.1) * (1.0 + 1e-11 * x)) == pytest.approx(
-        0.1
-    )  # printed with ten digits
+    ten_digits = (25.0 + np.rint(x) * 0.1) * (1.0 + 1e-11 * x)
+    assert quantum(ten_digits) == pytest.approx(0.1)
     assert quantum(np.full(256, 25.0)) == 0.0
 
 

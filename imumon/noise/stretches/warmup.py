@@ -14,7 +14,6 @@ from collections.abc import Iterable
 import numpy as np
 
 from imumon.noise.fit import ChannelFit
-from imumon.noise.fit.regressors import BOTH_WAYS
 from imumon.samples import Floats
 
 CANDIDATES_S = (120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 5400.0)
@@ -24,8 +23,11 @@ DECISION_LENGTH = 2.5
 STILL = 0.22
 """Time constant of what still settles at the end of a record, as a share of its length: of a shorter one at most 1 %
 remains there, and a sixth at a candidate that is decided there."""
-CHANGED_DEGC = 1.0
-"""degC from which a temperature has changed: less is no warm-up, and no cause of a change between days."""
+WARMING_DEGC = 1.0
+"""degC, least rise of the temperature during a warm-up."""
+HIGHEST_SHARE = 0.1
+"""Share of the range of the temperature by which the last mean may be below the highest: a cycle of the ambient
+temperature is no warm-up."""
 
 
 def is_over(fits: Iterable[ChannelFit], candidate_s: float) -> bool:
@@ -60,8 +62,7 @@ def is_warming_up(degrees: Floats, block_s: float) -> bool:
         return False
     low, high = float(known[: max(1, known.size // 50)].mean()), float(known.max())
     rise = high - low
-    # a cycle of the ambient temperature is no warm-up
-    if rise < CHANGED_DEGC or known[-1] < high - BOTH_WAYS * rise:
+    if rise < WARMING_DEGC or known[-1] < high - HIGHEST_SHARE * rise:
         return False
     # 1 - 1/e of the rise, one time constant of an exponential
     reached = float(np.argmax(known > low + 0.632 * rise)) / known.size
