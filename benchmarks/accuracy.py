@@ -27,7 +27,8 @@ from real_effects import LEGEND, table
 from simulated import BATCH, LONGEST, B, Cell, N, cells, components, curve_of, strengths
 
 from imumon.noise import ChannelFit, Estimator, OctaveCascade
-from imumon.noise.fit.expected_curve import degrees_of_freedom
+from imumon.noise.fit.model import NOISE_TERMS
+from imumon.noise.fit.model_curve import degrees_of_freedom
 
 DURATIONS = {"15 min": (36_000, 40.0), "1 h": (144_000, 40.0), "5 h": (LONGEST, 40.0)}
 WALKS = (1e-7, 3e-7, 1e-6, 3e-6)
@@ -153,7 +154,8 @@ def edf_table() -> None:
         n, cells_of_ratio = ratio * 64, []
         for kind in range(3):
             full = edf(n, 64, 1, kind)
-            stated = degrees_of_freedom(np.array([64]), np.array([(n - 128) // 8 + 1]), n, np.eye(3)[kind])[0]
+            alone = {NOISE_TERMS[kind]: 1.0}
+            stated = degrees_of_freedom(np.array([64]), np.array([(n - 128) // 8 + 1]), n, alone)[0]
             cells_of_ratio.append(f"{100 * edf(n, 64, 8, kind) / full:.2f} % ({100 * stated / full:.0f} %)")
         print(row([ratio, *cells_of_ratio]))
 

@@ -20,8 +20,9 @@ import numpy as np
 from document_tables import head, row
 from recordings import read
 
+from imumon.coefficients import Estimate
 from imumon.replay import ReplayOptions, replay
-from imumon.report import Estimate, Report
+from imumon.report import Report
 
 AXES = ("gyro/x", "gyro/y", "gyro/z", "accel/x", "accel/y", "accel/z")
 ADIS = ("adis16405_1", "adis16405_4")

@@ -33,7 +33,8 @@ from figures import Figure, at_most, show
 from imumon.checkpoint import SavedState, encode
 from imumon.noise import Estimator, OctaveCascade, synthesise
 from imumon.pipeline import Monitor, MonitorOptions
-from imumon.report import DeviceDescription, SessionCounters, to_json
+from imumon.report import DeviceDescription, SessionCounters
+from imumon.report_json import to_json
 from imumon.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
 
 RATE, BLOCK, PER_REPORT, SAVE_S = 100.0, 10, 10, 30

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imumon.cli.traceability import evaluated, with_provenance
+from imumon.api.traceability import evaluated, with_provenance
 from imumon.coefficients import COEFFICIENTS
 from imumon.datasheet import document
 from imumon.datasheet.tables import coefficient_text
@@ -31,16 +31,10 @@ from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings, No
 from imumon.devices.vn100.emulator.sensor_model import SensorModel
 from imumon.devices.vn100.registers import LOOP_RATE
 from imumon.filter_report import DEFAULT_HORIZON_S
-from imumon.noise.filter_parameters import filter_parameters
 from imumon.pipeline import Monitor
-from imumon.report import (
-    MAX_ITEMS,
-    Channel,
-    DeviceDescription,
-    Report,
-    SessionCounters,
-    from_json,
-)
+from imumon.pipeline.filter_report_builder import filter_report
+from imumon.report import Channel, DeviceDescription, Report, SessionCounters, from_json
+from imumon.report_json import MAX_ITEMS
 from imumon.samples import SampleBlock
 from imumon.units import figures, pretty
 
@@ -185,7 +179,7 @@ def main() -> None:
     if made.evaluation is not None and made.evaluation.provenance is not None:  # the example names no host
         provenance = replace(made.evaluation.provenance, host=None)
         made = replace(made, evaluation=replace(made.evaluation, provenance=provenance))
-    filters = filter_parameters(made, DEFAULT_HORIZON_S)
+    filters = filter_report(made, DEFAULT_HORIZON_S)
     for name, form in DOCUMENTS.items():
         (arguments.out / name).write_bytes(document(made, form, filters))
 

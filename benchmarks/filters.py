@@ -15,14 +15,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import scipy.signal
 
 from imumon.filter_report import FilterChannel
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.filter_consistency import ChannelTruths, FilterModels, predict
-from imumon.noise.filter_parameters import filter_parameters, gauss_markov, smallest_walk
+from imumon.noise.filter_parameters import gauss_markov_terms, smallest_walk
 from imumon.noise.filter_parameters import horizons as imumon_horizons
 from imumon.pipeline import Monitor
-from imumon.report import DeviceDescription, Report, SessionCounters
+from imumon.pipeline.filter_report_builder import assumed_noise, filter_report
+from imumon.report import Channel, DeviceDescription, Report, SessionCounters
 from imumon.samples import Kind, SampleBlock, Stream
 
 RATE = 5.0  # Hz, of the filter
@@ -33,6 +35,8 @@ FIX = 1e-3  # rad
 MOST_DISTANCE = 3.0  # standard errors between measured and predicted NEES
 FITTED = {"white, walk": (0.0, 1.8), "Gauss–Markov": (0.55, 1.8)}
 """NEES that filters from fitted records may have, for horizons up to 600 s."""
+MARKOV_FITTED = (0.7, 1.4)
+"""The same of filters with Gauss–Markov terms where the noise is Gauss–Markov noise."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,13 @@ class Truth:
     N: float
     B: float
     K: float
+    M: float = 0.0
+    T: float = 1.0
+
+    @property
+    def sizes(self) -> tuple[float, float, float, float, float]:
+        """N, B, K, M and T."""
+        return self.N, self.B, self.K, self.M, self.T
 
 
 TRUTHS = (
@@ -58,6 +69,10 @@ TRUTHS = (
     Truth("consumer, K unseen", 3e-4, 2e-4, 1e-6),
     Truth("consumer, K 2e-5", 3e-4, 2e-4, 2e-5),
     Truth("no flicker", 6.1e-5, 0.0, 2e-6),
+    Truth("Markov, 10 s", 6.1e-5, 0.0, 0.0, 3e-5, 10.0),
+    Truth("Markov, 60 s", 6.1e-5, 0.0, 0.0, 3e-5, 60.0),
+    Truth("Markov, 600 s", 6.1e-5, 0.0, 0.0, 3e-5, 600.0),
+    Truth("Markov, 60 s, flicker", 6.1e-5, 1e-5, 0.0, 3e-5, 60.0),
 )
 
 
@@ -126,15 +141,35 @@ def simulated(truth: Truth, filters: int, runs: int, seed: int) -> tuple[np.ndar
     rng = np.random.default_rng([20_261, seed])
     n, one = round((AIDED_S + HORIZONS[-1]) * RATE), np.ones(filters * runs)
     samples = synthesise(n, RATE, truth.N * one, truth.B * one, truth.K * one, seed=rng)
+    if truth.M:
+        samples = samples + markov_rates(rng, n, len(one), RATE, truth.M, truth.T)
     fixes = FIX * rng.standard_normal((AIDED_S + 1, filters, runs))
     return samples.reshape(n, filters, runs), fixes
 
 
-def filters_of(n: np.ndarray, b: np.ndarray, k: np.ndarray, horizon: float) -> list[Filters]:
-    """Return the filters that imumon makes from N, B, K, (f,) each, in the order of `NAMES`."""
-    truths = ChannelTruths(n, b, k, np.full(len(n), FIX))
+def markov_rates(
+    rng: np.random.Generator, count: int, columns: int, rate: float, sigma: float, time_s: float
+) -> np.ndarray:
+    """Return Gauss–Markov noise as mean rates, (count, columns): exact values at 20 instants of a sample, averaged."""
+    fine = 20
+    a = np.exp(-1.0 / (rate * fine * time_s))
+    out, state = np.empty((count, columns)), sigma * rng.standard_normal(columns)
+    for begin in range(0, count, 500):
+        rows = min(500, count - begin)
+        drive = sigma * np.sqrt(1.0 - a * a) * rng.standard_normal((rows * fine, columns))
+        values, _ = scipy.signal.lfilter([1.0], [1.0, -a], drive, axis=0, zi=a * state[None])
+        state = values[-1]
+        out[begin : begin + rows] = values.reshape(rows, fine, columns).mean(axis=1)
+    return out
+
+
+def filters_of(
+    n: np.ndarray, b: np.ndarray, k: np.ndarray, m: np.ndarray, t: np.ndarray, horizon: float
+) -> list[Filters]:
+    """Return the filters that imumon makes from N, B, K, M and T, (f,) each, in the order of `NAMES`."""
+    truths = ChannelTruths(n, b, k, np.full(len(n), FIX), m, t)
     at = imumon_horizons(horizon)
-    models, _ = gauss_markov(truths, at)
+    models, _ = gauss_markov_terms(truths, at)
     none = np.empty((len(n), 0))
     return [
         Filters(n, k, none, none),
@@ -146,7 +181,8 @@ def filters_of(n: np.ndarray, b: np.ndarray, k: np.ndarray, horizon: float) -> l
 def predicted(truth: Truth, made: Filters) -> np.ndarray:
     """Return the predictions of imumon, (f, h)."""
     models = FilterModels(made.white, made.walk, made.sigma, made.tau)
-    truths = ChannelTruths(*(np.full(len(made.white), v) for v in (truth.N, truth.B, truth.K, FIX)))
+    one = np.ones(len(made.white))
+    truths = ChannelTruths(*(one * v for v in (truth.N, truth.B, truth.K, FIX, truth.M, truth.T)))
     return predict(models, truths, np.array(HORIZONS)).nees
 
 
@@ -167,7 +203,7 @@ def truths_part(runs: int) -> float:
     worst = 0.0
     for seed, truth in enumerate(TRUTHS):
         records = simulated(truth, 1, runs, seed)
-        exact = [np.array([v]) for v in (truth.N, truth.B, truth.K)]
+        exact = [np.array([v]) for v in truth.sizes]
         for name, made in zip(NAMES, filters_of(*exact, HORIZONS[-1]), strict=True):
             ratio, forecast = measured(made, records)[0], predicted(truth, made)[0]
             mean, error = ratio.mean(axis=0), standard_error(forecast, runs)
@@ -185,11 +221,13 @@ def standard_error(forecast: np.ndarray, runs: int) -> np.ndarray:
 
 
 def fitted(truth: Truth, seed: int, records: int, rate: float = 10.0, hours: float = 5.0) -> np.ndarray:
-    """Return what imumon assumes of N, B and K after fits of simulated records, (3, records)."""
+    """Return what imumon assumes of N, B, K, M and T after fits of simulated records, (5, records)."""
     found = []
     for index in range(records):
         rng = np.random.default_rng([20_262, seed, index])
         record = synthesise(round(hours * 3600 * rate), rate, truth.N, truth.B, truth.K, seed=rng)
+        if truth.M:
+            record = record + markov_rates(rng, len(record), 1, rate, truth.M, truth.T)
         cascade = OctaveCascade(1, tau0=1.0 / rate)
         cascade.update(record)
         found.append(assumed(Estimator(averaged=True).fit(cascade.result())[0]))
@@ -197,8 +235,9 @@ def fitted(truth: Truth, seed: int, records: int, rate: float = 10.0, hours: flo
 
 
 def assumed(fit: ChannelFit) -> list[float]:
-    """Return N, B and K: the value, or half the bound."""
-    return [c.value if c.status == "measured" else c.high / 2.0 for c in (fit.N, fit.B, fit.K)]
+    """Return N, B, K, M and T as the exported parameters assume them."""
+    noise = assumed_noise(Channel(unit="rad/s", coefficients=fit.coefficients, M=fit.markov))
+    return [noise.N, noise.B, noise.K, noise.M or 0.0, noise.T or 1.0]
 
 
 def fitted_part(records: int, runs: int) -> list[str]:
@@ -216,6 +255,8 @@ def fitted_part(records: int, runs: int) -> list[str]:
             # up to 600 s with the numbers for 600 s, at 1800 s with those for 1800 s
             ratios = [measured(made, simulation).mean(axis=(0, 1)) for made in (to_600, to_1800)]
             least, most = FITTED.get(name, (0.0, np.inf))
+            if truth.M and name == NAMES[-1]:
+                least, most = MARKOV_FITTED
             if ratios[0][:-1].min() < least or ratios[0][:-1].max() > most:
                 outside.append(f"{truth.name}, {name}")
             cells = (f"{value:.2f}" for value in (*ratios[0][:-1], ratios[1][-1]))
@@ -275,7 +316,7 @@ def real_part(folder: Path) -> None:
         samples = real_samples(record, folder)
         half = len(samples) // 2
         report = report_of_samples(samples[:half], record.rate)
-        made = filter_parameters(report, record.horizons[-1]).channels
+        made = filter_report(report, record.horizons[-1]).channels
         for sensor, fix, offset in (("gyro", 1e-3, 0), ("accel", 1e-2, 3)):
             axes = [
                 (i, made[f"{sensor}/{axis}"]) for i, axis in enumerate("xyz") if f"{sensor}/{axis}" in made

@@ -24,7 +24,8 @@ from pathlib import Path
 from typing import Any
 
 from imumon.bus import Publisher, Subscriber
-from imumon.report import Report, SessionCounters, from_json, to_json
+from imumon.report import Report, SessionCounters, from_json
+from imumon.report_json import to_json
 
 EXAMPLE = Path(__file__).parents[1] / "docs" / "example" / "report.json"
 

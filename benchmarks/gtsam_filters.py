@@ -17,7 +17,7 @@ from filters import report_of_samples
 
 from imumon.datasheet import document
 from imumon.noise import synthesise
-from imumon.noise.filter_parameters import filter_parameters
+from imumon.pipeline.filter_report_builder import filter_report
 from imumon.report import Report
 
 TRUE = {"N": (6.1e-5, 1.4e-3), "B": (2.4e-5, 4e-4), "K": (1e-6, 2e-5)}  # gyroscope, accelerometer; SI
@@ -41,16 +41,14 @@ def report_of_record(hours: float = 5.0, rate: float = 10.0, seed: int = 0) -> R
 def exported(report: Report, horizon_s: float) -> Any:
     """Return the parameters that the exported code makes."""
     names: dict[str, Any] = {}
-    exec(document(report, "gtsam", filter_parameters(report, horizon_s)).decode(), names)
+    exec(document(report, "gtsam", filter_report(report, horizon_s)).decode(), names)
     return names["params"]
 
 
 def plain(report: Report, horizon_s: float) -> Any:
     """Return parameters with N and K alone."""
     params = exported(report, horizon_s)
-    assumed = {
-        name: channel.assumed for name, channel in filter_parameters(report, horizon_s).channels.items()
-    }
+    assumed = {name: channel.assumed for name, channel in filter_report(report, horizon_s).channels.items()}
     for sensor, call in (("accel", params.setBiasAccCovariance), ("gyro", params.setBiasOmegaCovariance)):
         call(np.eye(3) * max(assumed[f"{sensor}/{axis}"].K for axis in "xyz") ** 2)
     return params

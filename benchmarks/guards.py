@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 from document_tables import head, row
 
+from imumon.coefficients import COEFFICIENTS
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.detection import Guard
 from imumon.noise.fit import ChannelFit, Estimator
@@ -29,8 +30,8 @@ from imumon.noise.statistics.envelope import Envelope
 from imumon.noise.statistics.histogram import HistogramAccumulator
 from imumon.noise.synthesis import synthesise
 from imumon.pipeline import Monitor, MonitorOptions
-from imumon.replay.replay import ReplayOptions, replay
-from imumon.report import COEFFICIENTS, Channel, DeviceDescription, Report, SessionCounters
+from imumon.replay import ReplayOptions, replay
+from imumon.report import Channel, DeviceDescription, Report, SessionCounters
 from imumon.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
 from imumon.units import figures, pretty
 

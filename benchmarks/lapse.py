@@ -17,6 +17,7 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from imumon.clock import HostClock
 from imumon.config import load
 from imumon.daemon import Daemon, RunOptions
 
@@ -29,7 +30,9 @@ def main() -> None:
     speed, pairs = float(own[0]), (word.partition("=") for word in own if "=" in word)
     given = {name: json.loads(value) for name, _, value in pairs}
     settings = load(None, {"zenoh.listen": [words.listen], **given})
-    Daemon(settings, RunOptions(url=words.port, state_directory=Path(words.state), speed=speed)).run()
+    Daemon(
+        settings, RunOptions(url=words.port, state_directory=Path(words.state), clock=HostClock(speed))
+    ).run()
 
 
 if __name__ == "__main__":

@@ -145,7 +145,7 @@ def fitted(records: Records, effect: Effect) -> tuple[Estimator, AllanCurve, tup
         assert curve.sums is not None
         curve = replace(curve.select(range(count)), sums=curve.sums.with_temperature())
     estimator = Estimator(averaged=False, time_to=False)
-    kurtosis = differences.excess_kurtosis()[:count].tolist()
+    kurtosis = differences.fast_kurtosis()[:count].tolist()
     fits = estimator.fit(curve, resolution=[effect.step * SIGMA] * count, kurtosis=kurtosis)
     return estimator, curve, fits
 

@@ -3,12 +3,13 @@
     python benchmarks/sensitivity.py | python benchmarks/document_tables.py -     all constants, into docs/ACCURACY.md
     python benchmarks/sensitivity.py noise.fit                                    those of one package, three minutes
 
-Each constant (a number in capitals at the top level of a module) is halved and doubled in a process of its own,
-before the module is executed, so that everything derived from it changes too. The process runs `RECORDS`: short
-records that make every part of the pipeline work. The table has the constants that move a published number by more than
-`MOVED` of itself, or let it appear or vanish, the strongest first. Limits and values of N, B and K, means, deviations,
-counters, events and grades count; what only draws (histogram, spectrum, envelope) does not. A factor of two must never
-raise: where a run fails, the errors are printed, there is no table, and the exit code is 1.
+Each constant (a number in capitals at the top level of a module, or the value of a rule: `NAME = RULES.add("NAME",
+value, ...)`) is halved and doubled in a process of its own, before the module is executed, so that everything derived
+from it changes too. The process runs `RECORDS`: short records that make every part of the pipeline work. The table has
+the constants that move a published number by more than `MOVED` of itself, or let it appear or vanish, the strongest
+first. Limits and values of N, B and K, means, deviations, counters, events and grades count; what only draws
+(histogram, spectrum, envelope) does not. A factor of two must never raise: where a run fails, the errors are printed,
+there is no table, and the exit code is 1.
 
 A constant whose name says what it is in nature or in a protocol (units, register numbers, formats) is no tuning
 constant: `NOT_TUNING` lists the modules that hold only such ones.
@@ -36,7 +37,7 @@ from document_tables import head, row
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("noise", "pipeline", "timebase", "recordings")
 """Packages whose constants can move a published number. Elsewhere constants are timeouts and sizes of queues."""
-NOT_TUNING = {"column_names.py", "raw_capture.py", "recording_header.py"}
+NOT_TUNING = {"column_names.py", "raw_capture.py"}
 MOVED = 0.1
 """Relative change of a published number from which a constant is in the table: the limits of N are 1 % wide, those of B
 and K 20 % and more."""
@@ -73,7 +74,7 @@ def constants(prefix: str = "") -> Iterator[Constant]:
                 target = _target(node)
                 if target is None or not target.lstrip("_").isupper():
                     continue
-                value = _number(node.value)  # type: ignore[union-attr,attr-defined]
+                value = _number(_value_of(node))
                 if value is None or value <= 0.0:  # a negative number is a mark, such as `BREAK`
                     continue
                 yield Constant(module, target, value)
@@ -85,6 +86,17 @@ def _target(node: ast.stmt) -> str | None:
     if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
         return node.target.id
     return None
+
+
+def _is_rule(value: ast.expr | None) -> bool:
+    """Return whether an expression is `RULES.add(name, value, ...)`, see imumon/noise/rule_table.py."""
+    return isinstance(value, ast.Call) and ast.unparse(value.func) == "RULES.add"
+
+
+def _value_of(node: ast.stmt) -> ast.expr | None:
+    """Return the expression of the number that an assignment or a rule gives to its name."""
+    value: ast.expr | None = node.value  # type: ignore[attr-defined]
+    return value.args[1] if _is_rule(value) else value  # type: ignore[union-attr]
 
 
 # ---------------------------------------------------------------------- one process: change, import, run
@@ -114,14 +126,16 @@ class _Loader(SourceFileLoader, Loader):
         tree = ast.parse(Path(self.path).read_text("utf-8"))
         for node in tree.body:
             if _target(node) == self._patch.name:
-                value = _number(node.value)  # type: ignore[attr-defined]
+                value, literal = _number(_value_of(node)), ast.unparse(_value_of(node))  # type: ignore[arg-type]
                 assert value is not None
                 new = value * self._patch.factor
                 whole = float(value).is_integer() and isinstance(ast.literal_eval(repr(value)), float)
-                literal = ast.unparse(node.value)  # type: ignore[attr-defined]
                 is_int = whole and "." not in literal and "e" not in literal.lower()
                 constant = ast.Constant(max(1, round(new)) if is_int else new)
-                node.value = ast.copy_location(constant, node.value)  # type: ignore[attr-defined]
+                if _is_rule(node.value):  # type: ignore[attr-defined]
+                    node.value.args[1] = constant  # type: ignore[attr-defined]
+                else:
+                    node.value = constant  # type: ignore[attr-defined]
         ast.fix_missing_locations(tree)
         return compile(tree, self.path, "exec")
 
@@ -186,6 +200,7 @@ def _published(values: Any, rate: float, *, lose: float = 0.0, jitter_s: float =
 
     from imumon import report
     from imumon.pipeline import Monitor
+    from imumon.report_json import to_json
     from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
 
     random = np.random.default_rng(99)
@@ -204,7 +219,7 @@ def _published(values: Any, rate: float, *, lose: float = 0.0, jitter_s: float =
     monitor.flush()
     made = monitor.report(datetime.now(UTC), device, "stopped", session)
     events = [event.kind for event in monitor.events()]
-    numbers = _numbers(json.loads(report.to_json(made)))
+    numbers = _numbers(json.loads(to_json(made)))
     return numbers | {f"events/{kind}": float(events.count(kind)) for kind in sorted(set(events))}
 
 
@@ -214,8 +229,8 @@ def _table(values: Any, rate: float) -> dict[str, Any]:
 
     import numpy as np
 
-    from imumon import report
     from imumon.replay import ReplayOptions, replay
+    from imumon.report_json import to_json
 
     random = np.random.default_rng(5)
     stamps = np.round((np.arange(len(values)) / rate + random.normal(0, 5e-4, len(values))) * 1e3)
@@ -226,7 +241,7 @@ def _table(values: Any, rate: float) -> dict[str, Any]:
             file.write(f"{stamp:.0f}," + ",".join(f"{x:.9g}" for x in row) + "\n")
         file.flush()
         made = replay(ReplayOptions(path=file.name))
-    return _numbers(json.loads(report.to_json(made)))
+    return _numbers(json.loads(to_json(made)))
 
 
 DRAWN = ("histogram", "spectrum", "modes", "aliases_hz", "readable", "limit_curves", "limits")

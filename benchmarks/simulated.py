@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from imumon.noise import AllanCurve, ChannelFit, Estimator, OctaveCascade, synthesise
-from imumon.noise.fit.expected_curve import noise_variances
-from imumon.noise.fit.likelihood import Surface, averaged, quantiles
+from imumon.noise.fit.likelihood import grid_mean, quantiles
+from imumon.noise.fit.model import GRIDDED, NOISE_TERMS, WHITE
 
 N, B = 6.1e-5, 2.4e-5
 LONGEST = 720_000
@@ -43,11 +43,11 @@ def curve_of(values: np.ndarray, rate: float) -> AllanCurve:
 def points(estimator: Estimator, channel: int, rate: float) -> np.ndarray:
     """(3,) point estimates in SI, also of what is only bounded; NaN without a fit."""
     known = estimator._known.get(channel)
-    if known is None or isinstance(known.found, str):
+    if known is None or isinstance(known.fitted, str):
         return np.full(3, math.nan)
-    surface: Surface = known.found.found.surface
-    white = max(float(averaged(surface, surface.a, surface.a_variance)[0]), 0.0)
-    both = [float(quantiles(surface, axis, np.array([0.5]))[0]) for axis in (0, 1)]
+    surface = known.fitted.model.surface
+    white = max(float(grid_mean(surface, surface.scored[WHITE], surface.scored_variances[WHITE])[0]), 0.0)
+    both = [float(quantiles(surface, term, np.array([0.5]))[0]) for term in GRIDDED]
     return np.array([math.sqrt(white / rate), both[0], both[1] * math.sqrt(rate)])
 
 
@@ -87,7 +87,8 @@ def fit_part(job: tuple[list[int], int, float, tuple[float, ...]]) -> dict[float
         curve = curve_of(np.stack([strengths(K, rate) @ part for part in parts], axis=1), rate)
         estimator = Estimator(averaged=False, time_to=False)
         fits = estimator.fit(curve)
-        truth = strengths(K, rate) ** 2 @ noise_variances(curve.m, averaged=False)
+        unit = np.stack([term.allan_variances(curve.m, averaged=False) for term in NOISE_TERMS])
+        truth = strengths(K, rate) ** 2 @ unit
         out[K] = [row_of(fit, points(estimator, c, rate), truth) for c, fit in enumerate(fits)]
     return out
 

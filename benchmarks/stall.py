@@ -39,7 +39,7 @@ from usage import cpu_s, resident_kb
 
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.devices.vn100.emulator.process import EmulatorProcess
-from imumon.replay.replay import ReplayOptions, replay
+from imumon.replay import ReplayOptions, replay
 from imumon.report import Report, from_json, stamp
 
 BAUD = 921600

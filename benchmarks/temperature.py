@@ -24,7 +24,7 @@ from document_tables import head, row
 
 from imumon.noise import Estimator, OctaveCascade, synthesise
 from imumon.noise.blocks import BlockAccumulator
-from imumon.noise.fit.results import ChannelFit
+from imumon.noise.fit import ChannelFit
 from imumon.report import BiasCurve
 
 N, B, RATE_HZ, LENGTH, SENSORS = 6.1e-5, 2.4e-5, 40.0, 72_000, 48

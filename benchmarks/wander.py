@@ -19,10 +19,11 @@ import numpy as np
 from accuracy import share
 from document_tables import head, row
 
+from imumon.coefficients import Estimate
 from imumon.noise import synthesise
-from imumon.noise.uncertainty import uncertainty_budgets, with_combined
 from imumon.pipeline import Monitor
-from imumon.report import Channel, DeviceDescription, Estimate, SessionCounters
+from imumon.pipeline.uncertainty_budgets import uncertainty_budgets, with_combined
+from imumon.report import Channel, DeviceDescription, SessionCounters
 from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
 
 TRUTH = {"N": 6.1e-5, "B": 2.4e-5}

@@ -24,7 +24,8 @@ import threading
 import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -32,10 +33,11 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.errors import ImumonError, why
-from imumon.files import open_regular, read_bounded, rename_aside, write_new
-from imumon.report import plain
+from imumon.files import cure_of_writing, open_regular, read_bounded, rename_aside, write_new
+from imumon.report_json import JsonReader, check, plain
+from imumon.reserve import granted, with_memory
 
-FORMAT = 5
+FORMAT = 9
 """Version of what a state holds. Up to 3, it was another container, too."""
 PRESET = 0
 """Compression preset of xz. Preset 1 takes one and a half times the time for 1 % less."""
@@ -45,6 +47,11 @@ FILE_BYTES = 1 << 26
 
 PLAIN_BYTES = 1 << 28
 """Bytes of the largest state after decompression, and of memory that the decoder of xz may take."""
+
+LONGEST_S = 1e10
+"""s, three centuries: no machine runs for longer."""
+MOST_COUNTED = 1 << 62
+"""Bytes or messages that no link has delivered; their sum with those of a run fits 64 bits."""
 
 _DESCRIPTION = "imumon.state"
 """Name of the first entry of the archive: format and `SavedState.meta` as JSON."""
@@ -63,12 +70,82 @@ class StateVersionError(StateError):
     """The state has the format of an earlier or later version of imumon."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SavedDevice:
+    """What is known of a device, for a report that is made from its state alone."""
+
+    driver: str | None
+    model: str | None
+    serial: str | None
+    firmware: str | None
+    port: str | None
+    baud: int | None
+    alias_factor: float | None
+    caveats: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SavedSession:
+    """Counters of the link, over all runs of a record."""
+
+    discarded_bytes: int
+    bad_checksums: int
+    received_bytes: int
+    overruns: int
+    restarts: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateHeader:
+    """Whose state it is and when it was saved: `SavedState.meta` without what the monitor saves of the record."""
+
+    version: str  # of imumon
+    serial: str | None  # of the sensor
+    settings: Mapping[str, str]  # those that change the data, by name
+    device: SavedDevice
+    started: str | None  # ISO 8601, begin of the record; null: it was not known
+    saved: str  # ISO 8601
+    boot: str | None  # id of the boot of the machine; null: it is hidden
+    uptime_s: float  # s, of that boot when it was saved
+    age_s: float  # s, of the newest sample at that time
+    session: SavedSession
+
+
+def _check_header(header: StateHeader) -> None:
+    check(0.0 <= header.uptime_s < LONGEST_S and abs(header.age_s) < LONGEST_S, "a time beyond any machine")
+    for time in (header.saved, header.started):
+        check(time is None or datetime.fromisoformat(time).tzinfo is not None, "a time without its zone")
+
+
+def _check_session(session: SavedSession) -> None:
+    counters = (getattr(session, counter.name) for counter in fields(SavedSession))
+    check(all(0 <= count < MOST_COUNTED for count in counters), "a counter that no link has")
+
+
+_HEADER_READER = JsonReader({StateHeader: _check_header, SavedSession: _check_session})
+
+
 @dataclass(frozen=True, slots=True)
 class SavedState:
-    """Content of a state file: identity, counters and small values as JSON, and the arrays of accumulators."""
+    """Content of a state file: identity, counters and small values as JSON, and the arrays of accumulators.
+
+    What the monitor saves is described beside it, in `imumon.pipeline`.
+    """
 
     meta: dict[str, Any]
     arrays: dict[str, npt.NDArray[Any]]
+
+    def header(self) -> StateHeader:
+        """Return whose state it is.
+
+        Raises
+        ------
+        StateError : ``state_damaged``, the state does not say so.
+        """
+        try:
+            return _HEADER_READER.part(StateHeader, self.meta)
+        except (TypeError, AttributeError, KeyError, ValueError, OverflowError, RecursionError) as error:
+            raise StateError("state_damaged", plain(str(error))) from None
 
 
 def encode(state: SavedState) -> bytes:
@@ -96,21 +173,21 @@ def decode(data: bytes, name: str = "the state") -> SavedState:
     StateVersionError : ``state_version``, the format of another version.
     StateError : ``state_invalid``, not a state file; ``state_damaged``.
     """
-    found: object = None
+    version: object = None
     if not data.startswith(_BEFORE_4):
         if not is_state(data[:256]):
             raise StateError("state_invalid", f"{name} is not a state file")
         try:
             arrays = _arrays(_decompressed(data))
             description = json.loads(str(arrays.pop(_DESCRIPTION)))
-            found, meta = description["format"], description["meta"]
+            version, meta = description["format"], description["meta"]
             if not isinstance(meta, dict):
                 raise ValueError("its description is no object")
         except MemoryError:
             raise
         except Exception as error:  # a file may be forged
             raise StateError("state_damaged", f"{name} is damaged ({plain(str(error))})") from None
-    if found != FORMAT:
+    if version != FORMAT:
         text = f"{name} is of another version of imumon, which has another format"
         raise StateVersionError("state_version", text)
     return SavedState(meta, arrays)
@@ -130,10 +207,10 @@ def _arrays(content: bytes) -> dict[str, npt.NDArray[Any]]:
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         if any(entry.compress_type != zipfile.ZIP_STORED for entry in archive.zip.infolist()):
             raise ValueError("its archive is compressed")
-        found = {name: archive[name] for name in archive.files}
-    if not all(isinstance(each, np.ndarray) for each in found.values()):
+        arrays = {name: archive[name] for name in archive.files}
+    if not all(isinstance(array, np.ndarray) for array in arrays.values()):
         raise ValueError("an entry is no array")
-    return found
+    return arrays
 
 
 def check_directory(directory: Path) -> None:
@@ -310,7 +387,7 @@ class Checkpoint:
             while self._deferred:  # before the files are overwritten
                 self._move(*self._deferred[0])
                 self._deferred.pop(0)
-            self._write(encode(state))
+            self._write(with_memory(lambda: encode(state)))
             self.failed = None
         except Exception as error:  # no failure may prevent the next save
             self.failed = self._reason(error)
@@ -327,7 +404,7 @@ class Checkpoint:
         if isinstance(error, MemoryError):
             return _OUT_OF_MEMORY
         message = error.strerror if isinstance(error, OSError) else str(error)
-        return f"{self.path.parent}: {message or type(error).__name__}: free space or choose another --state"
+        return f"{self.path.parent}: {message or type(error).__name__}: {cure_of_writing(error)}"
 
     def _write(self, data: bytes) -> None:
         new = self.path.with_suffix(".state.new")
@@ -335,7 +412,8 @@ class Checkpoint:
         if os.path.lexists(self.path):
             os.replace(self.path, self.previous)
         os.replace(new, self.path)
-        directory = os.open(self.path.parent, os.O_RDONLY)
+        with granted():
+            directory = os.open(self.path.parent, os.O_RDONLY)
         try:
             os.fsync(directory)
         finally:

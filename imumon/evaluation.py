@@ -74,7 +74,7 @@ class UncertaintyBudget:
 
     def is_plausible(self) -> bool:
         """Return whether the value is not 0, and no uncertainty is negative. A bias may be negative, its spread not."""
-        spreads = [each.standard for each in self.components if each.standard is not None]
+        spreads = [part.standard for part in self.components if part.standard is not None]
         return self.value != 0.0 and min(self.combined, self.expanded, self.coverage, *spreads) >= 0.0
 
 
@@ -125,7 +125,7 @@ class Evaluation:
     """What a document needs beside the numbers."""
 
     provenance: Provenance | None = None  # where they come from
-    # by channel, and N, B or K
+    # by channel and letter
     budgets: Mapping[str, Mapping[str, UncertaintyBudget]] = field(default_factory=dict)
     # by channel, of the bias; only with a history that counts its power-ups
     bias_budgets: Mapping[str, UncertaintyBudget] = field(default_factory=dict)
@@ -134,5 +134,5 @@ class Evaluation:
     exact: Mapping[str, ExactCurve] = field(default_factory=dict)  # by channel; with --exact only
 
     def sizes_are_positive(self) -> bool:
-        """Return whether every budget of N, B and K is of a value above 0."""
-        return all(made.value > 0.0 for budgets in self.budgets.values() for made in budgets.values())
+        """Return whether every budget of a coefficient is of a value above 0."""
+        return all(budget.value > 0.0 for budgets in self.budgets.values() for budget in budgets.values())

@@ -16,12 +16,47 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
+from imumon.reserve import granted
+
 _PIECE = 1 << 20
 """Bytes that are read at once from a file without a size, such as a pipe."""
 
 
 SMALL_BYTES = 1 << 16
 """Bytes of the largest file that a person writes, or that holds the settings of a sensor."""
+
+
+MORE_FILES = "allow more open files: ulimit -n, or LimitNOFILE= of a service"
+OTHER_PLACE = "make it writable or choose another --state"
+CURES = {
+    errno.EMFILE: MORE_FILES,
+    errno.ENFILE: "close programs: the whole machine has no descriptor left (fs.file-max)",
+    errno.ENOMEM: "grant more memory",
+    errno.EIO: "check the disk: the log of the kernel has its errors",
+    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR), OTHER_PLACE),
+}
+"""What to do about an error of writing a state or a history, if it is not to free space."""
+
+
+def cure_of_writing(error: Exception) -> str:
+    """Return what to do about an error of writing a state or a history: space is not the cure of each.
+
+    >>> cure_of_writing(OSError(errno.EMFILE, "too many open files"))
+    'allow more open files: ulimit -n, or LimitNOFILE= of a service'
+    """
+    return CURES.get(getattr(error, "errno", None) or 0, "free space or choose another --state")
+
+
+def lack_of_files() -> OSError | None:
+    """Return the error of opening one more file, if the process or the machine has no descriptor left.
+
+    SQLite says only that it cannot open a file.
+    """
+    try:
+        os.close(os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC))
+    except OSError as error:
+        return error if error.errno in (errno.EMFILE, errno.ENFILE) else None
+    return None
 
 
 def open_regular(
@@ -45,7 +80,8 @@ def open_regular(
     if not regular:
         raise _not_regular(path)
     link = 0 if follow else os.O_NOFOLLOW
-    file = os.open(path, flags | link | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, mode)
+    with granted():
+        file = os.open(path, flags | link | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, mode)
     if not stat.S_ISREG(os.fstat(file).st_mode):
         os.close(file)
         raise _not_regular(path)
@@ -116,7 +152,8 @@ def write_new(path: Path, data: bytes) -> None:
     OSError : it cannot be written; then there is no such file.
     """
     path.unlink(missing_ok=True)
-    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+    with granted():
+        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
     try:
         with open(file, "wb") as out:
             out.write(data)

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
-from imumon.coefficients import BIAS_TERMS
-from imumon.report import COEFFICIENTS, Estimate, GradeName
+from imumon.coefficients import BIAS_TERMS, COEFFICIENTS, Estimate, GradeName
 from imumon.report_json import JsonReader, check, entries
 
 STEPS = {"10m": 600, "1h": 3600, "1d": 86400}
@@ -100,7 +99,7 @@ def _check_row(row: HistoryRow) -> None:
         "an end before the beginning, or a negative count",
     )
     for letter, part in row.coefficients.items():
-        known = [each for each in (part.low, part.value, part.high) if each is not None]
+        known = [size for size in (part.low, part.value, part.high) if size is not None]
         check(known == sorted(known), "a value outside of its limits")
         check(letter in BIAS_TERMS or min(known, default=0.0) >= 0.0, "a negative size")
 
@@ -111,14 +110,14 @@ _READER = JsonReader({HistoryRow: _check_row})
 def objects(reply: bytes) -> list[Any]:
     """Return the entries of an array of JSON; none if a reply is something else."""
     try:
-        found = json.loads(reply)
+        entries = json.loads(reply)
     except (ValueError, RecursionError):
         return []
-    return found if isinstance(found, list) else []
+    return entries if isinstance(entries, list) else []
 
 
-def history_rows(found: Iterable[Any]) -> Iterator[HistoryRow]:
+def history_rows(objects: Iterable[Any]) -> Iterator[HistoryRow]:
     """Yield the rows among some data of JSON."""
-    for each in found:
+    for entry in objects:
         with suppress(TypeError, AttributeError, KeyError, ValueError, OverflowError):
-            yield _READER.part(HistoryRow, each)
+            yield _READER.part(HistoryRow, entry)

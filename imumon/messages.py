@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from imumon.alarms import ALARMS
-from imumon.coefficients import LIMIT_95, SIGNIFICANT
-from imumon.report import Change, Drift, Estimate, Event, Report, SensorGrade
+from imumon.coefficients import GRADES, INDISTINCT_WORD, LIMIT_95, SIGNIFICANT, Estimate
+from imumon.report import Change, Drift, Event, Report, SensorGrade
 from imumon.samples import INERTIAL, Level, sensor_of
-from imumon.units import duration, share_text
+from imumon.units import duration, sentence, share_text
 
 
 class CaveatText(NamedTuple):
@@ -65,12 +65,24 @@ CAVEATS: Mapping[str, CaveatText] = {
         "The cause is a filter, or values that repeat.",
     ),
     "ramp": CaveatText("the mean drifts steadily: a ramp is part of the model", "K is fitted beside it."),
+    "model_misses": CaveatText(
+        "the drawn model leaves the limits of the measured curve",
+        "B, K and M that decide it there are bounds: the noise is of a kind that the model does not have.",
+    ),
+    "popcorn": CaveatText(
+        "the mean jumps between two levels (popcorn noise)",
+        "M has its size and its time constant. B and K are without it.",
+    ),
     "changed": CaveatText("differs from the time before or from the baseline: see the events"),
     "truncated": CaveatText(
         "the recording is damaged or truncated", "Only what precedes the damage is used."
     ),
     "constant": CaveatText(
         "the values never changed: dead, stuck or not measured", "The sensor of this axis gets no grade."
+    ),
+    "clipped": CaveatText(
+        "the values end at a limit: a range of the sensor is too small",
+        "N is too small, and no grade is given. Choose a wider range.",
     ),
     "stuck": CaveatText(
         "the values do not change: an axis or the whole sensor hangs",
@@ -156,6 +168,8 @@ _NO_VALUE = {
 }
 
 FILTER_NOT_KNOWN = "filter not known"
+NOT_APART = "it is B, K or M"
+"""Meaning of the status ``indistinct``, in a line that has little room."""
 
 
 def no_value_text(coefficient: Estimate) -> str | None:
@@ -172,13 +186,27 @@ def line(caveat: str) -> str:
     return CAVEATS[caveat].line if caveat in CAVEATS else caveat.replace("_", " ")
 
 
-def uncertainty(about: str = "±", times: str = "×÷") -> str:
+def uncertainty(about: str = "±", times: str = "×÷", *, indistinct: bool = False) -> str:
     """Return the meaning of the signs beside a coefficient in one line.
+
+    Parameters
+    ----------
+    indistinct : whether there are coefficients that the record does not separate.
 
     >>> uncertainty()
     '±: 95 % limits. ×÷: the same as a factor. <: bound.'
     """
-    return f"{about}: 95 % limits. {times}: the same as a factor. <: bound."
+    about_open = f" {INDISTINCT_WORD}: {NOT_APART}." if indistinct else ""
+    return f"{about}: 95 % limits. {times}: the same as a factor. <: bound.{about_open}"
+
+
+def has_indistinct(report: Report) -> bool:
+    """Return whether there are coefficients that the record does not separate."""
+    return any(
+        part.status == "indistinct"
+        for channel in report.channels.values()
+        for part in channel.estimates.values()
+    )
 
 
 def filter_not_known(report: Report) -> str | None:
@@ -216,8 +244,8 @@ def excluded_text(share: float, by: Mapping[str, float]) -> str:
     >>> excluded_text(0.62, {"knock": 90.0, "glitch": 0.1, "magnetic": 99.0})
     '62 % excluded as knock: put it where nothing touches it'
     """
-    own = {reason: seconds for reason, seconds in by.items() if reason != "magnetic"} or dict(by)
-    reason = max(own, key=own.__getitem__)
+    counted = {reason: seconds for reason, seconds in by.items() if reason != "magnetic"} or dict(by)
+    reason = max(counted, key=counted.__getitem__)
     return f"{share_text(share)} excluded as {reason}: {EXCLUSION_CURES[reason]}"
 
 
@@ -279,7 +307,7 @@ def line_with_size(report: Report, caveat: str) -> str:
 def advice(report: Report, caveat: str) -> str:
     """Return the meaning of a caveat with its size, consequence and cure, in sentences."""
     text, details = line_with_size(report, caveat), CAVEATS[caveat].details if caveat in CAVEATS else ""
-    return f"{text[:1].upper()}{text[1:]}. {details}".strip()
+    return f"{sentence(text)}. {details}".strip()
 
 
 def caveats(report: Report) -> dict[str, list[str]]:
@@ -368,25 +396,46 @@ def matching(name: str | None, names: Iterable[str]) -> list[str]:
     (['a'], ['a1', 'a2'], ['a', 'b'])
     """
     known = sorted(names)
-    return [name] if name in known else [each for each in known if each.startswith(name or "")]
+    return [name] if name in known else [device for device in known if device.startswith(name or "")]
 
 
 GRADE_WORDS = (
-    "Meets: the best grade whose limits no value exceeds, the one to quote. Nearest: the grade whose limits are "
-    "nearest on a logarithmic scale."
+    "The grade is the best one whose limits all N and B allow. It is provisional while the 95 % limits allow another "
+    "one. Nearest is the grade whose limits are closest on a logarithmic scale; --grade asks for it."
 )
-"""Meaning of both grades, printed beside them."""
+"""Meaning of the grades, printed beside them."""
+GRADE_MEANING = "the best grade that all limits allow"
+"""Meaning of the word for a grade, where there is little room."""
+
+
+def grade_word(meets: str | None, nearest: str | None) -> str:
+    """Return the grade of a sensor or an axis as it is called everywhere.
+
+    >>> grade_word("consumer", "industrial"), grade_word(None, "consumer"), grade_word(None, None)
+    ('consumer', 'below consumer', 'no grade')
+    """
+    if nearest is None:
+        return "no grade"
+    return meets or f"below {GRADES[-1]}"
 
 
 def grade_text(grade: SensorGrade) -> str:
-    """Return both grades of a sensor in words, the same in every output.
+    """Return the grade of a sensor as one word, and whether it may change, the same in every output.
 
     >>> grade_text(SensorGrade(nearest="industrial", meets="consumer"))
-    'meets consumer, nearest industrial, provisional'
+    'consumer, provisional'
     >>> grade_text(SensorGrade(nearest="consumer", provisional=False)), grade_text(SensorGrade())
-    ('meets nothing, nearest consumer', 'no grade')
+    ('below consumer', 'no grade')
     """
-    if grade.nearest is None:
-        return "no grade"
-    provisional = ", provisional" if grade.provisional else ""
-    return f"meets {grade.meets or 'nothing'}, nearest {grade.nearest}{provisional}"
+    provisional = ", provisional" if grade.nearest is not None and grade.provisional else ""
+    return f"{grade_word(grade.meets, grade.nearest)}{provisional}"
+
+
+def nearest_text(grade: SensorGrade) -> str:
+    """Return the grade of a sensor with the nearest one, where a user asks for the latter.
+
+    >>> nearest_text(SensorGrade(nearest="industrial", meets="consumer", provisional=False))
+    'consumer, nearest to industrial'
+    """
+    text = grade_text(grade)
+    return text if grade.nearest in (None, grade.meets) else f"{text}, nearest to {grade.nearest}"

@@ -11,30 +11,31 @@ import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
+from itertools import pairwise
 from typing import Any, Literal, TypeAlias, TypeVar
 
-from imumon.coefficients import COEFFICIENTS as COEFFICIENTS
-from imumon.coefficients import GRADED as GRADED
-from imumon.coefficients import GRADES as GRADES
-from imumon.coefficients import LIMIT_95
-from imumon.coefficients import NOISE as NOISE
-from imumon.coefficients import Estimate as Estimate
-from imumon.coefficients import GradeName as GradeName
-from imumon.coefficients import Status as Status
+from imumon.coefficients import (
+    CONVERGING,
+    GRADED,
+    LIMIT_95,
+    NOISE,
+    SINGLE,
+    Estimate,
+    GradeName,
+    MarkovEstimate,
+    Status,
+    by_letter,
+)
 from imumon.evaluation import Evaluation, ExactCurve, Item, UncertaintyBudget
-from imumon.report_json import MAX_BYTES as MAX_BYTES
-from imumon.report_json import MAX_ITEMS as MAX_ITEMS
-from imumon.report_json import MAX_NUMBER as MAX_NUMBER
-from imumon.report_json import JsonReader, entries
+from imumon.report_json import JsonReader, entries, plain
 from imumon.report_json import check as _check
-from imumon.report_json import members as members
-from imumon.report_json import plain as plain
-from imumon.report_json import to_json as to_json
 
 SCHEMA = "imumon.report/1"
 
 State: TypeAlias = Literal["starting", "running", "waiting", "stopped"]
 Axis: TypeAlias = Literal["x", "y", "z"]
+Against: TypeAlias = Literal["hours before", "time before", "history", "baseline"]
+"""What a change is against: the hours before, the time before a step of the bias, days of the history, a baseline."""
 
 MAX_DEGC = 1e3
 """degC, beyond which a number in a message is no temperature."""
@@ -146,7 +147,7 @@ class FitQuality:
     p_value: float | None = None  # probability of a larger one if this description holds; after selection
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Allan:
     """The curve, one entry per octave: measured points, their limits, and the fitted model."""
 
@@ -156,8 +157,12 @@ class Allan:
     high: tuple[float | None, ...] = ()  # channel unit, upper 95 % limit
     edf: tuple[float | None, ...] = ()  # 1, equivalent degrees of freedom
     model: tuple[float | None, ...] = ()  # channel unit, of all that the report states; null without a fit
-    noise: tuple[float | None, ...] = ()  # channel unit, of N, B and K alone; null without a fit
+    noise: tuple[float | None, ...] = ()  # channel unit, of N, B, K and M alone; null without a fit
     used: tuple[bool, ...] = ()  # octaves in the range of frequencies that the fit uses
+
+    def __repr__(self) -> str:
+        span = f", {self.tau_s[0]:g} to {self.tau_s[-1]:g} s" if self.tau_s else ""
+        return f"Allan({len(self.tau_s)} averaging times{span})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -286,20 +291,56 @@ class BiasCurve:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Jumps:
+    """Two levels between which the mean of a channel jumps (popcorn noise)."""
+
+    low: float  # channel unit, lower level
+    high: float  # channel unit, upper level
+    low_s: float  # s, mean time in the lower level
+    high_s: float  # s, mean time in the upper level
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseModel:
-    """What describes the slow and the fast part of a channel besides N, B and K."""
+    """What describes the slow and the fast part of a channel besides its coefficients, and what each adds to the curve.
+
+    `shares` has the parts that the model has: its coefficients by letter, ``filter`` (what a filter in the sensor
+    takes: negative), ``lines``, and ``columns`` (what moves the mean), each at the taus of `allan`.
+    """
 
     columns: tuple[ModelColumn, ...] = ()  # regressors in use
     lines_hz: tuple[float, ...] = ()  # Hz, lines that are no part of the noise
     oscillations_s: tuple[float, ...] = ()  # s, periods of slow oscillations that are no part of the noise
+    jumps: Jumps | None = None  # levels of popcorn noise; null: the channel does not show two
     highest_hz: float | None = None  # Hz, highest frequency in use
+    # (channel unit)^2 by part (N, B, K, M, Q, filter, lines, columns): Allan variances that add up to the model's
+    shares: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatedSeries:
+    """What was stated of one coefficient, one entry for each length of the record in `Convergence`."""
+
+    value: tuple[float | None, ...] = ()  # SI; null unless measured
+    low: tuple[float | None, ...] = ()  # SI, lower 95 % limit of statistics; 0 of a bound, null while pending
+    high: tuple[float | None, ...] = ()  # SI, upper 95 % limit of statistics, or bound; null while pending
+    status: tuple[Status | None, ...] = ()  # as of an estimate; null: the channel did not have it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Convergence:
+    """What was stated when the record was shorter, at most 62 times; the last entry is what is stated now."""
+
+    elapsed_s: tuple[float, ...] = ()  # s, lengths of the record, rising
+    # at these lengths; null: the channel never had it
+    coefficients: Mapping[str, StatedSeries] = field(default_factory=dict, metadata=entries(CONVERGING))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
     """Change of N, B or bias against the hours before, the time before a step, or a baseline."""
 
-    against: str  # "hours before", "time before" (a step of the bias), "history" (days) or "baseline"
+    against: Against  # "hours before", "time before" (a step of the bias), "history" (days) or "baseline"
     quantity: str  # "N", "B", "bias" or "slope" (against the temperature, per degC)
     before: float  # in the channel's unit of the quantity
     now: float  # in the channel's unit of the quantity
@@ -338,9 +379,12 @@ class Robust:
     ratio: float  # Allan deviation of the same differences over sigma: 1 for Gaussian noise
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Channel:
-    """One channel; temperature and pressure have no curve. Its own key omits allan, histogram, spectrum."""
+    """One channel; temperature and pressure have no curve. Its own key omits the curves.
+
+    These are allan, histogram, spectrum and convergence.
+    """
 
     unit: str  # channel unit: rad/s, m/s^2, gauss, degC or kPa
     count: int = 0  # samples that count: not excluded, after the warm-up
@@ -352,13 +396,15 @@ class Channel:
     excess_kurtosis: float | None = None  # 1; null without spread
     last: float | None = None  # channel unit, the newest of them
     # null: no curve, or it does not show
-    coefficients: Mapping[str, Estimate] = field(default_factory=dict, metadata=entries(COEFFICIENTS))
+    coefficients: Mapping[str, Estimate] = field(default_factory=dict, metadata=entries(SINGLE))
+    M: MarkovEstimate | None = None  # correlated noise (Gauss–Markov); null: the record does not ask for it
     model: NoiseModel | None = None  # what else describes the channel; null: no fit
     grade: ChannelGrade | None = None  # of N and B; null: neither gyro nor accel
     # in the unit of each: classical slope readings of the curve, for comparison; null: the curve has none
     readings: Mapping[str, float | None] | None = field(default=None, metadata={"keys": NOISE})
-    # s of the sample clock until each has the configured precision; null: not measured, or over a year
+    # s of the sample clock until each has the configured precision; null: not measured for long, or over a year
     time_to: Mapping[str, float | None] | None = field(default=None, metadata={"keys": NOISE})
+    convergence: Convergence | None = None  # what was stated of a shorter record; null: no curve
     fit: FitQuality | None = None  # how well the model describes the spectrum
     caveats: tuple[str, ...] = ()  # one word each, those of the record included; none without a curve
     allan: Allan | None = None  # Allan deviation; null: no curve
@@ -370,6 +416,41 @@ class Channel:
     drift: Drift | None = None  # slope of the mean; null: no fit
     bias_curve: BiasCurve | None = None  # bias against the temperature; null: no fit
     changes: tuple[Change, ...] = ()  # changes beyond chance
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """Every coefficient by letter, in the order of the table; of correlated noise M and, where measured, T."""
+        return by_letter(self.coefficients, self.M)
+
+    @property
+    def N(self) -> Estimate | None:
+        """White noise; None: the channel has no curve."""
+        return self.coefficients.get("N")
+
+    @property
+    def B(self) -> Estimate | None:
+        """Flicker; None: the channel has no curve."""
+        return self.coefficients.get("B")
+
+    @property
+    def K(self) -> Estimate | None:
+        """Random walk; None: the channel has no curve."""
+        return self.coefficients.get("K")
+
+    @property
+    def Q(self) -> Estimate | None:
+        """Quantisation; None: it does not show."""
+        return self.coefficients.get("Q")
+
+    @property
+    def R(self) -> Estimate | None:
+        """Rate ramp; None: it does not show."""
+        return self.coefficients.get("R")
+
+    def __repr__(self) -> str:
+        parts = [f"{letter} {estimate}" for letter, estimate in self.estimates.items()]
+        caveats = [f"caveats {', '.join(self.caveats)}"] if self.caveats else []
+        return f"Channel({self.unit}, {self.count:,} samples; {'; '.join([*parts, *caveats])})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -395,7 +476,7 @@ class Event:
     level: Literal["debug", "info", "notice", "warning", "error"] = "info"  # how much it matters to a user
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Report:
     """Everything known about one device at one moment."""
 
@@ -417,6 +498,20 @@ class Report:
     events: tuple[Event, ...] = ()  # of the record, at most 256; only in a report of `replay` or `report`
     item: Item | None = None  # identity of the item and the measurement, of a document; null: not stated
     evaluation: Evaluation | None = None  # for documents; on the bus only `provenance`, that of the daemon
+
+    def __repr__(self) -> str:
+        lines = [f"  {name}: {channel!r}" for name, channel in self.channels.items()]
+        head = f"Report({self.device.id}, {self.state}, {self.session.elapsed_s:g} s"
+        return "\n".join([f"{head}, {len(lines)} channels)", *lines[:20]])
+
+    @property
+    def time_lapse(self) -> float | None:
+        """Factor by which the emulator runs faster than real time; None: it is real time."""
+        return None if self.speed == 1.0 else self.speed
+
+    def host_s(self, elapsed_s: float) -> float:
+        """Return the s of the host clock in which the record grew by `elapsed_s`, s of the sample clock."""
+        return elapsed_s / self.speed
 
     @property
     def late_s(self) -> float:
@@ -443,10 +538,15 @@ def is_device_name(text: str) -> bool:
     return _DEVICE_NAME.fullmatch(text) is not None
 
 
+def is_channel_name(text: str) -> bool:
+    """Return whether a text can be the name of a channel, such as ``gyro/x``."""
+    return _CHANNEL_NAME.fullmatch(text) is not None
+
+
 def _check_channels(names: Collection[str]) -> None:
     """Raise TypeError if there are too many channels, or names that are no names of channels."""
     _check(len(names) <= MAX_CHANNELS, f"{len(names)} channels, more than {MAX_CHANNELS}")
-    _check(all(map(_CHANNEL_NAME.fullmatch, names)), "a name that is no name of a channel")
+    _check(all(map(is_channel_name, names)), "a name that is no name of a channel")
 
 
 def _check_estimate(part: Estimate) -> None:
@@ -458,6 +558,16 @@ def _check_curve(curve: Allan | LimitCurve) -> None:
     _check(all(tau > 0.0 for tau in curve.tau_s), "an averaging time that is not positive")
     if isinstance(curve, LimitCurve):
         _check(bool(curve.tau_s) and all(sigma > 0.0 for sigma in curve.sigma), "a limit not above 0")
+
+
+def _check_convergence(part: Convergence) -> None:
+    lengths = part.elapsed_s
+    _check(all(b >= a > 0.0 for a, b in pairwise(lengths)), "lengths that fall")
+    for series in part.coefficients.values():
+        columns = (series.value, series.low, series.high, series.status)
+        _check(all(len(column) == len(lengths) for column in columns), "a statement without its length")
+        known = (size for column in columns[:3] for size in column)
+        _check(all(size is None or size >= 0.0 for size in known), "a negative size")
 
 
 def _check_session(session: SessionCounters) -> None:
@@ -481,6 +591,7 @@ _CHECKS: Mapping[Any, Callable[[Any], None]] = {
     Estimate: _check_estimate,
     Allan: _check_curve,
     LimitCurve: _check_curve,
+    Convergence: _check_convergence,
     Histogram: lambda histogram: _check(histogram.width > 0.0, "a bin without width"),
     Strip: lambda strip: _check(strip.column_s > 0.0, "a column without length"),
     Signal: lambda signal: _check_channels([signal.channel]),

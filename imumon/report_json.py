@@ -58,15 +58,15 @@ def members(part: Any) -> dict[str, Any]:
     for name, names in _fields(part.__class__):
         value = getattr(part, name)
         out |= {name: value} if names is None else {name: value.get(name) for name in names}
-    for name, own in getattr(part, "DERIVED", {}).items():
-        out[name] = {key: getattr(getattr(part, name), key) for key in own}
+    for name, keys in getattr(part, "DERIVED", {}).items():
+        out[name] = {key: getattr(getattr(part, name), key) for key in keys}
     return out
 
 
 @cache
 def _fields(cls: Any) -> tuple[tuple[str, tuple[str, ...] | None], ...]:
     """Return the fields of a class with their `entries`; a report has 170 parts, every second."""
-    return tuple((each.name, each.metadata.get("entries")) for each in fields(cls))
+    return tuple((field.name, field.metadata.get("entries")) for field in fields(cls))
 
 
 class JsonReader:
@@ -80,7 +80,7 @@ class JsonReader:
 
     def __init__(self, checks: Mapping[Any, Callable[[Any], None]], lists: Collection[Any] = ()) -> None:
         self._checks, self._lists = checks, lists
-        self._made: dict[Any, Callable[[Any], Any]] = {}
+        self._readers: dict[Any, Callable[[Any], Any]] = {}
 
     def read(self, cls: type[T], text: str | bytes) -> T:
         """Read JSON as `cls`.
@@ -99,9 +99,9 @@ class JsonReader:
 
     def _reader(self, hint: Any) -> Callable[[Any], Any]:
         """Return the function that makes a value of type `hint` from JSON data."""
-        if hint not in self._made:
-            self._made[hint] = self._make(hint)
-        return self._made[hint]
+        if hint not in self._readers:
+            self._readers[hint] = self._make(hint)
+        return self._readers[hint]
 
     def _make(self, hint: Any) -> Callable[[Any], Any]:
         if is_dataclass(hint):
@@ -127,20 +127,20 @@ class JsonReader:
     def _dataclass_reader(self, cls: Any) -> Callable[[Any], Any]:
         """Return the function that makes a `cls`."""
         hints = typing.get_type_hints(cls)
-        own_entries = {f.name: names for f in fields(cls) if (names := f.metadata.get("entries"))}
+        entries_of = {f.name: names for f in fields(cls) if (names := f.metadata.get("entries"))}
         readers = {f.name: self._reader(hints[f.name]) for f in fields(cls)}
         arrays = [] if cls in self._lists else [name for name in readers if _is_numbers(hints[name])]
-        own_check = self._checks.get(cls, lambda part: None)
+        check_part = self._checks.get(cls, lambda part: None)
 
         def read(data: Any) -> Any:
-            given = {name: value for name, value in data.items() if name not in own_entries}
-            for field, names in own_entries.items():
+            given = {name: value for name, value in data.items() if name not in entries_of}
+            for field, names in entries_of.items():
                 given[field] = {name: data[name] for name in names if data.get(name) is not None}
             part = cls(**{name: readers[name](value) for name, value in given.items() if name in readers})
             # An array that a later version adds must stay optional: reports of this one do not have it.
             lengths = {len(getattr(part, name)) for name in arrays}
             check(len(lengths) < 2, f"arrays of different lengths in {cls.__name__}")
-            own_check(part)
+            check_part(part)
             return part
 
         return read
@@ -164,8 +164,8 @@ def _checked(data: Any, kind: Any) -> Any:
         return int(data)
     if type(data) is kind or (kind is float and number):
         return data
-    found = data[:40] if isinstance(data, str) else type(data).__name__
-    raise TypeError(f"{found!r} instead of {kind.__name__}")
+    shown = data[:40] if isinstance(data, str) else type(data).__name__
+    raise TypeError(f"{shown!r} instead of {kind.__name__}")
 
 
 def bounded(data: Any, most: int) -> Any:

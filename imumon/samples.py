@@ -132,7 +132,8 @@ class SampleBlock:
         the length of the sample's own interval (``dt``); None without a clock.
     lost : (n,) messages that were damaged on the line directly before each sample, as far as
         framing shows; what a stream without an absolute clock knows of its gaps.
-    saturated : (n,) the sensor said itself that a range was exceeded; None when it does not say.
+    saturated : (n, s) the device said itself that a sensor exceeded its range, one column for each sensor in the
+        order of `stream.channels`; (n,): it does not say which sensor; None: it does not say.
     """
 
     stream: Stream
@@ -240,6 +241,7 @@ class DeviceCounters:
     overruns : times that data were lost on this side, in the kernel or at a full queue.
     kernel_overruns : of these, in the kernel; None if the driver does not count.
     most_queued_bytes : most bytes that ever waited for the decoder; None if there is no byte queue.
+    other_sender : lines or messages of others on the way of this sensor, which are ignored.
     """
 
     received_bytes: int = 0
@@ -249,6 +251,7 @@ class DeviceCounters:
     overruns: int = 0
     kernel_overruns: int | None = None
     most_queued_bytes: int | None = None
+    other_sender: int = 0
 
 
 Item: TypeAlias = SampleBlock | Gap | Notice | RawBytes | DeviceInfo | DeviceCounters
@@ -268,7 +271,11 @@ def concatenated(blocks: Sequence[SampleBlock]) -> SampleBlock:
     if len(blocks) == 1:
         return blocks[0]
     times = [block.time_ns for block in blocks if block.time_ns is not None]
-    flags = [np.zeros(len(block), bool) if block.saturated is None else block.saturated for block in blocks]
+    shape = next((block.saturated.shape[1:] for block in blocks if block.saturated is not None), ())
+    flags = [
+        np.zeros((len(block), *shape), bool) if block.saturated is None else block.saturated
+        for block in blocks
+    ]
     return SampleBlock(
         blocks[0].stream,
         np.concatenate([block.values for block in blocks]),

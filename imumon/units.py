@@ -28,6 +28,22 @@ def pretty(unit: str) -> str:
     return text.replace("degC", "°C").replace("deg", "°").replace("*", "·")
 
 
+_UNIT_WORDS = frozenset(("s", "h", "min", "rad", "deg", "gauss", "mg"))
+
+
+def sentence(text: str) -> str:
+    """Return a text as the beginning of a sentence; a unit or a name at its beginning keeps its case, as all else does.
+
+    >>> sentence("waiting for /dev/ttyUSB0"), sentence("m/s^2 per degC"), sentence("gyro/x: constant")
+    ('Waiting for /dev/ttyUSB0', 'm/s^2 per degC', 'gyro/x: constant')
+    """
+    word = text.split(" ", 1)[0].rstrip(",.:;")
+    # A word with a sign or a capital in it is a unit, a channel or a name, and with a capital it would be another one.
+    if not re.fullmatch("[a-z]+(['-][a-z]+)*", word) or word in _UNIT_WORDS:
+        return text
+    return f"{text[0].upper()}{text[1:]}"
+
+
 def figures(value: float, digits: int = 3) -> str:
     """Return a number with `digits` significant digits, in plain notation if that is short.
 

@@ -22,11 +22,11 @@ from typing import Any
 
 from waiting import until
 
+from imumon.coefficients import Estimate
 from imumon.report import (
     Allan,
     Channel,
     DeviceDescription,
-    Estimate,
     Event,
     Report,
     SensorGrade,

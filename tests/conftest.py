@@ -34,6 +34,16 @@ settings.register_profile(
 settings.load_profile("busy")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _fork_emulators() -> None:
+    """Fork the process of each emulator: to start Python and to import numpy takes longer than most tests."""
+    import forked
+
+    from imumon.devices.vn100.emulator import process
+
+    process.start_process = forked.ForkedEmulator
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the files that take longest, so that no process works alone at the end, and mix the others.
 
@@ -51,5 +61,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         "wait",
         "recording",
         "likelihood",
+        "tui_terminal",
+        "hostile_states",
+        "report_command",
+        "replay_as_live",
+        "bias_curve",
+        "stretches",
+        "description",
     ]
     items.sort(key=lambda item: (item.path.stem[5:] not in long, crc32(item.path.name.encode())))

@@ -90,7 +90,7 @@ class Daemon:
         """What it said, once it has ended."""
         self.process.wait(within_s)
         for reader in self._readers:
-            reader.join(20)
+            reader.join(60)
         return self._said["out"], self._said["err"]
 
     def wait(self, holds: Callable[[Report], bool], timeout: float = 120.0) -> Report:

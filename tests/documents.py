@@ -10,7 +10,7 @@ from reports import report as make_report
 from imumon.datasheet import FORMS, document
 from imumon.datasheet.filter_values import FilterValue, worst_axis
 from imumon.filter_report import FilterReport
-from imumon.noise.filter_parameters import filter_parameters
+from imumon.pipeline.filter_report_builder import filter_report
 from imumon.report import Report
 
 AGES = {"nothing": 0.0, "seconds": 3.0, "minutes": 200.0, "hours": LENGTH_S, "long": LONG_S}
@@ -32,7 +32,7 @@ def filters(report: Report, horizon_s: float = 600.0) -> FilterReport:
     seen = [(name, tuple(c.coefficients.items()), c.caveats) for name, c in report.channels.items()]
     key = (horizon_s, tuple(seen))
     if key not in _FILTERS:
-        _FILTERS[key] = filter_parameters(report, horizon_s)
+        _FILTERS[key] = filter_report(report, horizon_s)
     return replace(_FILTERS[key], time=report.time, device=report.device, elapsed_s=report.session.elapsed_s)
 
 

@@ -10,6 +10,8 @@ import atexit
 import gc
 import json
 import os
+import pickle
+import runpy
 import select
 import signal
 import socket
@@ -22,18 +24,24 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from typing import Any
+
+EMULATOR = "imumon.devices.vn100.emulator"
 
 MODULES = (
     "imumon.cli.replay_command",
     "imumon.cli.run_command",
-    "imumon.cli.traceability",
+    "imumon.api.traceability",
+    "imumon.cli.report_command",
     "imumon.config.loading",
     "imumon.daemon",
     "imumon.datasheet",
     "imumon.devices.vn100.driver",
-    "imumon.devices.vn100.emulator",
+    EMULATOR,
+    f"{EMULATOR}.main_loop",
     "imumon.devices.vn100.vn100_session",
     "imumon.doctor",
+    "imumon.pipeline.filter_report_builder",
     "imumon.replay",
     "pydantic.json_schema",
     "pydantic.main",
@@ -42,6 +50,9 @@ MODULES = (
     "zenoh",
 )
 """What most commands import, some of it late."""
+
+EXTRA: list[str] = []
+"""What the commands of one file of tests import beside."""
 
 ORDER = 1 << 20
 """Bytes of the words and the environment of a process."""
@@ -67,6 +78,7 @@ class Forked:
     ----------
     streams : descriptors of its standard input, output and error.
     environment : variables beside those of the test.
+    module : that is run, as by `python -m`, in a session of its own; None: `imumon`.
     """
 
     def __init__(
@@ -75,10 +87,12 @@ class Forked:
         streams: tuple[int, int, int],
         directory: Path | None = None,
         environment: Mapping[str, str] | None = None,
+        module: str | None = None,
     ) -> None:
         self.returncode: int | None = None
         self._told, tells = os.pipe()
-        order = json.dumps([words, {**os.environ, **(environment or {})}, str(directory or Path.cwd())])
+        place = str(directory or Path.cwd())
+        order = json.dumps([words, {**os.environ, **(environment or {})}, place, module])
         socket.send_fds(_parent(), [order.encode()], [*streams, tells])
         os.close(tells)
         self.pid = int(os.read(self._told, NUMBER))
@@ -104,6 +118,43 @@ class Forked:
 
     def kill(self) -> None:
         self.send_signal(signal.SIGKILL)
+
+
+class ForkedEmulator(Forked):
+    """Process of an emulator, for `EmulatorProcess`, which would start it as `python -m`."""
+
+    def __init__(self, settings: Any) -> None:
+        (input_end, into), (out, out_end) = os.pipe(), os.pipe()
+        super().__init__([pickle.dumps(settings).hex()], (input_end, out_end, 2), module=EMULATOR)
+        os.close(input_end)
+        os.close(out_end)
+        self.stdin, self.stdout = os.fdopen(into, "w"), os.fdopen(out)
+
+
+class ChildEmulator:
+    """Process of an emulator that a forked program starts, as `ForkedEmulator`."""
+
+    def __init__(self, settings: Any) -> None:
+        (input_end, into), (out, out_end) = os.pipe(), os.pipe()
+        self.pid = os.fork()
+        if not self.pid:
+            os.setsid()
+            os.dup2(input_end, 0)
+            os.dup2(out_end, 1)
+            os.closerange(3, os.sysconf("SC_OPEN_MAX"))
+            os._exit(import_module(f"{EMULATOR}.main_loop").run(settings))
+        os.close(input_end)
+        os.close(out_end)
+        self._ends = os.pidfd_open(self.pid)
+        self.stdin, self.stdout = os.fdopen(into, "w"), os.fdopen(out)
+
+    def wait(self, timeout: float | None = None) -> None:
+        if not select.select([self._ends], [], [], timeout)[0]:
+            raise subprocess.TimeoutExpired("emulator", timeout or 0.0)
+        os.waitpid(self.pid, 0)
+
+    def kill(self) -> None:
+        os.kill(self.pid, signal.SIGKILL)
 
 
 def run(
@@ -165,19 +216,25 @@ def _answer_one(client: socket.socket) -> None:
         client.send(str(code if code >= 0 else 128 - code).encode())  # as a shell says it of a signal
 
 
+def preload(*modules: str) -> None:
+    """Let the parent import these too, if it has not been started yet."""
+    EXTRA.extend(modules)
+
+
 @cache
 def _parent() -> socket.socket:
     """Start the parent of this process; it ends with it."""
     here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    parent = subprocess.Popen([sys.executable, __file__, str(there.fileno())], pass_fds=[there.fileno()])
+    words = [sys.executable, __file__, str(there.fileno()), *EXTRA]
+    parent = subprocess.Popen(words, pass_fds=[there.fileno()])
     there.close()
     atexit.register(lambda: (here.close(), parent.wait()))
     return here
 
 
-def _serve(orders: socket.socket) -> None:
-    """Fork at each order, and return in the process that shall run the program."""
-    for name in MODULES:
+def _serve(orders: socket.socket) -> str | None:
+    """Fork at each order, and return in the process that shall run the program; return its module."""
+    for name in (*MODULES, *sys.argv[2:]):
         import_module(name)
     gc.freeze()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -190,14 +247,13 @@ def _serve(orders: socket.socket) -> None:
                 pass
         if os.fork() == 0:
             orders.close()
-            _keep(order, descriptors)
-            return
+            return _keep(order, descriptors)
         for descriptor in descriptors:
             os.close(descriptor)
 
 
-def _keep(order: bytes, descriptors: list[int]) -> None:
-    """Fork the program, tell its number and how it ends; return in the program."""
+def _keep(order: bytes, descriptors: list[int]) -> str | None:
+    """Fork the program, tell its number and how it ends; return in the program, with its module."""
     *streams, tells = descriptors
     program = os.fork()
     if not program:
@@ -211,17 +267,25 @@ def _keep(order: bytes, descriptors: list[int]) -> None:
         os._exit(0)
     os.close(tells)
     sys.stdin, sys.stdout, sys.stderr = map(os.fdopen, range(3), "rww", (-1, -1, 1))
-    words, environment, directory = json.loads(order)
+    words, environment, directory, module = json.loads(order)
     sys.argv[1:] = words
     os.environ.clear()
     os.environ.update(environment)
     sys.path[:1] = environment.get("PYTHONPATH", "").split(os.pathsep)
     os.chdir(directory)
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    return module
+
+
+def _run_as_module(module: str) -> None:
+    os.setsid()
+    runpy.run_module(module, run_name="__main__", alter_sys=True)
 
 
 if __name__ == "__main__":
-    _serve(socket.socket(fileno=int(sys.argv[1])))
+    if (module := _serve(socket.socket(fileno=int(sys.argv[1])))) is not None:
+        sys.exit(_run_as_module(module))
     from imumon.__main__ import main
 
+    import_module(f"{EMULATOR}.process").start_process = ChildEmulator  # type: ignore[attr-defined]
     sys.exit(main())

@@ -42,6 +42,9 @@ class LineSender:
         self._master: int | None = None
         self._server: socket.socket | None = None
         self._client: socket.socket | None = None
+        self._datagrams = socket.socket(
+            socket.AF_INET, socket.SOCK_DGRAM
+        )  # one: a sender is known by its port
         self._inserted = b""
         self.replug()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -80,6 +83,7 @@ class LineSender:
         self._ending.set()
         self._thread.join()
         self.unplug()
+        self._datagrams.close()
 
     def _run(self) -> None:
         random_values, begin, made = random.Random(1), time.monotonic(), 0
@@ -102,9 +106,8 @@ class LineSender:
         if not data:
             return
         if self._kind == "udp":
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-                for line in data.splitlines():
-                    out.sendto(line, ("127.0.0.1", self._port))
+            for line in data.splitlines():
+                self._datagrams.sendto(line, ("127.0.0.1", self._port))
         elif self._master is not None:
             os.write(self._master, data)
         elif self._server is not None:

@@ -34,6 +34,7 @@ OTHER = "vn100-0100056799"
 SOURCES: dict[str, Callable[[], reports.FakeSource]] = {
     "running": lambda: reports.FakeSource(reports.report(caveats=("aliased",))),
     "two": lambda: reports.FakeSource(reports.report(), reports.report(900.0, id=OTHER, scale=2.0)),
+    "correlated": lambda: reports.FakeSource(reports.correlated()),
     "no-daemon": lambda: reports.FakeSource(connected=False),
     "no-report": lambda: reports.FakeSource(),
     "starting": lambda: reports.FakeSource(reports.nothing_yet()),
@@ -74,7 +75,10 @@ PICTURES = {
         Picture("device-large", keys=("3",), size=LARGE),
         Picture("events-small", keys=("4",)),
         Picture("history-small", keys=("6",)),
+        Picture("convergence-small", keys=("7", "right", "down")),
         Picture("comparison-large", "two", keys=("5", "c"), size=LARGE),
+        # correlated noise: its own line, columns and what is open
+        Picture("correlated-large", "correlated", size=LARGE),
         # what a chart can show: unused octaves, limits of the grades and a baseline; three axes
         Picture(
             "accel-y-limits-baseline",

@@ -20,11 +20,13 @@ from typing import TypeVar
 
 import numpy as np
 
+from imumon.coefficients import Estimate
 from imumon.devices import registry
 from imumon.messages import EVENT_LEVELS
+from imumon.noise import OctaveCascade, fit_curve
 from imumon.noise.synthesis import synthesise
 from imumon.pipeline import Monitor
-from imumon.report import Channel, DeviceDescription, Estimate, Event, Report, SessionCounters, Signal, stamp
+from imumon.report import Channel, DeviceDescription, Event, Report, SessionCounters, Signal, stamp
 from imumon.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
 
 ID = "vn100-0100056785"
@@ -156,6 +158,12 @@ class Run:
         return replace(report, state=state)  # type: ignore[arg-type]
 
 
+def of_sensors(report: Report, *sensors: str) -> Report:
+    """Return the report with the channels of these sensors alone: a figure of each takes most of a document's time."""
+    kept = {name: channel for name, channel in report.channels.items() if name.partition("/")[0] in sensors}
+    return replace(report, channels=kept)
+
+
 def with_coefficients(channel: Channel, **changed: Estimate) -> Channel:
     """Return a channel with other estimates of some coefficients."""
     return replace(channel, coefficients={**channel.coefficients, **changed})
@@ -203,6 +211,51 @@ def long_report() -> Report:
 
 
 @once_per_test_run
+def correlated() -> Report:
+    """Return the report of gyroscopes with Gauss–Markov noise: x shows it, y does not separate it from B and K.
+
+    The noise of z is flicker.
+    """
+    rate_hz, count = 10.0, 108_000
+    rng = np.random.default_rng(3)
+    values = rng.standard_normal((count, 6)) * np.sqrt(rate_hz) * np.repeat((3e-4, 2e-3), 3)
+    values[:, 0] += markov_noise(np.random.default_rng([2, 7]), count, 4e-4, rate_hz * 30.0)
+    values[:, 1] += _not_separable(values[:, 1], rate_hz)
+    values[:, 2] += synthesise(count, rate_hz, N=1e-9, B=1.5e-4, seed=9)[:, 0]
+    values[:, 5] -= 9.80665
+    monitor, stream = Monitor(), Stream("uncompensated", (*GYRO, *ACCEL), "binary 01:0739", "startup")
+    for begin in range(0, count, CHUNK):
+        rows = np.arange(begin, min(begin + CHUNK, count))
+        stamps = 10**9 + np.rint(rows * 1e9 / rate_hz).astype(np.int64)
+        monitor.feed(SampleBlock(stream, values[rows], stamps, np.zeros(len(rows), dtype=np.int64)))
+    session = SessionCounters(started=stamp(BEGIN))
+    return monitor.report(BEGIN + timedelta(seconds=count / rate_hz), DEVICE, "running", session)
+
+
+def _not_separable(white: Floats, rate_hz: float) -> Floats:
+    """Return the first of some Gauss–Markov noises which, beside white noise, a fit does not separate from flicker."""
+    for seed in range(12):
+        rng = np.random.default_rng([seed, 7])
+        noise = markov_noise(rng, len(white), 0.6e-4, rate_hz * 100.0)
+        cascade = OctaveCascade(1, tau0=1.0 / rate_hz)
+        cascade.update((white + noise)[:, None])
+        if fit_curve(cascade.result(), averaged=False)[0].B.status == "indistinct":
+            return noise
+    raise AssertionError("every noise is separable")
+
+
+def markov_noise(rng: np.random.Generator, count: int, sigma: float, time: float) -> Floats:
+    """Return (count,) Gauss–Markov noise; its time constant is in samples."""
+    import scipy.signal
+
+    ratio = np.exp(-1.0 / time)
+    drive = sigma * np.sqrt(1.0 - ratio**2) * rng.standard_normal(count)
+    drive[0] = sigma * rng.standard_normal()  # it begins stationary
+    noise: Floats = scipy.signal.lfilter([1.0], [1.0, -ratio], drive)
+    return noise
+
+
+@once_per_test_run
 def moving() -> Report:
     """Return the report of a sensor that has begun to move."""
     return Run(150.0, moving_s=20.0).report_at(150.0)
@@ -214,7 +267,6 @@ def warming_up() -> Report:
     return Run(200.0, warm_up=True).report_at(200.0)
 
 
-@cache
 def report(
     elapsed_s: float = LENGTH_S,
     *,
@@ -224,12 +276,20 @@ def report(
     scale: float = 1.0,
     speed: float = 1.0,
 ) -> Report:
-    """Return the report of a run at one of `AGES`, or of the long run.
+    """Return the report of a run at one of `AGES`, or of the long run; the same object for the same words.
 
     Parameters
     ----------
     caveats : of the device, for the whole record.
     """
+    # `cache` would distinguish a word that is given from the same one by default
+    return _report(elapsed_s, id, state, caveats, scale, speed)
+
+
+@cache
+def _report(
+    elapsed_s: float, id: str, state: str, caveats: tuple[str, ...], scale: float, speed: float
+) -> Report:
     report = long_report() if elapsed_s == LONG_S else _run(scale)[0][elapsed_s]
     channels = {
         name: replace(channel, caveats=tuple(dict.fromkeys((*caveats, *channel.caveats))))
@@ -266,7 +326,7 @@ def events(id: str = ID) -> list[Event]:
         ("08:05:10", "warmup", "310 s of warm-up excluded", None),
         ("08:16:40", "gap", "1.2 s lost, 24 samples", None),
         ("09:06:40", "disturbance", "knock of 0.8 rad/s, 2.5 s excluded [bold]not markup[/bold]", "gyro/y"),
-        ("09:14:03", "grade", "gyro: meets consumer, nearest industrial", None),
+        ("09:14:03", "grade", "gyro: consumer", None),
         ("09:20:31", "disconnect", "the port is gone; waiting for it", None),
         ("09:20:44", "connect", "back after 13 s, the record continues", None),
         ("09:20:44", "gap", "13.1 s lost", None),
@@ -298,7 +358,9 @@ def history_reply(channel: str, span: float, step: str) -> tuple[bytes, bytes]:
         flicker = {"value": 0.2 * noise if k % 3 else None, "low": 0.0, "high": noise, "status": "measured"}
         rows.append(
             {"time": stamp(begin), "end": stamp(begin + timedelta(seconds=length)), "channel": channel, "B": flicker,
-             "N": {"value": noise}, "mean": 1e-3 * heat, "temperature": heat}
+             "N": {"value": noise, "low": 0.97 * noise, "high": 1.03 * noise, "status": "measured"},
+             "K": {"value": None, "low": 0.0, "high": 0.05 * noise, "status": "upper_bound"},
+             "mean": 1e-3 * heat, "temperature": heat}
         )  # fmt: skip
     changed = stamp(BEGIN - timedelta(seconds=0.3 * span))
     marks = [{"time": changed, "kind": "change", "text": "", "count": 1}]

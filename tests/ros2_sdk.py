@@ -92,7 +92,7 @@ def listen(topic: str, where: dict[str, Any], count: int) -> None:
 def info(topic: str, where: dict[str, Any]) -> None:
     from zenoh_ros2_sdk import discovery
 
-    end, ends, topics = time.monotonic() + 10.0, [], {}
+    end, ends, topics = time.monotonic() + 60.0, [], {}
     while len(ends) < 2 and time.monotonic() < end:  # a publisher and a subscription
         topics = discovery.get_topic_names_and_types(**where)
         found = discovery.get_topic_info(topic, verbose=True, **where)

@@ -15,7 +15,7 @@ def free_port() -> int:
 
 
 def scraped(address: str) -> str:
-    with urllib.request.urlopen(f"http://{address}/metrics", timeout=5) as reply:
+    with urllib.request.urlopen(f"http://{address}/metrics", timeout=60) as reply:
         return str(reply.read().decode())
 
 

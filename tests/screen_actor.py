@@ -15,20 +15,20 @@ START_S = 60.0
 
 
 class GrowingSource:
-    """A new report twice a second, of three seconds of the sensor per second."""
+    """A new report every other second, of three seconds of the sensor per second."""
 
     def __init__(self) -> None:
-        self._run = reports.Run(3600.0)
+        self._run = reports.Run(600.0)
         self._report = self._run.report_at(START_S)
         self._signal = self._run.monitor.signals()["gyro/x"]()
         self._begin = time.monotonic()
 
     @property
     def version(self) -> int:
-        return int(2.0 * (time.monotonic() - self._begin))
+        return int(0.5 * (time.monotonic() - self._begin))
 
     def reports(self) -> dict[str, tuple[Report, float]]:
-        elapsed_s = START_S + 1.5 * self.version
+        elapsed_s = START_S + 6.0 * self.version
         if elapsed_s > self._report.session.elapsed_s:
             self._report = self._run.report_at(elapsed_s)
         return {reports.ID: (self._report, time.monotonic())}

@@ -9,6 +9,7 @@ blocks are checked against the command line.
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
@@ -17,6 +18,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -73,6 +75,7 @@ class Place(NamedTuple):
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    forked.preload("matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg", "matplotlib.figure")
     directory = tmp_path_factory.mktemp("documents")
     endpoint = free_endpoint()
     (directory / "config.toml").write_text(f'[zenoh]\nlisten = ["{endpoint}"]\n')
@@ -242,23 +245,33 @@ def test_the_index_names_every_document() -> None:
     assert not [name for name in pages if f"({name}" not in index]
 
 
-def test_every_attack_in_security_names_a_test_that_exists() -> None:
+def test_every_attack_in_security_names_a_test_that_exists(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A test, or inputs of the corpus, all of whose doors are named."""
+    monkeypatch.syspath_prepend(str(ROOT / "tests" / "hostile"))
+    from corpus import CORPUS
+
     text = (ROOT / "SECURITY.md").read_text("utf-8").partition("## What was tried")[2]
     rows = [row for row in text.splitlines() if row.startswith("|")][2:]
     tests = "".join(path.read_text("utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
+    inputs = [f"{hostile.door}-{hostile.name}" for hostile in CORPUS]
+    assert len(inputs) == len(set(inputs))
     assert rows
     for row in rows:
-        named = re.search(r"`(test_\w+)` \|$", row)
+        named = re.search(r"`(\S+)` \|$", row)
         assert named is not None, row
-        assert f"def {named[1]}(" in tests, row
+        assert f"def {named[1]}(" in tests or any(name.startswith(named[1]) for name in inputs), row
 
 
-def test_the_walk_of_a_sample_names_files_that_exist() -> None:
-    text = (ROOT / "docs" / "ARCHITECTURE.md").read_text("utf-8")
-    rows = re.findall(r"^\| (\d+) \| (.+?) \|", text, re.MULTILINE)
-    assert [int(step) for step, _ in rows[-38:]] == list(range(1, 39))
-    files = re.findall(r"`([\w/]+\.py)`", " ".join(cell for _, cell in rows))
+def test_the_walk_of_a_sample_is_short_and_never_returns() -> None:
+    """At most 25 steps, each in a file that exists, and no visit to a package that it left."""
+    text = (ROOT / "docs" / "ARCHITECTURE.md").read_text("utf-8").partition("## The walk of one sample")[2]
+    rows = re.findall(r"^\| (\d+) \| (.+?) \| (.+) \|$", text, re.MULTILINE)
+    assert [int(step) for step, *_ in rows] == list(range(1, len(rows) + 1))
+    assert len(rows) <= 25
+    files = [name for row in rows for name in re.findall(r"`([\w/]+\.py)`", " ".join(row[1:]))]
     assert not [name for name in files if not (ROOT / "imumon" / name).exists()]
+    packages = [package for package, _ in groupby(row[1].strip("`").partition("/")[0] for row in rows)]
+    assert len(packages) == len(set(packages))
 
 
 def test_the_tables_of_results_are_those_that_are_saved(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -275,6 +288,36 @@ def test_the_benchmarks_are_one_command() -> None:
     command = [sys.executable, "-m", "benchmarks", "--help"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
     assert "--quick" in done.stdout
+
+
+def test_the_index_of_the_benchmarks_is_complete() -> None:
+    """Every script says where its numbers are stated, or that another one uses it."""
+    folder = ROOT / "benchmarks"
+    rows = re.findall(
+        r"^\| `(\w+)` \| .+ \| (.*)\|$", (folder / "__init__.py").read_text("utf-8"), re.MULTILINE
+    )
+    assert sorted(name for name, _ in rows) == sorted(
+        path.stem for path in folder.glob("*.py") if not path.stem.startswith("__")
+    )
+    for name, places in rows:
+        for place in re.findall(r"docs/[\w./]+", places):
+            page = ROOT / place / "README.md" if not place.endswith(".md") else ROOT / place
+            text = page.read_text("utf-8")
+            assert f"benchmarks/{name}.py" in text or "python -m benchmarks" in text, (name, place)
+
+
+def test_rules_name_benchmarks_that_exist() -> None:
+    named = {
+        Path(row.benchmark.split()[0]).name  # with or without its folder
+        for path in sorted((ROOT / "imumon" / "noise").glob("*/*_rules.py"))
+        for row in importlib.import_module(f"imumon.noise.{path.parent.name}.{path.stem}").RULES
+        if row.benchmark
+    }
+    assert not [
+        name
+        for name in named
+        if not any((ROOT / "benchmarks").glob(name)) and not any((ROOT / "tests").rglob(name))
+    ]
 
 
 def test_the_changelog_has_known_headings() -> None:

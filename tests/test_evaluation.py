@@ -18,10 +18,10 @@ from paths import RECORDINGS, needs_recordings
 from reports import RATE, with_coefficients
 from reports import report as report_at
 
+from imumon.api.traceability import evaluated, with_provenance
 from imumon.cli.main import main
-from imumon.cli.traceability import evaluated, with_provenance
 from imumon.cli.wait_condition import WaitCondition
-from imumon.coefficients import Estimate, Excess, coefficient_ratio
+from imumon.coefficients import COEFFICIENTS, Estimate, Excess, coefficient_ratio
 from imumon.datasheet import document
 from imumon.datasheet.evidence import excluding_events
 from imumon.datasheet.tables import channel_rows, coefficient_text
@@ -29,10 +29,12 @@ from imumon.evaluation import UncertaintyBudget
 from imumon.filter_report import FilterReport
 from imumon.noise.allan.overlapping import SampleStore, averaging_lengths, overlapping_deviation
 from imumon.noise.synthesis import synthesise
-from imumon.noise.uncertainty import probability_at_most, uncertainty_budgets, verdict
+from imumon.noise.uncertainty import probability_at_most, verdict
+from imumon.pipeline.uncertainty_budgets import uncertainty_budgets
 from imumon.references import SheetError, published, read_sheet, sheet_of_model
 from imumon.references.limit_checks import conformity
-from imumon.report import COEFFICIENTS, Event, Report, from_json, to_json
+from imumon.report import Event, Report, from_json
+from imumon.report_json import to_json
 from imumon.tui.formatting import Notation
 from imumon.units import figures
 
@@ -86,6 +88,15 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     names = "t [s],wx [rad/s],wy [rad/s],wz [rad/s],ax [m/s^2],ay [m/s^2],az [m/s^2]"
     rows = np.column_stack([np.arange(2000) / HZ, noise])
     np.savetxt(path, rows, delimiter=",", header=names, comments="", fmt="%.12g")
+    return path
+
+
+@pytest.fixture(scope="module")
+def gyroscope(recording: Path) -> Path:
+    """Return the gyroscope of the recording alone: an analysis takes half the time."""
+    path = recording.with_name("gyro.csv")
+    rows = (line.split(",")[:4] for line in recording.read_text().splitlines())
+    path.write_text("\n".join(",".join(row) for row in rows) + "\n")
     return path
 
 
@@ -160,9 +171,9 @@ def test_exact_on_the_command_line_equals_allantools_at_every_octave(recording: 
         assert all(lo < s < hi for lo, s, hi in zip(curve.low, curve.sigma, curve.high, strict=True))
 
 
-def test_ten_averaging_times_per_decade(recording: Path, tmp_path: Path) -> None:
+def test_ten_averaging_times_per_decade(gyroscope: Path, tmp_path: Path) -> None:
     out = tmp_path / "x.json"
-    imumon("report", recording, "--exact", "--taus", "decade", "-o", out)
+    imumon("report", gyroscope, "--exact", "--taus", "decade", "-o", out)
     report = from_json(Report, out.read_text())
     taus = np.array(report.evaluation.exact["gyro/x"].tau_s)
     decade = taus[(taus > 0.99) & (taus < 9.9)]
@@ -172,11 +183,11 @@ def test_ten_averaging_times_per_decade(recording: Path, tmp_path: Path) -> None
     shared = sum(any(abs(tau - t) < 1e-9 for t in taus) for tau in allan.tau_s)
     assert 0 < shared < len(allan.tau_s)
     assert f"| {shared} of {len(allan.tau_s)} " in shown(report)  # the rest of the octaves is not compared
-    octaves = replayed(recording, "--exact")
+    octaves = replayed(gyroscope, "--exact")
     assert f"| {len(allan.tau_s)} of {len(allan.tau_s)} " in shown(octaves)
     assert "fully overlapping, exact" in shown(report, "svg")
     imumon("report", out, "-o", tmp_path / "x.csv")
-    assert (tmp_path / "x.csv").read_text().count("\nexact,") == 6 * len(taus)
+    assert (tmp_path / "x.csv").read_text().count("\nexact,") == 3 * len(taus)
 
 
 def test_taus_need_exact_and_exact_needs_samples(recording: Path, tmp_path: Path) -> None:
@@ -198,34 +209,34 @@ def test_a_real_recording_agrees_with_another_tool() -> None:
 # ---------------------------------------------------------------- filter
 
 
-def test_a_named_filter_answers_what_the_recording_does_not_say(recording: Path) -> None:
+def test_a_named_filter_answers_what_the_recording_does_not_say(gyroscope: Path) -> None:
     for words, factor in (
         ((), None),
         (("--filter", "factory"), np.sqrt(5.0)),
         (("--filter", "20"), 1.0),
         (("--filter", "10@1000"), np.sqrt(1000.0 / (10 * HZ))),
     ):
-        device, caveats = (report := replayed(recording, *words)).device, report.caveats
+        device, caveats = (report := replayed(gyroscope, *words)).device, report.caveats
         assert device.alias_factor == (factor if factor is None else pytest.approx(factor, rel=1e-6))
         assert ("aliased" in caveats) == (factor is not None and factor > 1.0)
         assert ("filter" in device.settings) == bool(words)
     for wrong in ("boxcar", "0.5", "-4", "4@0", "factory@100", "@800"):
-        imumon("replay", recording, f"--filter={wrong}", code=2)
+        imumon("replay", gyroscope, f"--filter={wrong}", code=2)
 
 
-def test_what_a_filter_assumes_of_an_unknown_device_is_in_the_report(recording: Path) -> None:
+def test_what_a_filter_assumes_of_an_unknown_device_is_in_the_report(gyroscope: Path) -> None:
     """The window of a VN-100 averages samples of 800 Hz; a table may be of another sensor."""
     for words, assumed in (
         ("4", "rate before the filter"),
         ("factory", "filter"),
         ("none", "rate before the filter"),
     ):
-        text = imumon("report", recording, "--filter", words)
+        text = imumon("report", gyroscope, "--filter", words)
         stated = f"the recording names no device: its {assumed} is assumed to be "
         assert f"{words}, as given with --filter; {stated}" in text
         assert f"--filter {words}: {stated}" in text  # the remark, with what to do
         assert "give window and rate, such as 8@1000" in text
-    assert "is assumed to be" not in imumon("report", recording, "--filter", "8@1000")
+    assert "is assumed to be" not in imumon("report", gyroscope, "--filter", "8@1000")
 
 
 @needs_recordings
@@ -703,7 +714,7 @@ def test_n_without_aliasing_stands_beside_the_read_one(recording: Path) -> None:
 
 def test_words_are_explained_where_they_are_printed(recording: Path, saved: Path) -> None:
     for text in (imumon("replay", recording), imumon("report", saved)):
-        assert "the one to quote" in text
+        assert "best one whose limits all N and B allow" in " ".join(text.split())
     for form in ("filter", "kalibr", "px4", "ros"):
         text = " ".join(imumon("report", saved, "--format", form).replace("#", "").split())
         assert ("A fix is a measurement" in text) == ("fix" in text.replace("prefix", "")), form
@@ -749,7 +760,8 @@ def test_a_model_that_does_not_fit_has_a_caveat(age: float) -> None:
 @needs_recordings
 @pytest.mark.parametrize("name", ["instinct_vn310_static.npz", "rob_static2.npz"])
 def test_a_real_record_that_does_not_fit_has_a_caveat(name: str) -> None:
-    assert _misfits_are_caveats(replayed(RECORDINGS / name)) >= 2
+    # one of them at least: Gauss–Markov noise describes others
+    assert _misfits_are_caveats(replayed(RECORDINGS / name)) >= 1
 
 
 def test_every_command_and_the_screen_state_the_combined_limits() -> None:

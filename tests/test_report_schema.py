@@ -18,12 +18,13 @@ from paths import ROOT
 from imumon import report
 from imumon.coefficients import COEFFICIENTS
 from imumon.filter_report import FILTER_SCHEMA, FilterReport
-from imumon.report import Channel, Event, Report, SensorGrade, Signal, from_json, to_json
+from imumon.report import Channel, Event, Report, SensorGrade, Signal, from_json
+from imumon.report_json import to_json
 
 DOCS = ROOT / "docs"
 FILE = DOCS / "report.schema.json"
 FILTER_FILE = DOCS / "filter.schema.json"
-OMITTED = ("allan", "histogram", "spectrum")  # of a channel on its own key
+OMITTED = ("allan", "histogram", "spectrum", "convergence")  # of a channel on its own key
 PLAIN: dict[Any, str] = {str: "string", int: "integer", float: "number", bool: "boolean"}
 
 

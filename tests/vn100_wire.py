@@ -263,13 +263,13 @@ def messages(data: bytes) -> Iterator[tuple[str, list[str]] | dict[Position, tup
 
 @dataclass(frozen=True)
 class Sample:
-    """What a message means: kind, value by channel (SI units), clock with its time, and saturation."""
+    """What a message means: kind, value by channel (SI units), clock with its time, and the saturated sensors."""
 
     kind: str
     values: dict[str, float]
     clock: str
     time_ns: int | None
-    saturated: bool | None = None
+    saturated: frozenset[str] | None = None
 
 
 _KINDS = {"d": "deltas", "u": "uncompensated", "c": "compensated"}
@@ -328,6 +328,11 @@ def sample_of_packet(values: Mapping[Position, Sequence[float | bytes]]) -> Samp
     result |= {name: named[f"c {name}"] for name in ("temperature", "pressure") if f"c {name}" in named}
     clock = "startup" if "startup" in named else "dt" if "dt" in named else "none"
     time_ns = {"startup": lambda: int(named["startup"]), "dt": lambda: round(named["dt"] * 1e9)}.get(clock)
-    flags = [int(named["vpe status"]) & (1 << 2 | 1 << 9)] if "vpe status" in named else []
-    flags += [int(named["sensor saturation"])] if "sensor saturation" in named else []
-    return Sample(_KINDS[worst], result, clock, time_ns and time_ns(), any(flags) if flags else None)
+    words = {"vpe status": {2: "gyro", 9: "accel"}}
+    words["sensor saturation"] = dict(enumerate(["mag"] * 3 + ["accel"] * 3 + ["gyro"] * 3 + ["pressure"]))
+    saturated = {s for word in words for bit, s in words[word].items() if int(named.get(word, 0)) >> bit & 1}
+    saturated &= {
+        channel.split("/")[0] for channel in result
+    }  # what exceeds its range unseen does not matter
+    says = any(word in named for word in words)
+    return Sample(_KINDS[worst], result, clock, time_ns and time_ns(), frozenset(saturated) if says else None)

@@ -43,9 +43,9 @@ class DeviceState:
         """Record a second session of the device, unless it is another route of the same daemon."""
         if clock and clock == self.clock:
             return
-        for each in (self.session or _NO_ID, session or _NO_ID):
-            if each not in self.rivals and len(self.rivals) < _MAX_RIVALS:
-                self.rivals.append(each)
+        for rival in (self.session or _NO_ID, session or _NO_ID):
+            if rival not in self.rivals and len(self.rivals) < _MAX_RIVALS:
+                self.rivals.append(rival)
 
 
 class DeviceStates(dict[str, DeviceState]):
@@ -59,7 +59,7 @@ class DeviceStates(dict[str, DeviceState]):
         device = self.get(id)
         if device is None:
             if len(self) >= _MAX_DEVICES:
-                gone = {name: each.seen_s for name, each in self.items() if not each.alive}
+                gone = {name: device.seen_s for name, device in self.items() if not device.alive}
                 oldest = min(gone, key=gone.__getitem__, default=None)
                 if oldest is None or now - gone[oldest] < GONE_S:
                     return None

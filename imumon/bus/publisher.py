@@ -21,9 +21,10 @@ from imumon.bus.bus_error import BusError, Unreachable
 from imumon.bus.queryable import MAX_QUEUED, LastValues, Signals
 from imumon.bus.uplink import Links, Uplink, open_local, open_uplink
 from imumon.bus.zenoh_session import RETRY_S, SessionOptions, check_endpoint, clean_id
-from imumon.report import Channel, Event, Report, members, to_json
+from imumon.report import Channel, Event, Report
+from imumon.report_json import members, to_json
 
-CURVES = ("allan", "histogram", "spectrum")
+CURVES = ("allan", "histogram", "spectrum", "convergence")
 """Fields of a channel that only the report contains; the key of the channel leaves them out."""
 
 _FIRST_ATTEMPT_S = 3.0  # s; limits the delay of the start by a router that drops packets
@@ -39,6 +40,7 @@ class Publisher:
     listen : endpoints; empty: the first free of tcp/127.0.0.1:7448 to 7463; None: those of `settings`.
     connect : endpoints of routers, which may be absent; None: those of `settings`.
     settings : `SessionOptions`, or an object with attributes of the same names; None for the defaults.
+    limits : the table ``[limits]``, of sessions and queries; None for the defaults.
 
     Attributes
     ----------
@@ -56,8 +58,9 @@ class Publisher:
         listen: Sequence[str] | None = None,
         connect: Sequence[str] | None = None,
         settings: object | None = None,
+        limits: object | None = None,
     ) -> None:
-        options = SessionOptions.of(settings)
+        options = SessionOptions.of(settings) if limits is None else SessionOptions.of(settings, limits)
         listen = tuple(options.listen if listen is None else listen)
         connect = tuple(options.connect if connect is None else connect)
         self.id = clean_id(id)
@@ -76,9 +79,11 @@ class Publisher:
         self._reported_error: str | None = None
         router = options.mode == "router"  # routers find routes between each other within one session
         self._session, self.endpoints = open_local(options, listen, connect if router else (), self.id)
-        self._last_values = LastValues(self._root)
+        self._last_values = LastValues(self._root, options.queries)
         self._timestamp = self._session.new_timestamp
-        self._links = Links(Uplink(self._session, self._root, self._reply), self._last_values)
+        self._links = Links(
+            Uplink(self._session, self._root, self._reply, options.queries), self._last_values
+        )
         self._thread = threading.Thread(target=self._run, name="imumon-bus", daemon=True)
         self._thread.start()
         atexit.register(self.close)
@@ -196,12 +201,14 @@ class Publisher:
 
     def _send_report(self, report: Report, signals: Signals) -> None:
         texts = {name: self._channel_texts(name, channel) for name, channel in report.channels.items()}
-        whole = ",".join(f"{to_json(name)}:{own[:-1]},{curves[1:]}" for name, (own, curves) in texts.items())
+        whole = ",".join(
+            f"{to_json(name)}:{numbers[:-1]},{curves[1:]}" for name, (numbers, curves) in texts.items()
+        )
         bare = to_json({key: part for key, part in members(report).items() if key != "channels"})
         self._last_values.set_signals(signals)
         self._put("report", f'{bare[:-1]},"channels":{{{whole}}}}}')
-        for name, (own, _) in texts.items():
-            self._put(name, own)
+        for name, (numbers, _) in texts.items():
+            self._put(name, numbers)
         grade = to_json(report.grade)
         if grade != self._last_grade:
             self._put("grade", grade)
@@ -214,8 +221,8 @@ class Publisher:
         if not known or any(old is not new for old, new in zip(known, shown, strict=True)):
             curves = to_json(dict(zip(CURVES, shown, strict=True)))
             self._curves[name] = shown, curves
-        own = {key: part for key, part in members(channel).items() if key not in CURVES}
-        return to_json(own), curves
+        numbers = {key: part for key, part in members(channel).items() if key not in CURVES}
+        return to_json(numbers), curves
 
     def _put(self, name: str, text: str) -> None:
         self._links.put(name, text, self._timestamp())
@@ -234,7 +241,7 @@ class Publisher:
                     first.set_result(None)
                 self._stop_connecting.wait(RETRY_S)
             else:
-                self._links.add(endpoint, Uplink(session, self._root, self._reply))
+                self._links.add(endpoint, Uplink(session, self._root, self._reply, options.queries))
                 if not first.done():
                     first.set_result(None)
                 return

@@ -20,14 +20,14 @@ import zenoh
 
 from imumon.bus.zenoh_session import start_listener
 from imumon.errors import ImumonError
-from imumon.report import Signal, to_json
+from imumon.report import Signal
+from imumon.report_json import to_json
 
 JSON = "application/json"
 EVENTS_KEPT = 100
 """Events that are replied to a ``get`` and cached for advanced subscribers."""
 
 MAX_QUEUED = 1024  # events, or tokens, in a queue; the oldest is dropped
-MAX_QUERIES = 16  # queries that wait; the oldest, or one that does not fit, gets no reply
 _CLOSE_S = 0.2  # s; limits the delay of the exit by a reply that blocks
 _MAX_SELECTOR = 1024  # characters of a key with parameters; a query with more is not replied to
 
@@ -38,21 +38,25 @@ Signals: TypeAlias = Mapping[str, Callable[[], Signal]]
 class LastValues:
     """Stores the last message of each key below `root` and replies to queries. Thread-safe.
 
+    Parameters
+    ----------
+    queries : that wait; the oldest, or one that does not fit, gets no reply.
+
     Attributes
     ----------
     answer_history : from the name of a key below ``history`` and the parameters of a query to JSON; None: there
         is no history.
     """
 
-    def __init__(self, root: str) -> None:
+    def __init__(self, root: str, queries: int) -> None:
         self._root = root
         self._lock = threading.Lock()
         self._last: dict[str, tuple[str, zenoh.Timestamp]] = {}
         self._events: deque[tuple[str, zenoh.Timestamp]] = deque(maxlen=EVENTS_KEPT)
         self._signals: Signals | None = None  # of the newest report
-        self._early: deque[zenoh.Query] = deque(maxlen=MAX_QUERIES)  # wait for the first report
+        self._early: deque[zenoh.Query] = deque(maxlen=queries)  # wait for the first report
         self.answer_history: Callable[[str, str], str] | None = None
-        self._due: Queue[Callable[[], None] | None] = Queue(MAX_QUERIES)
+        self._due: Queue[Callable[[], None] | None] = Queue(queries)
         self._replier = start_listener(iter(self._due.get, None), self._reply_due)
 
     def store(self, name: str, text: str, timestamp: zenoh.Timestamp) -> None:

@@ -35,7 +35,8 @@ from imumon.bus.zenoh_session import (
     open_session,
     start_listener,
 )
-from imumon.report import Event, Report, Signal, from_json, is_device_name, plain
+from imumon.report import Event, Report, Signal, from_json, is_device_name
+from imumon.report_json import plain
 
 _MAX_MESSAGE = 1_000_000  # bytes; a report of 11 channels has 72 kB, one of 64 has 0.4 MB
 _MAX_EVENT = 20_000  # bytes; a text has at most 4096 characters
@@ -293,9 +294,9 @@ class Subscriber:
 
     def _on_alive(self, sample: zenoh.Sample) -> None:
         with self._changed:
-            if (found := self._device(sample, _MAX_EVENT)) is None:
+            if (sender := self._device(sample, _MAX_EVENT)) is None:
                 return
-            _, device = found
+            _, device = sender
             device.alive = sample.kind != zenoh.SampleKind.DELETE
             if not device.alive:
                 device.session = None  # the token of the last session of this name has ended
@@ -303,9 +304,9 @@ class Subscriber:
 
     def _on_report(self, sample: zenoh.Sample) -> None:
         with self._changed:
-            if (found := self._device(sample, _MAX_MESSAGE)) is None:
+            if (sender := self._device(sample, _MAX_MESSAGE)) is None:
                 return
-            id, device = found
+            id, device = sender
             session, clock, now = *_origin(sample), time.monotonic()
             claimed = device.session == session
             if not claimed and device.session is not None:
@@ -316,7 +317,7 @@ class Subscriber:
         if not claimed and self._parse_report(id, data) is None:
             return  # only a session with valid reports may claim a device
         with self._changed:
-            kept = sum(each.size for each in self._devices.values()) - device.size
+            kept = sum(other.size for other in self._devices.values()) - device.size
             if kept + len(data) > KEPT_BYTES:
                 self.malformed += 1
                 return
@@ -329,9 +330,9 @@ class Subscriber:
 
     def _on_event(self, sample: zenoh.Sample) -> None:
         with self._changed:
-            if (found := self._device(sample, _MAX_EVENT)) is None:
+            if (sender := self._device(sample, _MAX_EVENT)) is None:
                 return
-            id, device = found
+            id, device = sender
             if device.session not in (None, _origin(sample)[0]):
                 return
         event = self._parse(Event, sample.payload.to_bytes())

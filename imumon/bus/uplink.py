@@ -6,9 +6,11 @@ router: a router does not forward between two of its peers, because it expects t
 
 from __future__ import annotations
 
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import zenoh
@@ -16,7 +18,7 @@ from zenoh import ext
 from zenoh.handlers import RingChannel
 
 from imumon.bus.bus_error import BusError
-from imumon.bus.queryable import EVENTS_KEPT, JSON, MAX_QUERIES, LastValues
+from imumon.bus.queryable import EVENTS_KEPT, JSON, LastValues
 from imumon.bus.zenoh_session import LEASE_S, SessionOptions, local_endpoints, open_session, start_listener
 
 _CACHED = {"report": 1, "grade": 1, "event": EVENTS_KEPT}
@@ -31,9 +33,16 @@ _LOST = "connection lost; trying again"
 
 
 class Uplink:
-    """Publishers of the keys below `root`, a queryable for all of them, and a liveliness token."""
+    """Publishers of the keys below `root`, a queryable for all of them, and a liveliness token.
 
-    def __init__(self, session: zenoh.Session, root: str, reply: Callable[[zenoh.Query], None]) -> None:
+    Parameters
+    ----------
+    queries : that wait; a further one takes the place of the oldest.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, root: str, reply: Callable[[zenoh.Query], None], queries: int
+    ) -> None:
         self.session = session
         self._root = root
         self._publishers: dict[str, ext.AdvancedPublisher | zenoh.Publisher] = {
@@ -48,9 +57,7 @@ class Uplink:
             )
             for name, kept in _CACHED.items()
         }
-        self._listener = start_listener(
-            session.declare_queryable(f"{root}/**", RingChannel(MAX_QUERIES)), reply
-        )
+        self._listener = start_listener(session.declare_queryable(f"{root}/**", RingChannel(queries)), reply)
         self._token = session.liveliness().declare_token(f"{root}/alive")
 
     def put(self, name: str, text: str, timestamp: zenoh.Timestamp) -> None:
@@ -147,23 +154,31 @@ def open_local(
     """
     if listen:
         return open_session(options, listen, connect, access_control=True), tuple(listen)
-    in_use: list[str] = []
     for endpoint in local_endpoints():
         try:
             session = open_session(options, [endpoint], connect, access_control=True)
         except BusError as error:
             if error.code != "address_in_use":
                 raise
-            in_use.append(endpoint)
             continue
         try:
-            check_name_is_free(replace(options, mode="peer"), in_use, id)
+            # also those after it: where a daemon has ended, its neighbours go on behind a free port
+            others = [other for other in local_endpoints() if other != endpoint and _listens(other)]
+            check_name_is_free(replace(options, mode="peer"), others, id)
         except BusError:
             session.close()
             raise
         return session, (endpoint,)
     message = "all of tcp/127.0.0.1:7448 to 7463 are in use"
     raise BusError("no_free_port", message, "choose another with --listen")
+
+
+def _listens(endpoint: str) -> bool:
+    """Return whether something listens on an endpoint of this machine."""
+    host, port = endpoint.removeprefix("tcp/").split(":")
+    with suppress(OSError), socket.create_connection((host, int(port)), timeout=_FIND_S):
+        return True
+    return False
 
 
 def open_uplink(options: SessionOptions, endpoint: str, id: str) -> zenoh.Session:

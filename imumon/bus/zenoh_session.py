@@ -23,6 +23,7 @@ from typing import Any, Self, TypeVar
 
 import zenoh
 
+from imumon import reserve
 from imumon.bus.bus_error import BusError, classify, readable
 
 DEFAULT_PORTS = range(7448, 7464)  # TCP: a daemon listens on the first free one, a subscriber connects to all
@@ -33,7 +34,6 @@ _MAX_QUERY_BYTES = 1 << 16
 """Size of a message that a session accepts if it accepts no data: queries and subscriptions, without a payload.
 Zenoh's limit of 1 GB would let anyone who may read fill the memory with the payloads of queries."""
 _BLOCKED_S = 1.0  # s; a link that takes no reply for this time is closed: other queries wait
-_MAX_SESSIONS = 100  # peers; Zenoh may keep 16 unfinished messages, so 1 MB, for each
 _ACCEPT_PENDING = 500
 """Connections that have not finished their handshake; further ones are closed. Zenoh keeps a buffer of 64 kB for
 each: during the attacks of the tests the daemon has at most 146 MB with 500, and 185 MB with 2000. A new viewer
@@ -74,15 +74,18 @@ class SessionOptions:
     allow: tuple[str, ...] = ()  # common names of certificates, or users, that may read; empty: all
     insecure: bool = False  # whether to listen on other interfaces than the loopback without TLS
     raw: Mapping[str, Any] = field(default_factory=dict)  # further settings of Zenoh, path to value
+    sessions: int = 100  # peers at once; Zenoh may keep 16 unfinished messages, so 1 MB, for each
+    queries: int = 16  # that wait for their reply; the oldest, or one that does not fit, gets none
 
     @classmethod
-    def of(cls, settings: object | None) -> Self:
-        """Return the options in an object with attributes of these names; None gives the defaults."""
-        if settings is None:
-            return cls()
-        if isinstance(settings, cls):
-            return settings
-        return cls(**{f.name: getattr(settings, f.name) for f in fields(cls)})
+    def of(cls, *tables: object | None) -> Self:
+        """Return the options in objects with attributes of these names: ``[zenoh]``, ``[limits]``; None: defaults."""
+        if len(tables) == 1 and isinstance(tables[0], cls):
+            return tables[0]
+        names = {f.name for f in fields(cls)}
+        return cls(
+            **{name: getattr(table, name) for table in tables for name in names if hasattr(table, name)}
+        )
 
 
 def clean_id(name: str) -> str:
@@ -173,6 +176,8 @@ def open_session(
             return zenoh.open(config)
         except zenoh.ZError as error:
             raise classify(error, (*listen, *connect), options.users_file) from None
+        finally:
+            reserve.keep_again()  # Zenoh lifts the limit of descriptors
 
 
 def _check_listen(options: SessionOptions, endpoint: str) -> None:
@@ -231,7 +236,7 @@ def _zenoh_config(
         "transport/link/tx/queue/congestion_control/block/wait_before_close": round(_BLOCKED_S * 1e6),
         "transport/unicast/accept_timeout": round(accept_s * 1000),
         "transport/unicast/accept_pending": _within_files(_ACCEPT_PENDING),
-        "transport/unicast/max_sessions": _within_files(_MAX_SESSIONS),
+        "transport/unicast/max_sessions": _within_files(options.sessions),
         "timestamping/enabled": True,
     }
     values |= _credentials(options, users)

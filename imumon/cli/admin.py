@@ -30,7 +30,7 @@ def doctor(arguments: argparse.Namespace) -> int:
     from imumon.config import ConfigError, Settings
     from imumon.devices.registry import driver
     from imumon.doctor import NAMES, Case, examine
-    from imumon.report import plain
+    from imumon.report_json import plain
 
     faults: tuple[str, ...] = ()
     settings = Settings()
@@ -76,7 +76,7 @@ def add_config(parser: Parser) -> None:
 def config(arguments: argparse.Namespace) -> int:
     """Show or check the settings."""
     settings = options.settings(arguments)
-    from imumon.report import plain
+    from imumon.report_json import plain
 
     path = plain(str(settings.path)) if settings.path else ""
     if arguments.action == "check":

@@ -37,7 +37,7 @@ MAX_AGE_S = 5.0
 """s, age of a report from which it is critical, if the command line gives none."""
 SHOWN_CHANGES = 3
 """Changes that the line names."""
-WARNED = ("stuck", "constant")
+WARNED = ("stuck", "constant", "clipped")
 """Caveats that are a warning, beside ``changed``."""
 
 
@@ -65,6 +65,7 @@ def check(arguments: argparse.Namespace) -> int:
         report = options.first_report(subscriber, arguments.id, options.ANSWER_S, "check its service")
         ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
         stopped = current_trouble(subscriber, report, time.monotonic() + options.ANSWER_S)
+        rivals = report.device.id in subscriber.rivals()
     given = {alarm.name: getattr(arguments, f"max_{alarm.name}") for alarm in ALARMS}
     chosen = {name: share for name, share in given.items() if share is not None}
     report = replace(report, alarm_limits={**report.alarm_limits, **chosen})
@@ -77,6 +78,8 @@ def check(arguments: argparse.Namespace) -> int:
         critical.append(f"the last report is {age_s:.1f} s old")
     if arguments.grade:
         critical += _worse(report, arguments.grade)
+    if rivals:  # the numbers are of the one that was seen first, which need not be the right one
+        warnings.append(f"two programs publish {report.device.id}: give each daemon its own --id")
     warnings += exceeded(report)
     warnings += _caveats(report, baseline)
     facts = [", ".join((grades_text(report), *labels(report)))]
@@ -94,7 +97,7 @@ def fail(error: ImumonError) -> int:
 
 
 def _print(code: Code, text: str, performance: Sequence[str]) -> int:
-    from imumon.report import plain
+    from imumon.report_json import plain
 
     line = " ".join(plain(text.replace("\n", "; ").replace("|", "/")).split())
     print(f"IMUMON {code.name} - {line}" + (f"|{' '.join(performance)}" if performance else ""))
@@ -103,7 +106,7 @@ def _print(code: Code, text: str, performance: Sequence[str]) -> int:
 
 def _worse(report: Any, grade: Any) -> Iterator[str]:
     """Yield the sensors that are certainly worse than a grade: by a final headline or a lower limit."""
-    from imumon.messages import grade_text
+    from imumon.messages import nearest_text
     from imumon.noise.grading import grade_coefficient
 
     def is_worse(nearest: Any) -> bool:
@@ -111,7 +114,7 @@ def _worse(report: Any, grade: Any) -> Iterator[str]:
 
     for sensor, headline in report.grade.items():
         if not headline.provisional and is_worse(headline.nearest):
-            yield f"{sensor} {grade_text(headline)}"
+            yield f"{sensor} {nearest_text(headline)}"
             continue
         for name, channel in report.channels.items():
             best = {
@@ -128,25 +131,25 @@ def _caveats(report: Any, baseline: Any) -> Iterator[str]:
     """Yield what is a warning of the caveats, and what has changed."""
     from imumon.messages import caveats, change_text, joined, line
 
-    found = caveats(report)
+    channels_of = caveats(report)
     for caveat in WARNED:
-        if caveat in found:
-            channels = joined(found[caveat])
+        if caveat in channels_of:
+            channels = joined(channels_of[caveat])
             yield f"{channels}: {line(caveat)}" if channels else line(caveat)
-    changes = [(name, each) for name, channel in report.channels.items() for each in channel.changes]
+    changes = [(name, change) for name, channel in report.channels.items() for change in channel.changes]
     if baseline is not None:
-        from imumon.noise.stretches.change import compare_with_report
+        from imumon.pipeline.changes import compare_with_report
 
         changes += [
-            (name, each)
+            (name, change)
             for name, channel in report.channels.items()
-            for each in compare_with_report(baseline, name, channel)
+            for change in compare_with_report(baseline, name, channel)
         ]
-    texts = list(dict.fromkeys(change_text(name, each) for name, each in changes))
+    texts = list(dict.fromkeys(change_text(name, change) for name, change in changes))
     yield from texts[:SHOWN_CHANGES]
     if len(texts) > SHOWN_CHANGES:
         yield f"{len(texts) - SHOWN_CHANGES} more changes"
-    if "changed" in found and not texts:
+    if "changed" in channels_of and not texts:
         yield line("changed")
 
 

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from imumon.alarms import labels
-from imumon.messages import caveats
+from imumon.messages import caveats, grade_text
 from imumon.report import Report
 from imumon.units import duration
 
@@ -66,8 +66,8 @@ def current_trouble(subscriber: Any, report: Report, end_s: float) -> str | None
     Its events may come after its first report: wait for them until `end_s`, monotonic.
     """
     while report.state == "waiting":
-        if found := [event for event in subscriber.events(report.device.id) if event.kind in _TROUBLES]:
-            return f"the sensor is {_TROUBLES[found[-1].kind]}: {found[-1].text}"
+        if troubles := [event for event in subscriber.events(report.device.id) if event.kind in _TROUBLES]:
+            return f"the sensor is {_TROUBLES[troubles[-1].kind]}: {troubles[-1].text}"
         if time.monotonic() >= end_s:
             return "the sensor is disconnected or silent"
         time.sleep(0.02)
@@ -75,11 +75,8 @@ def current_trouble(subscriber: Any, report: Report, end_s: float) -> str | None
 
 
 def grades_text(report: Report) -> str:
-    """Return the nearest grades in a few words, such as ``gyro industrial, accel tactical provisional``."""
-    parts = []
-    for sensor, grade in report.grade.items():
-        provisional = " provisional" if grade.nearest and grade.provisional else ""
-        parts.append(f"{sensor} {grade.nearest or 'no grade'}{provisional}")
+    """Return the grades in a few words, such as ``gyro industrial, accel tactical provisional``."""
+    parts = [f"{sensor} {grade_text(grade).replace(',', '')}" for sensor, grade in report.grade.items()]
     return ", ".join(parts) or "no grade"
 
 

@@ -41,6 +41,10 @@ _USAGE_CODES = (
 """Codes of wrong usage, where the type of the error does not decide."""
 
 
+WITHOUT_SAMPLES = ("no_rows", "no_messages", "no_inertial_messages", "no_complete_row", "empty")
+"""Codes of a recording that ended and has no sample."""
+
+
 class CommandError(ImumonError):
     """End the command with one line on standard error and this exit code."""
 
@@ -53,7 +57,7 @@ def exit_code(error: ImumonError) -> int:
     """Return the exit code of an error that a user sees."""
     if isinstance(error, CommandError):
         return error.exit_code
-    if error.code == "no_history":
+    if error.code == "no_history" or error.code in WITHOUT_SAMPLES:
         return NOT_FOUND
     if error.code in _USAGE_CODES or isinstance(error, RateRequired) or getattr(error, "setting", None):
         return USAGE

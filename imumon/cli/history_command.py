@@ -52,13 +52,13 @@ def history(arguments: argparse.Namespace) -> int:
         channels=tuple(arguments.channel or ()),
         step=arguments.step,
     )
-    found = _objects(arguments, chosen)
+    rows = _objects(arguments, chosen)
     if arguments.json:
-        pieces: Iterable[str] = (*json_pieces(found), "\n")
+        pieces: Iterable[str] = (*json_pieces(rows), "\n")
     elif arguments.csv:
-        pieces = csv_pieces(found)
+        pieces = csv_pieces(rows)
     else:
-        pieces = _table(found)
+        pieces = _table(rows)
     for piece in pieces:
         sys.stdout.write(piece)
     return 0
@@ -83,7 +83,7 @@ def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] |
     with options.subscriber(arguments, most_bytes=KEPT_BYTES) as subscriber:
         cure = "read its file with --state"
         try:
-            report = options.first_report(subscriber, arguments.id, options.ANSWER_S, cure)
+            report = options.first_report(subscriber, arguments.id, options.ANSWER_S, cure, arguments)
         except CommandError as error:
             if arguments.connect or error.code != "no_daemon":
                 raise
@@ -147,16 +147,16 @@ def stored_days(path: Path) -> list[HistoryRow]:
 
 def _sheet_rows(answer: Callable[[str], Iterable[Any]]) -> list[HistoryRow]:
     """Return the rows of the longest step of which there are enough; empty after an error."""
-    found: list[HistoryRow] = []
+    rows: list[HistoryRow] = []
     for step, days in SHEET_STEPS:
         asked = f"_time=[now(-{days:.0f}d)..now()];step={step};channel={','.join(SHEET_CHANNELS)}"
         try:
-            found = [*history_rows(answer(asked))]
+            rows = [*history_rows(answer(asked))]
         except ImumonError:
             return []
-        if len({row.begin for row in found}) >= LEAST_DAYS:
+        if len({row.begin for row in rows}) >= LEAST_DAYS:
             break
-    return found
+    return rows
 
 
 def with_turn_on(report: Any, path: Path) -> Any:
@@ -184,13 +184,13 @@ def _beside(path: Path) -> Path | None:
     return file if file.exists() else None
 
 
-def _table(found: Iterable[dict[str, Any]]) -> Iterator[str]:
+def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
     """Yield lines for people: readable units, limits as half-widths."""
     from imumon.samples import sensor_of
     from imumon.units import duration, number
 
     empty = True
-    for row in history_rows(found):
+    for row in history_rows(objects):
         if empty:
             empty = False
             names = "".join(f"{letter:<{ESTIMATE}}" for letter in NOISE)
@@ -218,10 +218,10 @@ def _slope(sensor: str, part: Estimate | None) -> list[str]:
     from imumon.units import plus_minus, pretty
 
     unit = unit_of(sensor, "B")
-    own = Estimate() if part is None else part.scaled(unit.factor)
-    if own.value is None:
+    slope = Estimate() if part is None else part.scaled(unit.factor)
+    if slope.value is None:
         return []
-    return [f"slope {plus_minus(own.value, own.low, own.high, 3)} {pretty(unit.unit)}/°C"]
+    return [f"slope {plus_minus(slope.value, slope.low, slope.high, 3)} {pretty(unit.unit)}/°C"]
 
 
 def _readable(sensor: str, letter: str, part: Estimate | None) -> str:

@@ -15,7 +15,8 @@ from imumon.cli.exit_codes import USAGE, CommandError
 from imumon.errors import why
 from imumon.evaluation import Item
 from imumon.files import SMALL_BYTES
-from imumon.report import MOST_CHARACTERS, Report, plain
+from imumon.report import MOST_CHARACTERS, Report
+from imumon.report_json import plain
 
 KEYS = tuple(field.name for field in fields(Item))
 

@@ -39,6 +39,7 @@ COMMANDS = {
     "sim": ("run_command", "run an emulated sensor on a pseudo-terminal"),
     "replay": ("replay_command", "process a recording with the same pipeline"),
     "report": ("report_command", "write the datasheet of a sensor, or configuration for other software"),
+    "explain": ("explain_command", "explain a word on the screen or in a document"),
     "doctor": ("admin", "check port, device, Zenoh, state and service"),
     "config": ("admin", "show the settings with their origin, or check them"),
     "completion": ("completion", "print a shell completion script"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import fcntl
 import os
 import time
 from contextlib import suppress
@@ -40,6 +41,16 @@ class Parser(argparse.ArgumentParser):
         known = {name.lstrip("-"): name for action in self._actions for name in action.option_strings}
         close = difflib.get_close_matches(argument.partition("=")[0].lstrip("-"), known, 1, 0.6)
         return f"; did you mean {known[close[0]]}?" if close else ""
+
+
+class Joined(argparse.Action):
+    """Option that may be repeated: its values become one list with commas."""
+
+    def __call__(
+        self, parser: Any, namespace: argparse.Namespace, values: Any, option_string: Any = None
+    ) -> None:
+        before = getattr(namespace, self.dest)
+        setattr(namespace, self.dest, values if before is None else f"{before},{values}")
 
 
 def integer(text: str) -> int:
@@ -255,14 +266,42 @@ def _no_daemon(id: str | None, known: list[str], cure: str) -> CommandError:
     return CommandError("no_daemon", f"no daemon has the name {id}", cure, NOT_FOUND)
 
 
-def first_report(subscriber: Any, id: str | None, timeout_s: float, cure: str) -> Any:
+def own_devices(arguments: argparse.Namespace) -> list[str]:
+    """Return the devices whose daemons keep their record in the state directory of this user and run now."""
+    own = []
+    with suppress(OSError):
+        for lock in sorted(state_directory(settings(arguments)).glob("*.lock")):
+            with suppress(OSError), lock.open("rb") as file:
+                try:
+                    fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+                except BlockingIOError:  # a running daemon has locked it
+                    own.append(lock.stem)
+    return own
+
+
+def only_own_device(arguments: argparse.Namespace) -> str | None:
+    """Return the device of the only daemon of this user; None if there is none, or several."""
+    own = own_devices(arguments)
+    return own[0] if len(own) == 1 else None
+
+
+def first_report(
+    subscriber: Any, id: str | None, timeout_s: float, cure: str, arguments: argparse.Namespace | None = None
+) -> Any:
     """Return the newest report of a device; raise `CommandError` if several daemons may be meant.
 
     Parameters
     ----------
     cure : what to do if no daemon answers, beside starting one.
+    arguments : of the command: of several daemons, it means the only one of this user; None: it must be named.
     """
     names = answering(subscriber, id, timeout_s, cure)
+    if len(names) > 1 and not id and arguments is not None:
+        own = [name for name in own_devices(arguments) if name in names]
+        if len(own) == 1:
+            others = ", ".join(name for name in names if name != own[0])
+            print_message_once(f"this is {own[0]}, your own; --id chooses another one: {others}")
+            names = own
     if len(names) > 1:
         message = f"{len(names)} daemons have names that begin with {id}" if id else "several daemons answer"
         raise CommandError("several_daemons", message, f"give one with --id: {', '.join(names)}", USAGE)
@@ -286,7 +325,8 @@ def with_origin(error: Any, settings: Any) -> Any:
 
 def saved_report(path: Path) -> Any:
     """Return the report of a JSON file; raise ValueError if it is none."""
-    from imumon.report import MAX_BYTES, Report, from_json
+    from imumon.report import Report, from_json
+    from imumon.report_json import MAX_BYTES
 
     with path.open("rb") as file:
         return from_json(Report, file.read(MAX_BYTES + 1))

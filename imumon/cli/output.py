@@ -114,7 +114,7 @@ def print_values(report: Any) -> None:
 def _value(coefficient: Any) -> str:
     if coefficient is None or coefficient.status == "pending":
         return ""
-    bound = coefficient.status == "upper_bound"
+    bound = coefficient.is_bound
     value = coefficient.high if bound else coefficient.value
     return "" if value is None else f"{'<' if bound else ''}{value:.6g}"
 
@@ -122,7 +122,7 @@ def _value(coefficient: Any) -> str:
 def print_report(report: Any, as_json: bool, baseline: Any = None) -> None:
     """Print a report as JSON, or as a table with the changes against a baseline."""
     if as_json:
-        from imumon.report import to_json
+        from imumon.report_json import to_json
 
         print_json(to_json(report))
         return

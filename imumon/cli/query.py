@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shutil
+import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +13,13 @@ from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, NOT_REACHED, SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_json, print_message, print_report, print_status, print_values
-from imumon.coefficients import GRADES, NOISE
+from imumon.coefficients import GRADES, MARKOV, NOISE
+
+SENSORS = ("gyro", "accel", "mag")
+SPEAKS_S = 60.0
+"""s between two lines about what is missing, where standard error is no terminal."""
+MARKOV_PRECISION = 0.5
+"""Half-width of the 95 % limits of M that is waited for without --precision: the settings have none, as M is rare."""
 
 
 def _add_connection(parser: Parser) -> None:
@@ -44,12 +51,14 @@ def add_wait(parser: Parser) -> None:
     text = "wait until the nearest grade of gyroscope and accelerometer is this or better, and certain; default: "
     text += "from the settings"
     add("--grade", choices=GRADES, help=text)
-    text = "wait until the precision of this coefficient is reached on every axis"
-    add("--coefficient", choices=NOISE, help=text)
+    text = "wait until the precision of this coefficient is reached on every axis; M shows on few sensors"
+    add("--coefficient", choices=(*NOISE, MARKOV.sigma), help=text)
     text = "half-width of the 95 %% limits as a share of the value, 0.05 or 5%%; default: from the settings"
     add("--precision", type=options.share, metavar="P", help=text)
     text = "consider only this channel or sensor (gyro/x or gyro), repeatable; default: gyro and accel"
     add("--channel", action="append", metavar="NAME", help=text)
+    text = "consider only this sensor, such as gyro: B of an accelerometer takes much longer; repeatable"
+    add("--sensor", action="append", choices=SENSORS, help=text)
     text = "give up after T (90, 90s, 10m, 2h); without it, wait 2 s for a daemon and then without limit"
     add("--timeout", type=options.seconds, metavar="T", help=text)
 
@@ -74,12 +83,17 @@ def tui(
     ended : returns why the daemon has ended, None while it runs.
     """
     require_terminal("imumon status --json")
+    from imumon.readiness import letters_for
     from imumon.tui import run
 
     baseline = options.baseline(arguments.baseline)
+    program = options.settings(arguments).report.program
+    if arguments.id is None and not arguments.connect:
+        arguments.id = options.only_own_device(arguments)
     with options.subscriber(arguments) as subscriber:
         endpoint = ", ".join(subscriber.endpoints) if len(subscriber.endpoints) < 3 else None
         shown = {name: getattr(arguments, name) for name in ("id", "ascii", "theme")}
+        shown |= {"program": program, "letters": letters_for(program)}
         return run(subscriber, **shown, baseline=baseline, endpoint=endpoint, starting=starting, ended=ended)
 
 
@@ -93,12 +107,12 @@ def _cure(arguments: argparse.Namespace) -> str:
 def status(arguments: argparse.Namespace) -> int:
     """Print one report of a running daemon, or a line about each if there are several."""
     from imumon.cli.daemon_state import current_reports, status_lines
-    from imumon.report import to_json
+    from imumon.report_json import to_json
 
     with options.subscriber(arguments) as subscriber:
         names = options.answering(subscriber, arguments.id, options.ANSWER_S, _cure(arguments))
         if len(names) == 1 or arguments.id or arguments.values:
-            report = options.first_report(subscriber, arguments.id, options.ANSWER_S, "")
+            report = options.first_report(subscriber, arguments.id, options.ANSWER_S, "", arguments)
             if arguments.values:
                 print_values(report)
             elif arguments.json or arguments.verbose:
@@ -140,8 +154,8 @@ def _condition(arguments: argparse.Namespace) -> Any:
     return WaitCondition(
         grade=arguments.grade or (None if arguments.coefficient else configured.grade or None),
         coefficient=arguments.coefficient,
-        precision=arguments.precision or configured.precision.get(arguments.coefficient),
-        channels=tuple(arguments.channel or ()),
+        precision=arguments.precision or configured.precision.get(arguments.coefficient, MARKOV_PRECISION),
+        channels=(*(arguments.channel or ()), *(arguments.sensor or ())),
     )
 
 
@@ -154,10 +168,11 @@ def wait(arguments: argparse.Namespace) -> int:
     end_s = time.monotonic() + arguments.timeout if arguments.timeout else float("inf")
     with options.subscriber(arguments) as subscriber:
         report = options.first_report(
-            subscriber, arguments.id, arguments.timeout or options.ANSWER_S, _cure(arguments)
+            subscriber, arguments.id, arguments.timeout or options.ANSWER_S, _cure(arguments), arguments
         )
         events_s = min(time.monotonic() + options.ANSWER_S, end_s)
         stopped = None  # why the sensor delivers nothing
+        spoken_s = time.monotonic()
         try:
             while unmet := condition.unmet(report):
                 before, stopped = stopped, current_trouble(subscriber, report, events_s)
@@ -170,6 +185,9 @@ def wait(arguments: argparse.Namespace) -> int:
                     cure = "name gyro or accel with --channel, or give --coefficient"
                     raise CommandError("no_graded_channel", f"--grade: {unmet}", cure, USAGE)
                 print_status(unmet)
+                if not sys.stderr.isatty() and time.monotonic() >= spoken_s + SPEAKS_S:
+                    spoken_s = time.monotonic()
+                    print_message(f"{report.device.id}: waiting: {unmet}")
                 if time.monotonic() >= end_s:
                     reason = f"{stopped}; {unmet}" if stopped else unmet
                     message = f"not reached in {duration(arguments.timeout)}: {reason}"

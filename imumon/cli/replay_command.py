@@ -10,6 +10,8 @@ from imumon.cli import options
 from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message, print_report, print_values
+from imumon.cures import OPTIONS
+from imumon.errors import ImumonError
 
 FILES = (
     "bytes of the sensor (ASCII, binary, mixed), --record file, CSV, all also gzipped; NPZ, rosbag, MCAP, ulg (PX4), "
@@ -20,22 +22,27 @@ FILES = (
 def add_read_options(parser: argparse._ActionsContainer) -> None:
     """Add the options that say how to read a recording."""
     add = parser.add_argument
-    add("--rate", type=options.rate, metavar="HZ", help="sample rate of samples without time stamps")
+    add(
+        OPTIONS["rate_hz"], type=options.rate, metavar="HZ", help="sample rate of samples without time stamps"
+    )
     add("--no-guards", action="store_true", help="exclude no sample: every valid sample counts")
     add(
-        "--stream",
+        OPTIONS["kind"],
         choices=options.STREAMS,
         help="stream to use if the file has several; default: the first of these that it has",
     )
-    text = "columns of a table, fields of a topic: gyro/x=COLUMN:UNIT,...; a name, or a number from 1; also t and dt"
-    add("--map", metavar="MAP", help=text)
+    text = "columns of a table, fields of a topic: gyro/x=COLUMN:UNIT,... or COLUMN/COUNTS:UNIT; a name, or a number "
+    text += "from 1; also t and dt; repeatable"
+    add(OPTIONS["columns"], action=options.Joined, metavar="MAP", help=text)
     add(
-        "--topic",
+        OPTIONS["topic"],
         metavar="NAME",
         help="topic of a bag, or of a log: vehicle_imu/1, IMU/0; also in settings of other software",
     )
     text = "the only sensor that is read from a table or log, where gyro and accel have different rates"
-    add("--sensor", choices=("gyro", "accel"), help=text)
+    add(OPTIONS["sensor"], choices=("gyro", "accel"), help=text)
+    text = "rows of a table that are read, where a column says which sensor they are of; repeatable"
+    add(OPTIONS["where"], action=options.Joined, metavar="COLUMN=VALUE", help=text)
     text = (
         "filter of the sensor, where the recording does not say: the samples that it averages, and their rate"
     )
@@ -56,27 +63,10 @@ def sensor_filter(text: str) -> Any:
     """Return the filter that ``--filter`` names."""
     from imumon.replay import SensorFilter
 
-    name, at, rate = text.partition("@")
-    loop_hz = options.positive(rate) if at else None
-    if name == "factory" and not at:
-        return SensorFilter(None, None, text)
-    if name != "none" and not (name.isdigit() and len(name) < 7):
-        message = f"{text!r} is no filter; write none, factory, or how many samples it averages, such as 4 or 8@1000"
-        raise argparse.ArgumentTypeError(message)
-    return SensorFilter(1 if name == "none" else max(1, int(name)), loop_hz, text)
-
-
-def given_options(arguments: argparse.Namespace) -> dict[str, str]:
-    """Return the options of a recording that were given, as text by name."""
-    named = {name: getattr(arguments, name) for name in ("rate", "stream", "map", "topic", "sensor", "taus")}
-    texts = {
-        f"--{name}": f"{value:g}" if isinstance(value, float) else str(value)
-        for name, value in named.items()
-        if value is not None
-    }
-    flags = {"--no-guards": arguments.no_guards, "--exact": arguments.exact}
-    texts |= {name: "" for name, given in flags.items() if given}
-    return texts | ({"--filter": arguments.filter.text} if arguments.filter else {})
+    try:
+        return SensorFilter.parse(text)
+    except ImumonError as error:
+        raise argparse.ArgumentTypeError(f"{error.message}; {error.cure}") from None
 
 
 def reference_sheet(arguments: argparse.Namespace) -> Any:
@@ -88,10 +78,11 @@ def reference_sheet(arguments: argparse.Namespace) -> Any:
     return read_sheet(arguments.datasheet)
 
 
-def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
+def replay_options(arguments: argparse.Namespace, path: str, **more: Any) -> Any:
     """Return the options of a replay; raise `ImumonError` if one of them is malformed."""
     from imumon.alarms import limits
     from imumon.recordings.columns import parse_map
+    from imumon.recordings.sensor_column import parse_where
     from imumon.replay import ReplayOptions
 
     loaded = options.settings(arguments)
@@ -99,7 +90,7 @@ def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
     if arguments.taus is not None and not arguments.exact:
         raise CommandError("exact_required", "--taus needs --exact", "add it", USAGE)
     return ReplayOptions(
-        path=arguments.file,
+        path=path,
         rate_hz=arguments.rate or loaded.device.rate_hz or None,
         guarded=loaded.guards.enabled and not arguments.no_guards,
         alarm_limits=limits(loaded.alert),
@@ -108,31 +99,34 @@ def replay_options(arguments: argparse.Namespace, **more: Any) -> Any:
         columns=parse_map(arguments.map) if arguments.map else {},
         topic=arguments.topic,
         sensor=arguments.sensor,
+        where=parse_where(arguments.where) if arguments.where else {},
         filter=arguments.filter,
         exact=(arguments.taus or "octave") if arguments.exact else None,
         **more,
     )
 
 
-def replayed(arguments: argparse.Namespace, wanted: Any, bus: Any = None) -> Any:
-    """Return the report of a recording and where its numbers come from; a terminal shows a progress bar.
+def replayed(wanted: Any, sheet: Any = None, bus: Any = None) -> Any:
+    """Return the measurement of a recording, as `imumon.analyse` makes it; a terminal shows a progress bar.
 
     What is doubtful in the recording is printed behind the bar.
     """
-    from imumon.cli.traceability import with_provenance
-    from imumon.replay import ProgressBar, replay
+    from imumon.api.record_analysis import measured
+    from imumon.replay import ProgressBar
 
-    remarks: list[str] = []
     with ProgressBar() as bar:
-        report = replay(wanted, progress=bar.update, bus=bus, remark=remarks.append)
-    for text in remarks:
+        measurement = measured(wanted, sheet, progress=bar.update, bus=bus)
+    for text in measurement.report.device.remarks:
+        print_message(f"{wanted.path}: {text}")
+    for text in measurement.notes:
         print_message(text)
-    return with_provenance(report, arguments.file, given_options(arguments), wanted.guarded)
+    return measurement
 
 
 def add_replay(parser: Parser) -> None:
     add = parser.add_argument
-    add("file", metavar="FILE", type=options.file_name, help=f"{FILES}; - is standard input")
+    text = f"{FILES}; - is standard input; several of one sensor are combined"
+    add("files", nargs="+", metavar="FILE", type=options.file_name, help=text)
     add_read_options(parser)
     add_datasheet(parser)
     add("--speed", default="max", metavar="X|max", help="times as fast as real time; default max")
@@ -144,17 +138,41 @@ def add_replay(parser: Parser) -> None:
 
 
 def replay(arguments: argparse.Namespace) -> int:
-    from imumon.cli.traceability import evaluated
+    from imumon.clock import HostClock
 
     sheet = reference_sheet(arguments)
-    speed = None if arguments.speed == "max" else options.speed(arguments.speed)
+    pace = None if arguments.speed == "max" else HostClock(options.speed(arguments.speed))
     baseline = options.baseline(arguments.baseline)
-    with _publisher(arguments) as bus:
-        wanted = replay_options(arguments, speed=speed, baseline=baseline)
-        report = replayed(arguments, wanted, bus)
-    report = evaluated(report, sheet)
+    if len(arguments.files) > 1:
+        report = _combined(arguments, sheet, baseline)
+    else:
+        with _publisher(arguments) as bus:
+            wanted = replay_options(arguments, arguments.files[0], pace=pace, baseline=baseline)
+            report = replayed(wanted, sheet, bus).report
     print_values(report) if arguments.values else print_report(report, arguments.json, baseline)
+    noise = [channel.coefficients["N"] for channel in report.channels.values() if "N" in channel.coefficients]
+    if all(estimate.status == "pending" for estimate in noise):  # scripts see nothing but empty cells
+        reasons = "; ".join(dict.fromkeys(estimate.reason for estimate in noise if estimate.reason))
+        print_message(f"{wanted.name}: no value of N{f': {reasons}' if reasons else ''}")
     return SUCCESS
+
+
+def _combined(arguments: argparse.Namespace, sheet: Any, baseline: Any) -> Any:
+    """Return the report of a sensor from several of its recordings."""
+    from imumon.api.combination import combine
+    from imumon.api.traceability import evaluated, with_provenance
+
+    given = {"--publish": arguments.publish, "--speed": arguments.speed != "max", "--exact": arguments.exact}
+    for option, value in given.items():
+        if value:
+            message = f"{option} is for one recording, and there are {len(arguments.files)}"
+            raise CommandError(
+                "one_recording_required", message, "leave it out, or name one recording", USAGE
+            )
+    wanted = [replay_options(arguments, path, baseline=baseline) for path in arguments.files]
+    report = combine([replayed(options) for options in wanted]).report
+    reason = f"{len(wanted)} recordings: {', '.join(arguments.files)}"
+    return evaluated(with_provenance(report, None, {}, wanted[0].guarded, reason), sheet)
 
 
 def _publisher(arguments: argparse.Namespace) -> Any:

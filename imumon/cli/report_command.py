@@ -8,7 +8,7 @@ import sys
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from imumon.cli import options
 from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
@@ -25,7 +25,12 @@ from imumon.cli.replay_command import (
 )
 from imumon.errors import why
 from imumon.files import replace_file
+from imumon.readiness import ProgramName
 
+PLAIN_K_REMARK = (
+    "--walk K: random_walk is K alone. Flicker B moves the bias, too, so a filter with it is too sure of its bias; "
+    "without --walk K the number covers both"
+)
 REPORT_CURE = "make one with imumon report --format json"
 
 EXTENSIONS = {"": "md", "htm": "html", "markdown": "md", "yaml": "kalibr", "yml": "kalibr"}
@@ -41,8 +46,17 @@ def add_report(parser: Parser) -> None:
     add("file", nargs="?", metavar="FILE", type=options.file_name, help=text)
     options.add_id(parser, "device of the daemon; needed if several answer")
     add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
-    horizon = "longest time without a fix that numbers for filters hold for, such as 90, 10m; default 600 s"
+    horizon = (
+        "longest time without a fix for which numbers for filters hold; default 600 s. A camera at 20 Hz "
+    )
+    horizon += "that may lose its track for 10 s needs 10s, a car in a tunnel 2m"
     add("--horizon", type=options.horizon, metavar="S", help=horizon)
+    text = "two pages: table, figures and the settings of PROGRAM; default kalibr"
+    programs = get_args(ProgramName)
+    add("--short", nargs="?", const=programs[0], choices=programs, metavar="PROGRAM", help=text)
+    text = "random walk of the bias for other programs: filter (default), so large that a filter is not too sure of "
+    text += "its bias, although flicker is no random walk; K, the coefficient alone, as other tools give it"
+    add("--walk", choices=("filter", "K"), help=text)
     add("-o", "--output", metavar="OUT", help="file to write; default: standard output")
     text = f"KEY=VALUE, or a TOML file of them: {', '.join(KEYS)}; may be repeated"
     add("--item", action="append", default=[], metavar="ITEM", help=text)
@@ -61,8 +75,8 @@ def add_report(parser: Parser) -> None:
 
 def report(arguments: argparse.Namespace) -> int:
     """Write a document from a running daemon, a recording, a state or a saved report."""
-    from imumon.cli.traceability import evaluated
-    from imumon.datasheet import FORMS, document, short_record_text
+    from imumon.api.traceability import evaluated
+    from imumon.datasheet import FORMS, document, short_document, short_record_text
 
     form = _form(arguments)
     _check_options(arguments, form)
@@ -74,12 +88,17 @@ def report(arguments: argparse.Namespace) -> int:
     filter_numbers = FORMS[form].settings and not FORMS[form].curves
     if filter_numbers and (warning := short_record_text(source)) is not None:
         print_message(warning)
-    filters = _filters(source, arguments.horizon, FORMS[form].filters)
+    filters = _filters(source, arguments.horizon, FORMS[form].filters, arguments.walk or "filter")
+    if arguments.walk == "K":
+        print_message(PLAIN_K_REMARK)
     if FORMS[form].settings:
         topic = arguments.topic or source.device.topic
         rate_hz = arguments.update_rate or filters.device.sample_rate_hz
         filters = replace(filters, device=replace(filters.device, topic=topic, sample_rate_hz=rate_hz))
-    data = document(source, form, filters, rows)
+    if arguments.short:
+        data = short_document(source, form, filters, arguments.short)
+    else:
+        data = document(source, form, filters, rows)
     if arguments.output in (None, "-"):
         sys.stdout.buffer.write(data)
         return SUCCESS
@@ -93,27 +112,39 @@ def report(arguments: argparse.Namespace) -> int:
 
 def _check_options(arguments: argparse.Namespace, form: str) -> None:
     """Raise an error if an option does not fit the form or another option."""
-    from imumon.datasheet import FORMS, programs_with
-
-    if arguments.strict and not FORMS[form].settings:
-        message = f"--strict is for settings of other software, and {form} is none"
-        raise CommandError("strict_not_applicable", message, "leave it out, or name such a --format", USAGE)
-    if FORMS[form].binary and arguments.output is None and sys.stdout.isatty():
-        message = f"a {form} file cannot be shown in a terminal"
-        raise CommandError("binary_to_terminal", message, "name a file with -o", USAGE)
-    if arguments.update_rate and form not in (having := programs_with("rate")):
-        message = f"--update-rate is for {', '.join(having)}, and the format is {form}"
-        raise CommandError("update_rate_not_applicable", message, "leave it out", USAGE)
+    _check_fits_form(arguments, form)
     if arguments.file and arguments.id:
         raise CommandError("two_sources", "FILE and --id are both given", "give only one of them", USAGE)
     if arguments.output:
         _check_output_is_no_input(arguments.output, arguments.file, arguments.config)
 
 
+def _check_fits_form(arguments: argparse.Namespace, form: str) -> None:
+    """Raise an error if an option, or a terminal as the output, does not fit the form."""
+    from imumon.datasheet import FORMS, PAGES, programs_with
+
+    if arguments.strict and not FORMS[form].settings:
+        message = f"--strict is for settings of other software, and {form} is none"
+        raise CommandError("strict_not_applicable", message, "leave it out, or name such a --format", USAGE)
+    if arguments.walk and not (FORMS[form].settings or form in PAGES):
+        message = f"--walk is for numbers of other programs, and {form} has none"
+        raise CommandError("walk_not_applicable", message, "leave it out, or name such a --format", USAGE)
+    if arguments.short and form not in PAGES:
+        message = f"--short is a form of the datasheet, and {form} is none"
+        cure = f"name {' or '.join(PAGES)} with --format or -o"
+        raise CommandError("short_not_applicable", message, cure, USAGE)
+    if FORMS[form].binary and arguments.output is None and sys.stdout.isatty():
+        message = f"a {form} file cannot be shown in a terminal"
+        raise CommandError("binary_to_terminal", message, "name a file with -o", USAGE)
+    if arguments.update_rate and form not in (having := programs_with("rate")):
+        message = f"--update-rate is for {', '.join(having)}, and the format is {form}"
+        raise CommandError("update_rate_not_applicable", message, "leave it out", USAGE)
+
+
 def _source(arguments: argparse.Namespace, history: bool) -> tuple[Any, Any]:
     """Return the report of the file or the daemon, and the days of its history."""
+    from imumon.api.traceability import with_provenance
     from imumon.cli.history_command import published_days, stored_days
-    from imumon.cli.traceability import with_provenance
 
     if arguments.file:
         return _from_file(arguments), stored_days(Path(arguments.file))
@@ -122,7 +153,7 @@ def _source(arguments: argparse.Namespace, history: bool) -> tuple[Any, Any]:
     _check_recording(arguments, "a running daemon")
     with options.subscriber(arguments, most_bytes=KEPT_BYTES) as subscriber:
         cure = "give a FILE (imumon report --help)"
-        source = options.first_report(subscriber, arguments.id, options.ANSWER_S, cure)
+        source = options.first_report(subscriber, arguments.id, options.ANSWER_S, cure, arguments)
         source = replace(source, events=tuple(subscriber.events(source.device.id)))
         rows = published_days(subscriber, source.device.id) if history else ()
     return with_provenance(source, None, {}, None), rows
@@ -140,15 +171,15 @@ def _check_measured(report: Any, form: str) -> None:
         raise CommandError("not_measured", message, cure)
 
 
-def _filters(report: Any, horizon_s: float | None, needed: bool) -> Any:
+def _filters(report: Any, horizon_s: float | None, needed: bool, walk: Any) -> Any:
     """Return the parameters for filters of a report; without channels where the form does not use them."""
     from imumon.filter_report import DEFAULT_HORIZON_S, FilterReport
 
     if not needed:
         return FilterReport(time=report.time, device=report.device)
-    from imumon.noise.filter_parameters import filter_parameters
+    from imumon.pipeline.filter_report_builder import filter_report
 
-    return filter_parameters(report, horizon_s or DEFAULT_HORIZON_S)
+    return filter_report(report, horizon_s or DEFAULT_HORIZON_S, walk)
 
 
 def _form(arguments: argparse.Namespace) -> str:
@@ -189,7 +220,7 @@ def _from_file(arguments: argparse.Namespace) -> Any:
         except OSError as error:
             message = f"cannot read {arguments.file}: {why(error)}"
             raise CommandError("file_unreadable", message, "check the path and its permissions") from None
-    from imumon.cli.traceability import with_provenance
+    from imumon.api.traceability import with_provenance
 
     if head.lstrip().startswith(b"{"):
         _check_recording(arguments, "a saved report")
@@ -200,19 +231,19 @@ def _from_file(arguments: argparse.Namespace) -> Any:
     if is_state(head):
         _check_recording(arguments, "a saved state")
         saved, guarded = _from_state(Path(arguments.file))
-        made = with_turn_on(saved, Path(arguments.file))
-        return with_provenance(made, arguments.file, {}, guarded)
+        whole = with_turn_on(saved, Path(arguments.file))
+        return with_provenance(whole, arguments.file, {}, guarded)
     from imumon.datasheet import FORMS
     from imumon.recordings import OptionNotApplicable
 
-    wanted = replay_options(arguments)
+    wanted = replay_options(arguments, arguments.file)
     try:
-        return replayed(arguments, wanted)
+        return replayed(wanted).report
     except OptionNotApplicable as error:
         named = error.code == "topic_not_applicable" and FORMS[_form(arguments)].settings
         if not named or arguments.file == "-":
             raise
-    return replayed(arguments, replace(wanted, topic=None))  # it names the topic in the settings
+    return replayed(replace(wanted, topic=None)).report  # it names the topic in the settings
 
 
 def _check_recording(arguments: argparse.Namespace, source: str) -> None:
@@ -233,31 +264,38 @@ def _from_report(path: Path) -> Any:
 
 def _from_state(path: Path) -> tuple[Any, bool]:
     """Return the report of a saved state, as of the time when it was saved, and whether its guards were on."""
+    from dataclasses import asdict
     from datetime import datetime
 
     from imumon.checkpoint import decode
     from imumon.devices import registry
+    from imumon.noise.state_schema import InvalidState
     from imumon.pipeline import Monitor, MonitorOptions
+    from imumon.pipeline.monitor import read_saved
     from imumon.report import DeviceDescription, SessionCounters
+    from imumon.report_json import plain
 
     try:
         state = decode(path.read_bytes(), f"the state {path}")
-        meta = state.meta
-        guarded = bool(meta["monitor"]["guarded"])
+        header, saved = state.header(), state.meta.get("monitor", {})
+        guarded = read_saved(saved).guarded
         monitor = Monitor(MonitorOptions(guarded=guarded))
-        monitor.restore(meta["monitor"], state.arrays, 0.0)
-        monitor.accept_restored()
-        known = {"serial": meta["serial"]} | meta["device"]
-        caveats = tuple(known.pop("caveats"))
-        id, settings = path.name.partition(".state")[0], meta["settings"]
-        driver = registry.installed(known["driver"])
-        texts = registry.setting_texts(driver, settings)
-        device = DeviceDescription(**(known | {"id": id, "settings": settings, "setting_texts": texts}))
-        session = SessionCounters(started=meta["started"], **meta["session"])
-        if monitor.stream is not None and monitor.stream.kind == "compensated":
-            caveats = tuple(dict.fromkeys((*caveats, "compensated")))
-        saved = datetime.fromisoformat(meta["saved"])
-        return monitor.report(saved, device, "stopped", session, device_caveats=caveats), guarded
-    except (KeyError, ValueError, TypeError, AttributeError, AssertionError):
-        message = f"the state {path} is of another version of imumon"
-        raise CommandError("state_of_another_version", message, "use the version that saved it") from None
+        monitor.restore(saved, state.arrays, 0.0)
+    except InvalidState as error:
+        message = f"the state {path} is damaged ({plain(str(error))})"
+        raise CommandError("state_damaged", message, "use another state, or the recording") from None
+    monitor.accept_restored()
+    known = asdict(header.device)
+    caveats = known.pop("caveats")
+    driver = registry.installed(header.device.driver)
+    device = DeviceDescription(
+        **known,
+        id=path.name.partition(".state")[0],
+        settings=header.settings,
+        setting_texts=registry.setting_texts(driver, header.settings),
+    )
+    session = SessionCounters(started=header.started, **asdict(header.session))
+    if monitor.stream is not None and monitor.stream.kind == "compensated":
+        caveats = tuple(dict.fromkeys((*caveats, "compensated")))
+    moment = datetime.fromisoformat(header.saved)
+    return monitor.report(moment, device, "stopped", session, device_caveats=caveats), guarded

@@ -14,13 +14,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from imumon.cli import options
 from imumon.cli.exit_codes import INTERRUPTED, NOT_FOUND, NOT_REACHED, SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_report
 from imumon.units import duration
+
+if TYPE_CHECKING:
+    from imumon.daemon import RunResult
 
 
 def add_run(parser: Parser) -> None:
@@ -131,13 +134,14 @@ def _run_emulated(arguments: argparse.Namespace, settings: Any) -> int:
 
     The directory of `demo` is deleted here, because this process outlives a terminal that is closed.
     """
+    from imumon.clock import HostClock
     from imumon.devices.registry import driver
 
     given = settings.state.directory
     with _temporary(given if arguments.stop_with_stdin else None) as temporary:
         if arguments.stop_with_stdin:
             threading.Thread(target=_stop_with_stdin, daemon=True).start()
-        with driver().emulator(speed=arguments.speed, seed=arguments.seed) as port:
+        with driver().emulator(clock=HostClock(arguments.speed), seed=arguments.seed) as port:
             return _run_daemon(arguments, settings, port, Path(given or temporary), temporary=not given)
 
 
@@ -201,10 +205,12 @@ def _settings(arguments: argparse.Namespace) -> Any:
 def _run_daemon(
     arguments: argparse.Namespace, settings: Any, url: str, directory: Path, *, temporary: bool = False
 ) -> int:
+    from imumon.api.traceability import provenance
     from imumon.bus import BusError
-    from imumon.cli.traceability import provenance
+    from imumon.clock import HostClock
     from imumon.daemon import Daemon, RunOptions
     from imumon.daemon.log import configure_logging
+    from imumon.reserve import kept
 
     run_options = RunOptions(
         url=url,
@@ -212,31 +218,58 @@ def _run_daemon(
         duration_s=arguments.duration,
         fresh=arguments.fresh,
         temporary=temporary,
-        speed=arguments.speed,
+        clock=HostClock(arguments.speed),
         baseline=options.baseline(arguments.baseline or settings.report.baseline or None),
         provenance=provenance(None, {}, settings.guards.enabled, reason="a running daemon"),
     )
     close_log = configure_logging(settings.log.level, settings.log.format)
     try:
-        result = Daemon(settings, run_options).run()
+        with kept():
+            result = Daemon(settings, run_options).run()
     except BusError as error:
         raise options.with_origin(error, settings) from None
     finally:
         close_log()
-    if result.ended and not (result.report and result.report.session.samples):
+    _check_found(result, url, arguments)
+    interrupted = result.signal == signal.SIGINT  # by a person, who wants to see what was measured
+    if result.report is not None and (arguments.duration or arguments.json or result.ended or interrupted):
+        print_report(result.report, arguments.json, run_options.baseline)
+    _check_complete(result, arguments)
+    return INTERRUPTED if result.signal == signal.SIGINT else SUCCESS
+
+
+def _check_found(result: RunResult, url: str, arguments: argparse.Namespace) -> None:
+    """Raise an error if the run ended without anything to report: a stream without a sample, or no sensor."""
+    if result.ended and not _sampled(result):
         cure = "check that the program that writes it prints samples"
-        raise CommandError("stream_without_samples", f"{url} ended without a sample", cure, NOT_FOUND)
+        text = f"{url} ended without a sample{_causes(result)}"
+        raise CommandError("stream_without_samples", text, cure, NOT_FOUND)
     if result.report is None and result.signal is None:
         message = f"no sensor within {duration(arguments.duration)}"
         raise CommandError("no_device_in_time", message, "give a longer --duration", NOT_REACHED)
-    if result.report is not None and (arguments.duration or arguments.json or result.ended):
-        print_report(result.report, arguments.json, run_options.baseline)
+
+
+def _check_complete(result: RunResult, arguments: argparse.Namespace) -> None:
+    """Raise an error if the run had no sample in its time, or its state or its recording is not complete."""
+    if not _sampled(result) and result.signal is None and arguments.duration is not None:
+        text = f"no sample within {duration(arguments.duration)}{_causes(result)}"
+        cure = "check the sensor with imumon doctor, or give a longer --duration"
+        raise CommandError("no_samples_in_time", text, cure, NOT_REACHED)
     if result.unsaved is not None:
         raise CommandError("state_not_saved", "the state is not saved", result.unsaved)
     if result.unrecorded is not None:
         cure = "free space, or record to another disk; what is in the file can be replayed"
         raise CommandError("recording_stopped", result.unrecorded, cure)
-    return INTERRUPTED if result.signal == signal.SIGINT else SUCCESS
+
+
+def _sampled(result: RunResult) -> bool:
+    return result.report is not None and result.report.session.samples > 0
+
+
+def _causes(result: RunResult) -> str:
+    """Return what the device says of what it received, behind a colon: why there is no sample, and how to get one."""
+    causes = "; ".join(result.report.device.remarks if result.report is not None else ())
+    return f": {causes}" if causes else ""
 
 
 def demo(arguments: argparse.Namespace) -> int:

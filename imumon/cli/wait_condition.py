@@ -15,8 +15,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from imumon.messages import grade_text
-from imumon.report import GRADED, GRADES, Channel, GradeName, Report
+from imumon.coefficients import GRADED, GRADES, NOISE, GradeName
+from imumon.messages import nearest_text
+from imumon.report import Channel, Report
 from imumon.samples import INERTIAL, sensor_of
 from imumon.units import duration, figures, pretty, share_text
 
@@ -28,7 +29,7 @@ class WaitCondition:
     Attributes
     ----------
     grade : that both sensors, or those of `channels`, must have.
-    coefficient : N, B or K.
+    coefficient : N, B, K, or M, which only some channels have.
     precision : 1, half-width of its 95 % interval as a share of its value.
     channels : names such as ``gyro/x`` or ``gyro``; empty: gyroscope and accelerometer.
     """
@@ -60,14 +61,14 @@ class WaitCondition:
         chosen = self._chosen(report)
         parts = []
         if self.coefficient is not None and self.precision is not None:
-            known = {n: c.coefficients.get(self.coefficient) for n, c in chosen.items()}
+            known = {n: c.estimates.get(self.coefficient) for n, c in chosen.items()}
             halves = {n: (part and part.stated.half_width) or 0.0 for n, part in known.items()}
             worst = max(halves, key=lambda name: halves[name])
             reached = f"{self.coefficient} known to {share_text(halves[worst])} ({worst}) or better"
             parts.append(f"{reached}, required {100 * self.precision:g} %")
         if self.grade is not None or not parts:
             sensors = {sensor_of(name) for name in chosen}
-            parts += [f"{s} {grade_text(g)}" for s, g in report.grade.items() if s in sensors and g.nearest]
+            parts += [f"{s} {nearest_text(g)}" for s, g in report.grade.items() if s in sensors and g.nearest]
         return "; ".join(parts) or report.state
 
     def without_grade(self, report: Report) -> bool:
@@ -101,7 +102,7 @@ class WaitCondition:
             if GRADES.index(headline.nearest) > GRADES.index(self.grade):
                 by = headline.decided_by
                 decided = f" by {by.coefficient} of {by.axis}" if by else ""
-                return f"{sensor} {grade_text(headline)}{decided}"
+                return f"{sensor} {nearest_text(headline)}{decided}"
             if headline.provisional and (unmet := _uncertain_grade(report, sensor, self.grade)):
                 return unmet
         return None if sensors else "only gyroscope and accelerometer have grades"
@@ -110,11 +111,13 @@ class WaitCondition:
         if self.coefficient is None or self.precision is None:
             return None
         for name, channel in chosen.items():
-            coefficient = channel.coefficients.get(self.coefficient)
+            coefficient = channel.estimates.get(self.coefficient)
             subject = f"{self.coefficient} of {name}"
+            if coefficient is None and "N" in channel.estimates and self.coefficient not in NOISE:
+                return f"{subject} does not show"
             if coefficient is None or coefficient.status == "pending":
                 return f"{subject} is pending"
-            if coefficient.status == "upper_bound" or not coefficient.value:
+            if coefficient.is_bound or not coefficient.value:
                 return f"{subject} is only bounded so far"
             half = coefficient.stated.half_width
             if half is None:
@@ -130,8 +133,8 @@ def _uncertain_grade(report: Report, sensor: str, grade: GradeName) -> str | Non
     """Return why a sensor may turn out worse than the grade; None: it cannot."""
     if report.session.mostly_excluded:
         return f"{sensor} is not certain: {report.grade[sensor].reason or 'most of the record is excluded'}"
-    own = ((name, channel) for name, channel in report.channels.items() if sensor_of(name) == sensor)
-    return next(filter(None, (_uncertain_limit(name, channel, grade) for name, channel in own)), None)
+    axes = ((name, channel) for name, channel in report.channels.items() if sensor_of(name) == sensor)
+    return next(filter(None, (_uncertain_limit(name, channel, grade) for name, channel in axes)), None)
 
 
 def _uncertain_limit(name: str, channel: Channel, grade: GradeName) -> str | None:
@@ -139,7 +142,7 @@ def _uncertain_limit(name: str, channel: Channel, grade: GradeName) -> str | Non
     from imumon.noise.grading import grade_coefficient
 
     for letter in GRADED:
-        coefficient = channel.coefficients.get(letter)
+        coefficient = channel.estimates.get(letter)
         if coefficient is None or coefficient.status == "pending":
             return f"{letter} of {name} is pending"
         limits = coefficient.stated

@@ -28,14 +28,15 @@ def add_web(parser: Parser) -> None:
 
 
 def _address(text: str) -> str:
-    found = re.fullmatch(r"(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})", text)
-    if found is None or not 0 < int(found[2]) < 65536:
+    match = re.fullmatch(r"(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})", text)
+    if match is None or not 0 < int(match[2]) < 65536:
         raise argparse.ArgumentTypeError(f"{text!r} is not an address; write HOST:PORT, such as {LISTEN}")
     return text
 
 
 def web(arguments: argparse.Namespace) -> int:
     """Serve the terminal UI to browsers until interrupted."""
+    from imumon.daemon.log import configure_logging
     from imumon.tui.web import is_loopback, serve
 
     options.baseline(arguments.baseline)  # an error is reported here, not in the browser
@@ -58,4 +59,8 @@ def web(arguments: argparse.Namespace) -> int:
     def ready(address: str) -> None:
         print_message(f"the screen is at {address}; end with ctrl+c")
 
-    return INTERRUPTED if serve(words, host, int(port), ready) else SUCCESS
+    close_log = configure_logging(settings.log.level, settings.log.format)  # of aiohttp and asyncio, too
+    try:
+        return INTERRUPTED if serve(words, host, int(port), ready, settings.limits) else SUCCESS
+    finally:
+        close_log()

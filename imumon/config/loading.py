@@ -70,10 +70,10 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
     overrides : dotted name to value, such as ``{"device.baud": 115200}``; None values are ignored.
     """
     given = {name: value for name, value in (overrides or {}).items() if value is not None}
-    found, ignored = search() if path is None else (Path(path), None)
-    text = "" if found is None else read_text(found)
-    values = parse(text, str(found))
-    places = Places(str(found), {name: f"{found}:{line}" for name, line in line_numbers(text).items()})
+    file, ignored = search() if path is None else (Path(path), None)
+    text = "" if file is None else read_text(file)
+    values = parse(text, str(file))
+    places = Places(str(file), {name: f"{file}:{line}" for name, line in line_numbers(text).items()})
     for name, value in given.items():
         section, _, setting = name.partition(".")
         if isinstance(table := values.setdefault(section, {}), dict):
@@ -82,7 +82,7 @@ def load(path: Path | str | None = None, overrides: Mapping[str, Any] | None = N
     sections = _checked_sections(values, places)
     present = {f"{section}.{name}" for section, table in values.items() for name in table}
     origins = {name: places.of(name) if name in present else "default" for name in NAMES}
-    return Settings(**cast(Any, sections), path=found, ignored=ignored, origins=origins)
+    return Settings(**cast(Any, sections), path=file, ignored=ignored, origins=origins)
 
 
 def _checked_sections(values: Mapping[str, Any], places: Places) -> dict[str, Any]:
@@ -112,13 +112,13 @@ def _model(section: str) -> Any:
     hints = get_type_hints(cls, include_extras=True)
     config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
     members: dict[str, Any] = {}
-    for each in fields(cls):
-        kind = hints[each.name]
+    for field in fields(cls):
+        kind = hints[field.name]
         if kind == Share:
             kind = Annotated[float, BeforeValidator(_from_percent)]
         elif get_origin(kind) is tuple:  # a TOML list is not a tuple
             kind = Annotated[kind, Strict(False)]
-        members[each.name] = kind, ModelField(None, **each.metadata)
+        members[field.name] = kind, ModelField(None, **field.metadata)
     return create_model(cls.__name__, __config__=config, **members)
 
 
@@ -168,22 +168,22 @@ def _check_section(section: str, table: Any, places: Places) -> Any:
         )
     except ValidationError as error:
         # a list has a fault for each of its items: the first is enough
-        first = {str(found["loc"][0]): found for found in reversed(error.errors())}
+        first = {str(detail["loc"][0]): detail for detail in reversed(error.errors())}
         shown = list(first.items())[:MOST_FAULTS]
-        faults += [_fault(section, name, found, table, places) for name, found in shown]
+        faults += [_fault(section, name, detail, table, places) for name, detail in shown]
     if faults:
         raise ConfigError(*faults)
     return cls(**{name: getattr(checked, name) for name in table})
 
 
-def _fault(section: str, name: str, found: Any, table: Mapping[str, Any], places: Places) -> ConfigFault:
+def _fault(section: str, name: str, detail: Any, table: Mapping[str, Any], places: Places) -> ConfigFault:
     """Return pydantic's error of a setting as a fault."""
     full = f"{section}.{name}"
-    if found["type"] == "extra_forbidden":
+    if detail["type"] == "extra_forbidden":
         return _unknown(full, False, places)
-    value = toml_text(_value_at(table, found["loc"]))
+    value = toml_text(_value_at(table, detail["loc"]))
     shown = value if len(value) <= QUOTED else value[: QUOTED - 3] + "..."
-    cure = f"give {_allowed(found, _model(section).model_fields[name])}"
+    cure = f"give {_allowed(detail, _model(section).model_fields[name])}"
     return ConfigFault("invalid_value", places.of(full), full, f"{shown} is not valid", cure)
 
 
@@ -226,7 +226,7 @@ _TYPES = {
 }
 
 
-def _allowed(found: Any, info: Any) -> str:
+def _allowed(detail: Any, info: Any) -> str:
     """Return what a setting may be."""
     from annotated_types import Ge, Gt, Le, Lt, MaxLen
 
@@ -237,9 +237,9 @@ def _allowed(found: Any, info: Any) -> str:
         return f"a number from {limits[Ge].ge:.9g} to {limits[Le].le:.9g}"
     if Gt in limits:
         return f'a number between {limits[Gt].gt:g} and {limits[Lt].lt:g}, or a text in percent, such as "5%"'
-    if found["type"] == "string_too_long":
+    if detail["type"] == "string_too_long":
         return f"at most {limits[MaxLen].max_length} characters"
-    return _TYPES.get(found["type"]) or str(found["msg"]).lower()
+    return _TYPES.get(detail["type"]) or str(detail["msg"]).lower()
 
 
 _INVALID_CHARACTER = ("has a zero byte or invalid UTF-8, which no file name or key can have", "remove it")

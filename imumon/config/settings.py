@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, TypeAlias, get_type_hints
 
 from imumon.alarms import DEFAULT_LIMITS
 from imumon.coefficients import NOISE, GradeName
+from imumon.readiness import ProgramName
 from imumon.samples import FASTEST_HZ
 
 BaudRate: TypeAlias = Literal[9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
@@ -88,6 +89,19 @@ class MetricsSettings(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
+class LimitSettings(Section):
+    """What other programs may take of a daemon and of imumon web"""
+
+    connections: int = field(default=16, metadata={"ge": 1, "le": 1000})
+    request_s: float = field(default=5.0, metadata={"ge": 0.1, "le": 600.0})
+    browsers: int = field(default=8, metadata={"ge": 1, "le": 100})
+    sessions: int = field(default=100, metadata={"ge": 1, "le": 1000})
+    queries: int = field(default=16, metadata={"ge": 1, "le": 1000})
+    line_bytes: int = field(default=4096, metadata={"ge": 80, "le": 1 << 20})
+    lines_hz: float = field(default=20_000.0, metadata={"ge": 1.0, "le": FASTEST_HZ})
+
+
+@dataclass(frozen=True, kw_only=True)
 class RecordSettings(Section):
     """The raw bytes, saved for replay"""
 
@@ -105,6 +119,7 @@ class ReportSettings(Section):
     precision_b: Share = field(default=0.2, metadata=FRACTION)
     precision_k: Share = field(default=0.5, metadata=FRACTION)
     grade: Literal["", GradeName] = ""
+    program: ProgramName = "kalibr"
     baseline: str = ""
 
     @property
@@ -168,6 +183,7 @@ class Settings:
     report: ReportSettings = field(default_factory=ReportSettings)
     guards: GuardSettings = field(default_factory=GuardSettings)
     metrics: MetricsSettings = field(default_factory=MetricsSettings)
+    limits: LimitSettings = field(default_factory=LimitSettings)
     ros2: Ros2Settings = field(default_factory=Ros2Settings)
     log: LogSettings = field(default_factory=LogSettings)
     alert: AlertSettings = field(default_factory=AlertSettings)
@@ -181,5 +197,5 @@ SECTIONS: dict[str, type[Any]] = {
     for name, cls in get_type_hints(Settings).items()
     if isinstance(cls, type) and issubclass(cls, Section)
 }
-NAMES = tuple(f"{section}.{each.name}" for section, cls in SECTIONS.items() for each in fields(cls))
+NAMES = tuple(f"{section}.{setting.name}" for section, cls in SECTIONS.items() for setting in fields(cls))
 """Dotted name of every setting."""

@@ -12,7 +12,7 @@ from typing import Any
 
 from imumon.errors import ImumonError
 from imumon.files import SMALL_BYTES, read_at_most
-from imumon.report import plain
+from imumon.report_json import plain
 
 LONGEST_LINE = 1000
 """Characters of a line: the time for a dotted name grows with the square of its length."""

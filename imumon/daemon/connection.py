@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import fields, replace
 
-from imumon.daemon.persistence import uptime_s
+from imumon.clock import HostClock
 from imumon.daemon.run_limits import DataTimeout
 from imumon.devices import registry
 from imumon.devices.base import DeviceDriver, DeviceError
@@ -26,7 +25,8 @@ class Connection:
     problem : why it could not be opened; empty: it could, or was not tried since it was there.
     """
 
-    def __init__(self, driver: DeviceDriver) -> None:
+    def __init__(self, driver: DeviceDriver, clock: HostClock) -> None:
+        self._clock = clock
         self.info: DeviceInfo | None = None
         self.state: State = "starting"
         self.connected = False
@@ -35,7 +35,7 @@ class Connection:
         self.problem = ""
         self._scheme = driver.scheme
         self._timeout = DataTimeout()
-        self._lost_at: float | None = None  # `uptime_s`
+        self._lost_at: float | None = None  # s, `HostClock.uptime_s`
         self._known_remarks: set[str] = set()
 
     def update(self, info: DeviceInfo) -> list[str]:
@@ -56,12 +56,12 @@ class Connection:
 
     def lost(self) -> None:
         """Note that the device is gone."""
-        self._lost_at = self._lost_at or uptime_s()
+        self._lost_at = self._lost_at or self._clock.uptime_s()
         self.problem, self.connected, self.state = "", False, "waiting"
 
     def regained(self) -> float:
         """Note that the device sends again; return the s that it was away."""
-        now = uptime_s()
+        now = self._clock.uptime_s()
         away_s = now - (self._lost_at or now)
         self._lost_at, self.connected = None, True
         return away_s
@@ -78,7 +78,7 @@ class Connection:
             return None
         starting = self.state == "starting"
         problem = self._timeout.update(
-            time.monotonic(), data=data, samples=samples, rate_hz=rate_hz, starting=starting
+            self._clock.monotonic_s(), data=data, samples=samples, rate_hz=rate_hz, starting=starting
         )
         if problem is None or self.state == "waiting":
             return None
@@ -90,7 +90,7 @@ class Connection:
         info = self.info
         if info is None:
             return DeviceDescription(id=name)
-        described = {each.name for each in fields(DeviceDescription)} & {each.name for each in fields(info)}
+        shared = {f.name for f in fields(DeviceDescription)} & {f.name for f in fields(info)}
         driver = registry.driver(info.driver) if info.driver else None
-        known = DeviceDescription(**{each: getattr(info, each) for each in described})
+        known = DeviceDescription(**{field: getattr(info, field) for field in shared})
         return replace(known, id=name, setting_texts=registry.setting_texts(driver, info.settings))

@@ -7,10 +7,8 @@ writing to disk. A report is due every period, whatever the device does.
 
 from __future__ import annotations
 
-import time
 from contextlib import suppress
 from dataclasses import replace
-from datetime import UTC, datetime
 
 from imumon import report
 from imumon.bus import BusError
@@ -37,6 +35,7 @@ from imumon.devices.device_reader import (
 from imumon.devices.registry import driver_of
 from imumon.evaluation import Evaluation
 from imumon.messages import EVENT_LEVELS
+from imumon.noise.power_law import load_transforms
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Level, Notice, RawBytes, SampleBlock
 
 WAIT_S = 0.1
@@ -55,7 +54,8 @@ class Daemon:
     """One device, read and published until the end of the run."""
 
     def __init__(self, settings: Settings, options: RunOptions) -> None:
-        self.settings, self.options = settings, options
+        self.settings, self.options, self._clock = settings, options, options.clock
+        load_transforms()
         driver = driver_of(options.url)
         if settings.record.file and driver.decoder() is None:
             text = f"{options.url} sends no bytes that could be recorded"
@@ -64,15 +64,16 @@ class Daemon:
             url=options.url,
             settings=settings.device,
             table=getattr(settings, driver.scheme, None),
+            limits=settings.limits,
             state_directory=options.state_directory,
-            speed=options.speed,
+            time_lapse=not options.clock.is_real_time,
         )
         self._reader = DeviceReader(create_device(driver, device_options))
-        self._connection = Connection(driver)
+        self._connection = Connection(driver, self._clock)
         self._record = KeptRecord(settings, options)
         self._outputs = Outputs(settings, options, self._record)
         self._notifier = ServiceNotifier()
-        self._shutdown = Shutdown(options.duration_s)
+        self._shutdown = Shutdown(options.duration_s, self._clock)
         self._report_timer = Timer(settings.report.period_s)
         self._watchdog_timer = Timer(self._notifier.watchdog_s or HANG_S)
 
@@ -92,7 +93,7 @@ class Daemon:
                 self._reader.start()
                 while not (self._shutdown.requested or self._reader.ended):
                     self._handle(self._reader.get(WAIT_S))
-                    self._do_duties(time.monotonic())
+                    self._do_duties(self._clock.monotonic_s())
                 ended = self._reader.ended
                 final = self._finish()
                 kept = self._record
@@ -236,8 +237,8 @@ class Daemon:
         if (self._record.monitor.samples or recorder.full) and (
             path := self._record.start_recording(bus.id, info)
         ):
-            taken = path != self.settings.record.file
-            self._outputs.log(f"recording to {path}{': the given file exists' if taken else ''}")
+            renamed = path != self.settings.record.file
+            self._outputs.log(f"recording to {path}{': the given file exists' if renamed else ''}")
 
     def _check_silence(self, *, data: bool, samples: bool) -> None:
         rate_hz = self._record.monitor.sample_rate_hz
@@ -247,9 +248,9 @@ class Daemon:
     # ------------------------------------------------------------------ duties
 
     def _do_duties(self, now: float) -> None:
-        if self._shutdown.ignored is not None:
-            self._outputs.log(f"signal {self._shutdown.ignored} ignored: SIGTERM ends the daemon", "notice")
-            self._shutdown.ignored = None
+        while self._shutdown.ignored:
+            number = self._shutdown.ignored.pop()
+            self._outputs.log(f"signal {number} ignored: SIGTERM ends the daemon", "notice")
         hangs = now - self._reader.active_at > HANG_S
         if self._notifier.watchdog_s is not None and not hangs and self._watchdog_timer.is_due(now):
             self._notifier.watchdog()
@@ -262,10 +263,11 @@ class Daemon:
         assert outputs.bus is not None
         if self._connection.state == "waiting":
             self._notifier.ready()
-        made = record.annotated(self._report(outputs.bus.id))
+        current = record.annotated(self._report(outputs.bus.id))
         if (provenance := self.options.provenance) is not None:
-            made = replace(made, evaluation=Evaluation(provenance=replace(provenance, made=made.time)))
-        outputs.report(made, record.monitor.signals())
+            dated = replace(provenance, made=current.time)
+            current = replace(current, evaluation=Evaluation(provenance=dated))
+        outputs.report(current, record.monitor.signals())
         record.keep(in_progress=True)
         outputs.detected(record.monitor.events())
         for kind, text, level in record.problems():
@@ -274,19 +276,19 @@ class Daemon:
             outputs.event("bus", text, level)
         for channel, text in record.new_changes():
             outputs.event("change", text, "warning", channel)
-        self._notifier.status(status_line(made))
-        return made
+        self._notifier.status(status_line(current))
+        return current
 
     def _report(self, name: str) -> report.Report:
         connection = self._connection
-        return self._record.monitor.report(
-            datetime.now(UTC),
+        current = self._record.monitor.report(
+            self._clock.now(),
             connection.description(name),
             connection.state,
             self._record.session(connection.counters),
             device_caveats=connection.info.caveats if connection.info else (),
-            speed=self.options.speed,
         )
+        return replace(current, speed=self._clock.time_lapse)
 
     # ------------------------------------------------------------------ end
 
@@ -294,9 +296,12 @@ class Daemon:
         """Take what has arrived, publish and save the last report; meanwhile the device gets its settings back."""
         self._notifier.stopping()
         self._reader.stop()
-        end = time.monotonic() + END_S
-        while not self._reader.ended and time.monotonic() < end:
+        end = self._clock.monotonic_s() + END_S
+        while not self._reader.ended and self._clock.monotonic_s() < end:
             self._handle(self._reader.get(WAIT_S))
+        # on a busy machine, the last counts may come when the time is over: what is there already costs no time
+        while not self._reader.ended and (event := self._reader.get(0.0)) is not None:
+            self._handle(event)
         self._reader.stop(discard=True)
         self._set_aside(self._record.flush())
         final = None
@@ -304,16 +309,16 @@ class Daemon:
         if self._outputs.bus is not None:
             with suppress(BusError):
                 final = self._publish()
-        found = self._record.persistence is not None
+        identified = self._record.persistence is not None
         self._record.close(self._connection.counters)
         for kind, text, level in self._record.problems():
             self._outputs.log(text, level or EVENT_LEVELS[kind])
         self._outputs.leave()
         self._wait_for_restore()
-        self._outputs.end_alerts(end + RESTORE_S - time.monotonic())
+        self._outputs.end_alerts(end + RESTORE_S - self._clock.monotonic_s())
         self._outputs.release()
         self._outputs.log(self._record.end_text())
-        return final if found else None  # None: no device was ever there
+        return final if identified else None  # None: no device was ever there
 
     def _wait_for_restore(self) -> None:
         self._reader.join(RESTORE_S)

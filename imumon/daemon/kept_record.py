@@ -6,14 +6,12 @@ recording, if the settings want them.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
-from datetime import UTC, datetime
 
 from imumon import alarms
 from imumon.bus import Publisher
 from imumon.config import Settings
-from imumon.daemon.persistence import Persistence, uptime_s
+from imumon.daemon.persistence import Persistence
 from imumon.daemon.recorder import Recorder
 from imumon.daemon.run_limits import RunOptions, Timer
 from imumon.history.history import History
@@ -38,7 +36,7 @@ class KeptRecord:
     """
 
     def __init__(self, settings: Settings, options: RunOptions) -> None:
-        self._options, precision = options, settings.report
+        self._options, self._clock, precision = options, options.clock, settings.report
         self._monitor_options = MonitorOptions(
             guarded=settings.guards.enabled,
             precision=precision.precision,
@@ -55,7 +53,7 @@ class KeptRecord:
         self._history_settings = settings.history
         self.persistence: Persistence | None = None
         self._save_timer = Timer(settings.state.save_period_s)
-        self._fed_at: float | None = None  # `uptime_s` of the last samples
+        self._fed_at: float | None = None  # s, `HostClock.uptime_s` of the last samples
 
     def _new_monitor(self) -> Monitor:
         return Monitor(self._monitor_options, rate_hz=self._rate_hz)
@@ -69,8 +67,8 @@ class KeptRecord:
         ------
         StateError : another daemon uses it.
         """
-        directory, fresh, speed = self._options.state_directory, self._options.fresh, self._options.speed
-        self.persistence = Persistence(directory, name, self.monitor, fresh=fresh, speed=speed)
+        directory, fresh = self._options.state_directory, self._options.fresh
+        self.persistence = Persistence(directory, name, self.monitor, self._clock, fresh=fresh)
 
     def release(self) -> None:
         """Give up the state: the device went while it was started."""
@@ -85,17 +83,17 @@ class KeptRecord:
         self.started = self.persistence.started
         if self._history_settings.enabled and self.history is None:
             directory, keep_days = self._options.state_directory, self._history_settings.keep_days
-            self.history = History(directory, bus.id, keep_days=keep_days, speed=self._options.speed)
+            self.history = History(directory, bus.id, keep_days=keep_days, clock=self._clock)
             bus.answer_history(self.history.answer)
-        self._save_timer.restart(time.monotonic())
+        self._save_timer.restart(self._clock.monotonic_s())
         return decisions
 
     def resume(self, info: DeviceInfo, counters: DeviceCounters) -> str | None:
         """Continue after an interruption; return why the device begins a new record, None if it does not."""
         assert self.persistence is not None
-        now = uptime_s()
+        now = self._clock.uptime_s()
         unfed_s, self._fed_at = now - (self._fed_at or now), now  # longer than the connection was away
-        self.gap(unfed_s * self._options.speed)
+        self.gap(self._clock.to_sample_s(unfed_s))
         if not self.persistence.differing(info) or not self.monitor.samples:
             return None
         self.monitor.end_record()
@@ -123,13 +121,13 @@ class KeptRecord:
         monitor = self.monitor
         if monitor.rate_hz is None and info is not None:
             monitor.rate_hz = info.sample_rate_hz
-        now = uptime_s()
+        now = self._clock.uptime_s()
         passed, self._fed_at = now - (self._fed_at or now), now
         before = monitor.samples
         # in time-lapse the host clock proves nothing
-        mismatch = monitor.feed(block, host_s=passed if self._options.speed == 1.0 else None)
+        mismatch = monitor.feed(block, host_s=passed if self._clock.is_real_time else None)
         if self.history is not None and block.stream.clock == "startup" and block.time_ns is not None:
-            self.history.clock(float(block.time_ns[-1]) * 1e-9, time.time())
+            self.history.clock(float(block.time_ns[-1]) * 1e-9, self._clock.time_s())
         self.keep()
         if self.persistence is not None and monitor.samples != before:
             self.persistence.fed_s = now
@@ -148,7 +146,7 @@ class KeptRecord:
     def running(self) -> None:
         """Note that samples arrive: the record begins now, unless it continues."""
         if self.started is None:
-            self.started = stamp(datetime.now(UTC))
+            self.started = stamp(self._clock.now())
 
     def gap(self, length_s: float | None) -> None:
         """Note that the stream was interrupted; None: for an unknown time."""
@@ -159,12 +157,12 @@ class KeptRecord:
         """Start to record the raw bytes; return the path of the file, None if there is a problem."""
         known = ("driver", "model", "serial", "firmware", "stream", "alias_factor", "caveats")
         header = {
-            "time": stamp(datetime.now(UTC)),
+            "time": stamp(self._clock.now()),
             "record": self.started,  # it continues in the next recording after a restart
             "id": name,
             "rate_hz": self.monitor.rate_hz,  # of a stream without a clock
             "settings": dict(info.settings),
-            **{each: getattr(info, each) for each in known},
+            **{field: getattr(info, field) for field in known},
         }
         return self.recorder.start(header)
 
@@ -177,7 +175,7 @@ class KeptRecord:
             return
         if in_progress:
             periods += self.monitor.periods_in_progress()
-        self.history.add(periods, self.started, time.time())
+        self.history.add(periods, self.started, self._clock.time_s())
 
     def event(self, event: Event) -> None:
         """Keep an event."""

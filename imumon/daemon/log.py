@@ -4,14 +4,23 @@ Modules log with ``logging.getLogger(__name__)``; an event adds its kind with ``
 record goes into a bounded queue, and a thread of its own writes it, so that a standard error that is full or
 that no one reads never blocks the daemon. Records that do not fit are dropped and counted; the next one that
 fits is preceded by their number.
+
+What happens outside, such as a server that closes each connection, must not fill the disk: of one message, whatever
+its numbers are, `REPEATS` lines are written in an hour. The next one after it, or the end of the log, has the number of
+those that were not. Warnings and errors of libraries, and of threads that fail, are lines of this log, too: a
+library alone would print a traceback for each.
 """
 
 from __future__ import annotations
 
+import copy
 import json
 import logging
 import os
+import re
 import sys
+import threading
+import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -19,7 +28,8 @@ from logging.handlers import QueueHandler, QueueListener
 from queue import Full, Queue
 from typing import Any
 
-from imumon.report import plain, stamp
+from imumon.report import stamp
+from imumon.report_json import plain
 
 LEVELS: dict[str, int] = {
     "error": logging.ERROR,
@@ -37,6 +47,15 @@ PRIORITIES = {level: priority for priority, level in enumerate(LEVELS.values(), 
 
 QUEUE_RECORDS = 1000
 """Records that may wait to be written."""
+
+REPEATS = 10
+"""Lines of one message in `REPEATS_S`: enough to see how often it comes."""
+
+REPEATS_S = 3600.0
+"""s for which lines of one message are counted."""
+
+MOST_MESSAGES = 200
+"""Messages whose lines are counted; the one that began first is forgotten for a further one."""
 
 CLOSE_S = 1.0
 """How long to wait at the end until all records are written, s."""
@@ -72,29 +91,105 @@ def configure_logging(level: str = "info", format: str = "auto") -> Callable[[],
         listener.start()
     except RuntimeError as error:  # it says "can't start new thread"
         raise MemoryError from error
-    logger = logging.getLogger(ROOT)
+    logger, libraries = logging.getLogger(ROOT), logging.getLogger()
     logger.setLevel(LEVELS[level])
     logger.addHandler(handler)
     logger.propagate = False
+    libraries.addHandler(handler)  # from their level on, which is warning unless somebody has set another
+    fault_of_thread, threading.excepthook = threading.excepthook, _log_fault_of_thread
 
     def close() -> None:
+        threading.excepthook = fault_of_thread
+        libraries.removeHandler(handler)
         logger.removeHandler(handler)
         logger.propagate = True
+        handler.report_repeated()
         handler.report_dropped()
         listener.stop()
 
     return close
 
 
+def _log_fault_of_thread(fault: threading.ExceptHookArgs) -> None:
+    """Log an exception that ends a thread in one line, with the line of code that has raised it."""
+    name = fault.thread.name if fault.thread is not None else "of a library"
+    logging.getLogger(ROOT).error("%s", f"thread {name} has ended: {_fault_text(fault.exc_value)}")
+
+
+def _fault_text(error: BaseException | None) -> str:
+    """Return type, text and place of an exception."""
+    frames = traceback.extract_tb(error.__traceback__) if error is not None else None
+    place = f" ({os.path.basename(frames[-1].filename)}:{frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {error}{place}"
+
+
+class RepeatLimit:
+    """Counts the lines of each message.
+
+    >>> limit = RepeatLimit()
+    >>> [limit.suffix(f"back after {k} s", now=0.0) for k in range(12)][-3:]
+    ['', None, None]
+    >>> limit.suffix("back after 7 s", now=4000.0)
+    ' (repeated 2 times more in the hour before)'
+    """
+
+    def __init__(self) -> None:
+        self._counts: dict[str, tuple[float, int, str]] = {}  # begin of the hour, s; lines; the last one
+
+    def suffix(self, text: str, now: float) -> str | None:
+        """Return what to append to a line; None: it is not written."""
+        message = re.sub(r"\d+", "0", text)
+        begin, count, _ = self._counts.get(message, (now, 0, ""))
+        if now - begin <= REPEATS_S:
+            self._counts[message] = begin, count + 1, text
+            if len(self._counts) > MOST_MESSAGES:
+                del self._counts[next(iter(self._counts))]
+            return "" if count < REPEATS else None
+        del self._counts[message]  # and to the end of the order
+        self._counts[message] = now, 1, text
+        more = count - REPEATS
+        return f" (repeated {more:,} times more in the hour before)" if more > 0 else ""
+
+    def rest(self) -> list[str]:
+        """Return a line for each message of which lines were not written."""
+        counts, self._counts = self._counts, {}
+        repeated = ((count - REPEATS, text) for _, count, text in counts.values())
+        return [f"repeated {more:,} times more: {text}" for more, text in repeated if more > 0]
+
+
 class _BoundedHandler(QueueHandler):
-    """Handler that drops records and counts them while the queue is full."""
+    """Handler that drops records and counts them while the queue is full, or if they repeat."""
 
     def __init__(self, queue: Queue[Any]) -> None:
         super().__init__(queue)
         self._dropped = 0
+        self._repeats = RepeatLimit()
 
     def prepare(self, record: logging.LogRecord) -> logging.LogRecord:
-        return record  # the listener is a thread of the same process: nothing needs to be pickled
+        """Return the record with its text, in which an exception is one line. Nothing needs to be pickled."""
+        text = record.getMessage()
+        if record.exc_info and record.exc_info[1] is not None:
+            text = f"{text}: {_fault_text(record.exc_info[1])}"
+        record = copy.copy(record)  # other handlers have the same one
+        record.msg, record.args, record.exc_info = text, None, None
+        return record
+
+    def emit(self, record: logging.LogRecord) -> None:
+        try:
+            record = self.prepare(record)
+            # who asks for debug lines wants all of them
+            if record.levelno >= logging.INFO:
+                if (suffix := self._repeats.suffix(record.msg, record.created)) is None:
+                    return
+                record.msg += suffix
+            self.enqueue(record)
+        except Exception:  # a record of a library whose words do not fit its text
+            self._dropped += 1
+
+    def report_repeated(self) -> None:
+        """Enqueue the numbers of lines that were not written."""
+        for text in self._repeats.rest():
+            self.enqueue(logging.LogRecord(__name__, logging.INFO, __file__, 0, text, None, None))
 
     def enqueue(self, record: logging.LogRecord) -> None:
         self.report_dropped()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from datetime import UTC, datetime
 
 from imumon.bus import Publisher
 from imumon.config import Settings
@@ -40,12 +39,12 @@ class Outputs:
     """
 
     def __init__(self, settings: Settings, options: RunOptions, record: KeptRecord) -> None:
-        self._settings, self._record = settings, record
+        self._settings, self._record, self._clock = settings, record, options.clock
         self._metrics: MetricsServer | None = None
         if settings.metrics.listen:
-            self._metrics = MetricsServer(settings.metrics.listen)
+            self._metrics = MetricsServer(settings.metrics.listen, settings.limits)
             log.info("%s", f"metrics on http://{self._metrics.address}/metrics")
-        self._alert = AlertCommand(settings.alert.command if options.speed == 1.0 else "")
+        self._alert = AlertCommand(settings.alert.command if self._clock.is_real_time else "")
         self._ros = RosOutput(settings.ros2, options.url)
         self.bus: Publisher | None = None
 
@@ -57,7 +56,8 @@ class Outputs:
         BusError : an endpoint cannot be used, or another daemon has the name.
         """
         if self.bus is None:
-            self.bus = Publisher(self._settings.device.id or info.id, settings=self._settings.zenoh)
+            zenoh, limits = self._settings.zenoh, self._settings.limits
+            self.bus = Publisher(self._settings.device.id or info.id, settings=zenoh, limits=limits)
         return self.bus
 
     def release(self) -> None:
@@ -74,14 +74,14 @@ class Outputs:
         """Send an event of the daemon itself; level None: that of the kind."""
         name = self.bus.id if self.bus else self._settings.device.id
         known = level or EVENT_LEVELS.get(kind, "info")
-        now = stamp(datetime.now(UTC))
+        now = stamp(self._clock.now())
         self._send(Event(time=now, kind=kind, text=text, device=name, level=known, channel=channel))
 
     def detected(self, events: Iterable[DetectedEvent]) -> None:
         """Send what the samples have shown."""
         if self.bus is not None:
             for event in events:
-                self._send(event.stamped(datetime.now(UTC), self.bus.id))
+                self._send(event.stamped(self._clock.now(), self.bus.id))
 
     def _send(self, event: Event) -> None:
         self.log(event.text, event.level, event.kind)

@@ -6,24 +6,31 @@ state of another one is never mixed in and never overwritten: it is renamed, and
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
-from dataclasses import replace
-from datetime import UTC, datetime
+from dataclasses import asdict, fields, replace
+from datetime import datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from imumon import __version__
-from imumon.checkpoint import Checkpoint, SavedState, encode
+from imumon.checkpoint import (
+    Checkpoint,
+    SavedDevice,
+    SavedSession,
+    SavedState,
+    StateError,
+    StateHeader,
+)
+from imumon.clock import HostClock
+from imumon.noise.state_schema import InvalidState
 from imumon.pipeline import Monitor, RecordMismatch
-from imumon.report import DeviceDescription, SessionCounters, plain, stamp, to_json
-from imumon.samples import DeviceInfo, Level, SampleBlock
+from imumon.report import SessionCounters, stamp
+from imumon.report_json import plain
+from imumon.samples import DeviceInfo, Level
 
-COUNTERS = ("discarded_bytes", "bad_checksums", "received_bytes", "overruns", "restarts")
-TRIAL_SAMPLES = 2000
-"""Samples with which a saved record is tried out before it continues."""
+COUNTERS = tuple(counter.name for counter in fields(SavedSession))
+"""Counters of the link that continue in the next run."""
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -35,13 +42,13 @@ class Persistence:
     directory : of the states; created if needed.
     device : name of the device.
     monitor : holds the record.
+    clock : of the host.
     fresh : start a new record; the old state is kept under another name.
-    speed : seconds of the sample clock per second of the host clock.
 
     Attributes
     ----------
     started : when the record began; None for a new one.
-    fed_s : `uptime_s` of the last samples, from which a gap is counted; None before the first.
+    fed_s : s, `HostClock.uptime_s` of the last samples, from which a gap is counted; None before the first.
 
     Raises
     ------
@@ -49,14 +56,14 @@ class Persistence:
     """
 
     def __init__(
-        self, directory: Path, device: str, monitor: Monitor, *, fresh: bool = False, speed: float = 1.0
+        self, directory: Path, device: str, monitor: Monitor, clock: HostClock, *, fresh: bool = False
     ) -> None:
         self._checkpoint = Checkpoint(directory, device)
         self._monitor = monitor
-        self._fresh, self._speed = fresh, speed
+        self._clock, self._fresh = clock, fresh
         self._serial: str | None = None
         self._settings: dict[str, str] = {}
-        self._device: dict[str, Any] = {}
+        self._device: SavedDevice | None = None
         self._before = SessionCounters()
         self._reported_problem: str | None = None
         self.started: str | None = None
@@ -82,7 +89,7 @@ class Persistence:
         self._serial, self._settings, self._device = (
             info.serial,
             data_settings(info),
-            _saved_description(info),
+            _saved_device(info),
         )
         if self._fresh:
             if not self._checkpoint.exists:
@@ -96,48 +103,27 @@ class Persistence:
         return decisions
 
     def _restore(self, state: SavedState) -> str:
-        meta = state.meta
-        if meta.get("serial") != self._serial:
-            return self._set_aside("other-sensor", f"of another sensor, {_quoted(meta.get('serial'))}")
         try:
-            if changed := differing(meta["settings"], self._settings):
+            header = state.header()
+            if header.serial != self._serial:
+                return self._set_aside("other-sensor", f"of another sensor, {_quoted(header.serial)}")
+            if changed := differing(header.settings, self._settings):
                 return self._set_aside("other-settings", f"of other settings, {plain('; '.join(changed))}")
-            counted: dict[str, Any] = {name: _count(meta["session"][name]) for name in COUNTERS}
-            started, saved = (_time(meta[name]) for name in ("started", "saved"))
-            away_s = max(0.0, _since(meta) + float(meta["age_s"])) * self._speed
-            self._try_out(state, away_s)
-            self._monitor.restore(meta["monitor"], state.arrays, away_s)
+            away_s = self._clock.to_sample_s(max(0.0, _since(header, self._clock) + header.age_s))
+            self._monitor.restore(state.meta.get("monitor", {}), state.arrays, away_s)
         except RecordMismatch as error:
             return self._set_aside("other-settings", plain(error.message))
-        except Exception:  # a file may be forged: whatever it breaks, the daemon starts
-            version = _quoted(meta.get("version"))
-            return self._set_aside("unreadable", f"of imumon {version} and cannot be read by {__version__}")
-        self.started = started
-        counted["restarts"] += 1
-        self._before = SessionCounters(**counted)
-        return f"the record that began {self.started} continues, saved {saved}"
+        except (StateError, InvalidState) as error:
+            return self._set_aside_unreadable(state, str(error))
+        self.started = None if header.started is None else _stamped(header.started)
+        session = asdict(header.session)
+        self._before = SessionCounters(**session | {"restarts": header.session.restarts + 1})
+        return f"the record that began {self.started} continues, saved {_stamped(header.saved)}"
 
-    def _try_out(self, state: SavedState, away_s: float) -> None:
-        """Continue a copy of a record, report and save it; raise the error that the record causes later."""
-        interval_ns = float(state.meta["monitor"]["clock"]["interval_s"]) * 1e9
-        trial = Monitor(self._monitor.options, rate_hz=1e9 / interval_ns)
-        arrays = {name: array.copy() for name, array in state.arrays.items()}
-        trial.restore(state.meta["monitor"], arrays, away_s)
-        trial.accept_restored()
-        if trial.stream is None or any(a.ndim != 1 for name, a in arrays.items() if name.endswith("groups")):
-            raise ValueError("the record has no stream, or no channels")
-        trial.save()  # before samples replace what they can
-        steps = np.ones(TRIAL_SAMPLES) if trial.stream.clock == "dt" else np.arange(TRIAL_SAMPLES)
-        times, lost = (steps * interval_ns).astype(np.int64), np.zeros(TRIAL_SAMPLES, dtype=np.int64)
-        values = np.random.default_rng(0).normal(0.0, 1e-3, (TRIAL_SAMPLES, len(trial.stream.channels)))
-        with np.errstate(all="ignore"):
-            for k in np.array_split(np.arange(TRIAL_SAMPLES), 7):
-                trial.feed(SampleBlock(trial.stream, values[k], times[k], lost[k]))
-            trial.flush()
-            device = DeviceDescription(id="trial")
-            to_json(trial.report(datetime.now(UTC), device, "running", SessionCounters()))
-            saved_meta, saved_arrays = trial.save()
-            encode(SavedState(saved_meta, dict(saved_arrays)))
+    def _set_aside_unreadable(self, state: SavedState, reason: str) -> str:
+        version = _quoted(state.meta.get("version"))
+        why = f"of imumon {version} and cannot be read by {__version__} ({plain(reason)[:120]})"
+        return self._set_aside("unreadable", why)
 
     def _set_aside(self, name: str, why: str) -> str:
         self.started, self._before = None, SessionCounters()
@@ -158,7 +144,7 @@ class Persistence:
         self.save(session)
         self._checkpoint.flush()
         changed = "; ".join(self.differing(info))
-        self._monitor, self._settings, self._device = monitor, data_settings(info), _saved_description(info)
+        self._monitor, self._settings, self._device = monitor, data_settings(info), _saved_device(info)
         return self._set_aside("other-settings", f"of other settings, {changed}")
 
     def with_earlier_runs(self, session: SessionCounters) -> SessionCounters:
@@ -185,21 +171,21 @@ class Persistence:
         return f"the state cannot be saved: {self._reported_problem}", "error"
 
     def _state(self, session: SessionCounters) -> SavedState:
+        assert self._device is not None
         meta, arrays = self._monitor.save()
-        whole: dict[str, Any] = {
-            "version": __version__,
-            "serial": self._serial,
-            "settings": self._settings,
-            "device": self._device,
-            "started": session.started,
-            "saved": stamp(datetime.now(UTC)),
-            "boot": _boot_id(),
-            "uptime_s": uptime_s(),
-            "age_s": uptime_s() - self.fed_s if self.fed_s is not None else 0.0,
-            "session": {name: getattr(session, name) for name in COUNTERS},
-            "monitor": meta,
-        }
-        return SavedState(whole, dict(arrays))
+        header = StateHeader(
+            version=__version__,
+            serial=self._serial,
+            settings=self._settings,
+            device=self._device,
+            started=session.started,
+            saved=stamp(self._clock.now()),
+            boot=_boot_id(),
+            uptime_s=self._clock.uptime_s(),
+            age_s=self._clock.uptime_s() - self.fed_s if self.fed_s is not None else 0.0,
+            session=SavedSession(**{name: getattr(session, name) for name in COUNTERS}),
+        )
+        return SavedState({**asdict(header), "monitor": meta}, dict(arrays))
 
 
 def data_settings(info: DeviceInfo) -> dict[str, str]:
@@ -207,10 +193,9 @@ def data_settings(info: DeviceInfo) -> dict[str, str]:
     return {name: info.settings[name] for name in info.data_settings if name in info.settings}
 
 
-def _saved_description(info: DeviceInfo) -> dict[str, Any]:
-    """Return what the saved state holds of the device, for a report that is made from it alone."""
-    names = ("driver", "model", "serial", "firmware", "port", "baud", "alias_factor")
-    return {name: getattr(info, name) for name in names} | {"caveats": list(info.caveats)}
+def _saved_device(info: DeviceInfo) -> SavedDevice:
+    """Return what the saved state holds of the device."""
+    return SavedDevice(**{field.name: getattr(info, field.name) for field in fields(SavedDevice)})
 
 
 def differing(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:
@@ -227,33 +212,22 @@ def _quoted(value: Any) -> str:
     return plain(str(value))[:40]
 
 
-def _count(value: Any) -> int:
-    """Return a counter of a state; raise ValueError if it is none."""
-    if type(value) is not int or not 0 <= value < 1 << 62:
-        raise ValueError("not a counter")
-    return value
+def _stamped(time: str) -> str:
+    """Return a time of a state in the form of a report."""
+    return stamp(datetime.fromisoformat(time))
 
 
-def _time(value: Any) -> str | None:
-    """Return a time of a state; raise ValueError if it is none."""
-    return None if value is None else stamp(datetime.fromisoformat(value))
-
-
+@cache
 def _boot_id() -> str | None:
-    """Return the id of this boot of the machine; None if it is hidden."""
+    """Return the id of this boot of the machine; None if it is hidden. It is read once: each save needs it."""
     try:
         return _BOOT_ID.read_text().strip()
     except OSError:
         return None
 
 
-def uptime_s() -> float:
-    """Return the seconds since the boot, including sleep if the system counts it (Linux does)."""
-    return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
-
-
-def _since(meta: Mapping[str, Any]) -> float:
+def _since(header: StateHeader, clock: HostClock) -> float:
     """Return the seconds since a state was saved: by the uptime, or by the calendar after a reboot."""
-    if meta.get("boot") is not None and meta["boot"] == _boot_id():
-        return uptime_s() - float(meta["uptime_s"])
-    return (datetime.now(UTC) - datetime.fromisoformat(meta["saved"])).total_seconds()
+    if header.boot is not None and header.boot == _boot_id():
+        return clock.uptime_s() - header.uptime_s
+    return (clock.now() - datetime.fromisoformat(header.saved)).total_seconds()

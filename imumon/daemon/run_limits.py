@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import signal
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
+from imumon.clock import REAL_TIME, HostClock
 from imumon.evaluation import Provenance
 from imumon.report import Report
 
@@ -43,7 +43,7 @@ class RunOptions:
     duration_s : s of the host clock; None: unlimited.
     fresh : start a new record; the old state is kept under another name.
     temporary : the state directory is deleted after the run.
-    speed : seconds of the sample clock per second of the host clock; not 1 for an emulator in time-lapse.
+    clock : of the host; in time-lapse for an emulator that is.
     baseline : an earlier report of the same sensor, to compare with.
     provenance : program and host, for the reports; None: they do not name them.
     """
@@ -53,7 +53,7 @@ class RunOptions:
     duration_s: float | None = None
     fresh: bool = False
     temporary: bool = False
-    speed: float = 1.0
+    clock: HostClock = REAL_TIME
     baseline: Report | None = None
     provenance: Provenance | None = None
 
@@ -84,22 +84,25 @@ class Shutdown:
     Parameters
     ----------
     duration_s : s of the host clock, from now on; None: unlimited.
+    clock : of the host.
 
     Attributes
     ----------
     signal : the last signal that was received, None before.
-    ignored : the last signal that was received and ignored, None if it was logged or there is none.
+    ignored : signals that were received and ignored, and not logged yet; several may come while the daemon computes.
     """
 
-    def __init__(self, duration_s: float | None) -> None:
+    def __init__(self, duration_s: float | None, clock: HostClock) -> None:
+        self._clock = clock
         self.signal: int | None = None
-        self.ignored: int | None = None
-        self._deadline = time.monotonic() + duration_s if duration_s else None
+        self.ignored: set[int] = set()
+        self._deadline = clock.monotonic_s() + duration_s if duration_s else None
 
     @property
     def requested(self) -> bool:
         """Whether the daemon has to stop."""
-        return self.signal is not None or (self._deadline is not None and time.monotonic() >= self._deadline)
+        over = self._deadline is not None and self._clock.monotonic_s() >= self._deadline
+        return over or self.signal is not None
 
     @contextmanager
     def handling_signals(self) -> Iterator[None]:
@@ -112,7 +115,7 @@ class Shutdown:
             self.signal = number
 
         def ignore(number: int, frame: FrameType | None) -> None:
-            self.ignored = number
+            self.ignored.add(number)
 
         # what was started with nohup ignores that its terminal closes
         handled = [n for n in ENDING if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]

@@ -10,15 +10,25 @@ figures          Allan deviation as an element of the page and as SVG, PDF and P
 tables           table for a terminal, and texts that several forms share
 csv_table        every number as one tidy CSV table
 filter_values    numbers for filters, with comments: unit, origin, factor against plain K, record length
+convergence_figure  what was stated of a shorter record: figure and table
 filter_figure    predicted error of a filter: figure and table
 signal_text      bias, drift, spectral lines and changes as lines of text
 temperature_settings  bias against the temperature for flight controllers
 program_settings settings of other programs: templates and factors
 """
 
-from imumon.datasheet.datasheet import FORMS, document, not_measured
+from imumon.datasheet.datasheet import FORMS, PAGES, document, not_measured, short_document
 from imumon.datasheet.figures import NoCurve
 from imumon.datasheet.filter_values import short_record_text
 from imumon.datasheet.program_settings import programs_with
 
-__all__ = ["FORMS", "NoCurve", "document", "not_measured", "programs_with", "short_record_text"]
+__all__ = [
+    "FORMS",
+    "PAGES",
+    "NoCurve",
+    "document",
+    "not_measured",
+    "programs_with",
+    "short_document",
+    "short_record_text",
+]

@@ -11,6 +11,8 @@ import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 
+from imumon.coefficients import COEFFICIENTS, GRADED, GRADES, INDISTINCT_WORD, NOISE
+from imumon.datasheet.convergence_figure import convergence_svg, convergence_table, convergences
 from imumon.datasheet.elements import (
     Caution,
     DataTable,
@@ -56,18 +58,11 @@ from imumon.messages import (
     advice,
     caveats,
     grade_text,
+    has_indistinct,
 )
-from imumon.report import (
-    COEFFICIENTS,
-    GRADED,
-    GRADES,
-    NOISE,
-    Allan,
-    Channel,
-    Report,
-    SensorGrade,
-    to_json,
-)
+from imumon.readiness import letters_for, ready_text
+from imumon.report import Allan, Channel, Report, SensorGrade
+from imumon.report_json import to_json
 from imumon.samples import INERTIAL, sensor_of
 from imumon.units import figures, pretty
 
@@ -93,13 +88,56 @@ def datasheet_content(report: Report, filters: FilterReport, history: HistoryRow
     return Document(sensor_title(report), subtitle, elements, _running(report))
 
 
+def short_content(report: Report, filters: FilterReport, program: str) -> Document:
+    """Return the datasheet on two pages: whether it is ready, table, figures, and the settings of a program."""
+    return Document(
+        sensor_title(report),
+        f"Noise, short form · {record_title(report)} · {report.time}",
+        tuple(_short_elements(report, filters, program)),
+        _running(report),
+    )
+
+
+def _short_elements(report: Report, filters: FilterReport, program: str) -> Iterator[Element]:
+    sensors = [sensor for sensor in INERTIAL if any(_axes(report, sensor))]
+    if ready := ready_text(report, program, letters_for(program)):
+        yield Paragraph(f"{ready[0].upper()}{ready[1:]}.")
+    yield from _grade_summaries(report)
+    if names := [caveat.replace("_", " ") for caveat in caveats(report)]:
+        yield Caution(", ".join(names), "imumon explain says what each means; the long form has what to do.")
+    for sensor in sensors:
+        yield _coefficient_table(report, sensor)
+    yield from _curve_figures(report, sensors)
+    if sensors:
+        yield Heading(f"For {program}")
+        # comments of every axis fill a page of their own
+        lines = settings_document(program, report, filters).splitlines()
+        yield Listing("yaml", "\n".join(line for line in lines if not line.startswith("#   ")))
+
+
+def _convergence(report: Report, sensors: Sequence[str]) -> Iterator[Element]:
+    """Yield what was stated of the inertial sensors when the record was shorter."""
+    known = [sensor for sensor in sensors if sensor in INERTIAL and convergences(report, sensor)]
+    if known:
+        yield Heading("Convergence")
+    for sensor in known:
+        yield Figure(
+            f"What was stated of the {sensor} when the record was shorter: values with their 95 % limits of "
+            "statistics; ▼ and <: 95 % upper bounds",
+            convergence_table(report, sensor),
+            partial(convergence_svg, report, sensor),
+        )
+
+
 def _running(report: Report) -> str:
     """Return the number of a document, which follows from all its numbers, and the revision of what wrote it."""
     number = hashlib.sha256(to_json(report).encode()).hexdigest()[:DOCUMENT_DIGITS]
-    made = report.evaluation.provenance if report.evaluation is not None else None
+    provenance = report.evaluation.provenance if report.evaluation is not None else None
     parts = [f"document {number}"]
-    if made is not None:
-        parts.append(made.written_by or f"{made.software}, revision {made.commit or 'unknown'}")
+    if provenance is not None:
+        parts.append(
+            provenance.written_by or f"{provenance.software}, revision {provenance.commit or 'unknown'}"
+        )
     return re.sub(r"([0-9a-f]{12})[0-9a-f]{28}", r"\1", " · ".join(parts))
 
 
@@ -115,6 +153,7 @@ def _signatures(report: Report) -> Iterator[Element]:
 
 
 def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> Iterator[Element]:
+    """Yield all elements but the signatures, in the order of the document."""
     yield from _item(report)
     yield from _grade_summaries(report)
     yield from _cautions(report)
@@ -129,13 +168,17 @@ def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> It
             "Each value with its 95 % limits, those of the uncertainty budget. < is a 95 % upper bound of what "
             "this record does not show; a longer record may measure it."
         )
+    if has_indistinct(report):
+        yield Paragraph(
+            f"{INDISTINCT_WORD} after a bound: the record shows correlated noise, and does not show whether it is B, "
+            "K or M. Each of them is then at most its bound; a longer record may decide."
+        )
     if report.grade:
         yield Paragraph(GRADE_WORDS)
     if sensors:
         yield Heading("Allan deviation")
-        for sensor in sensors:
-            drawn, legend = partial(svg, report, sensor), f"{legend_text(report, [sensor])}."
-            yield Figure(_figure_caption(report, sensor), _curve_table(report, sensor), drawn, legend)
+        yield from _curve_figures(report, sensors)
+        yield from _convergence(report, sensors)
         yield from exact_elements(report)
         yield from conformity_elements(report)
         yield from budget_elements(report)
@@ -198,6 +241,7 @@ def _title(sensor: str, letter: str) -> str:
 
 
 def _cautions(report: Report) -> Iterator[Element]:
+    """Yield the caveats, each with its meaning and what helps."""
     for caveat, channels in caveats(report).items():
         text = advice(report, caveat)
         if caveat == "aliased":
@@ -215,24 +259,25 @@ def _cautions(report: Report) -> Iterator[Element]:
 
 def _axes(report: Report, sensor: str) -> Iterator[tuple[str, Channel]]:
     """Yield the axes of a sensor that have coefficients."""
-    return ((axis, channel) for axis, channel in sensor_axes(report, sensor) if channel.coefficients)
+    return ((axis, channel) for axis, channel in sensor_axes(report, sensor) if channel.estimates)
 
 
 def _coefficient_table(report: Report, sensor: str) -> DataTable:
+    """Return the coefficients of a sensor with their limits, and the grades of its axes."""
     graded, factor = sensor in report.grade, report.device.alias_factor
     rows = []
     letters = shown_letters(channel for _, channel in _axes(report, sensor))
     corrects = False
     for axis, channel in _axes(report, sensor):
-        cells = [coefficient_text(channel.coefficients.get(letter)) or "–" for letter in letters]
-        if (n := without_aliasing(report, f"{sensor}/{axis}", channel.coefficients.get("N"))) is not None:
+        cells = [coefficient_text(channel.estimates.get(letter)) or "–" for letter in letters]
+        if (n := without_aliasing(report, f"{sensor}/{axis}", channel.estimates.get("N"))) is not None:
             corrects = True
             cells.insert(1, coefficient_text(n) or "–")
         rows.append((axis, *cells, *((grade or "–" for grade in axis_grades(channel)) if graded else ())))
     names = [f"{_title(sensor, letter)}, {_unit(sensor, letter)}" for letter in letters]
     if corrects:
         names.insert(1, f"N without aliasing (read N / {factor:.2f}, nominal), {_unit(sensor, 'N')}")
-    head = (SENSOR_TITLES[sensor], *names, *(["meets", "nearest"] if graded else []))
+    head = (SENSOR_TITLES[sensor], *names, *(["grade", "nearest"] if graded else []))
     return DataTable(head, tuple(rows), _marks(report, sensor))
 
 
@@ -249,8 +294,17 @@ def _unit(sensor: str, letter: str) -> str:
     return pretty(COEFFICIENTS[letter].units[sensor].unit)
 
 
-def _figure_caption(report: Report, sensor: str) -> str:
-    return f"{SENSOR_TITLES[sensor]}, Allan deviation in {_unit(sensor, 'B')}; {record_line(report)}."
+def _curve_figures(report: Report, sensors: Sequence[str]) -> Iterator[Element]:
+    """Yield the figures of the Allan deviation; the first one says what the marks of all mean."""
+    for sensor in sensors:
+        drawn, caption = (
+            partial(svg, report, sensor),
+            f"{SENSOR_TITLES[sensor]}, Allan deviation in {_unit(sensor, 'B')}",
+        )
+        first = sensor == sensors[0]
+        caption += f"; {record_line(report)}." if first else "; marks as above."
+        legend = f"{legend_text(report, sensors)}." if first else ""
+        yield Figure(caption, _curve_table(report, sensor), drawn, legend)
 
 
 def _curve_table(report: Report, sensor: str) -> DataTable:
@@ -265,25 +319,26 @@ def _curve_table(report: Report, sensor: str) -> DataTable:
     return DataTable((f"{SENSOR_TITLES[sensor]}: τ, s", *(f"{axis}, {unit}" for axis in curves)), rows)
 
 
-def _point_text(curve: Allan, at: int) -> str:
+def _point_text(curve: Allan, octave: int) -> str:
     """Return the deviation at an averaging time with its 95 % limits."""
-    if at >= len(curve.sigma):
+    if octave >= len(curve.sigma):
         return "–"
-    return with_limits(curve.sigma[at], curve.low[at], curve.high[at])
+    return with_limits(curve.sigma[octave], curve.low[octave], curve.high[octave])
 
 
 # ---------------------------------------------------------------- limits of the grades
 
 
 def _grade_limits(report: Report) -> Iterator[Element]:
+    """Yield the limits of the grades, with those of this sensor emphasised."""
     if not report.limits:
         return
     columns = [(s, c) for s in INERTIAL for c in GRADED if c in report.limits.get(s, {})]
     rows = tuple((name, *(_limit_text(report, s, c, name) for s, c in columns)) for name in GRADES)
     units = (f"{SENSOR_TITLES[s].lower()} {c}, {_unit(s, c)}" for s, c in columns)
-    own = {grade.nearest for grade in report.grade.values()}
+    reached = {grade.nearest for grade in report.grade.values()}
     yield Heading("Limits of the grades")
-    strong = frozenset(i for i, name in enumerate(GRADES) if name in own)
+    strong = frozenset(i for i, name in enumerate(GRADES) if name in reached)
     yield DataTable(("at most", *units), rows, strong=strong)
     yield Paragraph(
         "Limits of classes of sensors, not of a device: VectorNav Technologies, Inertial Navigation Primer, table 3.1. "
@@ -314,17 +369,28 @@ def _filters(filters: FilterReport) -> Iterator[Element]:
     if not filters.channels:
         return
     yield Heading("For a Kalman filter")
-    rows = []
-    for name, made in filters.channels.items():
-        factor = figures(made.walk_factor, 2) if made.walk_factor is not None else "K is only bounded"
-        nees = (max(made.nees.n_and_k), max(made.nees.white_walk))
+    rows, correlated = [], any(channel.markov is not None for channel in filters.channels.values())
+    for name, parameters in filters.channels.items():
+        factor = (
+            figures(parameters.walk_factor, 2) if parameters.walk_factor is not None else "K is only bounded"
+        )
+        nees = (max(parameters.nees.n_and_k), max(parameters.nees.white_walk))
         white, walk = (pretty(COEFFICIENTS[letter].units[sensor_of(name)].si) for letter in "NK")
-        values = (f"{made.white:.3e} {white}", f"{made.walk:.3e} {walk}")
+        values = [f"{parameters.white:.3e} {white}", f"{parameters.walk:.3e} {walk}"]
+        if correlated:
+            markov = parameters.markov
+            text = (
+                None
+                if markov is None
+                else f"{markov.sigma:.3e} {parameters.unit}, {figures(markov.time_constant_s)} s"
+            )
+            values.append(text or "–")
         rows.append((name, *values, factor, *(figures(value, 3) for value in nees)))
     head = (
         "",
         "white noise",
         "walk",
+        *(["correlated noise: σ, time constant"] if correlated else []),
         "walk over K",
         "NEES of N and K alone",
         "NEES of white and walk",
@@ -336,42 +402,46 @@ def _filters(filters: FilterReport) -> Iterator[Element]:
     )
     for sensor in QUANTITIES:
         if (shown := shown_axis(filters, sensor)) is not None:
-            axis, made = shown
+            axis, parameters = shown
             caption = (
                 f"{SENSOR_TITLES[sensor]} {axis}, predicted error of the {QUANTITIES[sensor][0]} since the last "
                 "fix, root mean square: solid or first, what a filter has; dashed or second, what it states."
             )
-            yield Figure(caption, filter_table(sensor, axis, made), partial(filter_svg, sensor, made))
+            yield Figure(
+                caption, filter_table(sensor, axis, parameters), partial(filter_svg, sensor, parameters)
+            )
+
+
+def _fit_row(sensor: str, axis: str, channel: Channel) -> tuple[str, ...]:
+    """Return the quality of the fit of an axis, what is read off its curve, and its caveats."""
+    fit, quality = channel.fit, "–"
+    if fit is not None and fit.chi2 is not None and fit.dof:
+        quality = f"χ² {fit.chi2:.1f} for {fit.dof}"
+        quality += f", p {fit.p_value:.2g}" if fit.p_value is not None else ""
+    # the likelihood leaves lines and oscillations out; a reading off the curve cannot
+    lines = channel.model.lines_hz if channel.model is not None else ()
+    mark = "*" if lines or MIXED & set(channel.caveats) else ""
+    cells = []
+    for letter in NOISE:
+        value = (channel.readings or {}).get(letter)
+        factor, unit = COEFFICIENTS[letter].units[sensor].factor, _unit(sensor, letter)
+        cells.append("none" if value is None else f"{figures(value * factor)} {unit}{mark}")
+    texts = ", ".join(channel.caveats).replace("_", " ") or "–"
+    return (f"{sensor}/{axis}", quality, *cells, texts)
 
 
 def _fit(report: Report, sensors: Sequence[str]) -> Iterator[Element]:
-    rows = []
-    for sensor in sensors:
-        for axis, channel in _axes(report, sensor):
-            fit, readings = channel.fit, channel.readings
-            quality = "–"
-            if fit is not None and fit.chi2 is not None and fit.dof:
-                quality = f"χ² {fit.chi2:.1f} for {fit.dof}"
-                quality += f", p {fit.p_value:.2g}" if fit.p_value is not None else ""
-            cells = []
-            mixed = bool(MIXED & set(channel.caveats)) or (
-                channel.model is not None and channel.model.lines_hz
-            )
-            for letter in NOISE:
-                value = (readings or {}).get(letter)
-                factor = COEFFICIENTS[letter].units[sensor].factor
-                unit = _unit(sensor, letter)
-                mark = "*" if mixed else ""
-                cells.append(f"{figures(value * factor)} {unit}{mark}" if value is not None else "none")
-            texts = ", ".join(channel.caveats).replace("_", " ") or "–"
-            rows.append((f"{sensor}/{axis}", quality, *cells, texts))
+    """Yield how well the model fits each axis, and the classical readings off the curve beside it."""
+    rows = [_fit_row(sensor, axis, channel) for sensor in sensors for axis, channel in _axes(report, sensor)]
     yield Heading("The fit")
     read = (f"{letter} read" for letter in NOISE)
+    correlated = any(channel.M is not None for channel in report.channels.values())
+    markov = " + (2 M² T/τ) (1 − (T/2τ) (3 − 4 exp(−τ/T) + exp(−2τ/T)))" if correlated else ""
     yield DataTable(("", "fit", *read, "caveats"), tuple(rows))
     yield Paragraph(
         "N, B and K above come from one likelihood of the spectrum and of the block means of the record, without "
         "drift, temperature, lines and oscillations. The model of the figure is σ²(τ) = N²/τ + (2 ln 2/π) B² + "
-        "K² τ/3 and what these add. The classical readings off the curve (σ at "
+        f"K² τ/3{markov} and what these add. The classical readings off the curve (σ at "
         "τ = 1 s on the −½ slope, floor / 0.664, σ at τ = 3 s on the +½ slope) are for comparison: they have no "
         "limits. *: the reading has a line, a vibration or an oscillation in it, as if that were noise."
     )

@@ -6,7 +6,7 @@ are unknown or do not apply.
 kind         name                      value
 record       counters of the session   seconds, bytes or counts
 statistic    mean, std, min, max       of the samples that count
-coefficient  its letter                with 95 % limits; only `high` where it is an upper bound; Q and R where they show
+coefficient  its letter                with 95 % limits; only `high` where it is a bound (upper_bound, indistinct)
 corrected    N                         without aliasing, by the nominal factor of the sensor, where that is known
 allan        sigma                     Allan deviation at tau_s, with limits, model, noise and whether the fit uses it
 bias         degree 0, hysteresis ...  terms of the bias against the temperature, with limits
@@ -24,10 +24,11 @@ from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any
 
+from imumon.coefficients import Estimate
 from imumon.datasheet.tables import sensor_title, without_aliasing
 from imumon.evaluation import ExactCurve
 from imumon.messages import spreadsheet_cell
-from imumon.report import Allan, Channel, Estimate, Report
+from imumon.report import Allan, Channel, Report
 
 COLUMNS = (
     "kind", "channel", "name", "unit", "tau_s", "time_s", "value", "low", "high", "status", "edf", "model",
@@ -48,31 +49,33 @@ def csv_table(report: Report) -> str:
     out = io.StringIO()
     writer = csv.DictWriter(out, COLUMNS, lineterminator="\n")
     writer.writeheader()
-    made = report.evaluation.provenance if report.evaluation is not None else None
-    common = {"device": sensor_title(report), "sha256": made.input_sha256 if made is not None else None}
-    for each in _rows(report):
-        channel = report.channels.get(each.get("channel") or "")
-        caveats = report.caveats if channel is None else channel.caveats
-        row = each | common | {"caveats": " ".join(caveats)}
+    for row in table_rows(report):
         writer.writerow({name: spreadsheet_cell(value) for name, value in row.items()})
     return out.getvalue()
 
 
+def table_rows(report: Report) -> Iterator[Row]:
+    """Yield every row of the table, each with all `COLUMNS`; None is unknown or does not apply."""
+    provenance = report.evaluation.provenance if report.evaluation is not None else None
+    common = {
+        "device": sensor_title(report),
+        "sha256": provenance.input_sha256 if provenance is not None else None,
+    }
+    for row in _rows(report):
+        channel = report.channels.get(row.get("channel") or "")
+        caveats = report.caveats if channel is None else channel.caveats
+        row |= common | {"caveats": " ".join(caveats)}
+        yield {name: row.get(name) for name in COLUMNS}
+
+
 def _rows(report: Report) -> Iterator[Row]:
-    for each in fields(report.session):
-        if each.name not in COUNTERS_NOT_SHOWN:
-            unit = UNITS_OF_COUNTERS.get(each.name.rpartition("_")[2], "1")
-            yield {
-                "kind": "record",
-                "name": each.name,
-                "unit": unit,
-                "value": getattr(report.session, each.name),
-            }
+    """Yield every number of the report, without the columns that all rows have."""
+    yield from _counter_rows(report)
     budgets = report.evaluation.budgets if report.evaluation is not None else {}
     for name, channel in report.channels.items():
         yield from ({"channel": name} | row for row in _channel_rows(channel))
         factors = {letter: budget.coverage for letter, budget in budgets.get(name, {}).items()}
-        for letter, part in channel.coefficients.items():
+        for letter, part in channel.estimates.items():
             row = _coefficient(part) | {"name": letter, "k": factors.get(letter)}
             yield {"kind": "coefficient", "channel": name} | row
             if letter == "N" and (corrected := without_aliasing(report, name, part)) is not None:
@@ -80,11 +83,24 @@ def _rows(report: Report) -> Iterator[Row]:
     if report.evaluation is not None:
         yield from _evaluation_rows(report)
     for event in report.events:
-        if event.elapsed_s is not None:
+        if event.elapsed_s is not None:  # others happened without a record
             yield {
                 "kind": "event", "channel": event.channel, "name": event.kind, "unit": "s",
                 "time_s": event.elapsed_s, "value": event.length_s, "source": event.text,
             }  # fmt: skip
+
+
+def _counter_rows(report: Report) -> Iterator[Row]:
+    """Yield the counters of the session."""
+    for counter in fields(report.session):
+        if counter.name not in COUNTERS_NOT_SHOWN:
+            unit = UNITS_OF_COUNTERS.get(counter.name.rpartition("_")[2], "1")
+            yield {
+                "kind": "record",
+                "name": counter.name,
+                "unit": unit,
+                "value": getattr(report.session, counter.name),
+            }
 
 
 def _coefficient(part: Estimate) -> Row:
@@ -93,6 +109,7 @@ def _coefficient(part: Estimate) -> Row:
 
 
 def _channel_rows(channel: Channel) -> Iterator[Row]:
+    """Yield the statistics, the bias against the temperature and the Allan deviation of a channel."""
     row: Row
     for name in STATISTICS:
         yield {"kind": "statistic", "name": name, "unit": channel.unit, "value": getattr(channel, name)}
@@ -108,23 +125,24 @@ def _channel_rows(channel: Channel) -> Iterator[Row]:
 
 
 def _points(curve: Allan | ExactCurve) -> Iterator[Row]:
-    """Yield the columns of the points of a curve."""
-    names = [each.name for each in fields(curve) if each.name in (*COLUMNS, "sigma")]
+    """Yield a row for each point of a curve, with those of its columns that the table has."""
+    names = [column.name for column in fields(curve) if column.name in (*COLUMNS, "sigma")]
     for point in zip(*(getattr(curve, name) for name in names), strict=True):
         yield dict(zip(("value" if name == "sigma" else name for name in names), point, strict=True))
 
 
 def _evaluation_rows(report: Report) -> Iterator[Row]:
+    """Yield exact curves, uncertainty budgets and checks against a data sheet."""
     row: Row
-    made = report.evaluation
-    assert made is not None
-    for name, curve in made.exact.items():
+    evaluation = report.evaluation
+    assert evaluation is not None
+    for name, curve in evaluation.exact.items():
         unit = report.channels[name].unit if name in report.channels else None
         for row in _points(curve):
             yield {"kind": "exact", "channel": name, "name": "sigma", "unit": unit} | row
-    for name in dict.fromkeys((*made.budgets, *made.bias_budgets)):
-        bias = {"bias": made.bias_budgets[name]} if name in made.bias_budgets else {}
-        for letter, budget in {**made.budgets.get(name, {}), **bias}.items():
+    for name in dict.fromkeys((*evaluation.budgets, *evaluation.bias_budgets)):
+        bias = {"bias": evaluation.bias_budgets[name]} if name in evaluation.bias_budgets else {}
+        for letter, budget in {**evaluation.budgets.get(name, {}), **bias}.items():
             base = {"kind": "uncertainty", "channel": name, "name": letter, "unit": budget.unit}
             for part in budget.components:
                 yield base | {
@@ -137,8 +155,8 @@ def _evaluation_rows(report: Report) -> Iterator[Row]:
             whole = {"k": budget.coverage, "combined_low": budget.low, "combined_high": budget.high}
             yield base | {"source": "combined", "value": budget.combined, "edf": budget.dof} | whole
             yield base | {"source": "expanded, 95 %", "value": budget.expanded} | whole
-    if made.conformity is not None:
-        for check in made.conformity.checks:
+    if evaluation.conformity is not None:
+        for check in evaluation.conformity.checks:
             yield {
                 "kind": "check", "channel": check.channel, "name": check.quantity, "unit": check.unit,
                 "value": check.value, "low": check.low, "high": check.high, "limit": check.limit,

@@ -6,17 +6,19 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import NamedTuple
 
+from imumon.coefficients import NOISE
 from imumon.datasheet import figures
-from imumon.datasheet.content import datasheet_content
+from imumon.datasheet.content import datasheet_content, short_content
 from imumon.datasheet.csv_table import csv_table
-from imumon.datasheet.elements import markdown
+from imumon.datasheet.elements import Document, markdown
 from imumon.datasheet.history_figure import HistoryRows
 from imumon.datasheet.html import html_page
 from imumon.datasheet.pdf import pdf_pages
 from imumon.datasheet.program_settings import PROGRAMS, settings_document
 from imumon.datasheet.temperature_settings import curves_not_shown
 from imumon.filter_report import FilterReport
-from imumon.report import NOISE, Report, to_json
+from imumon.report import Report
+from imumon.report_json import to_json
 from imumon.samples import AXES, INERTIAL
 
 
@@ -48,6 +50,16 @@ def not_measured(report: Report, form: str) -> list[str]:
     ]
 
 
+PAGES: Mapping[str, Callable[[Document], str | bytes]] = {"md": markdown, "html": html_page, "pdf": pdf_pages}
+"""What writes the datasheet, by name of the form."""
+
+
+def short_document(report: Report, form: str, filters: FilterReport, program: str) -> bytes:
+    """Return the datasheet on two pages in one of `PAGES`, with the settings of a program; see `document`."""
+    data = PAGES[form](short_content(report, filters, program))
+    return data if isinstance(data, bytes) else data.encode(errors="replace")
+
+
 def document(report: Report, form: str, filters: FilterReport, history: HistoryRows = ()) -> bytes:
     """Return the document of a report in one of the `FORMS`.
 
@@ -63,6 +75,7 @@ def document(report: Report, form: str, filters: FilterReport, history: HistoryR
     """
     sheet = FORMS[form].history
     data = FORMS[form].make(report, filters, history) if sheet else FORMS[form].make(report, filters)
+    # the name of a file may hold bytes that no encoding has
     return data if isinstance(data, bytes) else data.encode(errors="replace")
 
 

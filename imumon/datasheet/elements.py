@@ -85,6 +85,7 @@ def markdown(document: Document) -> str:
 
 
 def _markdown_element(element: Element) -> str:
+    """Return an element as Markdown; empty if it has no text."""
     match element:
         case Heading(text):
             return f"## {_escaped(text)}"
@@ -103,6 +104,7 @@ def _markdown_element(element: Element) -> str:
 
 
 def _markdown_table(table: DataTable) -> str:
+    """Return a table with columns of even width, which also reads well as plain text."""
     rows = [
         tuple(f"**{_escaped(cell)}**" if i in table.strong else _escaped(cell) for cell in row)
         for i, row in enumerate(table.rows)

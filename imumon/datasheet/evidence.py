@@ -11,11 +11,11 @@ from datetime import datetime, timedelta
 from imumon.coefficients import COEFFICIENTS, unit_of
 from imumon.datasheet.elements import DataTable, Element, Heading, Paragraph
 from imumon.datasheet.tables import coefficient_text, with_limits
-from imumon.evaluation import Conformity, LimitCheck, UncertaintyBudget, UncertaintyComponent
+from imumon.evaluation import Conformity, LimitCheck, Provenance, UncertaintyBudget, UncertaintyComponent
 from imumon.messages import one_warmup
 from imumon.report import Event, Report, stamp
 from imumon.samples import sensor_of
-from imumon.units import figures, pretty, share_text
+from imumon.units import figures, pretty, sentence, share_text
 
 QUANTITIES = {"floor": "floor (0.664 B)", "density": "density (√2 N)"}
 """Names of quantities that are not N, B or K."""
@@ -35,16 +35,16 @@ LEAST_SHARE = 1e-5
 
 def conformity_elements(report: Report) -> Iterator[Element]:
     """Yield the check against the data sheet of the device."""
-    made = report.evaluation.conformity if report.evaluation is not None else None
-    if made is None:
+    conformity = report.evaluation.conformity if report.evaluation is not None else None
+    if conformity is None:
         return
-    yield Heading(f"Data sheet: {made.title}")
-    remarks = any(check.reason for check in made.checks)
-    rows = [_check_row(check)[: 7 if remarks else 6] for check in made.checks]
+    yield Heading(f"Data sheet: {conformity.title}")
+    remarks = any(check.reason for check in conformity.checks)
+    rows = [_check_row(check)[: 7 if remarks else 6] for check in conformity.checks]
     head = ("", "quantity", "measured (95 % limits)", "at most", "verdict", "probability", "remark")
     if rows:
         yield DataTable(head[: 7 if remarks else 6], tuple(rows))
-    yield Paragraph(_sheet_text(made))
+    yield Paragraph(_sheet_text(conformity))
     yield Paragraph(
         "Pass: the upper 95 % limit does not exceed the limit. Fail: the lower one does. Else undecided (guard band "
         "after JCGM 106:2012). The limits are the combined ones of the uncertainty budget, and the probability of "
@@ -53,14 +53,15 @@ def conformity_elements(report: Report) -> Iterator[Element]:
     )
 
 
-def _sheet_text(made: Conformity) -> str:
+def _sheet_text(conformity: Conformity) -> str:
+    """Return where the limits come from, and what their quantities mean."""
     parts = [
-        made.document,
-        f"edition: {made.edition or 'not named'}",
-        made.source and f"source: {made.source}",
+        conformity.document,
+        f"edition: {conformity.edition or 'not named'}",
+        conformity.source and f"source: {conformity.source}",
     ]
-    meanings = [text for name, text in MEANINGS.items() if any(c.quantity == name for c in made.checks)]
-    text = f"{'; '.join(part for part in parts if part)}. {' '.join(meanings)} {made.note or ''}"
+    meanings = [text for name, text in MEANINGS.items() if any(c.quantity == name for c in conformity.checks)]
+    text = f"{'; '.join(part for part in parts if part)}. {' '.join(meanings)} {conformity.note or ''}"
     return " ".join(text.split())
 
 
@@ -85,20 +86,20 @@ def _percent(probability: float) -> str:
 
 def evidence_lines(report: Report) -> list[str]:
     """Return the checks and the exact curve as lines of text, for a terminal."""
-    made = report.evaluation
-    if made is None:
+    evaluation = report.evaluation
+    if evaluation is None:
         return []
     lines = []
-    if made.conformity is not None and made.conformity.checks:
-        lines.append(f"data sheet: {made.conformity.title} ({made.conformity.document})")
-        for check in made.conformity.checks:
-            name, _, value, limit, found, chance, reason = _check_row(check)
+    if evaluation.conformity is not None and evaluation.conformity.checks:
+        lines.append(f"data sheet: {evaluation.conformity.title} ({evaluation.conformity.document})")
+        for check in evaluation.conformity.checks:
+            name, _, value, limit, verdict, chance, reason = _check_row(check)
             probability = "" if check.probability is None else f", probability {chance}"
             more = f" ({reason})" if reason else ""
             lines.append(
-                f"  {name:<8} {check.quantity:<7} {value}, at most {limit}: {found}{probability}{more}"
+                f"  {name:<8} {check.quantity:<7} {value}, at most {limit}: {verdict}{probability}{more}"
             )
-    if made.exact:
+    if evaluation.exact:
         lines.append("exact Allan deviation: largest difference of the curve of the fit")
         lines += [
             f"  {name:<8} {largest} (shorter half {short}; {octaves} octaves)"
@@ -112,13 +113,13 @@ def evidence_lines(report: Report) -> list[str]:
 
 def budget_elements(report: Report) -> Iterator[Element]:
     """Yield the uncertainty budget of the measured coefficients."""
-    made = report.evaluation
-    if made is None or not report.channels:
+    evaluation = report.evaluation
+    if evaluation is None or not report.channels:
         return
     yield Heading("Uncertainty budget")
     pairs = [
         (name, letter, budget)
-        for name, budgets in made.budgets.items()
+        for name, budgets in evaluation.budgets.items()
         for letter, budget in budgets.items()
         if letter in COEFFICIENTS and sensor_of(name) in COEFFICIENTS[letter].units
     ]
@@ -137,30 +138,30 @@ def budget_elements(report: Report) -> Iterator[Element]:
             "bound of what the record does not show, not combined. –: not known, not combined. "
             f"{_bases([budget for *_, budget in pairs])}"
         )
-    yield from _bias_elements(made.bias_budgets)
+    yield from _bias_elements(evaluation.bias_budgets)
     bounded = "Coefficients that are only bounded have no budget." if pairs else "Nothing is measured yet."
-    yield Paragraph(f"{bounded} Not covered: {'; '.join(made.not_covered)}.")
+    yield Paragraph(f"{bounded} Not covered: {'; '.join(evaluation.not_covered)}.")
 
 
 def _part(budget: UncertaintyBudget, source: str) -> UncertaintyComponent | None:
-    return next((each for each in budget.components if each.source == source), None)
+    return next((component for component in budget.components if component.source == source), None)
 
 
 def _bias_elements(budgets: Mapping[str, UncertaintyBudget]) -> Iterator[Element]:
     """Yield the budget of the bias; nothing if no power-ups are known."""
     rows = []
     for name, budget in budgets.items():
-        own = unit_of(sensor_of(name), "B", budget.unit)
+        unit = unit_of(sensor_of(name), "B", budget.unit)
         parts = [_part(budget, source) for source in BIAS_SOURCES]
         sizes = [None if part is None or part.standard is None else part.standard for part in parts]
         rows.append(
             (
                 f"{name} bias",
-                f"{figures(budget.value * own.factor, 4)} {pretty(own.unit)}",
-                *("–" if size is None else figures(size * own.factor, 2) for size in sizes),
-                figures(budget.combined * own.factor, 2),
+                f"{figures(budget.value * unit.factor, 4)} {pretty(unit.unit)}",
+                *("–" if size is None else figures(size * unit.factor, 2) for size in sizes),
+                figures(budget.combined * unit.factor, 2),
                 f"{budget.coverage:.2f}",
-                f"±{figures(budget.expanded * own.factor, 2)} {pretty(own.unit)}",
+                f"±{figures(budget.expanded * unit.factor, 2)} {pretty(unit.unit)}",
             )
         )
     if rows:
@@ -174,8 +175,10 @@ def _bias_elements(budgets: Mapping[str, UncertaintyBudget]) -> Iterator[Element
 def _budget_row(
     report: Report, name: str, letter: str, budget: UncertaintyBudget, sources: Sequence[str]
 ) -> tuple[str, ...]:
+    """Return a coefficient with its components in percent, the coverage factor and its limits."""
     readable = COEFFICIENTS[letter].units[sensor_of(name)]
-    parts = {each.source: each for each in budget.components}
+    parts = {component.source: component for component in budget.components}
+    # a source that a budget does not have contributes nothing, such as resolution to values with enough digits
     shares = (_share(parts[source], budget.value) if source in parts else "0" for source in sources)
     channel = report.channels.get(name)
     limits = coefficient_text(channel.coefficients.get(letter)) if channel is not None else ""
@@ -201,14 +204,14 @@ def _percent_of(part: float, whole: float) -> str:
 
 
 def _bases(budgets: list[UncertaintyBudget]) -> str:
-    """Return what each component rests on."""
+    """Return on what each component of the budgets rests, a sentence for each."""
     texts = []
     for source in SOURCES:
-        found = [c for budget in budgets for c in budget.components if c.source == source]
-        bases = dict.fromkeys(each.basis for each in found)
-        if found:
-            texts.append(f"{source} (type {found[0].kind}): {'; '.join(bases).replace('^2', '²')}")
-    text = ". ".join(f"{each[0].upper()}{each[1:]}" for each in texts)
+        components = [c for budget in budgets for c in budget.components if c.source == source]
+        bases = dict.fromkeys(component.basis for component in components)
+        if components:
+            texts.append(f"{source} (type {components[0].kind}): {'; '.join(bases).replace('^2', '²')}")
+    text = ". ".join(sentence(part) for part in texts)
     return f"{text}."
 
 
@@ -261,28 +264,32 @@ def exact_elements(report: Report) -> Iterator[Element]:
 def traceability_elements(report: Report) -> Iterator[Element]:
     """Yield program, input, options and what was excluded."""
     evaluation = report.evaluation
-    if evaluation is None or (made := evaluation.provenance) is None:
+    if evaluation is None or evaluation.provenance is None:
         return
-    size = f", {made.input_bytes:,} bytes" if made.input_bytes is not None else ""
-    programs = [made.software, ", ".join(f"{name} {number}" for name, number in made.libraries.items())]
-    guards = {True: "on", False: "off: nothing is excluded", None: "unknown"}[made.guards]
-    options = [f"{name} {text}".strip() for name, text in made.options.items()]
-    rows = [
-        ("Program", "; ".join(filter(None, programs))),
-        ("Revision", made.commit or "unknown: not recorded when it was built"),
-        *([("Document", f"written by {made.written_by}")] if made.written_by else []),
-        ("Report format", report.schema),
-        ("Computed", f"{made.made or 'unknown'}{f', on {made.host}' if made.host else ''}"),
-        ("Input", f"{made.input or made.input_reason or 'unknown'}{size}"),
-        ("SHA-256", _sha256(made.input_sha256, made.input_reason)),
-        ("Options", ", ".join(options) or "none"),
-        ("Guards", guards),
-        ("Data sheet", evaluation.conformity.document if evaluation.conformity else _no_sheet(report)),
-    ]
+    sheet = evaluation.conformity.document if evaluation.conformity else _no_sheet(report)
     yield Heading("Traceability")
-    yield DataTable(("", ""), tuple(rows))
+    rows = (*_provenance_rows(evaluation.provenance, report.schema), ("Data sheet", sheet))
+    yield DataTable(("", ""), rows)
     if intervals := list(_excluded(report)):
         yield DataTable(("begin", "end", "begin, UTC", "excluded"), tuple(intervals))
+
+
+def _provenance_rows(provenance: Provenance, schema: str) -> Iterator[tuple[str, str]]:
+    """Yield what made the numbers, of what, and how; what is unknown is named, too."""
+    size = f", {provenance.input_bytes:,} bytes" if provenance.input_bytes is not None else ""
+    libraries = ", ".join(f"{name} {number}" for name, number in provenance.libraries.items())
+    guards = {True: "on", False: "off: nothing is excluded", None: "unknown"}[provenance.guards]
+    options = [f"{name} {text}".strip() for name, text in provenance.options.items()]
+    yield "Program", "; ".join(filter(None, (provenance.software, libraries)))
+    yield "Revision", provenance.commit or "unknown: not recorded when it was built"
+    if provenance.written_by:  # a report of a file may be older than the program that writes the document
+        yield "Document", f"written by {provenance.written_by}"
+    yield "Report format", schema
+    yield "Computed", f"{provenance.made or 'unknown'}{f', on {provenance.host}' if provenance.host else ''}"
+    yield "Input", f"{provenance.input or provenance.input_reason or 'unknown'}{size}"
+    yield "SHA-256", _sha256(provenance.input_sha256, provenance.input_reason)
+    yield "Options", ", ".join(options) or "none"
+    yield "Guards", guards
 
 
 def _sha256(digest: str | None, reason: str | None) -> str:

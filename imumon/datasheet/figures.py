@@ -8,14 +8,16 @@ their marks, for readers who cannot distinguish the colours. A file also has the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from imumon.coefficients import COEFFICIENTS, INDISTINCT_WORD, MARKOV, NOISE, Estimate
 from imumon.datasheet.plotting import (
     COLOURS,
     INCHES,
     MARKERS,
+    axes_for,
     draw_grid,
     draw_legend,
     figure_style,
@@ -32,7 +34,8 @@ from imumon.datasheet.tables import (
     shown_letters,
 )
 from imumon.errors import ImumonError
-from imumon.report import COEFFICIENTS, NOISE, Allan, LimitCurve, Report
+from imumon.messages import NOT_APART, has_indistinct
+from imumon.report import Allan, Channel, LimitCurve, Report
 from imumon.units import pretty
 
 if TYPE_CHECKING:
@@ -85,16 +88,17 @@ def _write_values(values: Axes, report: Report, sensor: str) -> None:
     """Write the coefficients of the axes with their limits below a panel."""
     values.set_axis_off()
     letters = shown_letters(channel for _, channel in sensor_axes(report, sensor))
-    places = [0.0, *(0.025 + 0.975 * k / len(letters) for k in range(len(letters)))]
-    for k, (axis, channel) in enumerate(sensor_axes(report, sensor)):
-        columns = [axis]
-        for letter in letters:
-            part = channel.coefficients.get(letter)
-            unit = f" {pretty(part.readable.unit)}" if part and part.status != "pending" else ""
-            columns.append(f"{letter} {coefficient_text(part)}{unit}" if part or letter in NOISE else "")
-        for at, text in zip(places, columns, strict=True):
+    rows = [
+        (axis, [_value_text(letter, channel.estimates.get(letter)) for letter in letters])
+        for axis, channel in sensor_axes(report, sensor)
+    ]
+    # as wide as their longest text
+    widths = [4 + max(map(len, column)) for column in zip(*(texts for _, texts in rows), strict=True)]
+    places = [0.025 + 0.975 * sum(widths[:k]) / sum(widths) for k in range(len(widths))]
+    for k, (axis, texts) in enumerate(rows):
+        for left, text in zip([0.0, *places], [axis, *texts], strict=True):
             values.text(
-                at,
+                left,
                 1.0 - 0.36 * k,
                 text,
                 fontsize=7.2,
@@ -104,16 +108,25 @@ def _write_values(values: Axes, report: Report, sensor: str) -> None:
             )
 
 
+def _value_text(letter: str, part: Estimate | None) -> str:
+    """Return a coefficient with its letter, limits and unit; empty if a channel need not have it."""
+    unit = f" {pretty(part.readable.unit)}" if part and part.status != "pending" else ""
+    return f"{letter} {coefficient_text(part)}{unit}" if part or letter in NOISE else ""
+
+
 def legend_text(report: Report, sensors: Sequence[str]) -> str:
     """Return what the marks of a figure mean."""
     limits = "; dotted: the limits of the grades" if any(s in report.limit_curves for s in sensors) else ""
     exact = report.evaluation is not None and report.evaluation.exact
     dots = "; dots: fully overlapping, exact" if exact else ""
+    hump = dashes = ""
+    if any(channel.M is not None for sensor in sensors for _, channel in sensor_axes(report, sensor)):
+        hump, dashes = ", 0.617 M", "; dashed: correlated noise (Gauss–Markov, M) alone"
     return (
-        "Overlapping Allan deviation with 95 % limits (bands) and fitted model (lines; thin: N, B and K alone, "
-        "where it has more); hollow: octaves that the fit does not use; bars: N/√τ, 0.664 B and K√(τ/3) with "
-        "95 % limits; arrows: 95 % upper bounds"
-        f"{dots}{limits}"
+        "Overlapping Allan deviation with 95 % limits (bands) and fitted model (lines; thin: its noise alone, "
+        f"where it has more); hollow: octaves that the fit does not use; bars: N/√τ, 0.664 B{hump} and K√(τ/3) with "
+        f"95 % limits; arrows: 95 % upper bounds{dashes}"
+        f"{dots}{limits}{f'; {INDISTINCT_WORD}: {NOT_APART}' if has_indistinct(report) else ''}"
     )
 
 
@@ -125,11 +138,30 @@ def svg(report: Report, sensor: str) -> str:
     return page_svg(lambda panel: _draw(panel, report, sensor), sensor, label)
 
 
+def draw_allan(report: Report, sensor: str, ax: Axes | None = None) -> Axes:
+    """Draw the curves of a sensor and return the axes of the figure.
+
+    Parameters
+    ----------
+    ax : where to draw; None: a figure of its own.
+
+    Raises
+    ------
+    NoCurve : the record is too short.
+    """
+    if not _drawable(readable_curves(report, sensor)):
+        raise NoCurve("no_curve", "there is no curve to draw yet", "record longer")
+    panel = axes_for(ax)
+    _draw(panel, report, sensor)
+    return panel
+
+
 def _drawable(curves: Mapping[str, Allan]) -> bool:
     return any(sigma > 0.0 for curve in curves.values() for sigma in curve.sigma)
 
 
 def _draw(panel: Axes, report: Report, sensor: str) -> None:
+    """Draw the curves of a sensor into a panel, from the back to the front."""
     curves = readable_curves(report, sensor)
     scale = COEFFICIENTS["B"].units[sensor]
     marks = list(_marks(report, sensor, curves))
@@ -142,6 +174,7 @@ def _draw(panel: Axes, report: Report, sensor: str) -> None:
     for axis, curve in curves.items():
         _draw_curve(panel, axis, curve)
     exact = _draw_exact(panel, report, sensor, curves)
+    _draw_markov(panel, report, sensor, curves)
     _draw_marks(panel, marks)
     _draw_legend(panel, list(curves), exact=exact)
 
@@ -153,6 +186,7 @@ def _extent(
     taus = [tau for curve in curves.values() for tau in curve.tau_s]
     sigmas = [sigma for curve in curves.values() for sigma in curve.sigma if sigma > 0.0]
     limits = [v for c in curves.values() for v in (*c.low, *c.high) if v is not None and v > 0.0]
+    # the points decide; limits may be decades away where few samples count
     low = max(min([*sigmas, *limits]), min(sigmas) / WIDEST_LIMIT)
     high = min(max([*sigmas, *limits]), max(sigmas) * WIDEST_LIMIT)
     low = min([low, *(max(floor / ROOM, low / WIDEST_LIMIT) for floor in floors)])
@@ -233,43 +267,79 @@ def _marks(report: Report, sensor: str, curves: Mapping[str, Allan]) -> Iterator
         first, last = curve.tau_s[0], curve.tau_s[-1]
         noise = [(value, tau) for value, tau in zip(curve.noise, curve.tau_s, strict=True) if value]
         lowest = min(noise)[1] if noise else math.sqrt(first * last)
-        for letter, each in channel.coefficients.items():
-            part = each.stated
+        for letter, coefficient in channel.estimates.items():
+            part = coefficient.stated
             if part.status == "pending" or part.high is None:
                 continue
             row = COEFFICIENTS[letter]
-            place = RISING_SHARE * last if row.slope > 0.0 else row.read_s or lowest
+            place = RISING_SHARE * last if row.slope > 0.0 else row.mark_s(lowest, _time_constant_s(channel))
+            if place is None:
+                continue
+            # beside one another: the axes of a sensor are often equal
             tau = min(max(place * ROOM ** (k - 1), first * ROOM), last / ROOM)
-            scale = factor * row.deviation(tau)
+            scale = factor * row.deviation(tau, _time_constant_s(channel))
             value = part.value * scale if part.value is not None and part.status == "measured" else None
             yield _Mark(axis, letter, tau, value, (part.low or 0.0) * scale, part.high * scale)
+
+
+def _time_constant_s(channel: Channel) -> float | None:
+    """Return the measured time constant of the correlated noise, s; None: it is not known."""
+    return channel.M.time_constant_s.value if channel.M is not None else None
+
+
+def _draw_markov(panel: Axes, report: Report, sensor: str, axes: Iterable[str]) -> None:
+    """Draw the measured correlated noise alone, whose hump no straight line shows."""
+    import numpy as np
+
+    row = COEFFICIENTS[MARKOV.sigma]
+    tau = np.geomspace(*panel.get_xlim(), 200)
+    for axis in axes:
+        channel = report.channels[f"{sensor}/{axis}"]
+        part, time_constant_s = channel.estimates.get(row.letter), _time_constant_s(channel)
+        if part is None or not part.value or time_constant_s is None:
+            continue
+        scale = part.value * row.units[sensor].factor
+        sigma = [scale * row.deviation(tau_s, time_constant_s) for tau_s in tau.tolist()]
+        panel.plot(tau, sigma, color=COLOURS[axis], linewidth=0.8, linestyle=(0, (5, 2)))
 
 
 def _draw_marks(panel: Axes, marks: Sequence[_Mark]) -> None:
     """Draw the coefficients as bars over their 95 % limits, upper bounds as arrows, with one letter for the axes."""
     bottom, top = panel.get_ylim()
+    # one that lies outside would be drawn at the edge, where nothing has its value
     marks = [mark for mark in marks if bottom < mark.level and mark.high < top]
     for mark in marks:
-        slope, colour = COEFFICIENTS[mark.letter].slope, COLOURS[mark.axis]
-        level, end = mark.level, mark.high / ROOM**2 if mark.value is None else mark.low
-        wide = (mark.tau_s / ROOM, mark.tau_s * ROOM)
-        line = [level * (t / mark.tau_s) ** slope for t in wide]
-        panel.plot(wide, line, color=colour, linewidth=0.8, linestyle=(0, (3, 2)), zorder=3.0)
-        panel.errorbar(
-            mark.tau_s, level, [[level - max(end, bottom)], [mark.high - level]], uplims=mark.value is None,
-            fmt="_", color=colour, markersize=15, markeredgewidth=1.4, elinewidth=1.4, capsize=4, zorder=3.1,
-        )  # fmt: skip
+        _draw_mark(panel, mark)
     for letter in COEFFICIENTS:
-        if shown := [
-            mark for mark in marks if mark.letter == letter
-        ]:  # the floor is below the curve, others on it
-            mark = min(shown, key=lambda m: m.low) if letter == "B" else max(shown, key=lambda m: m.high)
-            below = letter == "B" and mark.value is not None
-            panel.annotate(
-                letter, (mark.tau_s, max(mark.low, bottom) if below else mark.high), (0, -3 if below else 3),
-                textcoords="offset points", ha="center", va="top" if below else "bottom", fontsize=9,
-                fontweight="bold", zorder=3.3,
-            )  # fmt: skip
+        if shown := [mark for mark in marks if mark.letter == letter]:
+            _draw_letter(panel, letter, shown)
+
+
+def _draw_mark(panel: Axes, mark: _Mark) -> None:
+    """Draw a piece of the asymptote, and a bar over its limits or an arrow down from its bound."""
+    bottom, _ = panel.get_ylim()
+    slope, colour = COEFFICIENTS[mark.letter].slope, COLOURS[mark.axis]
+    level, end = mark.level, mark.high / ROOM**2 if mark.value is None else mark.low
+    wide = (mark.tau_s / ROOM, mark.tau_s * ROOM)
+    line = [level * (t / mark.tau_s) ** slope for t in wide]
+    panel.plot(wide, line, color=colour, linewidth=0.8, linestyle=(0, (3, 2)), zorder=3.0)
+    panel.errorbar(
+        mark.tau_s, level, [[level - max(end, bottom)], [mark.high - level]], uplims=mark.value is None,
+        fmt="_", color=colour, markersize=15, markeredgewidth=1.4, elinewidth=1.4, capsize=4, zorder=3.1,
+    )  # fmt: skip
+
+
+def _draw_letter(panel: Axes, letter: str, marks: Sequence[_Mark]) -> None:
+    """Write the letter of a coefficient once, at the outermost of the marks of its axes."""
+    bottom, _ = panel.get_ylim()
+    # the floor is below the curve, others on it
+    mark = min(marks, key=lambda m: m.low) if letter == "B" else max(marks, key=lambda m: m.high)
+    below = letter == "B" and mark.value is not None
+    panel.annotate(
+        letter, (mark.tau_s, max(mark.low, bottom) if below else mark.high), (0, -3 if below else 3),
+        textcoords="offset points", ha="center", va="top" if below else "bottom", fontsize=9,
+        fontweight="bold", zorder=3.3,
+    )  # fmt: skip
 
 
 def _draw_legend(panel: Axes, axes: Sequence[str], *, exact: bool) -> None:

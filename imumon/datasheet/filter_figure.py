@@ -62,12 +62,14 @@ def filter_svg(sensor: str, channel: FilterChannel) -> str:
 
 def _errors(channel: FilterChannel, name: str, factor: float) -> tuple[list[float], list[float]]:
     """Return the root mean square of the error that a filter has, and the one that it states."""
+    # NEES is the mean square of the error over the variance that the filter states
     stated = [factor * value for value in getattr(channel.std, name)]
     nees = getattr(channel.nees, name)
     return [s * math.sqrt(ratio) for s, ratio in zip(stated, nees, strict=True)], stated
 
 
 def _draw(panel: Axes, channel: FilterChannel, factor: float) -> None:
+    """Draw the error that each filter has, and the one that it states, against the time."""
     from matplotlib.lines import Line2D
 
     handles = []

@@ -1,10 +1,11 @@
 """Numbers for filters with their comments: what the settings of other software are made of.
 
-Rules: `white` is N, `walk` is the random walk of `filter_report`: the smallest that keeps a Kalman filter
-consistent up to the horizon. Where a program takes one number for three axes, the worst axis decides. A
-coefficient that the record does not show counts with half its 95 % upper bound. Where not even a bound is known,
-the setting is a comment without a number. Every number carries its unit, where it comes from, its factor against
-plain K, and the length of the record. Every caveat comes first. No margin for the vehicle is added.
+Rules: `white` is N, `walk` is the random walk of `filter_report`: the smallest that keeps a Kalman filter consistent
+up to the horizon. It covers B, K and M together, where a program has no state for correlated noise. Where a
+program takes one number for three axes, the worst axis decides. A coefficient that the record does not show counts
+with half its 95 % upper bound. Where not even a bound is known, the setting is a comment without a number. Every
+number carries its unit, where it comes from, its factor against plain K, and the length of the record. Every caveat
+comes first. No margin for the vehicle is added.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from imumon.coefficients import MARKOV, NOISE, Estimate
 from imumon.datasheet.tables import SENSOR_TITLES, filter_warning, record_title, sensor_axes, sensor_title
 from imumon.filter_report import FIX_WORDS, FilterReport
 from imumon.messages import (
@@ -22,8 +24,8 @@ from imumon.messages import (
     line,
     no_value_text,
 )
-from imumon.report import NOISE, Estimate, Report
-from imumon.samples import INERTIAL
+from imumon.report import Report
+from imumon.samples import INERTIAL, sensor_of
 from imumon.units import duration, figures
 
 NAMES = {sensor: SENSOR_TITLES[sensor].lower() for sensor in INERTIAL}
@@ -43,6 +45,12 @@ BOUNDED = {
     "K": "K not seen in this record: made for half its 95 % upper bound",
 }
 """Comments after a number that rests on a bound."""
+INDISTINCT = "the record shows B, K or M, not which: made for half the 95 % upper bound of each"
+"""Comment after a walk that rests on coefficients which the record does not separate."""
+
+
+PLAIN_K = "plain K (--walk K): a filter without a state for flicker is too sure of its bias with it"
+"""Comment of a walk that is K alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +66,9 @@ def axis_values(report: Report, filters: FilterReport, sensor: str, letter: str)
     """Return white noise ("N") or walk ("K") of the axes where it is known, SI."""
     values = {}
     for axis, channel in sensor_axes(report, sensor):
-        made = filters.channels.get(f"{sensor}/{axis}")
+        parameters = filters.channels.get(f"{sensor}/{axis}")
         if letter == "K":
-            size = made.walk if made is not None else None
+            size = parameters.walk if parameters is not None else None
         else:
             n = channel.coefficients.get("N")
             size = n.size if n is not None else None
@@ -87,23 +95,41 @@ def worst_axis(report: Report, filters: FilterReport, sensor: str, letter: str) 
         lines.append(f"  N of the fit; rests on {_rests_on(report)}")
     else:
         lines += [f"  {name}: {_walk_text(report, filters, f'{sensor}/{name}')}" for name in parts]
-        lines += [
-            f"  from N, B and K: the smallest with NEES <= 1.25 for 1 to {filters.horizon_s:g} s without a fix;",
-            f"  rests on {_rests_on(report)}",
-        ]
-    measured = parts[axis].status == "measured"
-    return FilterValue(values[axis], tuple(lines), "" if measured else f"  # {BOUNDED[letter]}")
+        if filters.walk_rule == "K":
+            lines += [f"  {PLAIN_K}", f"  rests on {_rests_on(report)}"]
+        else:
+            lines += [
+                f"  from {_origin(filters, sensor)}: the smallest with NEES <= 1.25 "
+                f"for 1 to {filters.horizon_s:g} s without a fix;",
+                f"  rests on {_rests_on(report)}",
+            ]
+    status = parts[axis].status
+    comment = INDISTINCT if status == "indistinct" else BOUNDED[letter]
+    return FilterValue(values[axis], tuple(lines), "" if status == "measured" else f"  # {comment}")
+
+
+def _origin(filters: FilterReport, sensor: str) -> str:
+    """Return the coefficients that the walks of a sensor are made from."""
+    own = [channel for name, channel in filters.channels.items() if sensor_of(name) == sensor]
+    letters = [*NOISE, *([MARKOV.sigma] if any(channel.markov is not None for channel in own) else [])]
+    return f"{', '.join(letters[:-1])} and {letters[-1]}"
 
 
 def _walk_text(report: Report, filters: FilterReport, name: str) -> str:
     """Return the walk of a channel, its factor against K, and K."""
-    part, made = report.channels[name].coefficients.get("K"), filters.channels.get(name)
-    if made is None or part is None:
+    part, parameters = report.channels[name].coefficients.get("K"), filters.channels.get(name)
+    if parameters is None or part is None:
         return f"not known: {' or '.join(NOISE)} is unknown"
-    if made.walk_factor is None:
-        share = f"{figures(made.walk / made.assumed.K, 2)} times" if made.assumed.K > 0.0 else "made for"
-        return f"{made.walk:.4e}, {share} K {made.assumed.K:.3e}: half its bound, K {value_text(part)}"
-    return f"{made.walk:.4e}, {figures(made.walk_factor, 2)} times K {value_text(part)}"
+    if parameters.walk_factor is None:
+        k = parameters.assumed.K
+        share = f"{figures(parameters.walk / k, 2)} times" if k > 0.0 else "made for"
+        text = f"{parameters.walk:.4e}, {share} K {k:.3e}: half its bound, K {value_text(part)}"
+    else:
+        text = f"{parameters.walk:.4e}, {figures(parameters.walk_factor, 2)} times K {value_text(part)}"
+    markov = parameters.markov
+    if markov is None:
+        return text
+    return f"{text}; with M {markov.sigma:.3e}, {figures(markov.time_constant_s)} s"
 
 
 def _rests_on(report: Report) -> str:
@@ -133,7 +159,8 @@ def value_text(part: Estimate) -> str:
         return f"{value:.4e}{limits}"
 
     pending = no_value_text(part) or "not known yet"
-    return part.stated.text(value, lambda high: f"< {high:.3e} (95 %), not seen", pending)
+    seen = "not seen" if part.status == "upper_bound" else part.reason
+    return part.stated.text(value, lambda high: f"< {high:.3e} (95 %), {seen}", pending, indistinct="")
 
 
 def settings_header(report: Report, filters: FilterReport) -> list[str]:
@@ -142,7 +169,9 @@ def settings_header(report: Report, filters: FilterReport) -> list[str]:
     lines = [
         f"{sensor_title(report)}: noise at rest, measured by imumon, {report.time}",
         f"{record_title(report)}, {duration(excluded) if excluded else 'nothing'} excluded",
-        f"walks for at most {filters.horizon_s:g} s without a fix: imumon report --horizon",
+        "walks are plain K: imumon report --walk"
+        if filters.walk_rule == "K"
+        else f"walks for at most {filters.horizon_s:g} s without a fix: imumon report --horizon",
     ]
     lines += textwrap.wrap(FIX_WORDS)
     if (short := short_record_text(report)) is not None:
@@ -188,7 +217,7 @@ def _precision(report: Report, letter: str) -> str:
     ]
     if not parts or any(part.status == "pending" for part in parts):
         return f"{letter} not known yet"
-    if any(part.status == "upper_bound" for part in parts):
+    if any(part.is_bound for part in parts):
         return f"{letter} only bounded"
     widths = [100.0 * half for part in parts if (half := part.stated.half_width) is not None]
     return f"{letter} ±{figures(max(widths), 2)} %" if widths else f"{letter} measured"

@@ -26,12 +26,12 @@ Series = dict[str, list[tuple[datetime, float, float, float]]]
 
 def series(rows: HistoryRows, sensor: str) -> Series:
     """Return time and N with its limits, SI, by axis of a sensor; empty if there are too few."""
-    found: Series = {}
+    by_axis: Series = {}
     for row in rows:
         part, axis = row.coefficients.get("N", Estimate()), row.channel.removeprefix(f"{sensor}/")
         if axis in MARKERS and part.value is not None and part.low is not None and part.high is not None:
-            found.setdefault(axis, []).append((row.begin, part.value, part.low, part.high))
-    return {axis: points for axis, points in found.items() if len(points) >= LEAST_DAYS}
+            by_axis.setdefault(axis, []).append((row.begin, part.value, part.low, part.high))
+    return {axis: points for axis, points in by_axis.items() if len(points) >= LEAST_DAYS}
 
 
 def history_table(sensor: str, shown: Series) -> DataTable:
@@ -43,6 +43,7 @@ def history_table(sensor: str, shown: Series) -> DataTable:
             by_time.setdefault(when, {})[axis] = value
     times = sorted(by_time)
     step = -(-len(times) // MOST_ROWS)
+    # counted from the newest, which is always shown
     lines = [
         (
             f"{when:%Y-%m-%d %H:%M}",

@@ -78,8 +78,8 @@ table.tall { table-layout: fixed; } table.tall td, table.tall tbody th { height:
 
 def html_page(document: Document) -> str:
     """Return the whole datasheet."""
-    grades = "".join(_element(each) for each in document.elements if isinstance(each, GradeSummary))
-    rest = [_element(each) for each in document.elements if not isinstance(each, GradeSummary)]
+    grades = "".join(_element(element) for element in document.elements if isinstance(element, GradeSummary))
+    rest = [_element(element) for element in document.elements if not isinstance(element, GradeSummary)]
     title = html.escape(document.title)
     return "\n".join(
         [
@@ -110,6 +110,7 @@ def _css_text(text: str) -> str:
 
 
 def _element(element: Element) -> str:
+    """Return an element as HTML; empty if there is nothing to draw."""
     match element:
         case Heading(text):
             return f"<h2>{html.escape(text)}</h2>"
@@ -130,6 +131,7 @@ def _element(element: Element) -> str:
 
 
 def _table(table: DataTable) -> str:
+    """Return a table as HTML; one without heads is a list of facts."""
     out, short = [], len(table.rows) <= SHORT
     for k, row in enumerate(table.rows):
         first, *rest = map(_cell, row)
@@ -152,7 +154,9 @@ def _cell(text: str) -> str:
     if len(text) > UNBROKEN:
         return html.escape(text)
     first, *limits = html.escape(text).split(" (")
-    return " ".join(f'<span class="one">{part}</span>' for part in (first, *(f"({each}" for each in limits)))
+    return " ".join(
+        f'<span class="one">{part}</span>' for part in (first, *(f"({limit}" for limit in limits))
+    )
 
 
 def _title(text: str) -> str:

@@ -36,7 +36,7 @@ def pdf_pages(document: Document) -> bytes:
         from weasyprint import HTML
     except ModuleNotFoundError:
         message = "a datasheet as PDF needs the package weasyprint"
-        raise PdfNotAvailable("pdf_not_installed", message, f"pip install 'imumon[pdf]', {cure}") from None
+        raise PdfNotAvailable("pdf_not_installed", message, f"pip install '.[pdf]', {cure}") from None
     except OSError:
         message = "a datasheet as PDF needs the library Pango"
         raise PdfNotAvailable(
@@ -46,8 +46,8 @@ def pdf_pages(document: Document) -> bytes:
     for role, colour in COLOURS.items():  # a figure cannot use the variables of its page
         page = page.replace(f"var(--{role})", colour)
     page = page.replace("</head>", f"<style>{_faces()}</style></head>")
-    made: bytes = HTML(string=page).write_pdf()  # type: ignore[no-untyped-call]
-    return made
+    pages: bytes = HTML(string=page).write_pdf()  # type: ignore[no-untyped-call]
+    return pages
 
 
 def _faces() -> str:

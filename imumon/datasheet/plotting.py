@@ -98,6 +98,15 @@ def figure_style(salt: str) -> Iterator[None]:
         yield
 
 
+def axes_for(ax: Axes | None) -> Axes:
+    """Return the axes of the caller, or those of a figure of its own, which a notebook shows."""
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot
+
+    return pyplot.subplots(figsize=INCHES, layout="constrained")[1]
+
+
 def load_fonts() -> None:
     """Import matplotlib's fonts without leaving its list of fonts in the user's home directory."""
     if "MPLCONFIGDIR" in os.environ or "matplotlib.font_manager" in sys.modules:
@@ -131,6 +140,7 @@ def draw_grid(panel: Axes) -> None:
         (panel.yaxis, panel.get_ylim(), panel.hlines, panel.get_yaxis_transform()),
     ):
         few = math.log10(high / low) < FEW_DECADES
+        # 30: by default, the locator omits decades where it expects no room for their labels
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=30))
         axis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axis.minorticks_off()  # a tick is an object of its own: they take most of the time of a figure

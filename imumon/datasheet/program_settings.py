@@ -16,16 +16,24 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from imumon.coefficients import NOISE
 from imumon.datasheet.filter_values import axis_values, settings_header, value_text, worst_axis
 from imumon.datasheet.tables import sensor_axes
 from imumon.datasheet.temperature_settings import ardupilot_lines, curve_header, px4_lines
 from imumon.filter_report import FilterReport
-from imumon.report import NOISE, Report
+from imumon.report import Report
 from imumon.samples import AXES
 from imumon.units import DEG, HOUR
 
 TEMPLATES = Path(__file__).with_name("templates")
 """One file ``NAME.template`` for each of the `PROGRAMS`."""
+_VALUE = r"[-+]?\d[\d.]*(?:e[-+]?\d+)?"
+_ROW = re.compile(rf"([\w.]+): \[({_VALUE}(?:,\s*{_VALUE})*)\]")
+_NUMBER = re.compile(
+    rf"(?:param set |params\.)?([A-Za-z][\w.]*)(?:(?:: ?|,| )({_VALUE})|\(np\.eye\(3\) \* ({_VALUE})(?:\*\*2)?\))"
+)
+"""Lines with numbers, as `Program.known` and `LINES` write them."""
+
 UNITS = {
     ("gyro", "N"): "rad/s", ("gyro", "K"): "rad/s^2", ("accel", "N"): "m/s^2", ("accel", "K"): "m/s^3",
 }  # fmt: skip
@@ -34,7 +42,7 @@ UNITS = {
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """How a program takes its numbers.
+    """How a program defines the numbers that it reads.
 
     For N or walk in SI, s, the number is s^power factor rate^rate_power.
 
@@ -122,7 +130,7 @@ CORRELATION_HORIZONS = 24.0
 
 @dataclass(frozen=True, slots=True)
 class TemplateContext:
-    """What a document is made of."""
+    """A program, and the report and the parameters for filters that its settings are made from."""
 
     program: Program
     report: Report
@@ -151,9 +159,27 @@ def settings_document(program: str, report: Report, filters: FilterReport) -> st
         if match is None:
             lines.append(line)
             continue
-        made = "\n".join(LINES[match[2]](context, match[3])).split("\n")
-        lines += [match[1] + each for each in made]
+        replacement = "\n".join(LINES[match[2]](context, match[3])).split("\n")
+        lines += [match[1] + text for text in replacement]
     return "\n".join([*lines, ""])
+
+
+def numbers_of(settings: str) -> dict[str, float]:
+    r"""Return the numbers in settings of one of the `PROGRAMS`, by name; those in a row as ``name[0]`` and so on.
+
+    >>> numbers_of("# a comment\ngyr_n: 2e-3  # unit\nparams.setX(np.eye(3) * 2.0**2)\narw: [1, 2]\nINS_A,3\n")
+    {'gyr_n': 0.002, 'setX': 4.0, 'arw[0]': 1.0, 'arw[1]': 2.0, 'INS_A': 3.0}
+    """
+    numbers: dict[str, float] = {}
+    for line in settings.splitlines():
+        bare = line.split("#")[0].strip()
+        if (match := _ROW.fullmatch(bare)) is not None:
+            for k, text in enumerate(match[2].split(",")):
+                numbers[f"{match[1]}[{k}]"] = float(text)
+        elif (match := _NUMBER.fullmatch(bare)) is not None:
+            value = float(match[2] or match[3])
+            numbers[match[1]] = value**2 if bare.endswith("**2)") else value
+    return numbers
 
 
 def programs_with(word: str) -> list[str]:

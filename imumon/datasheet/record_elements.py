@@ -10,7 +10,7 @@ from imumon.datasheet.evidence import excluding_events
 from imumon.datasheet.signal_text import spectral_lines, turn_on_text, with_half_width
 from imumon.datasheet.tables import event_rows, invalid_noun
 from imumon.messages import CLOCKS, exclusions
-from imumon.report import DeviceDescription, Report, SessionCounters
+from imumon.report import Channel, DeviceDescription, Report, SessionCounters
 from imumon.units import counted, duration, pretty, share_text
 
 
@@ -36,6 +36,7 @@ def record_elements(report: Report) -> Iterator[Element]:
         ("Restarts", f"{session.restarts:,}"),
     ]
     identity = {"Model": device.model, "Serial number": device.serial, "Firmware": device.firmware}
+    # an item that the user describes has a table of its own with these
     rows += [(label, value) for label, value in identity.items() if value and report.item is None]
     for name, value in device.settings.items():
         text = device.setting_texts.get(name)
@@ -43,11 +44,16 @@ def record_elements(report: Report) -> Iterator[Element]:
     rows += [("Remark", text) for text in device.remarks]
     yield Heading("The record")
     yield DataTable(("", ""), tuple(rows))
-    traced = report.evaluation is not None and report.evaluation.provenance is not None
-    listed = excluding_events(report) if traced else []  # under traceability
-    others = replace(report, events=tuple(event for event in report.events if event not in listed))
-    if rows := list(event_rows(others)):
+    if rows := list(event_rows(_without_traced(report))):
         yield DataTable(("at", "event"), tuple(rows))
+
+
+def _without_traced(report: Report) -> Report:
+    """Return the report without the events that are listed under traceability."""
+    if report.evaluation is None or report.evaluation.provenance is None:
+        return report
+    listed = excluding_events(report)
+    return replace(report, events=tuple(event for event in report.events if event not in listed))
 
 
 def _missing_text(session: SessionCounters) -> str:
@@ -70,16 +76,7 @@ def _seconds(seconds: float) -> str:
 
 def value_elements(report: Report) -> Iterator[Element]:
     """Yield how the values are distributed, which lines they have, and how the bias differs between power-ups."""
-    rows = []
-    for name, channel in report.channels.items():
-        shape, drift = channel.distribution, channel.drift
-        slope = ""
-        if drift is not None:
-            slope = with_half_width(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
-        statistics = (channel.mean, channel.std, channel.min, channel.max)
-        cells = ("–" if value is None else f"{value:.4g}" for value in statistics)
-        verdict = (shape.verdict if shape else None) or "–"
-        rows.append((f"{name}, {pretty(channel.unit)}", *cells, slope or "–", verdict))
+    rows = [_statistics_row(name, channel) for name, channel in report.channels.items()]
     if rows:
         head = ("", "mean", "standard deviation", "minimum", "maximum", "drift per hour", "distribution")
         yield Heading("The values")
@@ -90,5 +87,17 @@ def value_elements(report: Report) -> Iterator[Element]:
         yield DataTable(("", "turn-on bias repeatability"), tuple(turn_on))
     spectral = {f"{name}, {pretty(c.unit)}": spectral_lines(c) for name, c in report.channels.items()}
     if any(spectral.values()):
-        rows = [(name, ", ".join(texts)) for name, texts in spectral.items() if texts]
-        yield DataTable(("", "strongest spectral lines, frequency and amplitude"), tuple(rows))
+        lines = [(name, ", ".join(texts)) for name, texts in spectral.items() if texts]
+        yield DataTable(("", "strongest spectral lines, frequency and amplitude"), tuple(lines))
+
+
+def _statistics_row(name: str, channel: Channel) -> tuple[str, ...]:
+    """Return mean, standard deviation, extremes, drift and shape of a channel; – where they are not known."""
+    shape, drift = channel.distribution, channel.drift
+    slope = ""
+    if drift is not None:
+        slope = with_half_width(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
+    statistics = (channel.mean, channel.std, channel.min, channel.max)
+    cells = ("–" if value is None else f"{value:.4g}" for value in statistics)
+    verdict = (shape.verdict if shape else None) or "–"
+    return (f"{name}, {pretty(channel.unit)}", *cells, slope or "–", verdict)

@@ -11,9 +11,9 @@ import math
 import textwrap
 from collections.abc import Iterator
 
-from imumon.coefficients import BIAS_TERMS, SIGNIFICANT, unit_of
+from imumon.coefficients import BIAS_TERMS, GRADED, SIGNIFICANT, unit_of
 from imumon.messages import drifts_with_temperature, follows_temperature
-from imumon.report import GRADED, Change, Channel, Drift, Report
+from imumon.report import Change, Channel, Drift, Report
 from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty, share_text
 
@@ -22,7 +22,7 @@ CORRELATED = 0.3  # correlation from which two axes are reported as moving toget
 
 
 def signal_lines(report: Report, width: int | None = None) -> list[str]:
-    """Return the lines; none before the first sample.
+    """Return a line for each channel and one for each of its properties; none before the first sample.
 
     Parameters
     ----------
@@ -46,6 +46,7 @@ def _heading(channel: Channel) -> str:
 
 
 def _row(name: str, channel: Channel) -> str:
+    """Return bias, last minute and drift of a channel, below `_heading`."""
     shape, drift = channel.distribution, channel.drift
     bias = minute = spread = slope = ""
     if shape is not None:
@@ -83,10 +84,10 @@ def turn_on_text(name: str, channel: Channel) -> str:
     shape = channel.distribution
     if shape is None or shape.turn_on_std is None:
         return ""
-    own = unit_of(sensor_of(name), "B", channel.unit)
+    unit = unit_of(sensor_of(name), "B", channel.unit)
     numbers = (shape.turn_on_std, shape.turn_on_low or 0.0, shape.turn_on_high or 0.0)
-    std, low, high = (figures(number * own.factor) for number in numbers)
-    return f"{std} {pretty(own.unit)} (95 %: {low} to {high}, {shape.turn_on_count} power-ups)"
+    std, low, high = (figures(number * unit.factor) for number in numbers)
+    return f"{std} {pretty(unit.unit)} (95 %: {low} to {high}, {shape.turn_on_count} power-ups)"
 
 
 def _slope(drift: Drift, unit: str) -> str:
@@ -109,6 +110,9 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
     if channel.model is not None and channel.model.oscillations_s:
         periods = [duration(period) for period in channel.model.oscillations_s]
         yield f"oscillates with a period of {', '.join(periods)}"
+    if channel.model is not None and (jumps := channel.model.jumps) is not None:
+        times = f"for {duration(jumps.low_s)} and {duration(jumps.high_s)} on the average"
+        yield f"jumps between {jumps.low:.4g} and {jumps.high:.4g} {unit}, {times}"
     if drift is not None and drift.significant:
         yield "the drift exceeds what the noise explains"
     yield from _temperature_notes(channel, unit)
@@ -165,7 +169,7 @@ def _correlations(name: str, report: Report) -> Iterator[str]:
     others = [
         f"{other} ({r:+.2f})"
         for other, r in (shape.correlation.items() if shape is not None else ())
-        if other in names[names.index(name) :]
+        if other in names[names.index(name) :]  # an earlier one has named this pair
         and abs(r) >= CORRELATED
         and abs(r) > SIGNIFICANT * _standard_error(report, name, other)
     ]

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from imumon.alarms import known
+from imumon.coefficients import COEFFICIENTS, NOISE, Estimate
 from imumon.devices import registry
 from imumon.messages import (
     FILTER_NOT_KNOWN,
@@ -15,12 +16,14 @@ from imumon.messages import (
     exclusions,
     filter_not_known,
     grade_text,
+    grade_word,
+    has_indistinct,
     joined,
     line_with_size,
     no_value_text,
     uncertainty,
 )
-from imumon.report import COEFFICIENTS, NOISE, Allan, Channel, DeviceDescription, Estimate, Report
+from imumon.report import Allan, Channel, DeviceDescription, Report
 from imumon.samples import ALIASED, AXES, INERTIAL, sensor_of
 from imumon.units import counted, duration, figures, measured, pretty, share_text
 
@@ -71,9 +74,9 @@ def sensor_axes(report: Report, sensor: str) -> Iterator[tuple[str, Channel]]:
 
 
 def axis_grades(channel: Channel) -> tuple[str, str]:
-    """Return the grade that an axis meets and the nearest one; empty texts without a grade."""
+    """Return the grade of an axis and the nearest one; empty texts without a grade."""
     grade = channel.grade
-    return (grade.meets or "nothing", grade.nearest) if grade and grade.nearest else ("", "")
+    return (grade_word(grade.meets, grade.nearest), grade.nearest) if grade and grade.nearest else ("", "")
 
 
 def readable_curves(report: Report, sensor: str) -> dict[str, Allan]:
@@ -140,7 +143,7 @@ def status_table(report: Report, width: int, late: str | None) -> str:
     lines += grade_lines(report, reasons=False)
     if names := [caveat.replace("_", " ") for caveat in caveats(report)]:
         lines.append(f"caveats: {', '.join(names)} (--verbose explains them)")
-    noise = {name: channel for name, channel in report.channels.items() if channel.coefficients}
+    noise = {name: channel for name, channel in report.channels.items() if channel.estimates}
     rows = channel_rows(replace(report, channels=noise), width) if noise else []
     if slowest := [f"{goal} in {duration(max(ahead.values()))}" for goal, ahead in goals(report)]:
         lines.append(f"still to come: {', '.join(slowest)}")
@@ -154,7 +157,7 @@ def _temperature(report: Report) -> str:
 
 def shown_letters(channels: Iterable[Channel]) -> tuple[str, ...]:
     """Return the coefficients to show of channels: those that each has, and others where one has them."""
-    known = {letter for channel in channels for letter in channel.coefficients}
+    known = {letter for channel in channels for letter in channel.estimates}
     return tuple(letter for letter in COEFFICIENTS if letter in NOISE or letter in known)
 
 
@@ -193,6 +196,7 @@ def with_limits(value: float, low: float | None, high: float | None) -> str:
 
 
 def _header(report: Report) -> list[str]:
+    """Return sensor, stream, length and counters, and what was excluded."""
     device, session = report.device, report.session
     title = " ".join(part for part in (device.model, device.serial) if part)
     name = f"{device.id}: {title}" if title and device.id != "replay" else title or device.id
@@ -233,6 +237,7 @@ def channel_rows(report: Report, width: int | None) -> list[str]:
     limits, the narrowest N, B and K alone.
     """
     lines: list[str] = []
+    signs = uncertainty(indistinct=has_indistinct(report))
     for letters in (shown_letters(report.channels.values()), NOISE):
         for limits, std in ((True, True), (False, True), (False, False)):
             rows = list(_channel_cells(report, letters, limits=limits, std=std))
@@ -241,30 +246,33 @@ def channel_rows(report: Report, width: int | None) -> list[str]:
                 " ".join(f"{cell:<{n}}" for cell, n in zip(row, widths, strict=True)).rstrip() for row in rows
             ]
             if width is None or max(map(len, lines), default=0) <= width:
-                return [*lines, *([] if limits or not lines else [uncertainty()])]
-    return [*lines, uncertainty()]
+                return [*lines, *([] if limits or not lines else [signs])]
+    return [*lines, signs]
 
 
 def _channel_cells(
     report: Report, letters: Sequence[str], *, limits: bool, std: bool
 ) -> Iterator[tuple[str, ...]]:
-    """Yield the cells of each line of `channel_rows`."""
+    """Yield the cells of each line of `channel_rows`: for each sensor its heads, then its channels."""
     statistics, before = ("mean", "std")[: 1 + std], ""
     for name, channel in report.channels.items():
         if (sensor := sensor_of(name)) != before:
             before = sensor
-            axes = [c for n, c in report.channels.items() if sensor_of(n) == sensor]
-            head = [f"in {pretty(channel.unit)}", *(f"{each:>{NUMBER}}" for each in statistics)]
-            for letter in letters:
-                known = next(
-                    (each.coefficients[letter] for each in axes if letter in each.coefficients), None
-                )
-                unit = f"{' in' if limits else ''} {pretty(known.readable.unit)}" if known else ""
-                head.append(f"{letter}{unit}" if known else "")
-            yield (*head, *(("meets", "nearest") if channel.grade else ("", ""))[not limits :])
-        numbers = (_number(getattr(channel, each)) for each in statistics)
-        noise = (coefficient_text(channel.coefficients.get(letter), short=not limits) for letter in letters)
-        yield (name, *numbers, *noise, *axis_grades(channel)[not limits :])
+            heads = [f"in {pretty(channel.unit)}", *(f"{statistic:>{NUMBER}}" for statistic in statistics)]
+            heads += _letter_heads(report, sensor, letters, limits=limits)
+            yield (*heads, *(("grade", "nearest") if channel.grade else ("", ""))[: 1 + limits])
+        numbers = (_number(getattr(channel, statistic)) for statistic in statistics)
+        noise = (coefficient_text(channel.estimates.get(letter), short=not limits) for letter in letters)
+        yield (name, *numbers, *noise, *axis_grades(channel)[: 1 + limits])
+
+
+def _letter_heads(report: Report, sensor: str, letters: Sequence[str], *, limits: bool) -> Iterator[str]:
+    """Yield the letter and the unit of each coefficient of a sensor; empty if no axis has it."""
+    axes = [channel for name, channel in report.channels.items() if sensor_of(name) == sensor]
+    for letter in letters:
+        known = next((axis.estimates[letter] for axis in axes if letter in axis.estimates), None)
+        unit = f"{' in' if limits else ''} {pretty(known.readable.unit)}" if known else ""
+        yield f"{letter}{unit}" if known else ""
 
 
 def _number(value: float | None) -> str:
@@ -335,5 +343,5 @@ def event_rows(report: Report) -> Iterator[tuple[str, str]]:
 
 
 def _events(report: Report) -> list[str]:
-    lines = [f"{at:>14}  {text}" for at, text in event_rows(report)]
+    lines = [f"{time:>14}  {text}" for time, text in event_rows(report)]
     return ["", "events, by the time since the first sample", *lines] if lines else []

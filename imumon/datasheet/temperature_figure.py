@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 from imumon.coefficients import unit_of
 from imumon.datasheet.elements import DataTable, Element, Figure, Heading, Paragraph
-from imumon.datasheet.plotting import COLOURS, MARKERS, draw_legend, page_svg
+from imumon.datasheet.plotting import COLOURS, MARKERS, axes_for, draw_legend, page_svg
 from imumon.datasheet.tables import SENSOR_TITLES, sensor_axes
+from imumon.errors import ImumonError
 from imumon.messages import no_bias_curve
 from imumon.report import BiasCurve, ModelColumn, Report
 from imumon.units import figures, pretty
@@ -68,30 +69,53 @@ def _sensor_elements(sensor: str, curves: Mapping[str, BiasCurve]) -> Iterator[E
 
 def temperature_svg(sensor: str, shown: Mapping[str, BiasCurve]) -> str:
     """Return the curves of a sensor as an SVG element of the HTML page."""
-    unit = unit_of(sensor, "B")
-
-    def draw(panel: Axes) -> None:
-        for axis, curve in shown.items():
-            low, middle, high = (
-                _rise(curve, values, unit.factor) for values in (curve.low, curve.bias, curve.high)
-            )
-            panel.fill_between(curve.degC, low, high, color=COLOURS[axis], alpha=0.18, linewidth=0.0)
-            panel.plot(
-                curve.degC, middle, color=COLOURS[axis], marker=MARKERS[axis], markersize=3.5, label=axis
-            )
-            if curve.hysteresis is not None:
-                half, ends = 0.5 * curve.hysteresis.value * unit.factor, (curve.degC[0], curve.degC[-1])
-                for way in (half, -half):
-                    apart = [
-                        y + way * (1.0 - ((2.0 * t - sum(ends)) / ((ends[1] - ends[0]) or 1.0)) ** 2)
-                        for t, y in zip(curve.degC, middle, strict=True)
-                    ]
-                    panel.plot(curve.degC, apart, color=COLOURS[axis], linewidth=0.9, linestyle=(0, (4, 2)))
-        panel.set(xlabel="temperature, °C", ylabel=f"bias, {pretty(unit.unit)}")
-        draw_legend(panel)
-
     label = f"Bias of the {SENSOR_TITLES[sensor].lower()} against the temperature"
-    return page_svg(draw, f"temperature-{sensor}", label, height=0.7)
+    return page_svg(lambda panel: _draw(panel, sensor, shown), f"temperature-{sensor}", label, height=0.7)
+
+
+def draw_bias(report: Report, sensor: str, ax: Axes | None = None) -> Axes:
+    """Draw the curves of a sensor and return the axes of the figure.
+
+    Parameters
+    ----------
+    ax : where to draw; None: a figure of its own.
+
+    Raises
+    ------
+    ImumonError : the record shows no curve.
+    """
+    curves = dict(_curves(report, sensor))
+    shown = {axis: curve for axis, curve in curves.items() if curve.is_known}
+    if not shown:
+        reasons = [curve.reason for curve in curves.values() if curve.reason]
+        text, cure = no_bias_curve(reasons[0] if reasons else "no_temperature")
+        raise ImumonError("no_bias_curve", f"the bias has no curve against the temperature: {text}", cure)
+    panel = axes_for(ax)
+    _draw(panel, sensor, shown)
+    return panel
+
+
+def _draw(panel: Axes, sensor: str, shown: Mapping[str, BiasCurve]) -> None:
+    """Draw the rise of the bias of each axis from that at the reference, with its band and its hysteresis."""
+    unit = unit_of(sensor, "B")
+    for axis, curve in shown.items():
+        low, middle, high = (
+            _rise(curve, values, unit.factor) for values in (curve.low, curve.bias, curve.high)
+        )
+        panel.fill_between(curve.degC, low, high, color=COLOURS[axis], alpha=0.18, linewidth=0.0)
+        panel.plot(curve.degC, middle, color=COLOURS[axis], marker=MARKERS[axis], markersize=3.5, label=axis)
+        if curve.hysteresis is not None:
+            # The fit has the two directions as parabolas about the curve: they meet it at the ends of the span, and
+            # are the hysteresis apart in the middle.
+            half, ends = 0.5 * curve.hysteresis.value * unit.factor, (curve.degC[0], curve.degC[-1])
+            for way in (half, -half):
+                apart = [
+                    y + way * (1.0 - ((2.0 * t - sum(ends)) / ((ends[1] - ends[0]) or 1.0)) ** 2)
+                    for t, y in zip(curve.degC, middle, strict=True)
+                ]
+                panel.plot(curve.degC, apart, color=COLOURS[axis], linewidth=0.9, linestyle=(0, (4, 2)))
+    panel.set(xlabel="temperature, °C", ylabel=f"bias, {pretty(unit.unit)}")
+    draw_legend(panel)
 
 
 def with_error(value: float, half: float) -> str:
@@ -110,14 +134,16 @@ def with_error(value: float, half: float) -> str:
 
 def _curves(report: Report, sensor: str) -> Iterator[tuple[str, BiasCurve]]:
     return (
-        (axis, each.bias_curve) for axis, each in sensor_axes(report, sensor) if each.bias_curve is not None
+        (axis, channel.bias_curve)
+        for axis, channel in sensor_axes(report, sensor)
+        if channel.bias_curve is not None
     )
 
 
 def _cells(curve: BiasCurve, factor: float) -> Iterator[str]:
     terms: list[ModelColumn | None] = [*curve.terms, None, None]
-    for each in (*terms[:4], curve.hysteresis):
-        yield "–" if each is None else with_error(each.value * factor, 0.5 * (each.high - each.low) * factor)
+    for term in (*terms[:4], curve.hysteresis):
+        yield "–" if term is None else with_error(term.value * factor, 0.5 * (term.high - term.low) * factor)
     noise = (curve.std_without, curve.std_with)
     yield " → ".join("–" if std is None else figures(std * factor, 2) for std in noise)
 

@@ -62,23 +62,33 @@ def sensor_curve(report: Report, sensor: str, reference_degC: float | None = Non
     ----------
     reference_degC : degC; None: the middle of the temperatures of the record.
     """
-    from numpy.polynomial import Polynomial
-
     curves = {axis: channel.bias_curve for axis, channel in sensor_axes(report, sensor)}
-    whole = [each for each in curves.values() if each is not None and each.is_known]
+    whole = [curve for curve in curves.values() if curve is not None and curve.is_known]
     if len(whole) < len(AXES):
-        reasons = [each.reason for each in curves.values() if each is not None and each.reason]
+        reasons = [curve.reason for curve in curves.values() if curve is not None and curve.reason]
         return SensorCurve(reasons[0] if reasons else "no_axis")
-    low, high = max(each.degC[0] for each in whole), min(each.degC[-1] for each in whole)
+    # where all axes have been: a sensor has one span for its three curves
+    low, high = max(curve.degC[0] for curve in whole), min(curve.degC[-1] for curve in whole)
     reference = 0.5 * (low + high) if reference_degC is None else reference_degC
     comments = [f"{NAMES[sensor]}, {low:.1f} to {high:.1f} degC; 95 % limits of the curve at its ends:"]
     terms = []
     for axis, curve in zip(curves, whole, strict=True):
         comments.append(f"  {axis}: {_curve_text(curve)}")
-        own = [each.value for each in curve.terms[: None if is_shown(curve) else 1]]
-        moved = Polynomial(own)(Polynomial([reference - (curve.reference_degC or 0.0), 1.0])).coef.tolist()
-        terms.append((*moved, *[0.0] * (TERMS - len(moved))))
+        terms.append(_terms_about(curve, reference))
     return SensorCurve("", reference, low, high, tuple(terms), tuple(comments))
+
+
+def _terms_about(curve: BiasCurve, reference_degC: float) -> tuple[float, ...]:
+    """Return the `TERMS` coefficients of the powers of the temperature less a reference, the constant first."""
+    from numpy.polynomial import Polynomial
+
+    # without a slope that shows, the constant alone
+    shown = [term.value for term in curve.terms[: None if is_shown(curve) else 1]]
+    # p(t - t0) as a polynomial of d = t - reference: p is applied to the polynomial d + (reference - t0)
+    shift = Polynomial([reference_degC - (curve.reference_degC or 0.0), 1.0])
+    moved = Polynomial(shown)(shift).coef.tolist()
+    # 0 and not nothing: a parameter of an earlier calibration would remain
+    return (*moved, *[0.0] * (TERMS - len(moved)))
 
 
 def _curve_text(curve: BiasCurve) -> str:
@@ -99,12 +109,12 @@ def curves_not_shown(report: Report) -> list[str]:
     """Return what keeps the parameters from resting on measured numbers alone."""
     missing = []
     for sensor in NAMES:
-        made = sensor_curve(report, sensor)
-        if made.reason:
-            missing.append(f"{sensor} ({no_bias_curve(made.reason)[0]})")
+        curves = sensor_curve(report, sensor)
+        if curves.reason:
+            missing.append(f"{sensor} ({no_bias_curve(curves.reason)[0]})")
             continue
-        if made.span_degC < LEAST_SPAN_DEGC:
-            missing.append(f"{sensor} (spans {made.span_degC:.1f} of at least {LEAST_SPAN_DEGC:g} degC)")
+        if curves.span_degC < LEAST_SPAN_DEGC:
+            missing.append(f"{sensor} (spans {curves.span_degC:.1f} of at least {LEAST_SPAN_DEGC:g} degC)")
         for axis, channel in sensor_axes(report, sensor):
             if channel.bias_curve is not None and not is_shown(channel.bias_curve):
                 missing.append(f"{sensor}/{axis} (no slope seen)")
@@ -118,34 +128,34 @@ def curve_header(report: Report) -> list[str]:
     ------
     NoBiasCurve : no sensor has a curve.
     """
-    made = {sensor: sensor_curve(report, sensor) for sensor in NAMES}
-    if all(each.reason for each in made.values()):
-        text, cure = no_bias_curve(made["gyro"].reason)
+    by_sensor = {sensor: sensor_curve(report, sensor) for sensor in NAMES}
+    if all(curves.reason for curves in by_sensor.values()):
+        text, cure = no_bias_curve(by_sensor["gyro"].reason)
         raise NoBiasCurve("no_bias_curve", f"the bias has no curve against the temperature: {text}", cure)
     lines = [
         f"{sensor_title(report)}: bias against the temperature, measured by imumon, {report.time}",
         record_title(report),
     ]
-    for sensor, each in made.items():
-        if not each.reason and each.span_degC < LEAST_SPAN_DEGC:
+    for sensor, curves in by_sensor.items():
+        if not curves.reason and curves.span_degC < LEAST_SPAN_DEGC:
             lines.append(
-                f"WARNING: the {NAMES[sensor]} spans {each.span_degC:.1f} degC: do not use it beyond"
+                f"WARNING: the {NAMES[sensor]} spans {curves.span_degC:.1f} degC: do not use it beyond"
             )
     return [*lines, *caveat_lines(report)]
 
 
 def px4_lines(report: Report, sensor: str, letter: str) -> list[str]:
     """Return the parameters TC_* of the first instance of a sensor."""
-    made, name = sensor_curve(report, sensor), f"TC_{letter}0"
-    if made.reason:
-        return [f"# {NAMES[sensor]}: {no_bias_curve(made.reason)[0]}", f"# TC_{letter}_ENABLE ?"]
-    values = {"TMIN": made.low_degC, "TMAX": made.high_degC, "TREF": made.reference_degC}
+    curves, name = sensor_curve(report, sensor), f"TC_{letter}0"
+    if curves.reason:
+        return [f"# {NAMES[sensor]}: {no_bias_curve(curves.reason)[0]}", f"# TC_{letter}_ENABLE ?"]
+    values = {"TMIN": curves.low_degC, "TMAX": curves.high_degC, "TREF": curves.reference_degC}
     for power in range(TERMS):
-        for number, terms in enumerate(made.terms):
+        for number, terms in enumerate(curves.terms):
             # the mean of an accelerometer holds gravity: its curve is 0 at the reference
             values[f"X{power}_{number}"] = 0.0 if sensor == "accel" and power == 0 else terms[power]
     return [
-        *(f"# {line}" for line in made.comments),
+        *(f"# {line}" for line in curves.comments),
         f"param set TC_{letter}_ENABLE 1",
         f"# {name}_ID ?  the device_id that `listener sensor_{sensor}` shows: nothing is corrected without it",
         *(f"param set {name}_{key} {_number(value)}" for key, value in values.items()),
@@ -154,17 +164,19 @@ def px4_lines(report: Report, sensor: str, letter: str) -> list[str]:
 
 def ardupilot_lines(report: Report) -> list[str]:
     """Return the parameters INS_TCAL1_*."""
-    made = {sensor: sensor_curve(report, sensor, ARDUPILOT_REFERENCE_DEGC) for sensor in ("accel", "gyro")}
-    known = [each for each in made.values() if not each.reason]
-    low, high = max(each.low_degC for each in known), min(each.high_degC for each in known)
+    by_sensor = {
+        sensor: sensor_curve(report, sensor, ARDUPILOT_REFERENCE_DEGC) for sensor in ("accel", "gyro")
+    }
+    known = [curves for curves in by_sensor.values() if not curves.reason]
+    low, high = max(curves.low_degC for curves in known), min(curves.high_degC for curves in known)
     lines = ["INS_TCAL1_ENABLE,1", f"INS_TCAL1_TMIN,{_number(low)}", f"INS_TCAL1_TMAX,{_number(high)}"]
-    for sensor, each in made.items():
+    for sensor, curves in by_sensor.items():
         group = {"accel": "ACC", "gyro": "GYR"}[sensor]
-        lines += [f"# {line}" for line in each.comments]
-        if each.reason:
-            lines += [f"# {NAMES[sensor]}: {no_bias_curve(each.reason)[0]}", f"# INS_TCAL1_{group}1_X ?"]
-        for power in range(1, TERMS if not each.reason else 0):
-            for axis, terms in zip("XYZ", each.terms, strict=True):
+        lines += [f"# {line}" for line in curves.comments]
+        if curves.reason:
+            lines += [f"# {NAMES[sensor]}: {no_bias_curve(curves.reason)[0]}", f"# INS_TCAL1_{group}1_X ?"]
+        for power in range(1, TERMS if not curves.reason else 0):  # it has no constant term
+            for axis, terms in zip("XYZ", curves.terms, strict=True):
                 value = terms[power] * ARDUPILOT_SCALE
                 lines.append(f"INS_TCAL1_{group}{power}_{axis},{_number(value)}")
     return lines

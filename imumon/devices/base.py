@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 
+from imumon.clock import REAL_TIME, HostClock
 from imumon.errors import ImumonError
 from imumon.samples import DeviceCounters, DeviceInfo, Item, SampleBlock
 
@@ -55,12 +56,15 @@ class InvalidOption(DeviceError):
 
 
 class Interrupted(Exception):
-    """`Device.interrupt` was called: the call ends early. Not an error, and never shown."""
+    """`Device.interrupt` was called: the call ends early.
+
+    It is no `DeviceError`: what catches those to try again must not catch this.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeviceOptions:
-    """What a device is made with.
+    """What a driver creates a device from.
 
     Attributes
     ----------
@@ -68,16 +72,17 @@ class DeviceOptions:
     settings : the table ``[device]``, with attributes of the names in `imumon.config.DeviceSettings`: options of
         the command line and the settings file. A driver lists those that it uses in `DeviceDriver.settings`.
     table : the table that has the name of the scheme, such as ``[ros2]``, in the same way; None: there is none.
+    limits : the table ``[limits]``, what a network may deliver; None: its defaults.
     state_directory : for what must survive a crash, such as settings to put back; None: keep nothing.
-    speed : seconds of the device per second of the host; other than 1 for an emulator in time-lapse, which
-        waits for its reader.
+    time_lapse : the device is an emulator whose clock does not run as the host clock, and which waits for its reader.
     """
 
     url: str
     settings: Any = None
     table: Any = None
+    limits: Any = None
     state_directory: Path | None = None
-    speed: float = 1.0
+    time_lapse: bool = False
 
 
 class Device(ABC):
@@ -90,6 +95,7 @@ class Device(ABC):
 
     def __init__(self) -> None:
         self.progress: Callable[[str], None] = lambda text: None
+        # an event and no flag: a port or a client of a network can wait for it together with its data
         self.interrupted = threading.Event()
 
     @abstractmethod
@@ -102,7 +108,7 @@ class Device(ABC):
         """
 
     def start(self) -> DeviceInfo:
-        """Make the device send samples; what is changed of it is kept in mind for `restore`.
+        """Make the device send samples, and remember what that changes, for `restore`.
 
         Raises
         ------
@@ -167,7 +173,7 @@ class Device(ABC):
 
 
 class RawDecoder(Protocol):
-    """Push bytes of a raw capture, get items; pure, without I/O and clock.
+    """Decoder of a raw capture: bytes in, items out, without I/O and clock.
 
     The counters add up: fed = bytes of valid messages + discarded + pending. Garbage never raises and never
     creates a sample.
@@ -339,13 +345,15 @@ class DeviceDriver(ABC):
         """Return what a setting of the device does, in a few words; None if that is unknown."""
         return None
 
-    def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> AbstractContextManager[str]:
+    def emulator(
+        self, *, clock: HostClock = REAL_TIME, seed: int | None = None
+    ) -> AbstractContextManager[str]:
         """Return a running emulator as a context that gives its port.
 
         Raises
         ------
         DeviceError : there is no emulator.
-        InvalidOption : the emulator cannot run at this speed or with this seed.
+        InvalidOption : the emulator cannot run in this time-lapse or with this seed.
         """
         raise DeviceError("no_emulator", f"there is no emulator of {self.title}", "use a real one")
 

@@ -122,7 +122,7 @@ class DeviceConformance:
         assert device.info().id == info.id
         assert device.restore()
         device.close()
-        device.close()
+        device.close()  # the reader closes after a failure, and again at the end
 
     def test_reading_works_without_start(self, bench: Bench) -> None:
         """`imumon doctor` changes nothing."""
@@ -151,7 +151,7 @@ class DeviceConformance:
         while count.missing == 0 and time.monotonic() < end:
             blocks = sample_blocks(read_for(device, 0.2))
             count.add(blocks, device.info().sample_rate_hz)
-            if received < 50 <= received + sum(map(len, blocks)):
+            if received < 50 <= received + sum(map(len, blocks)):  # once, when the clock knows the interval
                 bench.lose_samples()
             received += sum(map(len, blocks))
         assert count.missing > 0
@@ -171,7 +171,7 @@ class DeviceConformance:
         with pytest.raises(DeviceLost):
             read_for(device, PATIENCE_S)
         device.close()
-        with pytest.raises(DeviceError):
+        with pytest.raises(DeviceError):  # not another device, such as the next port
             device.open()
         bench.replug()
         assert bench.opened(device).id == info.id
@@ -250,8 +250,8 @@ class DeviceConformance:
             pytest.skip("this device has no bytes")
         data = np.random.default_rng(11).integers(0, 256, GARBAGE_BYTES, np.uint8).tobytes()
         items: list[object] = []
-        for at in range(0, len(data), chunk):
-            items += decoder.feed(data[at : at + chunk])
+        for start in range(0, len(data), chunk):
+            items += decoder.feed(data[start : start + chunk])
             assert decoder.fed == decoder.message_bytes + decoder.discarded + decoder.pending
             assert decoder.pending < GARBAGE_BYTES // 2
         items += decoder.finish()

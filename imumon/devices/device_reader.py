@@ -168,8 +168,9 @@ class DeviceReader:
     # ------------------------------------------------------------------ in the thread
 
     def _run(self) -> None:
+        """Run the device from its opening to its end, whatever fails; the last event is `EndOfStream`."""
         error: BaseException | None = None
-        try:
+        try:  # the inner one ends a run that was asked to stop, this one a run that cannot continue
             try:
                 self._connect_first()
                 while True:
@@ -183,10 +184,10 @@ class DeviceReader:
                     self._connect_again()
             except Interrupted:
                 self._stopping.wait(END_S)  # `stop` is about to set it
-                self._device.interrupted.clear()
+                self._device.interrupted.clear()  # or the last reads would raise `Interrupted` again
                 if self._streaming:
                     self._take_rest()
-        except (DeviceError, MemoryError) as known:
+        except (DeviceError, MemoryError) as known:  # a lack of memory is no defect of the driver
             error = known
         except Exception as unexpected:
             error = device_failed(unexpected)
@@ -196,13 +197,14 @@ class DeviceReader:
         self._leave()
 
     def _connect_first(self) -> None:
+        """Open the device, wait for `begin` and start it; try again until that succeeds."""
         while True:
             try:
                 info = self._device.open()
                 self._begin.clear()
                 self._put(Opened(info))
                 self._wait(None)
-                self._changed = True
+                self._changed = True  # before `start`: one that fails may have written to the sensor
                 self._started(again=False)
                 return
             except DeviceError as error:
@@ -215,6 +217,8 @@ class DeviceReader:
             self._wait(FIRST_RETRY_S)
 
     def _connect_again(self) -> None:
+        """Open and start the lost device; try again until it is back."""
+        # from the last opening on: a device that ran for a while is looked for at once
         self._wait(max(0.0, self._opened_s + self._retry_s - time.monotonic()))
         while True:
             try:
@@ -256,7 +260,7 @@ class DeviceReader:
         raise Interrupted
 
     def _wait(self, seconds: float | None) -> None:
-        """Wait so long, or for `begin`; raise `Interrupted` at the stop."""
+        """Wait for some seconds, or for `begin` if None; raise `Interrupted` once a stop is requested."""
         self.active_at = time.monotonic()
         if seconds is None:
             while not self._begin.wait(0.2) and not self._stopping.is_set():
@@ -292,7 +296,7 @@ class DeviceReader:
     def _put(self, event: ReaderEvent) -> None:
         """Put an event; wait while the queue is full."""
         self.active_at = time.monotonic()
-        while not self._discarding:
+        while not self._discarding:  # checked each time: a stop may mean that the queue is not read any more
             with suppress(queue.Full):
                 self._queue.put(event, timeout=0.2)
                 return

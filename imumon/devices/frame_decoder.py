@@ -44,6 +44,7 @@ class FrameDecoder(ABC, Generic[Other]):
     def feed(self, data: bytes) -> list[SampleBlock | Other]:
         """Return the items that `data` completes, in the order of their last bytes."""
         self.fed += len(data)
+        # the buffer holds one unfinished message at most, so what is scanned twice is bounded
         return self._scan(self._buffer + data, final=False)
 
     def finish(self) -> list[SampleBlock | Other]:
@@ -51,12 +52,12 @@ class FrameDecoder(ABC, Generic[Other]):
         return self._scan(self._buffer, final=True)
 
     @abstractmethod
-    def _read(self, data: bytes, at: int) -> int | None:
-        """Add the items of the valid messages that begin at a place, and count them.
+    def _read(self, data: bytes, begin: int) -> int | None:
+        """Add the items of the valid messages from `data[begin]` on to `_items`, and count them.
 
         Returns
         -------
-        Their bytes; 0: no message begins there, None: more bytes are needed.
+        Bytes of these messages; 0: no message begins there, None: more bytes are needed.
         """
 
     def _count(self, size: int, count: int = 1) -> None:
@@ -68,27 +69,31 @@ class FrameDecoder(ABC, Generic[Other]):
         self.discarded += len(data)
 
     def _scan(self, data: bytes, *, final: bool) -> list[SampleBlock | Other]:
-        at, end = 0, len(data)
-        while at < end:
-            found = self.start.search(data, at)
-            begin = found.start() if found else end
-            self._discard(data[at:begin])
-            at = begin
-            if at == end:
+        """Return the items of the messages in `data`; keep the bytes of an unfinished one unless `final`."""
+        begin, end = 0, len(data)
+        while begin < end:
+            match = self.start.search(data, begin)
+            first = match.start() if match else end
+            self._discard(data[begin:first])
+            begin = first
+            if begin == end:
                 break
-            size = self._read(data, at)
+            size = self._read(data, begin)
             if size is None and not final:
                 break
+            # At the end, what needs more bytes is no message, but its bytes may hide a shorter one. Only one byte
+            # is discarded: a damaged length would otherwise take the intact messages behind it.
             if not size:
-                self._discard(data[at : at + 1])
-            at += size or 1
-        self._buffer = data[at:]
+                self._discard(data[begin : begin + 1])
+            begin += size or 1
+        self._buffer = data[begin:]
         items, self._items = self._items, []
         return list(_merged(items))
 
 
 def _merged(items: Sequence[SampleBlock | Other]) -> Iterator[SampleBlock | Other]:
     """Yield items with consecutive blocks of one stream merged."""
+    # only neighbours: a reply between two blocks must stay between them
     for _, group in groupby(items, key=lambda item: getattr(item, "stream", None)):
         members = list(group)
         blocks = sample_blocks(members)

@@ -17,6 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar
 
+from imumon.config.settings import LimitSettings
 from imumon.devices.base import (
     ARRIVAL_SAMPLES,
     BATCH_S,
@@ -33,6 +34,7 @@ from imumon.devices.base import (
 from imumon.devices.linux_tty import pseudo_terminal
 from imumon.devices.ports import POLL_S, PortInfo, find_again, find_ports
 from imumon.devices.serial_port import QUEUE_BYTES, SerialPort
+from imumon.door_limits import LinePace
 from imumon.files import SMALL_BYTES, read_bounded, write_new
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Notice, RawBytes
 from imumon.timebase.interval import RATE_TOLERANCE
@@ -68,6 +70,7 @@ class RateCheck:
     def update(self, count: int, now: float, nominal_hz: float) -> None:
         """Add `count` samples, lost ones included, that arrived at `now`, s monotonic."""
         if self._start is None or now - self._last > max(QUIET_UNKNOWN_S, 4.0 / nominal_hz):
+            # the samples of this block were measured before `now`, where the comparison begins: they do not count
             self._start, self._last, self._count = now, now, 0
             return
         self._last = now
@@ -80,7 +83,7 @@ class RateCheck:
             rate = self._count / span
             if self._rate_hz is None or abs(rate / self._rate_hz - 1.0) > RATE_TOLERANCE:
                 self._rate_hz = rate
-        elif error_s < RATE_TOLERANCE * span:
+        elif error_s < RATE_TOLERANCE * span:  # between the two, late batches decide: what was said stays
             self._rate_hz = None
         if span > RATE_LONGEST_S:
             self._start = None
@@ -169,7 +172,8 @@ class PortDevice(Device):
         self._given_path = self._path = path
         self._baud, self._decoder, self._lossless = baud, decoder, lossless
         self._state_directory = options.state_directory
-        self._time_lapse = options.speed != 1.0
+        self._time_lapse = options.time_lapse
+        self._pace = LinePace((options.limits or LimitSettings()).lines_hz)
         self._port: SerialPort | None = None
         self._session: Session | None = None
         self._earlier = DeviceCounters()  # of earlier connections
@@ -202,6 +206,7 @@ class PortDevice(Device):
         paths = [self._path]
         if self._identified:
             paths = find_again(self._path, self._ports, find_ports(), self._terminal)
+        # raised if no port is left at all; else the error of the last one is, which was tried
         error: DeviceError = DeviceNotFound(
             "port_not_found", f"no port {self._path}", "plug the sensor in again"
         )
@@ -214,7 +219,7 @@ class PortDevice(Device):
 
     def start(self) -> DeviceInfo:
         session = self._connected()
-        self._save_settings(session)
+        self._save_settings(session)  # before the first write: a kill may follow at any moment
         self._started = True
         self._info = session.configure()
         self._changes = session.changes()
@@ -234,11 +239,12 @@ class PortDevice(Device):
     def close(self) -> None:
         if self._port is not None:
             self._port.close()
-            self._earlier = self.counters
+            self._earlier = self.counters  # those of the port end with it; the decoder continues
         self._port = self._session = self._pending = None
         self._streaming = self._started = False
 
     def _open(self, path: str) -> DeviceInfo:
+        """Open a port and identify the sensor on it; the port is closed again if that fails."""
         limit = TIME_LAPSE_QUEUE_BYTES if self._time_lapse else QUEUE_BYTES
         port = SerialPort(
             path,
@@ -246,12 +252,13 @@ class PortDevice(Device):
             queue_bytes=limit,
             lossless=self._time_lapse or self._lossless,
             mark=self.mark,
+            pace=self._pace,
             interrupted=self.interrupted,
         )
         try:
             session = self._new_session(port)
             info = session.connect()
-        except BaseException:
+        except BaseException:  # an interrupt, too: the port would stay locked, and its thread would run on
             port.close()
             raise
         self._port, self._session, self._path = port, session, path
@@ -267,20 +274,21 @@ class PortDevice(Device):
             raise DeviceNotFound(
                 "no_serial_port", "no serial port on this machine", "plug the sensor in, or try --port sim"
             )
-        found, problems = [], []
+        sensors: dict[str, str] = {}  # path -> what answers there
+        problems = []
         for port in ports:
             try:
                 info = self._open(port.path)
             except DeviceError as error:
                 problems.append(f"{error.message} ({port.description})")
                 continue
-            found.append((port.path, f"{port.path} ({info.model or 'listen-only'} {info.serial or ''})"))
+            sensors[port.path] = f"{port.path} ({info.model or 'listen-only'} {info.serial or ''})"
             self.close()
             self._serial, self._path = None, ""
-        if len(found) == 1:
-            return found[0][0]
-        if found:
-            names = ", ".join(text for _, text in found)
+        if len(sensors) == 1:
+            return next(iter(sensors))
+        if sensors:
+            names = ", ".join(sensors.values())
             raise DeviceNotFound("several_devices", f"several sensors: {names}", "choose one with --port")
         text = f"no {self.title} on the serial ports: {'; '.join(problems)}"
         raise DeviceNotFound("no_device", text, "name one with --port")
@@ -294,7 +302,7 @@ class PortDevice(Device):
         path = directory / f"{self._info.id}.found.json"
         settings = session.save_settings(_saved_settings(path))
         if settings:  # nothing with listen-only: what an earlier run saved stays
-            with suppress(OSError):
+            with suppress(OSError):  # a full disk prevents no run: it then restores from memory alone
                 new = path.with_suffix(".new")
                 write_new(new, json.dumps(settings).encode())
                 os.replace(new, path)
@@ -316,11 +324,8 @@ class PortDevice(Device):
     def read(self, timeout_s: float) -> list[Item]:
         session, port = self._connected(), self._port
         assert port is not None
-        if self._streaming and timeout_s > 0.0:
-            end = time.monotonic() + BATCH_S
-            while not port.waits and (left := end - time.monotonic()) > 0.0:
-                if self.interrupted.wait(min(left, POLL_S)):
-                    raise Interrupted
+        if self._streaming and timeout_s > 0.0:  # not before the first sample, which should show at once
+            self._collect(port)
         if self._pending is not None:
             error, self._pending = self._pending, None
             raise error
@@ -331,7 +336,7 @@ class PortDevice(Device):
         try:
             data = session.read(timeout_s)
         except DeviceLost as lost:
-            if rest := self.finish():
+            if rest := self.finish():  # samples first: a message may have been complete but undecided
                 self._pending = lost
                 return rest
             raise
@@ -343,6 +348,13 @@ class PortDevice(Device):
         if self._started:  # without `start` nothing may be repaired: that writes to the sensor
             items += self._health_items(session, keep=bool(items))
         return items
+
+    def _collect(self, port: SerialPort) -> None:
+        """Let bytes collect for `BATCH_S`; less if a whole piece is queued, or the port is lost."""
+        end = time.monotonic() + BATCH_S
+        while not port.waits and (left := end - time.monotonic()) > 0.0:
+            if self.interrupted.wait(min(left, POLL_S)):
+                raise Interrupted
 
     def _health_items(self, session: Session, keep: bool) -> list[Item]:
         """Return what the health check finds; with samples to deliver first, an error waits for the next read."""
@@ -371,6 +383,7 @@ class PortDevice(Device):
             bad_checksums=decoder.bad_checksums,
             overruns=earlier.overruns + (port.overruns if port else 0),
             kernel_overruns=kernel if now is None else (kernel or 0) + now,
+            other_sender=earlier.other_sender + (port.other_lines if port else 0),
             most_queued_bytes=max(earlier.most_queued_bytes or 0, port.most_queued if port else 0),
         )
 

@@ -6,6 +6,7 @@ What cannot be opened is an error that names the cause. This is the only module 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import errno
 import fcntl
 import getpass
@@ -13,10 +14,14 @@ import os
 import re
 import socket
 import stat
+import struct
 import sys
 import termios
+import time
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from ipaddress import IPv4Address, IPv6Address, ip_address
 from typing import Any
 
 import serial as _pyserial
@@ -24,6 +29,7 @@ import serial.tools.list_ports
 
 from imumon.devices import linux_tty
 from imumon.devices.base import DeviceEnded, DeviceError, DeviceLost, DeviceNotFound
+from imumon.reserve import granted
 
 pyserial: Any = _pyserial  # it has no types
 
@@ -33,6 +39,23 @@ READ_BYTES = 1 << 16
 """Bytes of one read: more than a tty holds, and the longest datagram; after a stall, megabytes may be queued."""
 DATAGRAM_BYTES = 1 << 22
 """Bytes of datagrams for which the kernel is asked, in case the reader is late; it may give less."""
+NETWORK = ("tcp://", "udp://", "socket://", "rfc2217://")
+"""Begins of paths whose bytes come over a network, as fast as another program sends them."""
+SENDER_S = 2.0
+"""s of silence after which another sender of the same address takes the place of a sender of datagrams."""
+SENDER_DATAGRAMS = 100
+"""Datagrams after which a sender is the sensor for good; before, any other takes its place when it is silent."""
+OTHERS, OTHERS_S = 1000, 1.0
+"""Datagrams of others, and s in which they arrive, from which the kernel discards them. To read one takes as long as
+one of the sensor."""
+SO_ATTACH_FILTER, SO_DETACH_FILTER = 26, 27
+"""Options of a socket on Linux (asm-generic/socket.h)."""
+_LOAD_WORD, _LOAD_HALF, _JUMP_IF_EQUAL, _RETURN = 0x20, 0x28, 0x15, 0x06
+"""Instructions of the classic BPF: BPF_LD of a word or half a word at a place, BPF_JMP | BPF_JEQ, BPF_RET."""
+_NETWORK = 0xFFF00000
+"""SKF_NET_OFF: place of the IP header."""
+FROM = "?from="
+"""In the path of a port for datagrams, before the address of their sender."""
 BAUD_RATES = (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600)
 """bit/s in the order in which they are tried: the factory value of most sensors, then the fast ones."""
 STANDARD_INPUT = "-"
@@ -76,6 +99,7 @@ def find_again(
     before, now : `find_ports` before it vanished, and now.
     terminal : `linux_tty.pseudo_terminal` of the path when it was opened.
     """
+    # a URL has nothing that could be looked at without opening it
     remains = os.path.exists(path) and linux_tty.pseudo_terminal(path) == terminal
     paths = [path] if "://" in path or remains else []
     adapters = {p.usb for p in before if os.path.realpath(p.path) == os.path.realpath(path)} - {None}
@@ -90,12 +114,18 @@ def open_port(path: str, baud: int) -> Any:
     DeviceNotFound : there is no such port.
     DeviceError : it cannot be opened.
     """
+    with granted():
+        return _open_port(path, baud)
+
+
+def _open_port(path: str, baud: int) -> Any:
     if path == STANDARD_INPUT:
         if sys.stdin is None:
             raise DeviceNotFound("input_closed", "standard input is closed", "give it a file or a pipe")
         return ReadOnlyPort(None)
     if path.startswith("udp://"):
-        return Datagrams(_open_udp(path))
+        address, _, sender = path.partition(FROM)
+        return Datagrams(_open_udp(address), sender)
     if path.startswith("tcp://"):
         return ReadOnlyPort(_open_tcp(path))
     return (_open_url if "://" in path else _open_tty)(path, baud)
@@ -136,21 +166,103 @@ class ReadOnlyPort:
 
 
 class Datagrams(ReadOnlyPort):
-    """A socket of datagrams."""
+    """A socket of datagrams from one sender: whoever reaches the port may send, and two sensors are no sensor.
 
-    def __init__(self, opened: socket.socket) -> None:
+    The first sender, an address with its port, is the sensor. Two programs of one machine differ in the port alone. A
+    sender that was started again has another port, so that one of the same address follows a sender that is silent. A
+    sender that has sent little, such as a scan of ports, gives way to any other.
+
+    Parameters
+    ----------
+    address : of the sensor, as `from=` of the URL gives it: datagrams of all its ports are taken; "": not given.
+
+    Attributes
+    ----------
+    other_lines : lines of other senders, which are ignored; not those that the kernel has discarded.
+    other_sender : the first of them, as text; None: there is none.
+    """
+
+    def __init__(self, opened: socket.socket, address: str = "") -> None:
         super().__init__(opened)
         self._datagrams = opened
+        self._address = ip_address(address) if address else None
+        self._sender: Any = None  # address and port of the sensor
+        self._heard, self._count = 0.0, 0  # s monotonic of its last datagram; their number
+        self._others: deque[float] = deque(
+            maxlen=OTHERS
+        )  # s monotonic of datagrams of others, the oldest first
+        self._alone = False  # the kernel lets only the sensor through
+        self.other_lines = 0
+        self.other_sender: str | None = None
 
     def receive(self) -> bytes:
         """Return what has arrived, each datagram with an end of line: one is lost as a whole or not at all."""
-        pieces, size = list[bytes](), 0
+        pieces, size, now = list[bytes](), 0, time.monotonic()
         with contextlib.suppress(BlockingIOError, InterruptedError):
             while size < READ_BYTES:
-                data = self._datagrams.recv(READ_BYTES)
-                pieces.append(data if data.endswith(b"\n") else data + b"\n")
-                size += len(pieces[-1])
+                data, sender = self._datagrams.recvfrom(READ_BYTES)
+                data = data if data.endswith(b"\n") else data + b"\n"
+                size += len(data)  # of others, too: they must not keep the reader here
+                if self._is_sensor(sender, now):
+                    pieces.append(data)
+                else:
+                    self.other_lines += data.count(b"\n")
+                    self.other_sender = self.other_sender or f"{sender[0]} port {sender[1]}"
+                    self._others.append(now)
+        if not self._alone and len(self._others) == OTHERS and now - self._others[0] < OTHERS_S:
+            self._let_only_the_sensor_through()
         return b"".join(pieces)
+
+    def look_for_others(self, now: float) -> None:
+        """Let everybody through again if the sensor is silent, s monotonic: another may take its place."""
+        if self._alone and now - self._heard > SENDER_S:
+            with contextlib.suppress(OSError):
+                self._datagrams.setsockopt(socket.SOL_SOCKET, SO_DETACH_FILTER, 0)
+            self._alone = False
+            self._others.clear()
+
+    def _let_only_the_sensor_through(self) -> None:
+        """Have the kernel discard what others send: their flood would take the buffer of the sensor."""
+        address = self._address or ip_address(self._sender[0])
+        port = None if self._address is not None else self._sender[1]
+        with contextlib.suppress(OSError):
+            filter_program = _only_from(address, port)
+            code = ctypes.create_string_buffer(filter_program, len(filter_program))
+            program = struct.pack("@HP", len(filter_program) // 8, ctypes.addressof(code))
+            self._datagrams.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, program)
+            self._alone = True
+
+    def _is_sensor(self, sender: Any, now: float) -> bool:
+        """Return whether a datagram is of the sensor."""
+        if self._address is not None:
+            named = ip_address(sender[0]) == self._address
+            self._heard = now if named else self._heard
+            return named
+        if sender != self._sender:
+            silent = now - self._heard > SENDER_S
+            known = self._sender is not None and self._count >= SENDER_DATAGRAMS
+            if self._sender is not None and not (silent and (not known or sender[0] == self._sender[0])):
+                return False
+            self._sender, self._count = sender, 0
+        self._heard, self._count = now, self._count + 1
+        return True
+
+
+def _only_from(address: IPv4Address | IPv6Address, port: int | None) -> bytes:
+    """Return a program of the classic BPF that lets datagrams of one address, and port, through (linux/filter.h).
+
+    The data of a datagram begin with its UDP header; its IP header is at `_NETWORK`.
+    """
+    first = _NETWORK + (12 if address.version == 4 else 8)
+    tests = [(_LOAD_WORD, first + k, int.from_bytes(address.packed[k : k + 4], "big"))
+             for k in range(0, len(address.packed), 4)]  # fmt: skip
+    tests += [(_LOAD_HALF, 0, port)] if port is not None else []
+    lines = []
+    for number, (load, place, value) in enumerate(tests):
+        # to the end if it differs: over the other tests, of two lines each, and over the line that accepts
+        lines += [(load, 0, 0, place), (_JUMP_IF_EQUAL, 0, 2 * (len(tests) - number - 1) + 1, value)]
+    lines += [(_RETURN, 0, 0, READ_BYTES), (_RETURN, 0, 0, 0)]
+    return b"".join(struct.pack("=HBBI", *line) for line in lines)
 
 
 def _open_tcp(url: str) -> socket.socket:
@@ -159,6 +271,7 @@ def _open_tcp(url: str) -> socket.socket:
     if match is None or not 0 < int(match[3]) < 1 << 16:
         raise DeviceNotFound("port_url_invalid", f"cannot open {url}", "write tcp://HOST:PORT")
     try:
+        # the time-out also makes its descriptor non-blocking, as the reader of a port needs it
         return socket.create_connection((match[1] or match[2], int(match[3])), timeout=5.0)
     except OSError as error:
         cure = "check that the server is running and that the URL is correct"
@@ -187,6 +300,8 @@ def _open_udp(url: str) -> socket.socket:
 
 
 def _open_url(url: str, baud: int) -> Any:
+    """Return an open port of pyserial on a URL."""
+    # pyserial fails with a TypeError of its own on such a URL without a port
     network = re.match(r"(socket|rfc2217)://", url)
     if network and not re.match(r"[^/]+:\d+", url[network.end() :]):
         raise DeviceNotFound("port_url_invalid", f"cannot open {url}", f"write {network[0]}HOST:PORT")
@@ -198,9 +313,10 @@ def _open_url(url: str, baud: int) -> Any:
 
 
 def _open_tty(path: str, baud: int) -> Any:
+    """Return an open serial device, which no other program reads."""
     try:
         mode = os.stat(path).st_mode
-    except (OSError, ValueError):
+    except (OSError, ValueError):  # a ValueError: a path with a zero byte
         ports = ", ".join(port.path for port in find_ports())
         cure = f"choose another --port; this machine has {ports}" if ports else "plug the sensor in"
         raise DeviceNotFound("port_not_found", f"no port {path}", cure) from None
@@ -211,22 +327,26 @@ def _open_tty(path: str, baud: int) -> Any:
     if others := linux_tty.holders(path):  # one that locks nothing would take a part of the bytes
         raise _busy(path, others)
     try:
+        # a write must end, too: a sensor that holds the line, or a hung adapter, takes no bytes
         port = pyserial.Serial(path, baud, timeout=POLL_S, write_timeout=1.0, exclusive=True)
     except ValueError as error:
         text = f"{path} cannot do {baud} baud ({error})"
         raise DeviceError("baud_unsupported", text, "choose another --baud") from None
     except LOSS_ERRORS as error:
         raise _open_error(path, error) from None
-    with contextlib.suppress(ValueError, OSError, NotImplementedError):  # a pseudo-terminal has no such mode
+    # An FTDI adapter otherwise keeps bytes for 16 ms, and each reply with them. A pseudo-terminal has no such mode.
+    with contextlib.suppress(ValueError, OSError, NotImplementedError):
         port.set_low_latency_mode(True)
-    if not os.path.realpath(path).startswith(linux_tty.PSEUDO_TERMINALS):  # it would stay locked after a kill
+    # `exclusive` is a lock that other programs need not look at; this mode makes their opening fail. A
+    # pseudo-terminal, whose other end stays open, would keep it after this process was killed.
+    if not os.path.realpath(path).startswith(linux_tty.PSEUDO_TERMINALS):
         with contextlib.suppress(OSError):
             fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
     return port
 
 
 def _busy(path: str, programs: Mapping[int, str]) -> DeviceError:
-    """Return that a port is in use, with the programs by process that have it open."""
+    """Return the error of a port in use; `programs`, by process, have it open: empty if they are not visible."""
     if not programs:
         cure = f"end it first: sudo fuser -v {path} names it"
         return DeviceError("port_busy", f"{path} is in use by another user's program", cure)
@@ -236,14 +356,15 @@ def _busy(path: str, programs: Mapping[int, str]) -> DeviceError:
 
 def _open_error(path: str, error: Exception) -> DeviceError:
     """Return why a port that exists does not open, and the cure."""
+    # termios.error and some errors of pyserial have the number of the system error in their arguments only
     number = getattr(error, "errno", None) or next((a for a in error.args if isinstance(a, int)), None)
     if number in (errno.EACCES, errno.EPERM):
         user = "$USER"
         with contextlib.suppress(KeyError, OSError):  # a container may run under a number without a name
             user = getpass.getuser()
-        cure = f"sudo usermod -aG dialout {user}, then log in again"
+        cure = f"sudo usermod -aG {linux_tty.group_of(path)} {user}, then log in again"
         return DeviceError("port_permission_denied", f"no permission for {path}", cure)
-    if number in (errno.EBUSY, errno.EAGAIN):
+    if number in (errno.EBUSY, errno.EAGAIN):  # the exclusive mode of another program, or its lock
         return _busy(path, linux_tty.holders(path))
     if not os.path.exists(path) or number in (errno.EIO, errno.ENXIO, errno.ENODEV, errno.ENOENT):
         text = f"{path} vanished while it was being opened"

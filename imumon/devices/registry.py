@@ -19,6 +19,7 @@ GROUP = "imumon.devices"
 DEFAULT_SCHEME = "vn100"
 """Driver of plain paths, of pyserial URLs and of ``sim``."""
 
+# not before //: socket://HOST:PORT is a URL of pyserial, and names no driver
 _SCHEME = re.compile(r"([a-z][a-z0-9+.-]*):(?!//)")
 
 
@@ -44,20 +45,20 @@ def driver(scheme: str = DEFAULT_SCHEME) -> DeviceDriver:
             f"write the path of a serial port, sim, or one of {known}",
         )
     try:
-        made = point.load()()
+        instance = point.load()()
     except Exception as error:  # whatever another distribution does wrong
         raise DeviceError(
             "driver_not_importable",
             f"the device driver {scheme!r} ({point.value}) cannot be imported ({type(error).__name__}: {error})",
             "repair or uninstall its package",
         ) from error
-    if not isinstance(made, DeviceDriver) or made.scheme != scheme:
+    if not isinstance(instance, DeviceDriver) or instance.scheme != scheme:
         raise DeviceError(
             "driver_invalid",
             f"the entry point {scheme!r} ({point.value}) is no DeviceDriver of this scheme",
             "repair or uninstall its package",
         )
-    return made
+    return instance
 
 
 def driver_of(url: str) -> DeviceDriver:
@@ -78,12 +79,13 @@ def scheme_of(url: str) -> str:
     >>> scheme_of("/dev/ttyUSB0"), scheme_of("socket://10.0.0.2:4001"), scheme_of("fake:a?rate=101")
     ('vn100', 'vn100', 'fake')
     """
-    found = _SCHEME.match(url)
-    return found[1] if found else DEFAULT_SCHEME
+    match = _SCHEME.match(url)
+    return match[1] if match else DEFAULT_SCHEME
 
 
 def scheme_of_bytes(data: bytes) -> str | None:
     """Return the scheme of the driver that finds messages in bytes which do not name it; None: none does."""
+    # a driver of another distribution that cannot be imported does not prevent the others from being tried
     for scheme in (DEFAULT_SCHEME, *schemes()):
         with suppress(DeviceError):
             decoder = driver(scheme).decoder()

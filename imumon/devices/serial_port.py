@@ -21,6 +21,7 @@ from imumon.devices import linux_tty
 from imumon.devices.base import DeviceError, DeviceLost, Interrupted
 from imumon.devices.ports import (
     LOSS_ERRORS,
+    NETWORK,
     POLL_S,
     READ_BYTES,
     STANDARD_INPUT,
@@ -28,6 +29,7 @@ from imumon.devices.ports import (
     loss_of,
     open_port,
 )
+from imumon.door_limits import LinePace
 
 QUEUE_BYTES = 8 << 20
 """Bytes in the queue: 90 s at 921600 baud."""
@@ -38,8 +40,13 @@ COLLECT_S = 0.05
 FEW_BYTES = 512
 """Bytes of one read from which it collects for less time: at a steady rate, a read then has at most half of what a
 tty holds up to 1 Mbit/s. The baud rate does not show it: a board on USB ignores it."""
+DATAGRAMS_S = 1.0
+"""s of waiting for the pace of a network after which datagrams are lost: the kernel keeps a second of them at most."""
 COLLECT_BYTES = 2048
 """Bytes from which the reader does not wait: half of what a tty holds."""
+BAUD_TOLERANCE = 0.03
+"""Share by which the real baud rate may differ from the requested one. With 5 % between both ends, the last of the ten
+bits of a byte is sampled half a bit off; the other end has an error of its own."""
 
 
 class SerialPort:
@@ -54,6 +61,7 @@ class SerialPort:
     lossless : stop draining while the queue is full, so that the other end waits: for an emulator in
         time-lapse or a pipe, never for a sensor.
     mark : bytes put where others were dropped.
+    pace : how fast bytes of a network are read; None: as fast as they come. A line of a tty limits itself.
     interrupted : makes `read` raise `Interrupted`, also while it waits.
 
     Attributes
@@ -75,12 +83,15 @@ class SerialPort:
         queue_bytes: int = QUEUE_BYTES,
         lossless: bool = False,
         mark: bytes = b"",
+        pace: LinePace | None = None,
         interrupted: threading.Event | None = None,
     ) -> None:
         self.name = path
         self.received_bytes = self.dropped_bytes = self.most_queued = 0
         self._baud, self._limit, self._lossless, self._mark = baud, queue_bytes, lossless, mark
         self._interrupted = interrupted or threading.Event()
+        self._pace = pace if path.startswith(NETWORK) else None
+        self._rested_s = 0.0  # waited for the pace, in all
         self._queue: deque[bytes] = deque()
         self._queued = self._episodes = 0
         self._changed = threading.Condition()
@@ -104,6 +115,21 @@ class SerialPort:
     def waits(self) -> bool:
         """Whether to read at once: a whole piece is queued, or no more bytes will arrive."""
         return self._queued >= READ_BYTES or self._loss is not None
+
+    @property
+    def other_sender(self) -> str | None:
+        """Who else sends datagrams to this port, which are ignored; None: there is no other."""
+        return self._serial.other_sender if isinstance(self._serial, Datagrams) else None
+
+    @property
+    def other_lines(self) -> int:
+        """Lines of other senders so far, which are ignored."""
+        return self._serial.other_lines if isinstance(self._serial, Datagrams) else 0
+
+    @property
+    def datagrams_wait(self) -> bool:
+        """Whether datagrams have waited for as long as makes the kernel drop some."""
+        return isinstance(self._serial, Datagrams) and self._rested_s > DATAGRAMS_S
 
     @property
     def overruns(self) -> int:
@@ -130,12 +156,13 @@ class SerialPort:
             while not self._interrupted.is_set() and not self._queue and self._loss is None:
                 if (left := deadline - time.monotonic()) <= 0.0:
                     break
-                self._changed.wait(min(left, POLL_S))
+                self._changed.wait(min(left, POLL_S))  # `interrupted` does not notify this condition
             if self._interrupted.is_set():
                 raise Interrupted
             if not self._queue and self._loss is not None:
                 raise self._loss
             piece, size = [], 0
+            # bounded: after a stall of the consumer, the queue may hold minutes of data
             while self._queue and size < READ_BYTES:
                 piece.append(self._queue.popleft())
                 size += len(piece[-1])
@@ -152,7 +179,7 @@ class SerialPort:
         """
         if self._loss is not None:
             raise self._loss
-        self._dialogue_until = time.monotonic() + DIALOGUE_S
+        self._dialogue_until = time.monotonic() + DIALOGUE_S  # before the write: the reply may come during it
         try:
             self._serial.write(data)
         except LOSS_ERRORS as error:
@@ -174,7 +201,9 @@ class SerialPort:
                 self._apply(self._baud)
         except LOSS_ERRORS as error:
             raise self._fail(error) from None
-        with self._changed:
+        with (
+            self._changed
+        ):  # what arrived at the other rate is garbage, also what the reader had moved already
             self._queue.clear()
             self._queued = 0
         return done
@@ -185,7 +214,8 @@ class SerialPort:
         except (ValueError, OverflowError):
             return False
         actual = linux_tty.actual_baud(self._fd)
-        return actual is None or abs(actual - baud) <= 0.03 * baud
+        # a driver that has no such rate sets the nearest one without an error
+        return actual is None or abs(actual - baud) <= BAUD_TOLERANCE * baud
 
     def reopen(self) -> None:
         """Close and open again at the same baud, which cures some bad reads.
@@ -202,7 +232,7 @@ class SerialPort:
 
     def close(self) -> None:
         """Stop the thread and close the port."""
-        self._kernel_before = self.kernel_overruns
+        self._kernel_before = self.kernel_overruns  # a reopened port counts on; a closed one cannot be asked
         with self._changed:
             self._closing = True
             self._changed.notify_all()
@@ -218,12 +248,14 @@ class SerialPort:
         self.close()
 
     def _open(self) -> None:
+        """Open the port, set its baud rate, and start the thread that drains it."""
         self._serial = open_port(self.name, self._baud)
         self._fd = None
-        with contextlib.suppress(io.UnsupportedOperation, AttributeError):
+        with contextlib.suppress(io.UnsupportedOperation, AttributeError):  # rfc2217:// has no file behind it
             self._fd = self._serial.fileno()
         self._closing, self._loss, self._dropping, self._empty = False, None, False, 0
         try:
+            # the driver counts since it was loaded, whoever had the port open
             self._kernel_start = linux_tty.overruns(self._fd) or 0
             if not self.fixed_baud and not self.set_baud(self._baud):
                 text = f"the adapter of {self.name} cannot do {self._baud} baud"
@@ -246,23 +278,36 @@ class SerialPort:
                 data = self._receive()
                 if data:
                     self._keep(data)
+                    self._rest(data)
                     if len(data) < COLLECT_BYTES and time.monotonic() > self._dialogue_until:
                         time.sleep(COLLECT_S * min(1.0, FEW_BYTES / len(data)))
         except Exception as error:  # whatever it is, `read` must raise it
             self._fail(error)
 
+    def _rest(self, data: bytes) -> None:
+        """Wait after bytes of a network for as long as their lines may take; the rest waits in the kernel."""
+        if self._pace is None:
+            return
+        wait_s = self._pace.wait_s(data, time.monotonic())
+        self._rested_s += wait_s
+        end = time.monotonic() + wait_s
+        while not self._closing and (left := end - time.monotonic()) > 0.0:
+            time.sleep(min(left, POLL_S))
+
     def _receive(self) -> bytes:
         """Return what the port holds, b"" if nothing arrived for a while."""
-        if self._fd is None:  # no file behind it (rfc2217)
+        if self._fd is None:
             return bytes(self._serial.read(max(1, self._serial.in_waiting)))
-        if not select.select([self._fd], [], [], POLL_S)[0]:
+        if isinstance(self._serial, Datagrams):
+            self._serial.look_for_others(time.monotonic())
+        if not select.select([self._fd], [], [], POLL_S)[0]:  # with a limit: `close` only sets a flag
             self._empty = 0
             return b""
         if isinstance(self._serial, Datagrams):
             return self._serial.receive()
         try:
             data = os.read(self._fd, READ_BYTES)
-        except (BlockingIOError, InterruptedError):
+        except (BlockingIOError, InterruptedError):  # another program that reads the port was faster
             return b""
         if not data and self.name == STANDARD_INPUT:
             raise EOFError
@@ -273,7 +318,9 @@ class SerialPort:
         return data
 
     def _keep(self, data: bytes) -> None:
+        """Put bytes into the queue; wait for room if the other end waits too, else drop what does not fit."""
         with self._changed:
+            # an empty queue takes a piece of any size: one larger than the limit would never fit
             while self._lossless and self._queue and self._is_full(data) and not self._closing:
                 self._changed.wait(POLL_S)
             self.received_bytes += len(data)
@@ -282,7 +329,7 @@ class SerialPort:
                 self.dropped_bytes += len(data)
                 self._episodes += not dropped_before
                 return
-            if dropped_before:
+            if dropped_before:  # or the halves of two messages would become one
                 data = self._mark + data
             self._queue.append(data)
             self._queued += len(data)
@@ -296,6 +343,7 @@ class SerialPort:
         """Record that the port has vanished; return the error."""
         lost = loss_of(self.name, error)
         with self._changed:
+            # the first cause is kept; what fails while the port is being closed is no loss
             if self._loss is None and not self._closing:
                 self._loss = lost
             self._changed.notify_all()

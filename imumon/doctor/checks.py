@@ -80,6 +80,7 @@ def port(port: PortObservation) -> Iterator[Check]:
 
 
 def _permission(port: PortObservation) -> Check:
+    """Check whether this user may use the port."""
     if port.accessible:
         return Check("permission", "ok", f"{port.user} may read and write it")
     if port.group is None or port.group == "root":
@@ -92,6 +93,7 @@ def _permission(port: PortObservation) -> Check:
 
 
 def _usage(port: PortObservation) -> Check:
+    """Check whether another program has the port open."""
     if port.holders:
         cure = "end it first"
         if any(name.startswith(("imumon", "python")) for name in port.holders):
@@ -145,6 +147,7 @@ def device(
 
 
 def _generic(observation: Observation, max_loss: float) -> Iterator[Check]:
+    """Yield the checks that apply to any device."""
     if observation.lost is not None:
         yield Check("sensor", "failed", observation.lost, "check the plug and the strain relief of the cable")
     yield _model(observation)
@@ -170,6 +173,7 @@ def _model(observation: Observation) -> Check:
 
 
 def _stream(observation: Observation) -> Check:
+    """Check whether samples arrive, without long pauses."""
     info, pause = observation.info, observation.longest_pause_s
     if observation.daemon is not None and observation.state != "running":
         text = f"the daemon is {observation.state}: no samples arrive"
@@ -190,6 +194,7 @@ def _stream(observation: Observation) -> Check:
 
 
 def _aliasing(observation: Observation) -> Check:
+    """Check whether the alias factor is known and harmless."""
     info = observation.info
     if info.alias_factor is None:
         text = f"unknown: the {info.kind} does not report its filter or its rate"
@@ -201,6 +206,7 @@ def _aliasing(observation: Observation) -> Check:
 
 
 def _compensation(observation: Observation) -> Check:
+    """Check whether the samples are those of the sensor or of a filter behind it."""
     info = observation.info
     if info.stream == "unknown":
         text = f"unknown whether {info.source} is compensated: B and K may be those of a filter"
@@ -212,6 +218,7 @@ def _compensation(observation: Observation) -> Check:
 
 
 def _checksums(observation: Observation, max_loss: float) -> Check:
+    """Check how many messages were damaged."""
     bad = observation.bad_checksums
     total = observation.messages + bad
     text = f"{bad} of {total} messages damaged in {observation.seconds:.0f} s"
@@ -227,6 +234,7 @@ def _checksums(observation: Observation, max_loss: float) -> Check:
 
 
 def _rate(observation: Observation) -> Check:
+    """Check whether samples are missing, and the rate against the configured one."""
     nominal, rate, samples = observation.info.sample_rate_hz, observation.rate_hz, observation.samples
     text = f"{rate:.1f} Hz" if rate is not None else f"{samples} samples"
     if missing := observation.missing or 0:
@@ -254,6 +262,7 @@ def _rate(observation: Observation) -> Check:
 
 
 def _clock(observation: Observation) -> Iterator[Check]:
+    """Check whether the sample clock is continuous, and its rate against the host clock."""
     jumps, ratio = observation.clock_jumps, observation.clock_ratio
     if jumps:
         text = f"the sample clock jumped {jumps} time{'s' if jumps > 1 else ''}"

@@ -112,6 +112,7 @@ def _examine_device(
     probe: ZenohProbe,
     progress: Callable[[str], None],
 ) -> list[Check]:
+    """Return the checks of the device on a port, or of the daemon that reads it."""
     driver = registry.driver_of(port.path)
     alarm_limits = limits(case.settings.alert) if report is None else report.alarm_limits
     if report is not None and probe.subscriber is not None:
@@ -122,7 +123,9 @@ def _examine_device(
         # the check of the baud rate compares the configured one with that of the device: detect the latter
         settings = SimpleNamespace(**{**vars(case.settings.device), "baud": "auto"})
         table = getattr(case.settings, driver.scheme, None)
-        device = driver.create(DeviceOptions(url=port.path, settings=settings, table=table))
+        limits_of_doors = case.settings.limits
+        options = DeviceOptions(url=port.path, settings=settings, table=table, limits=limits_of_doors)
+        device = driver.create(options)
         device.progress = progress
         with closing(device):
             device.open()

@@ -113,7 +113,7 @@ def observe_daemon(subscriber: Subscriber, report: Report, seconds: float) -> Ob
     info = DeviceInfo(**shared, caveats=tuple(c for c in last.caveats if c in DEVICE_CAVEATS))
     return Observation(
         info=info,
-        seconds=elapsed / last.speed if elapsed > 0 else time.monotonic() - start,
+        seconds=last.host_s(elapsed) if elapsed > 0 else time.monotonic() - start,
         bytes=b.received_bytes - a.received_bytes,
         messages=b.samples - a.samples,
         bad_checksums=b.bad_checksums - a.bad_checksums,

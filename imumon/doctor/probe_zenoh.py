@@ -68,6 +68,7 @@ class ZenohProbe:
         return None, last_error
 
     def _unreachable(self) -> tuple[str, ...]:
+        """Return the configured routers that do not answer."""
         client = replace(self._options, mode="client", listen=(), users_file="")
         unreachable = []
         for endpoint in self._options.connect:

@@ -17,6 +17,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from imumon.clock import REAL_TIME, HostClock
+from imumon.errors import why
+from imumon.files import cure_of_writing, lack_of_files
 from imumon.history import selection
 from imumon.history.day_changes import DayChanges
 from imumon.history.power_ups import PowerUps
@@ -27,6 +30,7 @@ from imumon.history_report import STEPS, HistoryPeriod
 from imumon.messages import change_text
 from imumon.noise.stretches.day_change import DAYS_KEPT
 from imumon.report import Event, Report
+from imumon.reserve import granted
 from imumon.samples import Level
 from imumon.units import DAY
 
@@ -50,12 +54,14 @@ class History:
     directory : of the file; it exists.
     device : name of the device.
     keep_days : days after which rows and events are deleted.
-    speed : seconds of the sample clock per second of the host clock.
+    clock : of the host.
     """
 
-    def __init__(self, directory: Path, device: str, *, keep_days: float, speed: float = 1.0) -> None:
+    def __init__(
+        self, directory: Path, device: str, *, keep_days: float, clock: HostClock = REAL_TIME
+    ) -> None:
         self.path = directory / f"{device}{SUFFIX}"
-        self._device, self._keep_s, self._speed = device, 86400.0 * keep_days, speed
+        self._device, self._keep_s, self._clock = device, 86400.0 * keep_days, clock
         self._changed = threading.Condition()
         self._pending: dict[_Key, TimedPeriod] = {}
         self._last: dict[int, HistoryPeriod] = {}  # newest of each length
@@ -66,10 +72,11 @@ class History:
         self._failed: str | None = None
         self._reported: str | None = None
         self._notes: list[tuple[str, Level]] = []
-        self._days = DayChanges(speed)
+        self._days = DayChanges(clock)
         self._reported_changes: set[tuple[str, str]] = set()  # channel and coefficient
         self._power_ups: PowerUps | None = None
-        self._clock: tuple[float, float] | None = None  # s since the power-up, and s since 1970 when that was
+        # s since the power-up of the sensor, and s since 1970 when that was
+        self._sensor_clock: tuple[float, float] | None = None
         self._next_clean = 0.0
         self._thread = threading.Thread(target=self._run, name="history", daemon=True)
         self._thread.start()
@@ -88,7 +95,7 @@ class History:
             if self._last.get(period.step_s) is period:
                 continue  # nothing new in the period in progress
             self._last[period.step_s] = period
-            begin, end = (now - age / self._speed for age in (period.begin_age_s, period.end_age_s))
+            begin, end = (now - self._clock.to_host_s(age) for age in (period.begin_age_s, period.end_age_s))
             timed = TimedPeriod(record=record, begin=begin, end=end, period=period)
             self._settle(timed, now)
             with self._changed:
@@ -112,7 +119,7 @@ class History:
 
     def clock(self, clock_s: float, now: float) -> None:
         """Note the clock of the sensor, s since its power-up, at the time `now`, s since 1970."""
-        self._clock = (clock_s, now)
+        self._sensor_clock = (clock_s, now)
         if self._power_ups is not None:
             self._power_ups.update(clock_s, now)
             self._power_up = self._power_ups.newest
@@ -139,25 +146,25 @@ class History:
 
     def new_changes(self) -> list[tuple[str, str]]:
         """Return the changes over days that are new: channel and text."""
-        found = []
+        new = []
         for name, changes in self._days.changes.items():
             for change in changes:
                 if (name, change.quantity) not in self._reported_changes:
                     self._reported_changes.add((name, change.quantity))
-                    found.append((name, change_text(name, change)))
-        return found
+                    new.append((name, change_text(name, change)))
+        return new
 
     def annotated(self, report: Report) -> Report:
         """Return a report with what the history shows: changes over days, and the turn-on bias."""
         changes, power_ups = self._days.changes, self._power_ups
         channels = {}
         for name, channel in report.channels.items():
-            if own := changes.get(name):
+            if of_days := changes.get(name):
                 caveats = tuple(dict.fromkeys((*channel.caveats, "changed")))
-                channel = replace(channel, changes=(*channel.changes, *own), caveats=caveats)
+                channel = replace(channel, changes=(*channel.changes, *of_days), caveats=caveats)
             channels[name] = channel
-        made = replace(report, channels=channels)
-        return made if power_ups is None else power_ups.annotated(made)
+        report = replace(report, channels=channels)
+        return report if power_ups is None else power_ups.annotated(report)
 
     def close(self) -> None:
         """Write what is new, and wait for the disk."""
@@ -168,10 +175,10 @@ class History:
 
     def _settle(self, timed: TimedPeriod, now: float) -> None:
         """Take the settled bias of this power-up from a period of 10 minutes."""
-        if self._power_ups is None or self._clock is None or timed.period.step_s != 600:
+        if self._power_ups is None or self._sensor_clock is None or timed.period.step_s != 600:
             return
-        clock_s, seen = self._clock
-        begin_s = clock_s - timed.period.begin_age_s - (seen - now) * self._speed
+        clock_s, seen = self._sensor_clock
+        begin_s = clock_s - timed.period.begin_age_s - self._clock.to_sample_s(seen - now)
         if self._power_ups.settle(timed, begin_s):
             self._power_up = self._power_ups.newest
 
@@ -184,7 +191,7 @@ class History:
         ------
         SelectionError, HistoryError : the query is not valid, or the file cannot be read.
         """
-        now = time.time()
+        now = self._clock.time_s()
         chosen = selection.of_parameters(parameters, now)
         if name == EVENTS:
             return "".join(json_pieces(self._known_events(chosen)))
@@ -213,7 +220,7 @@ class History:
             except HistoryError as error:
                 if error.code != "no_history" and not pending:
                     raise
-        for timed in sorted(pending.values(), key=lambda each: each.begin):
+        for timed in sorted(pending.values(), key=lambda timed: timed.begin):
             if timed.begin <= chosen.until and timed.end >= chosen.since:
                 yield timed
 
@@ -229,8 +236,8 @@ class History:
                 for when, event in self._events
                 if chosen.since <= when <= chosen.until
             ]
-        for each in known[-MOST_ROWS:]:
-            yield {**each, "time": iso(each["time"])}
+        for event in known[-MOST_ROWS:]:
+            yield {**event, "time": iso(event["time"])}
 
     # ------------------------------------------------------------------ the thread that writes
 
@@ -251,11 +258,12 @@ class History:
                 if not isinstance(error, sqlite3.OperationalError):
                     self._set_aside(damaged(self.path))
                     continue
-                self._failed = f"{self.path.parent}: {error}: free space or choose another --state"
+                cause = lack_of_files() or error
+                self._failed = f"{self.path.parent}: {why(cause)}: {cure_of_writing(cause)}"
             except (OSError, MemoryError) as error:
                 store = _closed(store)
                 reason = getattr(error, "strerror", None) or "out of memory"
-                self._failed = f"{self.path.parent}: {reason}: free space or choose another --state"
+                self._failed = f"{self.path.parent}: {reason}: {cure_of_writing(error)}"
             with self._changed:
                 if closing:
                     break
@@ -265,18 +273,19 @@ class History:
             store.close()
 
     def _opened(self) -> HistoryStore:
-        store = HistoryStore(self.path, write=True)
+        with granted():
+            store = HistoryStore(self.path, write=True)
         if self._power_ups is None:
             self._load_days(store)
-            known = PowerUps(store.power_ups(), real_time=self._speed == 1.0)
-            if self._clock is not None:
-                known.update(*self._clock)
+            known = PowerUps(store.power_ups(), real_time=self._clock.is_real_time)
+            if self._sensor_clock is not None:
+                known.update(*self._sensor_clock)
             self._power_ups = known
         return store
 
     def _load_days(self, store: HistoryStore) -> None:
         """Judge the days of the file; a change that has an event already is not reported again."""
-        now = time.time()
+        now = self._clock.time_s()
         wanted = Selection(since=now - 2 * DAYS_KEPT * DAY, until=now, step="1d")
         self._days.add(list(store.periods(wanted)))
         reported = {
@@ -303,10 +312,10 @@ class History:
         store.add_events(events)
         with self._changed:
             written = set(map(id, (event for _, event in events)))
-            self._events = [each for each in self._events if id(each[1]) not in written]
+            self._events = [entry for entry in self._events if id(entry[1]) not in written]
         if (power_up := self._power_up) is not None:
             store.set_power_up(power_up)
-        now = time.time()
+        now = self._clock.time_s()
         if now >= self._next_clean:
             self._next_clean = now + DAY
             store.delete_before(now - self._keep_s)

@@ -49,7 +49,7 @@ class PowerUps:
 
     def biases(self, channel: str) -> list[float]:
         """Return the settled biases of a channel, channel unit, one per power-up, oldest first."""
-        return [each.means[channel] for each in self._all if channel in each.means]
+        return [power_up.means[channel] for power_up in self._all if channel in power_up.means]
 
     def described(self, distribution: Distribution, channel: str) -> Distribution:
         """Return the shape of a channel with the repeatability of its turn-on bias."""

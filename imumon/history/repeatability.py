@@ -9,9 +9,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from imumon.coefficients import LIMIT_95
+from imumon.coefficients import COEFFICIENTS, LIMIT_95, Estimate
 from imumon.history_report import LEAST_DAYS, DayScatter, HistoryRow
-from imumon.report import COEFFICIENTS, Estimate
 from imumon.units import DAY, HOUR
 
 

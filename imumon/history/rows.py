@@ -9,11 +9,12 @@ from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from typing import Any
 
+from imumon.coefficients import Estimate
 from imumon.history.schema import ESTIMATE_COLUMNS
 from imumon.history.selection import Selection
 from imumon.history.store import TimedPeriod
 from imumon.history_report import STEPS
-from imumon.report import Estimate, stamp
+from imumon.report import stamp
 from imumon.samples import UNITS, sensor_of
 
 DIGITS = 7
@@ -55,8 +56,8 @@ def rows(timed: TimedPeriod, device: str, selected: Selection | None = None) -> 
 def json_pieces(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
     """Yield a JSON array in pieces, one object per line; other threads may run between two of them."""
     separator = "["
-    for each in objects:
-        yield separator + json.dumps(each, separators=(",", ":"), allow_nan=False)
+    for row in objects:
+        yield separator + json.dumps(row, separators=(",", ":"), allow_nan=False)
         separator = ",\n"
     yield "[]" if separator == "[" else "]"
 
@@ -64,9 +65,9 @@ def json_pieces(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
 def csv_pieces(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
     """Yield CSV line by line, one column per number: ``N``, ``N_low``, ``N_high``, ``N_status`` and so on."""
     writer: csv.DictWriter[str] | None = None
-    for each in objects:
+    for row in objects:
         flat: dict[str, Any] = {}
-        for name, value in each.items():
+        for name, value in row.items():
             if name in ESTIMATE_COLUMNS:
                 parts = value or dict.fromkeys(_LIMITS)
                 flat |= {name if part == "value" else f"{name}_{part}": parts[part] for part in _LIMITS}

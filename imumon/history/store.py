@@ -17,20 +17,22 @@ import re
 import sqlite3
 import stat
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
-from imumon.errors import ImumonError
+from imumon.coefficients import GRADES, Estimate, GradeName, Status
+from imumon.errors import ImumonError, why
 from imumon.files import rename_aside
 from imumon.history.schema import ESTIMATE_COLUMNS, SCHEMA, VERSION
 from imumon.history.selection import Selection
 from imumon.history_report import STEPS, HistoryPeriod, PeriodChannel
-from imumon.report import GRADES, Estimate, Event, GradeName, Status
+from imumon.report import Event
 
 SUFFIX = ".history.sqlite"
-_STATUSES: tuple[Status, ...] = get_args(Status)
+_STATUSES: tuple[Status, ...] = ("measured", "upper_bound", "pending", "indistinct")
+"""Numbers of the statuses in a file, which hold for every file: a further one goes to the end."""
 
 
 class HistoryError(ImumonError):
@@ -71,7 +73,7 @@ def devices(directory: Path) -> list[str]:
     """Return the names of the devices that have a history in a directory."""
     pattern = re.compile(r"([a-z0-9_-]{1,64})" + re.escape(SUFFIX))
     try:
-        return sorted(found[1] for name in os.listdir(directory) if (found := pattern.fullmatch(name)))
+        return sorted(match[1] for name in os.listdir(directory) if (match := pattern.fullmatch(name)))
     except OSError:
         return []
 
@@ -124,7 +126,7 @@ class HistoryStore:
     """
 
     def __init__(self, path: Path, *, write: bool = False) -> None:
-        self.path = path
+        self.path, self._write = path, write
         check_file(path, write)
         name = str(path.absolute()).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
         reason = ""
@@ -185,13 +187,30 @@ class HistoryStore:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Distinguish damage from errors that pass, such as a lock: only a damaged file is set aside."""
+        try:
+            yield
+        except sqlite3.DatabaseError as error:
+            # a table that is gone is an error of the statement; a text that is none has no code
+            passes = _code(error) not in (None, sqlite3.SQLITE_ERROR)
+            if isinstance(error, sqlite3.OperationalError) and passes:
+                if self._write:
+                    raise
+                message = f"history {self.path} cannot be read ({why(error)})"
+                raise HistoryError("history_unreadable", message, "try again, or ask the daemon") from None
+            raise damaged(self.path) from None
+        except (LookupError, TypeError, ValueError, OverflowError):  # a number that no row can have
+            raise damaged(self.path) from None
+
     # ------------------------------------------------------------------ writing
 
     def add(self, periods: Sequence[TimedPeriod]) -> None:
         """Write periods in one transaction; one that was written before is replaced."""
         with self._connection as cursor:
-            for each in periods:
-                self._add(cursor, each)
+            for timed in periods:
+                self._add(cursor, timed)
 
     def _add(self, cursor: sqlite3.Connection, timed: TimedPeriod) -> None:
         period = timed.period
@@ -221,9 +240,10 @@ class HistoryStore:
                 "std": channel.std,
                 "grade": _grade_number(period, name),
             }
-            for letter, each in channel.coefficients.items():
-                own = (each.value, each.low, each.high, _STATUSES.index(each.status))
-                values |= dict(zip(ESTIMATE_COLUMNS[letter], own, strict=True))
+            for letter, estimate in channel.coefficients.items():
+                status = _STATUSES.index(estimate.status)
+                row_part = (estimate.value, estimate.low, estimate.high, status)
+                values |= dict(zip(ESTIMATE_COLUMNS[letter], row_part, strict=True))
             marks = ", ".join("?" * len(values))
             cursor.execute(
                 f"INSERT OR REPLACE INTO noise ({', '.join(values)}) VALUES ({marks})", tuple(values.values())
@@ -281,12 +301,14 @@ class HistoryStore:
 
     def periods(self, selected: Selection) -> Iterator[TimedPeriod]:
         """Yield the periods of a selection, oldest first, with the selected channels."""
-        try:
+        with self._reading():
             names = dict(self._connection.execute("SELECT id, name FROM channel"))
             wanted = [number for number, name in names.items() if selected.wants(name)]
             marks = ", ".join("?" * len(wanted))
             known = self._noise_columns()
-            estimates = {letter: own for letter, own in ESTIMATE_COLUMNS.items() if known.issuperset(own)}
+            estimates = {
+                letter: names for letter, names in ESTIMATE_COLUMNS.items() if known.issuperset(names)
+            }
             columns = ("channel", "mean", "std", "grade", *itertools.chain(*estimates.values()))
             with closing(
                 self._connection.execute(
@@ -307,36 +329,49 @@ class HistoryStore:
             ) as cursor:
                 for _, group in itertools.groupby(cursor, key=lambda row: row[0]):
                     yield _timed_period(list(group), names, tuple(estimates))
-        except sqlite3.DatabaseError:
-            raise damaged(self.path) from None
 
     def events(self, since: float, until: float) -> list[dict[str, Any]]:
         """Return events, oldest first: time (s since 1970), kind, channel, text and count."""
-        rows = self._connection.execute(
-            "SELECT time, kind, channel, text, count FROM event WHERE time BETWEEN ? AND ? ORDER BY time",
-            (since, until),
-        )
-        return [dict(zip(("time", "kind", "channel", "text", "count"), row, strict=True)) for row in rows]
+        with self._reading():
+            rows = self._connection.execute(
+                "SELECT time, kind, channel, text, count FROM event WHERE time BETWEEN ? AND ? ORDER BY time",
+                (since, until),
+            )
+            return [dict(zip(("time", "kind", "channel", "text", "count"), row, strict=True)) for row in rows]
 
     def power_ups(self) -> list[PowerUp]:
         """Return the power-ups, oldest first."""
-        means: dict[int, dict[str, float]] = {}
-        rows = self._connection.execute(
-            "SELECT t.power_up, c.name, t.mean FROM turn_on t JOIN channel c ON c.id = t.channel"
-        )
-        for number, name, mean in rows:
-            means.setdefault(number, {})[name] = mean
-        return [
-            PowerUp(time=time, clock_s=clock_s, seen=seen, means=means.get(number, {}))
-            for number, time, clock_s, seen in self._connection.execute(
-                "SELECT id, time, clock_s, seen FROM power_up ORDER BY id"
+        with self._reading():
+            means: dict[int, dict[str, float]] = {}
+            rows = self._connection.execute(
+                "SELECT t.power_up, c.name, t.mean FROM turn_on t JOIN channel c ON c.id = t.channel"
             )
-        ]
+            for number, name, mean in rows:
+                means.setdefault(number, {})[name] = mean
+            return [
+                PowerUp(time=time, clock_s=clock_s, seen=seen, means=means.get(number, {}))
+                for number, time, clock_s, seen in self._connection.execute(
+                    "SELECT id, time, clock_s, seen FROM power_up ORDER BY id"
+                )
+            ]
+
+
+def _code(error: sqlite3.Error) -> int | None:
+    """Return the code of an error of SQLite, without its details; None: it has none."""
+    code: int | None = getattr(error, "sqlite_errorcode", None)
+    return None if code is None else code & 0xFF
 
 
 def _grade_number(period: HistoryPeriod, channel: str) -> int | None:
     grade = period.grades.get(channel.partition("/")[0])
     return None if grade is None else GRADES.index(grade)
+
+
+def _check_numbers(rows: Sequence[Sequence[Any]]) -> None:
+    """Raise ValueError unless all columns but the record are numbers or unknown: SQLite takes anything in each."""
+    for row in rows:
+        if not all(value is None or isinstance(value, int | float) for value in (*row[:2], *row[3:])):
+            raise ValueError("a number is none")
 
 
 def _timed_period(
@@ -345,6 +380,7 @@ def _timed_period(
     _, step, record, number, begin, end, complete, samples, missing, excluded_s, temperature, warming = rows[
         0
     ][:12]
+    _check_numbers(rows)
     channels: dict[str, PeriodChannel] = {}
     grades: dict[str, GradeName] = {}
     for row in rows:

@@ -38,6 +38,7 @@ restarts the estimator: it never returns limits of one record for another.
 | `noise_sums` | what the fit sees of a record, or of a part of it |
 | `spectrum/` | Welch sums of the levels, bins that are lines, their expectation |
 | `blocks/` | means over blocks that merge in pairs |
+| `markov_law` | the same of Gauss–Markov noise of standard deviation 1 |
 | `power_law` | density, autocovariance and cosine coefficients of N = B = K = 1 |
 | `fit/` | `Estimator`: the likelihood of N, B and K, with limits, and the time to a precision |
 | `grading` | navigation, tactical, industrial or consumer grade |
@@ -46,9 +47,11 @@ restarts the estimator: it never returns limits of one record for another.
 | `stretches/` | parts of a record: quarters, hours, days, warm-up, changes |
 | `filter_consistency` | predicted consistency (NEES) of a Kalman filter with given noise parameters |
 | `filter_parameters` | numbers that keep a Kalman filter consistent |
-| `uncertainty` | conformity with a limit, and uncertainty budgets |
+| `uncertainty` | conformity with a limit, and components of an uncertainty budget |
 | `validity_groups` | channels that miss the same samples |
 | `array_state` | state of an accumulator as arrays |
+| `state_schema` | what a saved state may hold, and whether it does |
+| `rule_table` | thresholds with their reasons, which `fit_rules` and `detection_rules` hold |
 | `synthesis` | noise of given N, B, K |
 """
 

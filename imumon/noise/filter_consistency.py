@@ -1,24 +1,61 @@
 """Predicted consistency of a Kalman filter that integrates a channel: NEES without simulation.
 
-A filter that knows only white noise and a random walk is overconfident where the channel has flicker. How much
-follows without any random number, because filter and truth are linear:
+The problem
+-----------
+A filter with the states angle and bias (of an accelerometer: velocity and bias) assumes white noise N and a random
+walk of the bias. A sensor also has flicker B, which no such filter describes. Then the variance that the filter states
+is not that of its error. Their ratio is the NEES, the normalised estimation error squared (Bar-Shalom, Li, Kirubarajan,
+Estimation with Applications to Tracking and Navigation, 2001, section 5.4): 1 is consistent, above 1 is overconfident.
 
-1. The gains of the filter depend on its own parameters alone (Riccati recursion).
-2. With these gains the error of every state is a sum of the increments of the integrated noise, one per second,
-   and of the errors of the fixes, with weights that one backward recursion gives.
-3. The covariance of the increments is exact for white noise, flicker and random walk: second differences of
-   the generalised autocovariance of the integrated noise, -|t|/2 N^2, t^2 ln|t|/(2 pi) B^2, |t|^3/12 K^2
-   (docs/THEORY.md). It holds for weights that sum to zero, and they do: the bias has no prior information.
-4. NEES(h) = E[(error of the angle at h)^2] / (variance that the filter states), both in closed form.
+The scenario
+------------
+The filter integrates the channel at 5 Hz. It gets a fix of the angle once a second, `FIXES` times, and none for the
+horizon h after the last one. The numbers of the scenario are part of the contract (docs/FILTERS.md).
 
-All filters of a call are computed together, so that a search costs little more than one prediction.
-Reference: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 5.4 (NEES).
+The model
+---------
+Filter and truth are linear, so the error follows without any random number. With Phi the integral of the noise of the
+channel, dPhi_k its increment over second k, v_k the error of fix k, and T the time of the last fix:
+
+    e(h)    = sum_k w_k dPhi_k  +  sum_k u_k v_k  +  Phi(T + h) - Phi(T)
+    NEES(h) = E[e(h)^2] / P(h)
+
+1. The gains of the filter depend on its own parameters alone, not on the truth (Riccati recursion). So does P, the
+   variance that it states.
+2. One backward recursion over these gains gives the weights w_k and u_k.
+3. The covariance of two increments is exact. With g the generalised autocovariance of Phi, which is -N^2 |t| / 2,
+   B^2 t^2 ln|t| / (2 pi) and K^2 |t|^3 / 12 (`power_law.phase_autocovariance`; Greenhall, IEEE Trans. Instrum. Meas.
+   40, 994, 1991):
+
+       cov(Phi(b) - Phi(a), Phi(d) - Phi(c)) = g(b - d) - g(b - c) - g(a - d) + g(a - c)
+
+   For flicker this holds only for weights that sum to zero: its increments alone have no finite variance. They do sum
+   to zero, because the bias has no prior information: an error of a constant rate is corrected. Of Gauss–Markov noise
+   of standard deviation M and time constant T, the variance of an increment over h and the covariance of two that lie
+   a time s apart are (IEEE Std 952-1997, section C.1.4)
+
+       2 M^2 T^2 (h/T - 1 + exp(-h/T))    and    M^2 T^2 (1 - exp(-h1/T)) exp(-s/T) (1 - exp(-h2/T))
+4. Both moments of NEES(h) are then closed forms.
+
+All filters of a call are computed together, so that a search over parameters costs little more than one prediction.
+
+Example
+-------
+N and K are the right numbers for a channel without flicker. With flicker they make a filter overconfident, the more
+the longer it has no fix:
+
+>>> def nees(B):
+...     truths = ChannelTruths(np.array([6.1e-5]), np.array([B]), np.array([1e-7]), np.array([1e-3]))
+...     filters = FilterModels.without_terms(truths.N, truths.K)
+...     return predict(filters, truths, np.array([1.0, 1800.0])).nees[0].round(1).tolist()
+>>> nees(B=0.0), nees(B=2.4e-5)
+([1.0, 1.0], [3.9, 34.9])
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -35,7 +72,11 @@ FIX_STD = {"gyro": 1e-3, "accel": 1e-2}
 """rad and m/s, standard deviation of a fix (contract)."""
 
 UNKNOWN_BIAS = 1e3
-"""Fixes' standard deviations per second that the bias may have at the start: it is unknown."""
+"""Fixes' standard deviations per second that the bias may have at the start: it is unknown. A hundred times as much
+changes no NEES by more than 1e-5."""
+
+FLICKER, WALK = 1, 2
+"""Rows of `phase_autocovariance`: those of B and K."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +103,8 @@ class ChannelTruths:
     B: Floats  # (r,) unit
     K: Floats  # (r,) unit*sqrt(Hz)
     fix: Floats  # (r,) integrated unit, standard deviation of a fix
+    M: Floats | None = None  # (r,) unit, standard deviation of Gauss–Markov noise; None: there is none
+    T: Floats | None = None  # (r,) s, its time constant, above 0 also where M is 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,50 +122,56 @@ def predict(models: FilterModels, truths: ChannelTruths, horizon_s: Floats) -> C
     ----------
     horizon_s : (h,) s, multiples of `STEP_S`.
     """
-    step = _step_matrices(models)
-    gains, stated = _filter_through_fixes(models, truths.fix, step)
-    rows, driven = _open_loop(models, horizon_s)
-    variance = np.einsum("rhi,rij,rhj->rh", rows, stated, rows) + driven
-    error = _squared_error(truths, _weights(gains, step[0]), rows, horizon_s)
+    second = _second_matrices(models)
+    gains, stated = _filter_through_fixes(models, truths.fix, second)
+    effects, driven = _open_loop(models, horizon_s)
+    variance = np.einsum("rhi,rij,rhj->rh", effects, stated, effects) + driven
+    error = _squared_error(truths, _weights(gains, second[0]), effects, horizon_s)
     return Consistency(error / variance, np.sqrt(variance))
 
 
-def _step_matrices(models: FilterModels) -> tuple[Floats, Floats]:
+def _second_matrices(models: FilterModels) -> tuple[Floats, Floats]:
     """Return transition and driven covariance of one second, (r, m, m) each; states: angle, bias, terms."""
     r, p = models.sigma.shape
     m, term = 2 + p, np.arange(2, 2 + p)
     decay = np.exp(-STEP_S / models.tau)
-    one, drive = np.zeros((r, m, m)), np.zeros((r, m, m))
-    one[:] = np.eye(m)
-    one[:, 0, 1:] = -STEP_S
-    one[:, term, term] = decay
+    step, drive = np.zeros((r, m, m)), np.zeros((r, m, m))
+    step[:] = np.eye(m)
+    # The angle is the integral of the reading less the bias and the terms, which the filter estimates.
+    step[:, 0, 1:] = -STEP_S
+    step[:, term, term] = decay
     drive[:, 0, 0] = models.white**2 * STEP_S
     drive[:, 1, 1] = models.walk**2 * STEP_S
+    # What a term loses by its decay is driven again, so that its variance stays sigma^2. expm1: a correlation time
+    # of 1e6 s decays by 2e-7 in a step, and 1 - exp would keep nine digits of it.
     drive[:, term, term] = models.sigma**2 * -np.expm1(-2.0 * STEP_S / models.tau)
-    transition, covariance = one, drive
-    for _ in range(round(1.0 / STEP_S) - 1):  # between two fixes
-        covariance = one @ covariance @ one.swapaxes(1, 2) + drive
-        transition = one @ transition
+    transition, covariance = step, drive
+    for _ in range(
+        round(1.0 / STEP_S) - 1
+    ):  # between two fixes nothing but time passes: one matrix for all steps
+        covariance = step @ covariance @ step.swapaxes(1, 2) + drive
+        transition = step @ transition
     return transition, covariance
 
 
 def _filter_through_fixes(
-    models: FilterModels, fix: Floats, step: tuple[Floats, Floats]
+    models: FilterModels, fix: Floats, second: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
     """Return the gain of every fix, (FIXES, r, m), and the covariance after the last, (r, m, m)."""
-    transition, driven = step
+    transition, driven = second
     r, m, _ = transition.shape
     term = np.arange(2, m)
     noise = fix**2
     stated = np.zeros((r, m, m))
-    stated[:, 0, 0] = noise
+    stated[:, 0, 0] = noise  # the first fix gives the angle at the start
     stated[:, 1, 1] = UNKNOWN_BIAS**2 * noise
-    stated[:, term, term] = models.sigma**2
+    stated[:, term, term] = models.sigma**2  # a Gauss-Markov term begins stationary
     transposed = np.ascontiguousarray(transition.swapaxes(1, 2))
     gains = np.empty((FIXES, r, m))
     for k in range(FIXES):
         stated = transition @ stated @ transposed + driven
         gain = stated[:, :, 0] / (stated[:, 0, 0] + noise)[:, None]
+        # The short form of the update holds for the optimal gain, which this is.
         stated = stated - gain[:, :, None] * stated[:, :1, :]
         gains[k] = gain
     return gains, stated
@@ -141,71 +190,147 @@ def _weights(gains: Floats, transition: Floats) -> tuple[Floats, Floats]:
     for k in range(n - 1, -1, -1):
         fixes[k + 1] = (later @ gains[k][:, :, None])[:, :, 0]
         increments[k] = later[:, :, 0] - fixes[k + 1]
+        # later (1 - gain e') differs from `later` in the column of the angle only, which is that of the increment
         later[:, :, 0] = increments[k]
         later = later @ transition
-    fixes[0] = later[:, :, 0]
+    fixes[0] = later[:, :, 0]  # the error of the first fix is the error of the angle at the start
     return increments, fixes
 
 
 def _open_loop(models: FilterModels, horizon_s: Floats) -> tuple[Floats, Floats]:
     """Return the effect of the states at the last fix on the angle at each horizon, and the driven variance.
 
-    Geometric sums over the steps since the last fix.
+    Without fixes each state adds to the angle by a geometric sum over the n = h / `STEP_S` steps. With d the decay
+    of a term in one step, its value now adds -STEP_S (1 - d^n) / (1 - d). What drives it j steps before the horizon
+    adds STEP_S (1 - d^j) / (1 - d), whose squares sum to n - 2 (1 - d^n) / (1 - d) + (1 - d^2n) / (1 - d^2). What
+    drives the bias j steps before the horizon adds j STEP_S, whose squares sum to (n - 1) n (2 n - 1) / 6.
 
     Returns
     -------
-    rows : (r, h, m)
+    effects : (r, h, m)
     driven : (r, h) integrated unit squared
     """
     steps = horizon_s / STEP_S
-    lost = -np.expm1(-STEP_S / models.tau)[:, None, :]  # (r, 1, p), of a term in one step
+    # 1 - d, 1 - d^2, 1 - d^n and 1 - d^2n, by expm1 because d is close to 1
+    lost = -np.expm1(-STEP_S / models.tau)[:, None, :]  # (r, 1, p)
     twice = -np.expm1(-2.0 * STEP_S / models.tau)[:, None, :]
-    gone = -np.expm1(-horizon_s[:, None] / models.tau[:, None, :])  # (r, h, p), of a term until the horizon
+    gone = -np.expm1(-horizon_s[:, None] / models.tau[:, None, :])  # (r, h, p)
     gone_twice = -np.expm1(-2.0 * horizon_s[:, None] / models.tau[:, None, :])
-    rows = np.empty((len(models.white), len(horizon_s), 2 + models.sigma.shape[1]))
-    rows[:, :, 0] = 1.0
-    rows[:, :, 1] = -horizon_s
-    rows[:, :, 2:] = -STEP_S * gone / lost
+    effects = np.empty((len(models.white), len(horizon_s), 2 + models.sigma.shape[1]))
+    effects[:, :, 0] = 1.0
+    effects[:, :, 1] = -horizon_s
+    effects[:, :, 2:] = -STEP_S * gone / lost
     squares = (steps - 1.0) * steps * (2.0 * steps - 1.0) / 6.0
     driven = models.white[:, None] ** 2 * horizon_s + models.walk[:, None] ** 2 * STEP_S**3 * squares
     sums = steps[:, None] - 2.0 * gone / lost + gone_twice / twice
     terms = (STEP_S * models.sigma[:, None, :] / lost) ** 2 * twice * sums
-    return rows, driven + terms.sum(axis=2)
+    return effects, driven + terms.sum(axis=2)
 
 
 def _squared_error(
-    truths: ChannelTruths, weights: tuple[Floats, Floats], rows: Floats, horizon_s: Floats
+    truths: ChannelTruths, weights: tuple[Floats, Floats], effects: Floats, horizon_s: Floats
 ) -> Floats:
-    """Return the mean square of the true error of the angle, (r, h)."""
+    """Return the mean square of the true error of the angle, (r, h).
+
+    Parameters
+    ----------
+    weights : of `_weights`, on the error after the last fix.
+    effects : (r, h, m) of `_open_loop`.
+    """
     increments, fixes = weights
     n, r, m = increments.shape
-    flat, strength = increments.reshape(n, r * m), (truths.B**2, truths.K**2)
-    start, now = np.arange(float(n)), float(n)
+    flat = increments.reshape(n, r * m)
+    start, last = np.arange(float(n)), float(n)
+    horizons = tuple(horizon_s.tolist())
 
     def product(a: Floats, b: Floats) -> Floats:
+        # (r, m, m): matmul of stacks is many times faster here than einsum over three axes
         return np.asarray(np.matmul(a.transpose(1, 2, 0), b.transpose(1, 0, 2)))
 
+    # Increments of white noise over 1 s are independent, of variance N^2, and so are the errors of the fixes.
     covariance = truths.N[:, None, None] ** 2 * product(increments, increments)
     covariance += truths.fix[:, None, None] ** 2 * product(fixes, fixes)
     mixed, ahead = np.zeros((r, len(horizon_s))), truths.N[:, None] ** 2 * horizon_s
-    for noise, square in enumerate(strength, start=1):
+    for noise, strength in ((FLICKER, truths.B), (WALK, truths.K)):
+        square = strength**2
         within = (_increments(noise) @ flat).reshape(n, r, m)
         covariance += square[:, None, None] * product(increments, within)
-        later = _covariance(start[:, None], start[:, None] + 1.0, now, now + horizon_s, noise)
-        crossing = (later.T @ flat).reshape(len(horizon_s), r, m).transpose(1, 0, 2)
-        mixed += square[:, None] * (rows * crossing).sum(axis=2)
-        ahead = ahead + square[:, None] * _covariance(0.0 * horizon_s, horizon_s, 0.0, horizon_s, noise)
-    return np.asarray(np.einsum("rhi,rij,rhj->rh", rows, covariance, rows) + 2.0 * mixed + ahead)
+        # Flicker and random walk have a memory: what follows the last fix depends on the increments before it.
+        crossing, following = _beyond_the_fixes(noise, horizons)
+        by_state = (crossing.T @ flat).reshape(len(horizon_s), r, m).transpose(1, 0, 2)
+        mixed += square[:, None] * (effects * by_state).sum(axis=2)
+        ahead = ahead + square[:, None] * following
+    if truths.M is not None and truths.T is not None:
+        square, time = truths.M**2, truths.T
+        covariance += square[:, None, None] * product(increments, _markov_within(increments, time))
+        # what a second leaves at the last fix decays with the time constant: one sum for all horizons
+        since = last - 1.0 - start
+        left = (time * -np.expm1(-1.0 / time) * np.exp(-since[:, None] / time))[:, :, None] * increments
+        to_come = time[:, None] * -np.expm1(-horizon_s / time[:, None])
+        mixed += square[:, None] * to_come * (effects * left.sum(axis=0)[:, None, :]).sum(axis=2)
+        ahead = ahead + square[:, None] * _markov_increment(horizon_s, time[:, None])
+    return np.asarray(np.einsum("rhi,rij,rhj->rh", effects, covariance, effects) + 2.0 * mixed + ahead)
+
+
+def _markov_increment(length_s: Floats | float, time: Floats) -> Floats:
+    """Return the variance of an increment of Gauss–Markov noise of standard deviation 1; expm1: it cancels."""
+    x = length_s / time
+    return np.asarray(2.0 * time**2 * (x + np.expm1(-x)))
+
+
+def _markov_within(increments: Floats, time: Floats) -> Floats:
+    """Return the covariance of the increments between the fixes, of M = 1, times weights (n, r, m).
+
+    From one second to the next it falls by exp(-1 / T). So two sums with weights that decay, one over the seconds
+    before and one over those after, are all others.
+    """
+    own, decay = _markov_increment(1.0, time)[:, None], np.exp(-1.0 / time)[:, None]
+    next_one = (time * np.expm1(-1.0 / time))[:, None] ** 2
+    others = np.zeros_like(increments)
+    others[1:] = _decaying_sums(increments[:-1], decay)
+    others[:-1] += _decaying_sums(increments[:0:-1], decay)[::-1]
+    return np.asarray(own * increments + next_one * others)
+
+
+def _decaying_sums(values: Floats, decay: Floats) -> Floats:
+    """Return the sums over j <= k of decay^(k - j) values[j], of values (n, r, m) and decays (r, 1)."""
+    sums, length = values.copy(), 1
+    while length < len(sums):
+        # Each sum is over the last `length` values, so two that follow one another give one of twice the length.
+        sums[length:] += decay**length * sums[:-length]
+        length *= 2
+    return sums
 
 
 def _covariance(a: Floats | float, b: Floats, c: Floats | float, d: Floats, noise: int) -> Floats:
-    """Return the generalised covariance of the increments over [a, b] and [c, d], s, of N, B or K = 1 by number."""
+    """Return the generalised covariance of the increments over [a, b] and [c, d], s, of B or K = 1.
+
+    Parameters
+    ----------
+    noise : row of `phase_autocovariance`.
+    """
     near, far = phase_autocovariance(b - d)[noise], phase_autocovariance(np.asarray(a - c))[noise]
     return np.asarray(near - phase_autocovariance(b - c)[noise] - phase_autocovariance(a - d)[noise] + far)
 
 
 @cache
 def _increments(noise: int) -> Floats:
-    """Return the covariance of the increments between the fixes, (FIXES, FIXES)."""
+    """Return the covariance of the increments between the fixes, (FIXES, FIXES); 6 MB, kept for each noise."""
     start = np.arange(float(FIXES))
     return _covariance(start[:, None], start[:, None] + 1.0, start, start + 1.0, noise)
+
+
+@lru_cache(maxsize=16)
+def _beyond_the_fixes(noise: int, horizon_s: tuple[float, ...]) -> tuple[Floats, Floats]:
+    """Return the covariance of the increments between the fixes with what follows the last, and the variance of that.
+
+    Kept, because a search asks for the same horizons at each step.
+
+    Returns
+    -------
+    crossing : (FIXES, h)
+    following : (h,)
+    """
+    start, last, ahead = np.arange(float(FIXES))[:, None], float(FIXES), np.array(horizon_s)
+    crossing = _covariance(start, start + 1.0, last, last + ahead, noise)
+    return crossing, _covariance(0.0 * ahead, ahead, 0.0, ahead, noise)

@@ -47,11 +47,12 @@ class NoiseSums:
             masks = tuple(mask[columns] for mask in spectrum.masks)
             bands = tuple(spectrum.bands[c] for c in columns)
             spectrum = replace(spectrum, masks=masks, bands=bands)
-        own = self.blocks.select(columns)
-        return replace(self, levels=levels, blocks=own, group=self.group[columns], spectrum=spectrum)
+        blocks = self.blocks.select(columns)
+        return replace(self, levels=levels, blocks=blocks, group=self.group[columns], spectrum=spectrum)
 
     def with_temperature(self) -> NoiseSums:
         """Return the sums of all channels but the last one, which is the temperature, degC."""
         channels = len(self.group) - 1
+        # the temperature has no noise that is fitted: its block means are a regressor of the other channels
         degrees = self.blocks.means[:, channels] + self.blocks.offset[channels]
         return replace(self.select(range(channels)), degrees=degrees)

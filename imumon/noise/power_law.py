@@ -3,6 +3,18 @@
 In units of the interval between samples, two-sided, f in cycles per sample. All that is expected of N, B and K follows
 from these: Allan variances, Welch sums, cosine coefficients of block means.
 
+    noise          density of the rate    autocovariance of its integral at a lag t
+    white          N^2                    -|t| / 2 N^2
+    flicker        B^2 / (2 pi f)         t^2 ln|t| / (2 pi) B^2
+    random walk    K^2 / (2 pi f)^2       |t|^3 / 12 K^2
+
+The densities are those of IEEE Std 952, annex C. The autocovariances are generalised: the integrals are not stationary,
+but the covariance of differences whose order is high enough follows from them as if they were (Greenhall, IEEE Trans.
+Instrum. Meas. 40, 1991).
+
+>>> sampled_density(np.array([0.01]), averaged=True)[:, 0].round(2).tolist()  # nearly 1, 1/(2 pi f), 1/(2 pi f)^2
+[1.0, 15.91, 253.22]
+
 In the basis of the discrete cosine transform (DCT-II) white noise and random walk have a diagonal covariance, flicker
 nearly: correlations of its coefficients are at most 0.12 and enter the information squared. So the coefficients count
 as independent. Coefficient k of n blocks belongs to the frequency k / (2 n) cycles per block. The variance of flicker
@@ -23,6 +35,11 @@ EXACT = 256
 """Blocks, or samples of a cluster, up to which flicker is computed exactly: beyond, what it tends to serves."""
 
 
+def load_transforms() -> None:
+    """Import what the functions of this package import at their first use: a daemon may have no descriptor by then."""
+    import scipy.fft  # noqa: F401
+
+
 def sampled_density(f: Floats, *, averaged: bool) -> Floats:
     """Return (3, k) the density of samples.
 
@@ -38,7 +55,7 @@ def sampled_density(f: Floats, *, averaged: bool) -> Floats:
         slope = 2.0 * np.sin(np.pi * f)
         return np.stack((np.ones_like(f), 1.0 / slope, 1.0 / slope**2))
     square = np.sin(np.pi * f) ** 2
-    # the sum of |f + k|^-3
+    # sinc^2 times the sum of the aliases |f + k|^-3 over all k, which the Hurwitz zeta function has in closed form
     flicker = square * (zeta(3.0, f) + zeta(3.0, 1.0 - f)) / (2.0 * np.pi**3)  # type: ignore[no-untyped-call]
     return np.stack((np.ones_like(f), flicker, 0.25 / square - 1.0 / 6.0))
 

@@ -22,11 +22,12 @@ first sample on: there is no transient at the start.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from imumon.noise.markov_law import average_autocovariance
 from imumon.samples import Floats
 
 Seed: TypeAlias = int | np.random.Generator | None
@@ -93,6 +94,46 @@ def synthesise(
         if flicker[c]:
             y[c] += flicker[c] * _flicker(n, rng, averaged)
     return np.ascontiguousarray(y.T)
+
+
+def markov_noise(
+    n: int, rate_hz: float, time_constant_s: float, seed: Seed = None, *, averaged: bool = True
+) -> Floats:
+    """Return (n,) first-order Gauss–Markov noise of standard deviation 1, stationary from the first sample on.
+
+    With the time constant T in intervals and a = exp(-1/T), a step takes the state x to a x + w, and its average is
+    T (1 - a) x + v. The covariances of w and v follow from that of the process (`markov_law`).
+
+    Parameters
+    ----------
+    rate_hz : Hz, sample rate.
+    time_constant_s : s, after which it has forgotten its value.
+    seed : of the generator, or the generator.
+    averaged : samples are means over their intervals, else values at instants.
+
+    Examples
+    --------
+    >>> y = markov_noise(200_000, 10.0, 5.0, seed=1)
+    >>> round(float(y.std()), 1), round(float(np.corrcoef(y[50:], y[:-50])[0, 1]), 1)
+    (1.0, 0.4)
+    """
+    import scipy.signal
+
+    signal: Any = scipy.signal
+    rng = np.random.default_rng(seed)
+    time = time_constant_s * rate_hz
+    a, fall = math.exp(-1.0 / time), -math.expm1(-1.0 / time)
+    drive = math.sqrt(-math.expm1(-2.0 / time)) * rng.standard_normal(n)
+    states = np.empty(n)
+    states[0] = rng.standard_normal()
+    if n > 1:
+        states[1:] = signal.lfilter([1.0], [1.0, -a], drive[: n - 1], zi=[a * states[0]])[0]
+    if not averaged:
+        return states
+    gain = time * fall
+    across = time * fall**2 / -math.expm1(-2.0 / time)  # regression of v on w
+    spread = average_autocovariance(time)[0] - gain**2 - across**2 * -math.expm1(-2.0 / time)
+    return np.asarray(gain * states + across * drive + math.sqrt(max(spread, 0.0)) * rng.standard_normal(n))
 
 
 def _strengths(rate_hz: float, *strengths: Strength) -> tuple[Floats, ...]:

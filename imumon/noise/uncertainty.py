@@ -1,67 +1,94 @@
-"""Uncertainty of N, B and K: conformity with a limit, and the budget after JCGM 100:2008 (GUM).
+"""Uncertainty of N, B and K: conformity with a limit, and the components of a budget after JCGM 100:2008 (GUM).
 
-Conformity follows the rule of guarded acceptance and guarded rejection with the combined 95 % limits as guard band
-(JCGM 106:2012, section 8.3): pass if the upper limit does not exceed the limit of the data sheet, fail if the
-lower one does, else undecided. The probability is that of the same distribution of the logarithm: coefficients are
-positive, and their limits are not symmetric.
+The problem
+-----------
+The 95 % limits of a fit hold for one record of a sensor that does not change. A document states how far the value may
+be from the mean of the same quantity of the sensor under the same conditions, and whether a limit of a data sheet is
+met. This module has the formulas; `pipeline.uncertainty_budgets` applies them to a report and says in words what each
+component rests on.
 
-The budget lists what the value of the record may differ by from the mean of the same quantity of the sensor under the
-same conditions. Components of a coefficient C:
+The model
+---------
+Coefficients are positive and their limits are not symmetric: their logarithms are taken as normally distributed.
 
-- statistics (type A): the 95 % limits of the fit, as a standard deviation of the logarithm.
-- scatter (type A): how much C varies between the quarters of the record beyond what statistics explain
-  (`stretches.quarters.excess`), over the root of their number: the quarters count as independent. Where they do not
-  show it, its bound is stated and not combined. Statistics and scatter together are estimated from four values: they
-  have 3 degrees of freedom. Of a coefficient that walks away, the limits hold the mean over the record only.
-- repeatability (type A): how much C scatters between the days of the history of the sensor, beyond the statistics of a
-  day and the scatter of this record. n - 1 degrees of freedom of n days. Only where the history is known.
-- resolution (type B): rounding to a step q adds a white variance of q^2/12 per sample, N_q^2 = q^2 / (12 rate).
-  N without it lies in [sqrt(N^2 - N_q^2), N]: a rectangular distribution.
-- aliasing (type B): a factor, not a spread. It is named and not combined. The alias factor of a report is that of
-  gyroscope and accelerometer: a magnetometer has point samples also beside deltas.
-- time base (type B): a clock that runs fast by e changes tau: N by e/2, K by -e/2. Deltas divided by the interval
-  also change by -e. Rectangular, with an assumed tolerance of the clock.
+Conformity is guarded acceptance and guarded rejection with the combined 95 % limits as guard band (JCGM 106:2012,
+section 8.3): pass if the upper limit does not exceed the limit of the data sheet, fail if the lower one does, else
+undecided. `probability_at_most` is the probability by the same distribution of the logarithm.
 
-The combined limits are value exp(-k u) and value exp(k u), with u of each side from the limit of the fit on that side.
+Components u of a coefficient C, each a standard uncertainty in the unit of C. Type A comes from statistics of
+observations, type B from other knowledge (JCGM 100, 4.2 and 4.3):
 
-The budget of the bias has the statistics of the mean and the turn-on bias repeatability. Without a history of enough
-power-ups there is none: what the power cycle adds exceeds the rest by far.
+- statistics (A): the limits of the fit as a standard deviation, u = C ln(high / low) / (2 * 1.96).
+- scatter (A): how much C varies between the quarters of the record beyond what statistics explain, e
+  (`stretches.quarters.excess`): u = C e / sqrt(4), because the quarters count as independent. Where they do not show
+  it, its bound is stated and not combined. Of a coefficient that walks away, the limits hold the mean over the record
+  only.
+- repeatability (A): how much C scatters between days, beyond the statistics of a day and the scatter of this record:
+  u^2 = std^2 - statistics^2 - scatter^2, with n - 1 degrees of freedom of n days.
+- resolution (B): rounding to a step q adds a white variance q^2 / 12 per sample, N_q^2 = q^2 / (12 rate) (Bennett, Bell
+  Syst. Tech. J. 27, 446, 1948). N without it lies in [sqrt(N^2 - N_q^2), N]: a rectangular distribution, whose
+  standard deviation is its width / sqrt(12).
+- time base (B): a clock that runs fast by e changes tau: N by e/2, K by -e/2, because the Allan deviation at tau is
+  N tau^-1/2 and K (tau/3)^1/2. Deltas divided by the interval also change by -e. Rectangular over +-e.
 
-The effective degrees of freedom are those of Welch and Satterthwaite (JCGM 100, G.4.1), the coverage factor k is
-Student's t for 95 %.
+Aliasing is a factor and not a spread; it is stated beside these and not combined.
+
+They add as u_c^2 = sum of u^2. The effective degrees of freedom are those of Welch and Satterthwaite (JCGM 100, G.4.1),
+u_c^4 / sum(u^4 / dof), the coverage factor k is Student's t for 95 %. The combined limits are C exp(-k u / C) and
+C exp(k u / C), with u of each side from the limit of the fit on that side.
+
+Example
+-------
+A value of 1.0 with limits 0.9 to 1.12, and quarters that scatter by 5 % beyond their statistics:
+
+>>> fit = of_limits(1.0, 0.9, 1.12)
+>>> quarters = of_scatter(1.0, 0.05, fit.standard)
+>>> both = combine_with_limits(1.0, 0.9, 1.12, [fit, quarters])
+>>> [round(u, 3) for u in (fit.standard, quarters.standard, both.combined)]
+[0.056, 0.025, 0.061]
+>>> [round(number, 2) for number in (both.dof, both.coverage, both.low, both.high)]
+[3.0, 3.18, 0.83, 1.22]
+>>> verdict(1.2, 0.9, 1.12), verdict(1.2, both.low, both.high)
+('pass', 'undecided')
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
-from scipy.special import ndtr, stdtr, stdtrit
+from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
-from imumon.coefficients import LIMIT_95, QUARTERS
-from imumon.evaluation import UncertaintyBudget, UncertaintyComponent, Verdict
-from imumon.history_report import DayScatter
-from imumon.noise.validity_groups import DITHERED
-from imumon.report import COEFFICIENTS, Channel, Estimate, Report
-from imumon.samples import sensor_of
-
-CRYSTAL_TOLERANCE = 1e-4
-"""Share by which the clock of a sensor is assumed to be off at most: 100 parts in a million, ten times a usual
-crystal over temperature."""
-GIVEN_RATE_TOLERANCE = 0.01
-"""Share by which a configured or mean rate is assumed to be off at most: the oscillator of a sensor without a
-crystal."""
-
-NOT_COVERED = (
-    "a coefficient that moves away and does not return: its limits hold its mean over this record, not its value "
-    "before or after",
-    "the scale factor of the sensor: values are taken as the sensor reports them, not compared with a standard",
-    "ageing, orientation, supply voltage, and vibration or mounting other than in this record",
-)
+from imumon.coefficients import COEFFICIENTS, LIMIT_95, MARKOV, QUARTERS
+from imumon.noise.validity_groups import DITHERED, ROUNDING_VARIANCE
 
 
-def verdict(limit: float, low: float | None, high: float | None) -> Verdict:
+@dataclass(frozen=True, slots=True)
+class StandardUncertainty:
+    """What one component adds, in the unit of the value."""
+
+    standard: float  # standard uncertainty
+    dof: float | None = None  # 1, degrees of freedom; None: infinite
+
+
+@dataclass(frozen=True, slots=True)
+class CombinedUncertainty:
+    """What all components add, in the unit of the value."""
+
+    combined: float  # standard uncertainty
+    dof: float | None  # 1, effective degrees of freedom; None: infinite
+    coverage: float  # 1, factor for 95 %
+    expanded: float  # half the width of the limits
+    low: float  # combined lower 95 % limit
+    high: float  # combined upper 95 % limit
+
+
+# ---------------------------------------------------------------- conformity
+
+
+def verdict(limit: float, low: float | None, high: float | None) -> Literal["pass", "fail", "undecided"]:
     """Return whether a quantity with these 95 % limits is at most `limit`.
 
     >>> verdict(2.0, 1.0, 1.5), verdict(2.0, 2.1, 2.5), verdict(2.0, 1.9, 2.1), verdict(2.0, None, None)
@@ -88,6 +115,7 @@ def probability_at_most(
     >>> round(probability_at_most(1.1, 1.0, 0.9, 1.1, 3.0), 3)
     0.975
     """
+    # The limits are skewed, so the side on which `limit` lies has the spread that counts.
     end = high if limit > value else low
     if not (limit > 0.0 and value > 0.0 and end > 0.0) or end == value:
         return None
@@ -95,126 +123,217 @@ def probability_at_most(
     return float(ndtr(errors) if dof is None else stdtr(_whole(dof), errors))
 
 
-def with_combined(
-    report: Report, budgets: Mapping[str, Mapping[str, UncertaintyBudget]]
-) -> dict[str, Channel]:
-    """Return the channels of a report with the combined limits of their coefficients; those of a bound are its own."""
-
-    def combined(part: Estimate, made: UncertaintyBudget | None) -> Estimate:
-        low, high = (part.low, part.high) if made is None else (made.low, made.high)
-        return replace(part, combined_low=low, combined_high=high)
-
-    return {
-        name: replace(
-            channel,
-            coefficients={
-                letter: combined(part, budgets.get(name, {}).get(letter))
-                for letter, part in channel.coefficients.items()
-            },
-        )
-        for name, channel in report.channels.items()
-    }
+# ---------------------------------------------------------------- components
 
 
-def uncertainty_budgets(
-    report: Report, history: Mapping[str, Mapping[str, DayScatter]] | None = None
-) -> dict[str, dict[str, UncertaintyBudget]]:
-    """Return the budget of each measured coefficient, by channel and letter; bounds have none.
+def of_limits(value: float, low: float, high: float) -> StandardUncertainty:
+    """Return the uncertainty that 95 % limits of statistics stand for."""
+    logarithmic = _are_logarithmic(value, low, high)
+    spread = value * math.log(high / low) if logarithmic else high - low
+    return StandardUncertainty(spread / (2.0 * LIMIT_95))
+
+
+def of_scatter(value: float, excess: float, statistics: float) -> StandardUncertainty:
+    """Return how much the mean of the quarters is uncertain by what they scatter beyond statistics.
 
     Parameters
     ----------
-    history : scatter between the days, by channel and letter; None: no history of the sensor is known.
+    excess : 1, standard deviation of the logarithm between the quarters, without that of their statistics.
+    statistics : in the unit of the value, standard uncertainty of the value by statistics.
     """
-    budgets: dict[str, dict[str, UncertaintyBudget]] = {}
-    for name, channel in report.channels.items():
-        for letter, part in channel.coefficients.items():
-            days = (history or {}).get(name, {}).get(letter)
-            if (made := _budget(report, name, channel, letter, part, days)) is not None:
-                budgets.setdefault(name, {})[letter] = made
-    return budgets
+    standard = value * excess / math.sqrt(QUARTERS)
+    # The excess is what remains of a variance of four values when that of statistics is subtracted. With these
+    # degrees of freedom, the formula of Welch and Satterthwaite gives 3 for both together.
+    dof = (QUARTERS - 1) * (standard**2 / (standard**2 + statistics**2)) ** 2
+    return StandardUncertainty(standard, dof)
 
 
-def not_covered(report: Report) -> tuple[str, ...]:
-    """Return what no budget of the report includes, one line each."""
-    temperature = report.channels.get("temperature")
-    if temperature is None or temperature.min is None or temperature.max is None:
-        covered = "the temperature: it is not in the record"
-    else:
-        covered = f"temperatures outside {temperature.min:.1f} °C to {temperature.max:.1f} °C"
-    return (covered, _power_cycles(report), *NOT_COVERED)
+def of_days(days: int, std: float, statistics: float, scatter: float) -> StandardUncertainty:
+    """Return how much a coefficient scatters between days, beyond their statistics and the scatter of this record.
+
+    Parameters
+    ----------
+    std : in the unit of the value, standard deviation between the days.
+    statistics : in the unit of the value, root mean square of the standard errors of the days.
+    scatter : in the unit of the value, standard uncertainty of this record by its scatter.
+    """
+    # Days that agree better than their statistics show no excess: chance may make the difference negative.
+    excess = math.sqrt(max(0.0, std**2 - statistics**2 - scatter**2))
+    return StandardUncertainty(excess, days - 1.0)
 
 
-def _power_cycles(report: Report) -> str:
-    """Return what of the repeatability between power cycles is not covered."""
-    text = "repeatability between power cycles (turn-on to turn-on)"
-    shapes = [channel.distribution for channel in report.channels.values()]
-    if any(shape is not None and shape.turn_on_std is not None for shape in shapes):
-        return f"{text} of N, B and K, except as far as the days of the history show it"
-    known = max((shape.turn_on_count or 0 for shape in shapes if shape is not None), default=0)
-    return f"{text}: {f'the history has only {known} of them' if known else 'this is one record'}"
+def of_resolution(
+    white: float, step: float, std: float | None, rate_hz: float | None
+) -> StandardUncertainty | None:
+    """Return what rounding to steps may have added to N; None if the noise is finer than they are, or the rate unknown.
 
-
-def bias_budgets(report: Report) -> dict[str, UncertaintyBudget]:
-    """Return the budget of the bias of each channel whose turn-on repeatability is known."""
-    budgets = {}
-    for name, channel in report.channels.items():
-        shape = channel.distribution
-        if shape is None or not shape.bias or shape.turn_on_std is None or not shape.turn_on_count:
-            continue
-        known = shape.bias_low is not None and shape.bias_high is not None
-        spread = (shape.bias_high - shape.bias_low) / (2.0 * LIMIT_95) if known else None  # type: ignore[operator]
-        count = shape.turn_on_count
-        components = (
-            UncertaintyComponent(
-                source="statistics",
-                kind="A",
-                standard=spread,
-                basis="95 % limits of the mean"
-                if known
-                else "the record is too short for limits of the mean",
-            ),
-            UncertaintyComponent(
-                source="repeatability",
-                kind="A",
-                standard=shape.turn_on_std,
-                dof=count - 1.0,
-                basis=f"settled biases of {count} power-ups",
-            ),
-        )
-        budgets[name] = _combined(channel.unit, shape.bias, components)
-    return budgets
-
-
-def _budget(
-    report: Report, name: str, channel: Channel, letter: str, part: Estimate, days: DayScatter | None
-) -> UncertaintyBudget | None:
-    value = part.value
-    if part.status != "measured" or not value or part.low is None or part.high is None:
+    Parameters
+    ----------
+    white : N.
+    step : channel unit, of the values.
+    std : channel unit, standard deviation of the values; None: unknown.
+    """
+    # Below this, errors of rounding follow the signal and are neither white nor q^2 / 12.
+    if not rate_hz or std is None or std < DITHERED * step:
         return None
-    wide = not 0.0 < part.low < value < part.high
-    spread = part.high - part.low if wide else value * math.log(part.high / part.low)
-    statistics = spread / (2.0 * LIMIT_95)
-    scatter = _scatter(part, value, statistics)
-    components = (
-        UncertaintyComponent(
-            source="statistics", kind="A", standard=statistics, basis="95 % limits of the fit"
-        ),
-        scatter,
-        *([_repeatability(days, scatter.standard or 0.0)] if days is not None else []),
-        _resolution(channel, letter, value, report.device.sample_rate_hz),
-        *([_aliasing(report, name)] if letter == "N" else []),
-        _time_base(report, name, letter, value),
+    rounding = ROUNDING_VARIANCE * step**2 / rate_hz
+    return StandardUncertainty((math.sqrt(white**2 + rounding) - white) / math.sqrt(12.0))
+
+
+def of_time_base(value: float, letter: str, tolerance: float, *, averaged: bool) -> StandardUncertainty:
+    """Return what a clock that is wrong by at most a share, `tolerance`, adds to a coefficient.
+
+    Parameters
+    ----------
+    averaged : values are deltas that were divided by the interval.
+    """
+    # N = sigma sqrt(tau), K = sigma sqrt(3 / tau): a coefficient depends on tau with the negative slope of sigma
+    exponent = -COEFFICIENTS[letter].slope - (1.0 if averaged else 0.0)
+    if letter == MARKOV.time_constant_s:  # a time, whatever the values are
+        exponent = 1.0
+    return StandardUncertainty(abs(exponent) * tolerance * value / math.sqrt(3.0))
+
+
+# ---------------------------------------------------------------- budget
+
+
+def combine(value: float, components: Sequence[StandardUncertainty]) -> CombinedUncertainty:
+    """Return the uncertainty by all components, with symmetric limits."""
+    # A component of 0 says that there is no such error, and its degrees of freedom say nothing.
+    known = [(part.standard, part.dof) for part in components if part.standard]
+    combined = math.sqrt(sum(u * u for u, _ in known))
+    spread = sum(u**4 / dof for u, dof in known if dof is not None)
+    dof = combined**4 / spread if spread > 0.0 else None
+    coverage = _coverage(dof)
+    expanded = coverage * combined
+    return CombinedUncertainty(combined, dof, coverage, expanded, value - expanded, value + expanded)
+
+
+def combine_with_limits(
+    value: float, low: float, high: float, components: Sequence[StandardUncertainty]
+) -> CombinedUncertainty:
+    """Return the uncertainty by all components, with the skewed limits of a coefficient.
+
+    Parameters
+    ----------
+    low, high : 95 % limits of statistics.
+    components : the first is that of these limits.
+    """
+    whole, statistics = combine(value, components), components[0].standard
+    if not _are_logarithmic(value, low, high):
+        return replace(whole, low=max(0.0, value - whole.expanded))  # no coefficient is below 0
+    others = math.sqrt(max(0.0, whole.combined**2 - statistics**2)) / value
+
+    def half_width(limit: float) -> float:
+        """Return the half-width of the logarithm on the side of a limit of statistics."""
+        return whole.coverage * math.hypot(math.log(limit / value) / LIMIT_95, others)
+
+    combined_low, combined_high = value * math.exp(-half_width(low)), value * math.exp(half_width(high))
+    return replace(whole, low=combined_low, high=combined_high, expanded=0.5 * (combined_high - combined_low))
+
+
+@dataclass(frozen=True, slots=True)
+class RecordMean:
+    """Mean of a coefficient over several records of one sensor, in the unit of the coefficient."""
+
+    value: float
+    low: float  # lower 95 % limit of the statistics of the records alone
+    high: float  # upper 95 % limit of these
+    combined_low: float  # lower 95 % limit of the mean over all records that there could be
+    combined_high: float  # upper 95 % limit of it
+    scatter: float  # 1, standard deviation of the logarithm between records, beyond their statistics
+    dof: float  # 1, degrees of freedom of the combined limits
+
+
+def of_records(values: Sequence[float], errors: Sequence[float], systematic: float = 0.0) -> RecordMean:
+    """Return the mean of a coefficient over records, with the scatter between them in its limits.
+
+    The logarithm of each record is that of the mean, plus what the sensor varies from record to record (variance
+    t^2), plus the error of its statistics. t^2 is that with which the weighted residuals have their degrees of freedom
+    (Paule and Mandel, J. Res. NBS 87, 377, 1982). The limits come from the residuals with Student's t of k - 1 degrees
+    of freedom (Hartung and Knapp, Statistics in Medicine 20, 3875, 2001), as a type A evaluation by JCGM 100, 4.2 does.
+    They are never narrower than those of the statistics alone, which two records that agree by chance would undercut.
+
+    Parameters
+    ----------
+    values : (k,) of the records, above 0; at least two.
+    errors : (k,) 1, standard errors of their logarithms by statistics, above 0.
+    systematic : 1, standard uncertainty that all records share, a share of the value.
+
+    Examples
+    --------
+    >>> mean = of_records([1.0, 1.1, 0.9, 1.0], [0.02] * 4)
+    >>> [round(number, 2) for number in (mean.value, mean.scatter, mean.low, mean.high)]
+    [1.0, 0.08, 0.98, 1.02]
+    >>> [round(number, 2) for number in (mean.combined_low, mean.combined_high)]
+    [0.88, 1.14]
+    """
+    logs, variances = [math.log(value) for value in values], [error**2 for error in errors]
+    freedom = len(logs) - 1
+    between = _between(logs, variances)
+    weights = [1.0 / (variance + between) for variance in variances]
+    total = sum(weights)
+    mean = sum(w * y for w, y in zip(weights, logs, strict=True)) / total
+    residual = sum(w * (y - mean) ** 2 for w, y in zip(weights, logs, strict=True))
+    statistics = LIMIT_95 / math.sqrt(sum(1.0 / variance for variance in variances))
+    empirical = _coverage(freedom) * math.sqrt(residual / (freedom * total))
+    whole = math.hypot(max(statistics, empirical), LIMIT_95 * systematic)
+    return RecordMean(
+        value=math.exp(mean),
+        low=math.exp(mean - statistics),
+        high=math.exp(mean + statistics),
+        combined_low=math.exp(mean - whole),
+        combined_high=math.exp(mean + whole),
+        scatter=math.sqrt(between),
+        dof=float(freedom),
     )
-    made = _combined(part.unit, value, components)
-    if wide:
-        return replace(made, low=max(0.0, value - made.expanded))
-    others = math.sqrt(max(0.0, made.combined**2 - statistics**2)) / value
 
-    def half(limit: float) -> float:
-        return made.coverage * math.hypot(math.log(limit / value) / LIMIT_95, others)
 
-    low, high = value * math.exp(-half(part.low)), value * math.exp(half(part.high))
-    return replace(made, low=low, high=high, expanded=0.5 * (high - low))
+def _between(logs: Sequence[float], variances: Sequence[float]) -> float:
+    """Return the variance between records with which their weighted residuals have k - 1 degrees of freedom, or 0."""
+
+    def excess(between: float) -> float:
+        weights = [1.0 / (variance + between) for variance in variances]
+        mean = sum(w * y for w, y in zip(weights, logs, strict=True)) / sum(weights)
+        return sum(w * (y - mean) ** 2 for w, y in zip(weights, logs, strict=True)) - (len(logs) - 1)
+
+    if excess(0.0) <= 0.0:
+        return 0.0
+    low, high = 0.0, max(logs) - min(logs)
+    high = high**2 * len(logs)  # more than the variance of the values: the residuals are too small there
+    for _ in range(80):  # excess falls with the variance: halving reaches the last digit
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
+    return 0.5 * (low + high)
+
+
+def at_confidence(
+    value: float, low: float, high: float, confidence: float, dof: float | None = None
+) -> tuple[float, float]:
+    """Return limits of another probability than 95 %, skewed as the given ones are.
+
+    Parameters
+    ----------
+    low, high : 95 % limits.
+    confidence : probability of the limits that are returned.
+    dof : degrees of freedom of the given ones; None: infinite.
+
+    Examples
+    --------
+    >>> [round(limit, 4) for limit in at_confidence(1.0, 0.9, 1.1, 0.6827)]
+    [0.9477, 1.0498]
+    """
+    tail = 0.5 + 0.5 * confidence
+    errors = ndtri(tail) if dof is None else stdtrit(_whole(dof), tail)
+    ratio = float(errors) / _coverage(dof)
+    if _are_logarithmic(value, low, high):
+        return value * math.pow(low / value, ratio), value * math.pow(high / value, ratio)
+    return max(0.0, value - ratio * (value - low)), value + ratio * (high - value)
+
+
+def _are_logarithmic(value: float, low: float, high: float) -> bool:
+    """Return whether limits can be those of a logarithm: a lower limit of 0 has none."""
+    return 0.0 < low < value < high
 
 
 def _coverage(dof: float | None) -> float:
@@ -224,97 +343,4 @@ def _coverage(dof: float | None) -> float:
 
 def _whole(dof: float) -> float:
     """Return degrees of freedom truncated to the next lower integer, at least 1 (JCGM 100, G.4.2)."""
-    return max(1.0, math.floor(dof * (1.0 + 1e-9)))
-
-
-def _combined(unit: str, value: float, components: tuple[UncertaintyComponent, ...]) -> UncertaintyBudget:
-    """Return a budget of the components that are known, with symmetric limits."""
-    known = [(each.standard, each.dof) for each in components if each.standard]
-    combined = math.sqrt(sum(u * u for u, _ in known))
-    spread = sum(u**4 / dof for u, dof in known if dof is not None)
-    dof = combined**4 / spread if spread > 0.0 else None
-    coverage = _coverage(dof)
-    expanded = coverage * combined
-    return UncertaintyBudget(
-        unit=unit,
-        value=value,
-        components=components,
-        combined=combined,
-        dof=dof,
-        coverage=coverage,
-        expanded=expanded,
-        low=value - expanded,
-        high=value + expanded,
-    )
-
-
-def _scatter(part: Estimate, value: float, statistics: float) -> UncertaintyComponent:
-    """Return how much the mean of the quarters is uncertain by what they scatter beyond statistics."""
-    if (found := part.excess) is None:
-        reason = (part.reason or "the quarters do not show it").removeprefix("scatter: ")
-        return UncertaintyComponent(source="scatter", kind="A", standard=None, basis=reason)
-    if not found.value:
-        most = value * found.high / math.sqrt(QUARTERS)
-        basis = "the quarters of the record do not show it: a 95 % bound, not combined"
-        return UncertaintyComponent(source="scatter", kind="A", standard=None, bound=most, basis=basis)
-    standard = value * found.value / math.sqrt(QUARTERS)
-    dof = (QUARTERS - 1) * (standard**2 / (standard**2 + statistics**2)) ** 2
-    basis = "between the quarters of the record, beyond statistics"
-    return UncertaintyComponent(source="scatter", kind="A", standard=standard, dof=dof, basis=basis)
-
-
-def _repeatability(days: DayScatter, scatter: float) -> UncertaintyComponent:
-    """Return how much the coefficient scatters between days, beyond their statistics and the scatter of this record."""
-    if days.std is None or days.statistics is None:
-        basis = f"fewer than {days.needed} days of the history have a value"
-        return UncertaintyComponent(source="repeatability", kind="A", standard=None, basis=basis)
-    excess = math.sqrt(max(0.0, days.std**2 - days.statistics**2 - scatter**2))
-    text = f"between {days.days} days of the history, beyond statistics and scatter"
-    basis = text if excess else f"{text}: none"
-    return UncertaintyComponent(
-        source="repeatability", kind="A", standard=excess, dof=days.days - 1.0, basis=basis
-    )
-
-
-def _resolution(channel: Channel, letter: str, value: float, rate_hz: float | None) -> UncertaintyComponent:
-    """Return what rounding to the steps of the values may add."""
-
-    def made(standard: float | None, basis: str) -> UncertaintyComponent:
-        return UncertaintyComponent(source="resolution", kind="B", standard=standard, basis=basis)
-
-    step = channel.resolution
-    if step is None or letter != "N":
-        return made(0.0, "no steps seen" if step is None else "rounding of noisy values is white: N only")
-    if not rate_hz or channel.std is None or channel.std < DITHERED * step:
-        return made(None, "the steps are coarser than the noise: unknown")
-    rounding = step**2 / (12.0 * rate_hz)
-    least = math.sqrt(max(0.0, value**2 - rounding))
-    return made((value - least) / math.sqrt(12.0), f"steps of {step:.3g} {channel.unit}, rectangular")
-
-
-def _aliasing(report: Report, name: str) -> UncertaintyComponent:
-    factor = report.device.alias_factor
-    if sensor_of(name) not in ("gyro", "accel"):
-        standard, basis = None, f"the filter of {sensor_of(name)} is unknown: N may be too high, not combined"
-    elif factor is None:
-        standard, basis = None, "the filter of the sensor is unknown: N may be too high, not combined"
-    elif factor > 1.001:
-        standard, basis = None, f"N of the stream is {factor:.2f} times that of the sensor, not combined"
-    else:
-        standard, basis = 0.0, "none"
-    return UncertaintyComponent(source="aliasing", kind="B", standard=standard, basis=basis)
-
-
-def _time_base(report: Report, name: str, letter: str, value: float) -> UncertaintyComponent:
-    own = report.device.clock in ("startup", "counter", "dt")
-    tolerance = CRYSTAL_TOLERANCE if own else GIVEN_RATE_TOLERANCE
-    averaged = report.device.stream == "deltas" and sensor_of(name) in ("gyro", "accel")
-    # N = sigma sqrt(tau), K = sigma sqrt(3 / tau)
-    exponent = -COEFFICIENTS[letter].slope - (1.0 if averaged else 0.0)
-    clock = "clock of the sensor" if own else "configured or mean rate"
-    return UncertaintyComponent(
-        source="time base",
-        kind="B",
-        standard=abs(exponent) * tolerance * value / math.sqrt(3.0),
-        basis=f"{clock}, assumed within {100.0 * tolerance:g} %, rectangular",
-    )
+    return max(1.0, math.floor(dof * (1.0 + 1e-9)))  # 1e-9: the 3 of `of_scatter` may be 2.9999999999999996

@@ -18,6 +18,8 @@ LEAST_SHARE = 0.2
 """Share of valid samples from which the mean of a block counts, a segment of the spectrum, and a frame of the guard."""
 ROUNDING = 1e-12
 """Relative size of what rounding alone makes."""
+ROUNDING_VARIANCE = 1.0 / 12.0
+"""Steps squared, variance that rounding adds to values that noise moves over its steps (Bennett 1948)."""
 DITHERED = 0.5
 """Quantisation steps, least standard deviation at which rounding acts as white noise (Widrow and Kollar, Quantization
 Noise, 2008, section 4: exact to 3 % there); below, it hides the noise."""
@@ -49,6 +51,7 @@ class ValidityGroups:
         self.of: npt.NDArray[np.intp] = np.array([0] * channels if groups is None else groups, dtype=np.intp)
         if self.of.shape != (channels,) or self.of[0] != 0 or not set(np.diff(self.of).tolist()) <= {0, 1}:
             raise ValueError(f"groups must run from 0 upwards, one number for each of {channels} channels")
+        # adjacent, so that a group is a slice of the columns, and not a copy
         edges = np.searchsorted(self.of, np.arange(self.of[-1] + 2)).tolist()
         self.members = [slice(a, b) for a, b in pairwise(edges)]
 
@@ -68,7 +71,7 @@ class ValidityGroups:
 
         Parameters
         ----------
-        values : (n, c) channel unit.
+        values : (n, c) channel unit, or (n,) of one channel. NaN and masked values never count.
         valid : (n, g) whether a sample counts; None: all.
 
         Returns
@@ -80,15 +83,24 @@ class ValidityGroups:
         ------
         ValueError : `values` is not (n, c), or `valid` cannot be reshaped to (n, g).
         """
+        if isinstance(values, np.ma.MaskedArray):  # asarray would drop the mask and keep what is below it
+            values = np.ma.filled(values.astype(np.float64), np.nan)
         values = np.asarray(values, dtype=np.float64)
+        if values.ndim == 1 and self.channels == 1:
+            values = values[:, None]
         if values.ndim != 2 or values.shape[1] != self.channels:
-            raise ValueError(f"samples must have the shape (n, {self.channels}), not {values.shape}")
+            turned = ": transpose them" if values.ndim == 2 and values.shape[0] == self.channels else ""
+            raise ValueError(f"samples must have the shape (n, {self.channels}), not {values.shape}{turned}")
         with np.errstate(over="ignore", invalid="ignore"):
-            plausible = bool(abs(values.sum()) < LARGEST)  # one fast pass; every value only if it fails
+            # one fast pass, which NaN and inf fail, too; every value is looked at only then
+            plausible = bool(abs(values.sum()) < LARGEST)
         if valid is None and plausible:
             return values, None
         shape = (len(values), len(self))
-        present = np.ones(shape, dtype=bool) if valid is None else np.array(valid, dtype=bool).reshape(shape)
+        present = np.ones(shape, dtype=bool) if valid is None else np.array(valid, dtype=bool)
+        if present.size != shape[0] * shape[1]:
+            raise ValueError(f"valid must have the shape {shape}, not {present.shape}")
+        present = present.reshape(shape)
         if not plausible:
             for group, members in enumerate(self.members):
                 present[:, group] &= (np.abs(values[:, members]) < LARGEST).all(axis=1)

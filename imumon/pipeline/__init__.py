@@ -7,6 +7,8 @@ accumulators    every accumulator of a record
 analysis        fits, spectra and shapes, recomputed when the record has grown
 assessment      what the results mean: caveats, changes, grades
 report_builder  results as parts of the report
+uncertainty_budgets  the uncertainty of its coefficients
+filter_report_builder  a report as parameters for filters
 events          what happened, each thing once
 exact_curve     Allan deviation of all samples, on request
 periods         10 minutes, hours and days, for the history

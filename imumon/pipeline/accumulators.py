@@ -9,8 +9,8 @@ are those of the samples that it holds back, unfiltered, so that there are resul
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -20,10 +20,13 @@ from imumon.noise.allan.overlapping import SampleStore
 from imumon.noise.array_state import subset
 from imumon.noise.detection import Guard, GuardedSamples
 from imumon.noise.detection.disturbance import Disturbance
+from imumon.noise.state_schema import MOST, Saved, Schema
 from imumon.noise.statistics.differences import DifferenceAccumulator, RobustDeviation
 from imumon.noise.statistics.envelope import Envelope
+from imumon.noise.statistics.extreme_values import ExtremeVisits
 from imumon.noise.statistics.histogram import HistogramAccumulator
 from imumon.noise.stretches import RecordStatistics
+from imumon.noise.stretches.parts import saved_position
 from imumon.noise.stretches.record_statistics import Ended
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.pipeline.gap_fill import Break, DenseBlock, LongGap, fill_gaps
@@ -33,8 +36,22 @@ from imumon.timebase.sample_clock import PlacedSamples
 ALLAN_SENSORS = ("gyro", "accel", "mag")
 """Sensors with an Allan curve; the others have running statistics only."""
 
-COUNTERS = ("samples", "missing", "gaps", "span")
-"""Attributes of `Accumulators` in the saved state."""
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SavedCounters:
+    """Counters of `Accumulators` of the same names."""
+
+    samples: int
+    missing: int
+    gaps: int
+    span: int  # samples of the grid
+
+    def are_plausible(self) -> bool:
+        """Return whether a record can have these counters: each tick of the grid is received or missing."""
+        least = min(self.samples, self.missing, self.gaps)
+        # a break is counted as a gap, and so are its first sample and each step that is not 1
+        return least >= 0 and self.samples + self.missing == self.span < MOST and self.gaps <= self.samples
+
 
 SINGLE_PRECISION = ("envelope.", "guard.detector")
 """Prefixes of arrays that are saved with seven digits, for the size of a state that is written thousands of
@@ -71,6 +88,7 @@ class GuardedStatistics:
     noise : curve and spectrum of these columns and moments of all, without the warm-up.
     histogram : of all columns.
     differences : of neighbouring samples in the columns with a curve, warm-up included.
+    extremes : of these columns.
     store : the samples of these columns, warm-up included; None: they are not kept.
     """
 
@@ -79,11 +97,15 @@ class GuardedStatistics:
     noise: RecordStatistics
     histogram: HistogramAccumulator
     differences: DifferenceAccumulator
+    extremes: ExtremeVisits
     store: SampleStore | None = None
 
     def update(self, items: Iterable[GuardedSamples]) -> None:
         """Add what the guard passed on."""
         for item in items:
+            # A difference of neighbours across a gap would hold the drift of the gap, so both kinds of gaps end the
+            # differences and the stored runs. The sums of the noise keep their grid over a gap of known length: only
+            # one of unknown length ends them.
             if item.broken or item.skipped:
                 self.differences.break_()
             if item.broken:
@@ -93,6 +115,7 @@ class GuardedStatistics:
             if item.skipped:
                 self.noise.skip(item.skipped)
             if len(item.values):
+                # None lets every accumulator take its short way without masks: nearly all blocks are complete.
                 valid = None if item.valid.all() else item.valid
                 allan_valid = None if valid is None else valid[:, : self.allan_groups]
                 self.noise.update(item.values, valid)
@@ -100,6 +123,7 @@ class GuardedStatistics:
                     self.store.update(item.values, valid)
                 self.histogram.update(item.values, valid)
                 self.differences.update(item.values[:, : self.allan_channels], allan_valid)
+                self.extremes.update(item.values[:, : self.allan_channels], allan_valid)
 
 
 class Accumulators:
@@ -135,6 +159,7 @@ class Accumulators:
         sensors = [sensor_of(name) for name in channels]
         self.groups = [list(dict.fromkeys(sensors)).index(sensor) for sensor in sensors]
         self._by_sensor = ValidityGroups(len(channels), self.groups)
+        # `Stream.channels` has the sensors with a curve first, so a count says which columns these are
         self.allan_channels = sum(sensor in ALLAN_SENSORS for sensor in sensors)
         self.samples = self.missing = self.gaps = self.span = 0
         rate = 1.0 / interval_s
@@ -147,17 +172,20 @@ class Accumulators:
     def feed(self, placed: PlacedSamples) -> Happened:
         """Add samples with their places on the grid; return what they show."""
         self.samples += len(placed.steps)
+        # a step above 1 is a gap of known length, BREAK one of unknown length
         self.gaps += int(np.count_nonzero(placed.steps != 1))
         for part in fill_gaps(placed):
             if isinstance(part, Break):
                 self._statistics.update(self.guard.break_())
             elif isinstance(part, LongGap):
+                # a break has no ticks: its length is unknown, and nothing is known to be missing
                 self.span += part.ticks
                 self.envelope.skip(part.ticks)
                 self._statistics.update(self.guard.skip(part.ticks))
             else:
                 self.span += len(part.values)
                 valid = self._valid(part)
+                # The signal view shows what arrived, disturbances included: it does not pass the guard.
                 self.envelope.update(part.values, valid)
                 self._statistics.update(self.guard.update(part.values, valid, part.saturated))
         self.missing = self.span - self.samples
@@ -176,13 +204,17 @@ class Accumulators:
 
     def _happened(self) -> Happened:
         disturbances, stuck = self.guard.events(), self.guard.stuck_changes()
-        if not self.guarded:
+        if (
+            not self.guarded
+        ):  # the guard notices them also then, but nothing was excluded that an event could report
             disturbances, stuck = [], []
         return Happened(disturbances, self.guard.rest_changes(), stuck, self._statistics.noise.ended())
 
     @property
     def statistics(self) -> GuardedStatistics:
         """Statistics of what the guard passed; before that, of what it will assess first."""
+        # Until the guard has assessed its first frames, nothing has passed it. A report shows the samples that it
+        # holds back, through accumulators that are thrown away: they are few, and none is counted twice.
         if (pending := self.guard.pending) is None:
             return self._statistics
         preview = self._new_statistics()
@@ -244,7 +276,7 @@ class Accumulators:
 
         Slow drift does not enter. The relative variance of N^2 gains it over the number of samples.
         """
-        return self.statistics.differences.excess_kurtosis()
+        return self.statistics.differences.fast_kurtosis()
 
     def robust_deviations(self, steps: Sequence[float]) -> list[RobustDeviation | None]:
         """Return the robust companion of the shortest Allan deviation of each channel with a curve.
@@ -255,33 +287,81 @@ class Accumulators:
         """
         return self.statistics.differences.result(steps)
 
-    def save(self) -> tuple[dict[str, Any], SavedArrays]:
-        """Return the state that `restore` continues from: JSON values and small arrays."""
+    def save(self) -> tuple[SavedCounters, SavedArrays]:
+        """Return the state that `restore` continues from: counters and small arrays."""
         parts = {
             "guard": self.guard.save(),
             "envelope": self.envelope.save(),
-            "history": self._statistics.noise.save(),
+            "record_statistics": self._statistics.noise.save(),
             "histogram": self._statistics.histogram.save(),
             "differences": self._statistics.differences.save(),
+            "extremes": self._statistics.extremes.save(),
         }
         named = {f"{name}.{key}": array for name, part in parts.items() for key, array in part.items()}
-        return {name: getattr(self, name) for name in COUNTERS}, {
-            name: array.astype(np.float32)
-            if name.startswith(SINGLE_PRECISION) and array.dtype == np.float64 and array.ndim > 1
-            else array
+        counters = {counter.name: getattr(self, counter.name) for counter in fields(SavedCounters)}
+        return SavedCounters(**counters), {
+            name: _in_single_precision(array) if name.startswith(SINGLE_PRECISION) else array
             for name, array in named.items()
         }
 
-    def restore(self, meta: Mapping[str, Any], arrays: SavedArrays) -> None:
-        """Continue from a saved state; these accumulators are new and made with the same arguments."""
-        for name in COUNTERS:
-            setattr(self, name, int(meta[name]))
+    def schema(self) -> Schema:
+        """Return what the saved arrays of accumulators with these arguments and counters consist of."""
+        span, samples = self.span, self.samples
+
+        def passed(saved: Saved) -> int:
+            """Return the samples of the grid that the guard has passed on."""
+            return saved_position(saved, "record_statistics.parts.")
+
+        return Schema(
+            {},
+            parts={
+                "guard.": self.guard.schema(),
+                "envelope.": self.envelope.schema(),
+                "record_statistics.": self._statistics.noise.schema(),
+                "histogram.": self._statistics.histogram.schema(),
+                "differences.": self._statistics.differences.schema(),
+                "extremes.": self._statistics.extremes.schema(),
+            },
+            whole=(
+                (
+                    "the guard has other samples than the record",
+                    lambda s: s["guard.place"] + len(s["guard.values"]) == span,
+                ),
+                (
+                    "the guard has passed on other samples than the statistics have",
+                    lambda s: s["guard.place"] == passed(s),
+                ),
+                (
+                    "more samples are excluded than received",
+                    lambda s: s["guard.exclusions.counts"].sum() <= samples,
+                ),
+                ("the envelope is not as long as the record", lambda s: s["envelope.n"] == span),
+                ("more differences than samples", lambda s: s["differences.index"] <= span),
+                (
+                    "more samples in the histogram than in the record",
+                    lambda s: s["histogram.counts"].sum(axis=1) <= span,
+                ),
+            ),
+        )
+
+    def restore(self, counters: SavedCounters, arrays: SavedArrays) -> None:
+        """Continue from a saved state; these accumulators are new and made with the same arguments.
+
+        Raises
+        ------
+        InvalidState : it is not what `save` of such accumulators returns.
+        """
+        for counter in fields(SavedCounters):
+            setattr(self, counter.name, getattr(counters, counter.name))
+        # sums in single precision would lose the digits of every later sample
         wide = {k: v.astype(np.float64) if v.dtype == np.float32 else v for k, v in arrays.items()}
+        self.schema().check(wide)
         self.guard = Guard.restore(subset(wide, "guard."))
         self.envelope = Envelope.restore(subset(wide, "envelope."))
-        self._statistics.noise.restore(subset(wide, "history."))
+        self._statistics.noise.restore(subset(wide, "record_statistics."))
         self._statistics.histogram = HistogramAccumulator.restore(subset(wide, "histogram."))
         self._statistics.differences = DifferenceAccumulator.restore(subset(wide, "differences."))
+        self._statistics.extremes.load(subset(wide, "extremes."))
 
     def _new_statistics(self) -> GuardedStatistics:
         groups = self.groups[: self.allan_channels]
@@ -291,13 +371,28 @@ class Accumulators:
             self.allan_channels,
             self.interval_s,
             averaged=self._averaged[: self.allan_channels],
+            # A magnetometer sees currents and steel nearby, not the heat of the sensor: its mean shows no warm-up.
             warmup_channels=inertial if self.guarded else (),
             temperature=self.temperature,
         )
         histogram = HistogramAccumulator(self.groups)
         allan_groups = max(groups, default=-1) + 1
-        differences = DifferenceAccumulator(groups)
-        allan = self.allan_channels, allan_groups
         return GuardedStatistics(
-            *allan, noise, histogram, differences, SampleStore(groups) if self._stored else None
+            self.allan_channels,
+            allan_groups,
+            noise,
+            histogram,
+            DifferenceAccumulator(groups),
+            ExtremeVisits(groups),
+            SampleStore(groups) if self._stored else None,
         )
+
+
+def _in_single_precision(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a table of floats with seven digits; anything else, and numbers that are too large for it, as they are."""
+    # a vector is short, and may be a level such as gravity, of which small differences are taken
+    if array.dtype != np.float64 or array.ndim < 2:
+        return array
+    with np.errstate(over="ignore"):
+        single = array.astype(np.float32)
+    return single if np.isinf(single).sum() == np.isinf(array).sum() else array

@@ -13,17 +13,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from imumon.coefficients import LIMIT_95, Excess
+from imumon.coefficients import LIMIT_95, NOISE, Estimate, Excess
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit import ChannelFit, Estimator
-from imumon.noise.grading import LIMITS, grade_sensor
+from imumon.noise.fit import BiasFit, ChannelFit, Estimator
+from imumon.noise.grading import LIMITS, Headline, grade_sensor
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.stretches.quarters import excess
 from imumon.noise.stretches.warmup import still_settles
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
-from imumon.report import NOISE, UNGRADED_SHARE, BiasCurve, Channel, Estimate, SensorGrade
+from imumon.pipeline.convergence import StatementLog
+from imumon.report import UNGRADED_SHARE, Channel
 from imumon.samples import UNITS, sensor_of
 from imumon.units import counted, duration
 
@@ -58,6 +59,7 @@ class Analysis:
     robust : by channel, of those with a curve, the robust companion of its shortest deviation.
     shapes : (c,) shape of the distribution of each channel; None without samples.
     channels : by channel, the fields of a report that come from the analysis.
+    convergence : what was stated when the record was shorter.
     grades : headline of each graded sensor, from the fits alone.
     resolution : (c,) channel unit, quantisation steps of the channels with a curve; 0.0 without.
     heats_up : whether the temperature of the device has not come to rest.
@@ -71,16 +73,17 @@ class Analysis:
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
         self._quarters = Estimator(averaged=averaged, time_to=False)
         self._scatter: dict[int, dict[str, tuple[float, Excess]]] = {}  # by column and letter
-        self._bias_curves: dict[int, BiasCurve] = {}  # by column
+        self._bias_curves: dict[int, BiasFit] = {}  # by column
         self._slow_due_s = 0.0
         self.warming_up = self.heats_up = False
+        self.convergence = StatementLog(record.allan_channels)
         self._due_s = 0.0
         self._analysed = (-1, -1, 0.0, False)  # length, samples past the guard, warm-up, and `force`
         self.fits: dict[str, ChannelFit] = {}
         self.robust: dict[str, RobustDeviation | None] = {}
         self.shapes: list[DistributionShape | None] = []
         self.channels: dict[str, Channel] = {}
-        self.grades: dict[str, SensorGrade] = {}
+        self.grades: dict[str, Headline] = {}
         self.resolution: list[float] | None = None
 
     def update(self, *, force: bool) -> None:
@@ -88,28 +91,38 @@ class Analysis:
         record, statistics = self._record, self._record.statistics
         current = (record.span, statistics.noise.position, record.warmup_s, force)
         elapsed = record.elapsed_s
+        # A warm-up that has just been excluded changes every number: it makes the analysis due at once.
         early = not force and elapsed < self._due_s and record.warmup_s == self._analysed[2]
         if early or current == self._analysed:
             return
         if record.warmup_s != self._analysed[2]:
             self._slow_due_s = 0.0
         self._analysed, self._due_s = current, elapsed + pause_s(elapsed)
-        curve, self.shapes = statistics.noise.curve(), statistics.histogram.result()
-        self.resolution = [
-            shape.step or 0.0 if shape else 0.0 for shape in self.shapes[: record.allan_channels]
-        ]
-        kurtosis = record.excess_kurtosis().tolist()
-        robust = record.robust_deviations(self.resolution)
+        curve, kurtosis, fits = self._fit(force=force)
+        robust = record.robust_deviations(self.resolution or ())
         self.robust = dict(zip(record.channels, robust, strict=False))
-        self.fits = dict(
-            zip(record.channels, self._fitted(curve, self.resolution, kurtosis, force=force), strict=False)
-        )
+        self.fits = dict(zip(record.channels, fits, strict=False))
         self._update_slowly(kurtosis, force=force)
         graded: dict[str, dict[str, Mapping[str, Estimate]]] = {}  # by sensor and axis
-        for name, each in self.fits.items():
-            graded.setdefault(sensor_of(name), {})[name.partition("/")[2]] = each.coefficients
+        for name, fit in self.fits.items():
+            graded.setdefault(sensor_of(name), {})[name.partition("/")[2]] = fit.coefficients
         self.grades = {sensor: grade_sensor(sensor, graded[sensor]) for sensor in LIMITS if sensor in graded}
         self.channels = {name: self._channel(curve, c, name) for c, name in enumerate(record.channels)}
+
+    def note_convergence(self) -> None:
+        """Note what the record states at its present length, without the results that only a report needs."""
+        self._fit(force=False)
+
+    def _fit(self, *, force: bool) -> tuple[AllanCurve, list[float], Sequence[ChannelFit]]:
+        """Return curve, excess kurtosis and fits of the record as it is now, and note what they state."""
+        record, statistics = self._record, self._record.statistics
+        curve, self.shapes = statistics.noise.curve(), statistics.histogram.result()
+        shapes = self.shapes[: record.allan_channels]
+        self.resolution = [shape.step or 0.0 if shape else 0.0 for shape in shapes]
+        kurtosis = record.excess_kurtosis().tolist()
+        fits = self._fitted(curve, self.resolution, kurtosis, force=force)
+        self.convergence.add(record.elapsed_s, fits)
+        return curve, kurtosis, fits
 
     def _fitted(
         self, curve: AllanCurve, steps: list[float], kurtosis: list[float], *, force: bool
@@ -122,9 +135,8 @@ class Analysis:
         self.heats_up = record.guarded and noise.is_warming_up(curve)
         self.warming_up = self.heats_up or (record.guarded and settles)
         if self.warming_up:
-            fits = tuple(
-                replace(fit, coefficients={**fit.coefficients, "K": _bounded(fit.K)}) for fit in fits
-            )
+            # A mean that settles looks like a random walk, so K would be a figure of the warm-up.
+            fits = tuple(_without_slow_values(fit) for fit in fits)
         if (why := _why_pending(record)) is not None:
             fits = tuple(_with_reason(fit, why) for fit in fits)
         return fits
@@ -145,6 +157,11 @@ class Analysis:
             drift=report_builder.drift(
                 fit, self._record.statistics.noise.begin_s, _range(curve), self._bias_curves.get(column)
             ),
+            convergence=self.convergence.of_channel(column),
+            time_to={
+                letter: seconds if self.convergence.is_lasting(column, letter) else None
+                for letter, seconds in fit.time_to.items()
+            },
             robust=report_builder.robust(self.robust[name]),
             bias_curve=report_builder.bias_curve(sensor, self._bias_curves.get(column)),
         )
@@ -154,6 +171,7 @@ class Analysis:
         record = self._record
         if not force and record.elapsed_s < self._slow_due_s:
             return
+        # Four fits, one per quarter, would cost more than all else; quarters that are longer by less show the same.
         self._slow_due_s = SCATTER_GROWTH * record.elapsed_s
         noise = record.statistics.noise
         if (sums := noise.whole_sums()) is not None:
@@ -164,9 +182,9 @@ class Analysis:
         ]
         self._scatter = {
             column: {
-                letter: made
+                letter: scatter
                 for letter in NOISE
-                if (made := _between([fit.coefficients[letter] for fit in fits])) is not None
+                if (scatter := _between([fit.coefficients[letter] for fit in fits])) is not None
             }
             for column, fits in enumerate(zip(*parts, strict=True))
         }
@@ -174,18 +192,27 @@ class Analysis:
 
 def _between(quarters: Sequence[Estimate]) -> tuple[float, Excess] | None:
     """Return the standard deviation between quarters, and which part of it is beyond statistics; None: unknown."""
-    known = [(each.value, each.low, each.high) for each in quarters]
+    known = [(part.value, part.low, part.high) for part in quarters]
+    # A quarter that shows a bound only may be anything below it: then the scatter of the others says nothing.
     if not all(value and low and high and low < high for value, low, high in known):
         return None
     values, low, high = np.array(known, dtype=np.float64).T
     return float(np.std(values, ddof=1)), excess(values, np.log(high / low) / (2.0 * LIMIT_95))
 
 
-def _bounded(walk: Estimate) -> Estimate:
-    """Return K as an upper bound: what settles may look like it."""
-    if walk.status != "measured":
-        return walk
-    return Estimate(low=0.0, high=walk.high, status="upper_bound", reason="the sensor is still warming up")
+def _without_slow_values(fit: ChannelFit) -> ChannelFit:
+    """Return the fit with K and M as upper bounds: what settles may look like them."""
+    markov = fit.markov
+    if markov is not None:
+        markov = replace(markov, sigma=_bounded(markov.sigma))
+    return replace(fit, coefficients={**fit.coefficients, "K": _bounded(fit.K)}, markov=markov)
+
+
+def _bounded(part: Estimate) -> Estimate:
+    """Return a measured value as an upper bound."""
+    if part.status != "measured":
+        return part
+    return Estimate(low=0.0, high=part.high, status="upper_bound", reason="the sensor is still warming up")
 
 
 def _why_pending(record: Accumulators) -> Estimate | None:
@@ -201,6 +228,7 @@ def _why_pending(record: Accumulators) -> Estimate | None:
 def _with_reason(fit: ChannelFit, why: Estimate) -> ChannelFit:
     """Return the fit with the reason why coefficients are pending."""
     known = {
+        # a reason with a code says more: the values never change, or the resolution hides the noise
         name: part if part.status != "pending" or part.reason_code else why
         for name, part in fit.coefficients.items()
     }

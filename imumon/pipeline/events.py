@@ -14,9 +14,9 @@ from datetime import datetime
 import numpy as np
 
 from imumon.alarms import ALARMS, RECOVERED, known
-from imumon.messages import EVENT_LEVELS, change_text, grade_text
-from imumon.noise.stretches.record_statistics import HOURS_BEFORE
+from imumon.messages import EVENT_LEVELS, change_text, nearest_text
 from imumon.pipeline.accumulators import Accumulators, Happened
+from imumon.pipeline.changes import hour_changes
 from imumon.report import WARM_S, Change, Event, Report, SensorGrade, stamp
 from imumon.samples import Ints, Level
 from imumon.timebase.sample_clock import BREAK
@@ -67,7 +67,9 @@ class EventLog:
         self._warming_up = self._warmup_reported = False
         self._constant: set[str] = set()
         self._alarms: set[str] = set()  # that were above their limit
-        self._changes: dict[tuple[int, str, str], float] = {}  # when it was last there, s of the record
+        # by column, what it differs from, and quantity: when the change was last there, s of the record
+        self._changes_between_hours: dict[tuple[int, str, str], float] = {}
+        self._other_changes: dict[tuple[int, str, str], float] = {}
         self._grades: dict[str, SensorGrade] = {}  # as reported
         self._candidates: dict[str, tuple[SensorGrade, float]] = {}  # other grades, and since when, s
         self._first_grades_known = False
@@ -86,12 +88,14 @@ class EventLog:
         self._gaps, self._missing = 0, 0
         self._next_gap_s = self._next_reset_s = 0.0
         self._warming_up = self._warmup_reported = False
-        self._changes.clear()
+        self._changes_between_hours.clear()
+        self._other_changes.clear()
 
     def record_restored(self, record: Accumulators) -> None:
         """Note that the changes between hours and the grades of a restored record have been reported before."""
-        for column, changes in record.noise.changes().items():
-            self._changes |= {(column, each.against, each.quantity): 0.0 for each in changes}
+        for column, changes in hour_changes(record.noise.changes()).items():
+            for change in changes:
+                self._changes_between_hours[column, change.against, change.quantity] = 0.0
         self._first_grades_known = True
 
     def update_happened(self, happened: Happened, record: Accumulators) -> None:
@@ -114,7 +118,8 @@ class EventLog:
             text, level = (begins, None) if stuck else ("the values change again", NOTICE)
             self.add(DetectedEvent("stuck", text, place * record.interval_s, level=level))
         for elapsed_s, changes in happened.ended.hours:
-            self._update_changes(changes, record.channels, elapsed_s, hourly=True)
+            changed = hour_changes(changes)
+            self._update_changes(self._changes_between_hours, changed, record.channels, elapsed_s)
 
     def update_warmup(self, record: Accumulators, warming_up: bool, *, heats_up: bool) -> None:
         """Add, once, the end of a warm-up of which nothing is excluded; else `update_happened` adds it.
@@ -122,6 +127,7 @@ class EventLog:
         The temperature begins it: means that seem to settle for a while are no event. A temperature that rests for a
         while in the first half hour does not end it.
         """
+        # A mean may rest in the first minutes and move again: before half an hour no sensor counts as warm.
         over = self._warming_up and not warming_up and record.elapsed_s >= WARM_S
         self._warming_up = (self._warming_up and not over) or (warming_up and heats_up)
         if over and not self._warmup_reported and not record.warmup_s:
@@ -157,12 +163,15 @@ class EventLog:
         ----------
         steps : (n,) grid steps since the sample before.
         """
-        ticks = np.where(steps == BREAK, 1, steps)
-        at = np.flatnonzero(ticks > 1)
-        missing = ticks[at] - 1
-        places = record.span - int(ticks.sum()) + np.cumsum(ticks)[at] - 1
+        ticks = np.where(steps == BREAK, 1, steps)  # `update_clock` reports a gap of unknown length
+        rows = np.flatnonzero(ticks > 1)  # the first sample after a gap each
+        missing = ticks[rows] - 1
+        # The record has the samples already: count back from its end. A gap is placed at its last missing tick.
+        places = record.span - int(ticks.sum()) + np.cumsum(ticks)[rows] - 1
         times = places * record.interval_s
         first = 0
+        # Each pass closes one interval without events: the gaps in it are one event at its end, and the first gap
+        # after it begins the next. Blocks of any length give the same events.
         while True:
             last = int(np.searchsorted(times, self._next_gap_s))
             self._gaps += last - first
@@ -203,6 +212,7 @@ class EventLog:
     ) -> None:
         """Add that the value of an alarm exceeds its limit, or, if it can end now, does so no more."""
         alarm = next(alarm for alarm in ALARMS if alarm.name == name)
+        # RECOVERED is below 1: a value that stays near the limit would raise and end the alarm in turns.
         if name not in self._alarms and value > limit:
             self._alarms.add(name)
             self.add(DetectedEvent(name, alarm.text(value), elapsed_s))
@@ -218,32 +228,37 @@ class EventLog:
                 self.update_alarm(alarm.name, value, limit, record.elapsed_s)
 
     def update_changes(self, changes: Mapping[int, tuple[Change, ...]], record: Accumulators) -> None:
-        """Add changes that are new, by column, other than those between hours."""
-        self._update_changes(changes, record.channels, record.elapsed_s, hourly=False)
+        """Add changes that are new and those that are over, other than those between hours.
+
+        Parameters
+        ----------
+        changes : by column, all that hold now.
+        """
+        self._update_changes(self._other_changes, changes, record.channels, record.elapsed_s)
 
     def _update_changes(
         self,
+        reported: dict[tuple[int, str, str], float],
         changes: Mapping[int, tuple[Change, ...]],
         channels: Sequence[str],
         elapsed_s: float,
-        *,
-        hourly: bool,
     ) -> None:
-        current = {
-            (column, each.against, each.quantity): change_text(channels[column], each)
+        """Add what differs between the changes that hold now and those of the same kind that were reported."""
+        current: dict[tuple[int, str, str], str] = {
+            (column, change.against, change.quantity): change_text(channels[column], change)
             for column, of_channel in changes.items()
-            for each in of_channel
-            if (each.against == HOURS_BEFORE) == hourly
+            for change in of_channel
         }
         for key, text in current.items():
-            if key not in self._changes:
+            if key not in reported:
                 self.add(DetectedEvent("change", text, elapsed_s, channel=channels[key[0]]))
-            self._changes[key] = elapsed_s
-        for key, seen in list(self._changes.items()):
-            if (key[1] == HOURS_BEFORE) == hourly and not seen <= elapsed_s < seen + CHANGE_HOLD_S:
-                del self._changes[key]  # of a longer record before, or over
+            reported[key] = elapsed_s
+        for key, seen in list(reported.items()):
+            if not seen <= elapsed_s < seen + CHANGE_HOLD_S:
+                del reported[key]  # of a longer record before, or over
                 if elapsed_s > seen:
-                    name, against, quantity = channels[key[0]], *key[1:]
+                    column, against, quantity = key
+                    name = channels[column]
                     text = f"{name}: {quantity} does not differ from the {against} any more"
                     self.add(DetectedEvent("change", text, elapsed_s, channel=name, level=NOTICE))
 
@@ -252,6 +267,7 @@ class EventLog:
         elapsed = record.elapsed_s
         for sensor, grade in grades.items():
             before = self._grades.get(sensor, SensorGrade())
+            # A grade that returns before another one has held is no event: forget the other.
             if sensor in self._grades and _same(grade, before):
                 self._candidates.pop(sensor, None)
                 continue
@@ -261,9 +277,10 @@ class EventLog:
             self._candidates[sensor] = (grade, since)
             if sensor not in self._grades or elapsed >= since * GRADE_HOLD:
                 self._grades[sensor] = grade
+                # A restored record has reported its grades before the restart.
                 if not self._first_grades_known:
-                    was = f" (before: {grade_text(before)})" if before.nearest else ""
-                    self.add(DetectedEvent("grade", f"{sensor}: {grade_text(grade)}{was}", elapsed))
+                    was = f" (before: {nearest_text(before)})" if before.nearest else ""
+                    self.add(DetectedEvent("grade", f"{sensor}: {nearest_text(grade)}{was}", elapsed))
         self._first_grades_known &= not grades
 
 

@@ -42,6 +42,7 @@ class InvalidSamples:
             return block
         keep = np.ones(len(block), bool) if valid is None else valid[:, 0]
         self.any = self.any or not keep.all()
+        # A sample that is taken out is lost, and so is what was lost before it: the next one that stays has the sum.
         before = self._lost + np.cumsum(block.lost + ~keep)  # lost up to each sample, itself included
         lost = np.diff(before[keep], prepend=0)
         self._lost = int(before[-1] - lost.sum()) if len(block) else self._lost
@@ -56,7 +57,7 @@ class DenseBlock:
     ----------
     values : (n, c) channel unit; 0 where the sample is missing.
     present : (n,) ticks with a sample; None: all.
-    saturated : (n,) samples beyond a range; None: unknown.
+    saturated : (n, s) or (n,) samples beyond a range, see `SampleBlock`; None: unknown.
     """
 
     values: Floats
@@ -83,7 +84,7 @@ def fill_gaps(placed: PlacedSamples) -> Iterator[Part]:
     """Yield the grid of placed samples in order."""
     steps = placed.steps
     cuts = set(np.flatnonzero((steps == BREAK) | (steps > LONG_GAP)).tolist())
-    edges = sorted({0, len(steps), *cuts})
+    edges = sorted({0, len(steps), *cuts})  # a set: the first sample may be a cut, too
     for start, end in itertools.pairwise(edges):
         if start in cuts:
             yield Break() if steps[start] == BREAK else LongGap(int(steps[start]) - 1)
@@ -103,7 +104,7 @@ def _dense(placed: PlacedSamples, start: int, end: int, missing: int) -> DenseBl
     present = np.zeros(len(values), dtype=bool)
     present[rows] = True
     if saturated is not None:
-        flags = np.zeros(len(values), dtype=bool)
+        flags = np.zeros((len(values), *saturated.shape[1:]), dtype=bool)
         flags[rows] = saturated
         saturated = flags
     return DenseBlock(values, present, saturated)

@@ -55,10 +55,13 @@ class LossWindow:
         shares : of each second, its age, s before the end of the samples, the share at its end, and the share of
             the window that is full. While nothing is missing, only the second in which it becomes full is there.
         """
+        # The step to the first sample leads back over the interruption, which is not a loss.
         if not self._ticks and len(steps):
             steps = np.concatenate(([1], steps[1:]))
-        ticks = np.maximum(steps, 1)
+        ticks = np.maximum(steps, 1)  # BREAK is below 0: a gap of unknown length counts as one step
         begin, self._ticks = self._ticks, self._ticks + int(ticks.sum())
+        # The usual case of a link without losses needs no sums by second. The block in which the window becomes full
+        # goes through all the same: an alarm may only end at a full window.
         if not self._bins and (ticks == 1).all() and not begin < self._full <= self._ticks:
             return []
         ends = begin + np.cumsum(ticks)

@@ -6,10 +6,12 @@ characterised: deltas, else uncompensated, else compensated. A better stream tha
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
+from itertools import groupby
 from typing import Any
 
 import numpy.typing as npt
@@ -17,14 +19,27 @@ import numpy.typing as npt
 from imumon.errors import RateRequired
 from imumon.evaluation import ExactCurve
 from imumon.history_report import HistoryPeriod
+from imumon.noise.state_schema import MOST, InvalidState
+from imumon.pipeline.accumulators import ALLAN_SENSORS, SavedCounters
 from imumon.pipeline.events import DetectedEvent, EventLog
-from imumon.pipeline.exact_curve import exact_curves
+from imumon.pipeline.exact_curve import Taus, exact_curves
 from imumon.pipeline.gap_fill import InvalidSamples
+from imumon.pipeline.periods import SavedPeriods
 from imumon.pipeline.record import MonitorOptions, Record, RecordMismatch, mismatch_of
 from imumon.pipeline.report_builder import signal
-from imumon.report import DeviceDescription, Report, SessionCounters, Signal, State, stamp
-from imumon.samples import SampleBlock, Stream
-from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
+from imumon.report import (
+    MAX_CHANNELS,
+    DeviceDescription,
+    Report,
+    SessionCounters,
+    Signal,
+    State,
+    is_channel_name,
+    stamp,
+)
+from imumon.report_json import JsonReader, check, plain, to_json
+from imumon.samples import SampleBlock, Stream, sensor_of
+from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock, SavedClock
 
 NO_CLOCK_SAMPLES = 100
 """Samples of a stream without clock and rate after which the monitor stops waiting for another stream: a
@@ -38,6 +53,44 @@ SAME_INTERVAL = 1e-3
 
 STREAM_RANK = {"compensated": 0, "unknown": 1, "uncompensated": 2, "deltas": 3}
 """Rank of a kind of stream: the highest is characterised."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SavedMonitor:
+    """What is saved of a record beside the arrays of its statistics."""
+
+    stream: Stream  # that is characterised
+    clock: SavedClock  # of it
+    guarded: bool  # disturbances were excluded
+    restarts: int  # breaks of unknown length and new records
+    record: SavedCounters  # samples of the record
+    periods: SavedPeriods | None  # counters of the history; null: none is kept
+
+
+def _check_saved(saved: SavedMonitor) -> None:
+    check(saved.clock.is_plausible(), "a clock that no stream has")
+    check(saved.record.are_plausible(), "counters that contradict one another")
+    check(0 <= saved.restarts < MOST, "a number of restarts that no record has")
+    channels = saved.stream.channels
+    check(0 < len(channels) <= MAX_CHANNELS, f"{len(channels)} channels")
+    check(len(set(channels)) == len(channels), "two channels of one name")
+    # the axes of a sensor share their validity, and are neighbours
+    sensors = [sensor for sensor, _ in groupby(channels, sensor_of)]
+    check(len(set(sensors)) == len(sensors), "a sensor whose channels are apart")
+    with_curve = [sensor in ALLAN_SENSORS for sensor in sensors]
+    check(with_curve == sorted(with_curve, reverse=True), "a sensor with a curve behind one without")
+    check(all(map(is_channel_name, channels)), "a name that is no name of a channel")
+
+
+_SAVED_READER = JsonReader({SavedMonitor: _check_saved})
+
+
+def read_saved(meta: Mapping[str, Any]) -> SavedMonitor:
+    """Return what was saved beside the arrays; raise `InvalidState` if it is something else."""
+    try:
+        return _SAVED_READER.part(SavedMonitor, meta)
+    except (TypeError, AttributeError, KeyError, ValueError, OverflowError, RecursionError) as error:
+        raise InvalidState(plain(str(error))) from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +165,7 @@ class Monitor:
         ------
         RateRequired : the stream has no clock and no rate is configured.
         """
+        # The host clock bridges gaps of a stream without a clock: blocks of other streams took their part of the time.
         passed = None if host_s is None else self._other_streams_s + host_s
         any_before = self._invalid.any
         block = self._invalid.remove(block)
@@ -128,6 +182,8 @@ class Monitor:
         clock = self._source.clock
         for placed in clock.place(block, host_s=passed):
             mismatch = self._accumulate(placed) or mismatch
+        # The clock stops placing where the interval changes: what follows belongs to a new record with a clock of its
+        # own, and may hold another change.
         if (rest := clock.rest) is not None:
             mismatch = self._start_new_record("other_rate", "the sample rate of the sensor has changed")
             self._source = _Source(rest.stream, SampleClock(rest.stream.clock, tick_s=rest.stream.tick_s))
@@ -139,7 +195,7 @@ class Monitor:
         if self._source is not None:
             self._source.clock.gap(length_s)
         if self._record is not None:
-            self._record.loss.restart()
+            self._record.loss.restart()  # an interruption is an event of its own, and no loss of the link
 
     def flush(self) -> RecordMismatch | None:
         """Process everything that is held back: the stream has ended or is interrupted.
@@ -202,7 +258,6 @@ class Monitor:
         session: SessionCounters,
         *,
         device_caveats: tuple[str, ...] = (),
-        speed: float = 1.0,
     ) -> Report:
         """Return everything known at the time `now`.
 
@@ -210,7 +265,6 @@ class Monitor:
         ----------
         device, session : what the caller knows (identity, link counters); the monitor adds the rest.
         device_caveats : from the stream and the settings of the sensor, such as ``aliased``.
-        speed : device seconds per second of the host clock.
         """
         bare = Report(
             time=stamp(now),
@@ -218,7 +272,6 @@ class Monitor:
             state=state,
             session=self._counted(session),
             period_s=self.options.period_s,
-            speed=speed,
             precision=self.options.precision,
             alarm_limits=self.options.alarm_limits,
         )
@@ -228,18 +281,22 @@ class Monitor:
         """Return what makes the minimum and maximum per time column of each channel, as they are now."""
         if self._record is None:
             return {}
-        own = self._record.accumulators
-        strips = own.envelope.minute(), own.envelope.hour(), own.envelope.everything()
-        return {name: partial(signal, name, strips, k, own.interval_s) for k, name in enumerate(own.channels)}
+        record = self._record.accumulators
+        # The columns are copies, which the thread of the bus may use: it makes a message only where a query asks.
+        strips = record.envelope.minute(), record.envelope.hour(), record.envelope.everything()
+        return {
+            name: partial(signal, name, strips, column, record.interval_s)
+            for column, name in enumerate(record.channels)
+        }
 
-    def exact_curves(self, report: Report, *, octaves: bool) -> dict[str, ExactCurve]:
+    def exact_curves(self, report: Report, *, taus: Taus) -> dict[str, ExactCurve]:
         """Return the fully overlapping Allan deviation by channel; empty unless the samples are stored."""
-        own = self._record.accumulators if self._record is not None else None
-        if own is None or (store := own.statistics.store) is None:
+        record = self._record.accumulators if self._record is not None else None
+        if record is None or (store := record.statistics.store) is None:
             return {}
-        channels = {name: report.channels[name] for name in own.channels[: own.allan_channels]}
-        begin = round(own.statistics.noise.begin_s / own.interval_s)
-        return exact_curves(store, channels, own.interval_s, begin=begin, octaves=octaves)
+        channels = {name: report.channels[name] for name in record.channels[: record.allan_channels]}
+        begin = round(record.statistics.noise.begin_s / record.interval_s)
+        return exact_curves(store, channels, record.interval_s, begin=begin, taus=taus)
 
     # ------------------------------------------------------------------ saved state
 
@@ -253,15 +310,16 @@ class Monitor:
         """
         assert self._source is not None
         assert self._record is not None
-        saved, arrays = self._record.save()
-        meta = {
-            "stream": asdict(self._source.stream),
-            "clock": self._source.clock.save(),
-            "guarded": self.options.guarded,
-            "restarts": self.restarts,
-            **saved,
-        }
-        return meta, arrays
+        counted, periods, arrays = self._record.save()
+        meta = SavedMonitor(
+            stream=self._source.stream,
+            clock=self._source.clock.save(),
+            guarded=self.options.guarded,
+            restarts=self.restarts,
+            record=counted,
+            periods=periods,
+        )
+        return json.loads(to_json(meta)), arrays
 
     def restore(self, meta: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]], away_s: float) -> None:
         """Continue a saved record as soon as the first samples show that the stream is the same.
@@ -274,17 +332,17 @@ class Monitor:
         Raises
         ------
         RecordMismatch : it was made with guards and they are off, or the other way round.
-        KeyError, ValueError, TypeError : not a state of this version.
+        InvalidState : it is not what `save` returns.
         """
-        stream = Stream(**(dict(meta["stream"]) | {"channels": tuple(meta["stream"]["channels"])}))
-        if bool(meta["guarded"]) != self.options.guarded:
-            setting = "on" if meta["guarded"] else "off"
-            raise RecordMismatch("other_guards", f"of a run with the guards {setting}")
-        clock = SampleClock.restore(stream.clock, dict(meta["clock"]), stream.tick_s)
-        clock.gap(away_s)
-        record = Record(stream, float(meta["clock"]["interval_s"]), self.options)
-        record.restore(meta, arrays)
-        self._restored = _Restored(_Source(stream, clock), record, int(meta["restarts"]))
+        saved = read_saved(meta)
+        stream, guarded = saved.stream, saved.guarded
+        if guarded != self.options.guarded:
+            raise RecordMismatch("other_guards", f"of a run with the guards {'on' if guarded else 'off'}")
+        clock = SampleClock.restore(stream.clock, saved.clock, stream.tick_s)
+        clock.gap(away_s)  # the time without the daemon is a gap; the sample clock shows its length if it can
+        record = Record(stream, saved.clock.interval_s, self.options)
+        record.restore(saved.record, saved.periods, arrays)
+        self._restored = _Restored(_Source(stream, clock), record, saved.restarts)
 
     def accept_restored(self) -> None:
         """Use the restored record without samples that confirm its stream: to report, not to continue."""
@@ -309,6 +367,7 @@ class Monitor:
         interval = stream.interval_s
         if interval is None and self.rate_hz is not None:
             interval = 1.0 / self.rate_hz
+        # The first stream decides about a restored record: a later one cannot continue what this one has ended.
         restored, self._restored = self._restored, None
         if restored is not None:
             other = restored.record.mismatch(stream, interval)
@@ -339,9 +398,10 @@ class Monitor:
             record is not None
             and abs(record.accumulators.interval_s / (interval or 1.0) - 1.0) > SAME_INTERVAL
         ):
+            # only a restored record can differ here: its clock measures the interval of the stream again
             cause = "the sample rate of the sensor is not that of the saved record"
             mismatch = self._start_new_record("other_rate", cause)
-            placed.steps[0] = 1
+            placed.steps[0] = 1  # the first sample of a record has no gap before it
         if self._record is None:
             assert interval is not None
             self._record = Record(self._source.stream, interval, self.options)
@@ -353,11 +413,11 @@ class Monitor:
         """End the record, if there is one; the next samples start a new one. `code` is that of the mismatch."""
         mismatch, elapsed_s = None, None
         if self._record is not None and self._source is not None:
-            own = self._record.accumulators
-            mismatch = mismatch_of(code, self._source.stream, own.interval_s)
+            record = self._record.accumulators
+            mismatch = mismatch_of(code, self._source.stream, record.interval_s)
             self.restarts += 1
             self._ended_periods += self._record.flush(self._events)
-            elapsed_s = own.elapsed_s
+            elapsed_s = record.elapsed_s  # after the flush, which adds what the guard has held back
         self._events.add(DetectedEvent("restart", f"{cause}: a new record begins", elapsed_s, code=code))
         self.end_record()
         self._events.record_began()

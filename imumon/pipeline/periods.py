@@ -8,13 +8,14 @@ is fitted again every half minute.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
-from imumon.coefficients import BIAS_TERMS, Estimate
+from imumon.coefficients import BIAS_TERMS, Estimate, by_letter
 from imumon.history_report import HistoryPeriod, PeriodChannel
 from imumon.noise.fit import Estimator
-from imumon.noise.stretches.stretches import STEPS_S, Stretch
+from imumon.noise.state_schema import InvalidState
+from imumon.noise.stretches.stretches import LENGTHS_S, Stretch
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.analysis import Analysis
 
@@ -22,6 +23,14 @@ PAUSE_S = 30.0
 """s from one fit of the periods in progress to the next."""
 
 COUNTED = ("samples", "missing", "excluded")
+"""Counters of the record whose growth belongs to a period."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SavedPeriods:
+    """Counters of a record when the last period of each length ended."""
+
+    counted: Mapping[str, Mapping[str, int]]  # by length in s, and name of the counter
 
 
 class Periods:
@@ -36,8 +45,8 @@ class Periods:
 
     def __init__(self, record: Accumulators, analysis: Analysis, *, averaged: Sequence[bool]) -> None:
         self._record, self._analysis = record, analysis
-        self._estimators = {step: Estimator(averaged=averaged, time_to=False) for step in STEPS_S}
-        self._counted = {step: dict.fromkeys(COUNTED, 0) for step in STEPS_S}  # up to the last period
+        self._estimators = {step: Estimator(averaged=averaged, time_to=False) for step in LENGTHS_S}
+        self._counted = {step: dict.fromkeys(COUNTED, 0) for step in LENGTHS_S}  # up to the last period
         self._current: dict[int, HistoryPeriod] = {}
         self._due_s = 0.0
 
@@ -46,14 +55,14 @@ class Periods:
         periods = []
         for stretch in stretches:
             periods.append(self._period(stretch, complete=True))
-            self._counted[stretch.step_s] = self._counts()
-            self._due_s = 0.0
+            self._counted[stretch.length_s] = self._counts()
+            self._due_s = 0.0  # a period in progress begins here: the next call shows it at once
         return periods
 
     def end(self) -> list[HistoryPeriod]:
         """Return the periods in progress as they are: the record ends here."""
         self._current = {}
-        stretches = (self._stretch(step) for step in STEPS_S)
+        stretches = (self._stretch(step) for step in LENGTHS_S)
         return [self._period(stretch, complete=True) for stretch in stretches if stretch is not None]
 
     def in_progress(self, *, force: bool = False) -> list[HistoryPeriod]:
@@ -64,30 +73,41 @@ class Periods:
         record = self._record
         if not force and record.elapsed_s < self._due_s:
             return list(self._current.values())
+        # The fit of a day in progress costs as much as that of a whole one, and half a minute hardly changes it.
         again = force or self._due_s == 0.0
-        for step in STEPS_S if again else STEPS_S[:1]:
+        for step in LENGTHS_S if again else LENGTHS_S[:1]:
             stretch = self._stretch(step)
             if stretch is None:
                 self._current.pop(step, None)
             else:
                 self._current[step] = self._period(stretch, complete=False)
-        if (shortest := self._current.get(STEPS_S[0])) is not None:
-            for step in STEPS_S[1:]:
-                if self._counted[step] == self._counted[STEPS_S[0]]:  # both began together
-                    number = shortest.number * STEPS_S[0] // step
+        if (shortest := self._current.get(LENGTHS_S[0])) is not None:
+            for step in LENGTHS_S[1:]:
+                # Both began together, so they hold the same samples: one fit serves both.
+                if self._counted[step] == self._counted[LENGTHS_S[0]]:
+                    number = shortest.number * LENGTHS_S[0] // step
                     self._current[step] = replace(shortest, step_s=step, number=number)
         self._due_s = record.elapsed_s + PAUSE_S if self._current else 0.0
         return list(self._current.values())
 
-    def save(self) -> dict[str, Any]:
-        """Return the state as JSON values."""
-        return {"counted": {str(step): counts for step, counts in self._counted.items()}}
+    def save(self) -> SavedPeriods:
+        """Return the counters up to the last period of each length."""
+        return SavedPeriods(counted={str(step): dict(counts) for step, counts in self._counted.items()})
 
-    def restore(self, saved: Mapping[str, Any] | None) -> None:
-        """Continue from a saved state; None: the record had no periods, and its earlier samples belong to none."""
-        for step in STEPS_S:
-            counts = self._counts() if saved is None else saved["counted"][str(step)]
-            self._counted[step] = {name: int(counts[name]) for name in COUNTED}
+    def restore(self, saved: SavedPeriods | None) -> None:
+        """Continue from a saved state; None: the record had no periods, and its earlier samples belong to none.
+
+        Raises
+        ------
+        InvalidState : the counters are not those of a part of the record.
+        """
+        now = self._counts()
+        for step in LENGTHS_S:
+            before = now if saved is None else saved.counted.get(str(step), {})
+            # a period has what was counted since the one before: no less than nothing
+            if set(before) != set(now) or not all(0 <= before[name] <= now[name] for name in now):
+                raise InvalidState(f"the counters up to the last {step} s are not those of the record")
+            self._counted[step] = dict(before)
 
     def _stretch(self, step_s: int) -> Stretch | None:
         return self._record.noise.stretch_in_progress(step_s)
@@ -102,12 +122,12 @@ class Periods:
 
     def _period(self, stretch: Stretch, *, complete: bool) -> HistoryPeriod:
         record, interval_s = self._record, self._record.interval_s
-        before, now = self._counted[stretch.step_s], self._counts()
+        before, now = self._counted[stretch.length_s], self._counts()
         moments = stretch.moments.result().channels
-        length = max(1, round(STEPS_S[0] / interval_s)) * (stretch.step_s // STEPS_S[0])
+        length = max(1, round(LENGTHS_S[0] / interval_s)) * (stretch.length_s // LENGTHS_S[0])
         temperature = None if record.temperature is None else moments[record.temperature].mean
         return HistoryPeriod(
-            step_s=stretch.step_s,
+            step_s=stretch.length_s,
             number=stretch.start // length,
             begin_age_s=(record.span - stretch.start) * interval_s,
             end_age_s=(record.span - stretch.end) * interval_s,
@@ -123,19 +143,20 @@ class Periods:
 
     def _channels(self, stretch: Stretch, moments: Sequence[Any]) -> dict[str, PeriodChannel]:
         record = self._record
-        estimator, length = self._estimators[stretch.step_s], stretch.end - stretch.start
+        estimator, length = self._estimators[stretch.length_s], stretch.end - stretch.start
         fits = estimator.fit_sums(stretch.sums, length, self._analysis.resolution)
         heat = None if record.temperature is None else moments[record.temperature]
         extremes = None if heat is None or heat.min is None else (heat.min, heat.max)
-        is_day = stretch.step_s == STEPS_S[-1]  # a shorter period seldom spans enough temperature
+        is_day = stretch.length_s == LENGTHS_S[-1]  # a shorter period seldom spans enough temperature
         curves = estimator.bias_curves(stretch.sums, extremes) if is_day else ()
         channels = {}
         for column, name in enumerate(record.channels):
-            own = moments[column]
-            known = dict(fits[column].coefficients) if column < len(fits) else {}
-            for term, each in zip(
-                BIAS_TERMS, curves[column].terms[1:] if column < len(curves) else (), strict=False
-            ):
-                known[term] = Estimate(value=each.value, low=each.low, high=each.high, status="measured")
-            channels[name] = PeriodChannel(mean=own.mean, std=own.std, coefficients=known)
+            fit = fits[column] if column < len(fits) else None
+            known = {} if fit is None else by_letter(fit.coefficients, fit.markov)
+            # the term of degree 0 is the bias at the reference, which `mean` shows
+            terms = curves[column].terms[1:] if column < len(curves) else ()
+            for letter, term in zip(BIAS_TERMS, terms, strict=False):
+                known[letter] = Estimate(value=term.value, low=term.low, high=term.high, status="measured")
+            mean, std = moments[column].mean, moments[column].std
+            channels[name] = PeriodChannel(mean=mean, std=std, coefficients=known)
         return channels

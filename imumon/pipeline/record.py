@@ -11,26 +11,32 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 from imumon.alarms import DEFAULT_LIMITS
 from imumon.coefficients import default_precision
 from imumon.errors import ImumonError
 from imumon.history_report import HistoryPeriod
+from imumon.noise.array_state import subset
 from imumon.noise.grading import LIMITS
-from imumon.noise.uncertainty import uncertainty_budgets, with_combined
 from imumon.pipeline import assessment
-from imumon.pipeline.accumulators import Accumulators, Happened
+from imumon.pipeline.accumulators import Accumulators, Happened, SavedArrays, SavedCounters
 from imumon.pipeline.analysis import Analysis
+from imumon.pipeline.changes import hour_changes
+from imumon.pipeline.convergence import next_due_s
 from imumon.pipeline.events import EventLog
 from imumon.pipeline.loss import LossWindow
-from imumon.pipeline.periods import Periods
+from imumon.pipeline.periods import Periods, SavedPeriods
 from imumon.pipeline.report_builder import limit_curves
+from imumon.pipeline.uncertainty_budgets import uncertainty_budgets, with_combined
 from imumon.report import Report, SessionCounters
-from imumon.samples import Stream
-from imumon.timebase.sample_clock import PlacedSamples
+from imumon.samples import Ints, Stream
+from imumon.timebase.sample_clock import BREAK, PlacedSamples
 
 LIMIT_CURVES = limit_curves(LIMITS)
+CONVERGENCE = "convergence."
+"""Prefix of the saved arrays of what was stated when the record was shorter."""
 
 
 class RecordMismatch(ImumonError):
@@ -85,6 +91,7 @@ class Record:
         )
         self.loss = LossWindow(interval_s)
         self._analysis = Analysis(self.accumulators, averaged=averaged, precision=options.precision)
+        self._due_s = next_due_s(0.0)
         self._periods: Periods | None = None
         if options.periods:
             self._periods = Periods(self.accumulators, self._analysis, averaged=averaged)
@@ -94,6 +101,8 @@ class Record:
         known = self.accumulators.interval_s
         if self._stream != stream:
             return mismatch_of("other_stream", self._stream, known)
+        # A stream with a clock shows its interval itself, once it is measured (`Monitor._accumulate`); a configured
+        # rate does not count beside it.
         configured = interval_s if stream.clock == "none" else None
         if configured is not None and not math.isclose(configured, known):
             return mismatch_of("other_rate", stream, known)
@@ -101,15 +110,33 @@ class Record:
 
     def feed(self, placed: PlacedSamples, log: EventLog) -> list[HistoryPeriod]:
         """Add samples; return the periods that have ended."""
-        own = self.accumulators
-        happened = own.feed(placed)
+        ended: list[HistoryPeriod] = []
+        # The record is fitted at the very sample that is due, so that any chunking of the samples states the same.
+        while (first := self._first_due(placed.steps)) < len(placed.steps):
+            head, placed = _split(placed, first + 1)
+            ended += self._feed(head, log)
+            self._analysis.note_convergence()
+            self._due_s = next_due_s(self.accumulators.elapsed_s)
+        return ended + (self._feed(placed, log) if len(placed.steps) else [])
+
+    def _first_due(self, steps: Ints) -> int:
+        """Return the number of the sample with which the record is as long as it must be to be fitted."""
+        ticks = self.accumulators.span + np.cumsum(np.where(steps == BREAK, 1, steps))
+        return int(np.searchsorted(ticks * self.accumulators.interval_s, self._due_s))
+
+    def _feed(self, placed: PlacedSamples, log: EventLog) -> list[HistoryPeriod]:
+        """Add samples at whose end the record is shorter than it must be to be fitted, or just as long."""
+        accumulators = self.accumulators
+        happened = accumulators.feed(placed)
         ended = self._ended(happened)
-        log.update_clock(placed.steps, own)
-        log.update_gaps(placed.steps, own)
-        log.update_happened(happened, own)
+        log.update_clock(placed.steps, accumulators)
+        log.update_gaps(placed.steps, accumulators)
+        log.update_happened(happened, accumulators)
         limit = self._options.alarm_limits["loss"]
         for age_s, share, full in self.loss.update(placed.steps):
-            log.update_alarm("loss", share, limit / full, own.elapsed_s - age_s, ends=full >= 1.0)
+            # A window that is half full needs twice the share: as many missing samples as in a full one.
+            elapsed_s = accumulators.elapsed_s - age_s
+            log.update_alarm("loss", share, limit / full, elapsed_s, ends=full >= 1.0)
         return ended
 
     def flush(self, log: EventLog) -> list[HistoryPeriod]:
@@ -139,21 +166,28 @@ class Record:
         bare : identity and counters.
         caveats : from the stream and the settings of the sensor.
         """
-        own, analysis = self.accumulators, self._analysis
+        accumulators, analysis = self.accumulators, self._analysis
+        # A report of a stream that has stopped may be the last: it must hold all samples, due or not.
         analysis.update(force=bare.state != "running")
-        caveats = (*caveats, *assessment.record_caveats(own, analysis, guarded=self._options.guarded))
-        changes = assessment.detect_changes(own, analysis, self._options.baseline)
-        reason = assessment.no_grade_reason(own)
-        channels = assessment.assess_channels(own, analysis, caveats, changes, reason)
+        caveats = (
+            *caveats,
+            *assessment.record_caveats(accumulators, analysis, guarded=self._options.guarded),
+        )
+        between_hours = hour_changes(accumulators.statistics.noise.changes())
+        other_changes = assessment.detect_changes(analysis, self._options.baseline)
+        changes = assessment.merged(between_hours, other_changes)
+        reason = assessment.no_grade_reason(accumulators)
+        channels = assessment.assess_channels(accumulators, analysis, caveats, changes, reason)
         measured = replace(bare, channels=channels)
+        # Grades come after the budgets: they are certain only within the combined limits.
         channels = with_combined(measured, uncertainty_budgets(measured))
-        grades = assessment.sensor_grades(analysis, channels, reason)
-        log.update_constant(assessment.constant_channels(analysis), own)
-        log.update_changes(changes, own)
-        log.update_grades(grades, own)
-        warming_up = any("warming_up" in each.caveats for each in channels.values())
-        log.update_warmup(own, warming_up, heats_up=analysis.heats_up)
-        made = replace(
+        grades = assessment.sensor_grades(accumulators, analysis, channels, reason)
+        log.update_constant(assessment.constant_channels(analysis), accumulators)
+        log.update_changes(other_changes, accumulators)  # the samples have reported those between hours
+        log.update_grades(grades, accumulators)
+        warming_up = any("warming_up" in channel.caveats for channel in channels.values())
+        log.update_warmup(accumulators, warming_up, heats_up=analysis.heats_up)
+        report = replace(
             bare,
             grade=grades,
             channels=channels,
@@ -161,36 +195,56 @@ class Record:
             limits=LIMITS,
             limit_curves=LIMIT_CURVES,
         )
-        log.update_alarms(made, own)
-        return made
+        log.update_alarms(report, accumulators)
+        return report
 
     def counted(self, link: SessionCounters) -> SessionCounters:
         """Return the counters of the link with those of the record."""
-        own = self.accumulators
+        accumulators = self.accumulators
         return replace(
             link,
-            elapsed_s=own.elapsed_s,
-            samples=own.samples,
-            missing=own.missing,
-            gaps=own.gaps,
-            disturbances=own.disturbances,
-            excluded_s=own.excluded_s,
-            excluded_by=own.excluded_by,
-            warmup_s=own.warmup_s,
+            elapsed_s=accumulators.elapsed_s,
+            samples=accumulators.samples,
+            missing=accumulators.missing,
+            gaps=accumulators.gaps,
+            disturbances=accumulators.disturbances,
+            excluded_s=accumulators.excluded_s,
+            excluded_by=accumulators.excluded_by,
+            warmup_s=accumulators.warmup_s,
             recent_loss=self.loss.share,
         )
 
-    def save(self) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-        """Return the state that `restore` continues from: JSON values and small arrays."""
-        meta, arrays = self.accumulators.save()
-        periods = None if self._periods is None else self._periods.save()
-        return {"record": meta, "periods": periods}, arrays
+    def save(self) -> tuple[SavedCounters, SavedPeriods | None, SavedArrays]:
+        """Return the state that `restore` continues from: counters, and small arrays."""
+        counters, arrays = self.accumulators.save()
+        stated = {CONVERGENCE + name: array for name, array in self._analysis.convergence.save().items()}
+        return counters, None if self._periods is None else self._periods.save(), arrays | stated
 
-    def restore(self, meta: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Continue from a saved state; this record is new and made with the same arguments."""
-        self.accumulators.restore(meta["record"], dict(arrays))
+    def restore(
+        self, counters: SavedCounters, periods: SavedPeriods | None, arrays: Mapping[str, npt.NDArray[Any]]
+    ) -> None:
+        """Continue from a saved state; this record is new and made with the same arguments.
+
+        Raises
+        ------
+        InvalidState : it is not what `save` of such a record returns.
+        """
+        stated = subset(arrays, CONVERGENCE)
+        statistics = {name: array for name, array in arrays.items() if not name.startswith(CONVERGENCE)}
+        self.accumulators.restore(counters, statistics)
+        self._analysis.convergence.restore(stated)
+        self._due_s = next_due_s(self.accumulators.elapsed_s)
         if self._periods is not None:
-            self._periods.restore(meta.get("periods"))
+            self._periods.restore(periods)  # None: saved by a run that kept no periods
+
+
+def _split(placed: PlacedSamples, count: int) -> tuple[PlacedSamples, PlacedSamples]:
+    """Return the first samples, and the others."""
+    parts = []
+    for rows in (slice(None, count), slice(count, None)):
+        saturated = None if placed.saturated is None else placed.saturated[rows]
+        parts.append(PlacedSamples(placed.values[rows], placed.steps[rows], saturated))
+    return parts[0], parts[1]
 
 
 def mismatch_of(code: str, stream: Stream, interval_s: float) -> RecordMismatch:

@@ -9,20 +9,30 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 
 from imumon import report
-from imumon.coefficients import COEFFICIENTS, LIMIT_95, NOISE, SIGNIFICANT, Excess
+from imumon.coefficients import (
+    COEFFICIENTS,
+    LIMIT_95,
+    MARKOV,
+    NOISE,
+    SIGNIFICANT,
+    Estimate,
+    Excess,
+    MarkovEstimate,
+)
 from imumon.messages import NO_THERMOMETER
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit import ChannelFit
-from imumon.noise.grading import LIMITS, grade_channel
+from imumon.noise.fit import BiasFit, ChannelFit, RegressorEstimate, StepEstimate
+from imumon.noise.grading import LIMITS, Headline, grade_channel
 from imumon.noise.spectrum import PowerSpectrum
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.statistics.envelope import EnvelopeColumns
-from imumon.samples import UNITS, Floats, sensor_of
+from imumon.samples import UNITS, Floats, Ints, sensor_of
 from imumon.units import FLICKER, HOUR, STANDARD_GRAVITY
 
 NEARLY_VERTICAL = 0.95
@@ -33,10 +43,10 @@ NOT_GRAVITY = 0.5
 """Standard gravities by which the length of the accelerometer's mean differs from one if it is not that of gravity."""
 
 GRAVITY_SPREAD = 0.027
-"""M/s^2, greatest difference of gravity at sea level, equator and poles, from the standard one."""
+"""m/s^2, greatest difference of gravity at sea level, equator and poles, from the standard one."""
 
 HORIZONTAL_BIAS = 0.05
-"""M/s^2, assumed limit of the bias of the axes beside the vertical one: 5 mg, that of a consumer sensor."""
+"""m/s^2, assumed limit of the bias of the axes beside the vertical one: 5 mg, that of a consumer sensor."""
 
 REPORTED_BINS = 64
 """Most bins in a report, for the size of the message."""
@@ -44,29 +54,58 @@ POINTS_PER_DECADE = 24
 """Most points per decade of frequency in a report, for the size of the message."""
 SIGNAL_DIGITS = 8
 """Significant digits in a signal view: gravity with noise of 1e-6 m/s^2 must not show steps."""
-NO_SCATTER = "scatter: not every quarter of the record shows a value"
+NOT_EVERY_QUARTER = "not every quarter of the record shows a value"
+NO_SCATTER = f"scatter: {NOT_EVERY_QUARTER}"
 """Reason of a coefficient with a value and no scatter."""
 
 CURVE_DIGITS = 5
 """Significant digits of a spectrum, for the size of the message."""
+SHARE_DIGITS = 7
+"""Significant digits of the shares of a model. A filter takes most of the noise: their sum loses two digits."""
 
 
 def coefficients(
     sensor: str, fit: ChannelFit, scatter: Mapping[str, tuple[float, Excess]]
-) -> dict[str, report.Estimate]:
+) -> dict[str, Estimate]:
     """Return the coefficients of a channel by letter, with their units and their scatter."""
-    made = {}
-    for letter, each in fit.coefficients.items():
-        own, beyond = scatter.get(letter) or (None, None)
-        reason = each.reason or (NO_SCATTER if letter in NOISE and own is None else None)
+    estimates = {}
+    for letter, estimate in fit.coefficients.items():
+        deviation, beyond_statistics = scatter.get(letter) or (None, None)
+        # Quantisation and rate ramp have no scatter at all; of N, B and K its absence needs a reason.
+        reason = estimate.reason or (NO_SCATTER if letter in NOISE and deviation is None else None)
         unit = COEFFICIENTS[letter].units[sensor].si
-        made[letter] = replace(each, unit=unit, scatter=own, excess=beyond, reason=reason)
-    return made
+        estimates[letter] = replace(
+            estimate, unit=unit, scatter=deviation, excess=beyond_statistics, reason=reason
+        )
+    return estimates
+
+
+def correlated_noise(sensor: str, fit: ChannelFit) -> MarkovEstimate | None:
+    """Return the Gauss–Markov noise of a channel with its units; None where the data do not ask for it."""
+    if fit.markov is None:
+        return None
+    units = [COEFFICIENTS[letter].units[sensor].si for letter in MARKOV]
+    parts = (fit.markov.sigma, fit.markov.time_constant_s)
+    sigma, time_constant = (replace(part, unit=unit) for part, unit in zip(parts, units, strict=True))
+    return MarkovEstimate(sigma=sigma, time_constant_s=time_constant)
+
+
+def _jumps(fit: ChannelFit) -> report.Jumps | None:
+    """Return the levels of popcorn noise; None where the curve, or the distribution, does not show it."""
+    if fit.jumps is None or "popcorn" not in fit.caveats:
+        return None
+    (low, high), (low_s, high_s) = fit.jumps.levels, fit.jumps.dwell
+    return report.Jumps(low=low, high=high, low_s=low_s, high_s=high_s)
+
+
+def _rows(curve: AllanCurve, column: int) -> Ints:
+    """Return the octaves of a channel that have a difference: the longest ones of a young record have none."""
+    return np.flatnonzero(curve.terms[:, column] > 0)
 
 
 def allan(curve: AllanCurve, column: int, fit: ChannelFit) -> report.Allan:
     """Return the curve of one channel, with every octave that has a difference."""
-    rows = np.flatnonzero(curve.terms[:, column] > 0)
+    rows = _rows(curve, column)
     return report.Allan(
         tau_s=tuple(curve.tau[rows].tolist()),
         sigma=tuple(curve.sigma[rows, column].tolist()),
@@ -96,12 +135,41 @@ def with_fit(
     return replace(
         channel,
         coefficients=coefficients(sensor, fit, scatter),
-        model=noise_model(sensor, fit),
-        grade=grade_channel(sensor, fit.coefficients) if sensor in LIMITS else None,
+        M=correlated_noise(sensor, fit),
+        model=noise_model(sensor, fit, _rows(curve, column)),
+        grade=channel_grade(sensor, fit.coefficients),
         readings=fit.readings,
         time_to=fit.time_to,
         fit=report.FitQuality(chi2=fit.chi2, dof=fit.dof, p_value=fit.p_value),
         allan=allan(curve, column, fit),
+    )
+
+
+def channel_grade(sensor: str, estimates: Mapping[str, Estimate]) -> report.ChannelGrade | None:
+    """Return the grades of a channel by its coefficients; None for a sensor that has no grades."""
+    if sensor not in LIMITS:
+        return None
+    axis = grade_channel(sensor, estimates)
+    gradings = {
+        letter: report.Grading(nearest=grade.nearest, meets=grade.meets)
+        for letter, grade in axis.coefficients.items()
+    }
+    return report.ChannelGrade(coefficients=gradings, nearest=axis.nearest, meets=axis.meets)
+
+
+def sensor_grade(headline: Headline) -> report.SensorGrade:
+    """Return the headline of a sensor as a part of the report."""
+    decided_by = None
+    if headline.decided_by is not None:
+        axis, letter = headline.decided_by
+        # the names of axes and graded letters are those of the message: ours are among them
+        decided_by = report.DecidedBy(axis=cast(report.Axis, axis), coefficient=cast(Any, letter))
+    return report.SensorGrade(
+        nearest=headline.nearest,
+        meets=headline.meets,
+        decided_by=decided_by,
+        provisional=headline.provisional,
+        reason=headline.reason,
     )
 
 
@@ -141,6 +209,7 @@ def effective_samples(allan: report.Allan | None, std: float | None, count: int)
     """
     if allan is None or not allan.tau_s or std is None:
         return None
+    # sigma^2 tau is constant in white noise and grows with tau in slower noise: the largest is what moves the mean.
     largest = max(sigma**2 * tau for sigma, tau in zip(allan.sigma, allan.tau_s, strict=True))
     length_s = count * allan.tau_s[0]
     return min(std**2 * length_s / largest, float(count)) if largest > 0.0 else None
@@ -160,9 +229,10 @@ def limit_curves(
     limits : SI, by sensor, coefficient and grade.
     """
     curves: dict[str, dict[str, report.LimitCurve]] = {}
-    for sensor, of in limits.items():
-        for grade, white in of["N"].items():
-            floor = (FLICKER * of["B"][grade]) ** 2
+    for sensor, coefficients_of in limits.items():
+        for grade, white in coefficients_of["N"].items():
+            floor = (FLICKER * coefficients_of["B"][grade]) ** 2
+            # the knee, where both are equal, is at tau = N^2 / floor
             tau = white**2 / floor * 10.0**KNEE_DECADES
             sigma = np.sqrt(white**2 / tau + floor)
             curve = report.LimitCurve(tau_s=_rounded(tau), sigma=_rounded(sigma))
@@ -199,11 +269,15 @@ def with_bias(
     if sensor == "accel":
         axes = [axis for channel, axis in means.items() if sensor_of(channel) == sensor]
         length = math.hypot(*(a for a in axes if a is not None))
+        # Without all three axes the length is not that of gravity; far from 1 g the sensor moves, or its unit is wrong.
         if len(axes) < 3 or None in axes or abs(length / STANDARD_GRAVITY - 1.0) > NOT_GRAVITY:
             return distribution
-        cosine = mean / length
+        cosine = (
+            mean / length
+        )  # of the angle between the axis and gravity; negative where the axis points down
         if abs(cosine) < NEARLY_VERTICAL:
             return replace(distribution, bias_reason="not separable from tilt")
+        # A bias b of this axis changes the length of the vector by b cosine.
         mean = (length - STANDARD_GRAVITY) / cosine
         extra = GRAVITY_SPREAD + HORIZONTAL_BIAS * math.sqrt(1.0 - cosine**2)
     half = LIMIT_95 * noise + extra
@@ -213,43 +287,83 @@ def with_bias(
 def _deviation(fit: ChannelFit, tau_s: float) -> float | None:
     """Return the Allan deviation of the noise, with upper limits where there is no value; None: one is pending."""
     variance = 0.0
+    if fit.markov is not None:
+        size, time_s = (part.value or part.high for part in (fit.markov.sigma, fit.markov.time_constant_s))
+        variance = ((size or 0.0) * COEFFICIENTS[MARKOV.sigma].deviation(tau_s, time_s)) ** 2
     for letter in NOISE:
-        each = fit.coefficients[letter]
-        size = each.value if each.value is not None else each.high
+        estimate = fit.coefficients[letter]
+        size = estimate.value if estimate.value is not None else estimate.high
         if size is None:
             return None
         variance += (size * COEFFICIENTS[letter].deviation(tau_s)) ** 2
     return math.sqrt(variance)
 
 
-def noise_model(sensor: str, fit: ChannelFit) -> report.NoiseModel | None:
-    """Return what describes the slow and the fast part of a channel; None without a fit."""
+def noise_model(sensor: str, fit: ChannelFit, rows: Ints) -> report.NoiseModel | None:
+    """Return what describes the slow and the fast part of a channel; None without a fit.
+
+    Parameters
+    ----------
+    rows : octaves of the curve that the report has.
+    """
     if fit.highest_hz is None:
         return None
     unit = UNITS[sensor]
     units = {"drift": f"{unit}/s", "temperature": f"{unit}/degC"}
     units |= {f"temperature_{power}": f"{unit}/degC^{power}" for power in (2, 3)}
     return report.NoiseModel(
-        columns=tuple(replace(each, unit=units.get(each.name, unit)) for each in fit.columns),
+        columns=tuple(model_column(column, units.get(column.name, unit)) for column in fit.columns),
         lines_hz=fit.lines_hz,
         oscillations_s=fit.oscillations_s,
+        jumps=_jumps(fit),
         highest_hz=fit.highest_hz,
+        shares={
+            part: _rounded(share[rows], SHARE_DIGITS)
+            for part, share in fit.shares.items()
+            if part in NOISE or share[rows].any()
+        },
+    )
+
+
+def model_column(column: RegressorEstimate, unit: str) -> report.ModelColumn:
+    """Return the coefficient of a regressor as a message."""
+    return report.ModelColumn(
+        name=column.name,
+        value=column.value,
+        low=column.low,
+        high=column.high,
+        unit=unit,
+        time_constant_s=column.time_constant_s,
+    )
+
+
+def step_change(step: StepEstimate) -> report.Change:
+    """Return a step of the mean as a change of the bias."""
+    return report.Change(
+        against="time before",
+        quantity="bias",
+        before=step.before,
+        now=step.after,
+        ratio=None,
+        sigma=step.sigma,
     )
 
 
 def drift(
-    fit: ChannelFit, begin_s: float, covered: tuple[float, float] | None, curve: report.BiasCurve | None
+    fit: ChannelFit, begin_s: float, covered: tuple[float, float] | None, curve: BiasFit | None
 ) -> report.Drift | None:
     """Return slopes per hour and per degC with their limits; None without a fit."""
     time, temperature, reason = fit.column("drift"), fit.column("temperature"), fit.no_slope or None
     if time is None:
         return None
+    # The curve looks at the values of the thermometer, the fit does not: without a temperature there is no slope.
     if curve is not None and curve.reason in NO_THERMOMETER:
         temperature, reason = None, curve.reason
     return report.Drift(
         per_hour=time.value * HOUR,
         per_hour_low=time.low * HOUR,
         per_hour_high=time.high * HOUR,
+        # Where time and temperature move together, the slope in time may be that of the temperature.
         significant=None if fit.no_slope == "collinear" else time.sigma > SIGNIFICANT,
         begin_s=begin_s,
         reason=reason,
@@ -262,15 +376,24 @@ def drift(
     )
 
 
-def bias_curve(sensor: str, curve: report.BiasCurve | None) -> report.BiasCurve | None:
-    """Return the curve with the units of its terms."""
+def bias_curve(sensor: str, curve: BiasFit | None) -> report.BiasCurve | None:
+    """Return the bias against the temperature as a message, with the units of its terms."""
     if curve is None:
         return None
     unit = UNITS[sensor]
     units = [unit, f"{unit}/degC", f"{unit}/degC^2", f"{unit}/degC^3"]
-    terms = tuple(replace(term, unit=own) for term, own in zip(curve.terms, units, strict=False))
-    hysteresis = None if curve.hysteresis is None else replace(curve.hysteresis, unit=unit)
-    return replace(curve, terms=terms, hysteresis=hysteresis)
+    return report.BiasCurve(
+        reason=curve.reason,
+        reference_degC=curve.reference_degC,
+        terms=tuple(model_column(*pair) for pair in zip(curve.terms, units, strict=False)),
+        hysteresis=None if curve.hysteresis is None else model_column(curve.hysteresis, unit),
+        degC=curve.degC,
+        bias=curve.bias,
+        low=curve.low,
+        high=curve.high,
+        std_without=curve.std_without,
+        std_with=curve.std_with,
+    )
 
 
 def robust(deviation: RobustDeviation | None) -> report.Robust | None:
@@ -307,8 +430,8 @@ def histogram(shape: DistributionShape | None) -> report.Histogram | None:
     return report.Histogram(
         start=shape.start,
         width=shape.width * step,
-        counts=tuple(sum(shape.counts[at : at + step]) for at in starts),
-        gaussian=tuple(round(sum(shape.gaussian[at : at + step]), 2) for at in starts),
+        counts=tuple(sum(shape.counts[start : start + step]) for start in starts),
+        gaussian=tuple(round(sum(shape.gaussian[start : start + step]), 2) for start in starts),
     )
 
 
@@ -324,15 +447,25 @@ def spectrum(sensor: str, density: PowerSpectrum, column: int) -> report.Spectru
     frequency = density.frequency_hz[rows]
     power, averages = density.density[rows, column], density.averages[rows, column]
     positive = frequency > 0.0
+    # Neighbours that share a part of a decade are one point: their mean, and the sum of their averages. Frequencies
+    # rise, so the points begin where the part changes. 1.0 stands for a frequency of 0, which has no logarithm.
     bins = np.floor(np.log10(np.where(positive, frequency, 1.0)) * POINTS_PER_DECADE).astype(np.int64)
     starts = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))
     sizes = np.append(starts[1:], len(bins)) - starts
-    lines = density.lines[column]
+    lines = tuple(
+        report.Line(
+            frequency_hz=line.frequency_hz,
+            amplitude=line.amplitude,
+            aliases_hz=line.aliases_hz,
+            name=line.name if sensor == "mag" else None,
+        )
+        for line in density.lines[column]
+    )
     return report.Spectrum(
         frequency_hz=_rounded(np.add.reduceat(frequency, starts) / sizes),
         density=_rounded(np.add.reduceat(power, starts) / sizes),
         averages=tuple(np.add.reduceat(averages, starts).tolist()),
-        lines=lines if sensor == "mag" else tuple(replace(line, name=None) for line in lines),
+        lines=lines,
         white=_finite(float(density.white[column])),
     )
 
@@ -366,9 +499,9 @@ def _finite(value: float, digits: int | None = None) -> float | None:
     return value if digits is None else float(f"{value:.{digits}g}")
 
 
-def _rounded(values: Floats) -> tuple[float, ...]:
-    """Return (k,) numbers with `CURVE_DIGITS` significant digits."""
-    return tuple(float(f"{v:.{CURVE_DIGITS}g}") for v in values.tolist())
+def _rounded(values: Floats, digits: int = CURVE_DIGITS) -> tuple[float, ...]:
+    """Return (k,) numbers with some significant digits."""
+    return tuple(float(f"{v:.{digits}g}") for v in values.tolist())
 
 
 def _positive(values: Floats) -> tuple[float | None, ...]:

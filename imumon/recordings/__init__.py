@@ -4,15 +4,18 @@ recording         files of any format, decoded raw captures
 base              contract of recordings, options for reading, errors
 raw_capture       raw bytes of a device, read back
 capture_writer    raw bytes of a device, written to disk
-recording_header  description of the device in a capture
-csv, csv_rows     tables as text
+csv               tables as text
 array_file        arrays of NumPy, MATLAB and Parquet
+memory_table      arrays in memory
+array_table       named arrays, of a file or in memory
 sentence_table    tables of raw sentences of a device
 log_file          topics of bags and of logs of autopilots
 log_process       program that reads them, with limits
-table             rows of numbers as samples
+table             rows of numbers as samples, from a file or from memory
 columns           columns of a table that form a stream
-unit_inference    possible units of the numbers of a column
+column_meaning    units and meaning of samples that the user states
+first_rows        units, clock and interval by the first rows
+row_selection     rows that are samples, in the order of their time
 """
 
 from imumon.recordings.base import OptionNotApplicable, ReadOptions, Recording, RecordingError

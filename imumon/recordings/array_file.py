@@ -1,8 +1,7 @@
 """Array files: NumPy (.npz, .npy), MATLAB 5 (.mat) and Parquet, whose arrays have names like those of columns.
 
-An array of one column, (n,), (n, 1) or (1, n), is a column of the table. One of three columns has an axis each. Other
-columns have the name of the array and a number from 1; only ``--map`` uses them. Blocks of rows are read as they are
-needed; only a MATLAB file is in memory as a whole.
+`array_table` says which columns they are. Blocks of rows are read as they are needed; only a MATLAB file is in memory
+as a whole.
 """
 
 from __future__ import annotations
@@ -22,12 +21,10 @@ from numpy.lib import format as npy
 from imumon.column_names import parse_name
 from imumon.errors import ImumonError, why
 from imumon.files import open_regular
-from imumon.recordings.base import ReadOptions, RecordingError
-from imumon.recordings.columns import LISTED, SENSORS, layout
+from imumon.recordings.array_table import ArrayColumn, ArrayTable, Opened, Reader, Shape, in_blocks
+from imumon.recordings.base import ROWS, ReadOptions, RecordingError
 from imumon.recordings.raw_capture import ACCESS
-from imumon.recordings.table import ROWS, Table
-from imumon.report import plain
-from imumon.samples import AXES, Floats, SampleBlock
+from imumon.samples import Floats
 
 MOST_RATIO = 100
 """Bytes per byte of the file to which it may decompress: numbers of a sensor reach 10."""
@@ -39,7 +36,7 @@ FREE_BYTES = 1 << 26
 class Form(NamedTuple):
     """What a file of arrays is, the codes of errors in it, and the cure."""
 
-    what: str
+    noun: str
     unreadable: str
     corrupt: str
     cure: str
@@ -54,27 +51,6 @@ FORMS = {
 
 MAGIC = {b"\x93NUMPY": "npy", b"MATLAB 5.0": "mat", b"PAR1": "parquet"}
 """First bytes of the files of each form."""
-
-ARRAY_UNITS = {"gauss", "C", "kPa", "dps", "g", "mg", "rads", "uT", "nT", "ns", "us", "ms", "s"}
-"""Units that the name of an array may end with."""
-
-
-@dataclass(frozen=True, slots=True)
-class ArrayColumn:
-    """Column of an array.
-
-    Attributes
-    ----------
-    name : as of a column of a table.
-    array : of the array that it is a part of.
-    length : rows.
-    key : its number in the array, or the name of a field; None: it is the array.
-    """
-
-    name: str
-    array: str
-    length: int
-    key: int | str | None = None
 
 
 def array_kind(path: str, head: bytes) -> str | None:
@@ -96,7 +72,7 @@ def array_kind(path: str, head: bytes) -> str | None:
     return "npz" if path.endswith(".npz") or any(name.endswith(".npy") for name in names) else None
 
 
-class ArrayFile(Table):
+class ArrayFile(ArrayTable):
     """A file of arrays as blocks of samples.
 
     Parameters
@@ -111,40 +87,14 @@ class ArrayFile(Table):
     def __init__(self, path: str, kind: str, options: ReadOptions) -> None:
         self.path, self._kind = path, kind
         with self._errors():
-            shapes, self._read = _READERS[kind](path)
-        listed = ", ".join(
-            f"{plain(name) or 'one array'} {shape}" for name, (shape, _) in list(shapes.items())[:LISTED]
-        )
-        columns = [
-            column for name, (shape, fields) in shapes.items() for column in _columns(name, shape, fields)
-        ]
-        names = [column.name for column in columns]
-        try:
-            found = layout(names, options.kind, options.columns, options.sensor)
-        except RecordingError as error:
-            if error.code != "no_sensor":
-                raise error.of(path) from None
-            text = (
-                f"{path}: no array has the name of a gyroscope or accelerometer; there are {listed or 'none'}"
-            )
-            example = next(
-                (column.name for column in columns if column.key is not None or not column.array), "NAME"
-            )
-            raise RecordingError(
-                "no_sensor", text, f"name the columns, --map gyro/x={example}:rad/s,..."
-            ) from None
-        self._columns = [columns[k] for k in self._begin(found, kind, options.rate_hz, names)]
-        lengths = {column.length: column.array for column in self._columns}
-        if len(lengths) != 1:
-            text = ", ".join(f"{array} {length:,}" for length, array in sorted(lengths.items()))
-            cure = "save arrays of one length, or read each sensor with its own time, --sensor gyro and --sensor accel"
-            raise RecordingError("array_lengths", f"{path}: its arrays have different lengths: {text}", cure)
+            opened = _READERS[kind](path)
+        super().__init__(path, kind, opened, options)
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
         """Turn what libraries raise on a corrupt file into an error."""
         form = FORMS[self._kind]
-        corrupt = (form.unreadable, f"{self.path} is corrupt, or is not {form.what}", form.cure)
+        corrupt = (form.unreadable, f"{self.path} is corrupt, or is not {form.noun}", form.cure)
         try:
             yield
         except (ImumonError, MemoryError, GeneratorExit):
@@ -156,64 +106,9 @@ class ArrayFile(Table):
         except Exception:  # zipfile, numpy, scipy and pyarrow raise many kinds
             raise RecordingError(*corrupt) from None
 
-    def __iter__(self) -> Iterator[list[SampleBlock]]:
-        count, done = self._columns[0].length, 0
-        with self._errors():
-            for rows in self._read(self._columns):
-                self.fed += rows.nbytes
-                done += len(rows)
-                self.progress = min(1.0, done / count)
-                yield self._blocks(rows, range(done - len(rows) + 1, done + 1))
-        yield self._finish()
-
-    def no_samples(self) -> RecordingError:
-        return RecordingError("no_rows", f"{self.path} has arrays without a sample", "save it again")
-
 
 def _opened(path: str) -> IO[bytes]:
     return os.fdopen(open_regular(path, follow=True), "rb")
-
-
-Shape = tuple[int, ...]
-Reader = Callable[[Sequence[ArrayColumn]], Iterator[Floats]]
-"""Yields blocks of the rows of some columns, (n, k)."""
-Opened = tuple[Mapping[str, tuple[Shape, Sequence[str]]], Reader]
-"""Shape of each array, with the names of its fields, and its reader."""
-
-
-def _columns(array: str, shape: Shape, fields: Sequence[str]) -> list[ArrayColumn]:
-    """Return the columns of an array; raise `RecordingError` if it is that of a sensor, but transposed."""
-    bare, unit = _name_and_unit(plain(array))
-    shape = (max(shape),) if len(shape) == 2 and 1 in shape else shape
-    if fields:
-        return [ArrayColumn(plain(name), array, shape[0], name) for name in fields]
-    if len(shape) == 1:
-        return [ArrayColumn(f"{bare}{unit}" or "1", array, shape[0])]
-    if len(shape) != 2:
-        return []
-    rows, width = shape
-    if rows == len(AXES) != width and parse_name(0, f"{bare}_x").quantity in SENSORS:
-        cure = f"transpose it to n x 3, {array}={array}.T"
-        raise RecordingError("array_transposed", f"the array {array} is 3 x n", cure)
-    names = [f"{bare}.{k + 1}" if bare else f"{k + 1}" for k in range(min(width, ROWS))]
-    if bare and width == len(AXES):
-        names = [f"{bare}_{axis}{unit}" for axis in AXES]
-    return [ArrayColumn(name, array, rows, k) for k, name in enumerate(names)]
-
-
-def _name_and_unit(array: str) -> tuple[str, str]:
-    """Return the name of an array without a unit at its end, and that unit in brackets."""
-    stem, _, suffix = array.rpartition("_")
-    return (stem, f" [{suffix}]") if stem and suffix in ARRAY_UNITS else (array, "")
-
-
-def _in_blocks(
-    columns: Sequence[ArrayColumn], take: Callable[[ArrayColumn, int, int], Any]
-) -> Iterator[Floats]:
-    """Yield blocks from what returns the rows of a column from a start to an end."""
-    for start in range(0, columns[0].length, ROWS):
-        end = min(start + ROWS, columns[0].length)
-        yield np.column_stack([np.asarray(take(column, start, end), dtype=np.float64) for column in columns])
 
 
 # ---------------------------------------------------------------- NumPy
@@ -250,6 +145,7 @@ def _npy_header(file: IO[bytes], path: str, name: str, held: int) -> _Npy | None
         return None
     begin = file.tell()
     size = math.prod(shape) * dtype.itemsize
+    # before anything is read: a header may claim any shape
     if size != held - begin:
         text = f"{path} is corrupt: {name} claims {size:,} bytes and has {held - begin:,}"
         raise RecordingError(FORMS["npz"].corrupt, text, FORMS["npz"].cure)
@@ -268,19 +164,21 @@ def _npy_reader(open_array: Callable[[str], IO[bytes]], arrays: Mapping[str, _Np
             def take(column: ArrayColumn, start: int, end: int) -> Any:
                 array = arrays[column.array]
                 begin, step = array.place(column)
-                at = (column.array, begin)
-                if at not in files:
-                    files[at] = stack.enter_context(open_array(column.array))
-                    files[at].seek(begin)
-                if blocks.get(at, (-1, b""))[0] != start:
-                    blocks[at] = start, files[at].read((end - start) * step)
-                values = np.frombuffer(blocks[at][1], array.dtype)
+                block_key = (column.array, begin)
+                # a member of an archive cannot go back, so each place that is read from has a stream of its own
+                if block_key not in files:
+                    files[block_key] = stack.enter_context(open_array(column.array))
+                    files[block_key].seek(begin)
+                # columns whose numbers alternate have one place: their block is read once
+                if blocks.get(block_key, (-1, b""))[0] != start:
+                    blocks[block_key] = start, files[block_key].read((end - start) * step)
+                values = np.frombuffer(blocks[block_key][1], array.dtype)
                 if isinstance(column.key, str):
                     return values[column.key]
                 width = step // array.dtype.itemsize
                 return values[column.key or 0 :: width] if width > 1 else values
 
-            yield from _in_blocks(columns, take)
+            yield from in_blocks(columns, take)
 
     return read
 
@@ -347,7 +245,7 @@ def _mat(path: str) -> Opened:
         array = arrays[column.array]
         return array.reshape(-1)[start:end] if column.key is None else array[start:end, column.key]
 
-    return {name: (array.shape, ()) for name, array in arrays.items()}, lambda columns: _in_blocks(
+    return {name: (array.shape, ()) for name, array in arrays.items()}, lambda columns: in_blocks(
         columns, take
     )
 
@@ -355,13 +253,14 @@ def _mat(path: str) -> Opened:
 def _parquet(path: str) -> Opened:
     if importlib.util.find_spec("pyarrow") is None:
         text = f"{path} is a Parquet file, and the package pyarrow that reads it is not installed"
-        raise RecordingError("package_missing", text, "pip install 'imumon[fast]'")
+        raise RecordingError("package_missing", text, "pip install '.[fast]'")
     import pyarrow.types as kinds
     from pyarrow import parquet
 
-    file = parquet.ParquetFile(_opened(path))
+    file = parquet.ParquetFile(_opened(path), page_checksum_verification=True)
     names: dict[str, str] = {}  # of a column, by that of its array
     for field in file.schema_arrow:
+        # a type of time has its unit, which a name need not have
         if kinds.is_timestamp(field.type) or kinds.is_duration(field.type):
             named = parse_name(0, field.name).quantity == "t"
             names[f"{field.name if named else 'time'} [{field.type.unit}]"] = field.name
@@ -375,6 +274,7 @@ def _parquet(path: str) -> Opened:
             for name in used:
                 column = batch.column(name)
                 if not kinds.is_floating(column.type):
+                    # not safe: integers above 2^53 are rounded, as every reader of numbers does
                     column = column.cast("int64").cast("float64", safe=False)
                 parts.append(np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64))
             yield np.column_stack(parts)

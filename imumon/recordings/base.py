@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias
 
 from imumon.errors import ImumonError
-from imumon.report import plain
+from imumon.report_json import plain
 from imumon.samples import Gap, Kind, SampleBlock
 
 HEAD_BYTES, HEAD_LINES = 1 << 14, 30
@@ -16,6 +16,18 @@ LONGEST_LINE = 1 << 16
 """Bytes of a line of text: a longer one is an invalid row, or data."""
 BLOCK_BYTES = 1 << 20
 """Bytes of a raw capture that are decoded at once: enough samples to make work on arrays fast."""
+ROWS, TABLE_BYTES = 1 << 15, 1 << 23
+"""Rows in a block of a table, at most, and bytes of its lines or messages."""
+
+Samples: TypeAlias = Literal["point", "average", "increment"]
+"""What a number of a gyroscope or an accelerometer is; see `column_meaning`."""
+
+ROW_NOUNS = {
+    **dict.fromkeys(("npz", "npy", "mat", "parquet", "arrays"), "sample"),
+    **dict.fromkeys(("bag", "px4", "ardupilot"), "message"),
+    "records": "record",
+}
+"""Word for a row of a table in messages, by its form, where it is no line."""
 
 
 class RecordingError(ImumonError):
@@ -51,7 +63,10 @@ class ReadOptions:
     rate_hz : Hz, configured sample rate; None: not configured.
     topic : of a bag or log; None: the only or best one.
     sensor : of a table, ``gyro`` or ``accel``, the only one that is read; None: all.
+    where : by column of a table, the value of the rows that are read; empty: all rows.
     block_bytes : bytes of a raw capture that are decoded at once.
+    units : unit by sensor, also of ``time``, of a table; others are found by the names.
+    samples : ``point``, ``average`` or ``increment``, what a number of a table is; None: by the names.
     """
 
     kind: Kind | None = None
@@ -59,7 +74,34 @@ class ReadOptions:
     rate_hz: float | None = None
     topic: str | None = None
     sensor: str | None = None
+    where: Mapping[str, str] | None = None
     block_bytes: int = BLOCK_BYTES
+    units: Mapping[str, str] = field(default_factory=dict)
+    samples: Samples | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RowSource:
+    """Where rows of numbers come from: what messages about them need.
+
+    Attributes
+    ----------
+    name : path of the file, or what else messages call the table.
+    form : ``csv``, ``records`` (text, see `text_records`), ``npz``, ``npy``, ``mat``, ``parquet``, ``arrays`` (in
+        memory), ``bag``, ``px4``, ``ardupilot``. How a unit is given and what a row is called depend on it.
+    column_names : of all columns, also of those that are not used.
+    title : what the samples are taken from, for people; empty: the form.
+    """
+
+    name: str
+    form: str
+    column_names: Sequence[str] = ()
+    title: str = ""
+
+    @property
+    def row(self) -> str:
+        """Word for a row."""
+        return ROW_NOUNS.get(self.form, "line")
 
 
 class Recording:

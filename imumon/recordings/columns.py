@@ -9,21 +9,30 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from imumon.column_names import (
     NANOSECONDS,
+    NO_SENSOR,
     SENSOR_WORDS,
     UNITS,
     Column,
     assigned_column,
     parse_name,
+    parse_names,
+    split_unit,
+    triples,
     unit_of,
     words_of,
 )
+from imumon.cures import OPTIONS, option_text
 from imumon.recordings.base import OptionError, RecordingError
-from imumon.samples import AXES, CHANNELS, Kind, sensor_of
+from imumon.rest_sizes import is_one_g, median_size, too_noisy
+from imumon.samples import AXES, CHANNELS, Floats, Kind, sensor_of
 
 KINDS: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 """Kinds of streams, the best first; all but the first are of point samples."""
@@ -37,7 +46,7 @@ POINTS, INCREMENTS = ("gyro", "accel"), ("angle", "velocity")
 INERTIAL = set(POINTS)
 """Sensors of which a table must have one."""
 
-READ_ALONE = "read each alone, --sensor gyro and --sensor accel"
+READ_ALONE = f"read each alone, {option_text(sensor='gyro')} and {option_text(sensor='accel')}"
 """Cure for sensors of different rates."""
 
 SIMILAR = 0.3
@@ -49,7 +58,7 @@ MOST_COLUMNS = 2000
 LISTED = 8
 """Column names that a message lists."""
 
-MAP_EXAMPLE = "--map gyro/x=COLUMN:UNIT,..."
+MAP_EXAMPLE = f"{OPTIONS['columns']} gyro/x=COLUMN:UNIT,..."
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +72,7 @@ class ColumnLayout:
     times : columns of time, the best first; if `split_time`, two: seconds and nanoseconds to be added.
     interval : length of each sample's own interval, for deltas.
     remarks : which columns of a sensor are not used, and why.
+    gyro, accel : kind of the numbers of a sensor where it is not `kind`.
     """
 
     kind: Kind
@@ -72,6 +82,13 @@ class ColumnLayout:
     interval: Column | None = None
     split_time: bool = False
     remarks: tuple[str, ...] = ()
+    gyro: Kind | None = None
+    accel: Kind | None = None
+
+    @property
+    def has_increments(self) -> bool:
+        """Whether some columns are angles or velocities, which become rates over the interval."""
+        return any(column.quantity in INCREMENTS for column in self.columns)
 
 
 def layout(
@@ -79,6 +96,8 @@ def layout(
     kind: Kind | None = None,
     given: Mapping[str, str] | None = None,
     sensor: str | None = None,
+    head: Floats | None = None,
+    row_sensor: str | None = None,
 ) -> ColumnLayout:
     """Return the columns of a stream.
 
@@ -86,33 +105,56 @@ def layout(
     ----------
     names : of all columns.
     kind : of a table with several streams; None: the best.
-    given : channel (also ``t``, ``dt``) to ``COLUMN`` or ``COLUMN:UNIT``; others are found by the names.
+    given : channel (also ``t``, ``dt``) to ``COLUMN``, ``COLUMN:UNIT`` or ``COLUMN/NUMBER:UNIT``; others are found by
+        the names.
     sensor : ``gyro`` or ``accel``: the only sensor with axes that is used; None: all.
+    row_sensor : sensor that the rows are of, which the names need not show; None: not known.
+    head : (n, k) numbers of all columns in the first rows, not finite where there is none; None: not known.
 
     Raises
     ------
-    RecordingError : there is no complete gyroscope or accelerometer, or not the requested stream, or each sensor has a
-        time of its own.
+    RecordingError : there is no complete gyroscope or accelerometer, or not the requested stream, each sensor has a
+        time of its own, or one column is to serve two axes.
     """
     if len(names) > MOST_COLUMNS:
         text = f"it has {len(names):,} columns, more than {MOST_COLUMNS:,}"
         raise RecordingError("too_many_columns", text, "write a table with those of the sensor only")
     assigned = {channel: _assigned(names, channel, text, kind) for channel, text in (given or {}).items()}
+    _check_distinct(assigned)
     columns = _known_columns(names, assigned, sensor)
-    pointwise = any(sensor_of(channel) in INERTIAL for channel in assigned)
+    by_size: list[str] = []
+    if not any(SENSORS.get(column.quantity or "") in INERTIAL for column in columns):
+        columns, by_size = _sized(names, columns, head, row_sensor)
+    quantities = {column.quantity for column in assigned.values()}
+    pointwise = bool(quantities & set(POINTS)) and not quantities & set(INCREMENTS)
+    # an axis of a gyroscope or accelerometer that the user names is of point samples, not of deltas
     for candidate in (kind,) if kind else KINDS[pointwise:]:
         if (stream := _stream(columns, candidate)) is not None:
             _check_units(stream)
+            # with --sensor the other sensor is left out on purpose, even if --map names it
             _check_complete(stream, {} if sensor else assigned)
-            _check_one_time(stream)
-            stream = replace(stream, remarks=tuple(_unused(columns, stream)))
+            stream = _with_one_time(stream, head)
+            stream = replace(
+                stream,
+                remarks=(*by_size, *_unused(columns, stream), *_unused_triples(names, stream, head, sensor)),
+            )
+            # the search takes names without a kind for uncompensated; a report must not claim that
             return stream if kind or _names_kind(stream) else replace(stream, kind="unknown")
-    raise _no_stream(names, columns, kind)
+    raise _no_stream(names, columns, kind, head)
+
+
+def _check_distinct(assigned: Mapping[str, Column]) -> None:
+    """Check that no column is assigned to two channels."""
+    twice = [index for index, n in Counter(column.index for column in assigned.values()).items() if n > 1]
+    if twice:
+        channels = [channel for channel, column in assigned.items() if column.index == twice[0]]
+        text = f"--map gives one column, {assigned[channels[0]].name}, to {_list(channels)}"
+        raise RecordingError("column_twice", text, "name another column for each axis")
 
 
 def _known_columns(names: Sequence[str], assigned: Mapping[str, Column], sensor: str | None) -> list[Column]:
     """Return the assigned columns, then those whose names have a meaning; of one sensor only, if it is given."""
-    named = [column for k, name in enumerate(names) if (column := parse_name(k, name)).quantity]
+    named = [column for column in parse_names(names) if column.quantity]
     used = {column.index for column in assigned.values()}
     columns = [*assigned.values()]
     columns += [c for c in named if c.index not in used and channel_of(c) not in assigned]
@@ -121,22 +163,31 @@ def _known_columns(names: Sequence[str], assigned: Mapping[str, Column], sensor:
     return [c for c in columns if (SENSORS.get(c.quantity or "") or time_of(c) or sensor) == sensor]
 
 
-def _names_kind(found: ColumnLayout) -> bool:
+def _names_kind(table_layout: ColumnLayout) -> bool:
     """Return whether the names of the columns show the kind of the stream."""
-    sensor = next(s for s in ("gyro", "accel") if any(sensor_of(channel) == s for channel in found.channels))
+    sensor = next(
+        s for s in ("gyro", "accel") if any(sensor_of(channel) == s for channel in table_layout.channels)
+    )
     kinds = [
-        c.kind for name, c in zip(found.channels, found.columns, strict=True) if sensor_of(name) == sensor
+        c.kind
+        for name, c in zip(table_layout.channels, table_layout.columns, strict=True)
+        if sensor_of(name) == sensor
     ]
-    return found.kind != "uncompensated" or kinds == ["uncompensated"] * len(kinds)
+    return table_layout.kind != "uncompensated" or kinds == ["uncompensated"] * len(kinds)
 
 
 def _assigned(names: Sequence[str], channel: str, text: str, kind: Kind | None) -> Column:
     """Return the column that the user assigned to a channel."""
     quantity, _, axis = channel.partition("/")
     if kind == "deltas":
+        # columns have the increments, channels the names of the sensor
         quantity = {"gyro": "angle", "accel": "velocity"}.get(quantity, quantity)
-    index, unit = _find(names, text, quantity)
-    return assigned_column(index, names[index].strip(), quantity, axis or None, unit)
+    index, unit, scale = _find(names, text, quantity)
+    # degrees are no rate: the column has increments, which its unit shows
+    increment = {"gyro": "angle", "accel": "velocity"}.get(quantity)
+    if unit is not None and unit not in UNITS[quantity] and increment is not None:
+        quantity = increment
+    return assigned_column(index, names[index].strip(), quantity, axis or None, unit, scale)
 
 
 def channel_of(column: Column) -> str:
@@ -145,11 +196,11 @@ def channel_of(column: Column) -> str:
     return replace(column, quantity=sensor).channel
 
 
-def _check_complete(found: ColumnLayout, assigned: Mapping[str, Column]) -> None:
+def _check_complete(table_layout: ColumnLayout, assigned: Mapping[str, Column]) -> None:
     """Check that every assigned channel is in the stream."""
     for channel in assigned:
         sensor = sensor_of(channel)
-        if sensor in SENSORS and channel not in found.channels:
+        if sensor in SENSORS and channel not in table_layout.channels:
             missing = [f"{sensor}/{axis}" for axis in AXES if f"{sensor}/{axis}" not in assigned]
             text = f"--map names only a part of a sensor: {_list(missing)} is missing and no name shows it"
             raise RecordingError("map_incomplete", text, f"name it too, {missing[0]}=COLUMN:UNIT")
@@ -157,39 +208,44 @@ def _check_complete(found: ColumnLayout, assigned: Mapping[str, Column]) -> None
 
 def time_of(column: Column) -> str | None:
     """Return the inertial sensor that the name of a time has: ``t_gyro``; None: it has none."""
+    # a rank below 0 is that of --map: such a time is for all sensors
     words = set(words_of(column.name)) if column.quantity == "t" and column.rank >= 0 else set()
     return next((sensor for sensor in sorted(INERTIAL) if words & SENSOR_WORDS[sensor]), None)
 
 
-def _check_one_time(found: ColumnLayout) -> None:
-    """Check that the sensors of a stream do not have a time each."""
-    own = {sensor: column.name for column in reversed(found.times) if (sensor := time_of(column))}
-    if (
-        found.times
-        and time_of(found.times[0])
-        and own.keys() == {sensor_of(c) for c in found.channels} & INERTIAL == INERTIAL
-    ):
-        text = f"gyro has the time {own['gyro']} and accel {own['accel']}"
-        raise RecordingError("different_rates", text, READ_ALONE)
+def _with_one_time(table_layout: ColumnLayout, head: Floats | None) -> ColumnLayout:
+    """Return a stream whose sensors have one time; raise `RecordingError` if each has one of its own."""
+    by_sensor = {sensor: column for column in reversed(table_layout.times) if (sensor := time_of(column))}
+    times, inertial = table_layout.times, {sensor_of(c) for c in table_layout.channels} & INERTIAL
+    if not times or time_of(times[0]) is None or not by_sensor.keys() == inertial == INERTIAL:
+        return table_layout
+    if head is not None and _equal(head[:, by_sensor["gyro"].index], head[:, by_sensor["accel"].index]):
+        return table_layout
+    text = f"gyro has the time {by_sensor['gyro'].name} and accel {by_sensor['accel'].name}"
+    raise RecordingError("different_rates", text, READ_ALONE)
 
 
-def _unused(columns: Sequence[Column], found: ColumnLayout) -> list[str]:
+def _equal(one: Floats, other: Floats) -> bool:
+    return bool(np.isfinite(one).any() and np.array_equal(one, other, equal_nan=True))
+
+
+def _unused(columns: Sequence[Column], table_layout: ColumnLayout) -> list[str]:
     """Return the columns of a sensor that are not in the stream, with the reason."""
-    used = {column.index for column in found.columns}
+    used = {column.index for column in table_layout.columns}
     reasons: dict[str, list[str]] = {}
     for column in columns:
         if column.quantity in SENSORS and column.index not in used:
-            reasons.setdefault(_why_unused(column, columns, found), []).append(column.name)
-    sensors = list(map(sensor_of, found.channels))
+            reasons.setdefault(_why_unused(column, columns, table_layout), []).append(column.name)
+    sensors = list(map(sensor_of, table_layout.channels))
     notes = [
         f"{sensor} has one axis only, {column.axis} (column {column.name})"
-        for sensor, column in zip(sensors, found.columns, strict=True)
+        for sensor, column in zip(sensors, table_layout.columns, strict=True)
         if sensor in INERTIAL and sensors.count(sensor) == 1
     ]
     return [*notes, *(f"{_list(names)} not used: {why}" for why, names in reasons.items())]
 
 
-def _why_unused(column: Column, columns: Sequence[Column], found: ColumnLayout) -> str:
+def _why_unused(column: Column, columns: Sequence[Column], table_layout: ColumnLayout) -> str:
     """Return why a column of a sensor is not in the stream."""
     axes = {c.axis for c in columns if c.quantity == column.quantity}
     missing = [f"{SENSORS[column.quantity or '']}/{axis}" for axis in AXES if axis not in axes]
@@ -197,9 +253,73 @@ def _why_unused(column: Column, columns: Sequence[Column], found: ColumnLayout) 
         return "the name has no axis x, y or z"
     if missing:
         return f"{_list(missing)} is missing, name it with --map {missing[0]}=COLUMN:UNIT"
-    if any(_same(column, other) for other in found.columns):
+    if any(_same(column, other) for other in table_layout.columns):
         return "another column is the same axis"
-    return f"the stream used is {found.kind}, --stream or --map selects another"
+    return f"the stream used is {table_layout.kind}, --stream or --map selects another"
+
+
+def _unused_triples(
+    names: Sequence[str], table_layout: ColumnLayout, head: Floats | None, sensor: str | None
+) -> Iterator[str]:
+    """Yield which triples of numbers have no meaning, with how to use them."""
+    if sensor is not None:
+        return
+    known = {column.index for column in parse_names(names) if column.quantity in SENSORS}
+    known |= {column.index for column in table_layout.columns}
+    unknown = [triple for triple in _number_triples(names, head) if not known & set(triple)]
+    if unknown:
+        first = {
+            f"gyro/{axis}": f"{reference(k, names)}:UNIT" for axis, k in zip(AXES, unknown[0], strict=True)
+        }
+        text = "; ".join(_list(names[k].strip() for k in triple) for triple in unknown[:LISTED])
+        more = f" and {len(unknown) - LISTED} more" if len(unknown) > LISTED else ""
+        yield f"{text}{more} not used: no name or unit of a sensor; if they are one, {option_text(columns=first)}"
+
+
+def _number_triples(names: Sequence[str], head: Floats | None) -> list[tuple[int, ...]]:
+    """Return the triples of which the first rows have numbers, that are not all zero."""
+    indices = [triple.indices for triple in triples(names)]
+    if head is None or not len(head):
+        return indices
+    return [three for three in indices if np.any(np.nan_to_num(head[:, three], posinf=0.0, neginf=0.0))]
+
+
+def _sized(
+    names: Sequence[str], columns: list[Column], head: Floats | None, row_sensor: str | None
+) -> tuple[list[Column], list[str]]:
+    """Return the columns of a table whose names show no sensor: a triple of one g in size is an accelerometer."""
+    if head is None or not len(head):
+        return columns, []
+    used = {column.index for column in columns}
+    for three in _number_triples(names, head):
+        if used & set(three):
+            continue
+        if row_sensor is not None:
+            of_rows = [
+                Column(k, names[k].strip(), row_sensor, axis) for axis, k in zip(AXES, three, strict=True)
+            ]
+            return [*columns, *of_rows], []
+        excluded = any(words & NO_SENSOR for words in (set(words_of(names[k])) for k in three))
+        unit = _unit_of_gravity(head[:, three])
+        if unit is not None and not excluded:
+            listed = _list(names[k].strip() for k in three)
+            sized = [
+                Column(k, names[k].strip(), "accel", axis, unit=unit, rank=LISTED)
+                for axis, k in zip(AXES, three, strict=True)
+            ]
+            text = (
+                f"{listed} have no name of a sensor: their size is one g in {unit}, so they are read as accel"
+            )
+            return [*columns, *sized], [text]
+    return columns, []
+
+
+def _unit_of_gravity(numbers: Floats) -> str | None:
+    """Return the unit in which the size of (n, 3) numbers is one g; None: in neither m/s2 nor g."""
+    size = median_size(numbers)
+    if size is None:
+        return None
+    return next((unit for unit in ("m/s2", "g") if is_one_g(size * UNITS["accel"][unit])), None)
 
 
 def _same(one: Column, other: Column) -> bool:
@@ -208,9 +328,9 @@ def _same(one: Column, other: Column) -> bool:
     return axis and (one.quantity == "mag" or one.kind == other.kind)
 
 
-def _check_units(found: ColumnLayout) -> None:
+def _check_units(table_layout: ColumnLayout) -> None:
     """Check that all units are known."""
-    for column in (*found.columns, *found.times[:1], found.interval):
+    for column in (*table_layout.columns, table_layout.interval):
         if column is not None and column.unknown_unit and column.quantity:
             text = f"the unit {column.unknown_unit!r} of column {column.name!r} is unknown"
             raise RecordingError("unknown_unit", text, f"use one of {_list(UNITS[column.quantity])}")
@@ -221,12 +341,36 @@ def _stream(columns: Sequence[Column], kind: Kind) -> ColumnLayout | None:
     sets = [_axes(columns, name, kind) for name in (INCREMENTS if kind == "deltas" else POINTS)]
     if not any(sets) or (kind != "deltas" and _is_of_other_kind(columns, kind, sets[0])):
         return None
+    kinds: dict[str, Kind | None] = {"gyro": None, "accel": None}
+    if kind == "deltas" and not all(sets):
+        sets, kinds = _with_points(columns, sets, kinds)
     rest = [_axes(columns, "mag", "uncompensated")]
     rest += [(one,) if (one := _best(columns, name)) else () for name in ("temperature", "pressure")]
-    used = tuple(column for found in (*sets, *rest) for column in found)
+    used = tuple(column for column_set in (*sets, *rest) for column in column_set)
     channels = tuple(map(channel_of, used))
     times, split_time = _times(columns)
-    return ColumnLayout(kind, channels, used, times, _best(columns, "dt"), split_time)
+    mixed = [of_sensor for of_sensor in kinds.values() if of_sensor not in (None, "deltas")]
+    stream_kind = mixed[0] if mixed and mixed[0] is not None else kind
+    interval = _best(columns, "dt")
+    return ColumnLayout(
+        stream_kind, channels, used, times, interval, split_time, (), kinds["gyro"], kinds["accel"]
+    )
+
+
+def _with_points(
+    columns: Sequence[Column], sets: list[tuple[Column, ...]], kinds: dict[str, Kind | None]
+) -> tuple[list[tuple[Column, ...]], dict[str, Kind | None]]:
+    """Return the axes of gyroscope and accelerometer, and their kinds, with point samples of the one without deltas.
+
+    A gyroscope with increments may be beside an accelerometer with point samples, or the other way round. If there are
+    no point samples either, both are as before.
+    """
+    missing = 0 if not sets[0] else 1
+    points = next((p for k in KINDS[1:] if (p := _axes(columns, POINTS[missing], k))), ())
+    if not points:
+        return sets, kinds
+    both = (points, sets[1]) if missing == 0 else (sets[0], points)
+    return [*both], {"gyro": "deltas", "accel": "deltas", POINTS[missing]: points[0].kind or "unknown"}
 
 
 def _is_of_other_kind(columns: Sequence[Column], kind: Kind, gyro: tuple[Column, ...]) -> bool:
@@ -243,11 +387,13 @@ def _axes(columns: Sequence[Column], quantity: str, kind: Kind) -> tuple[Column,
     """
     others: tuple[Kind | None, ...] = ("deltas",)
     if kind != "deltas":
+        # the kind of a stream is that of its gyroscope; the accelerometer is often there in one kind only
         others = (kind, None) if quantity == "gyro" else (kind, None, *KINDS[1:])
     present = [c for c in columns if c.quantity == quantity and c.axis]
+    # a gyroscope of one axis is common; two axes are a part of a sensor whose third has another name
     single = len({c.axis for c in present}) == 1 and SENSORS[quantity] in INERTIAL
-    for each in others:
-        fitting = [c for c in present if c.kind == each or c.rank < 0]
+    for accepted in others:
+        fitting = [c for c in present if c.kind == accepted or c.rank < 0]
         axes = [_best([c for c in fitting if c.axis == axis], quantity) for axis in AXES]
         if None not in axes or (single and any(axes)):
             return tuple(filter(None, axes))
@@ -261,32 +407,92 @@ def _best(columns: Iterable[Column], quantity: str) -> Column | None:
 
 def _times(columns: Sequence[Column]) -> tuple[tuple[Column, ...], bool]:
     """Return the columns of time, the best first; or seconds and nanoseconds, and True."""
-    found = sorted((c for c in columns if c.quantity == "t"), key=lambda c: c.rank)
-    fine = [c for c in found if set(words_of(c.name)) & NANOSECONDS]
-    coarse = [c for c in found if set(words_of(c.name)) & {"sec", "secs", "seconds"}]
-    if fine and coarse and "startup" not in words_of(found[0].name):
+    times = sorted((c for c in columns if c.quantity == "t"), key=lambda c: c.rank)
+    fine = [c for c in times if set(words_of(c.name)) & NANOSECONDS]
+    coarse = [c for c in times if set(words_of(c.name)) & {"sec", "secs", "seconds"}]
+    # the time since the start-up of the sensor is a sample clock, and better than any date
+    if fine and coarse and "startup" not in words_of(times[0].name):
         return (replace(coarse[0], unit="s"), replace(fine[0], unit="ns")), True
-    return tuple(found), False
+    return tuple(times), False
 
 
-def _find(names: Sequence[str], text: str, quantity: str) -> tuple[int, str | None]:
-    """Return the column of a ``--map``, by its name with or without unit or its number, and its unit."""
-    whole = [name.strip() for name in names]
-    bare = [without_unit(name) for name in whole]
+def _find(names: Sequence[str], text: str, quantity: str) -> tuple[int, str | None, float]:
+    """Return the column of a ``--map``, by its name with or without unit or its number, its unit and its scale."""
+    # a name may have a colon itself: first as NAME:UNIT, then as a name
     tries: list[tuple[str, str | None]] = [(text, None)]
-    if ":" in text:
+    if ":" in text and _index(names, text) is None:
         name, _, unit = text.rpartition(":")
-        tries.insert(0, (name, unit_of(unit, quantity)))
-        if tries[0][1] is None and (name in (*bare, *whole) or name.isdigit()):
+        tries.insert(0, (name, _map_unit(unit, quantity)))
+        if tries[0][1] is None and _scaled(names, name) is not None:
             text = f"the unit {unit!r} in --map is unknown"
             raise RecordingError("unknown_unit", text, f"use one of {_list(UNITS[quantity])}")
     for name, given_unit in tries:
-        if name in (*whole, *bare):
-            return min(each.index(name) for each in (whole, bare) if name in each), given_unit
-        if name.isdigit() and 1 <= int(name) <= len(names):
-            return int(name) - 1, given_unit
+        if (column := _scaled(names, name)) is not None:
+            return column[0], given_unit, column[1]
     name = tries[0][0]
+    if (scale := re.fullmatch(r"(.+)[/*](\w+)", name)) and _index(names, scale[1]) is not None:
+        text = f"{scale[2]!r} in --map {name} is no number"
+        raise RecordingError("unknown_column", text, "write the counts in a unit, from the data sheet")
+    whole = [name.strip() for name in names]
     raise RecordingError("unknown_column", f"no column {name!r} for --map", _similar(name, whole))
+
+
+def _map_unit(text: str, quantity: str) -> str | None:
+    """Return a unit of a quantity, or of its increments; None if it is unknown."""
+    increment = {"gyro": "angle", "accel": "velocity"}.get(quantity)
+    return unit_of(text, quantity) or (unit_of(text, increment) if increment else None)
+
+
+def _scaled(names: Sequence[str], text: str) -> tuple[int, float] | None:
+    """Return the column of ``COLUMN``, ``COLUMN/NUMBER`` or ``COLUMN*NUMBER`` and its scale; None: there is none.
+
+    >>> _scaled(["p", "q/2"], "p/131")[0], _scaled(["p", "q/2"], "q/2"), _scaled(["p"], "1*0.5")
+    (0, (1, 1.0), (0, 0.5))
+    """
+    index = _index(names, text)
+    if index is not None:
+        return index, 1.0
+    match = re.fullmatch(r"(.+?)([/*])([-+]?[\d.]+(?:e[-+]?\d+)?)", text, re.IGNORECASE)
+    if match is None or (index := _index(names, match[1])) is None:
+        return None
+    try:
+        factor = float(match[3])
+    except ValueError:
+        return None
+    if factor == 0.0:
+        return None
+    return index, factor if match[2] == "*" else 1.0 / factor
+
+
+def _index(names: Sequence[str], text: str) -> int | None:
+    """Return the place of a column by its name, with or without unit, or by its number from 1; None: there is none."""
+    whole = [name.strip() for name in names]
+    for spelling in (whole, [split_unit(name)[0] for name in names]):
+        places = [k for k, name in enumerate(spelling) if name == text]
+        if len(places) > 1:
+            numbers = " or ".join(str(k + 1) for k in places)
+            raise RecordingError(
+                "ambiguous_column",
+                f"--map names {text!r}, and {len(places)} columns have that name",
+                f"write {numbers}",
+            )
+        if places:
+            return places[0]
+    # after the names: a column may be named 7 and be another one than the seventh
+    return int(text) - 1 if text.isdigit() and 1 <= int(text) <= len(names) else None
+
+
+def reference(index: int, names: Sequence[str]) -> str:
+    """Return how ``--map`` names a column: by its name without unit, or by its number if that is ambiguous.
+
+    >>> reference(0, ["gyro [0]", "t"]), reference(1, ["a [s]", "a [g]"]), reference(0, ["a,b"])
+    ('gyro [0]', '2', '1')
+    """
+    name = split_unit(names[index])[0].strip()
+    try:
+        return name if name and not set(name) & set(",=") and _index(names, name) == index else str(index + 1)
+    except RecordingError:
+        return str(index + 1)
 
 
 def parse_map(text: str) -> dict[str, str]:
@@ -304,7 +510,9 @@ def parse_map(text: str) -> dict[str, str]:
     return columns
 
 
-def _no_stream(names: Sequence[str], columns: Sequence[Column], kind: Kind | None) -> RecordingError:
+def _no_stream(
+    names: Sequence[str], columns: Sequence[Column], kind: Kind | None, head: Floats | None
+) -> RecordingError:
     """Return the error that names what is missing and the similar columns."""
     if kind and any(_stream(columns, other) for other in KINDS):
         text = f"the recording has no {kind} stream"
@@ -314,18 +522,31 @@ def _no_stream(names: Sequence[str], columns: Sequence[Column], kind: Kind | Non
         text = f"only {_list(incomplete)} of gyroscope and accelerometer"
         cure = f"add the three axes, or name them with {MAP_EXAMPLE}"
         return RecordingError("sensor_incomplete", text, cure)
-    text = f"no column is that of a gyroscope or accelerometer ({_similar('gyro_x', names)})"
-    return RecordingError("no_sensor", text, f"name them with {MAP_EXAMPLE}")
+    text = (
+        f"no name or unit of a column is that of a gyroscope or accelerometer ({_similar('gyro_x', names)})"
+    )
+    unknown = _number_triples(names, head)
+    if not unknown:
+        return RecordingError("no_sensor", text, f"name them with {MAP_EXAMPLE}")
+    # the unit that the size allows; the names leave the sensor open
+    numbers = None if head is None else head[:, unknown[0]]
+    unit = "rad/s" if numbers is None or not too_noisy(numbers) else "deg/s"
+    first = {
+        f"gyro/{axis}": f"{reference(k, names)}:{unit}" for axis, k in zip(AXES, unknown[0], strict=True)
+    }
+    listed = _list(names[k].strip() for k in unknown[0])
+    cure = f"if {listed} are a gyroscope, {option_text(columns=first)}, with their unit"
+    return RecordingError("no_sensor", text, cure)
 
 
 def without_unit(name: str) -> str:
     """Return the name of a column without a unit in brackets at its end."""
-    return re.sub(r"\s*[\[(][^\])]*[\])]\s*$", "", name)
+    return split_unit(name)[0]
 
 
 def _similar(name: str, names: Sequence[str]) -> str:
     """Return which names of columns are similar, else the first of all."""
-    stripped = [each.strip() for each in names]
+    stripped = [name.strip() for name in names]
     if similar := difflib.get_close_matches(name, stripped, 3, SIMILAR):
         return f"similar: {_list(similar)}"
     return f"columns: {_list(stripped[:LISTED])}{' ...' if len(names) > LISTED else ''}"

@@ -1,34 +1,88 @@
 """CSV: tables as text, of any dialect, in blocks of rows.
 
-The header line shows the separator and the columns, a row of units below it their units; lines before it are
-ignored, and so are comments and repeated headers. A time may be a number, a date or a time of day. Memory does not
-grow with the length.
+There is no standard for such files: separator, decimal sign, header and times are those of the program that wrote
+them. An example that has most of what occurs::
+
+    # export of logger 7
+    measured in the cellar
+    t;gyro_x;gyro_y;gyro_z
+    s;deg/s;deg/s;deg/s
+    0.00;0.012;-0.003;0.001
+    0.01;0.011;-0.002;
+    t;gyro_x;gyro_y;gyro_z
+    0.02;0.013;-0.004;0.002
+    0.03;0.012;-0.003;0.001
+
+1. *Header.* The line that names the columns is the first one in which most cells are no numbers and which has as many
+   cells as the first row of numbers, or one more or less (`header_line`). Lines before it are ignored. A table without
+   such a line needs ``--map`` with the numbers of columns, unless it is what ``ros2 topic echo --csv`` prints.
+2. *Units.* A row of units below the header is a part of the names (`with_units`).
+3. *Separator.* That of the header: ``;``, ``,``, tab, ``|``, else blanks. Where it is no comma, a comma in a number is
+   the decimal sign.
+4. *Time.* A number, a date or a time of day (`DateReader`); a column of other texts is no time.
+5. *Rows.* An empty cell is a missing number, and the row a lost sample. A row with a text, or too short, is invalid:
+   a lost sample, too, and counted. Blank lines, comments and repeated headers are no rows. With more than a tenth
+   of invalid rows, the file is no table.
+
+The example has three samples, and one that is lost because it lacks ``gyro_z``. Blocks of regular rows go to a fast
+reader, pyarrow or numpy; only blocks with an exception are read line by line. Memory does not grow with the length of
+the file, and a line that never ends is no more than one invalid row.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import io
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from datetime import datetime, time, timedelta
+from functools import cache
+from typing import Any
+
+import numpy as np
 
 from imumon.column_names import UNITS, unit_of
+from imumon.cures import option_text
 from imumon.errors import QUOTED
-from imumon.recordings.base import HEAD_LINES, LONGEST_LINE, ReadOptions, RecordingError
-from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout
-from imumon.recordings.csv_rows import (
-    MISSING,
-    TOO_LONG,
-    DateReader,
-    RowParser,
-    TextTable,
-    has_cells,
-    is_number,
-    lines_of,
-    separator_of,
-    split,
+from imumon.recordings.base import (
+    HEAD_LINES,
+    LONGEST_LINE,
+    ROWS,
+    TABLE_BYTES,
+    ReadOptions,
+    RecordingError,
+    RowSource,
 )
+from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout
 from imumon.recordings.raw_capture import RawCapture
-from imumon.report import plain
-from imumon.samples import AXES, SampleBlock
+from imumon.recordings.sensor_column import RowChoice, check_one_sensor, row_choices, sensor_of_value
+from imumon.recordings.table import Table
+from imumon.recordings.text_records import RecordText
+from imumon.report_json import plain
+from imumon.samples import AXES, Floats, SampleBlock
+from imumon.units import DAY
+
+HEAD_ROWS = 500
+"""Rows whose numbers show what their columns are."""
+
+INVALID_SHARE = 0.1
+"""Share of invalid rows above which a file is no table."""
+
+INVALID_ROWS = 10
+"""Invalid rows that every table may have."""
+
+TOO_LONG = "\udfff"
+"""Line in place of one that is too long; no text in UTF-8 or Latin-1 has this character."""
+
+TOO_LONG_BYTES = b"\xed\xbf\xbf"
+"""The same in front of the decoder: it is no UTF-8."""
+
+ARROW_MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "Null"]
+"""Spellings of these that the fast reader knows. A block with another one is read line by line."""
+
+MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
+"""Contents of a cell without a number."""
 
 COMPLETE = "check that it is complete"
 """Cure for a table without rows."""
@@ -41,22 +95,103 @@ ECHOED = (
 """Columns that ``ros2 topic echo --csv`` prints of `sensor_msgs/Imu`, without a header."""
 
 
+class TextTable(Table):
+    """A table of text, gzip or not, in blocks of whole lines; memory does not grow with its length."""
+
+    _capture: RawCapture | RecordText
+
+    def __iter__(self) -> Iterator[list[SampleBlock]]:
+        blocks = self._line_blocks()
+        first, before = self._read_head(blocks)
+        waiting, count, size = [first], first.count(b"\n"), len(first)
+        for block in blocks:
+            # a block is handed on when the next one is there: only then it is known not to be the last one
+            if count >= ROWS or size > TABLE_BYTES:
+                yield self._parsed(b"".join(waiting), range(before + 1, before + count + 1))
+                before += count
+                waiting, count, size = [], 0, 0
+            waiting.append(block)
+            count += block.count(b"\n")
+            size += len(block)
+        if size:
+            yield self._parsed(b"".join(waiting), range(before + 1, before + count + 1), last=True)
+        yield self._finish()
+
+    def _read_head(self, blocks: Iterator[bytes]) -> tuple[bytes, int]:
+        """Read the lines before the rows; return the lines read behind them, and how many are before."""
+        return b"", 0
+
+    def _parsed(self, block: bytes, places: range, *, last: bool = False) -> list[SampleBlock]:
+        """Return the samples of some lines with their numbers; the last ones end the table."""
+        raise NotImplementedError
+
+    def _line_blocks(self) -> Iterator[bytes]:
+        """Yield the lines that end in each chunk of the file, in a time that is linear in its size."""
+        rest, skipping = b"", False  # the line that has begun; whether it is too long, and waits for its end
+        carriage = b""  # at the end of a chunk: its line feed may follow
+        for chunk in self._capture:
+            self.fed += len(chunk)
+            self.problem, self.progress = self._capture.problem, self._capture.progress
+            if carriage or b"\r" in chunk:
+                # all ends of lines become \n: Windows writes \r\n, which a chunk may split, and old programs \r
+                chunk = carriage + chunk
+                carriage = b"\r" if chunk.endswith(b"\r") else b""
+                chunk = chunk.removesuffix(b"\r").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+            first, end, more = chunk.partition(b"\n")
+            if not skipping:
+                rest += first
+            # of a file without ends of lines, such as binary data, no more than this is in memory
+            skipping = skipping or len(rest) > LONGEST_LINE
+            if not end:
+                rest = b"" if skipping else rest
+                continue
+            whole = more.rfind(b"\n") + 1
+            yield (TOO_LONG_BYTES if skipping else rest) + b"\n" + more[:whole]
+            rest, skipping = more[whole:], False
+        self.problem = self._capture.problem
+        if skipping or rest.strip():
+            yield (TOO_LONG_BYTES if skipping else rest) + b"\n"
+
+
 class CsvFile(TextTable):
     """A CSV file, gzip or not, as blocks of samples.
 
     Iterating raises `RecordingError` if its columns are not those of an inertial sensor.
     """
 
-    def __init__(self, capture: RawCapture, options: ReadOptions) -> None:
+    def __init__(self, capture: RawCapture | RecordText, options: ReadOptions) -> None:
         self._capture, self._options = capture, options
+        self._form = "records" if isinstance(capture, RecordText) else "csv"
+        self._choices: list[RowChoice] = []
+        self._other_rows = 0
         self.path = capture.path
         self._dates: dict[int, DateReader] = {}  # by column, of those with dates instead of numbers
 
     def _parsed(self, block: bytes, places: range, *, last: bool = False) -> list[SampleBlock]:
-        return self._blocks(*self._parser.numbers(block, places, last=last))
+        numbers: Sequence[int] = places
+        if self._choices:
+            block, numbers = self._chosen(block, places)
+            if not block:
+                return []
+        return self._blocks(*self._parser.numbers(block, numbers, last=last))
+
+    def _chosen(self, block: bytes, places: Sequence[int]) -> tuple[bytes, Sequence[int]]:
+        """Return the lines of the rows that are read, and their numbers."""
+        kept, numbers = [], []
+        for line, place in zip(block.split(b"\n"), places, strict=False):
+            text = decoded(line)
+            cells = split(text, self._parser.separator) if has_cells(text) else []
+            if cells and not all(choice.holds(cells) for choice in self._choices):
+                self._other_rows += 1
+            else:
+                kept.append(line)
+                numbers.append(place)
+        return b"".join(line + b"\n" for line in kept), numbers
 
     def _line_remarks(self) -> Sequence[str]:
-        return self._parser.remarks
+        where = option_text(where=self._options.where or {})
+        others = f"{self._other_rows:,} rows are of other sensors: {where} does not choose them"
+        return [*self._parser.remarks, *([others] if self._other_rows else [])]
 
     def _read_head(self, blocks: Iterator[bytes]) -> tuple[bytes, int]:
         """Find the header and the columns; return the lines read behind them, and how many are before."""
@@ -69,24 +204,41 @@ class CsvFile(TextTable):
         if TOO_LONG in seen[:HEAD_LINES]:
             text = f"{self.path} line {seen.index(TOO_LONG) + 1} is longer than {LONGEST_LINE:,} bytes"
             raise RecordingError("line_too_long", text, "check that it is a table with one row per line")
-        at = header_line(seen)
-        if at is None:
+        header_place = header_line(seen)
+        if header_place is None:
             header, (names, begin, separator) = "", self._without_header(seen)
         else:
-            header, begin, separator = seen[at], at + 1, separator_of(seen[at])
-            names = [plain(name) for name in split(header, separator)]
-            if _is_one_number("".join(seen[begin : begin + 1])):
-                names, separator = [plain(header.strip())], None
-            if begin < len(seen) and (united := with_units(names, plain(seen[begin]), separator)) is not None:
-                names, begin = united, begin + 1
+            header, (names, begin, separator) = seen[header_place], _below_header(seen, header_place)
+        cells = [split(line, separator) for line in seen[begin : begin + HEAD_ROWS] if has_cells(line)]
         try:
-            found = layout(names, self._options.kind, self._options.columns, self._options.sensor)
+            table_layout = self._chosen_layout(names, cells, separator)
         except RecordingError as error:
             raise error.of(self.path) from None
-        found = self._with_readable_times(found, seen[begin:], separator)
-        columns = self._begin(found, "csv", self._options.rate_hz, names)
+        # before the rows are read: a column of texts would make every row invalid
+        table_layout = self._with_readable_times(table_layout, seen[begin:], separator)
+        source = RowSource(self.path, self._form, names)
+        columns = self._begin(source, table_layout, self._options)
         self._parser = RowParser(self.path, header, separator, columns, self._dates)
         return head.split(b"\n", begin)[begin], begin
+
+    def _chosen_layout(
+        self, names: Sequence[str], cells: Sequence[Sequence[str]], separator: str | None
+    ) -> ColumnLayout:
+        """Choose the rows; return the columns that the names and the first of these rows, as cells, show."""
+        self._choices = row_choices(names, self._options.where or {}, cells)
+        cells = [row for row in cells if all(choice.holds(row) for choice in self._choices)]
+        numbers = head_numbers(cells, separator, len(names))
+        if not self._options.columns or not self._choices:
+            check_one_sensor(names, cells, numbers)
+        values = [sensor for choice in self._choices if (sensor := sensor_of_value(choice.value)) is not None]
+        return layout(
+            names,
+            self._options.kind,
+            self._options.columns,
+            self._options.sensor,
+            numbers,
+            next(iter(values), None),
+        )
 
     def _without_header(self, seen: Sequence[str]) -> tuple[list[str], int, str | None]:
         """Return the names of columns that no line names, the first row, and the separator."""
@@ -100,21 +252,23 @@ class CsvFile(TextTable):
         echoed = next((k for k, line in enumerate(seen) if is_echoed(line)), None)
         if echoed is not None:
             return list(ECHOED), echoed, ","
-        what, first = ("column", 1) if count == 1 else (f"{count} columns", 2)
+        unnamed, first = ("column", 1) if count == 1 else (f"{count} columns", 2)
         cure = f"add one, or --map gyro/x={first}:rad/s,... by number"
-        raise RecordingError("no_header", f"{self.path} has no line that names its {what}", cure)
+        raise RecordingError("no_header", f"{self.path} has no line that names its {unnamed}", cure)
 
     def _with_readable_times(
-        self, found: ColumnLayout, lines: Sequence[str], separator: str | None
+        self, table_layout: ColumnLayout, lines: Sequence[str], separator: str | None
     ) -> ColumnLayout:
         """Return the columns without the times that cannot be read; dates are read as seconds."""
         cells = [split(line, separator) for line in lines if has_cells(line)]
         times, unreadable = [], ""
-        for column in found.times:
+        for column in table_layout.times:
             texts = [row[column.index] for row in cells if len(row) > column.index]
             texts = [text for text in texts if text.lower() not in MISSING]
+            # any, not all: the first rows may have cells such as "?" before the clock is set
             if not texts or any(is_number(text.replace(",", ".")) for text in texts):
                 times.append(column)
+            # a reader for each test: one that has read a date refuses texts of another form
             elif any(is_number(text, DateReader().seconds) for text in texts):
                 self._dates[column.index] = DateReader()
                 times.append(replace(column, unit="s"))
@@ -123,7 +277,7 @@ class CsvFile(TextTable):
         if unreadable and not times:
             cure = f"write numbers or 2026-01-31T12:00:00.000, or omit it with {MAP_EXAMPLE} and --rate"
             raise RecordingError("time_not_readable", f"{self.path}: {unreadable}", cure)
-        return replace(found, times=tuple(times))
+        return replace(table_layout, times=tuple(times))
 
     def no_samples(self) -> RecordingError:
         return RecordingError("no_rows", f"{self.path} has a header and no row of numbers after it", COMPLETE)
@@ -133,6 +287,18 @@ def is_echoed(line: str) -> bool:
     """Return whether a line is a message that ``ros2 topic echo --csv`` prints of an IMU."""
     cells = split(line, ",")
     return len(cells) == len(ECHOED) and all(map(is_number, (*cells[:2], *cells[3:])))
+
+
+def _below_header(lines: Sequence[str], place: int) -> tuple[list[str], int, str | None]:
+    """Return the names of columns with their units, the first line of rows, and the separator, by a header's place."""
+    header, begin, separator = lines[place], place + 1, separator_of(lines[place])
+    names = [plain(name) for name in header_cells(header, separator)]
+    # a table of one column: blanks in its header, as in "gyro z", do not separate anything
+    if _is_one_number("".join(lines[begin : begin + 1])):
+        names, separator = [plain(header.strip())], None
+    if begin < len(lines) and (united := with_units(names, lines[begin], separator)) is not None:
+        names, begin = united, begin + 1
+    return names, begin, separator
 
 
 def _is_one_number(line: str) -> bool:
@@ -154,14 +320,16 @@ def header_line(lines: Sequence[str]) -> int | None:
     """
     candidates: list[int] = []
     for k, line in enumerate(lines[:HEAD_LINES]):
+        # three numbers: a single one in a line may be a setting in the preamble
         if k and _names_one_column(lines[k - 1]) and all(map(_is_one_number, lines[k : k + 3])):
             return k - 1
         cells = split(line, separator_of(line))
         if len(cells) > 1 and sum(not is_number(cell) for cell in cells if cell) > len(cells) / 2:
             candidates.append(k)
         elif len(cells) > 1 and sum(is_number(cell) for cell in cells) > len(cells) / 2:
-            excess = {at: _excess_cells(lines[at], line) for at in candidates}
+            excess = {place: _excess_cells(lines[place], line) for place in candidates}
             best = min(excess, key=excess.__getitem__, default=None)
+            # one more or less: many programs end their rows, or their header, with a separator
             return best if best is not None and excess[best] <= 1 else None
     return candidates[0] if candidates else None
 
@@ -169,7 +337,35 @@ def header_line(lines: Sequence[str]) -> int | None:
 def _excess_cells(names: str, row: str) -> int:
     """Return by how many cells a line of names and a row differ."""
     separator = separator_of(names)
-    return abs(len(split(names, separator)) - len(split(row, separator)))
+    return abs(len(header_cells(names, separator)) - len(split(row, separator)))
+
+
+def header_cells(line: str, separator: str | None) -> list[str]:
+    """Return the names in a header; of names apart by blanks, a unit in brackets belongs to the name before it.
+
+    >>> header_cells("t [ms] A_X [m / s2] B", None)
+    ['t [ms]', 'A_X [m / s2]', 'B']
+    """
+    if separator is not None:
+        return split(line, separator)
+    return [cell.strip() for cell in re.findall(r"\S+(?:\s+[\[(][^\])]*[\])])?", line)]
+
+
+def head_numbers(rows: Sequence[Sequence[str]], separator: str | None, width: int) -> Floats:
+    """Return (n, width) numbers of the cells of the first rows; NaN where a cell has none."""
+    numbers = []
+    for row in rows:
+        cells = row[:width]
+        decimal = cells if separator == "," else [cell.replace(",", ".") for cell in cells]
+        numbers.append([*map(_number_or_nan, decimal), *[math.nan] * (width - len(cells))])
+    return np.array(numbers, dtype=np.float64).reshape(-1, width)
+
+
+def _number_or_nan(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def with_units(names: Sequence[str], row: str, separator: str | None) -> list[str] | None:
@@ -180,8 +376,9 @@ def with_units(names: Sequence[str], row: str, separator: str | None) -> list[st
     >>> with_units(["t", "wx"], "0.0,n/a", ",") is None
     True
     """
-    cells = [cell.strip("[]()") for cell in split(row, separator)]
+    cells = [plain(_bare_unit(cell)) for cell in split(row, separator)]
     known = [any(unit_of(cell, quantity) for quantity in UNITS) for cell in cells if cell]
+    # half: columns of other quantities have units that are not known here, such as V or %
     if 2 * sum(known) <= len(known):
         return None
     cells += [""] * (len(names) - len(cells))
@@ -189,3 +386,272 @@ def with_units(names: Sequence[str], row: str, separator: str | None) -> list[st
         f"{name} [{cell}]" if cell and not name.rstrip().endswith(("]", ")")) else name
         for name, cell in zip(names, cells, strict=False)
     ]
+
+
+def _bare_unit(cell: str) -> str:
+    """Return a unit without brackets around it.
+
+    >>> _bare_unit("[deg/s]"), _bare_unit("m/(s^2)")
+    ('deg/s', 'm/(s^2)')
+    """
+    match = re.fullmatch(r"\[([^\]]*)\]|\(([^()]*)\)", cell)
+    return cell if match is None else match[1] or match[2] or ""
+
+
+# ---------------------------------------------------------------- lines and cells
+
+
+def lines_of(block: bytes) -> list[str]:
+    """Return the lines of a block, which ends with the end of one."""
+    return [decoded(line) for line in block.split(b"\n")[:-1]]
+
+
+def decoded(line: bytes) -> str:
+    """Return a line in UTF-8, else in Latin-1: older spreadsheets write the degree sign as one byte."""
+    if len(line) > LONGEST_LINE or line == TOO_LONG_BYTES:
+        return TOO_LONG
+    try:
+        return line.decode("utf-8-sig")  # spreadsheets begin a file with a mark of the byte order
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
+
+
+def has_cells(line: str) -> bool:
+    """Return whether a line is neither blank nor a comment."""
+    return bool(line.strip()) and line.lstrip()[0] not in "#%"
+
+
+def separator_of(line: str) -> str | None:
+    """Return the character between the cells; None: blanks."""
+    # ask a header: a row of numbers may have more decimal commas than separators
+    separator = max((";", ",", "\t", "|"), key=line.count)
+    return separator if line.count(separator) else None
+
+
+def split(line: str, separator: str | None) -> list[str]:
+    """Return the cells of a line, without quotes."""
+    return [cell.strip().strip('"').strip() for cell in line.split(separator)]
+
+
+def is_number(text: str, read: Callable[[str], float] = float) -> bool:
+    try:
+        read(text)
+    except ValueError:
+        return False
+    return True
+
+
+_LOOSE_DATE = re.compile(
+    r"(?:(?P<year>\d{4})[-/.](?P<month>\d{1,2})[-/.](?P<day>\d{1,2})[T ]\s*)?"
+    r"(?P<hour>\d{1,2})(?P<sign>[:.])(?P<minute>\d{1,2})(?P=sign)(?P<second>\d{1,2})[:.,](?P<fraction>\d{1,9})"
+)
+"""Date or time of day of a logger: without zeros in front, with dots for colons, a colon before the milliseconds."""
+
+
+def _iso(match: re.Match[str]) -> str:
+    """Return a date of a logger in the form of ISO 8601.
+
+    >>> _iso(_LOOSE_DATE.fullmatch("2024-3-19 9:44:16:689")), _iso(_LOOSE_DATE.fullmatch("9:44:16.7"))
+    ('2024-03-19T09:44:16.689', '09:44:16.7')
+    """
+    hour, minute, second = (int(match[part]) for part in ("hour", "minute", "second"))
+    of_day = f"{hour:02}:{minute:02}:{second:02}.{match['fraction']}"
+    if match["year"] is None:
+        return of_day
+    return f"{match['year']}-{int(match['month']):02}-{int(match['day']):02}T{of_day}"
+
+
+class DateReader:
+    """Reads a column of dates or times of day, in any order, as seconds.
+
+    It reads ISO 8601, ``2026-01-31T12:00:00.025Z`` or with a blank, and a time of day, ``12:00:00.025``, which
+    continues over midnight. Seconds count from the first one, so that no digit is lost to the years since 1970.
+    Digits beyond microseconds are ignored.
+    """
+
+    def __init__(self) -> None:
+        self._first: datetime | None = None
+        self._last = 0.0
+
+    def seconds(self, text: str) -> float:
+        """Return the seconds since the first date that was read; raise ValueError if it is no date.
+
+        >>> dates = DateReader()
+        >>> [dates.seconds(text) for text in ("23:59:59.5", "00:00:00.25", "23:59:59.75")]
+        [0.0, 0.75, 0.25]
+        """
+        text = text.strip()
+        if (loose := _LOOSE_DATE.fullmatch(text)) is not None:
+            text = _iso(loose)
+        if ":" not in text:  # a number, such as 20260131, is no date
+            raise ValueError(text)
+        try:
+            of_day = datetime.combine(datetime(1970, 1, 1), time.fromisoformat(text))
+        except ValueError:
+            return self._since_first(datetime.fromisoformat(text))
+        seconds = self._since_first(of_day)
+        # the day that is nearest to the last time: rows out of order around midnight do not add a day each
+        self._last = seconds + DAY * round((self._last - seconds) / DAY)
+        return self._last
+
+    def _since_first(self, moment: datetime) -> float:
+        if self._first is None:
+            self._first = moment
+        try:
+            return (moment - self._first) / timedelta(seconds=1)
+        except TypeError:  # one has a time zone, the other has none
+            raise ValueError(str(moment)) from None
+
+
+@cache
+def _arrow() -> Any:
+    """Return the module of pyarrow that reads CSV; None if it is not installed."""
+    try:
+        from pyarrow import csv
+    except ImportError:
+        return None
+    return csv
+
+
+class RowParser:
+    """Parses lines to numbers.
+
+    Parameters
+    ----------
+    dates : readers of the columns that hold dates.
+
+    Attributes
+    ----------
+    read, invalid : rows so far, and how many of them were invalid.
+    separator : between the cells; None: blanks.
+    """
+
+    def __init__(
+        self, path: str, header: str, separator: str | None, columns: list[int], dates: dict[int, DateReader]
+    ) -> None:
+        self._path, self._header, self._columns = path, header, columns
+        self.separator = separator
+        self._dates = dates
+        self.read = self.invalid = 0
+        self._first_invalid = ""  # line and reason
+
+    @property
+    def remarks(self) -> list[str]:
+        """What was left out, for people."""
+        rows = (
+            f"{self.invalid:,} rows are invalid and count"
+            if self.invalid > 1
+            else "1 row is invalid and counts"
+        )
+        return [f"{rows} as lost; first {self._first_invalid}"] if self.invalid else []
+
+    def numbers(self, block: bytes, places: Sequence[int], *, last: bool) -> tuple[Floats, Sequence[int]]:
+        """Return (n, k) numbers of the columns of some lines, and (n,) the line number of each row.
+
+        An invalid row is NaN, and its line 0. Too many invalid rows raise a `RecordingError`.
+
+        Parameters
+        ----------
+        places : number of each line.
+        last : they end the table.
+        """
+        rows = None if block.isspace() else self._regular(block)
+        line_places = places
+        if rows is not None and len(rows) < len(line_places):  # blank lines are no rows
+            places_of_lines = zip(line_places, block.split(b"\n")[:-1], strict=True)
+            places = [place for place, line in places_of_lines if line.strip()]
+        # a fast reader that takes a line break in quotes for a part of a cell returns other rows: not used
+        if rows is None or len(rows) != len(places):
+            whole = lines_of(block)
+            end = len(whole) - 1 if last else -1
+            parsed = [self._row(line, line_places[k], k == end) for k, line in enumerate(whole)]
+            rows = np.array([row for row, _ in parsed if row]).reshape(-1, len(self._columns))
+            places = [place for row, place in parsed if row]
+        self.read += len(rows)
+        # here and not at the end: a file of another kind is refused within its first block
+        if self.invalid > INVALID_ROWS and self.invalid > INVALID_SHARE * self.read:
+            text = f"{self._path} {self._first_invalid}; {self.invalid:,} of {self.read:,} rows are invalid"
+            raise RecordingError("too_many_invalid_rows", text, "correct these rows, or delete them")
+        return rows, places
+
+    def _regular(self, block: bytes) -> Floats | None:
+        """Return the numbers of lines that all are rows of numbers; None if one is not."""
+        if self.separator != ",":
+            block = block.replace(b",", b".")  # the decimal sign
+        # pyarrow is several times as fast, but knows neither runs of blanks nor the dates that `DateReader` reads
+        if self.separator is not None and not self._dates and (numbers := self._by_arrow(block)) is not None:
+            return numbers
+        convert: dict[int | str, Callable[[str], float]] = {k: d.seconds for k, d in self._dates.items()}
+        try:
+            rows: Floats = np.loadtxt(
+                io.StringIO(block.decode("latin-1")), usecols=self._columns, delimiter=self.separator,
+                converters=convert or None, comments=None, quotechar='"', ndmin=2,
+            )  # fmt: skip
+        except (ValueError, IndexError):
+            return None
+        return rows
+
+    def _by_arrow(self, block: bytes) -> Floats | None:
+        """Return the numbers, read by pyarrow; None if it is not installed or a line is no row of numbers."""
+        if (arrow := _arrow()) is None:
+            return None
+        # rows of another length than the first one are an error of pyarrow, and so make the block irregular
+        first = block[: block.index(b"\n")].decode("latin-1")
+        names = [str(k) for k in range(len(split(first, self.separator)))]
+        if max(self._columns) >= len(names):
+            return None
+        used = [names[k] for k in self._columns]
+        try:
+            table = arrow.read_csv(
+                io.BytesIO(block),
+                read_options=arrow.ReadOptions(
+                    use_threads=False, block_size=len(block) + 1, column_names=names
+                ),
+                parse_options=arrow.ParseOptions(delimiter=self.separator),
+                convert_options=arrow.ConvertOptions(
+                    column_types=dict.fromkeys(used, "float64"), include_columns=[*dict.fromkeys(used)],
+                    null_values=ARROW_MISSING,
+                ),
+            )  # fmt: skip
+        except (ValueError, KeyError):  # ArrowInvalid is a ValueError
+            return None
+        return np.column_stack([table.column(name).to_numpy() for name in used])
+
+    def _row(self, line: str, number: int, last: bool) -> tuple[list[float], int]:
+        """Return the numbers of an irregular line; none for a line that is no sample."""
+        if not has_cells(line) or line == self._header:
+            return [], number
+        cells = split(line, self.separator)
+        row: list[float] = []
+        for column in self._columns:
+            value = self._number(cells, column)
+            if value is None:
+                if last:  # a program that was killed leaves half a line: no row, and not worth a remark
+                    return [], number
+                self.invalid += 1
+                fault = "is too long" if line == TOO_LONG else self._fault(cells, column)
+                self._first_invalid = self._first_invalid or f"line {number} {fault}"
+                return [math.nan] * len(self._columns), 0
+            row.append(value)
+        return row, number
+
+    def _number(self, cells: Sequence[str], column: int) -> float | None:
+        """Return the number in a cell; NaN if it is empty, None if it is invalid."""
+        if column >= len(cells):
+            return None
+        text = cells[column]
+        if self.separator != ",":
+            text = text.replace(",", ".")
+        if text.lower() in MISSING:
+            return math.nan
+        try:
+            return self._dates[column].seconds(text) if column in self._dates else float(text)
+        except ValueError:
+            return None
+
+    @staticmethod
+    def _fault(cells: Sequence[str], column: int) -> str:
+        """Return what is wrong with a cell, for people."""
+        if column >= len(cells):
+            return f"has {len(cells)} columns, column {column + 1} is needed"
+        return f"column {column + 1}: {cells[column][:QUOTED]!r} is no number"

@@ -1,8 +1,17 @@
 """First rows of a table: what they decide about all of its rows.
 
-They show which columns have numbers, whether the stamps are those of a sample clock or of a host (`timestamps`), the
-sampling interval, and whether rows are copies. The stamps of a sample clock are used whatever rate is configured;
-those of a host give way to it. A remark reports what is left out or assumed.
+The names of the columns say what the numbers are meant to be (`columns`); the rows of the first block show what they
+are. `FirstRows` takes each of these decisions once, before the first sample:
+
+- Which columns have numbers. A time without numbers gives way to the next one, a sensor without numbers is left out.
+  A magnetometer that most rows lack is left out, too; a temperature may be slow and is held between its numbers.
+- Whether the numbers can have their units.
+- Whether the stamps are those of a sample clock, or of a host (`timebase.stamp_kinds`), and the sampling interval. The
+  stamps of a sample clock are used whatever rate is configured; those of a host give way to it.
+- Whether rows are copies of the row before (`row_selection`).
+
+What is left out or assumed is a remark. Where the numbers allow two readings that differ in the result, there is an
+error that names both and how to choose.
 """
 
 from __future__ import annotations
@@ -15,17 +24,18 @@ from datetime import UTC, datetime
 import numpy as np
 
 from imumon.column_names import UNITS, Column
+from imumon.cures import OPTIONS, option_text
 from imumon.errors import RateRequired
 from imumon.noise.validity_groups import LARGEST
-from imumon.recordings.base import RecordingError
-from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout
+from imumon.recordings.base import RecordingError, RowSource
+from imumon.recordings.columns import INERTIAL, LISTED, READ_ALONE, ColumnLayout
 from imumon.recordings.row_selection import COPIED, HeldNumbers, are_doubled, copies
-from imumon.recordings.unit_inference import SINCE_1970_S, check_magnitudes, time_unit, unit_remarks
+from imumon.recordings.unit_checks import POSSIBLE_HZ, SINCE_1970_S, check_magnitudes, time_unit, unit_remarks
 from imumon.report import stamp
-from imumon.samples import LONGEST_NS, Bools, Clock, Floats, Ints, Stream, sensor_of
+from imumon.samples import AXES, LONGEST_NS, Bools, Clock, Floats, Ints, Stream, sensor_of
 from imumon.timebase.interval import RATE_TOLERANCE
-from imumon.timebase.late_stamps import LateStamps
-from imumon.timebase.timestamps import HostStamps, RateObstacle, rate_obstacle, stamp_interval
+from imumon.timebase.stamp_kinds import StampCandidate, decide, shows_rate, stamp_interval, typical_step
+from imumon.timebase.stamp_placement import StampPlacer
 from imumon.units import share_text
 
 FILLED = 0.9
@@ -37,16 +47,25 @@ SLOW = {"temperature", "pressure"}
 HELD_STEPS = 2.0
 """Mean steps between the numbers of a slow sensor for which one is held: its steps are not quite even."""
 
+HELD_SHARE = 0.01
+"""Share of the rows that repeat all axes of a sensor, above which they are held: fewer move N by less than 0.5 %."""
 
-RATE_CURE = "give the sample rate with --rate"
+HELD_EXCESS = 3.0
+"""Ratio of this share to that of three axes that repeat by chance, each for itself, above which they are held."""
 
-OBSTACLES: dict[RateObstacle, tuple[str, str]] = {
+FEWEST_HELD = 100
+"""Rows that show whether samples are held."""
+
+RATE_CURE = f"give the sample rate with {OPTIONS['rate_hz']}"
+
+NO_RATE: dict[str, tuple[str, str]] = {
     "single_row": ("has one row, and a rate needs two", "check that the file is complete, or record longer"),
     "time_descending": ("runs backwards", f"sort the rows by it, or {RATE_CURE}"),
     "time_constant": ("does not change", f"write it with more digits, or {RATE_CURE}"),
     "time_too_coarse": ("changes in hardly any row", f"write it with more digits, or {RATE_CURE}"),
+    "time_rate_impossible": ("shows no rate that a sensor has", f"check its unit, or {RATE_CURE}"),
 }
-"""Message and cure for a time that shows no rate."""
+"""Message and cure for a time that shows no rate, by the name of its kind of stamps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,17 +76,22 @@ class TableTimes:
     ----------
     origin : (1 or 2,) the times of the first row, as in the table.
     scales : ns in a unit of each column of time.
-    stamps : places the rows, by stamps of a host or by those of a sample clock.
+    placer : places the rows.
     """
 
     origin: Floats
     scales: tuple[float, ...]
-    stamps: HostStamps | LateStamps | None = None
+    placer: StampPlacer
+
+    @property
+    def origin_ns(self) -> float:
+        """ns, time of the first row."""
+        return float(self.origin @ np.array(self.scales))
 
     @property
     def started(self) -> str | None:
         """Date of the first row; None if its time is none since 1970."""
-        unix_s = float(self.origin @ np.array(self.scales)) * 1e-9
+        unix_s = self.origin_ns * 1e-9
         return (
             stamp(datetime.fromtimestamp(unix_s, UTC))
             if SINCE_1970_S[0] <= unix_s < SINCE_1970_S[1]
@@ -76,9 +100,16 @@ class TableTimes:
 
     def nanoseconds(self, times: Floats) -> Ints:
         """Return (n,) ns since the first row of (n, 1 or 2) times as in the table."""
-        total: Floats = (times - self.origin) @ np.array(self.scales)
-        nanoseconds: Ints = np.rint(np.clip(total, -LONGEST_NS, LONGEST_NS)).astype(np.int64)
-        return nanoseconds
+        return _nanoseconds(times, self.origin, self.scales)
+
+
+def _nanoseconds(times: Floats, origin: Floats, scales: tuple[float, ...]) -> Ints:
+    """Return (n,) ns since the origin of (n, k) times, of which each column has a scale, ns."""
+    # first the difference, column by column, then the sum: a float of ns since 1970 has steps of 256 ns
+    total: Floats = (times - origin) @ np.array(scales)
+    # a wrong stamp of 1e300 must not become any integer, but a step that the clock refuses
+    nanoseconds: Ints = np.rint(np.clip(total, -LONGEST_NS, LONGEST_NS)).astype(np.int64)
+    return nanoseconds
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,152 +134,275 @@ class FirstRows:
 
     Parameters
     ----------
-    path, what, layout, rate_hz, names, source : see `Table`.
+    source : of the rows.
+    table_layout : columns of the stream, by their names.
+    rate_hz : Hz, configured sample rate; None: not configured.
 
     Attributes
     ----------
     layout : columns of the stream; `choose_columns` leaves some out.
-    needed : places of the columns that a sample cannot lack, of those that are used.
-    held : by place, numbers of those that some rows lack.
+    needed : indices of the columns that a sample cannot lack, of those that are used.
+    repeated : indices of the axes that are held in rows which are no samples of them; empty: all rows are samples.
+    held : by such an index, numbers of those that some rows lack.
     remarks : what is left out or assumed.
     """
 
-    def __init__(
-        self,
-        path: str,
-        layout: ColumnLayout,
-        what: str,
-        rate_hz: float | None,
-        names: Sequence[str],
-        source: str,
-    ) -> None:
-        self.layout, self.remarks = layout, list(layout.remarks)
+    def __init__(self, source: RowSource, table_layout: ColumnLayout, rate_hz: float | None) -> None:
+        self.layout, self.remarks = table_layout, list(table_layout.remarks)
         self.needed: list[int] = []
         self.held: dict[int, HeldNumbers] = {}
-        self._path, self._what, self._rate, self._names, self._source = path, what, rate_hz, names, source
+        self.repeated: list[int] = []
+        self._source, self._rate = source, rate_hz
 
     @property
     def columns(self) -> tuple[Column, ...]:
         """Columns in the order of the rows: channels, times, interval."""
-        found = self.layout
-        return (*found.columns, *found.times, *([found.interval] if found.interval is not None else []))
+        interval = self.layout.interval
+        return (*self.layout.columns, *self.layout.times, *([] if interval is None else [interval]))
 
     def choose_columns(self, rows: Floats) -> list[int]:
-        """Leave out columns with few numbers: an empty time, a slower magnetometer; return the places of the others."""
-        found = self.layout
-        count = len(found.columns)
-        full = np.isfinite(rows).mean(axis=0)
-        empty = self._empty_sensors(full)
-        sensors = [sensor_of(name) for name in found.channels]
-        used = [k for k in range(count) if _is_used(sensors[k], float(full[k]), empty)]
-        times = [k for k in range(count, count + len(found.times)) if full[k] > FILLED]
-        used += times if found.split_time else times[:1]
-        used += [k for k in range(count + len(found.times), len(full)) if full[k] > FILLED]
-        self.remarks += _sparse(self.columns, sensors, full, used)
-        self.needed = [at for at, k in enumerate(used) if k >= count or sensors[k] in INERTIAL]
-        slow = [(at, full[k]) for at, k in enumerate(used) if k < count and sensors[k] in SLOW]
-        self.held = {at: HeldNumbers(math.ceil(HELD_STEPS / share)) for at, share in slow if share < 1.0}
-        self.layout = replace(
-            found,
-            channels=tuple(found.channels[k] for k in used if k < count),
-            columns=tuple(found.columns[k] for k in used if k < count),
-            times=tuple(found.times[k - count] for k in used if count <= k < count + len(found.times)),
-            interval=found.interval if used[-1] >= count + len(found.times) else None,
+        """Return the indices of the columns that are used: without an empty time, or a slower magnetometer."""
+        stream_layout = self.layout
+        end_of_channels = len(stream_layout.columns)
+        end_of_times = end_of_channels + len(stream_layout.times)
+        filled = np.isfinite(rows).mean(axis=0)
+        empty = self._empty_sensors(filled)
+        held = self._held_sensors(rows, empty)
+        inertial = INERTIAL & set(map(sensor_of, stream_layout.channels)) - empty
+        if len(held) < len(inertial):  # the sensor that has a sample in each row is used
+            empty |= held
+        sensors = [sensor_of(name) for name in stream_layout.channels]
+        channels = [k for k in range(end_of_channels) if _is_used(sensors[k], float(filled[k]), empty)]
+        times = [k for k in range(end_of_channels, end_of_times) if filled[k] > FILLED]
+        # seconds and nanoseconds are one time
+        if not stream_layout.split_time:
+            times = self._best_time(times, rows)
+        interval = [k for k in range(end_of_times, len(filled)) if filled[k] > FILLED]
+        used = [*channels, *times, *interval]
+        self.remarks += _sparse(self.columns, sensors, filled, used)
+        self.needed = [i for i, k in enumerate(used) if k >= end_of_channels or sensors[k] in INERTIAL]
+        repeated = held - empty
+        self.repeated = [i for i, k in enumerate(used) if k < end_of_channels and sensors[k] in repeated]
+        slow = {i: filled[k] for i, k in enumerate(channels) if sensors[k] in SLOW and filled[k] < 1.0}
+        self.held = {i: HeldNumbers(math.ceil(HELD_STEPS / share)) for i, share in slow.items()}
+        self.layout = _layout_of(
+            stream_layout, channels, [k - end_of_channels for k in times], bool(interval)
         )
         return used
+
+    def _held_sensors(self, rows: Floats, empty: set[str]) -> set[str]:
+        """Return the inertial sensors whose numbers are held in some rows, because rows come faster than samples.
+
+        A program that writes a row whenever any sensor has a sample repeats the numbers of the others. Such rows are no
+        samples: their noise is smaller. Coarse numbers repeat by chance, each axis for itself.
+
+        Raises
+        ------
+        RecordingError : two sensors have other rates than the rows, and each another one.
+        """
+        layout = self.layout
+        held: dict[str, Bools] = {}
+        if not layout.times:
+            return set()
+        # a row with the stamp of the row before is a copy of it, which is another matter
+        time = rows[:, len(layout.columns)]
+        rows = rows[np.append(True, time[1:] != time[:-1])]
+        inertial = sorted(INERTIAL & set(map(sensor_of, layout.channels)) - empty)
+        for sensor in inertial:
+            axes = [k for k, name in enumerate(layout.channels) if sensor_of(name) == sensor]
+            whole = rows[present(rows[:, axes]).all(axis=1)][:, axes]
+            if len(axes) < len(AXES) or len(whole) < FEWEST_HELD:
+                continue
+            equal = whole[1:] == whole[:-1]
+            repeats = equal.all(axis=1)
+            # a sensor that is stuck repeats its values, too, but for long: those are counted once
+            begins = repeats & ~np.append(False, repeats[:-1])
+            by_chance = float(np.prod(equal.mean(axis=0)))
+            share = float(repeats.mean())
+            if float(begins.mean()) > HELD_SHARE and share < COPIED and share > HELD_EXCESS * by_chance:
+                held[sensor] = repeats
+        shares = [f"{sensor} in {share_text(float(repeats.mean()))}" for sensor, repeats in held.items()]
+        if len(held) == len(INERTIAL):
+            one, other = held.values()
+            if len(one) != len(other) or float((one != other).mean()) > HELD_SHARE:
+                text = f"{self._source.name}: the rows repeat {' and '.join(shares)} of them: both have other rates"
+                raise RecordingError("different_rates", text, READ_ALONE)
+        elif held and len(inertial) > 1:
+            sensor = next(iter(held))
+            text = f"the rows repeat {shares[0]} of them: it is slower than they are, and left out"
+            self.remarks.append(f"{text}; {option_text(sensor=sensor)} reads it")
+        return set(held)
+
+    def _best_time(self, times: Sequence[int], rows: Floats) -> list[int]:
+        """Return the time that is used, in a list: of those with numbers, the first that is that of a clock.
+
+        A time that the user has assigned is used as it is. Without a clock, the first that shows a rate is used.
+        """
+        columns = self.columns
+        if len(times) < 2 or columns[times[0]].rank < 0:
+            return list(times[:1])
+        stamps = {k: rows[present(rows[:, k]), k] for k in times}
+        usable = [k for k in times if shows_rate(stamps[k]) and _has_possible_rate(columns[k], stamps[k])]
+        steady = [k for k in usable if stamp_interval(stamps[k])[1]]
+        best = (*steady, *usable, *times)[0]
+        if best != times[0]:
+            text = f"the time is {columns[best].name}, which is even"
+            self.remarks.append(
+                f"{text}, and not {columns[times[0]].name}; {option_text(columns={'t': 'COLUMN:UNIT'})} names another"
+            )
+        return [best]
 
     def complete(self, rows: Floats) -> Bools:
         """Return which rows have the numbers that a sample needs: those of a temperature may be unknown."""
         return np.asarray(present(rows[:, self.needed]).all(axis=1))
 
-    def _empty_sensors(self, full: Floats) -> set[str]:
+    def _empty_sensors(self, filled: Floats) -> set[str]:
         """Return inertial sensors with an axis without numbers; none if no other would be left."""
         channels = self.layout.channels
-        axis = {sensor_of(name): k for k, name in enumerate(channels) if not full[k]}
-        empty = {sensor for sensor in axis if sensor in INERTIAL}
+        empty_axis = {sensor_of(name): k for k, name in enumerate(channels) if not filled[k]}
+        empty = {sensor for sensor in empty_axis if sensor in INERTIAL}
+        # then the rows themselves are the problem: `start` raises the error that no row is complete
         if empty == {sensor_of(name) for name in channels} & INERTIAL:
             return set()
         for sensor in empty:
-            column = self.layout.columns[axis[sensor]].name
+            column = self.layout.columns[empty_axis[sensor]].name
             self.remarks.append(f"{column} holds no numbers: {sensor} is left out")
         return empty
 
     def start(self, rows: Floats) -> TableStart:
-        """Return clock, interval and stream that the first rows in order show."""
-        found = self.layout
-        width = len(found.columns)
-        check_magnitudes(self._path, self._what, found, np.where(present(rows), rows, np.nan))
-        assumed = unit_remarks(self._what, found.columns)
-        self.remarks += assumed
-        doubled = bool(found.times) and are_doubled(rows, slice(width, width + len(found.times)))
+        """Return clock, interval and stream that the first rows in order show.
+
+        Raises
+        ------
+        RecordingError : the numbers cannot have their unit, the time shows no rate, or no row is complete.
+        RateRequired : there is no time, and no rate is configured.
+        """
+        stream_layout, source = self.layout, self._source
+        width = len(stream_layout.columns)
+        finite = np.where(present(rows), rows, np.nan)
+        doubts = check_magnitudes(source, stream_layout, finite)
+        assumed = unit_remarks(source, stream_layout.columns)
+        self.remarks += [*assumed, *doubts]
+        doubled = bool(stream_layout.times) and are_doubled(
+            rows, slice(width, width + len(stream_layout.times))
+        )
+        # stamps and repeats are judged on rows that become samples
         whole = rows[self.complete(rows)]
         if doubled:
             whole = whole[~np.append(False, copies(whole))]
+        if self.repeated:
+            whole = whole[~np.append(False, copies(whole[:, self.repeated]))]
         if not len(whole):
-            text = f"{self._path}: no row has numbers in all of {', '.join(c.name for c in found.columns)}"
+            names = ", ".join(column.name for column in stream_layout.columns)
+            text = f"{source.name}: no row has numbers in all of {names}"
             raise RecordingError("no_complete_row", text, "check that it is complete")
         interval: float | None = None if self._rate is None else 1.0 / self._rate
         clock: Clock = "none"
         times = None
-        if found.times:
-            clock, interval, times = self._clock(whole[:, width : width + len(found.times)])
-        elif found.interval is not None:
+        # a time shows what was lost; intervals of samples do not, and a rate least of all
+        if stream_layout.times:
+            clock, interval, times = self._clock(whole[:, width : width + len(stream_layout.times)])
+        elif stream_layout.interval is not None:
             clock, interval = "dt", None
-            self._compare(float(np.median(whole[:, -1])) * found.interval.factor, own=True)
+            self._compare(float(np.median(whole[:, -1])) * stream_layout.interval.factor, keeps_stamps=True)
         elif interval is None:
             raise self._rate_required()
-        self.remarks += list(_repeating(found, whole))
-        sensors = ", ".join(dict.fromkeys(sensor_of(channel) for channel in found.channels))
-        stream = Stream(found.kind, found.channels, f"{self._source} ({sensors})", clock, interval)
+        if stream_layout.has_increments:
+            known_s = interval
+            if stream_layout.interval is not None:
+                known_s = float(np.median(whole[:, -1])) * stream_layout.interval.factor
+            check_magnitudes(source, stream_layout, finite, known_s)
+        self.remarks += list(_repeating(stream_layout, whole))
+        sensors = ", ".join(dict.fromkeys(sensor_of(channel) for channel in stream_layout.channels))
+        title = f"{source.title or source.form} ({sensors})"
+        stream = Stream(
+            stream_layout.kind,
+            stream_layout.channels,
+            title,
+            clock,
+            interval,
+            stream_layout.gyro,
+            stream_layout.accel,
+        )
         return TableStart(stream, times, doubled, (assumed or [""])[0])
 
     def _rate_required(self) -> RateRequired:
         """Return the error that lists the columns that may be a time."""
         used = {column.index for column in self.layout.columns}
-        others = [name.strip() for k, name in enumerate(self._names) if k not in used]
+        others = [
+            name.strip() for k, name in enumerate(self._source.column_names) if k not in used and name.strip()
+        ]
         hint = f" (other columns: {', '.join(others[:LISTED])})" if others else ""
-        text = f"{self._path} has no clock: no column with numbers has the name of a time{hint}"
+        text = f"{self._source.name} has no clock: no column with numbers has the name of a time{hint}"
         cure = f"name one with --map t=COLUMN:UNIT, or {RATE_CURE}" if others else RATE_CURE
         return RateRequired("rate_required", text, cure)
 
-    def _compare(self, interval_s: float, *, own: bool) -> None:
+    def _compare(self, interval_s: float, *, keeps_stamps: bool) -> None:
         """Note if the configured rate differs from that of the stamps, and which is used."""
         if self._rate is None or abs(self._rate * interval_s - 1.0) <= RATE_TOLERANCE:
             return
-        clock = " and are those of a sample clock" if own else ", but are those of a host"
-        used = f"--rate {self._rate:g} is {'not used' if own else 'used'}"
+        clock = " and are those of a sample clock" if keeps_stamps else ", but are those of a host"
+        used = f"--rate {self._rate:g} is {'not used' if keeps_stamps else 'used'}"
         self.remarks.append(f"its time stamps show {1.0 / interval_s:.6g} Hz{clock}: {used}")
 
     def _clock(self, times: Floats) -> tuple[Clock, float, TableTimes | None]:
         """Return clock, interval, s, and the times that are used, from the times of the first rows."""
-        found = self.layout.times
-        used = TableTimes(times[0].copy(), tuple(UNITS["t"][column.unit or "ns"] for column in found))
-        raw = times[:, 0] if len(found) == 1 else used.nanoseconds(times).astype(np.float64)
-        obstacle = rate_obstacle(raw)
-        if obstacle is not None:
-            what, cure = OBSTACLES[obstacle]
-            text = f"the time in {found[0].name} {what}"
-            if self._rate is None:
-                raise RecordingError(obstacle, f"{self._path}: {text}", cure)
-            self.remarks.append(f"{text}: --rate {self._rate:g} is used, lost samples cannot be detected")
-            return "none", 1.0 / self._rate, None
-        if len(found) == 1:
-            unit, remark = time_unit(self._path, self._what, found[0], raw, self._rate)
-            used = replace(used, scales=(UNITS["t"][unit],))
-            self.remarks += [remark] if remark else []
-        t = used.nanoseconds(times).astype(np.float64)
-        interval, steady = stamp_interval(t)
-        self._compare(interval * 1e-9, own=steady)
-        if steady:
-            return "startup", interval * 1e-9, replace(used, stamps=LateStamps(interval))
-        host = HostStamps(t, interval)
-        text = "its time stamps are late or in batches, as those of a host: "
-        text += "only their mean rate is used" if self._rate is None else "they only show what was lost"
-        if host.rough:
-            text += ", and single lost samples cannot be detected"
-        self.remarks.append(text)
-        interval_s = interval * 1e-9 if self._rate is None else 1.0 / self._rate
-        return "none", interval_s, replace(used, stamps=host)
+        scales, unit_remark = self._scales(times)
+        origin = times[0].copy()
+        nanoseconds = _nanoseconds(times, origin, scales)
+        decision = decide([StampCandidate(nanoseconds)])
+        if self.repeated and decision.interval is not None:
+            return "none", self._mean_interval(nanoseconds), None
+        if decision.interval is None:
+            return "none", self._rate_instead(decision.kind.name), None
+        self.remarks += unit_remark
+        placer, interval_s = decision.placer(nanoseconds), decision.interval * 1e-9
+        self._compare(interval_s, keeps_stamps=decision.kind.keeps_stamps)
+        used = TableTimes(origin, scales, placer)
+        if decision.kind.keeps_stamps:
+            return "startup", interval_s, used
+        # a stream without a clock: the placer turns the stamps of the host into lost samples
+        use = "only their mean rate is used" if self._rate is None else "they only show what was lost"
+        hidden = ", and single lost samples cannot be detected" if placer.hides_losses else ""
+        self.remarks.append(f"{decision.kind.remark}: {use}{hidden}")
+        return "none", interval_s if self._rate is None else 1.0 / self._rate, used
+
+    def _mean_interval(self, nanoseconds: Ints) -> float:
+        """Return the interval, s, of samples that are held: their stamps are those of rows, late by up to one."""
+        if self._rate is not None:
+            return 1.0 / self._rate
+        self.remarks.append(
+            "its rate is the mean of the rows with new values: lost samples cannot be detected"
+        )
+        typical = typical_step(nanoseconds.astype(np.float64))
+        mean = float(nanoseconds[-1] - nanoseconds[0]) / (len(nanoseconds) - 1)
+        # the mean is more precise, unless a gap is in it
+        return (mean if abs(mean / typical - 1.0) < HELD_SHARE else typical) * 1e-9
+
+    def _scales(self, times: Floats) -> tuple[tuple[float, ...], list[str]]:
+        """Return the ns in a unit of each column of time, and a remark on a unit that is assumed."""
+        columns = self.layout.times
+        scales = tuple(UNITS["t"][column.unit or "ns"] for column in columns)
+        # seconds and nanoseconds have their units; times that show no rate show no unit, and any does for the error
+        if len(columns) > 1 or not shows_rate(times[:, 0]):
+            return scales, []
+        unit, remark = time_unit(self._source, columns[0], times[:, 0], self._rate)
+        return (UNITS["t"][unit],), [remark] if remark else []
+
+    def _rate_instead(self, code: str) -> float:
+        """Return the configured interval, s, for times that show none; raise `RecordingError` if there is none."""
+        fault, cure = NO_RATE[code]
+        text = f"the time in {self.layout.times[0].name} {fault}"
+        if self._rate is None:
+            raise RecordingError(code, f"{self._source.name}: {text}", cure)
+        self.remarks.append(f"{text}: --rate {self._rate:g} is used, lost samples cannot be detected")
+        return 1.0 / self._rate
+
+
+def _has_possible_rate(column: Column, stamps: Floats) -> bool:
+    """Return whether a time has a rate that is possible, in the unit of its name if that has one."""
+    rate = 1e9 / (typical_step(stamps) * UNITS["t"][column.unit or "s"])
+    return column.unit is None or POSSIBLE_HZ[0] <= rate <= POSSIBLE_HZ[1]
 
 
 def present(rows: Floats) -> Bools:
@@ -256,13 +410,14 @@ def present(rows: Floats) -> Bools:
     return np.abs(rows) < LARGEST
 
 
-def _repeating(found: ColumnLayout, rows: Floats) -> Iterator[str]:
+def _repeating(stream_layout: ColumnLayout, rows: Floats) -> Iterator[str]:
     """Yield a remark on each inertial sensor that is slower than its rows and holds its values between."""
     from imumon.noise.statistics.differences import REPEATED
 
-    for sensor in sorted(INERTIAL & set(map(sensor_of, found.channels)), reverse=True):
-        own = [k for k, name in enumerate(found.channels) if sensor_of(name) == sensor]
-        share = float(copies(rows[:, own]).mean()) if len(rows) > 1 else 0.0
+    for sensor in sorted(INERTIAL & set(map(sensor_of, stream_layout.channels)), reverse=True):
+        axes = [k for k, name in enumerate(stream_layout.channels) if sensor_of(name) == sensor]
+        share = float(copies(rows[:, axes]).mean()) if len(rows) > 1 else 0.0
+        # nearly all: the sensor is stuck, or constant, which the guard finds
         if REPEATED < share < COPIED:
             yield f"{sensor} repeats its values in {share_text(share)} of the rows: it is slower than they are"
 
@@ -274,14 +429,29 @@ def _is_used(sensor: str, share: float, empty: set[str]) -> bool:
     return share > (0.0 if sensor in SLOW else FILLED)
 
 
+def _layout_of(
+    stream_layout: ColumnLayout, channels: Sequence[int], times: Sequence[int], has_interval: bool
+) -> ColumnLayout:
+    """Return a layout with some of its channels and times, by their indices there, and with or without its interval."""
+    return replace(
+        stream_layout,
+        channels=tuple(stream_layout.channels[k] for k in channels),
+        columns=tuple(stream_layout.columns[k] for k in channels),
+        times=tuple(stream_layout.times[k] for k in times),
+        interval=stream_layout.interval if has_interval else None,
+    )
+
+
 def _sparse(
-    columns: Sequence[Column], sensors: Sequence[str], full: Floats, used: Sequence[int]
+    columns: Sequence[Column], sensors: Sequence[str], filled: Floats, used: Sequence[int]
 ) -> Iterator[str]:
     """Yield a remark on the columns that rows lack, by the share of the rows and by what is done."""
     sparse: dict[str, list[str]] = {}
     for k, column in enumerate(columns):
-        if full[k] <= FILLED and (k >= len(sensors) or sensors[k] not in INERTIAL):
-            lack = f"{share_text(1.0 - full[k])} of the rows lack" if full[k] else "no row has a number in"
+        if filled[k] <= FILLED and (k >= len(sensors) or sensors[k] not in INERTIAL):
+            lack = (
+                f"{share_text(1.0 - filled[k])} of the rows lack" if filled[k] else "no row has a number in"
+            )
             use = "the one before is held" if k in used else "not used"
             sparse.setdefault(f"{lack} {{}}: {use}", []).append(column.name)
     yield from (text.format(", ".join(names)) for text, names in sparse.items())

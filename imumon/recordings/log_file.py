@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from imumon.recordings.base import ReadOptions, RecordingError
+from imumon.recordings.base import ReadOptions, RecordingError, RowSource
 from imumon.recordings.columns import LISTED, ColumnLayout, layout
 from imumon.recordings.log_process.base import Topic
 from imumon.recordings.table import Table
-from imumon.report import plain
+from imumon.report_json import plain
 from imumon.samples import SampleBlock
 
 NOUNS = {"bag": "a bag", "px4": "a PX4 log", "ardupilot": "an ArduPilot log"}
@@ -78,7 +78,7 @@ class LogFile(Table):
         package = PACKAGES.get(kind)
         if package is not None and importlib.util.find_spec(package) is None:
             text = f"{path} is {NOUNS[kind]}, and the package {package} that reads it is not installed"
-            raise RecordingError("package_missing", text, f"pip install 'imumon[{kind}]'")
+            raise RecordingError("package_missing", text, f"pip install '.[{kind}]'")
         self._check_files()
         self._pipe, other_end = Pipe()
         with other_end:
@@ -97,27 +97,29 @@ class LogFile(Table):
             self._topics = [
                 replace(topic, name=plain(topic.name), type=plain(topic.type)) for topic in topics
             ]
-            self._at = self._chosen(options)
-            found = self._found_columns(options)
+            self._topic_index = self._chosen(options)
+            table_layout = self._stream_columns(options)
         except BaseException:
             self._close()
             raise
+        # the log may say anything, at any length
         facts = {name: plain(value)[:100] for name, value in received["facts"].items()}
         self.header = facts or None
         if received["problem"]:
             self.problem = f"{path} {received['problem']}"
         unused = received["unused"] if options.topic is None else ()
         notes = self._notes(options, [*unused, *received["remarks"]])
-        found = replace(found, remarks=(*notes, *found.remarks))
-        self._columns = [*found.columns, *found.times, *([found.interval] if found.interval else [])]
+        table_layout = replace(table_layout, remarks=(*notes, *table_layout.remarks))
+        interval = [table_layout.interval] if table_layout.interval else []
+        self._columns = [*table_layout.columns, *table_layout.times, *interval]
         self._names = [self._topic.columns[column.index] for column in self._columns]
-        source = f"{kind} {self._topic.name}"
+        source = RowSource(path, kind, title=f"{kind} {self._topic.name}")
         self.topic = self._topic.name if kind == "bag" else None
-        self._begin(found, kind, options.rate_hz, source=source)
+        self._begin(source, table_layout, options)
 
     @property
     def _topic(self) -> Topic:
-        return self._topics[self._at]
+        return self._topics[self._topic_index]
 
     def _check_files(self) -> None:
         """Check that a log has regular files only: opening a pipe in it would never return."""
@@ -152,6 +154,7 @@ class LogFile(Table):
     def _close(self) -> None:
         """End the process."""
         self._pipe.close()
+        # not asked to end: a hostile file may keep it busy without end
         self._process.kill()
         self._process.wait()
 
@@ -164,15 +167,17 @@ class LogFile(Table):
         names = sorted({self._topics[k].name for k in imus})
         cure = f"choose --topic {' or '.join(names)}" if names else f"choose one of {self._listed()}"
         if options.topic is not None:
+            # instances have a number, which is left out for the first one
             wanted = (options.topic, f"{options.topic}/0")
             matching = [k for k, topic in enumerate(self._topics) if topic.name in wanted]
             if not matching:
                 raise RecordingError("unknown_topic", f"{self.path} has no topic {options.topic}", cure)
+            # topics of two types may have one name: the one with an IMU
             return min(matching, key=lambda k: k not in imus)
         is_bag = self._kind == "bag"
         if not imus:
-            what = IMU if is_bag else "topic with a gyroscope or an accelerometer"
-            text = f"{self.path} has no {what}; there are {self._listed() or 'no messages'}"
+            wanted_topic = IMU if is_bag else "topic with a gyroscope or an accelerometer"
+            text = f"{self.path} has no {wanted_topic}; there are {self._listed() or 'no messages'}"
             raise RecordingError("no_imu_topic", text, NAME_FIELDS)
         if is_bag and len(names) > 1:
             raise RecordingError("several_topics", f"{self.path} has several topics with {IMU}", cure)
@@ -185,12 +190,12 @@ class LogFile(Table):
         shown = dict.fromkeys(f"{topic.name} ({topic.type})" for topic in self._topics)
         return ", ".join(sorted(shown)[:LISTED]) + (" ..." if len(shown) > LISTED else "")
 
-    def _found_columns(self, options: ReadOptions) -> ColumnLayout:
+    def _stream_columns(self, options: ReadOptions) -> ColumnLayout:
         """Return the columns of the stream: the known ones, unless the user names others."""
         topic, given = self._topic, options.columns or {}
         names = list(map(plain, topic.columns))
         known = {channel: plain(text) for channel, text in topic.map.items()}
-        if not given and self._at not in self._imus():
+        if not given and self._topic_index not in self._imus():
             fields = ", ".join(names) or "none that can be read"
             text = f"the topic {topic.name} of {self.path} ({topic.type}) is not known as an IMU"
             cure = f"name its fields with --map gyro/x=FIELD:UNIT,...; there are {fields}"
@@ -200,28 +205,29 @@ class LogFile(Table):
             raise RecordingError("no_stream", text, "leave --stream out")
         if not given:
             used = {text.partition(":")[0] for text in known.values()}
+            # the known fields are all: a name such as x of another field would be taken for an axis
             names = [name if name in used else "" for name in names]
         try:
-            found = layout(names, None, {**known, **given}, options.sensor)
+            table_layout = layout(names, None, {**known, **given}, options.sensor)
         except RecordingError as error:
             raise error.of(self.path) from None
-        return replace(found, kind="deltas" if topic.averaged else options.kind or "unknown")
+        return replace(table_layout, kind="deltas" if topic.averaged else options.kind or "unknown")
 
     def _notes(self, options: ReadOptions, remarks: Any) -> list[str]:
         """Return remarks on the choice of the topic and on the log."""
         topic, notes = self._topic, [plain(text) for text in remarks]
         if self._kind != "bag":
             rate = f" at {topic.rate_hz:.4g} Hz" if topic.rate_hz else ""
-            what = "averages over the interval" if topic.averaged else "point samples"
-            others = [self._topics[k].name for k in self._imus() if k != self._at]
+            samples = "averages over the interval" if topic.averaged else "point samples"
+            others = [self._topics[k].name for k in self._imus() if k != self._topic_index]
             more = f"; --topic selects another: {', '.join(others)}" if others and not options.topic else ""
-            notes.insert(0, f"{topic.name} is used: {what}{rate}{more}")
+            notes.insert(0, f"{topic.name} is used: {samples}{rate}{more}")
         return [*notes, *([plain(topic.note)] if topic.note else [])]
 
     def __iter__(self) -> Iterator[list[SampleBlock]]:
         done, total = 0, self._topic.count or None
         try:
-            self._pipe.send_bytes(json.dumps({"topic": self._at, "columns": self._names}).encode())
+            self._pipe.send_bytes(json.dumps({"topic": self._topic_index, "columns": self._names}).encode())
             while not (received := self._receive()).get("end"):
                 data = np.frombuffer(self._receive_bytes(), "<f8")
                 rows = data.reshape(-1, len(self._names)).astype(np.float64)
@@ -230,6 +236,8 @@ class LogFile(Table):
                 self.fed += received["bytes"]
                 self.progress = None if total is None else min(1.0, done / total)
                 yield self._blocks(rows, range(done - count + 1, done + 1))
+            if total is not None and done < total and self.problem is None:
+                self.problem = f"{self.path} is corrupt: {done:,} of its {total:,} messages can be read"
         except BrokenPipeError:
             raise self._corrupt("its reader ended") from None
         finally:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from collections.abc import Iterable, Iterator, Sequence
 
+from imumon.column_names import parse_names, triples
+from imumon.cures import OPTIONS
 from imumon.devices.base import DeviceError, sample_blocks
 from imumon.devices.registry import DEFAULT_SCHEME, driver, scheme_of_bytes
 from imumon.files import open_regular
@@ -18,12 +21,21 @@ from imumon.recordings.base import (
     Recording,
     RecordingError,
 )
-from imumon.recordings.columns import layout
-from imumon.recordings.csv import CsvFile, header_line, is_echoed
-from imumon.recordings.csv_rows import is_number, separator_of, split
+from imumon.recordings.column_meaning import check_nothing_stated
+from imumon.recordings.columns import SENSORS
+from imumon.recordings.csv import (
+    CsvFile,
+    header_cells,
+    header_line,
+    is_echoed,
+    is_number,
+    separator_of,
+    split,
+)
 from imumon.recordings.log_file import LogFile, log_kind
 from imumon.recordings.raw_capture import RawCapture
 from imumon.recordings.sentence_table import sentence_table
+from imumon.recordings.text_records import record_text
 from imumon.samples import Gap, SampleBlock
 
 
@@ -45,8 +57,8 @@ class DecodedCapture(Recording):
         self._capture = capture
         self._block_bytes = block_bytes
         header = capture.header or {}
-        found = header.get("driver") or scheme_of_bytes(capture.head[:HEAD_BYTES])
-        scheme = found or DEFAULT_SCHEME
+        recognised = header.get("driver") or scheme_of_bytes(capture.head[:HEAD_BYTES])
+        scheme = recognised or DEFAULT_SCHEME
         try:
             self._driver = driver(scheme)
         except DeviceError as error:
@@ -60,7 +72,7 @@ class DecodedCapture(Recording):
                 "use its own program",
             )
         self.driver, self._decoder = scheme, decoder
-        self._title = self._driver.title if found else "known sensor"
+        self._title = self._driver.title if recognised else "known sensor"
 
     def __iter__(self) -> Iterator[Sequence[SampleBlock | Gap]]:
         for item in _in_blocks(self._capture.items(), self._block_bytes):
@@ -95,8 +107,8 @@ def _in_blocks(items: Iterable[bytes | Gap], size: int) -> Iterator[bytes | Gap]
             yield item
             waiting, length = [], 0
             continue
-        for at in range(0, len(item), size):
-            waiting.append(item[at : at + size])
+        for first in range(0, len(item), size):
+            waiting.append(item[first : first + size])
             length += len(waiting[-1])
             if length >= size:
                 yield b"".join(waiting)
@@ -119,7 +131,9 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     if path != "-":  # a pipe can be read only once
         with contextlib.suppress(OSError), open(open_regular(path, follow=True), "rb") as file:
             head = file.read(16)
+    # the first bytes of logs and arrays are certain; text comes last, as everything may look like it
     if (kind := log_kind(path, head)) is not None:
+        _refuse_where(path, options)
         return LogFile(path, kind, options)
     arrays = array_kind(path, head)
     opened = RawCapture(path) if arrays is None else ArrayFile(path, arrays, options)
@@ -127,6 +141,7 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
         text = f"--topic is for bags and logs of autopilots, and {path} is none"
         raise OptionNotApplicable("topic_not_applicable", text, "leave it out")
     if isinstance(opened, ArrayFile):
+        _refuse_where(path, options)
         return opened
     text_file = _text_file(opened, options) if opened.header is None else None
     if text_file is not None:
@@ -134,31 +149,57 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     if options.sensor is not None:
         text = f"--sensor is for tables and logs, and {path} is neither"
         raise OptionNotApplicable("sensor_not_applicable", text, "leave it out")
+    _refuse_where(path, options)
+    check_nothing_stated(path, options)
     if opened.header is None and (advice := _text_cure(opened.head[:HEAD_BYTES])) is not None:
-        text = f"{path} is text, but no table with a line that names its columns"
-        raise RecordingError("no_messages", text, advice)
+        raise RecordingError("no_messages", f"{path} is {advice[0]}", advice[1])
     return DecodedCapture(opened, options.block_bytes)
+
+
+def _refuse_where(path: str, options: ReadOptions) -> None:
+    """Raise `OptionNotApplicable` if rows are chosen by a column."""
+    if options.where:
+        text = f"{OPTIONS['where']} is for tables of text, and {path} is none"
+        raise OptionNotApplicable("where_not_applicable", text, "leave it out")
 
 
 def _text_file(capture: RawCapture, options: ReadOptions) -> Recording | None:
     """Return the recording that the text of a file without a header of imumon is; None: it is no table."""
     if capture.head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0" in capture.head[:HEAD_LINES]:
         raise RecordingError("utf_16", f"{capture.path} is text in UTF-16", "save it as UTF-8")
+    # one sentence has all sensors at one rate: there is nothing to select
     if options.sensor is None and (decoder := driver().decoder()) is not None:
         table = sentence_table(capture, options, decoder, DEFAULT_SCHEME)
         if table is not None:
             return table
+    records = None if capture.path.lower().endswith((".csv", ".tsv")) else record_text(capture)
+    if records is not None:
+        return CsvFile(records, options)
     return CsvFile(capture, options) if _is_csv(capture, options) else None
 
 
-def _text_cure(head: bytes) -> str | None:
-    """Return how to make a table of text that has no sentences of a sensor; None: it is something else."""
+KNOWN_TEXTS: tuple[tuple[re.Pattern[str], str, str], ...] = (
+    (
+        re.compile(r"^[#%](RAWIMU|IMURATE|INSPVA|CORRIMU)\w*,", re.MULTILINE),
+        "a log of NovAtel in ASCII, whose increments have the scale of the IMU",
+        "write week seconds, accelerations and rates as CSV, with the scale of its manual: "
+        "tr ';*' ',,' < FILE | cut -d, -f 7,9-14 > imu.csv, then --stream deltas --map t=1:s,accel/z=2*SCALE:m/s,"
+        "accel/y=3*-SCALE:m/s,accel/x=4*SCALE:m/s,gyro/z=5*SCALE:rad,gyro/y=6*-SCALE:rad,gyro/x=7*SCALE:rad",
+    ),
+)
+"""Texts of known programs that are not read: how one begins, what it is, and how to convert it."""
+
+
+def _text_cure(head: bytes) -> tuple[str, str] | None:
+    """Return what text is that has no sentences of a sensor, and how to make a table of it; None: something else."""
     text = head.decode("utf-8-sig", "ignore")
     if not text.strip() or b"$" in head or not all(c.isprintable() or c in "\t\r\n" for c in text):
         return None
-    if text.lstrip()[0] in "[{":
-        return "it is JSON: write it as CSV, pandas.read_json(FILE).to_csv(...)"
-    return "write one line of names and one line of numbers per sample, with one separator"
+    for begin, noun, cure in KNOWN_TEXTS:
+        if begin.search(text):
+            return noun, cure
+    noun = "text, but no table with a line that names its columns"
+    return noun, "write one line of names and one line of numbers per sample, with one separator"
 
 
 def _is_numbers(lines: Sequence[str]) -> bool:
@@ -171,21 +212,38 @@ def _is_numbers(lines: Sequence[str]) -> bool:
 def _is_csv(capture: RawCapture, options: ReadOptions) -> bool:
     """Return whether text is a table: its name says so, or its header names an inertial sensor."""
     head = capture.head[:HEAD_BYTES]
-    if (decoder := driver().decoder()) is not None:
-        decoder.feed(head)
-        if decoder.messages:
-            return False
+    if _has_messages(head):
+        return False
+    # the name counts only now: a capture of sentences may be called .csv
     name = capture.path.lower().removesuffix(".gz")
     if name.endswith((".csv", ".tsv")) or options.columns:
         return True
     if b"\0" in capture.head:
         return False
     lines = head.decode("utf-8-sig", "replace").splitlines()
-    at = header_line(lines)
-    if at is None:
+    header = header_line(lines)
+    if header is None:
         return _is_numbers(lines) or any(map(is_echoed, lines))
-    try:
-        layout([lines[at], *split(lines[at], separator_of(lines[at]))])
-    except RecordingError:
+    # text between numbers, or JSON, is no header
+    if re.search(r"[:=]\s*[-+]?[\d.\[{]", lines[header]):
         return False
-    return True
+    return _may_have_sensor(lines[header], lines[header + 1 : HEAD_LINES])
+
+
+def _has_messages(head: bytes) -> bool:
+    """Return whether bytes have messages of the device that is the default."""
+    if (decoder := driver().decoder()) is None:
+        return False
+    decoder.feed(head)
+    return bool(decoder.messages)
+
+
+def _may_have_sensor(header: str, lines: Sequence[str]) -> bool:
+    """Return whether a header names a sensor, or three columns of the lines behind it have numbers and may be one."""
+    names = header_cells(header, separator_of(header))
+    if any(column.quantity in SENSORS for column in parse_names(names)):
+        return True
+    rows = [split(row, separator_of(header)) for row in lines if row.strip()]
+    rows = [row for row in rows[:-1] if len(row) >= len(names) - 1]
+    threes = [triple.indices for triple in triples(names)]
+    return bool(rows) and any(all(is_number(row[k]) for row in rows for k in three) for three in threes)

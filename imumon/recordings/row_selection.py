@@ -42,13 +42,13 @@ COPIED = 0.99
 """Share of the rows with the stamp of the row before that must be copies of it, for rows to be doubled."""
 
 
-class OwnRows:
+class SensorRows:
     """Rows of the only inertial sensor of a stream, or of two sensors that have the same rows. Others are no samples.
 
     Parameters
     ----------
     path : for messages.
-    found : columns of the stream.
+    table_layout : columns of the stream.
 
     Attributes
     ----------
@@ -56,14 +56,15 @@ class OwnRows:
     fillers : rows by sensor that have one number on all axes in place of a sample.
     """
 
-    def __init__(self, path: str, found: ColumnLayout) -> None:
+    def __init__(self, path: str, table_layout: ColumnLayout) -> None:
         self._path = path
-        sensors = [sensor for sensor in ("gyro", "accel") if sensor in map(sensor_of, found.channels)]
+        sensors = [sensor for sensor in ("gyro", "accel") if sensor in map(sensor_of, table_layout.channels)]
         self._columns = [
-            [k for k, name in enumerate(found.channels) if sensor_of(name) == sensor] for sensor in sensors
+            [k for k, name in enumerate(table_layout.channels) if sensor_of(name) == sensor]
+            for sensor in sensors
         ]
         self._inertial = [k for columns in self._columns for k in columns]
-        self._slow = [k for k in range(len(found.channels)) if k not in self._inertial]
+        self._slow = [k for k in range(len(table_layout.channels)) if k not in self._inertial]
         self._rows, self._counts, self._both = 0, np.zeros(len(sensors), np.int64), 0
         self._mixed = False  # other sensors have rows of their own
         self.others = 0
@@ -81,7 +82,9 @@ class OwnRows:
             x, y, z = rows[:, columns].T
             filled: Bools = (x == y) & (y == z)
             share = float(filled.mean())
+            # decided once: a sensor that freezes later is stuck, which the guard has to see
             if not self._rows and 0.0 < share < DEAD:
+                # coarse steps make two axes equal far more often than all three
                 alike = ((x == y) | (y == z) | (z == x))[~filled]
                 self.fillers |= {name: 0} if alike.mean() < share else {}
             if name in self.fillers:
@@ -100,21 +103,23 @@ class OwnRows:
         self._rows += len(rows)
         self._counts += whole.sum(axis=1)
         self._both += int(whole.all(axis=0).sum())
-        own: Bools = np.any(present[:, self._inertial], axis=1)
+        has_sample: Bools = np.any(present[:, self._inertial], axis=1)
         slow = np.any(present[:, self._slow], axis=1)
         if first:
             self.check()
+            # many rows lack the only sensor, or the temperature has rows of its own: the rows are of several sensors
             sparse = len(whole) == 1 and bool(0 < self._counts[0] <= COMPLETE * self._rows)
-            self._mixed = sparse or bool((slow & ~own).sum() > (slow & own).sum())
+            self._mixed = sparse or bool((slow & ~has_sample).sum() > (slow & has_sample).sum())
         if not self._mixed:
             return rows, places
-        self.others += int((~own).sum())
-        samples = np.flatnonzero(own)
+        self.others += int((~has_sample).sum())
+        samples = np.flatnonzero(has_sample)
+        # a temperature in a row that is left out goes to the next sample; behind the last one there is none
         end = samples[-1] if len(samples) else 0
         for k in self._slow:
-            known = np.flatnonzero(present[:end, k] & ~own[:end])
+            known = np.flatnonzero(present[:end, k] & ~has_sample[:end])
             rows[samples[np.searchsorted(samples, known)], k] = rows[known, k]
-        return rows[own], [place for place, mine in zip(places, own.tolist(), strict=True) if mine]
+        return rows[has_sample], [places[k] for k in samples.tolist()]
 
     def check(self) -> None:
         """Raise `RecordingError` if the sensors have different rows; an empty sensor has none."""
@@ -195,10 +200,12 @@ class RowOrder:
             rows, times, places = rows[order], times[order], [places[k] for k in order]
             steps = np.diff(times)
             back = float(np.mean(steps < 0.0))
+            # a time that only falls is another error, which `first_rows` raises
             if back > UNSORTED and (steps > 0.0).any():
                 text = f"{self._path}: its rows are not in the order of {self._name}: "
                 text += f"{share_text(back)} of the steps go back"
                 raise RecordingError("rows_not_sorted", text, f"sort the rows by {self._name}")
+        # the last rows wait: a row after them may belong between them
         ready = len(rows) if final else max(0, len(rows) - WINDOW)
         self._rows, self._times, self._places = rows[ready:], times[ready:], list(places[ready:])
         return rows[:ready], list(places[:ready])
@@ -212,20 +219,25 @@ class RowOrder:
         late = (np.flatnonzero(steps < 0.0) + 1).tolist()
         if not late or not (steps > 0.0).any():
             return None
+        # a late row left a hole where it was taken out
         hole = (1.0 + SINGLE_EXCESS) * float(np.median(steps[steps > 0.0]))
-        values, order, at, last = times.tolist(), list(range(len(times))), 0, np.nan
+        values, order, newest, last = times.tolist(), list(range(len(times))), 0, np.nan
         for first in late:
-            at = max(at, first)
-            while at < len(values) and values[at] < values[at - 1] < max(values[at : at + WINDOW]):
-                place = bisect_right(values, values[at], max(0, at - WINDOW), at)
-                copied = values[place - 1] == last == values[at]  # of a row that has been put back
-                if place in (0, at - WINDOW) or not (copied or values[place] - values[place - 1] >= hole):
+            newest = max(newest, first)
+            # a late row, if the times soon go on where they were; else a clock that restarts
+            while newest < len(values) and values[newest] < values[newest - 1] < max(
+                values[newest : newest + WINDOW]
+            ):
+                place = bisect_right(values, values[newest], max(0, newest - WINDOW), newest)
+                copied = values[place - 1] == last == values[newest]  # of a row that has been put back
+                # at the edge of the window the row is later than any thread writes, and stays
+                if place in (0, newest - WINDOW) or not (copied or values[place] - values[place - 1] >= hole):
                     break
-                last = values[at]
+                last = values[newest]
                 for moved in (values, order):
-                    moved[place : at + 1] = [moved[at], *moved[place:at]]
+                    moved[place : newest + 1] = [moved[newest], *moved[place:newest]]
                 self.moved += 1
-                at += 1
+                newest += 1
         return order
 
 
@@ -263,5 +275,6 @@ def are_doubled(rows: Floats, times: slice) -> bool:
     if not still.any():
         return False
     same = copies(rows)
+    # a sensor that is stuck repeats its values with new stamps, too: its rows are no copies
     constant = (np.delete(rows[1:], times, axis=1) == np.delete(rows[:-1], times, axis=1)).all(axis=1)[~still]
     return bool(same[still].mean() >= COPIED and (not len(constant) or constant.mean() < 0.5))

@@ -17,11 +17,12 @@ import numpy as np
 
 from imumon.column_names import Column, parse_name
 from imumon.devices.base import RawDecoder, sample_blocks
-from imumon.recordings.base import HEAD_BYTES, HEAD_LINES, ReadOptions, RecordingError
+from imumon.recordings.base import HEAD_BYTES, HEAD_LINES, ReadOptions, RecordingError, RowSource
+from imumon.recordings.column_meaning import check_nothing_stated
 from imumon.recordings.columns import ColumnLayout
-from imumon.recordings.csv_rows import DateReader, TextTable, decoded, separator_of, split
+from imumon.recordings.csv import DateReader, TextTable, decoded, separator_of, split
 from imumon.recordings.raw_capture import RawCapture
-from imumon.report import plain
+from imumon.report_json import plain
 from imumon.samples import SampleBlock, Stream, sensor_of
 
 SENTENCE = re.compile(rb'"?\$[^$"\r\n]*\*[0-9A-Fa-f]{2,4}"?')
@@ -51,6 +52,7 @@ class SentenceTable(TextTable):
         stream: Stream,
         time: Column | None,
     ) -> None:
+        check_nothing_stated(capture.path, options)
         self.path, self.driver = capture.path, scheme
         self._capture, self._decoder, self._stream, self._time = capture, decoder, stream, time
         self._dates = DateReader()
@@ -58,8 +60,11 @@ class SentenceTable(TextTable):
             Column(k, name, sensor_of(name), name.partition("/")[2] or None, unit=SI[sensor_of(name)])
             for k, name in enumerate(stream.channels)
         )
-        found = ColumnLayout(stream.kind, stream.channels, columns, (time,) if time is not None else ())
-        self._begin(found, "csv", options.rate_hz, source=f"csv of {stream.source}")
+        table_layout = ColumnLayout(
+            stream.kind, stream.channels, columns, (time,) if time is not None else ()
+        )
+        source = RowSource(self.path, "csv", title=f"csv of {stream.source}")
+        self._begin(source, table_layout, options)
         self._other = self._invalid = 0
         self._first_invalid = 0
 
@@ -82,22 +87,26 @@ class SentenceTable(TextTable):
                 cells = cells_of(decoded(line[: match.start()] + line[match.end() :]))
                 row = [*row, cell_time(cells, self._time.index, self._dates)]
             rows.append(row)
+            # 0: `_line_remarks` reports an invalid sentence, and the row counts as lost without a remark of its own
             used.append(place if values else 0)
         return self._blocks(np.array(rows), used) if rows else []
 
     def _line_remarks(self) -> Sequence[str]:
-        own = []
+        remarks = []
         if self._invalid:
             text = f"{self._invalid:,} sentences fail their check and count as lost"
-            own.append(f"{text}; first line {self._first_invalid}")
+            remarks.append(f"{text}; first line {self._first_invalid}")
         if self._other:
-            own.append(f"{self._other:,} sentences of another type are not used, only {self._stream.source}")
-        return own
+            remarks.append(
+                f"{self._other:,} sentences of another type are not used, only {self._stream.source}"
+            )
+        return remarks
 
     def _values(self, sentence: bytes) -> list[float] | None:
         """Return the sample of a sentence; nothing of an invalid one, None of one of another type."""
         messages = self._decoder.messages
         blocks = sample_blocks(self._decoder.feed(sentence))
+        # the decoder counts valid messages: this one failed its check
         if self._decoder.messages == messages:
             return []
         if not blocks or blocks[-1].stream != self._stream:
@@ -130,6 +139,7 @@ def sentence_table(
     blocks = [
         b for m in matches if m is not None for b in sample_blocks(decoder.feed(m[0].strip(b'"') + b"\r\n"))
     ]
+    # a sample clock in the sentences is better than the time beside them
     if not blocks or blocks[0].stream.clock != "none":
         return None
     time = _time_column(cells_of(decoded(lines[first - 1])) if first else [], beside)
@@ -147,6 +157,7 @@ def _time_column(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Column
     names = [plain(header[k]) if k < len(header) else f"column {k + 1}" for k in range(len(rows[0]))]
     columns = [replace(parse_name(k, name), index=k) for k, name in enumerate(names)]
     dates = DateReader()
+    # the columns of loggers often have no names: numbers that grow are a time, too
     readable = [k for k in range(len(names)) if _is_time([cell_time(cells, k, dates) for cells in rows])]
     times = [column for column in columns if column.quantity == "t" and column.index in readable]
     best = min(times or [columns[k] for k in readable], key=lambda column: column.rank, default=None)

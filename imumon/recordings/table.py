@@ -1,8 +1,30 @@
-"""Table: rows of numbers as blocks of samples, from a file of any format.
+"""Table: rows of numbers as blocks of samples, from a file of any format or from memory.
 
-A table has a column for each channel (`columns`) and mostly one of time; a table without time needs the rate. Its
-first rows decide about clock and interval (`first_rows`). Rows that lack a number are lost samples. A remark reports
-everything that is left out or assumed.
+A table has a column for each channel (`columns`) and mostly one of time; a table without time needs the rate. The way
+of its rows, whoever reads them:
+
+1. Rows of other sensors are left out; one number on all axes in place of a sample is none (`row_selection`).
+2. The first rows decide which columns are used, their units, the clock and the interval (`first_rows`).
+3. Late rows go back to their place (`row_selection`). Slow sensors are held, copies of a row are left out.
+4. A row that lacks a number is a lost sample.
+5. Factors make the values SI. The placer of the stamps puts the samples on a grid, or a stream without a clock takes
+   the lost samples from them (`timebase.stamp_placement`).
+
+`RowDecoder` goes this way and knows no file: names of columns and blocks of rows in, `SampleBlock` out. `Table` is the
+recording whose reader feeds it. A remark reports everything that is left out or assumed.
+
+Example: a gyroscope of which one sample is missing.
+
+>>> from imumon.recordings.columns import layout
+>>> names = ["t [s]", "gyro_z [rad/s]"]
+>>> rows = np.column_stack([np.arange(100) * 0.01, np.random.default_rng(0).normal(size=100)])
+>>> rows[40, 1] = np.nan
+>>> decoder = RowDecoder(RowSource("example", "npz", names), layout(names), rate_hz=None)
+>>> blocks = [*decoder.feed(rows[:, decoder.columns], range(1, 101)), *decoder.finish()]
+>>> sum(len(block.values) for block in blocks), sum(int(block.lost.sum()) for block in blocks)
+(99, 1)
+>>> decoder.remarks[-1]
+'1 row lacks a number and counts as lost; first sample 41: gyro_z [rad/s]'
 """
 
 from __future__ import annotations
@@ -12,22 +34,16 @@ from typing import Any
 
 import numpy as np
 
-from imumon.recordings.base import Recording
+from imumon.recordings.base import ReadOptions, Recording, RowSource
+from imumon.recordings.column_meaning import with_meaning
 from imumon.recordings.columns import INERTIAL, ColumnLayout
 from imumon.recordings.first_rows import FirstRows, TableStart, TableTimes, present
-from imumon.recordings.log_process.base import BLOCK_BYTES as BLOCK_BYTES
-from imumon.recordings.log_process.base import ROWS as ROWS
-from imumon.recordings.row_selection import OwnRows, RowOrder, copies
+from imumon.recordings.row_selection import RowOrder, SensorRows, copies
 from imumon.samples import Floats, Ints, SampleBlock, Stream, sensor_of
-from imumon.timebase.timestamps import HostStamps
 
-ROW_NAMES = {
-    **dict.fromkeys(("npz", "npy", "mat", "parquet"), "sample"),
-    "bag": "message",
-    "px4": "message",
-    "ardupilot": "message",
-}
-"""Word for a row of a table in messages, where it is no line."""
+LARGEST = 1e10
+"""Numbers beyond it, in the unit of the channel, are damage: raw counts of 32 bits are below, and a changed exponent of
+a float is mostly above."""
 
 
 def _rows(count: int, one: str, many: str) -> str:
@@ -35,55 +51,62 @@ def _rows(count: int, one: str, many: str) -> str:
     return f"1 row {one}" if count == 1 else f"{count:,} rows {many}"
 
 
-class Table(Recording):
-    """Recording that is a table: its reader calls `_begin`, then `_blocks` for its rows and `_finish`.
+class RowDecoder:
+    """Turns blocks of rows into blocks of samples: `feed` for each block of rows, then `finish`.
+
+    Parameters
+    ----------
+    source : of the rows.
+    table_layout : columns of the stream.
+    rate_hz : Hz, configured sample rate; None: not configured.
 
     Attributes
     ----------
-    path : for messages.
+    columns : indices, in the table, of the columns that the rows must have, in this order.
+    incomplete : rows that lacked a number and count as lost, also those that the reader reported as invalid.
     """
 
-    path: str
-
-    def _begin(
-        self,
-        columns: ColumnLayout,
-        what: str,
-        rate_hz: float | None,
-        names: Sequence[str] = (),
-        source: str = "",
-    ) -> list[int]:
-        """Prepare to read rows; return the indices of their columns in the table.
-
-        Parameters
-        ----------
-        columns : columns of the stream.
-        what : kind of the table: ``csv``, ``npz``, ``npy``, ``mat``, ``parquet``, ``bag``, ``px4``, ``ardupilot``.
-        rate_hz : Hz, configured sample rate; None: not configured.
-        names : of all columns of the table.
-        source : what the samples are taken from, for people; empty: `what`.
-        """
-        self._row = ROW_NAMES.get(what, "line")
-        self._first = FirstRows(self.path, columns, what, rate_hz, names, source or what)
+    def __init__(self, source: RowSource, table_layout: ColumnLayout, rate_hz: float | None) -> None:
+        self._source = source
+        self._first = FirstRows(source, table_layout, rate_hz)
+        self.columns = [column.index for column in self._first.columns]
+        self.incomplete = 0
         self._start: TableStart | None = None  # None before the first rows
         self._lost_before = 0  # rows lost before the next one
         self._used: list[int] | None = None  # columns that are not left out
-        self._own_rows = OwnRows(self.path, columns)
+        self._sensor_rows = SensorRows(source.name, table_layout)
         self._order: RowOrder | None = None  # of a table with times
         self._waiting: Floats | None = None  # values until their stamps have been placed
-        self._waiting_lost = np.empty(0, np.int64)  # rows lost before each of these
-        self._incomplete, self._first_incomplete = 0, ""  # rows that lacked a number, and where the first is
+        self._beyond = 0  # numbers that no sensor has
+        self._lacking, self._first_lacking = 0, ""  # incomplete rows for the remark, and where the first is
         self._back, self._first_back = 0, ""  # steps back of a clock, and where the first is
         self._last: Ints | None = None  # ns, the last two times
         self._last_row: Floats | None = None
+        self._last_values: Floats | None = None  # of the axes that are held in some rows
+        self._held = 0  # rows left out because a sensor has no sample of its own in them
         self._copies = 0  # rows left out because they are copies of the row before
-        return [column.index for column in self._first.columns]
 
-    def _blocks(self, rows: Floats, places: Sequence[int]) -> list[SampleBlock]:
-        """Return the blocks of some rows, (n, k) with the columns of `_begin`; not finite is missing.
+    @property
+    def started(self) -> str | None:
+        """Date of the first row; None: its time shows none, or no row has been fed."""
+        return None if self._start is None or self._start.times is None else self._start.times.started
+
+    @property
+    def origin_ns(self) -> float | None:
+        """ns, time of the first row as the table has it, from which the times of blocks count; None: there is none."""
+        return None if self._start is None or self._start.times is None else self._start.times.origin_ns
+
+    @property
+    def assumed_unit(self) -> str:
+        """Remark on a unit that is assumed; empty: none."""
+        return "" if self._start is None else self._start.assumed_unit
+
+    def feed(self, rows: Floats, places: Sequence[int]) -> list[SampleBlock]:
+        """Return the samples that some rows complete; the last rows may wait for the next ones.
 
         Parameters
         ----------
+        rows : (n, k) with `columns`; not finite is missing. May be changed.
         places : (n,) number of each row in its file, for messages; 0: the row has been reported.
 
         Raises
@@ -91,44 +114,27 @@ class Table(Recording):
         RecordingError : the numbers cannot have their unit, or the rows are in no order. RateRequired : there is no
             time and no rate.
         """
-        return self._noted(self._used_blocks(rows, places))
+        return list(self._used_blocks(rows, places))
 
-    def _finish(self) -> list[SampleBlock]:
-        """Return the rows that still wait, at the end of the table; raise a `RecordingError` as `_blocks`."""
-        return self._noted(self._last_blocks())
-
-    def _noted(self, blocks: Iterator[SampleBlock]) -> list[SampleBlock]:
-        """Return some blocks, and set what their rows show of the recording."""
-        found = list(blocks)
-        self.remarks = [*self._line_remarks(), *self._row_remarks()]
-        if self._start is not None:
-            self.assumed_unit = self._start.assumed_unit
-            self.started = None if self._start.times is None else self._start.times.started
-        return found
-
-    def _line_remarks(self) -> Sequence[str]:
-        """Return remarks on lines that are no rows."""
-        return ()
+    def finish(self) -> list[SampleBlock]:
+        """Return the samples that still wait, at the end of the table; raise a `RecordingError` as `feed`."""
+        return list(self._last_blocks())
 
     @property
     def _layout(self) -> ColumnLayout:
         return self._first.layout
 
-    def _row_remarks(self) -> list[str]:
-        """Return remarks on columns and rows that are not used, and on assumptions about units and stamps."""
+    @property
+    def remarks(self) -> list[str]:
+        """What is not used of columns and rows so far, and what is assumed about units and stamps."""
         remarks = list(self._first.remarks)
-        if self._incomplete:
-            rows = _rows(self._incomplete, "lacks a number and counts", "lack a number and count")
-            remarks.append(f"{rows} as lost; first {self._first_incomplete}")
-        for sensor, count in self._own_rows.fillers.items():
-            remarks.append(
-                f"{_rows(count, 'has', 'have')} the same number on all axes of {sensor}: no samples of it"
-            )
-        if others := self._own_rows.others:
-            sensors = " or ".join(
-                dict.fromkeys(sensor_of(c) for c in self._layout.channels if sensor_of(c) in INERTIAL)
-            )
-            remarks.append(f"{others:,} rows have no number of {sensors}: they are no samples of it")
+        if self._beyond:
+            numbers = "one number is" if self._beyond == 1 else f"{self._beyond:,} numbers are"
+            remarks.append(f"{numbers} above {LARGEST:.0e} and of no sensor: the file may be damaged")
+        if self._lacking:
+            rows = _rows(self._lacking, "lacks a number and counts", "lack a number and count")
+            remarks.append(f"{rows} as lost; first {self._first_lacking}")
+        remarks += self._sensor_remarks()
         if self._order is not None and self._order.moved:
             rows = _rows(self._order.moved, "is", "are")
             remarks.append(f"{rows} not in the order of {self._layout.times[0].name}: sorted by it")
@@ -136,27 +142,45 @@ class Table(Recording):
             remarks.append(
                 f"{_rows(self._copies, 'repeats', 'repeat')} the row before with its stamp: each sample counts once"
             )
+        if self._held:
+            sensors = " and ".join(
+                dict.fromkeys(sensor_of(self._layout.channels[k]) for k in self._first.repeated)
+            )
+            rows = _rows(self._held, "repeats", "repeat")
+            remarks.append(f"{rows} the values of {sensors} of the row before: they are no samples of it")
+        return [*remarks, *self._clock_remarks()]
+
+    def _sensor_remarks(self) -> Iterator[str]:
+        """Yield a remark on the rows that are no samples of a sensor."""
+        for sensor, count in self._sensor_rows.fillers.items():
+            yield f"{_rows(count, 'has', 'have')} the same number on all axes of {sensor}: no samples of it"
+        if others := self._sensor_rows.others:
+            sensors = " or ".join(
+                dict.fromkeys(sensor_of(c) for c in self._layout.channels if sensor_of(c) in INERTIAL)
+            )
+            yield f"{others:,} rows have no number of {sensors}: they are no samples of it"
+
+    def _clock_remarks(self) -> Iterator[str]:
+        """Yield a remark on the steps back of the time, as the table has it and as the samples are placed."""
         if self._back:
             times = "once" if self._back == 1 else f"{self._back:,} times"
-            remarks.append(f"the time in {self._layout.times[0].name} steps back {times}; {self._first_back}")
-        stamps = (
-            self._start.times.stamps if self._start is not None and self._start.times is not None else None
-        )
-        if isinstance(stamps, HostStamps) and stamps.back_s:
-            text = f"its clock steps back by {stamps.back_s:.6g} s"
-            remarks.append(f"{text}: a gap of unknown length, counted as none")
-        return remarks
+            yield f"the time in {self._layout.times[0].name} steps back {times}; {self._first_back}"
+        used = self._start.times if self._start is not None else None
+        if used is not None and used.placer.back_s:
+            text = f"its clock steps back by {used.placer.back_s:.6g} s"
+            yield f"{text}: a gap of unknown length, counted as none"
 
     def _used_blocks(self, rows: Floats, places: Sequence[int]) -> Iterator[SampleBlock]:
         if len(rows):
-            self._own_rows.mark_fillers(rows)
-            rows, places = self._own_rows.select(rows, present(rows), places)
+            # before anything judges the rows: the rows of another sensor would look like losses
+            self._sensor_rows.mark_fillers(rows)
+            rows, places = self._sensor_rows.select(rows, present(rows), places)
         if not len(rows):
             return
         if self._used is None:
             self._used = self._first.choose_columns(rows)
             if self._layout.times:
-                self._order = RowOrder(self.path, self._layout.times[0].name)
+                self._order = RowOrder(self._source.name, self._layout.times[0].name)
         rows = rows[:, self._used]
         if self._order is not None:
             rows, places = self._order.sort(rows, self._sort_times(rows), places)
@@ -166,24 +190,40 @@ class Table(Recording):
         """Yield blocks of some rows in order, with the columns that are used."""
         if not len(rows):
             return
+        rows = self._possible(rows)
         if self._start is None:
             self._start = self._first.start(rows)
         for k, held in self._first.held.items():
             held.fill(rows[:, k])
         if self._start.doubled:
             rows, places = self._without_copies(rows, places)
-        good = self._first.complete(rows)
-        kept = np.flatnonzero(good)
+        if self._first.repeated:
+            rows, places = self._without_held(rows, places)
+        complete = self._first.complete(rows)
+        kept = np.flatnonzero(complete)
         if len(kept) < len(rows):
-            self._note_incomplete(rows, np.flatnonzero(~good), places)
+            self._note_lacking(rows, np.flatnonzero(~complete), places)
             places = [places[k] for k in kept.tolist()]
+        # lost rows belong to the sample after them, which may be in a later block
         lost = np.diff(kept, prepend=-1 - self._lost_before) - 1
-        bad = len(rows) - len(kept)
-        self.bad_checksums += bad
-        self._lost_before += bad - int(lost.sum())
+        incomplete = len(rows) - len(kept)
+        self.incomplete += incomplete
+        self._lost_before += incomplete - int(lost.sum())
         if not len(kept):
             return
         yield from self._timed_blocks(self._start, rows[kept], lost, places)
+
+    def _possible(self, rows: Floats) -> Floats:
+        """Return the rows without numbers that no sensor has; they count as missing, and are noted."""
+        factors = [column.factor for column in self._layout.columns]
+        with np.errstate(over="ignore"):
+            beyond = np.abs(rows[:, : len(factors)] * factors) > LARGEST
+        if not beyond.any():
+            return rows
+        self._beyond += int(beyond.sum())
+        possible = rows.copy()
+        possible[:, : len(factors)][beyond] = np.nan
+        return possible
 
     def _timed_blocks(
         self, start: TableStart, rows: Floats, lost: Ints, places: Sequence[int]
@@ -195,7 +235,8 @@ class Table(Recording):
             return
         width = len(self._layout.columns)
         times = used.nanoseconds(rows[:, width : width + len(self._layout.times)])
-        if not isinstance(used.stamps, HostStamps):
+        # the clock of a host may be set back, which says nothing of the sensor
+        if start.stream.clock != "none":
             self._note_back(times, places)
         yield from self._placed(start.stream, used, values, times, lost)
 
@@ -204,7 +245,7 @@ class Table(Recording):
         columns = self._layout.columns
         factors, zeros = [column.factor for column in columns], [column.zero for column in columns]
         values: Floats = rows[:, : len(columns)] * factors - zeros
-        return self._over_interval(stream, values, rows) if self._layout.kind == "deltas" else values
+        return self._over_interval(stream, values, rows) if self._layout.has_increments else values
 
     def _without_copies(self, rows: Floats, places: Sequence[int]) -> tuple[Floats, Sequence[int]]:
         """Return the rows that differ from the row before."""
@@ -215,30 +256,45 @@ class Table(Recording):
         self._copies += int(same.sum())
         return rows[~same], [place for place, copy in zip(places, same.tolist(), strict=True) if not copy]
 
-    def _note_incomplete(self, rows: Floats, bad: Ints, places: Sequence[int]) -> None:
-        """Count rows that lack a number and note where the first is."""
-        new = [k for k in bad.tolist() if places[k]]
-        if new and not self._incomplete:
-            there, columns = present(rows[new[0]]), self._first.columns
-            missing = [columns[k].name for k in self._first.needed if not there[k]]
-            self._first_incomplete = f"{self._row} {places[new[0]]}: {', '.join(missing)}"
-        self._incomplete += len(new)
+    def _without_held(self, rows: Floats, places: Sequence[int]) -> tuple[Floats, Sequence[int]]:
+        """Return the rows in which a sensor has a sample of its own, and not that of the row before."""
+        if not len(rows):
+            return rows, places
+        values = rows[:, self._first.repeated]
+        before = np.full((1, values.shape[1]), np.inf) if self._last_values is None else self._last_values
+        held = copies(np.concatenate([before, values])) & np.isfinite(values).all(axis=1)
+        self._last_values = values[-1:]
+        self._held += int(held.sum())
+        return rows[~held], [
+            place for place, is_held in zip(places, held.tolist(), strict=True) if not is_held
+        ]
+
+    def _note_lacking(self, rows: Floats, incomplete: Ints, places: Sequence[int]) -> None:
+        """Count rows that lack a number and note where the first is; not those that the reader has reported."""
+        unreported = [k for k in incomplete.tolist() if places[k]]
+        if unreported and not self._lacking:
+            k = unreported[0]
+            there, columns = present(rows[k]), self._first.columns
+            missing = [columns[i].name for i in self._first.needed if not there[i]]
+            self._first_lacking = f"{self._source.row} {places[k]}: {', '.join(missing)}"
+        self._lacking += len(unreported)
 
     def _note_back(self, times: Ints, places: Sequence[int]) -> None:
         """Count the steps back of a sample clock on which two stamps on either side agree; note the first."""
+        # two: a single wrong stamp, forward or back, is no step of the clock
         recent = np.concatenate([times[[0, 0]] if self._last is None else self._last, times])
         now = recent[2:]
         back = np.maximum(now, np.append(now[1:], now[-1])) < np.minimum(recent[1:-1], recent[:-2])
         if back.any() and not self._back:
-            at = int(np.argmax(back))
-            by_s = (recent[at + 1] - now[at]) * 1e-9
-            where = f"{self._row} {places[at]}"
+            first = int(np.argmax(back))
+            by_s = (recent[first + 1] - now[first]) * 1e-9
+            where = f"{self._source.row} {places[first]}"
             self._first_back = f"first by {by_s:.6g} s at {where}: a gap of unknown length"
         self._back += int(back.sum())
         self._last = recent[-2:]
 
     def _last_blocks(self) -> Iterator[SampleBlock]:
-        self._own_rows.check()
+        self._sensor_rows.check()
         if self._order is not None:
             no_rows = np.empty((0, len(self._used or ())))
             yield from self._sorted_blocks(*self._order.sort(no_rows, np.empty(0), (), final=True))
@@ -261,22 +317,20 @@ class Table(Recording):
     ) -> Iterator[SampleBlock]:
         """Yield the oldest rows that wait: with their times on the grid, or with what a host shows to be lost."""
         values = values if self._waiting is None else np.concatenate([self._waiting, values])
-        waiting = np.concatenate([self._waiting_lost, lost])
-        found: Ints | None = None
-        if isinstance(used.stamps, HostStamps):
-            known = used.stamps.place(times.astype(np.float64), final=final)
-        else:
-            assert used.stamps is not None
-            found = used.stamps.place(times, lost, final=final)
-            known = waiting[: len(found)]
-        ready = len(known)
-        self._waiting, self._waiting_lost = values[ready:], waiting[ready:]
+        if stream.clock == "none":
+            # rows without a number may be no samples: the stamps of a host show what is missing
+            lost = np.zeros_like(lost)
+        placed = used.placer.place(times, lost, final=final)
+        ready = len(placed)
+        self._waiting = values[ready:]
         if ready:
-            yield SampleBlock(stream, values[:ready], found, known)
+            times_ns = None if stream.clock == "none" else placed.times
+            yield SampleBlock(stream, values[:ready], times_ns, placed.steps - 1)
 
     def _sort_times(self, rows: Floats) -> Floats:
         """Return (n,) times by which rows are sorted, in any unit."""
         width = len(self._layout.columns)
+        # of seconds and nanoseconds the sum, ns: rounded to 256 ns, which is no matter for an order
         return rows[:, width] if len(self._layout.times) == 1 else rows[:, width : width + 2] @ (1e9, 1.0)
 
     def _over_interval(self, stream: Stream, values: Floats, rows: Floats) -> Floats:
@@ -284,10 +338,9 @@ class Table(Recording):
 
         Averages that are rates and accelerations remain as they are.
         """
-        found = self._layout
-        own = found.interval
-        interval: Any = stream.interval_s if own is None else rows[:, -1:] * own.factor
-        increments = [k for k, column in enumerate(found.columns) if column.quantity in ("angle", "velocity")]
+        column = self._layout.interval
+        interval: Any = stream.interval_s if column is None else rows[:, -1:] * column.factor
+        increments = [k for k, c in enumerate(self._layout.columns) if c.quantity in ("angle", "velocity")]
         if increments:
             values[:, increments] /= interval
         return values
@@ -297,3 +350,39 @@ class Table(Recording):
         if stream.clock != "dt" or self._layout.interval is None:
             return None
         return np.rint(rows[:, -1] * self._layout.interval.factor * 1e9).astype(np.int64)
+
+
+class Table(Recording):
+    """Recording that is a table: its reader calls `_begin`, then `_blocks` for its rows and `_finish`.
+
+    Attributes
+    ----------
+    path : for messages.
+    """
+
+    path: str
+
+    def _begin(self, source: RowSource, table_layout: ColumnLayout, options: ReadOptions) -> list[int]:
+        """Prepare to read rows of some columns; return the indices of their columns in the table."""
+        stated = with_meaning(table_layout, options.units, options.samples)
+        self._rows = RowDecoder(source, stated, options.rate_hz)
+        return self._rows.columns
+
+    def _blocks(self, rows: Floats, places: Sequence[int]) -> list[SampleBlock]:
+        """Return the samples of some rows, as `RowDecoder.feed`."""
+        return self._noted(self._rows.feed(rows, places))
+
+    def _finish(self) -> list[SampleBlock]:
+        """Return the samples that still wait, as `RowDecoder.finish`."""
+        return self._noted(self._rows.finish())
+
+    def _noted(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
+        """Return some blocks, after what their rows show is set on the recording."""
+        self.bad_checksums = self._rows.incomplete
+        self.remarks = [*self._line_remarks(), *self._rows.remarks]
+        self.assumed_unit, self.started = self._rows.assumed_unit, self._rows.started
+        return blocks
+
+    def _line_remarks(self) -> Sequence[str]:
+        """Return remarks on lines that are no rows."""
+        return ()

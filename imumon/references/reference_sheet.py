@@ -19,8 +19,7 @@ from typing import Any
 from imumon.coefficients import COEFFICIENTS, MG
 from imumon.errors import ImumonError, why
 from imumon.files import SMALL_BYTES, open_regular
-from imumon.report import plain
-from imumon.report_json import check
+from imumon.report_json import check, plain
 from imumon.samples import AXES, sensor_of
 from imumon.units import DEG, FLICKER, HOUR
 
@@ -103,9 +102,9 @@ def read_sheet(path: Path | str) -> ReferenceSheet:
     ------
     SheetError : it cannot be read, or is no reference sheet.
     """
-    found = published().get(str(path).lower()) if not Path(path).exists() else None
-    if found is not None:
-        return found
+    sheet = published().get(str(path).lower()) if not Path(path).exists() else None
+    if sheet is not None:
+        return sheet
     try:
         with open(open_regular(path, follow=True), "rb") as file:
             data = file.read(SMALL_BYTES + 1)
@@ -128,6 +127,7 @@ def sheet_of_model(model: str | None) -> ReferenceSheet | None:
 
 
 def _parsed(data: bytes, path: str) -> ReferenceSheet:
+    """Return the sheet in the bytes of a file; raise `SheetError` if it is none."""
     cure = "docs/REPORTS.md shows the format"
     try:
         if len(data) > SMALL_BYTES:
@@ -139,6 +139,7 @@ def _parsed(data: bytes, path: str) -> ReferenceSheet:
 
 
 def _sheet(fields: Mapping[str, Any]) -> ReferenceSheet:
+    """Return the sheet of the fields of a file; raise `ValueError` if they are not those of one."""
     known = {"title", "document", "edition", "source", "note", "models", "limit"}
     unknown = set(fields) - known
     check(not unknown, f"unknown field {_listed(unknown)}")
@@ -166,21 +167,22 @@ def _text(fields: Mapping[str, Any], name: str, *, required: bool = False) -> st
 
 
 def _limit(fields: Any, number: int) -> Limit:
-    at = f"limit {number}"
-    check(isinstance(fields, dict), f"{at} is not a table")
+    """Return the limit of a table; `number` counts from 1, for the message of an error."""
+    where = f"limit {number}"
+    check(isinstance(fields, dict), f"{where} is not a table")
     unknown = set(fields) - {"channels", "quantity", "at_most", "unit", "basis", "sampled_hz"}
-    check(not unknown, f"{at}: unknown field {_listed(unknown)}")
+    check(not unknown, f"{where}: unknown field {_listed(unknown)}")
     channels, quantity, basis = fields["channels"], fields["quantity"], fields.get("basis", "maximum")
-    check(isinstance(channels, list) and bool(channels), f"{at}: channels is not a list")
-    names = [name for each in channels for name in _channels(each, at)]
-    check(quantity in QUANTITIES, f"{at}: quantity is not one of {', '.join(QUANTITIES)}")
+    check(isinstance(channels, list) and bool(channels), f"{where}: channels is not a list")
+    names = [name for entry in channels for name in _channels(entry, where)]
+    check(quantity in QUANTITIES, f"{where}: quantity is not one of {', '.join(QUANTITIES)}")
     value, sampled = fields["at_most"], fields.get("sampled_hz")
-    check(_is_positive(value), f"{at}: at_most is not a positive number")
-    check(sampled is None or _is_positive(sampled), f"{at}: sampled_hz is not a rate")
-    check(basis in BASES, f"{at}: basis is not one of {', '.join(BASES)}")
+    check(_is_positive(value), f"{where}: at_most is not a positive number")
+    check(sampled is None or _is_positive(sampled), f"{where}: sampled_hz is not a rate")
+    check(basis in BASES, f"{where}: basis is not one of {', '.join(BASES)}")
     for sensor in {sensor_of(name) for name in names}:
         units = UNITS[sensor, QUANTITIES[quantity][0]]
-        text = f"{at}: unit of {quantity} of {sensor} is not one of {', '.join(units)}"
+        text = f"{where}: unit of {quantity} of {sensor} is not one of {', '.join(units)}"
         check(fields["unit"] in units, text)
     return Limit(
         channels=tuple(dict.fromkeys(names)),
@@ -200,9 +202,9 @@ def _is_positive(value: Any) -> bool:
     return type(value) in (int, float) and 0.0 < value < 1e12
 
 
-def _channels(name: Any, at: str) -> list[str]:
+def _channels(name: Any, where: str) -> list[str]:
     """Return the channels of a name: all axes of a sensor, or one."""
     sensor, slash, axis = name.partition("/") if isinstance(name, str) else ("", "", "")
     if sensor not in SENSORS or (slash and axis not in AXES):
-        raise ValueError(f"{at}: {name!r} is no channel; write gyro, accel, mag, or gyro/x")
-    return [name] if slash else [f"{sensor}/{each}" for each in AXES]
+        raise ValueError(f"{where}: {name!r} is no channel; write gyro, accel, mag, or gyro/x")
+    return [name] if slash else [f"{sensor}/{axis}" for axis in AXES]

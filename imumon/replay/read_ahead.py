@@ -49,10 +49,10 @@ def read_ahead(recording: Recording) -> Generator[tuple[Items, float | None], No
     thread = Thread(target=read, name="reading", daemon=True)  # a daemon: a pipe must not keep the program
     thread.start()
     try:
-        while (found := blocks.get()) is not None:
-            if isinstance(found, BaseException):
-                raise found
-            yield found
+        while (received := blocks.get()) is not None:
+            if isinstance(received, BaseException):
+                raise received
+            yield received
     finally:
         abandoned = True
         with suppress(Empty):  # so that a thread that waits for a place continues, and ends

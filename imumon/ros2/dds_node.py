@@ -42,7 +42,7 @@ def _import_dds() -> None:
         import cyclonedds.domain  # noqa: F401
     except ImportError as error:
         text = f"rmw=dds needs Cyclone DDS, which cannot be imported ({error})"
-        raise RosError("dds_not_installed", text, "pip install 'imumon[dds]'") from None
+        raise RosError("dds_not_installed", text, "pip install '.[dds]'") from None
 
 
 @cache
@@ -57,16 +57,16 @@ def _dds_class(type_name: str, *, raw: bool) -> Any:
 
     _, fields = type_store().fielddefs[type_name]
     kinds = {name: _dds_type(*described) for name, described in fields}
-    made: Any = make_idl_struct(dds_name(type_name).rpartition("::")[2], dds_name(type_name), kinds)
+    dds_class: Any = make_idl_struct(dds_name(type_name).rpartition("::")[2], dds_name(type_name), kinds)
     if raw:
-        made.deserialize = staticmethod(lambda data, *_, **__: _with_payload(made, bytes(data)))
-        made.serialize = lambda self, *_, **__: self.payload
-    return made
+        dds_class.deserialize = staticmethod(lambda data, *_, **__: _with_payload(dds_class, bytes(data)))
+        dds_class.serialize = lambda self, *_, **__: self.payload
+    return dds_class
 
 
-def _with_payload(made: Any, payload: bytes) -> Any:
+def _with_payload(dds_class: Any, payload: bytes) -> Any:
     """Return a message of a raw class."""
-    message = made.__new__(made)
+    message = dds_class.__new__(dds_class)
     message.payload = payload
     return message
 
@@ -98,13 +98,13 @@ class DdsSubscription(Subscription):
         self._reader = DataReader(node.participant, node.topic(topic, type_name), qos)
 
     def take(self) -> list[Received]:
-        found = []
+        received = []
         for sample in self._reader.take(QUEUE_MESSAGES):
             info = sample.sample_info
             if info.valid_data:
                 publisher = int(info.publication_handle).to_bytes(8, "little", signed=False)
-                found.append(Received(sample.payload, None, info.source_timestamp, publisher))
-        return found
+                received.append(Received(sample.payload, None, info.source_timestamp, publisher))
+        return received
 
     def messages(self) -> Iterator[Received]:
         from cyclonedds.core import ReadCondition, SampleState, WaitSet
@@ -167,16 +167,20 @@ class DdsNode(RosNode):
     def publishers(self) -> set[TopicPublisher]:
         from cyclonedds.core import InstanceState
 
-        found = set()
-        for each in self._graph.read(MOST_ENTITIES):
-            info = each.sample_info
+        publishers = set()
+        for endpoint in self._graph.read(MOST_ENTITIES):
+            info = endpoint.sample_info
             alive = info.valid_data and info.instance_state == InstanceState.Alive
-            other = alive and each.participant_key != self.participant.guid
-            if other and each.topic_name.startswith(PREFIX) and is_plain(each.topic_name, each.type_name):
-                topic = each.topic_name.removeprefix(PREFIX[:-1])
-                node = f"participant {str(each.participant_key)[:8]}"
-                found.add(TopicPublisher(topic, ros_name(each.type_name), node, ""))
-        return found
+            other = alive and endpoint.participant_key != self.participant.guid
+            if (
+                other
+                and endpoint.topic_name.startswith(PREFIX)
+                and is_plain(endpoint.topic_name, endpoint.type_name)
+            ):
+                topic = endpoint.topic_name.removeprefix(PREFIX[:-1])
+                node = f"participant {str(endpoint.participant_key)[:8]}"
+                publishers.add(TopicPublisher(topic, ros_name(endpoint.type_name), node, ""))
+        return publishers
 
     def topic(self, topic: str, type_name: str) -> Any:
         """Return the DDS topic; one object for all its readers and writers."""

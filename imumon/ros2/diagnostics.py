@@ -11,8 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from enum import IntEnum
 
 from imumon.alarms import exceeded
+from imumon.coefficients import Estimate
 from imumon.messages import grade_text, line
-from imumon.report import Channel, Estimate, Report, SensorGrade
+from imumon.report import Channel, Report, SensorGrade
 from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, encode, header, message
 from imumon.samples import AXES, sensor_of
 from imumon.units import figures
@@ -28,7 +29,7 @@ class DiagnosticLevel(IntEnum):
 
 
 DIAGNOSTICS = "/diagnostics"
-WARNINGS = ("changed", "stuck", "constant", "not_at_rest", "saturated", "disturbed", "truncated")
+WARNINGS = ("changed", "stuck", "constant", "clipped", "not_at_rest", "saturated", "disturbed", "truncated")
 """Caveats that make a warning."""
 STATES: Mapping[str, tuple[int, str]] = {
     "starting": (DiagnosticLevel.STALE, "no sample yet"),
@@ -94,10 +95,10 @@ def _stream(report: Report) -> tuple[str, int, str, list[tuple[str, str]]]:
 def _sensors(report: Report) -> Iterator[tuple[str, int, str, list[tuple[str, str]]]]:
     """Yield name, level, message and values of the status of each sensor."""
     for sensor, grade in report.grade.items():
-        axes = {name: each for name, each in report.channels.items() if sensor_of(name) == sensor}
+        axes = {name: channel for name, channel in report.channels.items() if sensor_of(name) == sensor}
         if not axes:
             continue
-        caveats = list(dict.fromkeys(c for each in axes.values() for c in each.caveats))
+        caveats = list(dict.fromkeys(caveat for channel in axes.values() for caveat in channel.caveats))
         warnings = [line(caveat) for caveat in WARNINGS if caveat in caveats]
         level = DiagnosticLevel.WARN if warnings else STATES[report.state][0]
         message = "; ".join(warnings) or grade.nearest or grade.reason or "no grade yet"
@@ -122,7 +123,7 @@ def _axes(axes: Mapping[str, Channel]) -> Iterator[tuple[str, str]]:
     """Yield the coefficients and the drift of each axis."""
     for name, channel in axes.items():
         axis = name.rpartition("/")[2]
-        for letter, coefficient in channel.coefficients.items():
+        for letter, coefficient in channel.estimates.items():
             yield f"{letter} {axis}", _coefficient(coefficient)
         drift = channel.drift
         if drift is not None and drift.per_hour is not None:
@@ -148,11 +149,11 @@ def sample_variances(report: Report, sensor: str) -> Sequence[float] | None:
     annex C). A bound is no measurement.
     """
     rate = report.device.sample_rate_hz
-    found: list[float] = []
+    variances: list[float] = []
     for axis in AXES:
         channel = report.channels.get(f"{sensor}/{axis}")
-        n = None if channel is None else channel.coefficients.get("N")
+        n = None if channel is None else channel.estimates.get("N")
         if rate is None or n is None or n.status != "measured" or n.value is None:
             return None
-        found.append(n.value**2 * rate)
-    return found
+        variances.append(n.value**2 * rate)
+    return variances

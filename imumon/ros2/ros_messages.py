@@ -81,14 +81,14 @@ def header(stamp_ns: int) -> Any:
     return message("std_msgs/msg/Header", stamp=stamp, frame_id="")
 
 
-def stamp_ns(made: Any) -> int:
+def stamp_ns(message: Any) -> int:
     """Return the stamp of a message with a header, ns since the Unix epoch."""
-    return int(made.header.stamp.sec * 1_000_000_000 + made.header.stamp.nanosec)
+    return int(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
 
 
-def encode(made: Any) -> bytes:
+def encode(message: Any) -> bytes:
     """Return a message as CDR, little endian."""
-    return bytes(type_store().serialize_cdr(made, made.__msgtype__, little_endian=True))
+    return bytes(type_store().serialize_cdr(message, message.__msgtype__, little_endian=True))
 
 
 def decode(type_name: str, payload: bytes) -> Any:
@@ -120,12 +120,12 @@ def imu_message(payload: bytes) -> ImuMessage:
     ------
     CdrError : the payload is no Imu.
     """
-    made = decode(IMU, payload)
-    gyro, accel = made.angular_velocity, made.linear_acceleration
+    imu = decode(IMU, payload)
+    gyro, accel = imu.angular_velocity, imu.linear_acceleration
     return ImuMessage(
-        stamp_ns(made),
-        None if made.angular_velocity_covariance[0] == NO_ESTIMATE else (gyro.x, gyro.y, gyro.z),
-        None if made.linear_acceleration_covariance[0] == NO_ESTIMATE else (accel.x, accel.y, accel.z),
+        stamp_ns(imu),
+        None if imu.angular_velocity_covariance[0] == NO_ESTIMATE else (gyro.x, gyro.y, gyro.z),
+        None if imu.linear_acceleration_covariance[0] == NO_ESTIMATE else (accel.x, accel.y, accel.z),
     )
 
 
@@ -143,8 +143,8 @@ def with_imu_covariances(
     ------
     CdrError : the payload is no Imu.
     """
-    made = decode(IMU, payload)
+    imu = decode(IMU, payload)
     for name, variances in (("angular_velocity_covariance", gyro), ("linear_acceleration_covariance", accel)):
-        if variances is not None and getattr(made, name)[0] != NO_ESTIMATE:
-            setattr(made, name, np.diag(np.asarray(variances, np.float64)).ravel())
-    return encode(made)
+        if variances is not None and getattr(imu, name)[0] != NO_ESTIMATE:
+            setattr(imu, name, np.diag(np.asarray(variances, np.float64)).ravel())
+    return encode(imu)

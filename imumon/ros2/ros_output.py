@@ -84,11 +84,11 @@ class RosOutput:
 
     def problems(self) -> list[str]:
         """Return what went wrong since the last call, one line each."""
-        found = []
+        texts = []
         with suppress(queue.Empty):
             while True:
-                found.append(self._problems.get_nowait())
-        return found
+                texts.append(self._problems.get_nowait())
+        return texts
 
     def close(self) -> None:
         """Publish the last report and leave the system."""

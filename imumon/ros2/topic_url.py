@@ -125,7 +125,7 @@ def open_node(url: TopicUrl, name: str = NODE_NAME) -> RosNode:
 
 def topics_text(publishers: Iterable[TopicPublisher]) -> str | None:
     """Return the topics of an IMU that are published, for a message; None: there are none."""
-    topics = sorted({each.topic for each in publishers if each.type == IMU})
+    topics = sorted({publisher.topic for publisher in publishers if publisher.type == IMU})
     more = f" and {len(topics) - SHOWN_TOPICS} more" if len(topics) > SHOWN_TOPICS else ""
     return ", ".join(topics[:SHOWN_TOPICS]) + more if topics else None
 
@@ -133,7 +133,7 @@ def topics_text(publishers: Iterable[TopicPublisher]) -> str | None:
 def absent_topic(url: TopicUrl, publishers: set[TopicPublisher]) -> RosError:
     """Return the error of a topic without a publisher: what there is instead, and what may be wrong."""
     others = topics_text(publishers)
-    types = sorted({each.type for each in publishers if each.topic == url.topic} - {IMU})
+    types = sorted({publisher.type for publisher in publishers if publisher.topic == url.topic} - {IMU})
     if types:
         text = f"{url.topic} is a topic of {types[0]}, not of {IMU}"
         cure = f"use one of {others}" if others else "start a driver that publishes an IMU"
@@ -144,7 +144,7 @@ def absent_topic(url: TopicUrl, publishers: set[TopicPublisher]) -> RosError:
             "ros2_topic_missing", f"{what} in {url.where}; IMU topics: {others}", "name one of them"
         )
     if publishers:
-        topics = len({each.topic for each in publishers})
+        topics = len({publisher.topic for publisher in publishers})
         text = f"{what} in {url.where}: {topics} topic{'s' * (topics > 1)}, none of them of {IMU}"
         return RosError("ros2_topic_missing", text, "start the driver of the IMU")
     text = f"no ROS 2 publisher is visible in {url.where}"

@@ -21,6 +21,7 @@ from typing import Any
 import zenoh
 from zenoh.handlers import FifoChannel
 
+from imumon import reserve
 from imumon.ros2.node import (
     MOST_ENTITIES,
     NODE_NAME,
@@ -67,11 +68,11 @@ class ZenohSubscription(Subscription):
         self._token = token
 
     def take(self) -> list[Received]:
-        found: list[Received] = []
+        received: list[Received] = []
         with suppress(zenoh.ZError):  # the session is closed
-            while len(found) < QUEUE_MESSAGES and (sample := self._subscriber.try_recv()) is not None:
-                found.append(_received(sample))
-        return found
+            while len(received) < QUEUE_MESSAGES and (sample := self._subscriber.try_recv()) is not None:
+                received.append(_received(sample))
+        return received
 
     def messages(self) -> Iterator[Received]:
         with suppress(zenoh.ZError):
@@ -139,6 +140,8 @@ class ZenohNode(RosNode):
             text, cure = f"no Zenoh router at {router}", "start it with: ros2 run rmw_zenoh_cpp rmw_zenohd"
             cure += "; if it runs elsewhere, add router=tcp/HOST:7447; most systems run DDS: add rmw=dds"
             raise RosError("ros2_no_router", text, cure) from None
+        finally:
+            reserve.keep_again()  # Zenoh lifts the limit of descriptors
         self._zid = str(self.session.zid())
         liveliness = self.session.liveliness()
         self._node_token = liveliness.declare_token(node_token(domain, self._zid, name))
@@ -165,9 +168,9 @@ class ZenohNode(RosNode):
         self._update()
         with self._lock:
             return {
-                TopicPublisher(each.topic, each.type, each.node, each.hash)
-                for each in self._tokens.values()
-                if each.kind == "MP"
+                TopicPublisher(entity.topic, entity.type, entity.node, entity.hash)
+                for entity in self._tokens.values()
+                if entity.kind == "MP"
             }
 
     def hash_of(self, type_name: str) -> str:
@@ -186,7 +189,7 @@ class ZenohNode(RosNode):
                 else:
                     self._note(key)
             if changed:
-                self._humble = any(each.hash == NO_HASH for each in self._tokens.values())
+                self._humble = any(entity.hash == NO_HASH for entity in self._tokens.values())
 
     def _note(self, key: str) -> None:
         entity = parse_token(key)

@@ -1,10 +1,21 @@
-"""Sampling interval: its estimate from the steps between time stamps.
+"""Sampling interval: its estimate from the steps between time stamps, and changes of it.
 
-A mean over single steps is biased when the stamps are jittered: a step that jitter makes long looks like a
-lost sample and is left out. So every sample gets an index first, by the steps that can be counted, and the
-interval is the slope of the line through the stamps over the index. Where a step cannot be counted, a new
-line with the same slope begins. A step near half an interval is decided by the mean deviation of the samples
-before from the grid (`phase`), so one late stamp adds no sample.
+The package has the model. The steps s(i) - s(i - 1) hold the interval T, but jitter, gaps and duplicates too:
+
+- A mean over single steps is biased: a step that jitter makes long looks like a lost sample and is left out. So every
+  sample gets an index first, by the steps that can be counted, and T is the slope of the line through the stamps over
+  the index (`regression_interval`).
+- A step of n intervals can be counted if n times the relative error of T is far below one interval. Where it cannot, a
+  new line with the same slope begins. Each pass makes T more precise, so that longer steps can be counted.
+- A step near half an interval is decided by the mean deviation of the samples before from the grid (`phase`).
+- The clock of a device may have a tick of which T is a multiple; the multiple is then exact (`common_multiple`).
+- A rate within its own standard error of a whole number of hertz is that number (`round_to_hertz`).
+
+Example: steps of a clock at 1 Hz with jitter, of which one is a gap of six lost samples.
+
+>>> interval, error = regression_interval(np.array([0.9, 1.1, 1.0, 7.0, 1.0]), guess=1.04)
+>>> abs(interval - 1.0) < 0.01, error < 0.05
+(True, True)
 """
 
 from __future__ import annotations
@@ -77,12 +88,14 @@ def estimate_interval(
     positive = steps[steps > 0.0]
     shortest = _shortest(positive)
     singles = positive[positive < (1.0 + SINGLE_EXCESS) * shortest]
+    # steps that are whole nominal intervals start the count there, even if every other sample is lost
     guess = nominal_s if nominal_s is not None and are_steady(positive / nominal_s) else None
     if tick_s is not None and (multiple := guess or common_multiple(singles, tick_s)):
         return multiple
     interval, error = regression_interval(steps, guess or float(np.mean(singles)))
     if error > RATE_PRECISION and not last:
         return None
+    # however wide the error, another output rate of the device must not pass for the nominal one
     tolerance = min(max(SIGNIFICANT * error, RATE_PRECISION), RATE_TOLERANCE)
     if nominal_s is not None and abs(interval / nominal_s - 1.0) <= tolerance:
         return nominal_s
@@ -91,6 +104,7 @@ def estimate_interval(
 
 def is_nominal(steps: Floats, nominal_s: float, tick_s: float | None) -> bool:
     """Return whether all of (n,) steps, s, are the nominal interval, as far as the tick of the clock shows."""
+    # with a tick, the interval is one of few multiples, and a step near one is that one
     share = RATE_PRECISION if tick_s is None else RATE_TOLERANCE
     return bool((np.abs(steps / nominal_s - 1.0) < share).all())
 
@@ -101,6 +115,7 @@ def counter_unit(steps: Floats, tick_s: float | None) -> float:
     >>> counter_unit(np.full(9, 20.0), 1 / 800), counter_unit(np.full(9, 5000.0), 1 / 800)
     (0.00125, 1e-06)
     """
+    # read as microseconds, its steps would be shorter than a tick, which the device cannot make
     if tick_s is not None and _shortest(steps[steps > 0.0]) * 1e-6 < (1.0 - WHOLE) * tick_s:
         return tick_s
     return 1e-6
@@ -118,26 +133,24 @@ def regression_interval(steps: Floats, guess: float) -> tuple[float, float]:
     ----------
     steps : (n,) s between consecutive time stamps, in order; jitter, gaps and duplicates may be among them.
     guess : s, within about `GUESS_ERROR`.
-
-    >>> interval, error = regression_interval(np.array([0.9, 1.1, 1.0, 7.0, 1.0]), 1.04)
-    >>> abs(interval - 1.0) < 0.01, error < 0.05
-    (True, True)
     """
     time = np.concatenate([[0.0], np.cumsum(steps)])
     interval, uncertain, error = guess, GUESS_ERROR, float("inf")
     for _ in range(PASSES):
         counts = _counts(time, interval, settled=error < GUESS_ERROR)
+        # a single step is counted however uncertain the interval is; the error of a long one grows with its length
         countable = (counts >= 1.0) & ((counts == 1.0) | (counts * uncertain < AMBIGUOUS))
-        line = np.concatenate([[0], np.cumsum(~countable)])
+        line = np.concatenate([[0], np.cumsum(~countable)])  # number of the line of each sample
         index = np.concatenate([[0.0], np.cumsum(np.where(countable, counts, 0.0))])
         x, y = _centred(index, line), _centred(time, line)
         spread = float(x @ x)
         if spread == 0.0:
-            break
+            break  # no step can be counted: the guess is all that is known
         interval = float(x @ y) / spread
-        freedom = len(time) - int(line[-1]) - 2
+        freedom = len(time) - int(line[-1]) - 2  # a mean of each line, and the slope
         if freedom > 0:
             error = float(np.sqrt(np.sum((y - interval * x) ** 2) / freedom / spread)) / interval
+            # four standard errors; not at once, because wrong counts may fit a wrong interval well
             uncertain = max(4.0 * error, uncertain / 4.0)
     return interval, error
 
@@ -219,10 +232,8 @@ class RateChange:
     """Finds where the rate of a stream changes: many equal steps in a row, none of them one interval."""
 
     def __init__(self) -> None:
-        self._count, self._last = (
-            0,
-            1.0,
-        )  # how many steps in a row were the same other one, and the last, intervals
+        self._count = 0  # steps in a row that were the same, and not one interval
+        self._last = 1.0  # intervals, the last of them
 
     def find(self, steps: Floats) -> int | None:
         """Return which of (n,) steps, intervals, is the last that shows a new rate; None: none."""
@@ -232,9 +243,12 @@ class RateChange:
             return None
         follows = np.concatenate(([self._count > 0], other[:-1]))
         same = other & follows & (np.abs(np.diff(steps, prepend=self._last)) < WHOLE)
-        runs = np.arange(1, len(same) + 1)
-        starts = np.maximum.accumulate(np.where(same, 0, runs))
-        lengths = np.where(starts > 0, runs - starts + other[np.maximum(starts - 1, 0)], self._count + runs)
+        # length of the run of equal steps that ends in each step: from where the run began, without a loop
+        places = np.arange(1, len(same) + 1)
+        starts = np.maximum.accumulate(np.where(same, 0, places))  # 0: the run began in an earlier block
+        lengths = np.where(
+            starts > 0, places - starts + other[np.maximum(starts - 1, 0)], self._count + places
+        )
         lengths = np.where(other, lengths, 0)
         reached = np.flatnonzero(lengths >= RATE_CHANGE_STEPS)
         if len(reached):

@@ -1,17 +1,14 @@
-"""Live stamps: times for samples that arrive with stamps of any quality.
+"""Live stamps: places for samples that arrive with stamps of any quality.
 
-A recording shows all its stamps at once (`timestamps`); here they come one after the other, and the rate may
-change. The first stamps show what they are:
+A recording shows all its stamps at once; here they come one after the other, and the rate may change. The first rows
+show what the stamps are (`stamp_kinds.decide`), and the placer of their kind places these rows and all later ones.
 
-- Stamps of a sample clock step by whole intervals. They are used as they are, but for single late ones
-  (`late_stamps`); `sample_clock` places them.
-- Stamps of a host are late or in batches. `HostStamps` finds the samples lost before each row, and the times are
-  those of an even grid that follows the stamps slowly.
-- Stamps that do not change, or show no possible rate, are missing: the time of publication is used instead, as stamps
-  of a host, and if that is no better, the time of arrival.
+Of a stream, there are up to three times of a row, the best first: the stamp that the sensor or its driver made, the
+time of publication, and the time of arrival. Stamps that do not change, or show no possible rate, are missing: the time
+of publication is used instead, as stamps of a host, and if that is no better, the time of arrival.
 
-Both checks are repeated: stamps that turn uneven, and a rate that changes, begin a new grid. This module reads no
-clock: times in, times out.
+The decision is checked again and again: stamps that turn uneven, and a rate that changes, begin a new grid. This module
+reads no clock: times in, times and steps out.
 """
 
 from __future__ import annotations
@@ -20,18 +17,17 @@ from enum import IntEnum
 
 import numpy as np
 
-from imumon.samples import FASTEST_HZ, SLOWEST_HZ, Floats, Ints
+from imumon.samples import Ints
 from imumon.timebase.interval import CLOCK_SLACK_S, RATE_TOLERANCE
-from imumon.timebase.late_stamps import LateStamps
-from imumon.timebase.timestamps import (
-    AHEAD_S,
+from imumon.timebase.stamp_kinds import (
+    CLOCK,
     FEW_STEPS,
     LONG_WINDOW,
-    HostStamps,
-    is_coarse,
-    rate_obstacle,
-    stamp_interval,
+    StampCandidate,
+    StampDecision,
+    decide,
 )
+from imumon.timebase.stamp_placement import NO_ROWS, PlacedRows, StampPlacer
 
 FIRST_ROWS = 128
 """Rows whose stamps are assessed first; the number doubles while they are uneven."""
@@ -40,22 +36,24 @@ DECIDE_S = 10.0
 """s of rows after which a decision is due."""
 
 LATEST_S = 60.0
-"""s after which it is made with however many rows."""
+"""s after which it is taken with however many rows."""
 
 CHECK_ROWS = 2048
 """Rows after which the decision is checked: 10 s at 200 Hz."""
 
-FOLLOW = 0.01
-"""Intervals per sample by which the grid may follow the stamps, so that no step gets ambiguous."""
+DOUBTS = 2
+"""Checks in a row that must contradict the decision: one alone may be that of a stall."""
 
 WRONG_STAMPS = 8
 """Stamps in a row that differ by `CLOCK_SLACK_S` from the time of arrival, after which the clock was set."""
 
-COARSE = "its time stamps are too coarse for its rate: only their mean rate is used"
-UNEVEN = "its time stamps are late or in batches, as those of a host: only their mean rate is used"
 ROUGH_LOSSES = ", and single missing samples cannot be detected"
-MISSING = "its header.stamp is not set: the time of publication is used"
-UNUSABLE = "neither header.stamp nor the time of publication is usable: the time of arrival is used"
+REPLACED = (
+    None,
+    "its header.stamp is not set: the time of publication is used",
+    "neither header.stamp nor the time of publication is usable: the time of arrival is used",
+)
+"""Remark by the time that is used, a `RowColumn`."""
 
 
 class RowColumn(IntEnum):
@@ -67,8 +65,12 @@ class RowColumn(IntEnum):
     LOST = 3
 
 
+TIMES = (RowColumn.STAMPS, RowColumn.PUBLISHED, RowColumn.ARRIVED)
+"""Candidates for the stamps, the best first."""
+
+
 class LiveStamps:
-    """Times of samples, from their stamps.
+    """Places of samples, from their stamps.
 
     Parameters
     ----------
@@ -82,29 +84,25 @@ class LiveStamps:
     def __init__(self, resolution: float = 0.0) -> None:
         self.remark: str | None = None
         self._resolution = resolution
-        self._steady: bool | None = None  # None: undecided
+        self._decision: StampDecision | None = None  # None: undecided
+        self._placer: StampPlacer | None = None  # of the decision
+        self._waiting = np.empty((0, len(RowColumn)), np.int64)  # not decided
+        self._next_rows = FIRST_ROWS  # with which the next decision is tried
         self._used = RowColumn.STAMPS  # column of the times that are used
-        self._waiting = np.empty((0, 4), np.int64)  # not decided
-        self._next_rows = FIRST_ROWS
-        self._recent = np.empty(0, np.int64)  # stamps since the last check
+        self._recent = np.empty(0, np.int64)  # these times since the last check
         self._doubts = 0  # checks in a row that contradict the decision
-        self._origin = 0  # ns; times below are relative to it
-        self._late: LateStamps | None = None  # of steady stamps
-        self._host: HostStamps | None = None
-        self._interval = 0.0  # ns, of host stamps
-        self._lost = 0  # messages known to be lost, which `HostStamps` does not count again
-        self._lost_before = np.empty(0, np.int64)  # the same, before each row that waits there
-        self._at: float | None = None  # ns, the last time that was returned
-        self._last: tuple[int, int] | None = None  # stamp and arrival of the last good row
-        self._wrong = 0  # stamps in a row that are far off
+        self._last: tuple[int, int] | None = None  # time and arrival of the last good row
+        self._wrong = 0  # times in a row that are far off
 
     @property
     def decided(self) -> bool:
         """Whether it is known what the stamps are."""
-        return self._steady is not None
+        return self._decision is not None
 
-    def place(self, stamps: Ints, published: Ints, arrived: Ints, lost: Ints, *, final: bool = False) -> Ints:
-        """Return the times of the oldest rows that wait, ns; the others wait for rows after them.
+    def place(
+        self, stamps: Ints, published: Ints, arrived: Ints, lost: Ints, *, final: bool = False
+    ) -> PlacedRows:
+        """Return the oldest rows that wait, with their places; the others wait for rows after them.
 
         Parameters
         ----------
@@ -115,142 +113,92 @@ class LiveStamps:
         final : these are the last rows.
         """
         rows = np.stack([stamps, published, arrived, lost], axis=1).astype(np.int64)
-        earlier = np.empty(0, np.int64)
-        if self._steady is None:
+        earlier = NO_ROWS
+        if self._placer is None:
             self._waiting = np.concatenate([self._waiting, rows])
-            self._decide(final)
-            if self._steady is None:
+            decision = self._first_decision(final)
+            if decision is None:
                 return earlier
+            self._begin_grid(decision, self._waiting[:, decision.candidate])
             rows, self._waiting = self._waiting, self._waiting[:0]
         elif (recent := self._contradicting(rows)) is not None:
-            earlier = self._times(rows[:0], final=True)
-            self._begin_grid(recent)
-        return np.concatenate([earlier, self._times(rows, final)])
+            earlier = self._place(rows[:0], final=True)
+            self._begin_grid(self._decided_by(recent), recent)
+        return earlier.then(self._place(rows, final))
 
-    def _decide(self, final: bool) -> None:
-        """Decide what the stamps are, if the waiting rows show it."""
+    def _first_decision(self, final: bool) -> StampDecision | None:
+        """Return the decision, if the waiting rows show it."""
         count = len(self._waiting)
         span_s = float(np.ptp(self._waiting[:, RowColumn.ARRIVED])) * 1e-9 if count else 0.0
         due = final or (span_s >= DECIDE_S and count >= LONG_WINDOW) or span_s >= LATEST_S
         if not count or (not due and (count < FEW_STEPS or (count < self._next_rows and span_s < DECIDE_S))):
-            return
+            return None
         self._next_rows = max(self._next_rows, 2 * count)
-        stamps = self._waiting[:, RowColumn.STAMPS]
-        found = self._interval_of(stamps)
-        if not due and not (found is not None and found[1]):
-            return
-        times = (RowColumn.STAMPS, RowColumn.PUBLISHED, RowColumn.ARRIVED)
-        usable = [each for each in times if self._interval_of(self._waiting[:, each]) is not None]
-        self._used = usable[0] if usable else RowColumn.STAMPS
-        self._origin = int(self._waiting[0, self._used])
-        self._begin_grid(self._waiting[:, self._used])
-
-    def _begin_grid(self, times: Ints) -> None:
-        """Use stamps like (n,) `times` as they are, or begin an even grid for them."""
-        found = self._interval_of(times)
-        self._steady = found is None or (found[1] and self._used == RowColumn.STAMPS)
-        self.remark = {RowColumn.STAMPS: None, RowColumn.PUBLISHED: MISSING, RowColumn.ARRIVED: UNUSABLE}[
-            self._used
+        candidates = [
+            StampCandidate(self._waiting[:, column], of_sensor=column == RowColumn.STAMPS) for column in TIMES
         ]
-        self._late, self._host, self._last, self._at = None, None, None, None
-        if found is None:
-            return
-        if self._steady:
-            self._late = LateStamps(found[0])
-            return
-        self._interval = found[0]
-        self._host = HostStamps((times - self._origin).astype(np.float64), self._interval)
-        self._lost, self._lost_before = 0, np.empty(0, np.int64)
-        if self._used == RowColumn.STAMPS:
-            coarse = is_coarse(self._interval, self._resolution)
-            self.remark = (COARSE if coarse else UNEVEN) + (ROUGH_LOSSES if self._host.rough else "")
+        decision = decide(candidates, self._resolution)
+        # stamps of a clock show it in few rows; of a host, 128 rows may be within one stall
+        return decision if due or decision.kind is CLOCK else None
+
+    def _decided_by(self, recent: Ints) -> StampDecision:
+        """Return the decision by (n,) later times, ns, of the column that is used."""
+        return decide([StampCandidate(recent, of_sensor=self._used == RowColumn.STAMPS)], self._resolution)
+
+    def _begin_grid(self, decision: StampDecision, times: Ints) -> None:
+        """Place the next rows by a decision, on a grid that begins with (n,) `times`, ns."""
+        if self._decision is None:
+            self._used = RowColumn(decision.candidate)
+        self._decision, self._placer, self._last = decision, decision.placer(times), None
+        self.remark = REPLACED[self._used]
+        if self._used == RowColumn.STAMPS and decision.kind.remark:
+            self.remark = f"{decision.kind.remark}: only their mean rate is used"
+            self.remark += ROUGH_LOSSES if self._placer.hides_losses else ""
 
     def _contradicting(self, rows: Ints) -> Ints | None:
-        """Return the last stamps if they contradict the decision for the second time in a row."""
+        """Return the last times if they contradict the decision for the second time in a row."""
         self._recent = np.concatenate([self._recent, rows[:, self._used]])
         if len(self._recent) < CHECK_ROWS:
             return None
         recent, self._recent = self._recent, self._recent[:0]
-        found = self._interval_of(recent)
-        if found is None:
-            return None
-        interval, steady = found
-        if steady and self._late is not None:
-            self._late.interval = interval
-        differs = not steady if self._steady else abs(interval / self._interval - 1.0) > RATE_TOLERANCE
+        assert self._decision is not None
+        assert self._placer is not None
+        now = self._decided_by(recent)
+        if now.interval is None:
+            return None  # times that show no rate for a while do not show another one
+        if self._decision.kind.keeps_stamps:
+            differs = not now.kind.keeps_stamps
+        else:
+            differs = abs(now.interval / self._placer.interval - 1.0) > RATE_TOLERANCE
+        if now.kind is self._decision.kind is CLOCK:
+            self._placer.interval = now.interval  # of more rows than before, and the clock drifts
         self._doubts = self._doubts + 1 if differs else 0
-        if self._doubts < 2:
+        if self._doubts < DOUBTS:
             return None
         self._doubts = 0
         return recent
 
-    def _times(self, rows: Ints, final: bool) -> Ints:
-        """Return the times of the oldest rows that wait, ns."""
-        if self._host is not None:
-            return self._even_times(self._host, rows, final)
-        if self._late is not None:
-            return self._late.place(rows[:, RowColumn.STAMPS], rows[:, RowColumn.LOST], final=final)
-        return rows[:, RowColumn.STAMPS]
+    def _place(self, rows: Ints, final: bool) -> PlacedRows:
+        """Return the oldest rows that wait for the placer, after some more."""
+        assert self._decision is not None
+        assert self._placer is not None
+        # the times of a clock are checked by the `SampleClock`, which knows restarts
+        raw = self._decision.kind.keeps_stamps
+        times = rows[:, RowColumn.STAMPS] if raw else self._plausible(rows)
+        placed = self._placer.place(times, rows[:, RowColumn.LOST])
+        return placed.then(self._placer.release()) if final else placed
 
-    def _even_times(self, host: HostStamps, rows: Ints, final: bool) -> Ints:
-        """Return times on an even grid that follows the stamps, ns."""
-        lost = self._lost + np.cumsum(rows[:, RowColumn.LOST])
-        self._lost = int(lost[-1]) if len(lost) else self._lost
-        self._lost_before = np.concatenate([self._lost_before, rows[:, RowColumn.LOST]])
-        missing = host.place(self._plausible(rows) - lost * self._interval)
-        times = self._after(missing, follow=True)
-        if final:  # no later row shows whether these are late or behind a loss
-            rest = self._after(np.zeros(len(self._lost_before), np.int64), follow=False)
-            times = np.concatenate([times, rest])
-        return times
-
-    def _after(self, missing: Ints, *, follow: bool) -> Ints:
-        """Return the times of the oldest rows that wait, with (n,) samples missing before each.
-
-        Parameters
-        ----------
-        follow : these rows have been placed by `HostStamps`, which knows the time of the last.
-        """
-        count = len(missing)
-        if not count or self._host is None:
-            return missing
-        known, self._lost_before = self._lost_before[:count], self._lost_before[count:]
-        ahead = np.cumsum(1 + missing + known) * self._interval
-        lost_by_now = self._lost - int(self._lost_before.sum())
-        last = self._host.next_ns + (lost_by_now - 1) * self._interval  # by the stamps, of the last row
-        if not follow:
-            last += count * self._interval
-        if self._at is None:
-            self._at = last - float(ahead[-1])
-        off = last - self._at - float(ahead[-1])
-        if abs(off) > max(AHEAD_S * 1e9, 2.0 * self._interval):
-            self._at += off
-        elif follow:
-            most = FOLLOW * self._interval
-            ahead += np.arange(1, count + 1) * min(max(off / count, -most), most)
-        times: Ints = self._origin + np.rint(self._at + ahead).astype(np.int64)
-        self._at += float(ahead[-1])
-        return times
-
-    def _plausible(self, rows: Ints) -> Floats:
-        """Return the times of rows, ns since the origin; those that are far off follow the arrival."""
-        times = np.empty(len(rows))
-        for k, (stamp, arrived) in enumerate(rows[:, [self._used, RowColumn.ARRIVED]].tolist()):
+    def _plausible(self, rows: Ints) -> Ints:
+        """Return the times of rows, ns; those that are far off follow the arrival."""
+        times = np.empty(len(rows), np.int64)
+        for k, (time, arrived) in enumerate(rows[:, [self._used, RowColumn.ARRIVED]].tolist()):
             if self._last is not None:
                 expected = self._last[0] + arrived - self._last[1]
-                far = abs(stamp - expected) > CLOCK_SLACK_S * 1e9
+                far = abs(time - expected) > CLOCK_SLACK_S * 1e9
                 self._wrong = self._wrong + 1 if far else 0
                 if far and self._wrong < WRONG_STAMPS:
-                    times[k] = expected - self._origin
+                    times[k] = expected
                     continue
-            self._last = (stamp, arrived)
-            times[k] = stamp - self._origin
+            self._last = (time, arrived)
+            times[k] = time
         return times
-
-    def _interval_of(self, stamps: Ints) -> tuple[float, bool] | None:
-        """Return the interval of stamps, ns, and whether they are those of a sample clock; None: they show none."""
-        relative = (stamps - stamps[0]).astype(np.float64)
-        if rate_obstacle(relative) is not None:
-            return None
-        found = stamp_interval(relative, self._resolution)
-        return found if SLOWEST_HZ <= 1e9 / found[0] <= FASTEST_HZ else None

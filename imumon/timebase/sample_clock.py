@@ -1,10 +1,19 @@
-"""Sample clock: the grid index of each sample, from the clock of its stream.
+"""Sample clock: the grid steps of each sample, from the clock of its stream.
 
-Statistics over tau need equal steps, and real streams lose samples. Time is always that of the sample clock,
-never that of arrival: USB delivers in batches. For each sample, the clock gives the number of grid steps
-since the sample before: 1 is the next one, more is a gap of known length. A clock that runs backwards is a
-gap of unknown length (the device restarted). Two samples on one grid index are duplicates. Without an
-absolute clock, the messages that the decoder saw damaged count as lost samples.
+The package has the model. Time is always that of the sample clock, never that of arrival: USB delivers in batches. What
+a step is, in intervals since the last sample that was placed:
+
+| step | is | the sample |
+|---|---|---|
+| 1 | the next sample | is placed |
+| 2 to `FAR_S` | a gap of known length: samples were lost | is placed |
+| 0 | a duplicate | is excluded and counted |
+| below 0 | a wrong stamp if the next sample continues the old time, else a restart | is excluded, or behind a `BREAK` |
+| beyond `FAR_S` | a wrong stamp if the next sample continues the old time, else a gap | waits for the next sample |
+| longer than the host clock allows | a clock that was set, or a device that restarted | is placed behind a `BREAK` |
+
+A stream whose clock is not absolute has other steps: the length of a sample's own interval, and the messages that the
+decoder saw damaged.
 
 The interval of the grid is learned from the first samples:
 
@@ -18,20 +27,29 @@ The interval of the grid is learned from the first samples:
 A step between neighbours is unambiguous while the jitter of the stamps is far below one interval. Where it is
 not, the mean deviation of the samples before decides, so neither jitter nor an error of the interval adds up.
 
-This module knows no statistics and reads no clock.
+This module knows no statistics and reads no clock: the time of the host is an argument.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from imumon.samples import Bools, Clock, Floats, Ints, SampleBlock, concatenated, selected
+from imumon.samples import (
+    FASTEST_HZ,
+    LONGEST_NS,
+    SLOWEST_HZ,
+    Bools,
+    Clock,
+    Floats,
+    Ints,
+    SampleBlock,
+    concatenated,
+    selected,
+)
 from imumon.timebase.interval import (
     AMBIGUOUS,
     CLOCK_SLACK_S,
@@ -73,12 +91,33 @@ class PlacedSamples:
     values : (n, c) channel unit.
     steps : (n,) grid steps since the sample before; 1 next, > 1 behind a gap, `BREAK` behind a gap of
         unknown length. The first sample of all has 1.
-    saturated : (n,) bool or None.
+    saturated : (n, s) or (n,) bool, or None, see `SampleBlock`.
     """
 
     values: Floats
     steps: Ints
     saturated: Bools | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SavedClock:
+    """State of a clock that has learned its interval."""
+
+    interval_s: float  # s
+    scale: float  # s, unit of the clock
+    last: int | None  # unit of the clock, time of the last placed sample; null: there was none
+    raw: int | None  # last value of a counter of 32 bits, before its wraps are undone; null: no counter
+    wraps: int  # of the counter
+
+    def is_plausible(self) -> bool:
+        """Return whether a clock can be in this state, so that no time of it is beyond 64 bits."""
+        return (
+            0.5 / FASTEST_HZ < self.interval_s < 2.0 / SLOWEST_HZ
+            and 0.0 < self.scale <= 1.0
+            and abs(self.last or 0) <= LONGEST_NS
+            and 0 <= (self.raw or 0) < 1 << 32
+            and 0 <= self.wraps < 1 << 29
+        )
 
 
 class SampleClock:
@@ -164,10 +203,11 @@ class SampleClock:
             block, self._unconfirmed = concatenated([self._unconfirmed, block]), None
         if not len(block) or self.rest is not None:
             return []
-        at = self._rate_change(block)
-        if at is not None:
-            self.rest = selected(block, slice(at, None))
-            block, final = selected(block, slice(0, at)), True
+        changed = self._rate_change(block)
+        if changed is not None:
+            # a grid has one interval: the caller begins another one with the rest
+            self.rest = selected(block, slice(changed, None))
+            block, final = selected(block, slice(0, changed)), True
         if not len(block):
             return []
         if self.clock not in ("startup", "counter"):
@@ -185,29 +225,32 @@ class SampleClock:
         if not rest:
             return []
         block = concatenated(rest)
-        if self._wraps:  # they have been undone already
+        if self._wraps:  # they have been undone already, and `place` would undo them again
             self._counter = int(block.time_ns[0]) & 0xFFFFFFFF if block.time_ns is not None else None
         return self.place(block, final=True, host_s=None if self._open_s is None else 0.0)
 
-    def save(self) -> dict[str, Any]:
-        """Return the state of a clock that has learned its interval, as JSON values."""
-        return {
-            "interval_s": self.interval_s,
-            "scale": self._unit_s,
-            "last": self._last,
-            "raw": self._counter,
-            "wraps": self._wraps,
-        }
+    def save(self) -> SavedClock:
+        """Return the state of a clock that has learned its interval."""
+        # one that was restored learns it again, and keeps the saved one until then
+        interval_s = self._nominal_s if self.interval_s is None else self.interval_s
+        assert interval_s is not None
+        return SavedClock(
+            interval_s=interval_s,
+            scale=self._unit_s,
+            last=self._last,
+            raw=self._counter,
+            wraps=self._wraps,
+        )
 
     @classmethod
-    def restore(cls, clock: Clock, saved: Mapping[str, Any], tick_s: float | None = None) -> SampleClock:
+    def restore(cls, clock: Clock, saved: SavedClock, tick_s: float | None = None) -> SampleClock:
         """Continue where `save` left off; a stream without absolute time continues behind an unknown gap.
 
         The interval is learned again: the first samples show whether it is still the saved one.
         """
-        restored = cls(clock, saved["interval_s"], tick_s)
-        restored._unit_s, restored._last = float(saved["scale"]), saved["last"]
-        restored._counter, restored._wraps = saved["raw"], int(saved["wraps"])
+        restored = cls(clock, saved.interval_s, tick_s)
+        restored._unit_s, restored._last = saved.scale, saved.last
+        restored._counter, restored._wraps = saved.raw, saved.wraps
         restored.gap()
         return restored
 
@@ -273,6 +316,7 @@ class SampleClock:
         if self.clock != "counter" or block.time_ns is None or not len(block):
             return block
         counter = block.time_ns
+        # a step back by more than half of the period is a wrap; by less, the device restarted
         back = np.diff(counter, prepend=counter[0] if self._counter is None else self._counter) < -(1 << 31)
         wraps = self._wraps + np.cumsum(back)
         self._counter, self._wraps = int(counter[-1]), int(wraps[-1])
@@ -348,7 +392,7 @@ class SampleClock:
             latest = np.append(recent, [time[placed], steps[placed]], axis=1)[:, -REFERENCE_SAMPLES:]
             steps[i] = step = round((int(time[i]) - before) * scale - phase(latest[0], latest[1], scale))
             if 1 <= step <= far:
-                continue
+                continue  # the samples before show that it was jitter
             follows = i + 1 < n
             if step == 0:
                 self.duplicates += 1
@@ -364,8 +408,9 @@ class SampleClock:
         assert self.interval_s is not None
         steps = 1 + block.lost
         if self.clock == "dt" and block.time_ns is not None:
-            own = np.rint(block.time_ns * (1e-9 / self.interval_s)).astype(np.int64)
-            steps += np.maximum(0, own - 1)
+            # a sample that covers n intervals counts as n ticks, of which it is the last
+            intervals = np.rint(block.time_ns * (1e-9 / self.interval_s)).astype(np.int64)
+            steps += np.maximum(0, intervals - 1)
         if self._last is None:
             steps[0] = 1
         elif self._unknown_gap:
@@ -377,8 +422,8 @@ class SampleClock:
 def _last_true(keep: Bools) -> npt.NDArray[np.intp]:
     """Return at least the last `REFERENCE_SAMPLES` places that are true; of a long array, these are found fast."""
     start = max(0, len(keep) - 4 * REFERENCE_SAMPLES)
-    found = start + np.flatnonzero(keep[start:])
-    return np.flatnonzero(keep) if start and len(found) < REFERENCE_SAMPLES else found
+    places = start + np.flatnonzero(keep[start:])
+    return np.flatnonzero(keep) if start and len(places) < REFERENCE_SAMPLES else places
 
 
 def _with_slack(length_s: float) -> float:

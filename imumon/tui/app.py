@@ -20,15 +20,18 @@ from textual.containers import Container
 from textual.events import Click
 from textual.screen import Screen
 
+from imumon.coefficients import NOISE
 from imumon.files import replace_file
 from imumon.report import Report
 from imumon.tui import export, terminal
-from imumon.tui.formatting import Line, Notation
+from imumon.tui.formatting import Line, Notation, wrap
 from imumon.tui.history_chart import parse
 from imumon.tui.panels import footer, status, tabs, welcome
 from imumon.tui.svg_export import portable_svg
 from imumon.tui.view_state import SPANS, VIEWS, WINDOWS, HistorySeries, ViewState
 from imumon.tui.views import (
+    WINDOW_WIDTH,
+    ConvergenceView,
     DeviceView,
     DialogWindow,
     EventsView,
@@ -76,6 +79,7 @@ class ImumonApp(App[int]):
     theme : name of a theme, such as ``imumon-light``.
     baseline : report whose curves are drawn behind the live ones.
     endpoint : endpoints that were tried, for the page that is shown while no daemon answers.
+    program, letters : program that the numbers are for, and the coefficients that it needs.
     starting : text of that page if a daemon is known to start.
     ended : polled now and then: last message of that daemon when it has ended, else None.
     clock : s, monotonic, the clock of the arrivals of `source`.
@@ -98,6 +102,7 @@ class ImumonApp(App[int]):
         Binding("ctrl+p", "command_palette", "palette"),
         Binding("question_mark,f1", "help", "this help"),
         Binding("q,ctrl+c", "quit", "quit"),
+        # without it, ctrl+c shows a note about ctrl+q: Textual binds it itself
         Binding("ctrl+c", "quit", "", priority=True, show=False),
     ]
 
@@ -111,12 +116,14 @@ class ImumonApp(App[int]):
         baseline: Report | None = None,
         endpoint: str | None = None,
         starting: str | None = None,
+        program: str = "kalibr",
+        letters: tuple[str, ...] = NOISE,
         ended: Callable[[], str | None] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__()
-        for own in THEMES:
-            self.register_theme(own)
+        for imumon_theme in THEMES:
+            self.register_theme(imumon_theme)
         self.theme = theme if theme in self.available_themes else THEMES[0].name
         self.source = source
         self.clock = clock
@@ -127,10 +134,13 @@ class ImumonApp(App[int]):
             baseline_name="saved",
             endpoint=endpoint,
             starting=starting,
+            program=program,
+            letters=letters,
         )
         self._ended = ended
         self._built = False
         self._watched: tuple[str, str | None] | None = None
+        # version of the source and everything else that a poll has shown: while both are the same, nothing is drawn
         self._seen: tuple[int, tuple[object, ...]] | None = None
         self._warned: set[str] = set()
         self._parsed: tuple[HistoryAnswer | None, HistorySeries | None] = (None, None)
@@ -142,7 +152,15 @@ class ImumonApp(App[int]):
         yield DrawnPanel(status, id="status")
         with Container(id="body"):
             yield DrawnPanel(welcome, id="welcome")
-            for view in (Overview, SignalView, DeviceView, EventsView, SensorsView, HistoryView):
+            for view in (
+                Overview,
+                SignalView,
+                DeviceView,
+                EventsView,
+                SensorsView,
+                HistoryView,
+                ConvergenceView,
+            ):
                 yield view(id=view.title)
         yield DrawnPanel(footer, id="footer")
 
@@ -169,12 +187,14 @@ class ImumonApp(App[int]):
         now = self.clock()
         alive, connected = frozenset(self.source.alive()), self.source.connected()
         kept = (self.view_state.id, self.view_state.compared_id)
+        # before a device is selected, the last report of one that has finished is better than an empty screen
         reports = {
             name: (report, moment)
             for name, (report, moment) in self.source.reports().items()
             if report.state != "stopped" or now - moment < FORGET_S or name in kept or kept[0] is None
         }
         ages = {name: max(now - moment, 0.0) for name, (_, moment) in reports.items()}
+        # in whole seconds, and only where the age is shown: a report on time must not redraw the screen
         shown_ages = {name: round(age) for name, age in ages.items() if age > reports[name][0].late_s}
         ended = self._ended() if self._ended is not None else None
         seen = (self.source.version, (alive, connected, tuple(sorted(shown_ages.items())), ended))
@@ -196,6 +216,7 @@ class ImumonApp(App[int]):
         if id is not None and id in self.source.rivals() and id not in self._warned:
             self._warned.add(id)
             text = f"two programs publish {id}; the first is shown; imumon doctor names both"
+            # no markup: a name in brackets would vanish
             self.notify(text, severity="warning", markup=False)
 
     def _show(self, state: ViewState) -> None:
@@ -230,7 +251,7 @@ class ImumonApp(App[int]):
         """Pass the state to the visible widgets."""
         if not self._built:
             return
-        base = self.screen_stack[0]
+        base = self.screen_stack[0]  # below a dialog window, which is the active screen
         base.query_one("#status", DrawnPanel).show(self.view_state)
         base.query_one("#footer", DrawnPanel).show(self.view_state)
         has_channels = bool(self.view_state.channels)
@@ -337,6 +358,15 @@ class ImumonApp(App[int]):
         lines = help_lines(view, list(self.BINDINGS), self.view_state.notation.ascii)
         self.push_screen(DialogWindow(f"{view.title}: keys", lines, self.view_state.notation))
 
+    def action_copy(self) -> None:
+        """Copy the numbers for other programs through the terminal (OSC 52), and show them: not all terminals copy."""
+        lines = export.copied_lines(self.view_state)
+        self.copy_to_clipboard("\n".join([*lines, ""]))
+        shown: list[Line] = [[(text, "text")] for line in lines for text in wrap(line, WINDOW_WIDTH)]
+        notice = "Copied, if the terminal allows it (OSC 52)."
+        shown += [[], *([(text, "muted")] for text in wrap(notice, WINDOW_WIDTH))]
+        self.push_screen(DialogWindow("copied", shown, self.view_state.notation))
+
     def action_save(self) -> None:
         self.clear_notifications()  # a notification about the last save must not be part of the next picture
         where = save_directory()
@@ -364,7 +394,7 @@ class ImumonApp(App[int]):
                 return
             replace_file(target, content.encode())
             saved = export.convert_to_png(target) if form == "png" else target
-            hint = "" if saved else " (no converter to PNG: apt install librsvg2-bin)"
+            hint = "" if saved else " (PNG needs the extra png: pip install '.[png]')"
             files = f"{target} and {saved.name}" if saved not in (None, target) else target
             self.notify(f"saved {files}{hint}", markup=False)
         except (OSError, ValueError) as error:
@@ -389,8 +419,8 @@ class ImumonApp(App[int]):
     def on_click(self, event: Click) -> None:
         """Select a view by a click on its name in the footer."""
         if event.widget is not None and event.widget.id == "footer":
-            at = 0
+            left = 0
             for name, (text, _) in zip(VIEWS, tabs(self.view_state, self.size.width), strict=True):
-                if at <= event.x < at + len(text):
+                if left <= event.x < left + len(text):
                     self.action_view(name)
-                at += len(text)
+                left += len(text)

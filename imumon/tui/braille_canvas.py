@@ -20,9 +20,12 @@ from imumon.tui.formatting import Line
 
 Floats = npt.NDArray[np.float64]
 
+# bit of each dot of a cell by row and column in U+2800: six dots in columns of three, then the fourth row
 _DOT = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.uint8)
 RESOLUTION = 1e-12
 """Length of an axis relative to its values, below which floating-point numbers do not resolve it."""
+LONGEST_LINE = 20000.0
+"""Dots of a line at most: far more than any screen has, and a bound for points far outside of it."""
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 
@@ -61,6 +64,7 @@ class Canvas:
         inside = (column >= 0) & (column < 2 * self.width) & (row >= 0) & (row < 4 * self.height)
         column, row = column[inside], row[inside]
         cell = (row // 4, column // 2)
+        # `|=` would keep only the last of several dots of one cell
         np.bitwise_or.at(self.bits, cell, _DOT[row % 4, column % 2])
         self.bits_role[cell] = self._role(role)
 
@@ -78,8 +82,9 @@ class Canvas:
             if len(part) < 2:
                 continue
             px, py = x[part], y[part]
+            # length along the line as the larger of both directions: one step of it never skips a dot
             path = np.concatenate(([0.0], np.cumsum(np.maximum(np.abs(np.diff(px)), np.abs(np.diff(py))))))
-            steps = np.arange(0.0, min(path[-1], 20000.0) + 0.5)
+            steps = np.arange(0.0, min(path[-1], LONGEST_LINE) + 0.5)
             if dash is not None:
                 steps = steps[steps % sum(dash) < dash[0]]
             self.dots(np.interp(steps, path, px), np.interp(steps, path, py), role)
@@ -182,6 +187,7 @@ class AxisScale:
         if not step > RESOLUTION * max(abs(self.low), abs(self.high)):
             return []
         power = 10.0 ** math.floor(math.log10(step))
+        # 0.999 and 1e-9: a step or an end that is round but for rounding counts as round
         step = next((m * power for m in (1.0, 2.0, 5.0) if m * power >= step * 0.999), 10.0 * power)
         first = math.ceil(self.low / step - 1e-9)
         return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
@@ -189,6 +195,9 @@ class AxisScale:
 
 SCALE_STEP = 0.5
 """Decades, of which both ends of a logarithmic scale are multiples."""
+
+LOG_MARGIN = 0.08
+"""Decades between the outermost values and the ends of a logarithmic scale, at least."""
 
 MARGIN = 0.06
 """Share of the range of some values that a linear scale is wider at each end."""
@@ -204,8 +213,8 @@ def logarithmic(values: Floats) -> AxisScale:
     values = values[np.isfinite(values) & (values > 0)]
     if not len(values):
         return AxisScale(0.1, 10.0, log=True)
-    low = math.floor((math.log10(float(values.min())) - 0.08) / SCALE_STEP) * SCALE_STEP
-    high = math.ceil((math.log10(float(values.max())) + 0.08) / SCALE_STEP) * SCALE_STEP
+    low = math.floor((math.log10(float(values.min())) - LOG_MARGIN) / SCALE_STEP) * SCALE_STEP
+    high = math.ceil((math.log10(float(values.max())) + LOG_MARGIN) / SCALE_STEP) * SCALE_STEP
     return AxisScale(10.0**low, 10.0**high, log=True)
 
 
@@ -220,6 +229,7 @@ def linear(values: Floats) -> AxisScale:
     if not len(values):
         return AxisScale(0.0, 1.0)
     low, high = float(values.min()), float(values.max())
+    # values that are all the same still need an axis with a length
     extra = (high - low) * MARGIN or max(abs(high), 1e-12) * 1e-3
     return AxisScale(low - extra, high + extra)
 
@@ -287,6 +297,7 @@ class PlotFrame:
             for column, row in zip(a[np.isfinite(a * b)] // 2, b[np.isfinite(a * b)] // 4, strict=True):
                 self.canvas.text(int(column), int(row), letter, role)
             return
+        # marks of 3 dots need 5 from one to the next for a gap that the eye sees
         apart = np.nanmin(np.diff(a), initial=np.inf)
         offsets = (-1, 0, 1) if apart >= 5 else (-1, 0)
         for dx, dy in product(offsets, offsets):
@@ -329,11 +340,12 @@ class PlotFrame:
 
     def label(self, x: float, y: float, text: str, role: str, mark: str = "◆") -> None:
         """Draw a mark at a point, with its text where it covers least."""
-        at = self.cell(x, y)
-        if at is None:
+        cell = self.cell(x, y)
+        if cell is None:
             return
-        column, row = at
+        column, row = cell
         self.canvas.text(column, row, mark, role)
+        # right, left, centred; on the row of the mark itself not centred, where the text would cover it
         sides = (column + 2, column - len(text) - 1, column - len(text) // 2)
         places = [(c, row + d) for d in (-1, 1, 0, -2, 2, -3, 3) for c in sides[: 2 if d == 0 else 3]]
         last = self.left + self.width - len(text)
@@ -355,12 +367,12 @@ class PlotFrame:
 
     def x_labels(self, ticks: Sequence[tuple[float, str]], row: int) -> None:
         """Write the labels of the x axis in a row of cells, each centred on its value."""
-        end = -1
+        end = -1  # of the label before; one that would touch it is left out
         for value, text in ticks:
-            at = self.across(np.array([value]))[0]
-            if math.isnan(at):
+            dot = self.across(np.array([value]))[0]
+            if math.isnan(dot):
                 continue
-            column = max(int(at) // 2 - len(text) // 2, 0)
+            column = max(int(dot) // 2 - len(text) // 2, 0)
             column = min(column, self.canvas.width - len(text))
             if column > end:
                 self.canvas.text(column, row, text, "muted")
@@ -370,10 +382,10 @@ class PlotFrame:
         """Write the labels of the y axis to the left of the frame."""
         last = -2
         for value, text in sorted(ticks, reverse=True):
-            at = self.down(np.array([value]))[0]
-            if math.isnan(at):
+            dot = self.down(np.array([value]))[0]
+            if math.isnan(dot):
                 continue
-            row = int(at) // 4
+            row = int(dot) // 4
             if row != last:
                 self.canvas.text(self.left - 1 - len(text), row, text, "muted")
                 last = row

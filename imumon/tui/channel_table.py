@@ -8,24 +8,37 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from imumon.report import NOISE, Channel
+from imumon.coefficients import MARKOV, NOISE
+from imumon.readiness import state_of
+from imumon.report import Channel, Report
 from imumon.samples import INERTIAL, sensor_of
 from imumon.tui.formatting import CELL, Line, fitted, padded, remaining_time, with_background
 from imumon.tui.view_state import ViewState
 from imumon.units import number, short
 
-COLUMNS = {"mean": 10, "std": 8, **dict.fromkeys(NOISE, CELL + 1), "nearest": 11}
-"""Cells of each column, including the gap before it."""
+COLUMNS = {"mean": 10, "std": 8, **dict.fromkeys((*NOISE, *MARKOV), CELL + 3), "grade": 12}
+"""Cells of each column, including the gap before it; of a coefficient also a blank and the symbol of its state."""
+SYMBOLS = {"ready": ("✓", "good"), "growing": ("↗", "muted"), "bound": ("↓", "bound"), "none": (" ", "text")}
+"""Symbol of the state of a coefficient, and its role."""
 LABEL = 6
 """Cells of the name of a sensor or an axis, before the columns."""
-TABLE = LABEL + sum(COLUMNS.values())
-"""Cells of the whole table."""
+TABLE = LABEL + sum(cells for name, cells in COLUMNS.items() if name not in (*MARKOV, "std"))
+"""Cells of the table where no channel has correlated noise M, without the standard deviation."""
 
 
-def columns(width: int, *, times: bool = False) -> list[str]:
-    """Return the columns that fit; `times`: those of the time to each precision."""
-    kept = {name: cells for name, cells in COLUMNS.items() if not times or name not in ("mean", "std")}
-    for name in ("std", "mean", "nearest", *reversed(NOISE[1:])):
+def letters_of(*reports: Report | None) -> tuple[str, ...]:
+    """Return the coefficients of the table: those that each channel has, and correlated noise where one has it."""
+    known = [channel for report in reports if report is not None for channel in report.channels.values()]
+    shown = {letter for channel in known if channel.M is not None for letter in channel.estimates}
+    return (*NOISE, *(letter for letter in MARKOV if letter in shown))
+
+
+def columns(width: int, letters: Sequence[str] = NOISE, *, times: bool = False) -> list[str]:
+    """Return the columns that fit; `times`: those of the time to each precision, which M and T do not have."""
+    left_out = {"mean", "std", *MARKOV} if times else {*MARKOV} - {*letters}
+    kept = {name: cells for name, cells in COLUMNS.items() if name not in left_out}
+    # N, the first one, is kept on any screen; M is more than the mean
+    for name in ("std", MARKOV.time_constant_s, "mean", MARKOV.sigma, "grade", *reversed(NOISE[1:])):
         if LABEL + sum(kept.values()) <= width:
             break
         kept.pop(name, None)
@@ -40,10 +53,10 @@ def table(state: ViewState, width: int, height: int) -> list[Line]:
 def table_rows(state: ViewState, width: int, height: int) -> list[tuple[Line, str | None]]:
     """Return the visible lines of the table, each with its channel; None for a heading."""
     rows = rows_of(state, width, spaced=True)
-    if len(rows) > height:
+    if len(rows) > height:  # the empty lines go before any channel does
         rows = rows_of(state, width)
-    at = next((k for k, (_, channel) in enumerate(rows) if channel == state.channel), 0)
-    first = min(max(at - height + 2, 0), max(len(rows) - height, 0))
+    selected = next((k for k, (_, channel) in enumerate(rows) if channel == state.channel), 0)
+    first = min(max(selected - height + 2, 0), max(len(rows) - height, 0))  # one line below it stays visible
     return rows[first : first + height]
 
 
@@ -52,12 +65,15 @@ def rows_of(state: ViewState, width: int = TABLE, *, spaced: bool = False) -> li
     report = state.report
     if report is None:
         return []
-    shown = columns(width, times=state.show_times)
+    shown = columns(width, letters_of(report), times=state.show_times)
+    whole = LABEL + sum(COLUMNS[name] for name in shown)
     rows: list[tuple[Line, str | None]] = []
     hint: list[Line] = [[("   p", "key"), (" values", "muted")]] if state.show_times else []
     last = None
     for name, channel in report.channels.items():
         group = sensor_of(name) if "/" in name else "surroundings"
+        if state.compact and group not in (*INERTIAL, sensor_of(state.channel or "")):
+            continue  # folded, until one of its channels is selected
         if group != last:
             if spaced and rows:
                 rows.append(([], None))
@@ -66,7 +82,7 @@ def rows_of(state: ViewState, width: int = TABLE, *, spaced: bool = False) -> li
                 hint = []
         last = group
         line = _row(state, name, channel, shown) if "/" in name else _single(state, name, channel, width)
-        line = padded(line, min(TABLE, width))
+        line = padded(line, min(max(TABLE, whole), width))
         rows.append((with_background(line, "selected") if name == state.channel else line, name))
     return rows
 
@@ -77,38 +93,67 @@ def _heading(state: ViewState, sensor: str, shown: Sequence[str]) -> Line:
     cells: dict[str, Line] = {
         "mean": [(f"mean {notation.scale(f'{sensor}/x')[1]}".rjust(COLUMNS["mean"]), "muted")],
         "std": [("std".rjust(COLUMNS["std"]), "muted")],
-        "nearest": [(" nearest" if sensor in INERTIAL else "", "muted")],
+        "grade": [_headline(state, sensor)],
     }
-    for name in NOISE:
+    for name in set(shown).intersection((*NOISE, *MARKOV)):
         goal = notation.goal(precision[name]) if name in precision else ""
         text = f"{name} {goal if state.show_times else notation.coefficient_scale(sensor, name)[1]}"
-        cells[name] = [(" " * (COLUMNS[name] - len(text)), "text"), (name, name), (text[1:], "muted")]
+        symbol = 0 if state.show_times else 2  # cells of the symbol of a state
+        gap = " " * (COLUMNS[name] - len(text) - symbol)
+        cells[name] = [(gap, "text"), (name, name), (text[1:] + " " * symbol, "muted")]
     return [(f" {sensor:<5}", "title"), *(span for name in shown for span in cells[name])]
 
 
 def _row(state: ViewState, name: str, channel: Channel, shown: Sequence[str]) -> Line:
     """Return one axis of a sensor."""
     factor, _ = state.notation.scale(name)
-    nearest = channel.grade.nearest if channel.grade is not None else None
-    blank = "–" if sensor_of(name) in INERTIAL else ""
     mean = "–" if channel.mean is None else number(channel.mean * factor, 4)
     cells: dict[str, tuple[str, str]] = {
         "mean": (mean, "text"),
         "std": ("–" if channel.std is None else short(channel.std * factor), "text"),
-        "nearest": (f" {nearest or blank:<10}", f"grade-{nearest}" if nearest else "faint"),
+        "grade": _grade_cell(name, channel),
     }
-    for part in NOISE:
-        seconds = (channel.time_to or {}).get(part)
-        known = channel.coefficients.get(part)
+    estimates = channel.estimates
+    for part in set(shown).intersection((*NOISE, *MARKOV)):
+        seconds, estimate = (channel.time_to or {}).get(part), estimates.get(part)
         cells[part] = (
-            remaining_time(known, seconds) if state.show_times else state.notation.coefficient(known, seconds)
+            remaining_time(estimate, seconds)
+            if state.show_times
+            else state.notation.coefficient(estimate, seconds)
         )
     line: Line = [("▌" if name == state.channel else " ", "accent"), (f"  {name[-1]}  ", "strong")]
-    return line + [(cells[c][0].rjust(COLUMNS[c]), cells[c][1]) for c in shown]
+    for column in shown:
+        text, role = cells[column]
+        if column in NOISE and not state.show_times:
+            symbol, symbol_role = SYMBOLS[state_of(channel, column)]
+            line += [(text.rjust(COLUMNS[column] - 2), role), (f" {symbol}", symbol_role)]
+        else:
+            line.append(
+                (text.rjust(COLUMNS[column] - 2 * (column in MARKOV)) + "  " * (column in MARKOV), role)
+            )
+    return line
+
+
+def _grade_cell(name: str, channel: Channel) -> tuple[str, str]:
+    """Return the grade of an axis, a dash while it is unknown; of a sensor that has no grades, blanks."""
+    known = channel.grade if channel.grade is not None and channel.grade.nearest is not None else None
+    grade = known.meets or "none" if known is not None else "–" if sensor_of(name) in INERTIAL else ""
+    return f"  {grade:<10}", f"grade-{known.meets}" if known is not None and known.meets else "faint"
+
+
+def _headline(state: ViewState, sensor: str) -> tuple[str, str]:
+    """Return the grade of a sensor where no other panel shows it, else the name of the column."""
+    grade = state.report.grade.get(sensor) if state.report is not None else None
+    if sensor not in INERTIAL:
+        return "", "muted"
+    if not state.compact or grade is None or grade.nearest is None:
+        return "  grade", "muted"
+    word = grade.meets or "none"
+    return f"  {word}{'?' if grade.provisional and len(word) < 10 else ''}", f"grade-{grade.meets}-strong"
 
 
 def _single(state: ViewState, name: str, channel: Channel, width: int) -> Line:
-    """Return temperature or pressure, which have running statistics only."""
+    """Return temperature or pressure, which have running statistics and no coefficients."""
     factor, unit = state.notation.scale(name)
     parts: list[Line] = [[("▌" if name == state.channel else " ", "accent"), (f"{name:<12}", "title")]]
     if channel.last is not None:

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from imumon.report import COEFFICIENTS, NOISE, Allan, Channel, Histogram, Spectrum, Strip
+from imumon.coefficients import COEFFICIENTS, MARKOV, NOISE, Estimate
+from imumon.report import Allan, Channel, Histogram, Spectrum, Strip
 from imumon.samples import sensor_of
 from imumon.tui.braille_canvas import AxisScale, Canvas, Floats, PlotFrame, linear, logarithmic
 from imumon.tui.formatting import Line, Notation, approximate_duration, fitted, length, padded
@@ -28,6 +29,12 @@ VISIBLE = 0.1
 
 GUTTER = 7
 """Cells to the left of a frame, for its labels."""
+
+CURVE_POINTS = 96
+"""Points of the line of correlated noise: about one per column of cells."""
+
+NUMBERED = 48
+"""Cells of a frame from which the marks of coefficients have their values beside them."""
 
 
 def numbers(values: Sequence[float | None], factor: float = 1.0) -> Floats:
@@ -54,13 +61,15 @@ def allan_chart(state: ViewState, width: int, height: int) -> list[Line]:
             return centred_text([f"{channel}: the curve begins with the first differences"], width, height)
         return centred_text([f"{channel} has no Allan deviation", "press 2 for its signal"], width, height)
     factor, unit = state.notation.deviation(channel)
-    canvas = Canvas(width, height - 1)
+    title = _allan_title(state, channel, unit, width)
+    canvas = Canvas(width, height if state.compact else height - 1)
+    # from the back to the front: where dots share a cell, the last ones give it their colour
     frame = _allan_frame(state, canvas, factor)
     _decades(frame, state.notation, f"{state.notation.symbol('τ')} [s]")
-    labels = _limit_curves(frame, state, channel, factor) if state.show_limits else []
-    before = state.baseline.channels.get(channel) if state.baseline is not None else None
-    if before is not None and before.allan is not None:
-        frame.curve(numbers(before.allan.tau_s), numbers(before.allan.sigma, factor), "baseline")
+    if state.compact:
+        _title_inside(canvas, title)  # before the labels, which go round it
+    labels = _limit_curves(frame, state, channel, factor) if state.show_limits else []  # written at the end
+    _baseline(frame, state, channel, factor)
     if state.overlay:
         for name in state.sensor_channels():
             _axis(frame, state, name, factor)
@@ -68,7 +77,26 @@ def allan_chart(state: ViewState, width: int, height: int) -> list[Line]:
         _curve(frame, state.notation, selected, sensor_of(channel), factor)
     for column, row, grade in labels:
         canvas.text(column, row, grade, f"grade-{grade}")
-    return [_allan_title(state, channel, unit, width), *canvas.rows()]
+    return canvas.rows() if state.compact else [title, *canvas.rows()]
+
+
+def _baseline(frame: PlotFrame, state: ViewState, channel: str, factor: float) -> None:
+    """Draw the Allan deviation of the channel in the baseline, if there is one."""
+    before = state.baseline.channels.get(channel) if state.baseline is not None else None
+    if before is not None and before.allan is not None:
+        frame.curve(numbers(before.allan.tau_s), numbers(before.allan.sigma, factor), "baseline")
+
+
+def _title_inside(canvas: Canvas, title: Line) -> None:
+    """Write a title at the right end of the first row: a curve begins at the left, and falls."""
+    spans = list(title)
+    for end in (0, -1):  # the gutter, and the rest of the line
+        while spans and not spans[end][0].strip() and "/" not in spans[end][1]:
+            spans.pop(end)
+    column = canvas.width - sum(len(text) for text, _ in spans) - 1
+    for text, role in spans:
+        canvas.text(column, 0, text, role)
+        column += len(text)
 
 
 def _goals(state: ViewState) -> list[Line]:
@@ -85,28 +113,32 @@ def _allan_title(state: ViewState, channel: str, unit: str, width: int) -> Line:
         (name, "title"),
         (f"  {state.notation.symbol('σ(τ)')} [{unit}]", "muted"),
     ]
-    legend: list[Line] = []
-    mark = "o " if state.notation.ascii else "⠿ "
+    back: Line = [("   esc", "key"), (" back ", "muted")] if state.zoomed else []
+    goals = _goals(state) if not (state.detailed or state.overlay) else []
+    back = [*fitted([[], *goals], width - length(title) - length(back)), *back]
+    for item in _legend(state):
+        if length(title) + length(item) + 3 <= width - length(back):
+            title += [("   ", "text"), *item]
+    return [*padded(title, width - length(back)), *back]
+
+
+def _legend(state: ViewState) -> list[Line]:
+    """Return what the lines and marks of the chart mean, the most important first."""
     if state.overlay:
-        legend = [[("━ ", f"axis-{c[-1]}"), (c[-1], "muted")] for c in state.sensor_channels()]
+        legend: list[Line] = [[("━ ", f"axis-{c[-1]}"), (c[-1], "muted")] for c in state.sensor_channels()]
     else:
+        mark = "o " if state.notation.ascii else "⠿ "
         legend = [
             [(mark, "point"), ("measured", "muted")],
-            [("██ ", "bandkey"), ("95 %", "muted")],
+            [("  ", "text/band"), (" 95 %", "muted")],
             [("━ ", "model"), ("model", "muted")],
         ]
         allan = state.selected.allan if state.selected is not None else None
         if allan is not None and not all(allan.used):
             legend.append([(mark, "unused"), ("not used", "muted")])
-    if state.baseline is not None:
+    if state.baseline is not None:  # beside `measured`: a narrow screen leaves out the last entries
         legend.insert(1, [("━ ", "baseline"), (state.baseline_name, "muted")])
-    back: Line = [("   esc", "key"), (" back ", "muted")] if state.zoomed else []
-    goals = _goals(state) if not (state.detailed or state.overlay) else []
-    back = [*fitted([[], *goals], width - length(title) - length(back)), *back]
-    for item in legend:
-        if length(title) + length(item) + 3 <= width - length(back):
-            title += [("   ", "text"), *item]
-    return [*padded(title, width - length(back)), *back]
+    return legend
 
 
 def _allan_frame(state: ViewState, canvas: Canvas, factor: float) -> PlotFrame:
@@ -125,44 +157,62 @@ def _allan_frame(state: ViewState, canvas: Canvas, factor: float) -> PlotFrame:
         lowest = positive.min() / (25.0 if canvas.height >= 16 else 5.0)
         marks = [] if state.overlay else [m * factor for m in _marks(state.selected) if m * factor > lowest]
         sigma = np.concatenate((sigma, edges, marks))
-    x = logarithmic(np.concatenate((tau, [1.0, 3.0])))
+    x = logarithmic(np.concatenate((tau, [1.0, 3.0])))  # s, where N and K are marked
     bottom = 2 if canvas.height >= 14 else 1
     area = (GUTTER, 0, max(canvas.width - GUTTER - 2, 4), max(canvas.height - bottom, 2))
     return PlotFrame(canvas, area, x, logarithmic(sigma))
 
 
 def _marks(channel: Channel | None) -> list[float]:
-    """Return the heights at which measured coefficients are marked, SI."""
-    known = channel.coefficients if channel is not None else {}
-    return [part.value * _height(letter) for letter, part in known.items() if part.value is not None]
+    """Return the Allan deviations, SI, at the marks of the measured coefficients."""
+    known = _drawn(channel) if channel is not None else {}
+    return [value * COEFFICIENTS[letter].mark_height for letter, (value, _) in known.items()]
 
 
-def _height(letter: str) -> float:
-    """Return the Allan deviation at the place of a mark, over the coefficient."""
-    row = COEFFICIENTS[letter]
-    return row.level if row.read_s is None else 1.0
+def _drawn(channel: Channel) -> dict[str, tuple[float, float]]:
+    """Return value, SI, and place, s, of the mark of each measured coefficient that has an Allan deviation."""
+    floor_s, time_s = _lowest(channel.allan or Allan()), _time_constant_s(channel)
+    places = {letter: COEFFICIENTS[letter].mark_s(floor_s, time_s) for letter in channel.estimates}
+    values = {letter: part.value for letter, part in channel.estimates.items()}
+    return {
+        letter: (value, place)
+        for letter, place in places.items()
+        if (value := values[letter]) and place is not None
+    }
+
+
+def _time_constant_s(channel: Channel) -> float | None:
+    """Return the measured time constant of the correlated noise, s; None: it is not known."""
+    return channel.M.time_constant_s.value if channel.M is not None else None
 
 
 def _decades(frame: PlotFrame, notation: Notation, x_unit: str) -> None:
     """Draw the grid of decades with their labels, and the unit of the x axis."""
     x, y = frame.x.decades(), frame.y.decades()
     frame.grid([10.0**e for e in x], [10.0**e for e in y])
-    labels = [(10.0**e, notation.decade(e)) for e in y]
-    if len(y) < 2:
-        values = [m * 10.0**e for e in range(math.floor(math.log10(frame.y.low)), 9) for m in (1, 2, 5)]
-        labels = [(v, number(v, 1)) for v in values if frame.y.low <= v <= frame.y.high]
-    frame.y_labels(labels)
+    frame.y_labels(_labels(frame.y, notation))
     row = frame.canvas.height - 1
     frame.canvas.text(frame.canvas.width - len(x_unit), row, x_unit, "text")
     available = frame.canvas.width - len(x_unit) - 1
     columns = (frame.across(np.array([10.0**e for e in x])) // 2).astype(np.int64)
     texts = [notation.decade(e) for e in x]
+    # the unit stands at the right end of the same row
     fits = [c + len(text) < available for c, text in zip(columns, texts, strict=True)]
     frame.x_labels([(10.0**e, text) for e, text, fit in zip(x, texts, fits, strict=True) if fit], row)
     if frame.top + frame.height < row:
         frame.canvas.text(frame.left, row - 1, "─" * frame.width, "axis")
         for column in columns:
             frame.canvas.text(int(column), row - 1, "┴", "axis")
+
+
+def _labels(axis: AxisScale, notation: Notation) -> list[tuple[float, str]]:
+    """Return the labels of a logarithmic axis: its decades, or 1, 2 and 5 times them where it has less than two."""
+    decades = axis.decades()
+    if len(decades) > 1:
+        return [(10.0**e, notation.decade(e)) for e in decades]
+    exponents = range(math.floor(math.log10(axis.low)), math.floor(math.log10(axis.high)) + 1)
+    values = [m * 10.0**e for e in exponents for m in (1, 2, 5)]
+    return [(v, number(v, 1)) for v in values if axis.low <= v <= axis.high]
 
 
 def _limit_curves(
@@ -177,10 +227,10 @@ def _limit_curves(
         sigma: Floats = np.asarray(factor * np.exp(log_sigma), dtype=np.float64)
         frame.curve(tau, sigma, "limit", (1, 3))
         inside = np.flatnonzero((sigma > frame.y.low) & (sigma < frame.y.high))
-        at = frame.cell(float(tau[inside[-1]]), float(sigma[inside[-1]])) if len(inside) else None
-        if at is not None:
-            column = min(at[0], frame.left + frame.width) - len(grade)
-            labels.append((column, max(at[1] - 1, 0), grade))
+        cell = frame.cell(float(tau[inside[-1]]), float(sigma[inside[-1]])) if len(inside) else None
+        if cell is not None:
+            column = min(cell[0], frame.left + frame.width) - len(grade)
+            labels.append((column, max(cell[1] - 1, 0), grade))
     return labels
 
 
@@ -192,9 +242,9 @@ def _axis(frame: PlotFrame, state: ViewState, name: str, factor: float) -> None:
     tau, sigma = numbers(channel.allan.tau_s), numbers(channel.allan.sigma, factor)
     frame.curve(tau, sigma, f"axis-{name[-1]}")
     frame.points(tau, sigma, f"axis-{name[-1]}")
-    at = frame.cell(float(tau[-1]), float(sigma[-1]))
-    if at is not None:
-        frame.canvas.text(min(at[0] + 1, frame.canvas.width - 1), at[1], name[-1], f"axis-{name[-1]}")
+    cell = frame.cell(float(tau[-1]), float(sigma[-1]))
+    if cell is not None:
+        frame.canvas.text(min(cell[0] + 1, frame.canvas.width - 1), cell[1], name[-1], f"axis-{name[-1]}")
 
 
 def _curve(frame: PlotFrame, notation: Notation, channel: Channel, sensor: str, factor: float) -> None:
@@ -202,11 +252,13 @@ def _curve(frame: PlotFrame, notation: Notation, channel: Channel, sensor: str, 
     allan = channel.allan or Allan()
     tau, sigma = numbers(allan.tau_s), numbers(allan.sigma, factor)
     frame.band(tau, numbers(allan.low, factor), numbers(allan.high, factor), "band")
-    ends = np.array([frame.x.low, frame.x.high])
-    known = {letter: part for letter, part in channel.coefficients.items() if part.value}
-    for letter, part in known.items():
-        slope = np.array([COEFFICIENTS[letter].deviation(tau_s) for tau_s in ends.tolist()])
-        frame.curve(ends, slope * (part.value or 0.0) * factor, letter, (3, 3))
+    marks, time_constant_s = _drawn(channel), _time_constant_s(channel)
+    for letter, (value, _) in marks.items():
+        row = COEFFICIENTS[letter]
+        # an asymptote is straight on these axes; the line of correlated noise has a hump
+        times = np.geomspace(frame.x.low, frame.x.high, CURVE_POINTS if letter in MARKOV else 2)
+        line = np.array([row.deviation(tau_s, time_constant_s) for tau_s in times.tolist()])
+        frame.curve(times, line * value * factor, letter, (3, 3))
     model, noise = numbers(allan.model, factor), numbers(allan.noise, factor)
     if (np.abs(model / noise - 1.0) > VISIBLE).any():
         frame.curve(tau, noise, "model", (1, 2))
@@ -215,15 +267,22 @@ def _curve(frame: PlotFrame, notation: Notation, channel: Channel, sensor: str, 
     character = "o" if notation.ascii else None
     frame.points(tau[used], sigma[used], "point", character)
     frame.points(tau[~used], sigma[~used], "unused", character)
-    for letter, part in known.items():
-        at, height, value = COEFFICIENTS[letter].read_s, _height(letter), notation.limits(part)[0]
-        text = letter
-        if frame.width >= 48 and value is not None:
-            unit = notation.coefficient_scale(sensor, letter)[1]
-            # the axis is in the unit of B, and the line is at 0.664 B
-            axis = f"{height:.3f} {letter} = {number(height * value, 3)}"
-            text = axis if at is None else f"{letter} {number(value, 3)} {unit}"
-        frame.label(at or _lowest(allan), (part.value or 0.0) * height * factor, text, letter)
+    for letter, (value, tau_s) in marks.items():
+        part = channel.estimates[letter]
+        text = _mark_text(notation, sensor, letter, part) if frame.width >= NUMBERED else letter
+        frame.label(tau_s, value * COEFFICIENTS[letter].mark_height * factor, text, letter)
+
+
+def _mark_text(notation: Notation, sensor: str, letter: str, part: Estimate) -> str:
+    """Return the text beside the mark of a coefficient: its value, or what the axis shows of it."""
+    value, height = notation.limits(part)[0], COEFFICIENTS[letter].mark_height
+    if value is None:
+        return letter
+    if (
+        COEFFICIENTS[letter].read_s is None
+    ):  # the axis is in the unit of B and M: a line at 0.664 B or 0.617 M
+        return f"{height:.3f} {letter} = {number(height * value, 3)}"
+    return f"{letter} {number(value, 3)} {notation.coefficient_scale(sensor, letter)[1]}"
 
 
 def _lowest(allan: Allan) -> float:
@@ -245,22 +304,28 @@ def signal_chart(state: ViewState, width: int, height: int) -> list[Line]:
     if envelope is None or not any(v is not None for v in envelope.low):
         text = "no signal yet" if state.signal else "waiting for the signal"
         return [title, *centred_text([text], width, height - 1)]
+    end = "now" if state.connection_status().live else "end"
+    return [title, *_envelope(envelope, factor, end, width, height - 1)]
+
+
+def _envelope(envelope: Strip, factor: float, end: str, width: int, height: int) -> list[Line]:
+    """Return the chart of minimum and maximum over the time before `end`."""
     low, high = numbers(envelope.low, factor), numbers(envelope.high, factor)
-    canvas = Canvas(width, height - 1)
+    canvas = Canvas(width, height)
     span = envelope.column_s * len(low)
     y = linear(np.concatenate((low, high)))
-    area = (GUTTER + 2, 0, max(width - GUTTER - 4, 4), max(height - 2, 2))
+    area = (GUTTER + 2, 0, max(width - GUTTER - 4, 4), max(height - 1, 2))
     frame = PlotFrame(canvas, area, AxisScale(-span, 0.0), y)
     ticks = y.ticks(max(frame.height // 2, 2))
     times = _times(span)
     frame.grid([-t for t in times], ticks)
     frame.y_labels([(t, _tick(t, ticks)) for t in ticks])
-    end = "now" if state.connection_status().live else "end"
+    # x labels are placed from the left, and one that would touch its neighbour is left out: `end` is the last
     labels = [(-t, f"−{approximate_duration(t)}" if t else end) for t in reversed(times)]
     frame.x_labels(labels, canvas.height - 1)
     top, bottom = _extremes(low, high, 2 * frame.width)
     frame.columns(bottom, top, "signal")
-    return [title, *canvas.rows()]
+    return canvas.rows()
 
 
 def _extremes(low: Floats, high: Floats, count: int) -> tuple[Floats, Floats]:
@@ -285,6 +350,7 @@ def _times(span: float) -> list[float]:
     """Return about five round times before now, s."""
     minutes, hours = (60, 120, 300, 600, 900, 1800), (3600, 7200, 14400, 21600, 43200, 86400, 172800)
     steps = (1, 2, 5, 10, 15, 30, *minutes, *hours)
+    # beyond the table: weeks times a power of ten
     weeks = max(span / 6.0 / 604800, 1.0)
     step = next((s for s in steps if span / s <= 6.0), 604800.0 * 10.0 ** math.ceil(math.log10(weeks)))
     return [float(k * step) for k in range(int(span / step + 1e-9) + 1)]
@@ -294,7 +360,7 @@ def _tick(value: float, ticks: Sequence[float]) -> str:
     """Return the label of a tick, with as many decimals as its neighbours require, in at most 8 cells."""
     step = ticks[1] - ticks[0] if len(ticks) > 1 else abs(value) or 1.0
     decimals = max(-math.floor(math.log10(step) + 1e-9), 0)
-    text = f"{value + 0.0:.{decimals}f}"
+    text = f"{value + 0.0:.{decimals}f}"  # + 0.0: no "-0"
     return text if len(text) <= GUTTER + 1 and decimals < 7 else f"{value:.1e}"
 
 
@@ -314,6 +380,7 @@ def histogram_chart(state: ViewState, width: int, height: int) -> list[Line]:
     edges = AxisScale(start, start + bin_width * len(counts))
     top = max(float(counts.max()), max(histogram.gaussian, default=0.0)) * 1.05
     frame = PlotFrame(canvas, (1, 0, max(width - 2, 4), max(height - 2, 2)), edges, AxisScale(0.0, top))
+    # bins to columns: the mean of the bins of a column, or one bin in several columns
     first = np.arange(frame.width) * len(counts) // frame.width
     until = np.maximum(np.arange(1, frame.width + 1) * len(counts) // frame.width, first + 1)
     heights = np.array([counts[a:b].mean() for a, b in zip(first, until, strict=True)]) / top * frame.height

@@ -2,67 +2,77 @@
 
 from __future__ import annotations
 
-from imumon.coefficients import coefficient_ratio
-from imumon.report import NOISE, Channel, Estimate, Report
+from collections.abc import Sequence
+
+from imumon.coefficients import NOISE, Estimate, coefficient_ratio
+from imumon.report import Channel, Report
 from imumon.samples import sensor_of
-from imumon.tui.channel_table import LABEL
+from imumon.tui.channel_table import LABEL, letters_of
 from imumon.tui.formatting import CELL, Line, Notation, Span
 from imumon.tui.view_state import ViewState
 from imumon.units import short
 
+LEAST_NAME = 8
+"""Cells of the name of a device that correlated noise leaves on a narrow screen."""
+
 
 def comparison(state: ViewState, width: int) -> list[Line]:
     """Return the selected device and the compared one, one below the other, with their ratios."""
-    own, other = state.report, state.reports.get(state.compared_id or "")
-    if own is None or other is None or state.id is None or state.compared_id is None:
+    first, second = state.report, state.reports.get(state.compared_id or "")
+    if first is None or second is None or state.id is None or state.compared_id is None:
         return []
     longest = 1 + max(len(state.id), len(state.compared_id))
-    cells = max(min(longest, width - LABEL - len(NOISE) * (CELL + 1) - 1), 2)  # 1: the scrollbar
+    letters = letters_of(first, second)
+    while len(letters) > len(NOISE) and width < LABEL + LEAST_NAME + len(letters) * (CELL + 1) + 1:
+        letters = letters[:-1]
+    cells = max(min(longest, width - LABEL - len(letters) * (CELL + 1) - 1), 2)  # 1: the scrollbar
     lines: list[Line] = []
     last = None
-    for name, channel in own.channels.items():
-        match, sensor = other.channels.get(name), sensor_of(name)
+    for name, channel in first.channels.items():
+        match, sensor = second.channels.get(name), sensor_of(name)
         if "/" not in name or match is None:
             continue
         if sensor != last:
-            lines.append(_heading(state.notation, sensor, cells))
+            lines.append(_heading(state.notation, sensor, cells, letters))
         last = sensor
-        lines.append(_row(name[-1], state.id, channel, state.notation, cells))
-        lines.append(_row("", state.compared_id, match, state.notation, cells))
-        lines.append(_ratios(channel, match, cells))
-    return [*_legend(own, other), *lines]
+        lines.append(_row(name[-1], state.id, channel, state.notation, cells, letters))
+        lines.append(_row("", state.compared_id, match, state.notation, cells, letters))
+        lines.append(_ratios(channel, match, cells, letters))
+    return [*_legend(first, second), *lines]
 
 
-def _legend(own: Report, other: Report) -> list[Line]:
+def _legend(first: Report, second: Report) -> list[Line]:
     """Return what the ratios mean, and what may make them differ from one besides the sensors."""
     lines: list[Line] = [[("   ratio: second over first; differs if beyond 95 % limits", "faint")]]
-    if own.device.stream != other.device.stream:
-        streams = f"{own.device.stream or 'unknown'} and {other.device.stream or 'unknown'}"
+    if first.device.stream != second.device.stream:
+        streams = f"{first.device.stream or 'unknown'} and {second.device.stream or 'unknown'}"
         lines.append([(f"   different streams, {streams}: they alone may explain a difference", "warn")])
     return [*lines, []]
 
 
-def _heading(notation: Notation, sensor: str, cells: int) -> Line:
+def _heading(notation: Notation, sensor: str, cells: int, letters: Sequence[str]) -> Line:
     head: Line = [(f" {sensor:<{cells + LABEL - 1}}", "title")]
-    for name in NOISE:
+    for name in letters:
         text = f"{name} {notation.coefficient_scale(sensor, name)[1]}"
         head += [(" " * (CELL + 1 - len(text)), "text"), (name, name), (text[1:], "muted")]
     return head
 
 
-def _row(axis: str, id: str, channel: Channel, notation: Notation, cells: int) -> Line:
+def _row(
+    axis: str, id: str, channel: Channel, notation: Notation, cells: int, letters: Sequence[str]
+) -> Line:
     shown = id if len(id) < cells else f"…{id[len(id) - cells + 2 :]}"  # names often differ at their end
     line: Line = [(f"   {axis:<3}", "strong"), (f"{shown:<{cells}}", "text" if axis else "muted")]
-    for name in NOISE:
-        text, role = notation.coefficient(channel.coefficients.get(name), None)
+    for name in letters:
+        text, role = notation.coefficient(channel.estimates.get(name), None)
         line.append((text.rjust(CELL + 1), role))
     return line
 
 
-def _ratios(channel: Channel, match: Channel, cells: int) -> Line:
+def _ratios(channel: Channel, match: Channel, cells: int, letters: Sequence[str]) -> Line:
     line: Line = [(f"{'':<{LABEL}}{'ratio':<{cells}}", "faint")]
-    for name in NOISE:
-        text, role = ratio_text(channel.coefficients.get(name), match.coefficients.get(name))
+    for name in letters:
+        text, role = ratio_text(channel.estimates.get(name), match.estimates.get(name))
         line.append((text.rjust(CELL + 1), role))
     return line
 

@@ -5,16 +5,19 @@ from __future__ import annotations
 import csv
 import io
 import re
-import shutil
-import subprocess
 from collections.abc import Iterable
 from pathlib import Path
 
+from imumon.files import replace_file
 from imumon.messages import spreadsheet_cell
-from imumon.report import SensorGrade, Strip, to_json
-from imumon.samples import INERTIAL
+from imumon.report import SensorGrade, Strip
+from imumon.report_json import to_json
+from imumon.samples import INERTIAL, sensor_of
 from imumon.tui.text_panels import filtered_events
 from imumon.tui.view_state import ViewState
+
+PNG_ZOOM = 1.5
+"""Pixels of a PNG per unit of the SVG: text of a terminal is then legible on paper."""
 
 
 def file_name(state: ViewState, suffix: str) -> str:
@@ -26,20 +29,18 @@ def file_name(state: ViewState, suffix: str) -> str:
 
 
 def convert_to_png(svg: Path) -> Path | None:
-    """Convert with rsvg-convert, and return the new file; None if it is not installed.
+    """Convert with the library of the extra ``png``, and return the new file; None if it is not installed.
 
     Raises
     ------
-    OSError : it failed.
+    OSError, ValueError : it failed.
     """
-    target = svg.with_suffix(".png")
-    command = ["rsvg-convert", "--zoom", "1.5", "-o", str(target), str(svg)]
-    if shutil.which(command[0]) is None:
+    try:
+        import resvg_py
+    except ImportError:
         return None
-    run = subprocess.run(command, capture_output=True, timeout=30, check=False)
-    if run.returncode:
-        message = run.stderr.decode(errors="replace").strip().partition("\n")[0]
-        raise OSError(message or f"{command[0]} failed")
+    target = svg.with_suffix(".png")
+    replace_file(target, bytes(resvg_py.svg_to_bytes(svg_path=str(svg), zoom=PNG_ZOOM)))
     return target
 
 
@@ -63,6 +64,8 @@ def table_rows(state: ViewState) -> Iterable[Iterable[object]]:
         head = ("time", "kind", "channel", "text")
         shown = filtered_events(state.events, state.filter_text)
         return [head, *((e.time, e.kind, e.channel, e.text) for e in shown)]
+    if state.view == "convergence":
+        return _convergence(state)
     if state.view == "device":
         parts = ("device", report.device), ("session", report.session)
         return [("part", "name", "value"), *((p, n, getattr(o, n)) for p, o in parts for n in o.__slots__)]
@@ -78,6 +81,37 @@ def table_rows(state: ViewState) -> Iterable[Iterable[object]]:
     return _curves(state)
 
 
+KALIBR = {"gyro": "gyroscope", "accel": "accelerometer"}
+"""Sensors in the names of the numbers of Kalibr."""
+
+
+def copied_lines(state: ViewState) -> list[str]:
+    """Return N and K of the worst axis of each inertial sensor in SI, as lines of Kalibr; a bound is a comment."""
+    report = state.report
+    if report is None:
+        return []
+    lines = [
+        "# continuous time, SI; worst axis; random_walk is plain K: imumon report --format kalibr widens it for B"
+    ]
+    for sensor, word in KALIBR.items():
+        axes = {name: c for name, c in report.channels.items() if sensor_of(name) == sensor}
+        for letter, name in (("N", "noise_density"), ("K", "random_walk")):
+            known = {n: part for n, c in axes.items() if (part := c.estimates.get(letter)) is not None}
+            sizes = {n: part.value if part.value is not None else part.high for n, part in known.items()}
+            worst = max(
+                (n for n, size in sizes.items() if size is not None),
+                key=lambda n: sizes[n] or 0.0,
+                default=None,
+            )
+            if worst is None:
+                lines.append(f"# {word}_{name}: not known yet")
+            elif known[worst].value is None:
+                lines.append(f"# {word}_{name}: < {sizes[worst]:.3e}  # {worst}: 95 % upper bound")
+            else:
+                lines.append(f"{word}_{name}: {sizes[worst]:.4e}  # {worst}, {known[worst].unit}")
+    return lines
+
+
 def _curves(state: ViewState) -> list[Iterable[object]]:
     """Return coefficients and Allan deviations of every channel."""
     head = ("channel", "unit", "tau_s", "sigma", "low", "high", "edf", "model", "noise", "used")
@@ -90,8 +124,20 @@ def _curves(state: ViewState) -> list[Iterable[object]]:
             out += [(name, channel.unit, *column) for column in columns]
     out += [(), ("channel", "coefficient", "unit", "value", "low", "high", "status")]
     for name, channel in channels:
-        for letter, c in ((letter, part.stated) for letter, part in channel.coefficients.items()):
+        for letter, c in ((letter, part.stated) for letter, part in channel.estimates.items()):
             out.append((name, letter, c.unit, c.value, c.low, c.high, c.status))
+    return out
+
+
+def _convergence(state: ViewState) -> list[Iterable[object]]:
+    """Return what was stated of every coefficient of the selected channel when the record was shorter."""
+    out: list[Iterable[object]] = [("channel", "coefficient", "elapsed_s", "value", "low", "high", "status")]
+    stated = state.selected.convergence if state.selected is not None else None
+    if stated is None:
+        return out
+    for letter, series in stated.coefficients.items():
+        columns = (stated.elapsed_s, series.value, series.low, series.high, series.status)
+        out += [(state.channel, letter, *row) for row in zip(*columns, strict=True)]
     return out
 
 
@@ -100,6 +146,7 @@ def _signal(state: ViewState) -> list[Iterable[object]]:
     out: list[Iterable[object]] = [("time_s", "low", "high")]
     envelope: Strip | None = getattr(state.signal, state.window) if state.signal is not None else None
     if envelope is not None:
+        # not strict: columns of a report from another program may differ in length
         times = (envelope.start_s + k * envelope.column_s for k in range(len(envelope.low)))
         out += zip(times, envelope.low, envelope.high, strict=False)
     channel = state.selected

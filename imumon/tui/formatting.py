@@ -10,9 +10,8 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from imumon.coefficients import unit_of
+from imumon.coefficients import BOUNDS, INDISTINCT_WORD, Estimate, unit_of
 from imumon.messages import no_value_text
-from imumon.report import Estimate
 from imumon.samples import UNITS, sensor_of
 from imumon.units import DEG, measured, number, pretty
 
@@ -28,6 +27,7 @@ _ASCII = str.maketrans(
         "●": "*", "○": "o", "◌": "o", "◐": "o", "■": "#", "▌": ">", "✕": "x", "◆": "#", "◇": "o", "│": "|",
         "─": "-", "┼": "+", "└": "+", "┴": "+", "├": "+", "┤": "+", "┌": "+", "┐": "+", "·": "-", "…": "~",
         "×": "x", "▪": "#", "▒": "#", "━": "-", "┄": "-", "╌": "-", "•": "*", "−": "-", "–": "-", "▁": " ",
+        "✓": "*", "↓": "v", "↗": "/",
         "▂": " ", "▃": " ", "▄": " ", "▅": " ", "▆": " ", "▇": " ", "█": "#", "▀": "#",
     }
 )  # fmt: skip
@@ -142,8 +142,9 @@ class Notation:
             # Blanks go first: a number without its last sign is another number.
             forms = (text, text.replace(" ", "", 1), text.replace(" ", ""), number(value, 3))
             return next(form for form in forms if len(form) <= CELL), "text"
-        if part.status == "upper_bound" and high is not None:
-            return f"< {number(high, 2)}", "bound"
+        if part.is_bound and high is not None:
+            text = f"< {number(high, 2)}"
+            return f"{text} {INDISTINCT_WORD}" if part.status == "indistinct" else text, "bound"
         if (why := no_value_text(part)) is not None:
             return why, "warn"
         return (f"in {approximate_duration(seconds)}", "muted") if seconds else ("pending", "faint")
@@ -160,7 +161,7 @@ def remaining_time(part: Estimate | None, seconds: float | None) -> Span:
         return (f"in {approximate_duration(seconds)}", "text") if seconds else ("reached", "good")
     if part is None:
         return "–", "faint"
-    return {"measured": ("> 1 year", "text"), "upper_bound": ("only a bound", "bound")}.get(
+    return {"measured": ("> 1 year", "text"), **dict.fromkeys(BOUNDS, ("only a bound", "bound"))}.get(
         part.status, ("pending", "faint")
     )
 

@@ -1,4 +1,7 @@
-"""Charts of the history of one channel: N, B, mean and temperature over a day, a month or a year, with the events.
+"""Charts of the history of one channel: coefficients, mean and temperature over a day, a month or a year, with events.
+
+A coefficient belongs to its row alone, 10 minutes, an hour or a day, so its limits do not narrow from row to row. They
+are bars, and an arrow is the upper bound of a row that does not show it.
 
 The rows come from the daemon as JSON (docs/HISTORY.md).
 """
@@ -13,18 +16,20 @@ from typing import Any
 
 import numpy as np
 
+from imumon.coefficients import CONVERGING, Estimate
 from imumon.history_report import HistoryRow, history_rows, objects
-from imumon.report import GRADED
-from imumon.samples import sensor_of
+from imumon.samples import Floats, sensor_of
 from imumon.tui.braille_canvas import AxisScale, Canvas, PlotFrame, linear
 from imumon.tui.charts import EXTREME_VALUES, centred_text
-from imumon.tui.formatting import Line, padded
+from imumon.tui.formatting import Line, fitted, padded
 from imumon.tui.view_state import SPANS, HistorySeries, ViewState
-from imumon.units import number
+from imumon.units import duration, number
 
 MARKED = ("change", "restart", "connect", "disconnect", "warmup", "grade", "disturbance", "constant", "state")
 """Kinds of events that are marked."""
-QUANTITIES = (*GRADED, "mean", "temperature")
+QUANTITIES = (*CONVERGING, "mean", "temperature")
+MOST_ROOM = 0.5
+"""Share of a value by which limits widen the scale."""
 GUTTER = 9
 """Cells to the left of a chart, for its labels."""
 _ROLES = {"mean": "signal", "temperature": "point"}
@@ -38,24 +43,32 @@ def parse(channel: str, rows: bytes, events: bytes) -> HistorySeries | None:
     known.sort()
     table = np.array(known, dtype=np.float64)
     begin, end = table[:, 0], table[:, 1]
-    values = {name: table[:, k] for k, name in enumerate(QUANTITIES, 2)}
-    shown = tuple(_marks(objects(events)))
-    return HistorySeries(channel, float(begin[0]), float(end.max()), 0.5 * (begin + end), values, shown)
+    count = len(QUANTITIES)
+    values = {name: table[:, 2 + k] for k, name in enumerate(QUANTITIES)}
+    low = {name: table[:, 2 + count + 2 * k] for k, name in enumerate(CONVERGING)}
+    high = {name: table[:, 3 + count + 2 * k] for k, name in enumerate(CONVERGING)}
+    shown, period_s = tuple(_marks(objects(events))), float((end - begin).max())
+    middle = 0.5 * (begin + end)
+    return HistorySeries(
+        channel, float(begin[0]), float(end.max()), middle, values, shown, low, high, period_s
+    )
 
 
 def _numbers(row: HistoryRow) -> tuple[float, ...]:
     """Return begin, end and quantities of a row; what is not known is NaN."""
-    noise = [part.value if (part := row.coefficients.get(name)) else None for name in GRADED]
-    quantities = (math.nan if each is None else each for each in (*noise, row.mean, row.temperature))
-    return (row.begin.timestamp(), row.begin.timestamp() + row.length_s, *quantities)
+    noise = [row.coefficients.get(name, Estimate()) for name in CONVERGING]
+    limits = (limit for part in noise for limit in (part.low, part.high))
+    known = (*(part.value for part in noise), row.mean, row.temperature, *limits)
+    numbers = (math.nan if value is None else value for value in known)
+    return (row.begin.timestamp(), row.begin.timestamp() + row.length_s, *numbers)
 
 
 def _marks(events: Iterable[Any]) -> Iterator[tuple[float, str]]:
     """Yield time, s since 1970, and kind of the events that are marked."""
-    for each in events:
+    for event in events:  # from another program: of any form
         with suppress(KeyError, TypeError, ValueError, OverflowError):
-            if each["kind"] in MARKED:
-                yield datetime.fromisoformat(each["time"]).astimezone(UTC).timestamp(), each["kind"]
+            if event["kind"] in MARKED:
+                yield datetime.fromisoformat(event["time"]).astimezone(UTC).timestamp(), event["kind"]
 
 
 @EXTREME_VALUES
@@ -73,12 +86,13 @@ def history_chart(state: ViewState, width: int, height: int) -> list[Line]:
             "if history.enabled is true",
         ]
         return [padded(title, width), *centred_text(text, width, height - 1)]
-    title += [("   ▏", "warn"), ("event", "muted")] if series.events else []
-    drawn = [name for name in QUANTITIES if np.isfinite(series.values[name]).any()]
-    drawn = drawn[: max((height - 2) // 3, 1)]
+    period: Line = [(f"  {duration(series.period_s)} each, 95 %", "muted")]
+    events: Line = [("   ▏", "warn"), ("event", "muted")] if series.events else []
+    drawn = [name for name in QUANTITIES if _is_known(series, name)]
+    drawn = drawn[: max((height - 2) // 3, 1)]  # three lines each at least: fewer show no curve
     times = max(series.begin, series.end - SPANS[state.span][0]), series.end
-    lines = [padded(title, width)]
-    left = height - 2
+    lines = [padded(fitted([title, period, events], width), width)]
+    left = height - 2  # lines below the title and above the time
     for k, name in enumerate(drawn):
         rows = left // (len(drawn) - k)
         left -= rows
@@ -94,19 +108,46 @@ def _panel(
     canvas = Canvas(width, max(height, 2))
     inside = (series.time >= times[0]) & (series.time <= times[1])
     y = series.values[name][inside] * factor
-    scale = linear(y)
+    unknown = np.full(len(series.time), math.nan)
+    low, high = (limits.get(name, unknown)[inside] * factor for limits in (series.low, series.high))
+    measured, bound = np.isfinite(y), ~np.isfinite(y) & np.isfinite(high)
+    scale = linear(np.concatenate((y, *_edges(y, low, high))))
     area = (GUTTER, 1, max(width - GUTTER - 2, 4), max(height - 1, 1))
     frame = PlotFrame(canvas, area, AxisScale(*times), scale)
     ticks = scale.ticks(max(frame.height // 2, 2))
     frame.grid([], ticks)
     frame.y_labels([(tick, number(tick, 4)) for tick in ticks])
     for when, kind in series.events:
-        at = frame.cell(when, 0.5 * (scale.low + scale.high))
-        for row in range(frame.top, frame.top + frame.height) if at is not None else ():
-            canvas.put(at[0], row, "▏", "bad" if kind == "change" else "warn")  # type: ignore[index]
+        cell = frame.cell(when, 0.5 * (scale.low + scale.high))
+        for row in range(frame.top, frame.top + frame.height) if cell is not None else ():
+            canvas.put(cell[0], row, "▏", "bad" if kind == "change" else "warn")  # type: ignore[index]
+    times_s = series.time[inside]
+    for when, least, greatest in zip(times_s[measured], low[measured], high[measured], strict=True):
+        ends = np.clip([least, greatest], scale.low, scale.high)
+        frame.curve(np.full(2, when), ends, _ROLES.get(name, name), (1, 2))
+    for when, size in zip(times_s[bound], high[bound], strict=True):
+        if (cell := frame.cell(float(when), float(size))) is not None:
+            canvas.text(*cell, "↓", "bound")
     frame.points(series.time[inside], y, _ROLES.get(name, name), "o" if state.notation.ascii else None)
     canvas.text(GUTTER, 0, f"{name} [{unit}]", "muted")
     return canvas.rows()
+
+
+def _is_known(series: HistorySeries, name: str) -> bool:
+    """Return whether any row has a value or a bound of a quantity."""
+    return bool(
+        np.isfinite(series.values[name]).any() or np.isfinite(series.high.get(name, np.zeros(0))).any()
+    )
+
+
+def _edges(y: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """Return the limits as far as a scale shows them: those of a short row may be many times its value."""
+    known = y[np.isfinite(y)]
+    if not len(known):
+        return low, high
+    least, greatest = float(known.min()), float(known.max())
+    room = max(greatest - least, MOST_ROOM * abs(greatest))
+    return np.clip(low, least - room, greatest + room), np.clip(high, least - room, greatest + room)
 
 
 def _scale(state: ViewState, channel: str, name: str) -> tuple[float, str]:
@@ -123,11 +164,11 @@ def _time_axis(times: tuple[float, float], width: int) -> Line:
     inner, span = width - GUTTER - 2, times[1] - times[0]
     count = max(2, min(7, inner // 12))
     form = "%H:%M" if span < 2 * 86400.0 else "%d %b" if span < 90 * 86400.0 else "%b %Y"
-    form += ":%S" if span < 60.0 * count else ""
+    form += ":%S" if span < 60.0 * count else ""  # two labels of one minute would be equal
     text = [" "] * width
     for k in range(count):
         share = k / (count - 1)
         shown = f"{datetime.fromtimestamp(times[0] + share * span, UTC):{form}}"
-        at = min(max(GUTTER + round(share * inner) - len(shown) // 2, 0), width - len(shown))
-        text[at : at + len(shown)] = shown
+        column = min(max(GUTTER + round(share * inner) - len(shown) // 2, 0), width - len(shown))
+        text[column : column + len(shown)] = shown
     return padded([("".join(text)[:width], "muted")], width)

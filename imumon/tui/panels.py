@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from imumon.alarms import known
-from imumon.messages import caveat_lines, caveats, grade_text
-from imumon.report import Channel, Estimate, Report, SensorGrade
+from imumon.coefficients import Estimate
+from imumon.messages import GRADE_MEANING, caveat_lines, caveats, grade_text
+from imumon.readiness import ready_text
+from imumon.report import Channel, Report, SensorGrade
 from imumon.samples import INERTIAL, sensor_of
 from imumon.tui.formatting import (
     Line,
@@ -17,7 +19,7 @@ from imumon.tui.formatting import (
     wrap,
 )
 from imumon.tui.view_state import SHOWN_CAVEATS, VIEWS, ViewState
-from imumon.units import counted, duration, number
+from imumon.units import counted, duration, number, sentence
 
 # ---------------------------------------------------------------------------- status line
 
@@ -25,6 +27,7 @@ from imumon.units import counted, duration, number
 def status(state: ViewState, width: int, height: int = 1) -> list[Line]:
     """Return status, sensor, rate, elapsed time, gaps, errors, temperature ..., as far as they fit."""
     now = state.connection_status()
+    # an alarm is the loss of the sensor or of the daemon; what delays is a warning
     background = "alarm" if not now.live and now.role == "bad" else "status"
     line: Line = [(f" {now.mark} {now.title} ", f"{now.role}-strong")]
     right: Line = [(" frozen: f continues ", "chip"), (" ", "text")] if state.frozen else []
@@ -34,7 +37,7 @@ def status(state: ViewState, width: int, height: int = 1) -> list[Line]:
         line.append((f" {now.text}", "text"))
     if state.report is not None:
         facts = _facts(state.report, state) + ([[(now.text, "text")]] if explained_last else [])
-        for k, fact in enumerate(facts):
+        for k, fact in enumerate(facts):  # a later, shorter one may fit where an earlier one does not
             addition: Line = [("  " if not k and len(line) == 1 else " · ", "faint"), *fact]
             if length(line) + length(addition) < available:
                 line += addition
@@ -44,7 +47,7 @@ def status(state: ViewState, width: int, height: int = 1) -> list[Line]:
 def _facts(report: Report, state: ViewState) -> list[Line]:
     """Return the parts of the status line, the most important first."""
     device, session, names = report.device, report.session, list(state.reports)
-    if not session.samples:
+    if not session.samples:  # counts and times would all be 0
         return [[(device.id, "strong")], *([[(device.port, "muted")]] if device.port is not None else [])]
     temperature = report.channels.get("temperature")
     degrees = temperature.last if temperature is not None else None
@@ -54,7 +57,7 @@ def _facts(report: Report, state: ViewState) -> list[Line]:
         (position, "bound"),
         (None if device.sample_rate_hz is None else f"{device.sample_rate_hz:.4g} Hz", "text"),
         (duration(session.elapsed_s), "text"),
-        (f"time-lapse ×{report.speed:g}" if report.speed != 1.0 else None, "bound"),
+        (f"time-lapse ×{report.time_lapse:g}" if report.time_lapse is not None else None, "bound"),
         *(
             (alarm.label(value), "warn" if value > limit else "text")
             for alarm, value, limit in known(report)
@@ -71,8 +74,17 @@ def _facts(report: Report, state: ViewState) -> list[Line]:
 # ---------------------------------------------------------------------------- footer
 
 
-WIDE_FOOTER, NAMED_FOOTER = 100, 66
+WIDE_FOOTER, NAMED_FOOTER = 140, 112
 """Widths in cells from which views and keys are two blanks apart, and from which all views are named."""
+VIEW_KEYS = {
+    "overview": (("c", "copy"), ("z", "chart"), ("o", "axes"), ("p", "times")),
+    "signal": (("w", "window"),),
+    "events": (("/", "filter"),),
+    "sensors": (("c", "compare"),),
+    "history": (("+-", "span"),),
+    "convergence": (("c", "copy"),),
+}
+"""The keys of each view that a user has to know of."""
 
 
 def tabs(state: ViewState, width: int) -> Line:
@@ -90,9 +102,10 @@ def tabs(state: ViewState, width: int) -> Line:
 
 
 def footer(state: ViewState, width: int, height: int = 1) -> list[Line]:
-    """Return the views and the most important keys."""
+    """Return the views and the most important keys, those of the view before those that are everywhere."""
     line = tabs(state, width)
-    keys = (("?", "help"), ("q", "quit"), ("s", "save"), ("u", "units"), ("f", "freeze"), ("^p", "palette"))
+    everywhere = (("s", "save"), ("u", "units"), ("f", "freeze"), ("^p", "palette"))
+    keys = (("?", "help"), ("q", "quit"), *VIEW_KEYS.get(state.view, ()), *everywhere)
     right: Line = []
     for key, name in keys:
         item: Line = [(f"  {key} " if width >= WIDE_FOOTER else f" {key} ", "key"), (name, "muted")]
@@ -103,14 +116,14 @@ def footer(state: ViewState, width: int, height: int = 1) -> list[Line]:
     ]
 
 
-# ---------------------------------------------------------------------------- headline grades
+# ---------------------------------------------------------------------------- headline
 
 
 def headlines(state: ViewState, width: int, height: int) -> list[Line]:
-    """Return both grades of gyroscope and accelerometer, and what decides them, in one or two lines each.
+    """Return whether the numbers are ready, and the grades with what decides them as far as there is room.
 
     The first line ends with the caveats by name, or with their number where the names do not fit: that they
-    exist matters more than what decides the grades. A caveat that the status line shows is not repeated.
+    exist matters more than the grades. A caveat that the status line shows is not repeated.
     """
     report = state.report
     if report is None:
@@ -118,37 +131,39 @@ def headlines(state: ViewState, width: int, height: int) -> list[Line]:
     shown_above = SHOWN_CAVEATS.get(state.connection_status().kind)
     names = [caveat.replace("_", " ") for caveat in caveats(report) if caveat != shown_above]
     notes = [f"  ! {', '.join(names)} ", f"  ! {counted(len(names), 'caveat')} ", f" !{len(names)} "]
-    lines: list[Line] = []
-    for sensor in INERTIAL:
+    ready: Line = [(f" {ready_text(report, state.program, state.letters, approximate_duration)}", "strong")]
+    fits = [text for text in notes if length(ready) + len(text) <= width] or notes[-1:]
+    note = fits[0] if names else ""
+    lines: list[Line] = [[*padded(ready, width - len(note)), (note, "warn")]]
+    spacious = height > 2 * len(INERTIAL)
+    for sensor in INERTIAL if height > len(INERTIAL) else ():
         grade = report.grade.get(sensor, SensorGrade())
-        role = f"grade-{grade.nearest}-strong" if grade.nearest else "muted"
+        role = f"grade-{grade.meets}-strong" if grade.meets else "muted"
         head: Line = [(f" {sensor:<6}", "title"), (grade_text(grade), role)]
-        fits = [text for text in notes if length(head) + len(text) <= width] or notes[-1:]
-        note = fits[0] if names and not lines else ""
         parts = _basis(sensor, grade, report, state.notation)
-        if height < 2 * len(INERTIAL):
-            head = fitted([head, [("   ", "text")], *parts], width - len(note))
-        lines.append([*padded(head, width - len(note)), (note, "warn")])
-        if height >= 2 * len(INERTIAL):
-            lines.append(fitted([[(" " * 7, "text")], *parts], width))
+        if not spacious:
+            lines.append(fitted([head, [("   ", "text")], *parts], width))
+            continue
+        meaning: Line = [(f": {GRADE_MEANING}", "faint")] if grade.meets else []
+        lines += [fitted([head, meaning], width), fitted([[(" " * 7, "text")], *parts], width)]
     return [padded(line, width) for line in lines[:height]]
 
 
 def _basis(sensor: str, grade: SensorGrade, report: Report, notation: Notation) -> list[Line]:
-    """Return the value that decides a grade and the limit of that grade; without a grade, the reason."""
+    """Return the value that decides the nearest grade and the limit of that grade; without one, the reason."""
     if grade.decided_by is None or grade.nearest is None:
         return [[(grade.reason or "no coefficient is known well enough", "faint")]]
     axis, name = grade.decided_by.axis[-1:], grade.decided_by.coefficient
     parts: list[Line] = [[("by ", "faint"), (f"{name} of {axis}", "text")]]
     channel = report.channels.get(f"{sensor}/{axis}")
-    part = channel.coefficients.get(name) if channel is not None else None
+    part = channel.estimates.get(name) if channel is not None else None
     value, _, high = notation.limits(part) if part is not None else (None, None, None)
     if value is not None or high is not None:
         text = number(value, 3) if value is not None else f"< {number(high or 0.0, 2)}"
         parts.append([(f", {text} {notation.coefficient_scale(sensor, name)[1]}", "text")])
     limit = report.limits.get(sensor, {}).get(name, {}).get(grade.nearest)
     if limit is not None:
-        parts.append([(f", {grade.nearest} limit {notation.limit(sensor, name, limit)}", "faint")])
+        parts.append([(f", nearest limit: {grade.nearest}, {notation.limit(sensor, name, limit)}", "faint")])
     return parts
 
 
@@ -164,10 +179,10 @@ def detail(state: ViewState, width: int, height: int) -> list[Line]:
     factor, unit = notation.scale(name)
     title: Line = [(f" {name.replace('/', ' ')}", "title")]
     lines = [fitted([title, *_mean(channel, notation, factor, unit)], width)]
-    for letter, part in channel.coefficients.items():
+    for letter, part in channel.estimates.items():
         line = _limits(notation, sensor_of(name), letter, part)
         if goal := precision_goal(state, letter):
-            line = [*padded(line, 56), (goal, "muted")]
+            line = [*padded(line, 56), (goal, "muted")]  # below one another, behind the longest limits
         lines.append(line)
     if (grade := channel.grade) is not None:
         text = grade_text(SensorGrade(nearest=grade.nearest, meets=grade.meets, provisional=False))
@@ -192,7 +207,8 @@ def _mean(channel: Channel, notation: Notation, factor: float, unit: str) -> lis
     if shape is not None and shape.bias_low is not None and shape.bias_high is not None:
         half = 0.5 * (shape.bias_high - shape.bias_low) * factor
         uncertainty = (f" {notation.symbol('±')} {number(half, 2)}", "text")
-        if shape.bias is not None and shape.bias != channel.mean:  # a sensor that does not read zero at rest
+        # an accelerometer reads gravity at rest: there, the bias is not the mean
+        if shape.bias is not None and shape.bias != channel.mean:
             parts.append([("   bias ", "muted"), (number(shape.bias * factor, 3), "text"), uncertainty])
         else:
             mean.append(uncertainty)
@@ -226,9 +242,10 @@ def _limits(notation: Notation, sensor: str, name: str, part: Estimate) -> Line:
         line.append((f"{number(value, 4):>9} {unit:<12}", "text"))
         if low is not None and high is not None:
             line += [("95 % ", "faint"), (f"{number(low, 3)} to {number(high, 3)}", "muted")]
-    elif part.status == "upper_bound" and high is not None:
+    elif part.is_bound and high is not None:
         text = f"{'< ' + number(high, 2):>9} {unit:<12}"
-        line += [(text, "bound"), ("95 % upper bound; not visible yet", "muted")]
+        why = part.reason if part.status == "indistinct" else "not visible yet"
+        line += [(text, "bound"), (f"95 % upper bound; {why}", "muted")]
     else:
         line += [(f"{'–':>9} {unit:<12}", "faint"), (part.reason or "the record is too short", "muted")]
     return line
@@ -280,11 +297,12 @@ def _advice(*pairs: tuple[str, str]) -> list[Line]:
 
 
 def _welcome_text(state: ViewState, width: int) -> list[Line]:
+    """Return why nothing is shown, and what to type, by what is known of the daemon."""
     now = state.connection_status()
     if state.report is not None:
         return [
             [(f"{state.report.device.id}: {now.title}.", "strong")],
-            [(f"{now.text}.".capitalize(), "muted")],
+            [(f"{sentence(now.text)}.", "muted")],
             *_advice(("This command finds the cause:", "imumon doctor")),
         ]
     if state.ended:

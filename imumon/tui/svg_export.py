@@ -36,18 +36,19 @@ def portable_svg(svg: str) -> str:
     blocks: dict[str, list[str]] = defaultdict(list)
 
     def replace(match: re.Match[str]) -> str:
+        """Return a text of Rich without its drawn characters, which become shapes."""
         name, left, base, content = match.groups()
         x, y = float(left), float(base) - BASELINE
         characters = html.unescape(content)
         rest = []
         for k, character in enumerate(characters):
-            at = x + k * WIDTH
+            cell_x = x + k * WIDTH
             if "\u2800" <= character <= "\u28ff":
-                dots[name] += _dots(character, at, y)
+                dots[name] += _dots(character, cell_x, y)
             elif character in _LINES:
-                strokes[name] += _lines(character, at, y)
+                strokes[name] += _lines(character, cell_x, y)
             elif character in _EIGHTHS or character == "▀":
-                blocks[name].append(_block(character, at, y))
+                blocks[name].append(_block(character, cell_x, y))
             else:
                 rest.append(character)
                 continue
@@ -93,14 +94,17 @@ def _texts(name: str, text: str, x: float, y: float) -> str:
     """Return each group of words at its own position, without the wide blanks between them."""
     out = []
     for part in re.finditer(r"\S+(?: \S+)*", text.replace("\xa0", " ")):
-        at, size = x + part.start() * WIDTH, len(part.group()) * WIDTH
+        left, size = x + part.start() * WIDTH, len(part.group()) * WIDTH
         content = html.escape(part.group()).replace(" ", "&#160;")
-        out.append(f'<text class="{name}" x="{at:.1f}" y="{y:.1f}" textLength="{size:.1f}">{content}</text>')
+        out.append(
+            f'<text class="{name}" x="{left:.1f}" y="{y:.1f}" textLength="{size:.1f}">{content}</text>'
+        )
     return "\n".join(out) + "\n" if out else ""
 
 
 def _dots(character: str, x: float, y: float) -> list[str]:
     """Return the dots of a braille character."""
+    # a line of almost no length with a round cap is a dot
     bits = ord(character) - 0x2800
     places = ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))
     return [

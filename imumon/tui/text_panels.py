@@ -48,6 +48,7 @@ def device(state: ViewState, width: int, height: int = 0) -> list[Line]:
     if not wide:
         cards = [*first, settings, *second]
         return [padded(line, width) for card in cards if card for line in [*card, []]]
+    # each card is followed by an empty line; a card without lines is left out
     left, right = ([line for card in cards if card for line in [*card, []]] for cards in (first, second))
     blank: Line = []
     pairs = zip_longest(left, right, fillvalue=blank)
@@ -56,6 +57,7 @@ def device(state: ViewState, width: int, height: int = 0) -> list[Line]:
 
 
 def _identity(report: Report) -> list[Line]:
+    """Return model, serial number, firmware and port of the device."""
     d = report.device
     return [
         _title("Sensor"),
@@ -69,6 +71,7 @@ def _identity(report: Report) -> list[Line]:
 
 
 def _stream(report: Report) -> list[Line]:
+    """Return what the samples are, and by how much aliasing inflates N."""
     d = report.device
     kinds = {
         "deltas": "averages over each interval",
@@ -111,6 +114,7 @@ def _settings(report: Report, width: int) -> list[Line]:
 
 
 def _transmission(report: Report) -> list[Line]:
+    """Return what arrived since when, and what was lost on the way."""
     s = report.session
     expected = s.samples + s.missing
     share = share_text(s.missing / expected) if s.missing and expected else ""
@@ -131,6 +135,7 @@ def _transmission(report: Report) -> list[Line]:
 
 
 def _excluded(report: Report) -> list[Line]:
+    """Return how much of the record was excluded, and why."""
     s = report.session
     reasons, mag_only = excluded_by(report)
     return [
@@ -152,6 +157,8 @@ def _notes(report: Report, width: int) -> list[Line]:
     return [_title("Caveats"), *lines] if lines else []
 
 
+STATUS = 19
+"""Cells of the status of a device in the list of sensors."""
 _LEVEL_ROLES = {"debug": "faint", "info": "text", "notice": "good", "warning": "warn", "error": "bad"}
 
 
@@ -182,7 +189,7 @@ def events(state: ViewState, width: int, height: int = 0) -> list[Line]:
             (f"{mark} {event.kind:<13}", role),
         ]
         available = max(width - length(prefix) - 1, 12)
-        named = event.channel is None or event.channel in event.text
+        named = event.channel is None or event.channel in event.text  # most texts say it themselves
         text = event.text if named else f"{event.channel}: {event.text}"
         for k, part in enumerate(wrap(text, available)):
             lines.append([*(prefix if not k else [(" " * length(prefix), "text")]), (part, "text")])
@@ -192,31 +199,36 @@ def events(state: ViewState, width: int, height: int = 0) -> list[Line]:
 def sensors(state: ViewState, width: int, height: int = 0) -> list[Line]:
     """Return every device with status, elapsed time and grades, and the comparison of two."""
     lines: list[Line] = [[(" sensors ", "title"), (str(len(state.reports)), "muted")], []]
-    cells = 24 if width >= 66 else 17  # of the name
     for name, report in sorted(state.reports.items()):
-        now = state.connection_status(name)
-        age = "" if now.live else f"{approximate_duration(state.ages.get(name, 0.0))} ago"
-        compared = name == state.compared_id
-        status: Line = [
-            ("▌" if name == state.id else " ", "accent"),
-            (f" {now.mark} {now.title:<14}", now.role),
-        ]
-        line: Line = [
-            *padded(status, 19),
-            (f"{name:<{cells}}" if len(name) < cells else f"{name[: cells - 2]}… ", "strong"),
-            (f"{duration(report.session.elapsed_s):<12}", "text"),
-            ("compared" if compared else age, "bound" if compared else "warn"),
-        ]
+        line = _sensor_line(state, name, report, width)
         lines.append(with_background(padded(line, width), "selected") if name == state.id else line)
         for sensor in INERTIAL:
             grade = report.grade.get(sensor, SensorGrade())
             role = f"grade-{grade.nearest}" if grade.nearest else "faint"
-            lines.append([(f"{'':<19}{sensor:<6}", "muted"), (grade_text(grade), role)])
+            lines.append([(f"{'':<{STATUS}}{sensor:<6}", "muted"), (grade_text(grade), role)])
     keys = "c: the next one, then none" if state.compared_id else "c compares the selected one with the next"
     several = len(state.reports) > 1
     hint = f"arrows select · {keys}" if several else "other sensors appear here when their daemons answer"
     lines += [[], [(f"   {hint}", "faint")], [], *comparison(state, width)]
     return [padded(line, width) for line in lines]
+
+
+def _sensor_line(state: ViewState, name: str, report: Report, width: int) -> Line:
+    """Return one device: status, name, elapsed time, and that it is compared or how old its report is."""
+    now = state.connection_status(name)
+    age = "" if now.live else f"{approximate_duration(state.ages.get(name, 0.0))} ago"
+    compared = name == state.compared_id
+    status: Line = [
+        ("▌" if name == state.id else " ", "accent"),
+        (f" {now.mark} {now.title:<14}", now.role),
+    ]
+    cells = 24 if width >= 66 else 17  # of the name
+    return [
+        *padded(status, STATUS),
+        (f"{name:<{cells}}" if len(name) < cells else f"{name[: cells - 2]}… ", "strong"),
+        (f"{duration(report.session.elapsed_s):<12}", "text"),
+        ("compared" if compared else age, "bound" if compared else "warn"),
+    ]
 
 
 def drift(state: ViewState, width: int, height: int = 0) -> list[Line]:

@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from imumon.coefficients import NOISE
 from imumon.messages import matching
 from imumon.report import Channel, Event, Report, Signal
 from imumon.samples import Floats, sensor_of
 from imumon.tui.formatting import Notation, approximate_duration
 
 READABLE = Notation()
-VIEWS = ("overview", "signal", "device", "events", "sensors", "history")
+VIEWS = ("overview", "signal", "device", "events", "sensors", "history", "convergence")
 SPANS = {"day": (86400.0, "10m"), "month": (31 * 86400.0, "1h"), "year": (366 * 86400.0, "1d")}
 """Spans of the view of the history: s, and step of its rows."""
 WINDOWS = ("minute", "hour", "everything")
@@ -55,6 +56,8 @@ class HistorySeries:
     begin, end : s since 1970, of the first and last row.
     time : (n,) s since 1970, middle of each row, rising.
     values : (n,) SI by quantity, NaN where unknown or only bounded.
+    low, high : (n,) SI by coefficient, 95 % limits, NaN where unknown; of a bound, `high` alone is known.
+    period_s : s, longest row.
     events : time, s since 1970, and kind of the events.
     """
 
@@ -64,6 +67,9 @@ class HistorySeries:
     time: Floats
     values: dict[str, Floats]
     events: tuple[tuple[float, str], ...]
+    low: dict[str, Floats] = field(default_factory=dict)
+    high: dict[str, Floats] = field(default_factory=dict)
+    period_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,6 +84,8 @@ class ViewState:
     id, channel : selected device and channel.
     show_times : show the time to each precision instead of the values.
     detailed : the selected channel is shown in full beside the chart.
+    compact : there is little room: sensors without a grade are folded, and the grades are in the table.
+    program, letters : program that the numbers are for, and the coefficients that it needs.
     compared_id : device that is compared with the selected one.
     starting : message while a daemon is known to start and does not answer yet.
     ended : last message of that daemon after it has ended.
@@ -100,6 +108,9 @@ class ViewState:
     show_limits: bool = False
     show_times: bool = False
     detailed: bool = True
+    compact: bool = False
+    program: str = "kalibr"
+    letters: tuple[str, ...] = NOISE
     overlay: bool = False
     zoomed: bool = False
     baseline: Report | None = None
@@ -141,8 +152,9 @@ class ViewState:
         if not sensors or self.channel is None:
             return None
         current = sensor_of(self.channel)
-        at = sensors.index(current) + step if current in sensors else 0
-        axes = [name for name in names if sensor_of(name) == sensors[at % len(sensors)]]
+        index = sensors.index(current) + step if current in sensors else 0
+        axes = [name for name in names if sensor_of(name) == sensors[index % len(sensors)]]
+        # a sensor may lack the axis: then its first one
         same = [name for name in axes if name[-1] == self.channel[-1]]
         return (same or axes)[0]
 
@@ -163,6 +175,8 @@ class ViewState:
         report = None if id is None else self.reports.get(id)
         if id is None or report is None:
             return _without_report(self)
+        # The age of the report decides, not whether the daemon is alive: one that hangs stays alive for Zenoh, and its
+        # numbers must not look current.
         age = self.ages.get(id, 0.0)
         if report.state == "stopped":
             text = "the daemon has ended; this is its last report"

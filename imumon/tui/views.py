@@ -1,4 +1,4 @@
-"""The six views of the screen and the two dialog windows above them.
+"""The seven views of the screen and the two dialog windows above them.
 
 A view arranges panels and owns its keys; pure functions draw the panels. The help of a view is made from its
 own bindings, so it cannot be out of date.
@@ -17,7 +17,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Input
 
 from imumon.messages import uncertainty
-from imumon.tui import channel_table, charts, history_chart, panels, text_panels
+from imumon.tui import channel_table, charts, convergence_chart, history_chart, panels, text_panels
 from imumon.tui.formatting import Line, Notation, padded, wrap
 from imumon.tui.view_state import VIEWS, ViewState
 from imumon.tui.widgets import DrawnPanel, ScrolledPanel
@@ -70,6 +70,7 @@ class Overview(ChannelView):
         Binding("p", "app.switch('show_times')", "time to each precision, or the values"),
         Binding("g", "app.switch('show_limits')", "limits of the grades"),
         Binding("b", "app.baseline", "keep this curve for comparison"),
+        Binding("c", "app.copy", "copy N and K for other programs"),
     ]
 
     def compose(self) -> ComposeResult:
@@ -83,9 +84,8 @@ class Overview(ChannelView):
         """Draw a state; the table gets the height it needs, as far as the chart permits."""
         size = self.app.size
         spaced = size.height >= 38
+        state = state.updated(compact=size.width < 132 and size.height < 34)
         rows = len(channel_table.rows_of(state, spaced=spaced))
-        if size.width < 132 and size.height < 34:
-            rows = min(rows, 12)
         self.query_one("#table", DrawnPanel).styles.height = max(rows, 1)
         self.set_class(state.zoomed, "zoomed")
         super().show(state.updated(detailed=size.width >= 132 and not state.zoomed))
@@ -94,10 +94,10 @@ class Overview(ChannelView):
         """Select the channel of a row of the table."""
         table = self.query_one("#table", DrawnPanel)
         if event.widget is table:
-            at = event.get_content_offset(table)
+            offset = event.get_content_offset(table)
             rows = channel_table.table_rows(self.shown, *table.size)
-            if at is not None and at.y < len(rows) and rows[at.y][1] is not None:
-                self.post_message(self.Changed(channel=rows[at.y][1]))
+            if offset is not None and offset.y < len(rows) and rows[offset.y][1] is not None:
+                self.post_message(self.Changed(channel=rows[offset.y][1]))
 
 
 class SignalView(ChannelView):
@@ -128,6 +128,20 @@ class HistoryView(ChannelView):
 
     def compose(self) -> ComposeResult:
         yield DrawnPanel(history_chart.history_chart, id="history-chart")
+
+
+class ConvergenceView(ChannelView):
+    """What was stated of N, B and K of the selected channel when the record was shorter."""
+
+    title = "convergence"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("right,l", "app.sensor(1)", "next quantity: gyro, accel, mag"),
+        Binding("left,h", "app.sensor(-1)", "previous quantity"),
+        Binding("c", "app.copy", "copy N and K for other programs"),
+    ]
+
+    def compose(self) -> ComposeResult:
+        yield DrawnPanel(convergence_chart.convergence_chart, id="convergence-chart")
 
 
 class ScrolledView(View):
@@ -211,6 +225,8 @@ class SensorsView(ScrolledView):
         yield DrawnPanel(charts.allan_chart, id="sensors-allan")
 
 
+SYMBOL_WORDS = "✓: ready. ↗: not yet. ↓: bound."
+"""Meaning of the symbols in the table."""
 WINDOW_WIDTH = 55
 """Cells of text in a dialog window: it fits a terminal of 60 cells."""
 
@@ -272,16 +288,17 @@ def keys_of(bindings: list[BindingType], ascii: bool) -> list[tuple[str, str]]:
 
 def help_lines(view: View, everywhere: list[BindingType], ascii: bool) -> list[Line]:
     """Return the help of a view: what it is, its keys, and the keys that work everywhere."""
-    own = [
+    bindings = [
         b for c in reversed(type(view).__mro__) if issubclass(c, View) for b in c.__dict__.get("BINDINGS", [])
     ]
     summary = (type(view).__doc__ or "").strip().partition("\n")[0]
     lines: list[Line] = [*([(text, "text")] for text in wrap(summary, WINDOW_WIDTH)), []]
     if isinstance(view, Overview):
         notation = Notation(ascii=ascii)
-        lines.insert(-1, [(uncertainty(notation.symbol("±"), notation.symbol("×÷")), "muted")])
-    lines += [[(f"{keys:<14}", "key"), (text, "text")] for keys, text in _paired(keys_of(own, ascii))]
-    lines += [[], [("everywhere", "title")]]
+        signs = f"{uncertainty(notation.symbol('±'), notation.symbol('×÷'), indistinct=True)} {SYMBOL_WORDS}"
+        lines[-1:-1] = [[(text, "muted")] for text in wrap(signs, WINDOW_WIDTH)]
+    lines += [[(f"{keys:<14}", "key"), (text, "text")] for keys, text in _paired(keys_of(bindings, ascii))]
+    lines += [[("everywhere", "title")]]
     shown = keys_of([b for b in everywhere if not (isinstance(b, Binding) and b.key.isdigit())], ascii)
     shown = _paired([(f"1 to {len(VIEWS)}", "views"), *shown])
     half = (len(shown) + 1) // 2

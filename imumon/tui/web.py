@@ -2,26 +2,40 @@
 
 The page is for people who may read the bus anyway, and it has no password. Three things protect it: a page of another
 site cannot connect to it (the origin must be the page itself, and on a loopback address the host must be one), nothing
-is loaded from other hosts, and the number of browsers is bounded. Nothing is written on the server: what a user saves
-goes to the browser.
+is loaded from other hosts, and connections, their requests and browsers are bounded (`imumon.door_limits`). Nothing is
+written on the server: what a user saves goes to the browser.
+
+A browser has a seat while it reads. One that is gone gives no sign of it on some connections: textual-serve asks each
+browser every 15 s for an answer, and closes the connection of one that gives none within 8 s; but it then waits until
+the bytes that the browser did not take are sent, without end. So a connection on which nothing moves is aborted here.
 """
 
 from __future__ import annotations
 
 import asyncio
 import errno
+import logging
 import shlex
 import signal
 import sys
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
+from contextlib import suppress
 from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
+from imumon.config.settings import LimitSettings
+from imumon.door_limits import OpenConnections, within_files
 from imumon.errors import ImumonError, why
 
-MOST_BROWSERS = 8
-"""Browsers at once; each is a process of about 60 MB."""
+log = logging.getLogger(__name__)
+
+POLL_S = 0.5
+"""s between two looks at the connections."""
+STALLED_S = 10.0
+"""s after which a browser has no seat any more that takes none of the bytes that wait for it."""
+END_S = 2.0
+"""s that connections may take to end at the end of the server; with a busy machine, it is then gone in 5 s."""
 POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; script-src 'self' 'unsafe-inline'; "
     "connect-src 'self' ws: wss:; img-src 'self' data:; frame-ancestors 'none'"
@@ -41,13 +55,16 @@ class WebError(ImumonError):
     """The page cannot be served."""
 
 
-def serve(arguments: Sequence[str], host: str, port: int, ready: Callable[[str], None]) -> bool:
+def serve(
+    arguments: Sequence[str], host: str, port: int, ready: Callable[[str], None], limits: LimitSettings
+) -> bool:
     """Serve the terminal UI until SIGINT or SIGTERM; return whether it was SIGINT.
 
     Parameters
     ----------
     arguments : of `imumon tui`.
     ready : called with the address of the page before it is served.
+    limits : of connections, requests and browsers.
 
     Raises
     ------
@@ -57,33 +74,40 @@ def serve(arguments: Sequence[str], host: str, port: int, ready: Callable[[str],
         from aiohttp import web
         from textual_serve.server import Server
     except ImportError:
-        cure = "install imumon with the extra web: pip install 'imumon[web]'"
+        cure = "install imumon with the extra web: pip install '.[web]'"
         raise WebError("web_not_installed", "the package textual-serve is not installed", cure) from None
 
-    own = shlex.join([sys.executable, "-P", "-m", "imumon", "tui", *arguments])
+    seats: dict[asyncio.Transport, _Seat] = {}
+    command = shlex.join([sys.executable, "-P", "-m", "imumon", "tui", *arguments])
     shown = f"[{host}]" if ":" in host else host
 
     @web.middleware
     async def guarded(request: Any, handler: Callable[[Any], Awaitable[Any]]) -> Any:
+        """Answer a request that is for this page, from a browser that is not one too many."""
         if not allowed(host, request.headers.get("Host", ""), request.headers.get("Origin")):
             raise web.HTTPForbidden(text="this page is for another address")
         if request.path == "/ws":
-            if len(browsers) >= MOST_BROWSERS:
+            if len(seats) >= limits.browsers:
                 raise web.HTTPServiceUnavailable(text="too many browsers")
-            browsers.add(id(request))
-            try:
-                return await handler(request)
-            finally:
-                browsers.discard(id(request))
+            return await _seated(request, handler)
         response = await handler(request)
         if request.path == "/":
             response.text = response.text.replace("</body>", f"{FOCUS}</body>")
         response.headers["Content-Security-Policy"] = POLICY
         response.headers["Referrer-Policy"] = "no-referrer"
+        response.force_close()  # the deadline of a connection is that of its request
         return response
 
-    browsers: set[int] = set()
-    interrupts: list[int] = []
+    async def _seated(request: Any, handler: Callable[[Any], Awaitable[Any]]) -> Any:
+        """Let a browser have its screen until it is gone."""
+        transport = request.transport
+        connections.discard(request.protocol)  # a screen may be shown for days
+        seats[transport] = _Seat(transport)
+        try:
+            return await handler(request)
+        finally:
+            del seats[transport]
+            transport.abort()  # a browser that does not take the end of the connection would keep it
 
     class GuardedServer(Server):
         """The server of textual-serve, without its banner, behind `guarded`."""
@@ -93,26 +117,98 @@ def serve(arguments: Sequence[str], host: str, port: int, ready: Callable[[str],
             app.middlewares.append(guarded)
             return app
 
-        def initialize_logging(self) -> None:
-            """Log nothing: standard error is for messages of imumon."""
-
         async def on_startup(self, app: Any) -> None:
-            asyncio.get_running_loop().add_signal_handler(signal.SIGINT, self.interrupt)
-            ready(f"http://{shown}:{port}")
+            """Print nothing."""
 
-        def interrupt(self) -> None:
-            interrupts.append(signal.SIGINT)
-            self.request_exit()
+    def disconnect(protocol: Any) -> None:
+        if protocol.transport is not None:
+            protocol.transport.abort()
 
-    # a relative address in the page: the browser may know this machine by another name, or through a proxy
-    server = GuardedServer(f"exec {own}", host=host, port=port, title="imumon")
+    connections = OpenConnections[Any](within_files(limits.connections), limits.request_s, disconnect)
+
+    async def run() -> bool:
+        """Serve until a signal arrives; return whether it was SIGINT."""
+        loop, signals = asyncio.get_running_loop(), asyncio.Queue[int]()
+        loop.set_exception_handler(_log_fault)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, signals.put_nowait, number)
+        # a relative address in the page: the browser may know this machine by another name, or through a proxy
+        server = GuardedServer(f"exec {command}", host=host, port=port, title="imumon")
+        options: dict[str, Any] = {
+            "access_log": None,
+            "shutdown_timeout": END_S,
+            "handler_cancellation": True,
+        }
+        runner = web.AppRunner(await server._make_app(), **options)
+        await runner.setup()
+
+        def admit() -> asyncio.Protocol:
+            assert runner.server is not None
+            protocol = runner.server()
+            connections.add(protocol, loop.time())
+            return protocol
+
+        # asyncio accepts as many connections at once as may wait, before any of them is admitted
+        listener = await loop.create_server(admit, host, port, backlog=max(8, limits.connections))
+        ready(f"http://{shown}:{port}")
+        stopped_by: int | None = None
+        while stopped_by is None:
+            connections.expire(loop.time())
+            for seat in seats.values():
+                seat.look(loop.time())
+            with suppress(TimeoutError):
+                stopped_by = await asyncio.wait_for(signals.get(), POLL_S)
+        listener.close()
+        connections.close_all()
+        for transport in list(seats):
+            transport.abort()
+        with suppress(TimeoutError):
+            await asyncio.wait_for(runner.cleanup(), END_S)
+        return stopped_by == signal.SIGINT
+
     try:
-        server.serve()
+        return _run(run())
     except OSError as error:
         reason = "in use" if error.errno == errno.EADDRINUSE else why(error)
         cure = "choose another address with --listen"
         raise WebError("web_not_served", f"{shown}:{port}: {reason}", cure) from None
-    return bool(interrupts)
+
+
+class _Seat:
+    """The connection of a browser, which is aborted if it takes no bytes although some wait for it."""
+
+    def __init__(self, transport: asyncio.Transport) -> None:
+        self._transport = transport
+        self._waiting = 0  # bytes
+        self._moved: float | None = None  # when the browser has last taken some, s
+
+    def look(self, now: float) -> None:
+        """Compare what waits with what has waited at the last look."""
+        waiting, before = self._transport.get_write_buffer_size(), self._waiting
+        self._waiting = waiting
+        if self._moved is None or waiting == 0 or waiting < before:
+            self._moved = now
+        elif now - self._moved > STALLED_S:
+            self._transport.abort()
+
+
+def _run(serving: Coroutine[Any, Any, bool]) -> bool:
+    """Run the server; leave what does not end in `END_S`: the screens of browsers end when their input does."""
+    loop = asyncio.new_event_loop()
+    try:
+        return loop.run_until_complete(serving)
+    finally:
+        rest = asyncio.all_tasks(loop)
+        for task in rest:
+            task.cancel()
+        if rest:
+            loop.run_until_complete(asyncio.wait(rest, timeout=END_S / 2.0))
+        loop.close()
+
+
+def _log_fault(loop: asyncio.AbstractEventLoop, context: Mapping[str, Any]) -> None:
+    """Log what goes wrong outside of all requests in one line; asyncio would print a traceback."""
+    log.warning("%s", f"web: {context.get('exception') or context['message']}")
 
 
 def allowed(listen: str, host: str, origin: str | None) -> bool:

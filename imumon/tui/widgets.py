@@ -19,7 +19,8 @@ from textual.strip import Strip
 from textual.theme import Theme
 from textual.widget import Widget
 
-from imumon.report import COEFFICIENTS, GRADES, plain
+from imumon.coefficients import COEFFICIENTS, GRADES
+from imumon.report_json import plain
 from imumon.tui.formatting import Line, to_ascii
 from imumon.tui.view_state import ViewState
 
@@ -39,9 +40,9 @@ _TEXTS = ["text-primary", "text-secondary", "text-accent", "text-success", "text
 
 def _theme(name: str, dark: bool, colours: str, texts: str) -> Theme:
     """Return a theme: backgrounds and colours, and the same colours for text."""
-    own: dict[str, Any] = dict(zip(_COLOURS, colours.split(), strict=True))
+    named: dict[str, Any] = dict(zip(_COLOURS, colours.split(), strict=True))
     variables = dict(zip(_TEXTS, texts.split(), strict=True))
-    return Theme(name=name, dark=dark, accent=own["primary"], variables=variables, **own)
+    return Theme(name=name, dark=dark, accent=named["primary"], variables=variables, **named)
 
 
 THEMES = (
@@ -98,12 +99,14 @@ class RoleStyles(Widget):
             name, _, background = role.partition("/")
             if name not in ROLES:  # a grade of a newer daemon
                 name = "text"
-            own = self.get_component_rich_style(f"role-{name}")
+            foreground = self.get_component_rich_style(f"role-{name}")
             if background:
                 bgcolor = self.get_component_rich_style(f"background-{background}").bgcolor
             else:
                 bgcolor = page
-            style = Style(color=own.color, bgcolor=bgcolor, bold=own.bold, reverse=own.reverse)
+            style = Style(
+                color=foreground.color, bgcolor=bgcolor, bold=foreground.bold, reverse=foreground.reverse
+            )
             self._styles[role, page] = style
         return style
 
@@ -126,11 +129,13 @@ class StyledWidget(Widget):
             styles = self._role_styles = self.app.screen_stack[0].query_one("#role-styles", RoleStyles)
             self._page = self.rich_style.bgcolor
         page, ascii = self._page, self._view_state.notation.ascii
+        # `plain`: names and texts come from the network, and may contain control characters of a terminal
         segments = [
             Segment(to_ascii(plain(text)) if ascii else plain(text), styles.style(role, page))
             for text, role in line
             if text
         ]
+        # the rest of the line has a style, too: with NO_COLOR, Textual fails at a segment without one
         return Strip(segments).adjust_cell_length(width, styles.style("text", page))
 
 
@@ -145,12 +150,13 @@ class DrawnPanel(StyledWidget):
 
     def show(self, state: ViewState) -> None:
         """Draw this state; only lines that differ are sent to the terminal."""
-        if state is self._view_state:
+        if state is self._view_state:  # states are frozen: the same object is the same picture
             return
         self._view_state = state
         if self._drawn is None or self._drawn[1] != self.content_size or not self.content_size.area:
             self.refresh()
             return
+        # over a slow line, a screen of which all is sent four times a second would lag behind
         before, after = self._lines, self.lines()
         pairs = enumerate(zip_longest(before, after))
         changed = [Region(0, y, self.content_size.width, 1) for y, (old, new) in pairs if old != new]

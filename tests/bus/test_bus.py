@@ -20,10 +20,13 @@ from waiting import until
 
 from imumon.bus import BusError, Publisher, SessionOptions, Subscriber, clean_id
 from imumon.bus.bus_error import classify
+from imumon.bus.publisher import CURVES
 from imumon.bus.queryable import MAX_QUEUED
 from imumon.bus.zenoh_session import check_endpoint, is_local
 from imumon.config import ZenohSettings
-from imumon.report import Event, Report, from_json, to_json
+from imumon.config.settings import LimitSettings
+from imumon.report import Event, Report, from_json
+from imumon.report_json import to_json
 
 
 def plain_session(endpoint: str, mode: str = "client") -> zenoh.Session:
@@ -65,7 +68,7 @@ def test_every_published_key_answers_a_get(endpoint: str) -> None:
             (sample,) = get(name)
             entry = json.loads(sample.payload.to_bytes())
             expected = json.loads(to_json(report("a", entry["count"]).channels[name]))
-            for curve in ("allan", "histogram", "spectrum"):
+            for curve in CURVES:
                 del expected[curve]
             assert entry == expected
         (sample,) = get("grade")
@@ -169,6 +172,10 @@ def test_default_endpoints_are_local_and_need_no_configuration() -> None:
                 assert subscriber.wait_report(id, timeout=30.0)
         duplicate = start("daemon", id=names[0]).ready()
         assert duplicate.messages[0]["error"] == "name_in_use"
+        # one of the same name gets the free port in front of the other
+        actors[0].send("stop")
+        assert actors[0].process.wait(30) == 0
+        assert start("daemon", id=names[1]).ready().messages[0]["error"] == "name_in_use"
 
 
 def test_messages_published_before_close_arrive() -> None:
@@ -349,6 +356,23 @@ def test_the_settings_of_the_file_are_the_session_options() -> None:
     assert SessionOptions.of(ZenohSettings(user="ann", raw={"a": 1})) == SessionOptions(
         user="ann", raw={"a": 1}
     )
+    limits = LimitSettings(sessions=3, queries=2)
+    assert SessionOptions.of(ZenohSettings(), limits) == SessionOptions(sessions=3, queries=2)
+    assert SessionOptions.of(ZenohSettings(), LimitSettings()) == SessionOptions()
+
+
+def test_a_daemon_has_no_more_sessions_than_its_limits() -> None:
+    """One viewer too many is refused, and the first one is served on."""
+    address = free_endpoint()
+    with Publisher("x", listen=[address], limits=LimitSettings(sessions=1)) as publisher:
+        publisher.publish(report("x", 1))
+        with Subscriber([address]) as first:
+            assert first.wait_report("x", timeout=30.0)
+            with Subscriber([address]) as second:
+                assert second.wait_report("x", timeout=1.0) is None
+            version = first.version
+            publisher.publish(report("x", 2))
+            until(lambda: first.version > version)
 
 
 def test_a_subscriber_connects_with_the_settings_of_the_daemon() -> None:

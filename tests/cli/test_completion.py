@@ -54,7 +54,7 @@ complete -p imumon >/dev/null"""
         ("imumon run --strea", {"--stream"}),
         ("imumon run --stream ", {"deltas", "uncompensated", "compensated"}),
         ("imumon wait --grade t", {"tactical"}),
-        ("imumon wait --coefficient ", {"N", "B", "K"}),
+        ("imumon wait --coefficient ", {"N", "B", "K", "M"}),
         ("imumon config ", {"show", "check"}),
         ("imumon config --c", {"--config"}),
         ("imumon completion z", {"zsh"}),

@@ -16,7 +16,7 @@ from imumon.cli import parsers
 
 @pytest.fixture(scope="module")
 def page() -> str:
-    pytest.importorskip("argparse_manpage")
+    pytest.importorskip("argparse_manpage", reason="argparse-manpage is not installed (extra test)")
     return manual_page()
 
 

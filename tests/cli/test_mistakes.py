@@ -17,6 +17,7 @@ import pytest
 from commands import imumon, run_inside
 from daemons import free_endpoint
 from reports import report
+from waiting import until
 
 from imumon.tui.panels import welcome
 from imumon.tui.view_state import ViewState
@@ -81,7 +82,7 @@ def test_the_settings_may_select_the_emulator(tmp_path: Path) -> None:
         waiting = subprocess.Popen(arguments, stderr=terminal)
         assert b"gyro" in os.read(screen, 4096)  # what the first report lacks is shown on a terminal
         daemon.send_signal(signal.SIGTERM)
-        assert waiting.wait(30) == 3
+        assert waiting.wait(60) == 3
         assert b"has ended" in os.read(screen, 65536)
         os.close(screen)
         os.close(terminal)
@@ -113,7 +114,7 @@ def test_a_signal_during_the_start_leaves_no_temporary_directory(
     while not list(tmp_path.glob("imumon-*")) and time.monotonic() < end:
         time.sleep(0.005)
     run.terminate()
-    assert run.wait(20) in (0, -signal.SIGTERM, 128 + signal.SIGTERM)
+    assert run.wait(60) in (0, -signal.SIGTERM, 128 + signal.SIGTERM)
     os.close(terminal)
     os.close(other)
     assert list(tmp_path.iterdir()) == []
@@ -200,7 +201,10 @@ def test_output_in_an_encoding_that_lacks_characters(encoding: str, tmp_path: Pa
         done = subprocess.run(
             [*arguments, *more], env=environment, capture_output=True, timeout=60, check=False
         )
-        assert (done.returncode, done.stderr) == (0, b"")
+        assert done.returncode == 0
+        # one remark, whose name of the file has the replaced character: this noise is no sensor at rest
+        (remark,) = done.stderr.decode(encoding).splitlines()
+        assert remark.endswith("-rest.csv: no value of N: most of the record is excluded")
         text = done.stdout.decode(encoding)
         if more:
             assert json.loads(text)["device"]["port"] == str(file)
@@ -255,30 +259,26 @@ def test_the_config_toml_of_another_program_is_mentioned_once(tmp_path: Path) ->
 
 def test_nothing_of_the_demo_outlives_it(tmp_path: Path) -> None:
     """Also if it is killed: its daemon stops when the pipe from the demo ends, and deletes the directory."""
-    seed = str(os.getpid() + 10**6)
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
 
     def running() -> list[str]:
-        lines = []
-        for path in Path("/proc").glob("[0-9]*/cmdline"):
-            with contextlib.suppress(OSError):  # it has ended
-                words = path.read_bytes().split(b"\0")
-                lines += [str(path)] if seed.encode() in words else []
-        return lines
+        """Return the processes of the demo: they inherit its directory for temporary files."""
+        commands = []
+        for process in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):  # it has ended, or belongs to somebody else
+                if f"TMPDIR={tmp_path}".encode() in (process / "environ").read_bytes().split(b"\0"):
+                    commands.append((process / "cmdline").read_text())
+        return commands
 
     screen, terminal = os.openpty()
-    command = [sys.executable, "-m", "imumon", "demo", "--seed", seed]
-    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    command = [sys.executable, "-m", "imumon", "demo"]
     demo = subprocess.Popen(command, env=environment, stdin=terminal, stdout=terminal, stderr=terminal)
     os.close(terminal)
-    deadline = time.monotonic() + 20.0
-    while len(running()) < 3 and time.monotonic() < deadline:  # demo, daemon and emulator
-        time.sleep(0.05)
+    until(lambda: len(running()) == 3)  # demo, daemon and emulator
     demo.kill()
-    demo.wait(10)
-    while running() and time.monotonic() < deadline + 10.0:
-        time.sleep(0.05)
+    demo.wait(60)
+    until(lambda: not running())
     os.close(screen)
-    assert running() == []
     assert list(tmp_path.iterdir()) == []
 
 

@@ -62,8 +62,8 @@ def test_the_command_prints_a_screen_everything_or_values(report: Report) -> Non
     for name, *texts in rows:
         for letter, text in zip("NBK", texts, strict=True):
             part = report.channels[name].coefficients[letter]
-            known = part.high if part.status == "upper_bound" else part.value
-            assert text.startswith("<") == (part.status == "upper_bound")
+            known = part.high if part.is_bound else part.value
+            assert text.startswith("<") == part.is_bound
             assert (float(text.lstrip("<")) == pytest.approx(known, rel=1e-5)) if text else known is None
 
 

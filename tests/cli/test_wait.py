@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import subprocess
 import sys
@@ -20,7 +21,7 @@ from waiting import until
 
 from imumon.cli.daemon_state import current_trouble
 from imumon.cli.main import parsers
-from imumon.cli.options import seconds, share
+from imumon.cli.options import only_own_device, seconds, share
 from imumon.cli.wait_condition import WaitCondition
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.report import Event, Report, SensorGrade, SessionCounters
@@ -101,6 +102,26 @@ def test_a_precision_needs_every_axis_measured(long: Report) -> None:
     assert "no mag/q" in str(WaitCondition(coefficient="N", precision=0.1, channels=("mag/q",)).unmet(long))
 
 
+def test_one_sensor_does_not_wait_for_the_other(long: Report) -> None:
+    arguments = parsers()[1]["wait"].parse_args(["--sensor", "gyro", "--coefficient", "K"])
+    assert arguments.sensor == ["gyro"]
+    bounded = changed(long, "accel/z", K=1.0)
+    assert WaitCondition(coefficient="K", precision=0.9, channels=("gyro",)).unmet(bounded) is None
+
+
+def test_only_a_daemon_with_a_locked_state_is_the_own_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    arguments = parsers()[1]["status"].parse_args([])
+    for name in ("mine", "ended"):
+        (tmp_path / f"{name}.lock").touch()
+    with (tmp_path / "mine.lock").open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert only_own_device(arguments) == "mine"
+    assert only_own_device(arguments) is None
+
+
 def test_the_description_names_what_the_condition_asks_for(long: Report) -> None:
     halves = {
         name: n.stated.half_width or 0.0
@@ -110,7 +131,7 @@ def test_the_description_names_what_the_condition_asks_for(long: Report) -> None
     worst = max(halves, key=lambda name: halves[name])
     text = f"N known to {100 * halves[worst]:.2g} % ({worst}) or better, required 5 %"
     assert WaitCondition(coefficient="N", precision=0.05).description(long) == text
-    grades = "gyro meets industrial, nearest industrial; accel meets industrial, nearest industrial"
+    grades = "gyro industrial; accel industrial"
     assert WaitCondition(grade="consumer").description(long) == grades
     assert WaitCondition(grade="consumer", channels=("gyro/x",)).description(long) == grades.partition(";")[0]
     assert (

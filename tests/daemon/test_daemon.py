@@ -16,6 +16,7 @@ import forked
 import pytest
 from daemons import Daemon, free_endpoint
 from paths import ROOT
+from waiting import until
 
 from imumon.config import load
 from imumon.daemon import Daemon as Reader
@@ -160,23 +161,37 @@ def test_a_line_that_is_never_silent_does_not_keep_it_from_its_end(
 
 
 def test_what_has_come_by_the_stop_counts(tmp_path: Path) -> None:
-    with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
+    words = (
+        "--listen-only",
+        "--rate",
+        "40",
+    )  # a silent sensor is asked nothing: all that is sent are samples
+    with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path, *words) as daemon:
+
+        def all_is_read() -> None:
+            until(lambda: not sensor.ask("counters")["unread"])
+
         daemon.samples(100)
         before = sensor.ask("stall 600")
-        first = daemon.wait(lambda r: r.session.samples >= 100)
+        all_is_read()
+        # the next report may have been on its way; one has all samples when the one after it has no more
+        told = daemon.samples()
+        later = daemon.wait(lambda r: r.time > told.time)
+        first = daemon.wait(lambda r: r.time > later.time)
         while (
             later := daemon.wait(lambda r, t=first.time: r.time > t)
         ).session.samples > first.session.samples:
-            first = later  # a report has all samples when the next one has no more
+            first = later
         sensor.ask("stall 0")
-        daemon.samples(first.session.samples + 150)
+        daemon.samples(first.session.samples + 60)
         time.sleep(0.3)  # more gathers, and is in no report yet
         after = sensor.ask("stall 600")
-        time.sleep(1.0)  # the thread that reads has it
+        all_is_read()
+        time.sleep(0.1)  # the thread that has read it puts it into the queue
         daemon.process.send_signal(signal.SIGTERM)
         last = daemon.wait(lambda r: r.state == "stopped")
-        sent = (after["sent"] - after["replies"]) - (before["sent"] - before["replies"])
-        assert last.session.samples - first.session.samples == sent
+        assert after["replies"] == 0
+        assert last.session.samples - first.session.samples == after["sent"] - before["sent"]
         adds_up(last)
 
 
@@ -215,7 +230,7 @@ def test_other_sensors_state_is_set_aside(tmp_path: Path) -> None:
 def test_duration_ends_with_a_report(tmp_path: Path) -> None:
     with spawn(EmulatorSettings(seed=7)) as sensor:
         daemon = Daemon(sensor.path, tmp_path, "--duration", "3", "--json")
-        out, err = daemon.ended(30)
+        out, err = daemon.ended(60)
         daemon.viewer.close()
         assert daemon.process.returncode == 0, err
         made = json.loads(out)
@@ -301,7 +316,7 @@ def test_signals_without_a_meaning_are_logged_and_ignored(tmp_path: Path) -> Non
 def test_too_few_file_descriptors_are_an_error_of_one_line() -> None:
     words = [sys.executable, "-m", "imumon", "run", "--port", "sim", "--duration", "1"]
     command = ["sh", "-c", 'ulimit -n 20; exec "$@"', "sh", *words]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=40, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 1
     assert done.stderr.strip().splitlines() == [
         "imumon: only 20 open files are allowed, 64 are needed: raise the limit with ulimit -n"

@@ -17,7 +17,7 @@ from scraping import free_port
 from test_history_daemon import ask
 
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.report import to_json
+from imumon.report_json import to_json
 
 NAMES = [f"imu{number}" for number in range(1, 7)]
 DEGRADED, LOSSY, UNPLUGGED = NAMES[1:4]

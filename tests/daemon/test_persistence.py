@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from imumon.checkpoint import Checkpoint, decode, encode
+from imumon.clock import HostClock
 from imumon.daemon import persistence
 from imumon.daemon.persistence import Persistence, differing
 from imumon.pipeline import Monitor
@@ -34,7 +35,7 @@ def block(first: int, n: int = 200) -> SampleBlock:
 
 def begun(directory: Path, of: DeviceInfo, *, fresh: bool = False) -> tuple[Persistence, Monitor, list[str]]:
     monitor = Monitor(rate_hz=100.0)
-    kept = Persistence(directory, "lab", monitor, fresh=fresh)
+    kept = Persistence(directory, "lab", monitor, HostClock(), fresh=fresh)
     return kept, monitor, [text for text, _ in kept.restore(of)]
 
 
@@ -58,7 +59,7 @@ def test_a_record_goes_on(tmp_path: Path) -> None:
 def test_only_a_record_that_is_lost_is_a_warning(tmp_path: Path) -> None:
     leave(tmp_path)
     for of, level in ((facts(), "info"), (facts("0100000002"), "warning")):
-        kept = Persistence(tmp_path, "lab", Monitor(rate_hz=100.0))
+        kept = Persistence(tmp_path, "lab", Monitor(rate_hz=100.0), HostClock())
         assert [weight for _, weight in kept.restore(of)] == [level]
         kept.close(SessionCounters())
 
@@ -66,7 +67,7 @@ def test_only_a_record_that_is_lost_is_a_warning(tmp_path: Path) -> None:
 def test_a_record_with_the_guards_on_does_not_go_on_with_them_off(tmp_path: Path) -> None:
     leave(tmp_path)
     bare = Monitor(Watched(guarded=False), rate_hz=100.0)
-    kept = Persistence(tmp_path, "lab", bare)
+    kept = Persistence(tmp_path, "lab", bare, HostClock())
     (text, level), *_ = kept.restore(facts())
     assert level == "warning"
     assert "guards on" in text
@@ -132,24 +133,27 @@ def test_what_only_one_side_knows_makes_no_difference() -> None:
     assert differing({}, {FILTER: "1"}) == differing({FILTER: "1"}, {}) == []
 
 
-def test_the_calendar_may_be_set_between_two_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Tomorrow(datetime):
-        @classmethod
-        def now(cls, tz: Any = None) -> Any:
+def test_the_calendar_may_be_set_between_two_runs(tmp_path: Path) -> None:
+    class Tomorrow(HostClock):
+        def now(self) -> datetime:
             return datetime.now(UTC) + timedelta(days=1)
 
-    meta = {"boot": persistence._boot_id(), "saved": "2026-01-01T00:00:00.000Z"}
-    if meta["boot"] is None:
+    if (boot := persistence._boot_id()) is None:
         pytest.skip("this machine does not tell one boot from another")
-    meta["uptime_s"] = persistence.uptime_s() - 5.0
-    monkeypatch.setattr(persistence, "datetime", Tomorrow)
-    assert persistence._since(meta) == pytest.approx(5.0, abs=2.0)
+    clock = Tomorrow()
+    leave(tmp_path)
+    saved = decode((tmp_path / "lab.state").read_bytes()).header()
+    header = replace(saved, boot=boot, saved="2026-01-01T00:00:00.000Z", uptime_s=clock.uptime_s() - 5.0)
+    assert persistence._since(header, clock) == pytest.approx(5.0, abs=2.0)
 
 
-def test_a_system_that_does_not_count_its_sleep_has_an_uptime_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr(persistence.time, "CLOCK_BOOTTIME", raising=False)
-    before = persistence.uptime_s()
-    assert before <= persistence.uptime_s() < before + 60.0
+def test_a_record_that_is_saved_before_its_clock_is_known_again_goes_on(tmp_path: Path) -> None:
+    leave(tmp_path)
+    kept, monitor, _ = begun(tmp_path, facts())
+    monitor.accept_restored()
+    kept.close(SessionCounters())
+    _, _, said = begun(tmp_path, facts())
+    assert "continues" in said[0]
 
 
 def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Path) -> None:

@@ -15,9 +15,10 @@ from documents import AGES, COVARIANCES, CURVES, SETTINGS, aged, filters, text, 
 from reports import LONG_RATE, LONG_S, RATE, with_coefficients
 from reports import report as make_report
 
+from imumon.coefficients import Estimate
 from imumon.datasheet import document
 from imumon.messages import CAVEATS
-from imumon.report import Estimate, Report
+from imumon.report import Report
 from imumon.units import duration, figures
 
 

@@ -11,25 +11,27 @@ import numpy as np
 import pytest
 from commands import imumon, run_inside
 from daemons import Daemon
-from documents import filters, text
+from documents import bare, filters, text
 from reports import LONG_S, with_coefficients
 from reports import report as make_report
 
+from imumon.coefficients import COEFFICIENTS
 from imumon.datasheet import FORMS, short_record_text
 from imumon.filter_report import FilterReport
 from imumon.noise.synthesis import synthesise
-from imumon.report import COEFFICIENTS, Report, from_json, to_json
+from imumon.report import Report, from_json
+from imumon.report_json import to_json
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Ten minutes at rest as CSV, with a known N."""
+    """Two minutes at rest as CSV, with a known N."""
     path = tmp_path_factory.mktemp("recording") / "rest.csv"
-    noise = synthesise(24_000, 40.0, N=[6e-5] * 3 + [1.4e-3] * 3, seed=4)
+    noise = synthesise(4_800, 40.0, N=[6e-5] * 3 + [1.4e-3] * 3, seed=4)
     noise[:, 5] -= 9.8
     np.savetxt(
         path,
-        np.column_stack([np.arange(24_000) / 40.0, noise]),
+        np.column_stack([np.arange(4_800) / 40.0, noise]),
         delimiter=",",
         header="t [s],wx [rad/s],wy [rad/s],wz [rad/s],ax [m/s^2],ay [m/s^2],az [m/s^2]",
         comments="",
@@ -85,7 +87,7 @@ def test_a_short_record_prints_a_warning(saved: Path) -> None:
         code, _, errors = run_inside(["report", str(saved), "--format", form])
         assert code == 0
         assert re.fullmatch(
-            r"imumon: recorded 10 min: N ±\S+ %, B only bounded, K only bounded; record at least 8 h\n",
+            r"imumon: recorded 2 min: N ±\S+ %, B only bounded, K only bounded; record at least 8 h\n",
             errors,
         )
     assert short_record_text(make_report(LONG_S)) is None or make_report(LONG_S).session.elapsed_s < 8 * 3600
@@ -97,8 +99,8 @@ def test_a_horizon_is_from_a_second_to_a_day(horizon: str, recording: Path) -> N
 
 
 def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
-    with Daemon("sim", tmp_path, "--speed", "20", "--seed", "3") as daemon:
-        live = daemon.samples(3000)
+    with Daemon("sim", tmp_path, "--speed", "10", "--seed", "3") as daemon:
+        live = daemon.samples(1000)
         shown = imumon("report", "--connect", daemon.endpoint, "--format", "md")
         numbers = imumon("report", "--connect", daemon.endpoint, "--format", "filter")
         assert from_json(FilterReport, numbers).device.id == live.device.id
@@ -108,7 +110,7 @@ def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
         assert code == 0
     (state,) = tmp_path.glob("*.state")
     report = from_json(Report, imumon("report", state, "--format", "json"))
-    assert report.session.samples >= 3000
+    assert report.session.samples >= 1000
     assert report.device.model == live.device.model
     assert report.device.stream == "deltas"
     assert report.channels["gyro/x"].coefficients["N"].status == "measured"
@@ -149,21 +151,23 @@ def test_the_output_never_overwrites_an_input(recording: Path, tmp_path: Path) -
 
 def test_the_extension_of_the_output_selects_the_form_or_is_refused(saved: Path, tmp_path: Path) -> None:
     report = from_json(Report, saved.read_text())
-    one = tmp_path / "one.json"
-    one.write_text(to_json(replace(report, channels={"gyro/x": report.channels["gyro/x"]})))
+    one, no_curve = tmp_path / "one.json", tmp_path / "no_curve.json"
+    first = replace(report, channels={"gyro/x": report.channels["gyro/x"]})
+    one.write_text(to_json(first))
+    no_curve.write_text(to_json(bare(first)))
     error = imumon("report", one, "-o", tmp_path / "x.foo", code=2)
     assert all(form in error for form in FORMS)
     assert not (tmp_path / "x.foo").exists()
     imumon("report", one, "-o", tmp_path / "x.foo", "--format", "csv")
     assert (tmp_path / "x.foo").read_text().startswith("kind,")
-    for name, begin in (
-        ("x.svg", b"<?xml"),
-        ("x.PDF", b"%PDF-"),
-        ("imu.yaml", b"# "),
-        ("x.htm", b"<!DOCTYPE"),
+    for source, name, begin in (
+        (one, "x.svg", b"<?xml"),
+        (no_curve, "x.PDF", b"%PDF-"),
+        (one, "imu.yaml", b"# "),
+        (no_curve, "x.htm", b"<!DOCTYPE"),
     ):
-        imumon("report", one, "-o", tmp_path / name)
+        imumon("report", source, "-o", tmp_path / name)
         assert (tmp_path / name).read_bytes().startswith(begin)
     assert "gyroscope_noise_density: " in (tmp_path / "imu.yaml").read_text()
-    imumon("report", one, "-o", tmp_path / "plain")
+    imumon("report", no_curve, "-o", tmp_path / "plain")
     assert (tmp_path / "plain").read_text().startswith("# ")

@@ -14,7 +14,8 @@ from commands import imumon
 from imumon.coefficients import unit_of
 from imumon.datasheet.temperature_figure import with_error
 from imumon.noise import synthesise
-from imumon.report import Report, from_json, to_json
+from imumon.report import Report, from_json
+from imumon.report_json import to_json
 from imumon.samples import ACCEL, GYRO, Floats
 
 RATE, LENGTH = 10.0, 18_000
@@ -84,7 +85,7 @@ def test_px4_subtracts_the_curve(warm: tuple[Path, Report]) -> None:
 
 
 def test_ardupilot_reads_the_curve(warm: tuple[Path, Report], tmp_path: Path) -> None:
-    mavparm = pytest.importorskip("pymavlink.mavparm")
+    mavparm = pytest.importorskip("pymavlink.mavparm", reason="pymavlink is not installed (extra ardupilot)")
     path, report = warm
     out = tmp_path / "tcal.param"
     imumon("report", path, "--format", "ardupilot-tcal", "-o", out)

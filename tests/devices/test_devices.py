@@ -195,7 +195,7 @@ def test_a_device_is_restored_and_closed_whatever_fails(failing: str) -> None:
     reader = DeviceReader(device)
     reader.start()
     events: list[object] = []
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 60.0
     while not (events and isinstance(events[-1], EndOfStream)) and time.monotonic() < end:
         event = reader.get(0.05)
         events += [] if event is None else [event]
@@ -208,7 +208,7 @@ def test_a_device_is_restored_and_closed_whatever_fails(failing: str) -> None:
         assert isinstance(events[-1].error, DeviceError)
         assert events[-1].error.code == "device_failed"
     reader.stop(discard=True)  # what the daemon does with an error: it must not interrupt the restoring
-    assert reader.join(5.0)
+    assert reader.join(60.0)
     assert device.calls[-2:] == ["restore", "close"]
     assert reader.restored is (failing != "restore")
 
@@ -225,7 +225,7 @@ def test_a_failed_start_is_restored_before_the_next_try(monkeypatch: pytest.Monk
             break
     assert device.calls == ["start", "restore", "close", "start"]
     reader.stop(discard=True)
-    assert reader.join(5.0)
+    assert reader.join(60.0)
 
 
 class ShortDevice(BrokenDevice):
@@ -259,7 +259,7 @@ def test_the_end_of_a_stream_ends_the_reader_behind_what_was_held_back() -> None
         events.append(event)
     assert [type(event) for event in events] == [Opened, Started, Items, EndOfStream]
     assert isinstance(events[-1].error, DeviceEnded)
-    assert reader.join(5.0)
+    assert reader.join(60.0)
     assert device.calls == ["start", "read", "finish", "restore", "close"]
 
 
@@ -272,12 +272,13 @@ def test_a_device_that_is_lost_again_at_once_is_opened_ever_less_often(
     reader.start()
     until(lambda: isinstance(reader.get(0.1), Opened))
     reader.begin()
-    end = time.monotonic() + 1.5
-    while time.monotonic() < end:
+    begin = time.monotonic()
+    while time.monotonic() < begin + 1.5 or device.calls.count("start") < 3:  # after 0.1, 0.3, 0.7, 1.5 s
         reader.get(0.1)
-    assert 3 <= device.calls.count("start") <= 6  # after 0.1, 0.3, 0.7, 1.5 s
+        assert time.monotonic() < begin + 60.0
+    assert device.calls.count("start") <= 6 or time.monotonic() > begin + 2.5  # a busy machine looks later
     reader.stop(discard=True)
-    assert reader.join(5.0)
+    assert reader.join(60.0)
 
 
 # ---------------------------------------------------------------------- a device of another distribution
@@ -413,7 +414,7 @@ def test_the_example_of_the_documentation_runs(tmp_path: Path) -> None:
                 sender.sendto(" ".join(f"{x:.9g}" for x in row).encode(), ("127.0.0.1", port))
             k += 1
             time.sleep(max(0.0, begin + k / 200.0 - time.monotonic()))
-    out, err = daemon.communicate(timeout=20)
+    out, err = daemon.communicate(timeout=60)
     assert daemon.returncode == 0, err
     made = json.loads(out)
     assert made["device"]["id"] == f"udp-{port}"

@@ -21,13 +21,14 @@ from paths import TESTS
 from waiting import until
 
 from imumon.cli.history_command import _readable
+from imumon.coefficients import Estimate
 from imumon.history import HistoryStore
 from imumon.history.history import MOST_PENDING, History
 from imumon.history.rows import csv_pieces, json_pieces, rows
 from imumon.history.schema import ESTIMATE_COLUMNS, VERSION
 from imumon.history.selection import Selection, SelectionError, moment, of_parameters, selection
 from imumon.history.store import devices, set_aside
-from imumon.report import Estimate, Event
+from imumon.report import Event
 
 EVER = Selection(since=0.0, until=1e12)
 
@@ -171,11 +172,11 @@ def test_what_is_added_during_the_last_write_is_written(
 
     def delete_before(store: HistoryStore, time: float) -> None:
         writing.set()
-        go_on.wait(20)
+        go_on.wait(60)
 
     monkeypatch.setattr(HistoryStore, "delete_before", delete_before)
     history = History(tmp_path, "imu", keep_days=1)
-    assert writing.wait(20)
+    assert writing.wait(60)
     history.add([period(0).period], RECORD, BEGIN)
     threading.Timer(0.1, go_on.set).start()
     history.close()

@@ -8,10 +8,11 @@ import shutil
 import socket
 import struct
 import subprocess
+import threading
 import time
 import urllib.request
 from collections.abc import Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,8 +22,11 @@ from paths import ROOT
 from prometheus_client.parser import text_string_to_metric_families
 from reports import warming_up as report
 from scraping import free_port, scraped, values
+from slow_clients import SlowClients
+from usage import resident_kb
 
 from imumon.config import ConfigError, load
+from imumon.config.settings import LimitSettings
 from imumon.history.metrics import MetricsError, MetricsServer
 from imumon.report import Event
 
@@ -166,33 +170,103 @@ def test_prometheus_scrapes_a_daemon_and_raises_the_alert_when_it_ends(tmp_path:
             prometheus.terminate()
 
 
-def test_a_request_that_stops_prints_nothing(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+LIMITS = LimitSettings(connections=8, request_s=1.0)
+
+
+def connected(server: MetricsServer) -> socket.socket:
+    host, _, port = server.address.rpartition(":")
+    return socket.create_connection((host, int(port)), timeout=30)
+
+
+def test_a_request_that_stops_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     """A client that is slow, or gone, is no traceback in the log of the daemon."""
-    monkeypatch.setattr("imumon.history.metrics.REQUEST_S", 0.2)
-    server = MetricsServer(f"127.0.0.1:{free_port()}")
-    host, _, port = server.address.rpartition(":")
-    clients = [socket.create_connection((host, int(port))) for _ in range(20)]
-    for client in clients:
-        client.sendall(b"GET /metrics HT")
-    for client in clients[:10]:
-        client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-        client.close()  # with a reset
-    for client in clients[10:]:
-        with client:
-            assert client.recv(1) == b""  # the server gives up
-    server.close()
-    assert capfd.readouterr() == ("", "")
+    with closing(MetricsServer(f"127.0.0.1:{free_port()}", LIMITS)) as server:
+        clients = [connected(server) for _ in range(20)]
+        for client in clients:
+            client.sendall(b"GET /metrics HT")
+        for client in clients[:10]:
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            client.close()  # with a reset
+        for client in clients[10:]:
+            with client:
+                assert ended(client)  # the server gives up
+    assert "Traceback" not in "".join(capfd.readouterr())
 
 
-def test_many_clients_that_stop_delay_no_other() -> None:
+def ended(client: socket.socket) -> bool:
+    """Whether the server closes, or resets, a connection within its time limit."""
+    try:
+        return client.recv(1) == b""
+    except ConnectionError:
+        return True
+
+
+def test_many_clients_that_stop_delay_no_other(server: MetricsServer) -> None:
     """The kernel repeats a connection that finds the queue of the server full after 1 s."""
-    server = MetricsServer(f"127.0.0.1:{free_port()}")
-    host, _, port = server.address.rpartition(":")
     with ExitStack() as clients:
         begin = time.monotonic()
         for _ in range(100):
-            clients.enter_context(socket.create_connection((host, int(port)))).sendall(b"GET /metrics HT")
-        assert time.monotonic() - begin < 2.0
-    server.close()
+            clients.enter_context(connected(server)).sendall(b"GET /metrics HT")
+        assert values(scraped(server.address))["imumon_up",] == 1.0
+        assert time.monotonic() - begin < 20.0  # of 100 that are repeated
+
+
+def test_a_byte_now_and_then_prolongs_no_request_and_takes_no_thread() -> None:
+    """Each read ends in time, the request does not: only a deadline for all of it ends such clients."""
+    with closing(MetricsServer(f"127.0.0.1:{free_port()}", LIMITS)) as server, ExitStack() as clients:
+        server.update(report())
+        before = threading.active_count()
+        slow = [clients.enter_context(connected(server)) for _ in range(60)]
+        begin, most = time.monotonic(), 0
+        while time.monotonic() - begin < 4.0:
+            for client in slow:
+                with suppress(OSError):
+                    client.sendall(b"G")
+            most = max(most, threading.active_count() - before)
+            time.sleep(0.2)
+        # one too many lives until its connection is closed, and the one for which it is closed exists already
+        assert most <= LIMITS.connections + 2
+        assert all(map(ended, slow))
+        assert values(scraped(server.address))["imumon_up",] == 1.0
+        begin = time.monotonic()
+    assert time.monotonic() - begin < 3.0
+
+
+@pytest.mark.parametrize("request_", [b"GET /metrics HTTP/1.1\r\nA: " + b"x" * (1 << 20), b"\0" * (1 << 20)])
+def test_a_request_without_an_end_is_closed(server: MetricsServer, request_: bytes) -> None:
+    with connected(server) as client:
+        with suppress(ConnectionError):
+            client.sendall(request_)
+        assert ended(client)
+
+
+@pytest.mark.slow
+def test_1100_slow_clients_disturb_no_daemon(tmp_path: Path) -> None:
+    """It measures, publishes, saves in its period, answers, and ends in time; its log stays short."""
+    settings, port = tmp_path / "config.toml", free_port()
+    settings.write_text(f'[metrics]\nlisten = "127.0.0.1:{port}"\n[state]\nsave_period_s = 2.0\n')
+    few = ("prlimit", "--nofile=256")
+    with Daemon("sim", tmp_path / "state", "--config", str(settings), before=few) as daemon:
+        calm = daemon.wait(lambda r: r.session.elapsed_s > 5)
+        attack = SlowClients(port, 1100)
+        try:
+            quiet = 1024.0 * resident_kb(daemon.process.pid)
+            end, oldest = time.monotonic() + 30, 0.0
+            while time.monotonic() < end:
+                (state,) = (tmp_path / "state").glob("*.state")
+                oldest = max(oldest, time.time() - state.stat().st_mtime)
+                begin = time.monotonic()
+                assert daemon.metrics["imumon_up",] == 1.0
+                assert time.monotonic() - begin < 20.0
+                time.sleep(1.0)
+            assert oldest < 6.0  # two periods, and a busy machine
+            assert 1024.0 * resident_kb(daemon.process.pid) - quiet < 20e6
+            last = daemon.wait(lambda r: r.session.elapsed_s > calm.session.elapsed_s + 20)
+            assert last.session.missing == calm.session.missing
+            begin = time.monotonic()
+            code, _, said = daemon.stop()
+            assert time.monotonic() - begin < 10.0
+        finally:
+            attack.stop()
+        assert code == 0
+        assert len(said.splitlines()) < 50

@@ -18,9 +18,9 @@ from histories import period, write
 from reports import report as report_at
 
 from imumon import __version__
+from imumon.api.traceability import commit, evaluated, with_provenance
 from imumon.cli.history_command import stored_days
 from imumon.cli.main import main
-from imumon.cli.traceability import commit, evaluated, with_provenance
 from imumon.datasheet import document
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.evaluation import Evaluation, Provenance
@@ -30,8 +30,9 @@ from imumon.history.repeatability import day_scatter
 from imumon.history.store import SUFFIX, PowerUp
 from imumon.history_report import HistoryRow
 from imumon.history_report import history_rows as read_rows
-from imumon.noise.uncertainty import uncertainty_budgets
-from imumon.report import Report, from_json, to_json
+from imumon.pipeline.uncertainty_budgets import uncertainty_budgets
+from imumon.report import Report, from_json
+from imumon.report_json import to_json
 
 
 def imumon(*words: object) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.blocks import BlockAccumulator
-from imumon.report import BiasCurve
+from imumon.noise.fit import BiasFit
 from imumon.samples import Floats
 
 N, B, RATE, LENGTH, CHANNELS = 6.1e-5, 2.4e-5, 40.0, 72_000, 32
@@ -19,12 +20,19 @@ BOTH_WAYS = np.sin(np.pi * TIME) ** 2
 OFFSET = 9.8
 
 
+@cache
+def noise(k: float, channels: int) -> Floats:
+    """Return (n, channels) noise that is the same for every effect."""
+    values = synthesise(LENGTH, RATE, N=[N] * channels, B=B, K=k, seed=8)
+    values.flags.writeable = False
+    return values
+
+
 def curves(
     effect: Floats, degrees: Floats, k: float, *, drift: float = 0.0, channels: int = CHANNELS
-) -> tuple[BiasCurve, ...]:
+) -> tuple[BiasFit, ...]:
     """Return the curves of channels of noise with an effect (n,) of the temperature (n,) and a drift."""
-    values = synthesise(LENGTH, RATE, N=[N] * channels, B=B, K=k, seed=8)
-    values = values + (OFFSET + effect + drift * (TIME - 0.5))[:, None]
+    values = noise(k, channels) + (OFFSET + effect + drift * (TIME - 0.5))[:, None]
     cascade = OctaveCascade(channels, tau0=1.0 / RATE)
     cascade.update(values)
     curve = cascade.result()
@@ -95,7 +103,7 @@ def test_hysteresis_is_the_difference_between_the_ways() -> None:
 )
 def test_a_temperature_that_says_nothing_gives_a_reason(degrees: Floats, reason: str) -> None:
     for each in curves(np.zeros(LENGTH), degrees, 0.0, channels=4):
-        assert each == BiasCurve(reason=reason)
+        assert each == BiasFit(reason=reason)
 
 
 def test_steps_and_holes_of_the_temperature_do_no_harm() -> None:

@@ -8,20 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from paths import ROOT
-from reports import LONG_S, with_coefficients
-from reports import report as make_report
 
-from imumon.filter_report import DEFAULT_HORIZON_S
 from imumon.noise.filter_consistency import ChannelTruths, FilterModels, predict
 from imumon.noise.filter_parameters import (
     MOST_NEES,
-    assumed_noise,
     filter_parameters,
-    gauss_markov,
+    gauss_markov_terms,
     horizons,
     smallest_walk,
 )
-from imumon.report import Estimate, Report
 
 BENCHMARKS = str(ROOT / "benchmarks")
 
@@ -47,53 +42,61 @@ VARIED = truths(
 )
 
 
-def walking(given: ChannelTruths, walk: np.ndarray, at: np.ndarray) -> np.ndarray:
+MARKOV = ChannelTruths(
+    np.full(6, 6.1e-5), np.array([0.0, 0.0, 0.0, 2.4e-5, 0.0, 2.4e-5]), np.array([1e-9, 1e-9, 1e-9, 1e-7, 2e-6, 1e-7]),
+    np.full(6, GYRO_FIX), np.array([3e-5, 3e-5, 3e-5, 3e-5, 2e-4, 0.0]), np.array([10.0, 60.0, 600.0, 57.0, 57.0, 1.0]),
+)  # fmt: skip
+"""Gauss-Markov noise alone, beside flicker, beside a walk, and none."""
+
+
+def walking(given: ChannelTruths, walk: np.ndarray, horizon_s: np.ndarray) -> np.ndarray:
     """Return the largest NEES of filters with white noise and a walk."""
-    return predict(FilterModels.without_terms(given.N, walk), given, at).nees.max(axis=1)
+    return predict(FilterModels.without_terms(given.N, walk), given, horizon_s).nees.max(axis=1)
 
 
 @pytest.mark.slow
-def test_the_prediction_is_what_an_independent_filter_measures() -> None:
+@pytest.mark.parametrize("name", ["reference, K unseen", "Markov, 60 s"])
+def test_the_prediction_is_what_an_independent_filter_measures(name: str) -> None:
     """The filter of the benchmark steps at 5 Hz through simulated noise and knows nothing of the prediction."""
     sys.path.insert(0, BENCHMARKS)
     try:
         import filters
     finally:
         sys.path.pop(0)
-    truth = filters.TRUTHS[0]
+    truth = next(truth for truth in filters.TRUTHS if truth.name == name)
     records = filters.simulated(truth, 1, 1000, 77)
-    exact = (np.array([size]) for size in (truth.N, truth.B, truth.K))
-    for made in filters.filters_of(*exact, 1800.0):
-        ratio = filters.measured(made, records)[0]
-        forecast = filters.predicted(truth, made)[0]
+    exact = (np.array([size]) for size in truth.sizes)
+    for parameters in filters.filters_of(*exact, 1800.0):
+        ratio = filters.measured(parameters, records)[0]
+        forecast = filters.predicted(truth, parameters)[0]
         distance = ratio.mean(axis=0) - forecast
         assert np.abs(distance / filters.standard_error(forecast, len(ratio))).max() < 3.5
 
 
 def test_a_filter_with_the_right_model_is_consistent() -> None:
     given = truths((6.1e-5, 0.0, 1e-7), (6.1e-5, 0.0, 1e-6), (1e-3, 0.0, 1e-4))
-    found = predict(FilterModels.without_terms(given.N, given.K), given, horizons(1800.0))
-    np.testing.assert_allclose(found.nees, 1.0, atol=0.01)
+    consistency = predict(FilterModels.without_terms(given.N, given.K), given, horizons(1800.0))
+    np.testing.assert_allclose(consistency.nees, 1.0, atol=0.01)
 
 
 def test_the_unknown_bias_at_the_start_has_no_effect(monkeypatch: pytest.MonkeyPatch) -> None:
-    at = horizons(600.0)
-    before = predict(FilterModels.without_terms(VARIED.N, VARIED.K), VARIED, at)
+    times = horizons(600.0)
+    before = predict(FilterModels.without_terms(VARIED.N, VARIED.K), VARIED, times)
     monkeypatch.setattr("imumon.noise.filter_consistency.UNKNOWN_BIAS", 1e5)
-    after = predict(FilterModels.without_terms(VARIED.N, VARIED.K), VARIED, at)
+    after = predict(FilterModels.without_terms(VARIED.N, VARIED.K), VARIED, times)
     np.testing.assert_allclose(after.nees, before.nees, rtol=1e-5)
 
 
 @pytest.mark.parametrize("horizon", [1.0, 10.0, 600.0, 1800.0, 86400.0])
 def test_the_walk_is_the_smallest_that_is_consistent(horizon: float) -> None:
-    at = horizons(horizon)
-    walk = smallest_walk(VARIED, at)
-    most = walking(VARIED, walk, at)
+    times = horizons(horizon)
+    walk = smallest_walk(VARIED, times)
+    most = walking(VARIED, walk, times)
     assert (walk > 0.0).all()
     assert (most <= MOST_NEES).all()
     needed = walk > 0.1001 * VARIED.K
     assert needed.sum() >= 5
-    assert (walking(VARIED, 0.97 * walk, at) > MOST_NEES)[needed].all()
+    assert (walking(VARIED, 0.97 * walk, times) > MOST_NEES)[needed].all()
 
 
 def test_the_walk_of_a_channel_without_b_or_k_is_that_of_nearly_none() -> None:
@@ -108,12 +111,54 @@ def test_the_walk_of_a_channel_without_b_or_k_is_that_of_nearly_none() -> None:
 
 
 @pytest.mark.parametrize("fix", [GYRO_FIX, ACCEL_FIX])
+@pytest.mark.parametrize("horizon", [1.0, 600.0, 86400.0])
+def test_gauss_markov_noise_of_the_sensor_is_a_term_as_it_is(horizon: float, fix: float) -> None:
+    """The filter steps the state, the prediction has the covariance of the increments: both are exact."""
+    given = replace(MARKOV, fix=np.full(6, fix))
+    models, consistency = gauss_markov_terms(given, horizons(horizon))
+    np.testing.assert_allclose(consistency.nees[:3], 1.0, atol=2e-3)
+    assert consistency.nees.max() <= MOST_NEES
+    assert consistency.nees.min() >= 1.0 / MOST_NEES
+    np.testing.assert_array_equal(models.sigma[:, -1], MARKOV.M)
+    np.testing.assert_array_equal(models.tau[:, -1], MARKOV.T)
+
+
+def test_a_channel_without_gauss_markov_noise_has_the_numbers_of_before() -> None:
+    before = filter_parameters(truths((6.1e-5, 2.4e-5, 1e-7)), 600.0)
+    beside = filter_parameters(MARKOV, 600.0)
+    np.testing.assert_allclose(beside.walk[-1], before.walk[0])
+    np.testing.assert_allclose(beside.white_walk.nees[-1], before.white_walk.nees[0])
+    np.testing.assert_allclose(beside.gauss_markov.nees[-1], before.gauss_markov.nees[0], rtol=1e-6)
+
+
+def test_the_walk_covers_gauss_markov_noise_up_to_the_horizon() -> None:
+    times = horizons(600.0)
+    walk = smallest_walk(MARKOV, times)
+    assert (walking(MARKOV, walk, times) <= MOST_NEES).all()
+    assert (walking(MARKOV, 0.97 * walk, times) > MOST_NEES)[:5].all()
+    n_and_k = predict(FilterModels.without_terms(MARKOV.N, MARKOV.K), MARKOV, times).nees.max(axis=1)
+    assert (n_and_k[:4] > 5.0).all()
+
+
+def test_slow_gauss_markov_noise_is_a_walk() -> None:
+    """Within a thousandth of its time constant it moves as a walk of M sqrt(2 / T), from an unknown beginning."""
+    one = np.ones(1)
+    slow = ChannelTruths(6e-5 * one, 0.0 * one, 1e-12 * one, 1e-3 * one, 1e-3 * one, 1e7 * one)
+    walk = ChannelTruths(6e-5 * one, 0.0 * one, 1e-3 * np.sqrt(2e-7) * one, 1e-3 * one)
+    times = horizons(600.0)
+    filters = FilterModels.without_terms(walk.N, walk.K)
+    np.testing.assert_allclose(
+        predict(filters, slow, times).nees, predict(filters, walk, times).nees, rtol=1e-3
+    )
+
+
+@pytest.mark.parametrize("fix", [GYRO_FIX, ACCEL_FIX])
 @pytest.mark.parametrize("horizon", [1.0, 600.0, 1800.0, 86400.0])
 def test_gauss_markov_terms_are_consistent_at_every_horizon(horizon: float, fix: float) -> None:
     given = replace(VARIED, fix=np.full(len(VARIED.N), fix))
-    models, found = gauss_markov(given, horizons(horizon))
-    assert found.nees.max() <= MOST_NEES
-    assert found.nees.min() >= 1.0 / MOST_NEES
+    models, consistency = gauss_markov_terms(given, horizons(horizon))
+    assert consistency.nees.max() <= MOST_NEES
+    assert consistency.nees.min() >= 1.0 / MOST_NEES
     assert models.sigma.shape[1] <= 5
 
 
@@ -126,81 +171,16 @@ def test_n_and_k_alone_are_overconfident() -> None:
 
 def test_horizons_begin_at_1_s_end_at_the_horizon_and_are_steps_of_the_filter() -> None:
     for horizon in (1.0, 1.3, 7.0, 60.0, 600.0, 1000.0, 86400.0):
-        at = horizons(horizon)
-        assert at[0] == 1.0
-        assert 0.0 <= horizon - at[-1] < 0.2
-        assert (np.diff(at) > 0.0).all()
-        np.testing.assert_allclose(at / 0.2, np.round(at / 0.2), atol=1e-9)
+        times = horizons(horizon)
+        assert times[0] == 1.0
+        assert 0.0 <= horizon - times[-1] < 0.2
+        assert (np.diff(times) > 0.0).all()
+        np.testing.assert_allclose(times / 0.2, np.round(times / 0.2), atol=1e-9)
 
 
-# ---------------------------------------------------------------- from a report
-
-
-def with_bounds(report: Report) -> Report:
-    """Return the report with a K of gyro/x that is only bounded."""
-    channel = report.channels["gyro/x"]
-    bounded = replace(channel.coefficients["K"], status="upper_bound", value=None, low=0.0, high=2e-6)
-    return replace(report, channels=report.channels | {"gyro/x": with_coefficients(channel, K=bounded)})
-
-
-def test_a_bounded_coefficient_counts_with_half_its_bound() -> None:
-    report = with_bounds(make_report(LONG_S))
-    channel = report.channels["gyro/x"]
-    assumed = assumed_noise(channel)
-    assert assumed is not None
-    assert assumed.K == 1e-6
-    assert channel.coefficients["N"].value == assumed.N
-    found = filter_parameters(report, DEFAULT_HORIZON_S).channels
-    assert found["gyro/x"].walk_factor is None
-    assert "bounded_K" in found["gyro/x"].caveats
-    y = found["gyro/y"]
-    assert y.walk_factor == pytest.approx(y.walk / y.assumed.K)
-    assert "bounded_K" not in y.caveats
-
-
-def test_an_unknown_coefficient_gives_no_numbers() -> None:
-    report = make_report(LONG_S)
-    channel = report.channels["gyro/x"]
-    unknown = with_coefficients(channel, B=Estimate())
-    assert assumed_noise(unknown) is None
-    found = filter_parameters(replace(report, channels={"gyro/x": unknown}), 600.0)
-    assert found.channels == {}
-
-
-def test_every_axis_of_gyroscope_and_accelerometer_has_consistent_numbers() -> None:
-    report = make_report(LONG_S)
-    found = filter_parameters(report, 600.0)
-    assert set(found.channels) == {f"{sensor}/{axis}" for sensor in ("gyro", "accel") for axis in "xyz"}
-    for channel in found.channels.values():
-        assert channel.white == channel.white_gm == channel.assumed.N
-        assert channel.walk_gm == channel.assumed.K
-        assert channel.walk > 0.0
-        assert max(channel.nees.white_walk) <= MOST_NEES
-        assert (
-            1.0 / MOST_NEES <= min(channel.nees.gauss_markov) <= max(channel.nees.gauss_markov) <= MOST_NEES
-        )
-        assert len(channel.gauss_markov) <= 5
-        assert channel.nees.horizon_s == channel.std.horizon_s
-        assert channel.nees.horizon_s[-1] == 600.0
-
-
-# ---------------------------------------------------------------- another program
-
-
-@pytest.mark.slow
-def test_gtsam_with_the_exported_parameters_is_consistent() -> None:
-    """Preintegrated rotation and velocity after 300 s of fixes; N and K alone are overconfident."""
-    pytest.importorskip("gtsam", reason="gtsam is not installed (extra peers)")
-    sys.path.insert(0, BENCHMARKS)
-    try:
-        import gtsam_filters
-    finally:
-        sys.path.pop(0)
-    report = gtsam_filters.report_of_record()
-    alone, exported = (
-        gtsam_filters.nees_of(make(report, 600.0), 20, 0.0, 300, (10, 60)).mean(axis=0)
-        for make in (gtsam_filters.plain, gtsam_filters.exported)
-    )
-    assert (exported < 1.8).all()
-    assert (exported > 0.3).all()
-    assert (alone > 1.2 * exported).all()
+def test_terms_that_do_not_hold_are_marked() -> None:
+    """Flicker of 40 deg/s, which no sensor at rest has, needs terms slower than any of the ranges within a day."""
+    numbers = filter_parameters(truths(REFERENCE, (1e-5, 0.95, 1e-9)), 86400.0)
+    assert numbers.terms_hold.tolist() == [True, False]
+    assert numbers.gauss_markov.nees[1].min() < 1.0 / MOST_NEES
+    assert numbers.white_walk.nees.max() <= MOST_NEES

@@ -6,7 +6,6 @@ import pytest
 
 from imumon.coefficients import GRADES, Estimate
 from imumon.noise.grading import LIMITS, grade_channel, grade_coefficient, grade_sensor
-from imumon.report import DecidedBy
 
 # SI values of one VN-100, as printed in its static characterisation report
 GYRO = {
@@ -54,8 +53,8 @@ def test_grades_agree_with_a_published_report():
     gyro, accel = grade_sensor("gyro", axes(GYRO)), grade_sensor("accel", axes(ACCEL))
     assert gyro.nearest == accel.nearest == "industrial"
     assert gyro.meets == accel.meets == "consumer"
-    assert gyro.decided_by == DecidedBy(axis="y", coefficient="N")
-    assert accel.decided_by == DecidedBy(axis="z", coefficient="N")
+    assert gyro.decided_by == ("y", "N")
+    assert accel.decided_by == ("z", "N")
     assert not gyro.provisional
     assert not accel.provisional
 

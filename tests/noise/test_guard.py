@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import pickle
 
 import numpy as np
 import pytest
@@ -136,7 +137,7 @@ def test_a_constant_stretch_of_a_coarse_axis_is_not_stuck() -> None:
     """Its level drifts from between two steps, where it toggles, to the middle of one, where it does not."""
     values = quiet(1200)
     slow = 0.05 * np.sin(np.arange(len(values)) * 2e-4)
-    values[:, 3] = np.rint((values[:, 3] + slow) / 0.03) * 0.03
+    values[:, 3] = np.rint((values[:, 3] + slow) / 0.04) * 0.04
     _, valid, _ = excluded(values)
     assert valid.mean() > 1 - 1e-4
 
@@ -195,6 +196,19 @@ def test_exclusions_of_a_magnetometer_alone_are_counted() -> None:
     assert guard.excluded_samples == removed == sum(guard.excluded.values())
 
 
+@pytest.mark.parametrize("missing", [np.nan, np.inf, -9.8])
+def test_a_sample_that_does_not_count_hides_no_knock(missing: float) -> None:
+    values = quiet(300)
+    values[6000:6100] += 30.0 * SIGMA * np.random.default_rng(2).standard_normal((100, 9))
+    valid = np.ones((len(values), 3), dtype=bool)
+    valid[6020::40] = False
+    values[~valid[:, 0]] = missing
+    guard = Guard(SENSORS, 40.0)
+    _, events = run_guard(guard, values, valid=valid)
+    assert {event.kind for event in events} == {"knock", "magnetic"}
+    assert 100 < guard.excluded_samples < 600
+
+
 def test_reported_saturation_is_excluded() -> None:
     values = quiet(100)
     flags = np.zeros(len(values), dtype=bool)
@@ -202,6 +216,43 @@ def test_reported_saturation_is_excluded() -> None:
     _, valid, events = excluded(values, saturated=flags)
     assert not valid[2000:2003, :2].any()
     assert "clipped" in [e.kind for e in events]
+
+
+def test_a_range_that_is_exceeded_excludes_its_own_sensor_alone() -> None:
+    values = quiet(100)
+    flags = np.zeros((len(values), 3), dtype=bool)
+    flags[2000:2003, 1] = True
+    guard, valid, events = excluded(values, saturated=flags)
+    assert not valid[2000:2003, 1].any()
+    assert valid[:, [0, 2]].all()
+    (event,) = events
+    assert (event.kind, event.channel in (3, 4, 5)) == ("clipped", True)
+    assert guard.excluded["clipped"] == (~valid[:, 1]).sum() == event.length
+
+
+def test_a_gyroscope_beside_an_accelerometer_at_the_end_of_its_range_is_assessed() -> None:
+    values = quiet(300)
+    flags = np.zeros((len(values), 3), dtype=bool)
+    flags[:, 1] = True
+    values[:, 5] = -9.8  # the end of the range: a constant that is no stuck axis
+    values[8000:8080, :3] += 0.1 * np.random.default_rng(5).standard_normal((80, 3))
+    guard, valid, _ = excluded(values, saturated=flags)
+    assert not valid[:, 1].any()
+    assert not valid[7990:8100, 0].any()
+    assert (~valid[:, 0]).sum() < 5 * 40
+    assert valid[:, 2].all()
+    assert not guard.stuck
+
+
+def test_a_blow_beyond_the_range_of_one_sensor_is_a_knock_of_both() -> None:
+    values = quiet(300)
+    flags = np.zeros((len(values), 3), dtype=bool)
+    values[8000:8010, 4] = 160.0
+    flags[8000:8010, 1] = True
+    _, valid, events = excluded(values, saturated=flags)
+    assert not valid[7990:8040, :2].any()
+    assert valid[:, 2].all()
+    assert [(e.kind, e.channel) for e in events] == [("clipped", 4)]
 
 
 def drive(seconds: float, rate: float = 40.0, seed: int = 3) -> Floats:
@@ -398,6 +449,20 @@ def test_memory_is_bounded() -> None:
         sizes.append(sum(a.nbytes for a in guard.save().values()))
     assert max(sizes) < 1_000_000
     assert guard.held == 0
+
+
+@pytest.mark.parametrize("sensor", ["mag", "gyro"])
+def test_memory_is_bounded_while_a_sensor_moves_again_and_again(sensor: str) -> None:
+    rng = np.random.default_rng(1)
+    guard, sizes = Guard((sensor,) * 3, 10.0), []
+    turns = np.repeat(np.tile([0.0, 1.0], 100), 400)[:, None]  # 40 s of rest, 40 s of motion
+    for values in np.split(1e-3 * rng.standard_normal((80_000, 3)) * (1.0 + 100.0 * turns), 4):
+        guard.update(values)
+        assert guard.events()
+        assert bool(guard.rest_changes()) == (sensor == "gyro")
+        assert not any(detector.rest_changes for detector in guard._detectors)
+        sizes.append(len(pickle.dumps(guard)))
+    assert max(sizes) - min(sizes) < 1000  # a held frame more or less
 
 
 def test_the_curve_is_that_of_the_undisturbed_record() -> None:

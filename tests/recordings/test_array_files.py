@@ -35,7 +35,7 @@ def mat(path: Path, **arrays: Any) -> None:
 
 
 def parquet(path: Path, **arrays: Any) -> None:
-    arrow = pytest.importorskip("pyarrow")
+    arrow = pytest.importorskip("pyarrow", reason="pyarrow is not installed (extra fast)")
     from pyarrow import parquet
 
     parquet.write_table(

@@ -12,6 +12,7 @@ import time
 import zlib
 from pathlib import Path
 
+import forked
 import pytest
 from waiting import until
 
@@ -237,3 +238,23 @@ def test_standard_input_is_a_recording(noise: bytes) -> None:
         [sys.executable, "-c", code], input=gzip.compress(noise), capture_output=True, check=True
     )
     assert done.stdout.split() == [b"700000", b"None"]
+
+
+@pytest.mark.parametrize("name", ["run.csv.gz", "run.bin.gz"])
+def test_a_gzip_file_that_expands_without_end_is_refused(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A megabyte of it may hold a gigabyte, which would be read to its end."""
+    monkeypatch.setattr("imumon.recordings.raw_capture.EXPANSION_BYTES", 1 << 20)
+    path, header = tmp_path / name, b"time_s,gyro_x\n0,0\n"
+    path.write_bytes(gzip.compress(header + b"0,0\n" * (50 << 18)))
+    assert path.stat().st_size * 500 < 50 << 20
+    sizes: list[int] = []
+    with pytest.raises(RecordingError) as refused:
+        sizes.extend(len(chunk) for chunk in RawCapture(str(path)))
+    assert refused.value.code == "expands"
+    assert refused.value.cure
+    assert sum(sizes) < 16 << 20
+    done = forked.run("replay", str(path))
+    assert done.returncode != 0
+    assert "Traceback" not in done.stderr

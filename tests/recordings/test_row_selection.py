@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from commands import imumon
 from logs import SENSOR, DataFlash, ulog
-from tables import csv, read, replayed, truth
+from tables import RATE, csv, read, replayed, truth
 
 from imumon.recordings import OptionNotApplicable, RecordingError
 from imumon.recordings.row_selection import WINDOW
@@ -79,8 +79,11 @@ def test_sensors_with_times_of_their_own_are_read_one_by_one(tmp_path: Path) -> 
 
 def test_a_sensor_that_holds_its_values_is_slower_than_its_rows(tmp_path: Path) -> None:
     t, gyro, accel = truth(20_000)
-    report, remarks = replayed(csv(tmp_path / "a.csv", NAMES, t, gyro, accel[np.arange(len(t)) // 2]))
-    assert "accel repeats its values in 50 % of the rows" in remarks
+    path = csv(tmp_path / "a.csv", NAMES, t, gyro, accel[np.arange(len(t)) // 2])
+    report, remarks = replayed(path)
+    assert set(report.channels) == {"gyro/x", "gyro/y", "gyro/z"}
+    assert "the rows repeat accel in 50 % of them" in remarks
+    report, _ = replayed(path, sensor="accel")
     n = report.channels["accel/x"].coefficients["N"]
     assert n.low is not None
     assert n.high is not None
@@ -213,3 +216,31 @@ def test_a_clock_that_restarts_or_has_one_wrong_stamp_is_not_sorted(tmp_path: Pa
         path = csv(tmp_path / f"{name}.csv", NAMES, stamps, gyro, accel)
         assert np.allclose(read(path).values[:, :3], gyro, rtol=1e-9), name
         assert "sorted" not in replayed(path)[1]
+
+
+@pytest.mark.parametrize("faster", [1.31, 2.0])
+def test_held_samples_are_dropped_and_the_noise_is_that_of_the_sensor(tmp_path: Path, faster: float) -> None:
+    t, gyro, _ = truth(6000, seed=5)
+    rows = np.arange(int(len(t) * faster)) / (RATE * faster) + t[0]
+    newest = np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 1)
+    fast = np.random.default_rng(1).normal((0.1, -0.2, -9.8), 0.013, (len(rows), 3))
+    names = ["t [s]", *(f"g{a} [rad/s]" for a in "xyz"), *(f"a{a}" for a in "xyz")]
+    path = csv(tmp_path / "a.csv", names, rows, gyro[newest], fast)
+    report, remarks = replayed(path)
+    assert set(report.channels) == {"accel/x", "accel/y", "accel/z"}
+    assert "the rows repeat gyro in" in remarks
+    assert "--sensor gyro reads it" in remarks
+    report, remarks = replayed(path, sensor="gyro")
+    assert "the values of gyro of the row before: they are no samples of it" in remarks
+    assert report.session.samples == pytest.approx(len(t), abs=2)
+    assert report.device.sample_rate_hz == pytest.approx(RATE, rel=5e-3)
+    estimate = report.channels["gyro/y"].N
+    assert estimate.low < 7e-4 / RATE**0.5 < estimate.high
+
+
+def test_coarse_numbers_that_repeat_by_chance_are_samples(tmp_path: Path) -> None:
+    t, gyro, accel = truth(3000)
+    names = ["t [s]", *(f"g{a} [rad/s]" for a in "xyz"), *(f"a{a}" for a in "xyz")]
+    report, remarks = replayed(csv(tmp_path / "a.csv", names, t, np.round(gyro / 1e-3) * 1e-3, accel))
+    assert report.session.samples == len(t)
+    assert "repeat" not in remarks or "gyro/x" in report.channels

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from imumon.errors import RateRequired
 from imumon.recordings import OptionNotApplicable, RecordingError
 from imumon.recordings.columns import layout, parse_map
 from imumon.replay import ReplayOptions, replay
-from imumon.timebase.timestamps import stamp_interval, typical_step
+from imumon.timebase.stamp_kinds import stamp_interval, typical_step
 
 AXES = ["gx [rad/s]", "gy [rad/s]", "gz [rad/s]", "ax", "ay", "az"]
 BARE = ["time", "gx", "gy", "gz", "ax", "ay", "az"]
@@ -155,7 +156,7 @@ def test_a_step_back_of_a_clock_is_remarked_with_its_line(tmp_path: Path) -> Non
 
 def test_a_rate_without_a_unit_is_remarked_on(tmp_path: Path) -> None:
     t, gyro, accel = truth()
-    path = csv(tmp_path / "a.csv", BARE, t, gyro / DEG, accel)
+    path = csv(tmp_path / "a.csv", BARE, t, gyro, accel)
     report, remarks = replayed(path)
     cure = "gyro/x=gx:deg/s,gyro/y=gy:deg/s,gyro/z=gz:deg/s"
     assert "gx, gy, gz without a unit: rad/s is assumed" in remarks
@@ -166,6 +167,87 @@ def test_a_rate_without_a_unit_is_remarked_on(tmp_path: Path) -> None:
     for name in ("gyro", "gyro_dps"):
         np.savez(tmp_path / "a.npz", t=t, **{name: gyro, "accel": accel})
         assert ("end with _dps" in replayed(tmp_path / "a.npz")[1]) == (name == "gyro")
+
+
+def map_of(cure: str) -> dict[str, str]:
+    """Return the columns of a printed ``--map``, as a shell and the parser read it."""
+    words = shlex.split(cure.partition("--map ")[2].partition("; ")[0])
+    return parse_map(words[0].rstrip(","))
+
+
+NOISIEST_DEG = 0.6
+"""deg/s, noise of a sample of an L3G4200D at 800 Hz: 0.03 deg/s/sqrt(Hz) over 400 Hz."""
+
+
+@pytest.mark.parametrize("bias", [0.0, 0.1, 0.35])
+def test_the_bias_of_a_mems_gyroscope_is_no_reason_to_doubt_its_unit(tmp_path: Path, bias: float) -> None:
+    t, gyro, accel = truth()
+    noisy = bias + gyro * (NOISIEST_DEG * DEG / gyro.std())
+    report, _ = replayed(csv(tmp_path / "a.csv", BARE, t, noisy, accel))
+    assert report.channels["gyro/x"].mean == pytest.approx(noisy[:, 0].mean(), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "names", [BARE[1:4], ["gyroADC[0]", "gyroADC[1]", "gyroADC[2]"], ["G X", "G Y", "G Z"]]
+)
+@pytest.mark.parametrize("accel_unit", ["m/s2", "g", "mg", "mm/s2", "counts"])
+def test_one_cure_gives_the_units_of_all_sensors(tmp_path: Path, names: list[str], accel_unit: str) -> None:
+    t, gyro, accel = truth(2000)
+    size = {"m/s2": 1.0, "g": 1 / G, "mg": 1e3 / G, "mm/s2": 1e3, "counts": 2048 / G}[accel_unit]
+    numbers = np.rint(accel * size) if accel_unit == "counts" else accel * size
+    path = csv(tmp_path / "a.csv", ["t", *names, *BARE[4:]], t, gyro / DEG, numbers)
+    with pytest.raises(RecordingError) as error:
+        replayed(path)
+    assert error.value.code == "wrong_unit"
+    report, _ = replayed(path, columns=map_of(error.value.cure))
+    for axis, mean in zip("xyz", gyro.mean(axis=0), strict=True):
+        assert report.channels[f"gyro/{axis}"].mean == pytest.approx(mean, rel=1e-6)
+    assert report.channels["accel/z"].mean == pytest.approx(accel[:, 2].mean(), rel=1e-3)
+
+
+def test_a_map_may_be_repeated_and_a_cure_keeps_what_was_given(tmp_path: Path) -> None:
+    t, gyro, accel = truth(2000)
+    path = csv(tmp_path / "a.csv", ["t", "p q", "q", "r", *BARE[4:]], t, gyro / DEG, accel / G)
+    first = "gyro/x=p q:deg/s,gyro/y=q:deg/s,gyro/z=r:deg/s"
+    with pytest.raises(RecordingError) as error:
+        replayed(path, columns=parse_map(first))
+    assert map_of(error.value.cure).items() > parse_map(first).items()
+    option = "accel/x=ax:g,accel/y=ay:g,accel/z=az:g"
+    shown = json.loads(imumon("replay", path, "--map", first, "--map", option, "--json"))
+    assert shown["channels"]["accel/z"]["mean"] == pytest.approx(accel[:, 2].mean(), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("option", "code"),
+    [
+        ("gyro/x=p,gyro/y=p,gyro/z=q", "column_twice"),
+        ("gyro/x=s,gyro/y=p,gyro/z=q", "ambiguous_column"),
+        ("gyro/x=p/131x:deg/s,gyro/y=q,gyro/z=4", "unknown_column"),
+    ],
+)
+def test_a_column_serves_one_axis_and_a_name_means_one_column(option: str, code: str) -> None:
+    with pytest.raises(RecordingError) as error:
+        layout(["t", "p", "q", "s [deg/s]", "s [g]"], None, parse_map(option))
+    assert error.value.code == code
+    assert (
+        layout(["m[0]", "m[1]", "m[2]"], None, parse_map("gyro/x=m[1]:deg/s,gyro/y=m[0],gyro/z=m[2]"))
+        .columns[0]
+        .index
+        == 1
+    )
+
+
+def test_counts_have_a_scale(tmp_path: Path) -> None:
+    t, gyro, accel = truth(2000)
+    path = csv(tmp_path / "a.csv", BARE, t, np.rint(gyro / DEG * 1310.7), accel)
+    with pytest.raises(RecordingError) as error:
+        replayed(path)
+    assert error.value.code == "raw_counts"
+    with pytest.raises(RecordingError, match="'COUNTS' in --map gx/COUNTS is no number"):
+        replayed(path, columns=map_of(error.value.cure))
+    axes = {f"gyro/{axis}": f"g{axis}/1310.7:deg/s" for axis in "xyz"}
+    report, _ = replayed(path, columns=axes)
+    assert report.channels["gyro/y"].mean == pytest.approx(gyro[:, 1].mean(), rel=1e-2)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "npz"])
@@ -332,7 +414,8 @@ def test_an_invalid_stamp_is_one_lost_sample_and_no_step_back(tmp_path: Path, st
 
 def test_a_record_that_is_excluded_as_a_whole_names_the_unit(tmp_path: Path) -> None:
     t, gyro, accel = truth(4000)
-    path = csv(tmp_path / "a.csv", ["t [s]", *BARE[1:4], *AXES[3:]], t, gyro * 500 / DEG, accel)
+    turning = gyro + 5.0 * np.sin(t)[:, None]
+    path = csv(tmp_path / "a.csv", ["t [s]", *BARE[1:4], *AXES[3:]], t, turning, accel)
     remarks: list[str] = []
     report = replay(ReplayOptions(path=str(path)), remark=remarks.append)
     (doubt,) = [text for text in remarks if "most of it is excluded, as with a wrong unit" in text]
@@ -384,10 +467,16 @@ def test_an_acceleration_that_is_one_g_in_another_unit_is_an_error(
         replayed(path)
     assert error.value.code == "wrong_unit"
     assert f"--map accel/x=ax:{actual}" in error.value.cure
-    assert replayed(path, columns={"accel/x": f"ax:{given}"})[0].session.samples == 400
+    axes = {f"accel/{axis}": f"a{axis}:{given}" for axis in "xyz"}
+    with pytest.raises(RecordingError, match=f"is in {given}, but its size is"):
+        replayed(path, columns=axes)  # a unit that the user gives is checked as any other
 
 
 def test_a_line_before_the_header_may_have_another_separator(tmp_path: Path) -> None:
     path = csv(tmp_path / "a.csv", ["t", "wx", "wy", "wz"], *truth()[:2])
     path.write_text("Device;X\n\n" + path.read_text())
     assert replayed(path)[0].session.samples == 400
+
+
+def test_a_time_that_ends_where_it_began_has_an_interval() -> None:
+    assert stamp_interval(np.array([1.0, 2.0, 1.0]) * 1e9)[0] == pytest.approx(1e9)

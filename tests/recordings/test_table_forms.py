@@ -11,12 +11,13 @@ import pytest
 from commands import imumon
 from tables import DEG, RATE, G, csv, read, replayed, sentences, truth
 
-from imumon.column_names import parse_name
+from imumon.column_names import parse_name, triples
 from imumon.errors import RateRequired
 from imumon.recordings import RecordingError
 from imumon.recordings.base import OptionError
-from imumon.recordings.columns import parse_map
-from imumon.timebase.timestamps import stamp_interval
+from imumon.recordings.columns import layout, parse_map
+from imumon.samples import sensor_of
+from imumon.timebase.stamp_kinds import stamp_interval
 
 # ---------------------------------------------------------------- sentences beside a time
 
@@ -294,12 +295,110 @@ def test_a_time_may_have_the_name_of_its_unit(tmp_path: Path, name: str, unit_s:
     assert f"{name} without a unit" not in remarks
 
 
-def test_the_fine_time_of_an_xsens_is_no_time_of_a_guessed_unit(tmp_path: Path) -> None:
+def test_the_fine_time_of_an_xsens_counts_its_ticks(tmp_path: Path) -> None:
     t, gyro, accel = truth()
     names = ["SampleTimeFine", "Acc_X", "Acc_Y", "Acc_Z", "Gyr_X", "Gyr_Y", "Gyr_Z"]
-    with pytest.raises(RateRequired):
-        replayed(csv(tmp_path / "a.csv", names, t * 1e4, accel, gyro))
-    assert replayed(tmp_path / "a.csv", rate_hz=100.0)[0].session.samples == len(t)
+    report, remarks = replayed(csv(tmp_path / "a.csv", names, np.rint(t * 1e4), accel, gyro))
+    assert (report.device.sample_rate_hz, report.session.samples) == (100.0, len(t))
+    assert "SampleTimeFine" not in remarks
+
+
+# ---------------------------------------------------------------- triples
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "gyroADC[0],gyroADC[1],gyroADC[2],accSmooth[0],accSmooth[1],accSmooth[2]",
+        "xgyro,ygyro,zgyro,xacc,yacc,zacc",
+        "gyro1,gyro2,gyro3,acc1,acc2,acc3",
+        "rollspeed,pitchspeed,yawspeed,a_x,a_y,a_z",
+        "gX,gY,gZ,aX,aY,aZ",
+        "S1_Gyro_X_CAL,S1_Gyro_Y_CAL,S1_Gyro_Z_CAL,S1_Accel_X_CAL,S1_Accel_Y_CAL,S1_Accel_Z_CAL",
+        "X Gyro [x8005],Y Gyro [x8005],Z Gyro [x8005],X Accel [x8004],Y Accel [x8004],Z Accel [x8004]",
+        "x (rad/s),y (rad/s),z (rad/s),u x (m/s²),u y (m/s²),u z (m/s²)",
+        "motionRotationRateX,motionRotationRateY,motionRotationRateZ,AccelerationX,AccelerationY,AccelerationZ",
+        "RateRoll,RatePitch,RateYaw,AccRoll,AccPitch,AccYaw",
+    ],
+)
+def test_three_names_that_differ_by_the_axis_are_a_sensor(tmp_path: Path, names: str) -> None:
+    t, gyro, accel = truth()
+    others = ["status", "battery [V]", "x8007 [txt]", "loop [bananas]"]
+    path = csv(tmp_path / "a.txt", ["t", *names.split(","), *others], t, gyro, accel, np.ones((len(t), 4)))
+    found = read(path)
+    np.testing.assert_allclose(found.values, np.hstack([gyro, accel]), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("names", "channels"),
+    [
+        ("w_x [g],w_y [g],w_z [g]", "accel"),  # the unit decides, and the conflict is a remark
+        ("G_X [mdps],G_Y [mdps],G_Z [mdps]", "gyro"),
+        ("p_x [deg],p_y [deg],p_z [deg],gx,gy,gz", "gyro"),
+        ("incremental_angle_x [mdeg],incremental_angle_y [mdeg],incremental_angle_z [mdeg]", "gyro"),
+        ("gx,gy,gz,mag_x [G],mag_y [G],mag_z [G]", "gyro mag"),
+    ],
+)
+def test_the_quantity_of_a_triple_follows_from_its_unit_before_its_name(names: str, channels: str) -> None:
+    columns = layout(names.split(","))
+    assert list(dict.fromkeys(sensor_of(channel) for channel in columns.channels)) == channels.split()
+    assert ("the unit decides" in "".join(c.doubt for c in columns.columns)) == names.startswith("w_x")
+
+
+@pytest.mark.parametrize(
+    "names", ["q_x,q_y,q_z,q_w", "m[0],m[1],m[2],m[3]", "rxx,rxy,rxz,ryx,ryy,ryz,rzx,rzy,rzz"]
+)
+def test_quaternions_lists_and_matrices_are_no_triples(names: str) -> None:
+    assert not triples(names.split(","))
+
+
+def test_a_triple_without_a_name_is_an_accelerometer_if_it_is_one_g(tmp_path: Path) -> None:
+    t, gyro, accel = truth()
+    path = csv(tmp_path / "a.txt", ["t", "x", "y", "z"], t, accel)
+    report, remarks = replayed(path)
+    assert report.channels["accel/z"].mean == pytest.approx(accel[:, 2].mean())
+    assert "x, y, z have no name of a sensor: their size is one g in m/s2" in remarks
+    with pytest.raises(RecordingError) as error:
+        replayed(csv(tmp_path / "b.txt", ["t", "x", "y", "z"], t, gyro / DEG))
+    assert error.value.code == "no_sensor"
+    cure = error.value.cure.partition("--map ")[2].partition(", with")[0]
+    report, _ = replayed(tmp_path / "b.txt", columns=parse_map(cure))
+    assert report.channels["gyro/x"].mean == pytest.approx(gyro[:, 0].mean(), rel=1e-6)
+
+
+def test_a_triple_that_is_not_used_is_named_with_how_to_use_it(tmp_path: Path) -> None:
+    t, gyro, accel = truth()
+    names = ["t", *(f"g{a}" for a in "xyz"), *(f"Angle {a} (°)" for a in "XYZ")]
+    _, remarks = replayed(csv(tmp_path / "a.csv", names, t, gyro, accel))
+    assert "Angle X (°), Angle Y (°), Angle Z (°) not used: no name or unit of a sensor" in remarks
+    assert "--map 'gyro/x=Angle X:UNIT,gyro/y=Angle Y:UNIT,gyro/z=Angle Z:UNIT'" in remarks
+
+
+def test_increments_of_one_sensor_beside_samples_of_the_other(tmp_path: Path) -> None:
+    t, gyro, accel = truth(2000)
+    names = ["t", *(f"incremental_angle_{a} [mdeg]" for a in "xyz"), *(f"acc_{a} [m/s2]" for a in "xyz")]
+    path = csv(tmp_path / "a.csv", names, t, gyro / DEG * 1e3 / RATE, accel)
+    found = read(path)
+    np.testing.assert_allclose(found.values, np.hstack([gyro, accel]), rtol=1e-9, atol=1e-12)
+    assert found.stream.averaged == (True,) * 3 + (False,) * 3
+    given = {f"gyro/{a}": f"incremental_angle_{a}:mdeg" for a in "xyz"}
+    np.testing.assert_allclose(read(path, columns=given).values[:, :3], gyro, rtol=1e-9, atol=1e-12)
+
+
+def test_the_time_is_the_one_that_is_even(tmp_path: Path) -> None:
+    t, gyro, accel = truth(2000)
+    late = t + np.random.default_rng(1).exponential(4e-3, len(t))
+    names = ["time [s]", "sensor time [ms]", *(f"g{a}" for a in "xyz"), *(f"a{a}" for a in "xyz")]
+    report, remarks = replayed(csv(tmp_path / "a.csv", names, late, 1e3 * t, gyro, accel))
+    assert (report.device.clock, report.device.sample_rate_hz) == ("startup", 100.0)
+    assert "the time is sensor time [ms], which is even, and not time [s]" in remarks
+
+
+def test_names_apart_by_blanks_may_have_units(tmp_path: Path) -> None:
+    t, gyro, accel = truth()
+    names = ["T[ms]", *(f"G_{a} [mdps]" for a in "XYZ"), *(f"A_{a} [mg]" for a in "XYZ")]
+    path = csv(tmp_path / "a.txt", names, t * 1e3, gyro / DEG * 1e3, accel / G * 1e3, sep=" ")
+    np.testing.assert_allclose(read(path).values, np.hstack([gyro, accel]), rtol=1e-9, atol=1e-12)
 
 
 def test_a_bar_separates_cells(tmp_path: Path) -> None:
@@ -311,9 +410,11 @@ def test_a_bar_separates_cells(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "cure"),
     [
-        ('{"t": 1.0, "gyro": [0.1, 0.2, 0.3]}', "pandas.read_json"),
-        ('[{"t": 1.0, "gx": 0.1},', "pandas.read_json"),
-        ("gx:0.1 gy:0.2 gz:0.3", "one line of names"),
+        ("It was a dark and stormy night", "one line of names"),
+        (
+            "%RAWIMUSXA,2200,300000.0;00,13,2200,300000.0,00000000,52567055,1,6,-1,-3,2*595b19cf",
+            "--stream deltas",
+        ),
     ],
 )
 def test_text_that_is_no_table_is_not_called_a_capture(tmp_path: Path, line: str, cure: str) -> None:
@@ -322,3 +423,4 @@ def test_text_that_is_no_table_is_not_called_a_capture(tmp_path: Path, line: str
         replayed(tmp_path / "a.txt")
     assert error.value.code == "no_messages"
     assert cure in error.value.cure
+    assert "bytes" not in error.value.message

@@ -22,8 +22,7 @@ from imumon.bus import Publisher, Subscriber
 from imumon.datasheet.signal_text import signal_lines
 from imumon.devices.vn100 import ascii as sentences
 from imumon.recordings import RecordingError
-from imumon.replay import ReplayOptions, replay
-from imumon.replay.replay import _Run
+from imumon.replay import ReplayedRecord, ReplayOptions, replay
 from imumon.report import Event, Report, from_json
 
 KIRAN = RECORDINGS / "kiran_stat5min.vnymr.txt.gz"
@@ -161,7 +160,7 @@ def test_a_report_lists_what_was_excluded_and_when(tmp_path: Path) -> None:
 
 def test_a_report_lists_at_most_256_events(tmp_path: Path) -> None:
     path = capture(tmp_path / "a.txt")
-    run = _Run(ReplayOptions(path=str(path)), ReplayOptions(path=str(path)).open())
+    run = ReplayedRecord(ReplayOptions(path=str(path)), ReplayOptions(path=str(path)).open())
     for k in range(300):
         run._note(Event(time="", kind="gap", text=f"gap {k}", device="replay", elapsed_s=300.0 - k))
     events = run.record_events()
@@ -237,7 +236,7 @@ def test_a_file_that_is_no_recording_is_one_line_with_a_code(
     with pytest.raises(RecordingError, match=name) as error:
         replay(ReplayOptions(path=str(path), rate_hz=40.0))
     assert error.value.code == code
-    assert imumon("replay", path, "--rate", "40", code=1).strip() == f"imumon: {error.value}"
+    assert imumon("replay", path, "--rate", "40", code=3).strip() == f"imumon: {error.value}"
 
 
 @pytest.mark.parametrize(

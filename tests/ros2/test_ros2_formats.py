@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import importlib.util
 import json
 import os
 import shutil
 import subprocess
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -290,21 +292,46 @@ const answer = input.map(({ definition, hex }) => {
 console.log(JSON.stringify(answer));
 """
 PACKAGES = ("@foxglove/rosmsg2-serialization@3.1.0", "@foxglove/rosmsg@5.0.5")
+NPM = (
+    "npm",
+    "install",
+    "--loglevel=error",
+    "--no-audit",
+    "--no-fund",
+    "--fetch-retries=0",
+    "--fetch-timeout=20000",
+)
+NPM_S = 60.0
+"""s that npm may take; without its registry it would try for minutes."""
 
 
 @pytest.fixture(scope="module")
 def foxglove() -> Path:
-    """Directory with Foxglove's packages: a cache of the user, filled with npm."""
-    npm, node = shutil.which("npm"), shutil.which("node")
-    if npm is None or node is None:
-        pytest.skip("npm is not installed")
-    directory = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "imumon-tests" / "foxglove"
-    directory.mkdir(parents=True, exist_ok=True)
-    if not (directory / "node_modules" / "@foxglove" / "rosmsg2-serialization").exists():
-        command = [npm, "install", "--silent", "--prefix", str(directory), *PACKAGES]
-        done = subprocess.run(command, capture_output=True, timeout=120, check=False, cwd=directory)
-        if done.returncode:
-            pytest.skip("npm cannot install Foxglove's packages")
+    """Directory with Foxglove's packages: a cache of the user.
+
+    npm fills it, where the extra `peers` is installed: a plain test run installs nothing.
+    """
+    if importlib.util.find_spec("zenoh_ros2_sdk") is None:
+        pytest.skip("Foxglove's decoder is installed with npm only beside the extra peers")
+    if shutil.which("npm") is None or shutil.which("node") is None:
+        pytest.skip("npm and node, which run Foxglove's decoder, are not installed")
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "imumon-tests"
+    directory = cache / "foxglove"
+    if not directory.exists():
+        cache.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=cache) as part:  # complete, or not there
+            call = [*NPM, "--prefix", part, *PACKAGES]
+            try:
+                done = subprocess.run(
+                    call, capture_output=True, text=True, timeout=NPM_S, check=False, cwd=part
+                )
+            except subprocess.TimeoutExpired:
+                pytest.skip(f"npm has not installed Foxglove's packages in {NPM_S:.0f} s: no registry?")
+            if done.returncode:
+                why, *_ = (*done.stderr.splitlines(), "no reason")
+                pytest.skip(f"npm cannot install Foxglove's packages: {why}")
+            Path(part).rename(directory)
+            Path(part).mkdir()  # for the end of the block
     return directory
 
 

@@ -70,7 +70,7 @@ def test_07_calendar_of_the_host_steps_by_a_day(tmp_path: Path) -> None:
         play.end(before, after, Fault(restarts=1))
 
 
-@pytest.mark.parametrize("seconds", [1.5, pytest.param(30.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seconds", [1.5, pytest.param(60.0, marks=pytest.mark.slow)])
 def test_08_stopped_and_continued(tmp_path: Path, seconds: float) -> None:
     """What the terminal holds is read afterwards; what it could not hold is missing, to the sample."""
     with scene(tmp_path, seed=8) as play:

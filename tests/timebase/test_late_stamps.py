@@ -14,19 +14,23 @@ from tables import replayed
 from test_live_stamps import measure
 
 from imumon.samples import Ints
-from imumon.timebase.late_stamps import LateStamps
+from imumon.timebase.stamp_placement import LateStamps
 
 STEP = 5_000_000
 
 
 def placed(stamps: Ints, lost: Ints | None = None, chunk: int = 1 << 20) -> Ints:
     """Times of a record that arrives in chunks."""
-    made = LateStamps(STEP)
+    late = LateStamps(STEP)
     lost = np.zeros(len(stamps), np.int64) if lost is None else lost
-    parts = [slice(at, at + chunk) for at in range(0, len(stamps), chunk)]
-    times = [made.place(stamps[part], lost[part]) for part in parts]
+    parts = [slice(begin, begin + chunk) for begin in range(0, len(stamps), chunk)]
+    rows = [late.place(stamps[part], lost[part]) for part in parts]
     nothing = np.empty(0, np.int64)
-    return np.concatenate([*times, made.place(nothing, nothing, final=True)])
+    rows.append(late.place(nothing, nothing, final=True))
+    steps = np.concatenate([some.steps for some in rows])
+    times = np.concatenate([some.times for some in rows])
+    np.testing.assert_array_equal(steps[1:], np.maximum(1, np.rint(np.diff(times) / STEP)))
+    return times
 
 
 def grid(count: int = 1000) -> Ints:
@@ -56,9 +60,9 @@ def test_late_rows_behind_a_loss_leave_the_loss() -> None:
 
 
 def test_a_known_loss_explains_a_long_step_at_once() -> None:
-    stamps, made = np.delete(grid(100), [50]), LateStamps(STEP)
+    stamps, late = np.delete(grid(100), [50]), LateStamps(STEP)
     lost = np.diff(stamps, prepend=-STEP) // STEP - 1
-    assert len(made.place(stamps[:60], lost[:60])) == 60
+    assert len(late.place(stamps[:60], lost[:60])) == 60
     unknown = LateStamps(STEP)
     assert len(unknown.place(stamps[:60], 0 * lost[:60])) == 50
 
@@ -117,5 +121,5 @@ def test_real_stamps_of_hosts_lose_nothing(tmp_path: Any, name: str, column: int
     rows = [f"{line.split(',')[column]},{x:.6f}" for line, x in zip(lines, noise.tolist(), strict=True)]
     path = tmp_path / "a.csv"
     path.write_text("\n".join(["time [s],gyro_x [rad/s]", *rows]))
-    found = replayed(path)[0].session
-    assert (found.samples, found.missing) == (len(stamps), 0)
+    session_of_table = replayed(path)[0].session
+    assert (session_of_table.samples, session_of_table.missing) == (len(stamps), 0)

@@ -32,37 +32,36 @@ def measure(
     stamps: Ints, published: Ints | None = None, lost: Ints | None = None, chunk: int = 40
 ) -> tuple[Placed, float, LiveStamps]:
     """Counters, rate and stamps of a record that arrives in chunks."""
-    live, clock, made, done = LiveStamps(), SampleClock("startup"), Placed(), 0
+    live, clock, total, done = LiveStamps(), SampleClock("startup"), Placed(), 0
     published = stamps if published is None else published
     lost = np.zeros(len(stamps), np.int64) if lost is None else lost
     placed: list[PlacedSamples] = []
 
     def count(placed: list[PlacedSamples]) -> None:
-        for each in placed:
-            made.samples += len(each.steps)
-            made.missing += int((each.steps[each.steps > 1] - 1).sum())
-            made.gaps += int((each.steps > 1).sum())
-            made.restarts += int((each.steps == BREAK).sum())
+        for part in placed:
+            total.samples += len(part.steps)
+            total.missing += int((part.steps[part.steps > 1] - 1).sum())
+            total.gaps += int((part.steps > 1).sum())
+            total.restarts += int((part.steps == BREAK).sum())
 
-    for at in range(0, len(stamps), chunk):
-        part = slice(at, at + chunk)
-        times = live.place(
-            stamps[part], published[part], published[part], lost[part], final=at + chunk >= len(stamps)
-        )
+    for begin in range(0, len(stamps), chunk):
+        rows = slice(begin, begin + chunk)
+        final = begin + chunk >= len(stamps)
+        times = live.place(stamps[rows], published[rows], published[rows], lost[rows], final=final).times
         done += len(times)
         block = SampleBlock(STREAM, np.zeros((len(times), 1)), times, np.zeros(len(times), np.int64))
         placed = clock.place(block) if len(times) else []
         count(placed)
         while (rest := clock.rest) is not None:
-            made.duplicates += clock.duplicates
-            made.restarts += 1
+            total.duplicates += clock.duplicates
+            total.restarts += 1
             clock = SampleClock("startup")
             count(clock.place(rest))
     count(clock.finish())
-    made.duplicates += clock.duplicates
+    total.duplicates += clock.duplicates
     assert done == len(stamps)
     assert clock.interval_s is not None
-    return made, 1.0 / clock.interval_s, live
+    return total, 1.0 / clock.interval_s, live
 
 
 def grid(rate_hz: float = RATE_HZ, seconds: float = SECONDS) -> Ints:
@@ -189,4 +188,5 @@ def test_a_short_stream_is_returned_at_its_end(count: int) -> None:
     stamps = grid()[:count]
     nothing = np.zeros(count, np.int64)
     assert not len(live.place(stamps, stamps, stamps, nothing))
-    assert live.place(stamps[:0], stamps[:0], stamps[:0], nothing[:0], final=True).tolist() == stamps.tolist()
+    rest = live.place(stamps[:0], stamps[:0], stamps[:0], nothing[:0], final=True)
+    assert rest.times.tolist() == stamps.tolist()

@@ -11,8 +11,7 @@ import reports
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imumon.coefficients import coefficient_ratio
-from imumon.report import Estimate
+from imumon.coefficients import Estimate, coefficient_ratio
 from imumon.tui.compare import comparison, ratio_text
 from imumon.tui.view_state import ViewState
 
@@ -88,7 +87,7 @@ def _estimate(spread: float, deviation: float) -> Estimate:
 def test_no_number_is_truncated_on_a_narrow_screen() -> None:
     one, two = reports.report(), reports.report(900.0, id="vn100-0100056799", scale=2.0)
     state = ViewState(reports={reports.ID: one, two.device.id: two}, id=reports.ID, compared_id=two.device.id)
-    wide, narrow = ([[text for text, _ in line] for line in comparison(state, cells)] for cells in (120, 59))
+    wide, narrow = ([[text for text, _ in line] for line in comparison(state, cells)] for cells in (74, 59))
     assert len(wide) == len(narrow)
     for row, small in zip(wide[2:], narrow[2:], strict=True):
         assert sum(map(len, small)) <= 58

@@ -14,13 +14,15 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 from browser import PROGRAMS, browser
 from commands import imumon
 from daemons import Daemon
+from slow_clients import SlowClients
+from waiting import until
 
 CHROMIUM = next(filter(None, map(shutil.which, PROGRAMS)), None)
 
@@ -57,7 +59,7 @@ def status(address: str, **headers: str) -> int:
 def test_only_the_page_itself_may_connect(tmp_path: Path) -> None:
     with page(tmp_path) as (address, process):
         host = address.removeprefix("http://")
-        end = time.monotonic() + 10
+        end = time.monotonic() + 60
         while True:
             try:
                 assert status(address) == 200
@@ -69,17 +71,17 @@ def test_only_the_page_itself_may_connect(tmp_path: Path) -> None:
         assert status(address, Host="evil.example", Origin="http://evil.example") == 403
         assert status(f"{address}/ws", Origin="http://evil.example") == 403
         again = [sys.executable, "-m", "imumon", "web", "--listen", host]
-        second = subprocess.run(again, capture_output=True, text=True, timeout=30, check=False)
+        second = subprocess.run(again, capture_output=True, text=True, timeout=60, check=False)
         assert second.returncode == 1
         assert "in use" in second.stderr
         process.send_signal(signal.SIGTERM)
-        assert process.wait(10) in (0, -signal.SIGTERM)
+        assert process.wait(60) in (0, -signal.SIGTERM)
 
 
 def test_ctrl_c_is_an_interrupt(tmp_path: Path) -> None:
     with page(tmp_path) as (_, process):
         process.send_signal(signal.SIGINT)
-        assert process.wait(10) == 130
+        assert process.wait(60) == 130
 
 
 @pytest.mark.parametrize("words", [("--listen", "0.0.0.0:8448"), ("--listen", "8448"), ("--theme", "none")])
@@ -89,6 +91,86 @@ def test_errors_of_the_command(words: tuple[str, ...]) -> None:
 
 def children(pid: int) -> list[int]:
     return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def open_screen(address: str) -> socket.socket:
+    """A connection as a browser opens it for a screen."""
+    host, _, port = address.removeprefix("http://").rpartition(":")
+    client = socket.create_connection((host, int(port)), timeout=60)
+    key = "dGhlIHNhbXBsZSBub25jZQ=="
+    client.sendall(
+        f"GET /ws?width=80&height=24 HTTP/1.1\r\nHost: {host}:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
+    )
+    return client
+
+
+def accepted(client: socket.socket) -> bool:
+    return b" 101 " in client.recv(4096)
+
+
+def test_slow_requests_keep_no_browser_out_and_print_nothing(tmp_path: Path) -> None:
+    """600 half requests: the page answers, the server ends in 5 s, and prints less than 10 lines."""
+    with page(tmp_path) as (address, process):
+        slow = SlowClients(int(address.rpartition(":")[2]), 600)
+        try:
+            time.sleep(2.0)
+            for _ in range(3):
+                assert until(lambda: answers(address))
+            begin = time.monotonic()
+            process.send_signal(signal.SIGINT)
+            assert process.wait(60) == 130
+            assert time.monotonic() - begin < 5.0
+        finally:
+            slow.stop()
+        assert process.stderr is not None
+        assert len(process.stderr.read().splitlines()) < 10
+
+
+def answers(address: str) -> bool:
+    try:
+        return status(address) == 200
+    except OSError:
+        return False
+
+
+def test_a_browser_that_is_gone_frees_its_seat_and_holds_no_end(tmp_path: Path) -> None:
+    (tmp_path / "few.toml").write_text("[limits]\nbrowsers = 1\n")
+    with page(tmp_path, "--config", str(tmp_path / "few.toml")) as (address, process):
+        first = open_screen(address)
+        assert accepted(first)
+        with open_screen(address) as second:
+            assert not accepted(second)  # the only seat is taken
+        first.close()
+
+        def free() -> bool:
+            with open_screen(address) as client:
+                return accepted(client)
+
+        assert until(free)
+        until(lambda: not children(process.pid))
+        third = until(lambda: next((c for c in [open_screen(address)] if accepted(c)), None))
+        begin = time.monotonic()
+        process.send_signal(signal.SIGTERM)  # the third does not answer its end
+        assert process.wait(60) == 0
+        assert time.monotonic() - begin < 5.0
+        third.close()
+
+
+@pytest.mark.slow
+def test_browsers_that_answer_nothing_lose_their_seats(tmp_path: Path) -> None:
+    """Eight connections that read nothing and answer nothing: textual-serve asks after 15 s."""
+    with page(tmp_path) as (address, _), ExitStack() as dead:
+        for _ in range(8):
+            assert accepted(dead.enter_context(open_screen(address)))
+        with open_screen(address) as ninth:
+            assert not accepted(ninth)
+
+        def free() -> bool:
+            with open_screen(address) as client:
+                return accepted(client)
+
+        assert until(free, 60.0)
 
 
 def selected_tab(picture: bytes) -> int:
@@ -146,5 +228,5 @@ def test_a_browser_shows_the_screen_and_follows_the_keys(tmp_path: Path) -> None
                 assert time.monotonic() < end
                 time.sleep(0.2)
             process.send_signal(signal.SIGTERM)
-            process.wait(10)
+            process.wait(60)
         assert list((tmp_path / "empty").iterdir()) == []

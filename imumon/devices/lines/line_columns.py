@@ -9,12 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from imumon.column_names import UNITS, Column, parse_name, unit_of
+from imumon.column_names import UNITS, Column, parse_names, unit_of
 from imumon.devices.base import InvalidOption
+from imumon.rest_sizes import is_one_g, median_size, too_noisy
 from imumon.samples import ACCEL, AXES, CHANNELS, GYRO, Stream
 
+if TYPE_CHECKING:
+    from imumon.samples import Floats
+
 DEFAULT_COLUMNS = "t_ms,gx,gy,gz,ax,ay,az"
+USUAL_HZ = (0.7, 1400.0)
+"""Hz, rates at which the unit of a time is inferred."""
 SENSORS = {"gyro": "gyro", "accel": "accel", "mag": "mag", "temp": "temperature", "pressure": "pressure"}
 """Quantity of each parameter that gives a unit."""
 
@@ -42,11 +49,13 @@ class LineColumns:
 
     @property
     def wrapping_ns(self) -> int:
-        """Unit of a counter that wraps, ns; 0: the time is none."""
+        """Unit of the time, ns, if it is a counter that wraps; 0: it does not wrap, or there is no time."""
+        # those of Arduino and MicroPython do; no board is known whose counter of s or ns wraps
         return int(self.time.factor) if self.time is not None and self.time.unit in ("ms", "us") else 0
 
     def acceleration(self, values: Sequence[float]) -> float:
         """Return the length of the acceleration of a sample, m/s^2; 0.0 unless all three axes are there."""
+        # two axes do not show gravity: at rest, the third one may hold all of it
         axes = [k for k, name in enumerate(self.stream.channels) if name.startswith("accel/")]
         return math.hypot(*(values[k] for k in axes)) if len(axes) == len(AXES) else 0.0
 
@@ -70,18 +79,18 @@ def columns_of(settings: Mapping[str, str]) -> LineColumns:
     InvalidOption : a name or a unit is unknown, or there is neither a gyroscope nor an accelerometer.
     """
     names = settings["columns"].split(",")
-    columns = [_time_named(parse_name(k, name.strip())) for k, name in enumerate(names)]
+    columns = [_time_named(column) for column in parse_names([name.strip() for name in names])]
     for name, column in zip(names, columns, strict=True):
         if column.quantity in (None, "angle", "velocity", "dt") and name.strip() not in ("-", ""):
             cure = "write t_s, t_ms, t_us or t_ns, gx to gz, ax to az, mx to mz, temp, or - for a column to ignore"
             raise InvalidOption("lines_columns_invalid", f"lines: has no column {name.strip()!r}", cure)
         if column.unknown_unit is not None:
             _known_unit(column.unknown_unit, column.quantity or "")
-    found = _layout(columns, settings)
-    if found is None:
+    layout = _layout(columns, settings)
+    if layout is None:
         text = f"columns={settings['columns']} name no gyroscope and no accelerometer, or one twice"
         raise InvalidOption("lines_columns_invalid", text, f"write for example columns={DEFAULT_COLUMNS}")
-    return found
+    return layout
 
 
 def header_columns(cells: Sequence[str], settings: Mapping[str, str]) -> LineColumns | None:
@@ -94,14 +103,14 @@ def header_columns(cells: Sequence[str], settings: Mapping[str, str]) -> LineCol
     """
     if len(cells) < 2:
         return None
-    columns = [_time_named(parse_name(k, cell)) for k, cell in enumerate(cells)]
+    columns = [_time_named(column) for column in parse_names(cells)]
     if any(column.unknown_unit is not None for column in columns):
         return None
     return _layout(columns, settings)
 
 
 def _time_named(column: Column) -> Column:
-    """Return a column that is named after the function of an Arduino as the time that it returns."""
+    """Return a column named millis or micros, as in sketches for Arduino, as a time; others unchanged."""
     unit = {"millis": "ms", "micros": "us"}.get(column.name.lower())
     return column if unit is None else replace(column, quantity="t", unit=unit)
 
@@ -110,13 +119,17 @@ def _layout(columns: Sequence[Column], settings: Mapping[str, str]) -> LineColum
     """Return the columns with the units of the settings; None: nothing inertial is among them, or one is twice."""
     given = {name: settings[name] for name in SENSORS if name in settings}
     columns = _with_units(columns, given)
+    # in the order of the channels, whatever that of the columns: inertial ones first, see `LineColumns.inertial`
     used = sorted((c for c in columns if c.channel in CHANNELS), key=lambda c: CHANNELS.index(c.channel))
     channels = tuple(column.channel for column in used)
     inertial = [column for column in used if column.channel in (*GYRO, *ACCEL)]
     if not inertial or len(set(channels)) < len(channels):
         return None
     time = next((column for column in columns if column.quantity == "t"), None)
-    kind = inertial[0].kind if len({column.kind for column in inertial}) == 1 else None
+    kinds = {column.kind for column in inertial}
+    kind = kinds.pop() if len(kinds) == 1 else None  # columns that contradict each other say nothing
+    # A recording keeps these names and is decoded by them: unused columns keep their places. They also name the
+    # stream, so that another order of the columns is another record.
     source = ",".join(column.name if column in (*used, time) else "-" for column in columns)
     stream = Stream(
         kind or "unknown", channels, source=f"lines of {source}", clock="none" if time is None else "startup"
@@ -125,7 +138,7 @@ def _layout(columns: Sequence[Column], settings: Mapping[str, str]) -> LineColum
 
 
 def _with_units(columns: Sequence[Column], given: Mapping[str, str]) -> list[Column]:
-    """Return the columns; those whose names have no unit get the given one of their quantity."""
+    """Return the columns, with the given unit of its quantity where the name of a column has none."""
     units = {SENSORS[name]: _known_unit(text, SENSORS[name]) for name, text in given.items()}
     return [c if c.unit else replace(c, unit=units.get(c.quantity or "")) for c in columns]
 
@@ -138,3 +151,57 @@ def _known_unit(text: str, quantity: str) -> str:
             "lines_unit_invalid", f"{text!r} is no unit of {quantity}", f"write one of {known}"
         )
     return unit
+
+
+def proposed_settings(rows: Sequence[Sequence[float]]) -> str | None:
+    """Return the parameters of a URL that lines of numbers fit, by their sizes; None: nothing shows them.
+
+    Three numbers of one g are an accelerometer, three others beside them a gyroscope, a number that only grows in even
+    steps before them a time.
+
+    >>> still = [0.001, 0.002, 0.003, 0.1, 0.2, 9.8]
+    >>> proposed_settings([[10.0 * k, *still] for k in range(30)])
+    'columns=t_ms,gx,gy,gz,ax,ay,az'
+    >>> proposed_settings([[0.01, 0.02, 0.99, *still[:3], 7.0] for k in range(30)])
+    'columns=ax,ay,az,gx,gy,gz,-&accel=g'
+    """
+    import numpy as np
+
+    numbers = np.array(rows, dtype=np.float64)
+    width = numbers.shape[1]
+    names, units = ["-"] * width, []
+    begin = 0
+    if (time_unit := _time_unit(numbers[:, 0])) is not None:
+        names[0], begin = f"t_{time_unit}", 1
+    accel = _accelerometer(numbers, begin)
+    if accel is not None:
+        names[accel[0] : accel[0] + 3] = ["ax", "ay", "az"]
+        units += [] if accel[1] == "m/s2" else [f"accel={accel[1]}"]
+    # beside the accelerometer, in front of it or behind it
+    places = [begin] if accel is None else [accel[0] - 3, accel[0] + 3]
+    gyro = next((k for k in places if begin <= k <= width - 3), None)
+    if gyro is not None:
+        names[gyro : gyro + 3] = ["gx", "gy", "gz"]
+        units[:0] = ["gyro=deg/s"] if too_noisy(numbers[:, gyro : gyro + 3]) else []
+    return None if accel is None and gyro is None else "&".join([f"columns={','.join(names)}", *units])
+
+
+def _time_unit(numbers: Floats) -> str | None:
+    """Return the unit in which (n,) numbers are a time of a usual rate; None: they do not grow, or none is usual."""
+    import numpy as np
+
+    steps = np.diff(numbers)
+    if not len(steps) or not (steps > 0.0).all():
+        return None
+    rates = {unit: 1e9 / (float(np.median(steps)) * UNITS["t"][unit]) for unit in ("s", "ms", "us", "ns")}
+    usual = [unit for unit, rate in rates.items() if USUAL_HZ[0] <= rate <= USUAL_HZ[1]]
+    return usual[-1] if usual else None
+
+
+def _accelerometer(numbers: Floats, begin: int) -> tuple[int, str] | None:
+    """Return the first of three columns of (n, k) numbers whose size is one g, and the unit; None: there are none."""
+    sizes = {k: median_size(numbers[:, k : k + 3]) or 0.0 for k in range(begin, numbers.shape[1] - 2)}
+    units = ("m/s2", "g", "mg")
+    return next(
+        ((k, u) for u in units for k, size in sizes.items() if is_one_g(size * UNITS["accel"][u])), None
+    )

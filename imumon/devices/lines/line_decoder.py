@@ -4,11 +4,15 @@ Rules, which do not depend on the chunks:
 
 - A line ends with LF, or CR and LF. A sample is a line with one number for each column, apart by commas, semicolons,
   tabs or blanks. If semicolons are apart, a comma is a decimal sign.
+- A line may have names beside its numbers (``ax: 0.1, ay: 0.2``, or JSON): see `text_fields`. Then the names are the
+  columns, and a sample is complete when a name comes again.
 - Any other line counts as invalid and, where the stream has no clock, as a lost sample. So does one in which the
   time, or a value of gyroscope or accelerometer, is no finite number. Other values may be no number: they are unknown.
 - Blank lines, lines that begin with ``#``, and header lines are no samples and nothing is lost by them. A header sets
   the columns, unless they are given or samples came before it.
-- A line longer than `LONGEST_LINE` is discarded up to its end.
+- A line longer than ``line_bytes`` is discarded up to its end.
+- A header has at most `MOST_NAMES` names, and lines are tried as one `MOST_TRIALS` times: to read a name takes a
+  hundred times as long as a number, so that a sender of invented names would hold the program.
 - A counter that wraps continues. A time that goes back otherwise is that of a restarted sensor.
 
 A line has no checksum, so a damaged digit is a number like any other.
@@ -19,6 +23,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,20 +34,34 @@ from imumon.devices.lines.line_columns import (
     LineColumns,
     columns_of,
     header_columns,
+    proposed_settings,
 )
 from imumon.errors import QUOTED
-from imumon.report import plain
+from imumon.report_json import plain
+from imumon.rest_sizes import sample_noise, too_noisy
 from imumon.samples import LONGEST_NS, SampleBlock
+from imumon.text_fields import RecordAssembler, fields_of
 from imumon.timebase.interval import CLOCK_SLACK_S
 from imumon.timebase.live_stamps import LiveStamps
 from imumon.units import STANDARD_GRAVITY
 
+LINE_BYTES = "line_bytes"
+"""Setting of the decoder: bytes of a line at most, if they are not `LONGEST_LINE`."""
 LONGEST_LINE = 4096
-"""Bytes of a line at most."""
+"""Bytes of a line at most, where the settings say nothing."""
+MOST_NAMES = 128
+"""Names of a header at most: there are eleven channels, and a board prints some columns of its own."""
+MOST_HEADERS = 16
+"""Headers that are known again without a trial: a board prints the same one at each start."""
+MOST_TRIALS = 1000
+"""Lines of two words or more, other than a header that is known, that are tried as a header. A board that starts
+prints some hundred at most."""
 WRAPS = (1 << 30, 1 << 32)
 """Periods of counters, in their units: MicroPython ``ticks_ms`` and ``ticks_us``; Arduino ``millis`` and ``micros``."""
 GRAVITY_SAMPLES = 100
 """Samples whose acceleration is compared with gravity."""
+PROPOSED_ROWS = 25
+"""Lines of numbers that are no samples, from which columns are proposed."""
 GRAVITY_RATIO = 1.5
 """Factor between the two above which the unit is doubted: no sensor at rest is so wrong."""
 
@@ -85,9 +104,13 @@ class LineDecoder:
         self.fed = self.messages = self.message_bytes = self.discarded = self.bad_checksums = 0
         self.columns: LineColumns | None = None
         self._settings, self._given = settings, "columns" in settings
+        self._longest = longest_line(settings)
+        self._headers: set[bytes] = set()  # that were recognised
+        self._trials = 0
         if not needs_header:
             self.columns = columns_of({"columns": DEFAULT_COLUMNS} | dict(settings))
         self._rest = b""
+        self._records = RecordAssembler()  # of lines with names beside the numbers
         self._skipping = self._begun = False  # an overlong line; samples or a header were there
         self._lost = 0  # invalid lines since the last sample
         self._fault: str | None = None
@@ -96,6 +119,9 @@ class LineDecoder:
         self._offset = 0  # ns, of all wraps so far
         self._last: int | None = None  # ns, before its wraps are undone
         self._waiting: list[_Row] = []  # whose time is not decided
+        self._unmatched: list[list[float]] = []  # numbers of lines that are no samples, at the start
+        self._proposal: str | None = None  # columns that they fit
+        self._rates: list[list[float]] = []  # rad/s, of the first samples
         self._lengths: list[float] = []  # m/s^2, of the first accelerations
 
     @property
@@ -105,8 +131,9 @@ class LineDecoder:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        found = [self._fault, self._stamps and self._stamps.remark, self._doubted_unit()]
-        return tuple(text for text in found if text)
+        stamps = self._stamps.remark if self._stamps is not None else None
+        doubts = [self._fault, self._proposal, stamps, self._doubted_unit(), self._noisy()]
+        return tuple(text for text in doubts if text)
 
     def feed(self, data: bytes) -> list[SampleBlock]:
         """Return the samples of the lines that `data` completes."""
@@ -118,10 +145,11 @@ class LineDecoder:
             if (row := self._line(line)) is None:
                 continue
             if self._restarted(row):
+                # decide what waits by the old clock: no stamp of the new one says anything about it
                 blocks += self._blocks(rows, final=True)
                 rows, self._stamps, self._offset = [], None, 0
             rows.append(replace(row, time_ns=row.time_ns + self._offset) if self._offset else row)
-        if len(self._rest) > LONGEST_LINE:
+        if len(self._rest) > self._longest:
             self.discarded += len(self._rest)
             self._skipping, self._rest = True, b""
         return [*blocks, *self._blocks(rows, final=False)]
@@ -130,7 +158,12 @@ class LineDecoder:
         """Return what waits, at the end of the stream. A line without its end may be half of one: it is discarded."""
         self.discarded += len(self._rest)
         self._rest, self._skipping = b"", False
-        return self._blocks([], final=True)
+        rows: list[_Row] = []
+        if (record := self._records.finish()) is not None:
+            with suppress(_NoSample):
+                row = self._record_sample(record)
+                rows = [] if row is None else [row]
+        return self._blocks(rows, final=True)
 
     # ------------------------------------------------------------------ lines
 
@@ -139,12 +172,12 @@ class LineDecoder:
         size, text = len(line) + 1, line.strip()
         skipped, self._skipping = self._skipping, False
         try:
-            if skipped or len(line) > LONGEST_LINE:
+            if skipped or len(line) > self._longest:
                 raise _NoSample("is too long")
             row = None if not text or text.startswith(b"#") else self._parsed(text)
         except _NoSample as fault:
             self.discarded += size
-            self.bad_checksums += 1
+            self.bad_checksums += 1  # the nearest that a line without a checksum has
             self._lost += 1
             self._fault = self._fault or f"a line is no sample: it {fault}"
             return None
@@ -160,16 +193,60 @@ class LineDecoder:
         cells, columns = _cells(text), self.columns
         if all(map(_NUMBER.fullmatch, cells)):
             if columns is None or len(cells) != columns.count:
+                self._propose(cells)
                 expected = f", not {columns.count} for {columns.settings['columns']}" if columns else ""
                 raise _NoSample(f"has {len(cells)} numbers{expected}")
             return self._sample(columns, cells)
+        line = text.decode("utf-8", "replace")
+        named = {name: value for name, value in fields_of(line).items() if _NUMBER.fullmatch(value.encode())}
+        if named and _is_name(line):
+            record = self._records.add(named)
+            return None if record is None else self._record_sample(record)
+        if text not in self._headers and not self._is_header(text, cells):
+            raise _NoSample(f"is {plain(text[: 4 * QUOTED].decode('latin-1'))[:QUOTED]!r}")
+        return None
+
+    def _is_header(self, text: bytes, cells: Sequence[bytes]) -> bool:
+        """Return whether a line that is new names columns; those of the first one count."""
+        if not 2 <= len(cells) <= MOST_NAMES or self._trials >= MOST_TRIALS:
+            return False
+        self._trials += 1
         names = [cell.decode("utf-8", "replace") for cell in cells]
         header = header_columns(names, self._settings) if all(map(_is_name, names)) else None
         if header is None:
-            raise _NoSample(f"is {plain(text.decode('latin-1'))[:QUOTED]!r}")
+            return False
+        if len(self._headers) < MOST_HEADERS:
+            self._headers.add(text)
         if not self._begun and not self._given:
             self.columns, self._begun = header, True
-        return None
+        return True
+
+    def _propose(self, cells: Sequence[bytes]) -> None:
+        """Keep some numbers that are no sample, and note which columns they may be once there are enough."""
+        if self._proposal is not None or self._begun:
+            return
+        if self._unmatched and len(cells) != len(self._unmatched[0]):
+            self._unmatched = []
+        if len(cells) <= MOST_NAMES:
+            self._unmatched.append([float(cell) for cell in cells])
+        if len(self._unmatched) == PROPOSED_ROWS:
+            fitting = proposed_settings(self._unmatched)
+            self._proposal = (
+                f"lines of {len(cells)} numbers fit ?{fitting} behind the port" if fitting else None
+            )
+            self._unmatched = []
+
+    def _record_sample(self, record: Mapping[str, str]) -> _Row | None:
+        """Return the sample of numbers with names; raise `_NoSample` if they are not those of the columns."""
+        if not self._begun and not self._given and self._trials < MOST_TRIALS:
+            self._trials += 1
+            self.columns = header_columns(list(record)[:MOST_NAMES], self._settings) or self.columns
+        columns = self.columns
+        names = [] if columns is None else columns.settings["columns"].split(",")
+        needed = [] if columns is None else [column.name for column in columns.used[: columns.inertial]]
+        if columns is None or not all(name in record for name in needed):
+            raise _NoSample(f"has numbers with the names {', '.join(record)[:QUOTED]!r}")
+        return self._sample(columns, [record.get(name, "nan").encode() for name in names])
 
     def _sample(self, columns: LineColumns, cells: Sequence[bytes]) -> _Row:
         """Return the sample of a line of numbers."""
@@ -181,12 +258,16 @@ class LineDecoder:
             text, unit = cells[columns.time.index], columns.time.factor
             if not abs(float(text) * unit) < LONGEST_NS:
                 raise _NoSample("has a time that is no finite number")
+            # a float resolves 256 ns of the time since 1970: whole numbers stay whole
             time_ns = int(text) * int(unit) if text.isdigit() else round(float(text) * unit)
             self._resolution = unit / 10 ** len(text.partition(b".")[2])
+        # before the first sample, invalid lines are greetings of the board and the half of a line
         lost, self._lost = self._lost if self._begun else 0, 0
         self._begun = True
         if len(self._lengths) < GRAVITY_SAMPLES:
             self._lengths.append(columns.acceleration(values))
+            gyro = [v for v, c in zip(values, columns.used, strict=True) if c.quantity == "gyro"]
+            self._rates.append(gyro)
         return _Row(time_ns, values, lost)
 
     # ------------------------------------------------------------------ time
@@ -198,6 +279,7 @@ class LineDecoder:
             return False
         unit = self.columns.wrapping_ns if self.columns else 0
         for period in (unit * count for count in WRAPS):
+            # a wrap is a short step if the period is added; a restart near the end of a period is taken for one
             if last < period and row.time_ns + period - last < CLOCK_SLACK_S * 1e9:
                 self._offset += period
                 return False
@@ -213,7 +295,9 @@ class LineDecoder:
             if self._stamps is None:
                 self._stamps = LiveStamps(self._resolution)
             stamps = np.array([row.time_ns for row in rows[len(self._waiting) :]], np.int64)
-            times = self._stamps.place(stamps, stamps, stamps, np.zeros(len(stamps), np.int64), final=final)
+            # a line has one time: that of the sample also counts as that of its publication and arrival
+            nothing = np.zeros(len(stamps), np.int64)
+            times = self._stamps.place(stamps, stamps, stamps, nothing, final=final).times
             ready = len(times)
         self._waiting, rows = rows[ready:], rows[:ready]
         if not rows:
@@ -221,8 +305,22 @@ class LineDecoder:
         lost = np.array([row.lost for row in rows], np.int64)
         return [SampleBlock(columns.stream, np.array([row.values for row in rows]), times, lost)]
 
+    def _noisy(self) -> str | None:
+        """Return a remark if the gyroscope has more noise than any at rest; None: it has not, or is not known yet."""
+        if (
+            len(self._rates) < GRAVITY_SAMPLES
+            or not self._rates[0]
+            or _unit_of_rates(self.columns) != "rad/s"
+        ):
+            return None
+        rates = np.array(self._rates)
+        if not too_noisy(rates):
+            return None
+        noise = f"{math.degrees(sample_noise(rates)):.2g} deg/s"
+        return f"the noise of the gyroscope is {noise} if it is in rad/s, more than at rest: check its unit, gyro=deg/s"
+
     def _doubted_unit(self) -> str | None:
-        """Return that the acceleration is not that of gravity; None: it is, or is not known."""
+        """Return a remark if the acceleration is far from gravity; None: it is not, or is not known yet."""
         known = sorted(length for length in self._lengths if length > 0.0)
         if len(known) < GRAVITY_SAMPLES:
             return None
@@ -233,6 +331,19 @@ class LineDecoder:
         return f"the acceleration is {length}, and at rest it is 9.81: check its unit, accel="
 
 
+def longest_line(settings: Mapping[str, str]) -> int:
+    """Return the bytes that a line has at most; a recording, which has the settings, may be forged."""
+    text = settings.get(LINE_BYTES, "")
+    return int(text) if re.fullmatch(r"[1-9]\d{1,6}", text, re.ASCII) else LONGEST_LINE
+
+
+def _unit_of_rates(columns: LineColumns | None) -> str:
+    units = (
+        [column.unit for column in columns.used if column.quantity == "gyro"] if columns is not None else []
+    )
+    return next((unit for unit in units if unit), "rad/s")
+
+
 def _is_name(text: str) -> bool:
     """Return whether a cell can be a name in a header: printable, without a character that is not decoded."""
     return text.isprintable() and "\N{REPLACEMENT CHARACTER}" not in text
@@ -240,6 +351,6 @@ def _is_name(text: str) -> bool:
 
 def _cells(text: bytes) -> list[bytes]:
     """Return the cells of a line, without blanks around them."""
-    if b";" in text:
+    if b";" in text:  # as spreadsheets of countries with a decimal comma write them
         text = text.replace(b",", b".").replace(b";", b",")
     return [cell.strip() for cell in (text.split(b",") if b"," in text else text.split())]

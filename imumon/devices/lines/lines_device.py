@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
+from imumon.config.settings import LimitSettings
 from imumon.devices.base import DeviceOptions
 from imumon.devices.lines.line_columns import SENSORS, LinesUrl
-from imumon.devices.lines.line_decoder import LONGEST_LINE, LineDecoder
+from imumon.devices.lines.line_decoder import LINE_BYTES, LONGEST_LINE, LineDecoder, longest_line
 from imumon.devices.port_device import PortDevice, RateCheck, Session
 from imumon.devices.ports import STANDARD_INPUT
 from imumon.devices.serial_port import SerialPort
@@ -26,10 +28,12 @@ class LinesSession(Session):
 
     def __init__(self, port: SerialPort, url: LinesUrl, name: str, decoder: LineDecoder) -> None:
         self._port, self._url, self._name, self._decoder = port, url, name, decoder
+        self._longest = longest_line(url.settings)
         self._paced = not url.path.startswith(STANDARD_INPUT)  # a file arrives faster than it was measured
         self._rate_check = RateCheck()
         self._clock_begin: tuple[float, int] | None = None  # s of the host clock and ns of the lines
         self._clock_ratio: float | None = None
+        # a datagram and an input begin with a whole line; a port or a server may be in the middle of one
         self._first: bytes | None = None if url.path.startswith(("udp:", STANDARD_INPUT)) else b""
 
     def info(self) -> DeviceInfo:
@@ -42,11 +46,23 @@ class LinesSession(Session):
             sample_rate_hz=self._url.rate_hz,
             data_settings=tuple(SENSORS),
             remarks=(*decoder.remarks, *self._doubts()),
-            **({"settings": columns.settings, **columns.stream.facts} if columns else {}),
+            **({"settings": {**columns.settings, **self._limit}, **columns.stream.facts} if columns else {}),
         )
 
+    @property
+    def _limit(self) -> dict[str, str]:
+        """Setting of the longest line, if it is not the default: a recording is decoded with the same."""
+        return {LINE_BYTES: str(self._longest)} if self._longest != LONGEST_LINE else {}
+
     def _doubts(self) -> Iterator[str]:
-        """Yield what does not fit the host clock: the time of the lines, or the rate that is given."""
+        """Yield who else sends, and what does not fit the host clock: the time of the lines, or the given rate."""
+        # without a number of lines: a remark that changes would be an event each time
+        if self._port.datagrams_wait:
+            cure = "raise it, or let the sensor print less"
+            yield f"more lines arrive than limits.lines_hz allows, and some are lost: {cure}"
+        if (sender := self._port.other_sender) is not None:
+            cure = "name the sensor with from=ADDRESS if it is not the first one, or sends from several ports"
+            yield f"lines of another sender, {sender}, are ignored: {cure}"
         if self._clock_ratio is not None and not 1.0 / CLOCK_RATIO < self._clock_ratio < CLOCK_RATIO:
             ratio = f"{float(f'{self._clock_ratio:.2g}'):,g}"
             yield f"the time of the lines advances by {ratio} s in a second: check its unit, t_s, t_ms, t_us or t_ns"
@@ -55,17 +71,18 @@ class LinesSession(Session):
             yield remark
 
     def read(self, timeout: float) -> bytes:
-        """Return bytes; on a line that was on already, from the end of the first line on, for it may be half of one.
+        """Return bytes, without the first line of a stream that had begun before: it may be half of one.
 
-        A first line without a number, such as a header, is returned.
+        A first line that begins with a letter, such as a header, is kept.
         """
         data = self._port.read(timeout)
         if self._first is None:
             return data
         self._first += data
         first, end, rest = self._first.partition(b"\n")
-        if not end and len(first) < LONGEST_LINE:
+        if not end and len(first) < self._longest:
             return b""
+        # half a line begins with a digit, sign, comma or blank; a server sends its header once, at the connection
         data, self._first = self._first if end and first[:1].isalpha() else rest, None
         return data
 
@@ -94,8 +111,11 @@ class LinesDevice(PortDevice):
     mark = DROPPED
 
     def __init__(self, options: DeviceOptions, url: LinesUrl) -> None:
+        longest = (options.limits or LimitSettings()).line_bytes
+        url = replace(url, settings={**url.settings, LINE_BYTES: str(longest)})
         self._url, self._name = url, options.url
         self._lines = LineDecoder(self._url.settings)
+        # the other end of these stops when nothing is read; a serial board and a sender of datagrams do not notice
         waits = self._url.path.startswith(("socket:", "tcp:", STANDARD_INPUT))
         super().__init__(options, self._url.path, self._url.baud, self._lines, lossless=waits)
 

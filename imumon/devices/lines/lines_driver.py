@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from ipaddress import ip_address
 from typing import Any
 from urllib.parse import parse_qsl
 
@@ -17,12 +19,14 @@ from imumon.devices.base import (
     RawDecoder,
 )
 from imumon.devices.lines.line_columns import DEFAULT_COLUMNS, SENSORS, LinesUrl, columns_of
-from imumon.devices.ports import BAUD_RATES
+from imumon.devices.ports import BAUD_RATES, FROM
 from imumon.samples import FASTEST_HZ, SLOWEST_HZ
 
 FILTER = "Lines do not say how the sensor filters: see the settings that its program writes."
-TEXTS = {"columns": "numbers of a line"} | dict.fromkeys(SENSORS, "unit")
-PARAMETERS = ("columns", *SENSORS, "baud", "rate", "id")
+TEXTS = {"columns": "numbers of a line", "line_bytes": "bytes of a line at most"} | dict.fromkeys(
+    SENSORS, "unit"
+)
+PARAMETERS = ("columns", *SENSORS, "baud", "rate", "id", "from")
 URL_CURE = "write lines:/dev/ttyACM0, lines:tcp://HOST:PORT, lines:udp://:PORT or lines:-"
 
 
@@ -69,6 +73,7 @@ def parse_url(url: str, device: Any = None) -> LinesUrl:
     InvalidOption : it is wrong.
     """
     path, _, query = url.partition(":")[2].partition("?")
+    # `parse_qsl` reads a plus as a blank; in rate=1e+2 it is one
     given = dict(parse_qsl(query.replace("+", "%2B"), keep_blank_values=True))
     if unknown := [name for name in given if name not in PARAMETERS]:
         cure = f"there are {', '.join(PARAMETERS)}"
@@ -83,9 +88,20 @@ def parse_url(url: str, device: Any = None) -> LinesUrl:
     settings = {name: given[name] for name in ("columns", *SENSORS) if name in given}
     columns_of({"columns": DEFAULT_COLUMNS} | settings)  # raises what is wrong with them
     name = re.sub(r"[^a-z0-9]+", "-", path.removeprefix("/dev/").lower()).strip("-") or "stdin"
+    if "from" in given:
+        path = f"{path}{FROM}{_sender(path, given['from'])}"
     return LinesUrl(
         path, int(baud), _rate(rate) if rate else None, given.get("id") or f"lines-{name}", settings
     )
+
+
+def _sender(path: str, text: str) -> str:
+    """Return the address from which the lines of a port for datagrams come."""
+    with suppress(ValueError):
+        if path.startswith("udp:"):
+            return str(ip_address(text))
+    cure = "write for example lines:udp://0.0.0.0:4000?from=192.168.1.20"
+    raise InvalidOption("lines_url_invalid", f"from={text} is no address of a sender of datagrams", cure)
 
 
 def _rate(text: str) -> float:

@@ -66,7 +66,7 @@ class PartnerTopic:
         self.values: Floats = np.empty((0, 3))
 
     def add(self, stamps: Sequence[int], values: Sequence[Sequence[float]]) -> None:
-        if stamps:
+        if stamps:  # as many as a subscription holds: older ones cannot have a partner any more
             self.stamps = np.append(self.stamps, np.array(stamps, np.int64))[-QUEUE_MESSAGES:]
             self.values = np.append(self.values, np.array(values).reshape(-1, 3), axis=0)[-QUEUE_MESSAGES:]
 
@@ -75,13 +75,13 @@ class PartnerTopic:
         interval = mean_interval(self.stamps)
         if interval is None:
             return np.full((len(stamps), 3), np.nan)
-        order = np.argsort(self.stamps, kind="stable")
+        order = np.argsort(self.stamps, kind="stable")  # another node may publish out of order
         known = self.stamps[order]
         after = np.clip(np.searchsorted(known, stamps), 1, len(known) - 1)
         nearest = after - (stamps - known[after - 1] <= known[after] - stamps)
-        found = self.values[order[nearest]].copy()
-        found[np.abs(known[nearest] - stamps) > 0.5 * interval] = np.nan
-        return found
+        matched = self.values[order[nearest]].copy()
+        matched[np.abs(known[nearest] - stamps) > 0.5 * interval] = np.nan
+        return matched
 
 
 def mean_interval(stamps: Ints) -> float | None:
@@ -90,7 +90,7 @@ def mean_interval(stamps: Ints) -> float | None:
 
 
 class ImuAssembler:
-    """Rows of one connection, as blocks.
+    """Assembles the messages of one connection to blocks of samples.
 
     Parameters
     ----------
@@ -99,6 +99,7 @@ class ImuAssembler:
     Attributes
     ----------
     stream : of the blocks; None until it is known.
+    other_sender : of the invalid ones, messages of another publisher.
     remarks : what is unknown or left out, one line each.
     messages, bytes : received, of all topics.
     invalid, invalid_bytes : of these, messages without a usable sample, or of another publisher.
@@ -108,6 +109,7 @@ class ImuAssembler:
     def __init__(self, url: TopicUrl, before: ImuAssembler | None = None) -> None:
         self.stream: Stream | None = None
         self.remarks: list[str] = []
+        self.other_sender = 0
         self.messages = self.bytes = self.invalid = self.invalid_bytes = self.lost = self.losses = 0
         self._url = url
         self._live = LiveStamps()
@@ -127,10 +129,9 @@ class ImuAssembler:
         self._sequence: int | None = None
         self._lost_before = 0  # of the next row
         self._lost_noticed, self._notice_s = 0, -math.inf
-        self._others_noticed = False
         if before is not None and before.stream is not None:
             self.stream, self._columns = before.stream, before._columns
-            self._partners = {name: PartnerTopic(each.topic) for name, each in before._partners.items()}
+            self._partners = {name: PartnerTopic(partner.topic) for name, partner in before._partners.items()}
             self._temperature = before._temperature
 
     # ------------------------------------------------------------------ messages
@@ -138,7 +139,7 @@ class ImuAssembler:
     def add(
         self, messages: Sequence[Received], others: Mapping[str, Sequence[Received]], now_ns: int
     ) -> list[Item]:
-        """Return what some messages complete.
+        """Add messages; return the blocks and notices that they complete.
 
         Parameters
         ----------
@@ -171,10 +172,9 @@ class ImuAssembler:
         self.messages += 1
         self.bytes += len(message.payload)
         if not self._is_followed(message, now_s, here):
-            if not self._others_noticed:
-                self._others_noticed = True
-                text = f"several nodes publish {self._url.topic}: only the first is used"
-                items.append(Notice("remark", text, "warning"))
+            if not self.other_sender:
+                self.remarks.append(f"several nodes publish {self._url.topic}: only the first is used")
+            self.other_sender += 1
             self._reject(message)
             return
         if message.sequence is not None:
@@ -188,7 +188,11 @@ class ImuAssembler:
         except CdrError:
             self._reject(message)
             return
-        numbers = (*(gyro or NONE), *(accel or NONE), self._temperature)
+        numbers = (
+            *(gyro or NONE),
+            *(accel or NONE),
+            self._temperature,
+        )  # None: covariance[0] is -1, no estimate
         arrived = round(now_s * 1e9)
         longest = int(LONGEST_NS)  # a publisher may send any time
         published = arrived if message.source_ns is None else message.source_ns
@@ -203,7 +207,7 @@ class ImuAssembler:
             if self._publisher is not None and (here or not silent):
                 return False
             self._publisher, self._sequence = message.publisher, None
-        elif now_s > self._heard_s:
+        elif now_s > self._heard_s:  # messages of one batch have one time of arrival
             self._interval_s += 0.1 * (now_s - self._heard_s - self._interval_s)
         self._heard_s = now_s
         return True
@@ -211,6 +215,7 @@ class ImuAssembler:
     def _count_lost(self, sequence: int) -> None:
         """Count the messages lost before one; a number that falls is a new count."""
         if self._sequence is not None and 1 < sequence - self._sequence <= MOST_LOST:
+            # counted only: the stamps show how long the gap is, also where the driver published nothing
             lost = sequence - self._sequence - 1
             self._lost_before += lost
             self.lost += lost
@@ -235,16 +240,16 @@ class ImuAssembler:
             self.messages += 1
             self.bytes += len(message.payload)
             try:
-                stamp, found = _further_sample(name, message.payload)
+                stamp, sample = _further_sample(name, message.payload)
             except CdrError:
-                found = None
-            if found is None or not all(map(math.isfinite, found)):
+                sample = None
+            if sample is None or not all(map(math.isfinite, sample)):
                 self._reject(message)
             elif name == "temperature":
-                self._temperature = found[0]
+                self._temperature = sample[0]
             else:
                 stamps.append(stamp)
-                values.append(found)
+                values.append(sample)
         if name in self._partners:
             self._partners[name].add(stamps, values)
 
@@ -265,12 +270,12 @@ class ImuAssembler:
         del self._rows[:ready], self._times[:ready]
         self._values = values if self._values is None else np.concatenate([self._values, values])
         remark = self._live.remark
-        placed = self._live.place(*times[:ready].T, final=final)
+        placed = self._live.place(*times[:ready].T, final=final).times
         if self._live.remark not in (None, remark):
             self.remarks.append(f"{self._url.topic}: {self._live.remark}")
         if not len(placed):
             return []
-        if self.stream is None:
+        if self.stream is None:  # once: a record cannot gain or lose a channel
             self._leave_out_other_rates(placed)
             self._choose_columns(self._values)
         rows, self._values = self._values[: len(placed)], self._values[len(placed) :]
@@ -304,15 +309,15 @@ class ImuAssembler:
         start = 0
         for name, columns in SENSORS:
             part = values[:, start : start + len(columns)]
-            found = np.asarray(np.isfinite(part).all(axis=1))
-            if name == "temperature" and found.any():  # the rows before the first one
-                values[~found, start] = part[found][0]
-                found[:] = True
+            known = np.asarray(np.isfinite(part).all(axis=1))
+            if name == "temperature" and known.any():  # the rows before the first one
+                values[~known, start] = part[known][0]
+                known[:] = True
             topic = getattr(self._url, name, "")
-            if found.mean() < USED_SHARE:
+            if known.mean() < USED_SHARE:
                 if topic:
                     self._leave_out(name, topic)
-            elif name != "temperature" and not part[found].any():
+            elif name != "temperature" and not part[known].any():
                 self.remarks.append(f"{name} is zero in all messages of {topic or self._url.topic}: left out")
             else:
                 channels += columns
@@ -326,11 +331,13 @@ class ImuAssembler:
             self._columns = []
 
     def _leave_out_other_rates(self, placed: Ints) -> None:
-        """Leave out topics whose samples cannot be paired one by one."""
-        own = mean_interval(placed)
+        """Leave out topics of another rate, whose samples cannot be paired one by one."""
+        interval = mean_interval(placed)
         for name, partner in list(self._partners.items()):
-            other = mean_interval(partner.stamps)
-            if own is not None and other is not None and abs(other / own - 1.0) > SAME_RATE:
+            of_partner = mean_interval(partner.stamps)
+            if interval is None or of_partner is None:
+                continue
+            if abs(of_partner / interval - 1.0) > SAME_RATE:
                 assert self._values is not None
                 start = {"accel": 3, "mag": 6}[name]
                 self._values[:, start : start + 3] = np.nan
@@ -353,8 +360,8 @@ def _further_sample(name: str, payload: bytes) -> tuple[int, Sequence[float] | N
         stamp, _, accel = imu_message(payload)
         return stamp, accel
     if name == "mag":
-        made = decode(MAGNETIC_FIELD, payload)
-        field = made.magnetic_field
-        return stamp_ns(made), [GAUSS * tesla for tesla in (field.x, field.y, field.z)]
-    made = decode(TEMPERATURE, payload)
-    return stamp_ns(made), [made.temperature]
+        message = decode(MAGNETIC_FIELD, payload)
+        field = message.magnetic_field
+        return stamp_ns(message), [GAUSS * tesla for tesla in (field.x, field.y, field.z)]
+    message = decode(TEMPERATURE, payload)
+    return stamp_ns(message), [message.temperature]

@@ -92,10 +92,11 @@ class Ros2Device(Device):
 
     def _publishing(self, node: RosNode) -> bool:
         """Return whether the graph shows a publisher of the topic."""
-        found = [each for each in node.publishers() if (each.topic, each.type) == (self._url.topic, IMU)]
-        if found:
-            self._nodes = tuple(sorted({each.node for each in found if each.node}))
-        return bool(found)
+        topic_type = (self._url.topic, IMU)
+        publishers = [p for p in node.publishers() if (p.topic, p.type) == topic_type]
+        if publishers:
+            self._nodes = tuple(sorted({p.node for p in publishers if p.node}))
+        return bool(publishers)
 
     def close(self) -> None:
         if self._node is not None:
@@ -106,6 +107,7 @@ class Ros2Device(Device):
         self._others = {}
 
     def expected(self) -> DeviceInfo | None:
+        # a driver may start after the daemon; without a topic, there is nothing to wait for
         return self.info() if self._url.topic else None
 
     # ------------------------------------------------------------------ while it streams
@@ -137,7 +139,7 @@ class Ros2Device(Device):
             self._heard_s = now
         elif not node.connected or now - self._heard_s > GONE_S:
             items += self._assembler.finish()
-            if not items:
+            if not items:  # what is left is delivered first; the next read raises this
                 raise self._gone(node)
         return items
 
@@ -160,12 +162,13 @@ class Ros2Device(Device):
 
     @property
     def counters(self) -> DeviceCounters:
-        made, before = self._assembler, self._earlier
+        assembler, earlier = self._assembler, self._earlier
         return replace(
-            before,
-            received_bytes=before.received_bytes + made.bytes,
-            messages=before.messages + made.messages - made.invalid,
-            discarded_bytes=before.discarded_bytes + made.invalid_bytes,
-            bad_checksums=before.bad_checksums + made.invalid,
-            overruns=before.overruns + made.losses,
+            earlier,
+            received_bytes=earlier.received_bytes + assembler.bytes,
+            messages=earlier.messages + assembler.messages - assembler.invalid,
+            discarded_bytes=earlier.discarded_bytes + assembler.invalid_bytes,
+            bad_checksums=earlier.bad_checksums + assembler.invalid,
+            overruns=earlier.overruns + assembler.losses,
+            other_sender=earlier.other_sender + assembler.other_sender,
         )

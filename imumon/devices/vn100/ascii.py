@@ -86,14 +86,15 @@ PRINTABLE = re.compile(rb"[ -~]*")
 
 _TO_PATTERN = bytes.maketrans(b"-123456789", b"+000000000")
 _NUMBER = re.compile(rb"\+?0+(?:\.0+)?")
-_APPENDED = re.compile(rb"T0{1,15}|S[0A-Fa-f]{4}")
+_APPENDED = re.compile(rb"T0{1,15}|S[0A-Fa-f]{4}")  # count and status of register 30, as patterns
 _MAX_DIGITS = 15  # digits; 10^15 < 2^53, so the integer is exact. Required, not tuned
 _HEX = np.array([list(b"%02X" % value) for value in range(256)], np.uint8)
+"""Checksums as the sensor writes them. One in lower case ends a run of sentences and is then checked alone."""
 
 
-def is_prefix(data: bytes, at: int) -> bool:
-    """Return whether the bytes from `at` to the end may be the beginning of a sentence."""
-    return len(data) - at < MAX_SENTENCE_BYTES and _PREFIX.fullmatch(data, at) is not None
+def is_prefix(data: bytes, begin: int) -> bool:
+    """Return whether the bytes from `begin` to the end may be the beginning of a sentence."""
+    return len(data) - begin < MAX_SENTENCE_BYTES and _PREFIX.fullmatch(data, begin) is not None
 
 
 def intact(body: bytes, check: bytes) -> bool:
@@ -166,8 +167,8 @@ class SentenceFormat:
     columns: dict[str, slice]
     converter: SampleConverter | None
 
-    def count_valid(self, data: bytes, at: int, check: int, end: int, limit: int) -> int:
-        """Return the number of consecutive valid sentences of this pattern from `at`, at most `limit`.
+    def count_valid(self, data: bytes, begin: int, check: int, end: int, limit: int) -> int:
+        """Return the number of consecutive valid sentences of this pattern from `begin`, at most `limit`.
 
         The first one must be valid. The others are checked as arrays, whose size doubles as long as all are valid.
 
@@ -179,7 +180,7 @@ class SentenceFormat:
         count = step = valid = 1
         while count < limit and valid == step:
             step = min(2 * step, limit - count)
-            rows = data[at + count * size : at + (count + step) * size]
+            rows = data[begin + count * size : begin + (count + step) * size]
             valid = self._count_valid_rows(rows, check, end, step)
             count += valid
         return count
@@ -200,11 +201,13 @@ class SentenceFormat:
         valid &= (rows[:, body + 2 : -end] == expected).all(axis=1)
         return count if valid.all() else int(valid.argmin())
 
-    def read(self, data: bytes, at: int, size: int, count: int) -> Floats:
+    def read(self, data: bytes, begin: int, size: int, count: int) -> Floats:
         """Return the numbers of `count` sentences of `size` bytes each, (count, f)."""
         body = len(self.pattern)
-        rows = np.frombuffer(data, np.uint8, count * size, at).reshape(count, size)[:, 1 : body + 1]
+        rows = np.frombuffer(data, np.uint8, count * size, begin).reshape(count, size)[:, 1 : body + 1]
+        # signs, points and commas become arbitrary numbers here, and their place value of 0 removes them
         digits = (rows - np.uint8(ord("0"))) * self.place_value
+        # each sum ends where the next number starts, so the comma between the two adds 0 to it
         values: Floats = np.add.reduceat(digits, self.start, axis=1) / self.divisor
         np.negative(values, out=values, where=rows.take(self.start, axis=1) == ord("-"))
         return values
@@ -221,27 +224,36 @@ def sentence_format(body: bytes) -> SentenceFormat | None:
 
 @lru_cache(maxsize=64)
 def _format_of_pattern(body: bytes) -> SentenceFormat | None:
+    """Return the format of the sentences of a pattern; None if it violates the grammar of its message."""
     message = body[:5].decode("ascii")
     quantities = MEASUREMENTS[message]
     fields = body[6:].split(b",")
-    appended: list[bytes] = []
-    while fields and fields[-1][:1] in (b"S", b"T") and len(appended) < 2:
-        appended.append(fields.pop())
-    marks = {field[:1] for field in appended if _APPENDED.fullmatch(field)}
+    appended = _remove_appended(fields)
     ends = list(accumulate(WIDTHS[q] for q in quantities))
     expected = ends[-1]
-    if len(fields) != expected or len(marks) != len(appended):
+    # an exact count: a field that was lost would shift all after it to other quantities
+    if len(fields) != expected or appended is None:
         return None
     if not all(_NUMBER.fullmatch(field) and field.count(b"0") <= _MAX_DIGITS for field in fields):
         return None
     columns = {q: slice(end - WIDTHS[q], end) for q, end in zip(quantities, ends, strict=True)}
     starts = [i + 1 for i, byte in enumerate(body) if byte == ord(",")][:expected]
-    if b"T" in marks:
+    if b"T" in appended:  # the only clock that a sentence can have
         columns["counter"] = slice(expected, expected + 1)
         starts.append(body.index(b",T") + 2)
     place, divisor = _places(body, starts)
     converter = sample_converter(frozenset(columns), "$" + message)
     return SentenceFormat(body, place, np.array(starts), divisor, columns, converter)
+
+
+def _remove_appended(fields: list[bytes]) -> set[bytes] | None:
+    """Remove the fields that register 30 appends; return their letters, T and S, or None if one is invalid."""
+    appended: list[bytes] = []
+    # the text of the manual puts S first, its example T: both orders are accepted
+    while fields and fields[-1][:1] in (b"S", b"T") and len(appended) < 2:
+        appended.append(fields.pop())
+    letters = {field[:1] for field in appended if _APPENDED.fullmatch(field)}
+    return letters if len(letters) == len(appended) else None
 
 
 def _places(body: bytes, starts: Sequence[int]) -> tuple[Floats, Floats]:

@@ -56,6 +56,8 @@ class BinaryField:
 
 
 _XYZ, _ONE = (0, 3), (0, 1)
+# The names do not show it: ``imu`` is uncompensated and has the accelerometer first; the magnetic field of ``magPres``
+# is compensated.
 _QUANTITIES: dict[str, dict[str, tuple[int, int]]] = {
     "timeStartup": {"startup": _ONE}, "vpeStatus": {"vpe": _ONE}, "sensSat": {"sat": _ONE},
     "angularRate": {"gyro": _XYZ}, "accel": {"accel": _XYZ}, "mag": {"mag": _XYZ},
@@ -173,9 +175,9 @@ class BinaryLayout:
         """Names of the fields of the payload in their order."""
         return tuple(name for name in self.dtype.names or () if "." in name)
 
-    def decode(self, data: bytes, at: int = 0, count: int = 1) -> npt.NDArray[np.void]:
+    def decode(self, data: bytes, begin: int = 0, count: int = 1) -> npt.NDArray[np.void]:
         """Return (count,) packets as a structured array, without a check of their CRC."""
-        return np.frombuffer(data, self.dtype, count, at)
+        return np.frombuffer(data, self.dtype, count, begin)
 
     def quantity(self, packets: npt.NDArray[np.void], name: str) -> npt.NDArray[Any]:
         """Return (count, k), one quantity of the result of `decode`."""
@@ -183,14 +185,14 @@ class BinaryLayout:
         vectors: npt.NDArray[Any] = packets[source]
         return vectors[:, components]
 
-    def count_valid(self, data: bytes, at: int, limit: int) -> int:
-        """Return the number of consecutive valid packets of this layout from `at`, at most `limit`."""
-        count = self._count_valid_singly(data, at, min(limit, _MIN_ARRAY))
+    def count_valid(self, data: bytes, begin: int, limit: int) -> int:
+        """Return the number of consecutive valid packets of this layout from `begin`, at most `limit`."""
+        count = self._count_valid_singly(data, begin, min(limit, _MIN_ARRAY))
         size = _MIN_ARRAY
         # arrays only after many valid packets, so that damaged data are not checked again and again
         while count >= size and count < limit:
             size = min(4 * size, limit - count)
-            rows = np.frombuffer(data, np.uint8, size * self.length, at + count * self.length)
+            rows = np.frombuffer(data, np.uint8, size * self.length, begin + count * self.length)
             invalid = self._is_invalid(rows.reshape(size, self.length))
             first = int(invalid.argmax())
             if invalid[first]:
@@ -198,10 +200,12 @@ class BinaryLayout:
             count += size
         return count
 
-    def _count_valid_singly(self, data: bytes, at: int, limit: int) -> int:
+    def _count_valid_singly(self, data: bytes, begin: int, limit: int) -> int:
         """Return the same as `count_valid`, packet by packet."""
+        # The CRC of the header is the same for all, and that of the rest continues it. Over the packet and the CRC that
+        # ends it, a CRC without final XOR is 0.
         header, header_crc = self.header, crc16(self.header[1:])
-        span = memoryview(data)[at : at + limit * self.length]
+        span = memoryview(data)[begin : begin + limit * self.length]
         packets = iter_unpack(f"{len(header)}s{self.length - len(header)}s", span)
         for count, (head, rest) in enumerate(packets):
             if head != header or crc16(rest, header_crc):
@@ -210,8 +214,10 @@ class BinaryLayout:
 
     def _is_invalid(self, packets: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
         """Return (count,) whether each row of bytes is not a valid packet of this layout."""
+        # `crc16_rows` takes two bytes at a time: from the last byte of the header on if the rest has an odd number
         begin = len(self.header) - (self.length - len(self.header)) % 2
         invalid = np.not_equal(crc16_rows(packets[:, begin:], crc16(self.header[1:begin])), 0)
+        # the CRC began with the expected header, so the one that is there has to be compared
         for column, byte in enumerate(self.header):
             invalid |= packets[:, column] != byte
         return invalid
@@ -221,18 +227,18 @@ class IncompleteHeader(Exception):
     """The data end within the header."""
 
 
-def parse_header(data: bytes, at: int = 0) -> BinaryLayout | None:
-    """Return the layout of the packet that begins at `at`; None if no packet can begin there.
+def parse_header(data: bytes, begin: int = 0) -> BinaryLayout | None:
+    """Return the layout of the packet at `begin`; None if no packet can begin there.
 
     Raises
     ------
     IncompleteHeader : the data end within a header that may be valid.
     """
-    byte, end = _read_word(data, at + 1, 1)
+    byte, end = _read_word(data, begin + 1, 1)
     groups = [bit + 1 for bit in range(7) if byte >> bit & 1]
     if not groups:
         return None
-    if byte & 0x80:
+    if byte & 0x80:  # more groups, of unknown size, unless their byte is empty
         extension, end = _read_word(data, end, 1)
         if extension:
             return None
@@ -244,14 +250,14 @@ def parse_header(data: bytes, at: int = 0) -> BinaryLayout | None:
             extension, end = _read_word(data, end, 2)
             if extension:
                 return None
-    return _layout_of_header(data[at:end])
+    return _layout_of_header(data[begin:end])
 
 
-def _read_word(data: bytes, at: int, size: int) -> tuple[int, int]:
+def _read_word(data: bytes, offset: int, size: int) -> tuple[int, int]:
     """Return a little-endian number and the position behind it."""
-    if at + size > len(data):
+    if offset + size > len(data):
         raise IncompleteHeader
-    return int.from_bytes(data[at : at + size], "little"), at + size
+    return int.from_bytes(data[offset : offset + size], "little"), offset + size
 
 
 _KNOWN_BITS = {group: sum(1 << bit for bit in fields) for group, fields in GROUPS.items()}
@@ -262,15 +268,16 @@ def _layout_of_header(header: bytes) -> BinaryLayout:
     """Return the layout of a valid header."""
     names, sources, words = ["header"], dict[str, tuple[str, slice]](), []
     formats: list[tuple[str, tuple[int, ...]]] = [("u1", (len(header),))]
-    at = 3 if header[1] & 0x80 else 2
+    offset = 3 if header[1] & 0x80 else 2
     for group in (bit + 1 for bit in range(7) if header[1] >> bit & 1):
-        word, at = _read_word(header, at, 2)
-        at += 2 if word & 0x8000 else 0
+        word, offset = _read_word(header, offset, 2)
+        offset += 2 if word & 0x8000 else 0
         words.append(f"{word:04X}")
         for item in (item for bit, item in GROUPS[group].items() if word >> bit & 1):
             names.append(f"{group}.{item.name}")
             formats.append((item.code, (item.width,)))
             for quantity, (first, end) in item.quantities.items():
+                # a quantity that several groups repeat is the same number in each
                 sources.setdefault(quantity, (names[-1], slice(first, end)))
     dtype = np.dtype({"names": [*names, "crc"], "formats": [*formats, ("u1", (2,))]})
     converter = sample_converter(frozenset(sources), f"binary {header[1]:02X}:{','.join(words)}")

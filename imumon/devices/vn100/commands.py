@@ -81,15 +81,17 @@ class CommandChannel:
         NotAVn100 : no VN-100 replies.
         """
         evidence, tried, before = _Evidence(), list(bauds), self.port.baud
+        # First one request at each rate, which finds most sensors soon. The second round is for a slow stream or a
+        # damaged line, and for a sensor whose reply to the first request after the opening was lost, as it often is.
         for thorough in (False, True):
             for baud in tried:
                 self._progress(f"trying {baud} baud")
                 if self.port.set_baud(baud):
                     if self.is_present(thorough, evidence):
                         return
-                elif len(tried) == 1:
+                elif len(tried) == 1:  # of several, an adapter without one of them can still find the sensor
                     raise baud_unsupported(self.port.name, baud)
-                if evidence.nmea:
+                if evidence.nmea:  # a readable sentence shows only at the right rate: no other is better
                     raise evidence.error(self.port.name, tried)
         self.port.set_baud(before)
         raise evidence.error(self.port.name, tried)
@@ -131,6 +133,7 @@ class CommandChannel:
             while (left := deadline - self._clock()) > 0:
                 if (reply := _reply(body, self.decoder.feed(self.port.read(left)))) is not None:
                     return reply
+            # bytes before the reply that look like the start of a packet have held it back
             if (reply := _reply(body, self.decoder.finish())) is not None:
                 return reply
         return None
@@ -150,7 +153,9 @@ class CommandChannel:
         before = self.settings.get(register)
         if before == text:
             return True
-        self.written.add(register)
+        self.written.add(
+            register
+        )  # before the request: of a lost reply, nothing shows whether it was written
         self.settings.pop(register, None)  # unknown until the sensor confirms it
         reply = self.request(f"VNWRG,{register:02d},{text}")
         if isinstance(reply, Response):
@@ -181,6 +186,7 @@ class _Evidence:
         self.count += len(data)
         if self.nmea is None and (match := _NMEA.search(data)) is not None:
             self.nmea = match[1].decode("ascii")
+        # random bytes, as at a wrong baud rate, have no 24 of these in a row
         lines = [line.strip() for line in re.findall(rb"[ -~\t\r\n]{24,}", data)]
         self._text = max((self._text, *lines), key=len)
 
@@ -211,11 +217,13 @@ def _reply(body: str, items: Iterable[DecodedItem]) -> Response | SensorError | 
     """Return the reply to a command among decoded items."""
     command, *fields = body.split(",")
     for item in items:
+        # an error does not name its request: one that is about a request is about the last one
         if isinstance(item, SensorError) and item.code not in _RETRIABLE:
             return item
         if isinstance(item, Response) and item.command == command:
             if command not in ("VNRRG", "VNWRG"):
                 return item
+            # a late reply to an earlier request may have another register
             number = item.fields[0] if item.fields else ""
             if number.isdigit() and int(number) == int(fields[0]):
                 return item

@@ -23,11 +23,11 @@ from imumon.devices.vn100.stream_settings import (
     CHANGEABLE,
     OFF,
     UNCOMPENSATED_DELTAS,
+    configured_output,
     divisors,
     off_port,
     originals,
     output,
-    own_output,
     parse_output,
     same,
     windowed,
@@ -108,7 +108,7 @@ class Configuration:
         if self._originals is None:
             self.save_originals()
         self._check_rate()
-        self._paused = True
+        self._paused = True  # before the request: an interrupt may come between it and its reply
         if self._channel.request("VNASY,0") is None:
             text = f"the sensor on {self._port.name} has stopped replying"
             raise DeviceNotFound("device_stopped_replying", text, "check the cable")
@@ -135,18 +135,20 @@ class Configuration:
     def changes(self) -> str | None:
         """Return which output was changed and what is restored at the end; None without a change."""
         settings = self._channel.settings
-        now, before = own_output(settings), own_output({**settings, **(self._originals or {})})
+        now, before = configured_output(settings), configured_output({**settings, **(self._originals or {})})
         return None if now == before else f"the sensor sends {now} now; {before} is restored at the end"
 
     def revert(self) -> bool:
         """Restore the original settings; return whether the sensor has confirmed each."""
         channel, before = self._channel, self._originals or {}
+        # a written register counts as changed whatever its value: the confirmation may have been lost
         changed = [r for r, text in before.items() if r in channel.written or channel.settings.get(r) != text]
         if not changed and not self._paused:
             return True
         done = self._is_pausing(before) and all(
             channel.write(r, before[r]) for r in CHANGEABLE if r in changed
         )
+        # last, when the outputs are those that fit it: the sensor refuses a rate at which they do not
         if done and RegisterNumber.BAUD in changed:
             done = self._change_baud(int(before[RegisterNumber.BAUD]))
         if not done or channel.request("VNASY,1") is None:
@@ -158,6 +160,7 @@ class Configuration:
     def _is_pausing(self, before: Mapping[int, str]) -> bool:
         """Pause the output, also after an interrupted change of the baud rate; return whether it is confirmed."""
         channel = self._channel
+        # fewer tries: at the end of a run, the sensor may be gone, and the user waits
         if channel.request("VNASY,0", tries=3) is not None:
             return True
         if RegisterNumber.BAUD not in channel.written:
@@ -173,6 +176,7 @@ class Configuration:
         channel, before = self._channel, self._port.baud
         if baud == before or self._port.fixed_baud:
             return baud == before
+        # ask the adapter first: a sensor at a rate that this host cannot do is lost until its next power-up
         if not (self._port.set_baud(baud) and self._port.set_baud(before)):
             raise baud_unsupported(self._port.name, baud)
         if not channel.write(RegisterNumber.BAUD, str(baud)) and channel.error_code is not None:
@@ -189,8 +193,11 @@ class Configuration:
     def _start_binary(self) -> ConfiguredStream | None:
         """Start the requested stream; None if the sensor does not send it."""
         channel = self._channel
+        # ASCII first: together with it, the packets would exceed the baud rate, and the sensor refuses them (0C)
         if not channel.write(RegisterNumber.OUTPUT_TYPE, "0"):
             return None
+        # Not every firmware reports on which of its ports this is: the one whose packets arrive. Never on both: a
+        # second port at 115200 baud would make the sensor refuse what a faster first one can carry.
         for mode in self._output_ports():
             for register in BINARY_OUTPUTS[1:]:
                 if parse_output(text := channel.settings.get(register, OFF)) is not None:
@@ -217,6 +224,7 @@ class Configuration:
         channel, register = self._channel, BINARY_OUTPUTS[0]
         for divisor in divisors(self._kind, self._port.baud, self._rate_hz):
             text = output(self._kind, divisor, mode)
+            # read back: the echo of a write confirms that it was accepted, not what is stored
             if channel.write(register, text) and same(channel.read(register) or "", text):
                 return divisor
             if channel.error_code != ErrorCode.BAUD_RATE_TOO_LOW:
@@ -241,7 +249,7 @@ class Configuration:
         deadline = self._clock() + FIRST_PACKET_S + 2 * divisor / LOOP_RATE
         while (left := deadline - self._clock()) > 0:
             data = self._port.read(left)
-            tail = (tail + data)[-4096:]
+            tail = (tail + data)[-4096:]  # more than what can be pending behind the last sample
             for item in decoder.feed(data):
                 if isinstance(item, SampleBlock) and item.stream.kind == self._kind:
                     # the first increment may include the pause before it: start behind it
@@ -258,5 +266,7 @@ class Configuration:
         if before.get(RegisterNumber.OUTPUT_TYPE) == "0" and all(
             same(before.get(r, OFF), OFF) for r in BINARY_OUTPUTS
         ):
-            channel.write(RegisterNumber.OUTPUT_TYPE, "19")
+            channel.write(
+                RegisterNumber.OUTPUT_TYPE, "19"
+            )  # VNIMU: uncompensated; the steps of VNDTV are too coarse
         channel.request("VNASY,1")

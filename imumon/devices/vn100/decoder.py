@@ -75,6 +75,7 @@ class LossCounter:
         if self._gap_bytes > 0:
             packets = [name for name in self._total_bytes if name[0] == binary.SYNC]
             sentences = [name for name in self._total_bytes if name[0] != binary.SYNC]
+            # text between packets is that of a logger, if the sensor sends no sentences
             candidates = sentences if self._gap_is_text or not packets else packets
             if candidates:
                 name = max(candidates, key=self._total_bytes.__getitem__)
@@ -122,26 +123,27 @@ class Vn100Decoder(FrameDecoder[Response | SensorError]):
         self._started_streams.clear()
         return items
 
-    def _read(self, data: bytes, at: int) -> int | None:
-        return self._packet(data, at) if data[at] == binary.SYNC else self._sentence(data, at)
+    def _read(self, data: bytes, begin: int) -> int | None:
+        return self._packet(data, begin) if data[begin] == binary.SYNC else self._sentence(data, begin)
 
     def _discard(self, data: bytes) -> None:
         super()._discard(data)
         self._losses.add_discarded(data)
 
-    def _packet(self, data: bytes, at: int) -> int | None:
+    def _packet(self, data: bytes, begin: int) -> int | None:
         """Return the bytes of the valid packets that begin here; 0: none, None: more bytes are needed."""
         try:
-            layout = binary.parse_header(data, at)
+            layout = binary.parse_header(data, begin)
         except binary.IncompleteHeader:
             return None
         if layout is None:
             return 0
-        complete = (len(data) - at) // layout.length
+        complete = (len(data) - begin) // layout.length
         if complete == 0:
             return None
-        count = layout.count_valid(data, at, min(complete, _MAX_RUN))
+        count = layout.count_valid(data, begin, min(complete, _MAX_RUN))
         if count == 0:
+            # FA and a possible header occur in payloads: only a known one is a packet that was damaged
             if self._losses.has_seen(layout.header) or not self._seen_packet:
                 self.bad_checksums += 1
             self._losses.add_damaged(layout.header)
@@ -150,27 +152,28 @@ class Vn100Decoder(FrameDecoder[Response | SensorError]):
         self._count(layout.length, count)
         lost = self._losses.add_valid(layout.header, layout.length, count)
         if layout.converter is not None:
-            packets = layout.decode(data, at, count)
+            packets = layout.decode(data, begin, count)
             block, valid = layout.converter.convert(partial(layout.quantity, packets), count)
             self._emit(layout.header, block, valid, lost)
         return layout.length * count
 
-    def _sentence(self, data: bytes, at: int) -> int | None:
+    def _sentence(self, data: bytes, begin: int) -> int | None:
         """Return the same as `_packet`, for sentences."""
-        match = ascii.SENTENCE.match(data, at, at + ascii.MAX_SENTENCE_BYTES)
+        match = ascii.SENTENCE.match(data, begin, begin + ascii.MAX_SENTENCE_BYTES)
         if match is None:
-            if ascii.is_prefix(data, at):
+            if ascii.is_prefix(data, begin):
                 return None
-            self._losses.add_damaged(data[at + 1 : at + 6])
+            # five letters of a sentence, or other bytes, which name no stream and count for none
+            self._losses.add_damaged(data[begin + 1 : begin + 6])
             return 0
         body, check = match.groups()
         if not ascii.intact(body, check):
             self.bad_checksums += 1
             self._losses.add_damaged(body[:5])
             return 0
-        size = match.end() - at
+        size = match.end() - begin
         if body[:5] in ascii.MEASUREMENT_HEADERS:
-            return self._measurements(data, at, body, size, len(check))
+            return self._measurements(data, begin, body, size, len(check))
         items = self._parse_response(body)
         if items is None:
             return 0
@@ -190,20 +193,20 @@ class Vn100Decoder(FrameDecoder[Response | SensorError]):
             return None if error is None else [error]
         return [] if command in ascii.OTHER_PRODUCTS else [Response(command, fields)]
 
-    def _measurements(self, data: bytes, at: int, body: bytes, size: int, check: int) -> int:
+    def _measurements(self, data: bytes, begin: int, body: bytes, size: int, check: int) -> int:
         """Return the bytes of the valid sentences of one format from here; 0: the grammar is wrong."""
         name = body[:5]
         sentence_format = ascii.sentence_format(body)
         if sentence_format is None:
             self._losses.add_damaged(name)
             return 0
-        limit = min((len(data) - at) // size, _MAX_RUN)
-        count = sentence_format.count_valid(data, at, check, size - len(body) - check - 2, limit)
+        limit = min((len(data) - begin) // size, _MAX_RUN)
+        count = sentence_format.count_valid(data, begin, check, size - len(body) - check - 2, limit)
         self._count(size, count)
         lost = self._losses.add_valid(name, size, count)
         converter = sentence_format.converter
         if converter is not None:
-            values = sentence_format.read(data, at, size, count)
+            values = sentence_format.read(data, begin, size, count)
             block, valid = converter.convert(partial(sentence_format.quantity, values), count)
             self._emit(name, block, valid, lost)
         return size * count
@@ -216,10 +219,11 @@ class Vn100Decoder(FrameDecoder[Response | SensorError]):
             if len(rows) == 0:
                 self._losses.add_lost(name, lost + total)
                 return
+            # what follows the last valid row is lost before the next block
             self._losses.add_lost(name, total - 1 - int(rows[-1]))
             block = replace(selected(block, valid), lost=np.diff(rows, prepend=-1) - 1)
         block.lost[0] += lost
-        if name not in self._started_streams:
+        if name not in self._started_streams:  # messages before the first sample are no part of the record
             self._started_streams.add(name)
             block.lost[0] = 0
         self._items.append(block)

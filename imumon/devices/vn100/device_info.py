@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
 from imumon.devices.vn100 import registers
 from imumon.devices.vn100.registers import DATA_REGISTERS, REGISTERS, RegisterNumber
@@ -20,8 +21,8 @@ def family_of(model: str | None) -> str:
     >>> family_of("VN-100T-CR"), family_of("VN-210-CR"), family_of("?"), family_of(None)
     ('VN-100', 'VN-210', 'VN-100', 'VN-100')
     """
-    found = re.match(r"VN-?(\d{3})", (model or "").upper())
-    return f"VN-{found[1]}" if found else FAMILY
+    match = re.match(r"VN-?(\d{3})", (model or "").upper())
+    return f"VN-{match[1]}" if match else FAMILY
 
 
 def device_info(
@@ -46,26 +47,12 @@ def device_info(
     """
     facts = {} if stream is None else stream.facts
     rate = nominal_rate(settings, stream) or rate_hz
-    factors: dict[str, float | None] = {"gyro": None, "accel": None}
-    if stream is not None:
-        factors = alias_factors(stream.kind_of, rate, settings.get(RegisterNumber.IMU_FILTER))
-    worst = None if None in factors.values() else max(filter(None, factors.values()))
+    factor = _alias_factor(settings, stream, rate)
     model, serial = identity.get(1), identity.get(3)
     family = family_of(model)
     control = _delta_control(settings, stream)
-    unknown = {
-        "listen-only: model, serial number and settings are unknown": not identity,
-        "the filter or the rate of the sensor is unknown: aliasing may inflate N": bool(facts)
-        and worst is None,
-        f"the sensor is a {model}: {PROTOCOL}": family != FAMILY,
-        f"register {RegisterNumber.DELTA_CONTROL} is unknown: the deltas may be compensated": control is None,
-    }
-    caveats = {
-        "compensated": facts.get("stream") == "compensated" or (control or "").strip("0,") != "",
-        "unknown_compensation": control is None,
-        "aliased": worst is not None and worst > ALIASED,
-    }
-    facts["caveats"] = tuple(name for name, holds in caveats.items() if holds)
+    facts["caveats"] = tuple(_caveats(stream, factor, control))
+    doubts = _doubts(identity, stream, factor, control)
     names = {r: f"{r} {REGISTERS[r].name}" for r in sorted(settings)}
     return DeviceInfo(
         id=f"{family.lower().replace('-', '')}-{serial or _slug(port)}",
@@ -76,12 +63,45 @@ def device_info(
         port=port,
         baud=baud,
         sample_rate_hz=rate,
-        alias_factor=worst,
+        alias_factor=factor,
         settings={name: settings[r] for r, name in names.items()},
         data_settings=tuple(name for r, name in names.items() if r in DATA_REGISTERS),
-        remarks=(*remarks, *(remark for remark, holds in unknown.items() if holds)),
+        remarks=(*remarks, *doubts),
         **facts,
     )
+
+
+def _alias_factor(settings: Texts, stream: Stream | None, rate_hz: float | None) -> float | None:
+    """Return the larger alias factor of gyroscope and accelerometer; None if one is unknown, or without a stream."""
+    if stream is None:
+        return None
+    factors = alias_factors(stream.kind_of, rate_hz, settings.get(RegisterNumber.IMU_FILTER)).values()
+    return None if None in factors else max(filter(None, factors))
+
+
+def _caveats(stream: Stream | None, alias_factor: float | None, control: str | None) -> Iterator[str]:
+    """Yield the caveats of the stream; `control` is that of `_delta_control`."""
+    # any field of register 82 but 0 compensates the deltas, or turns them out of the frame of the sensor
+    if (stream is not None and stream.kind == "compensated") or (control or "").strip("0,"):
+        yield "compensated"
+    if control is None:
+        yield "unknown_compensation"
+    if alias_factor is not None and alias_factor > ALIASED:
+        yield "aliased"
+
+
+def _doubts(
+    identity: Texts, stream: Stream | None, alias_factor: float | None, control: str | None
+) -> Iterator[str]:
+    """Yield what is unknown of the sensor, as remarks."""
+    if not identity:
+        yield "listen-only: model, serial number and settings are unknown"
+    if stream is not None and alias_factor is None:
+        yield "the filter or the rate of the sensor is unknown: aliasing may inflate N"
+    if family_of(identity.get(1)) != FAMILY:
+        yield f"the sensor is a {identity[1]}: {PROTOCOL}"
+    if control is None:
+        yield f"register {RegisterNumber.DELTA_CONTROL} is unknown: the deltas may be compensated"
 
 
 def _delta_control(settings: Texts, stream: Stream | None) -> str | None:
@@ -96,7 +116,7 @@ def nominal_rate(settings: Texts, stream: Stream | None) -> float | None:
     if stream.source.startswith("$"):
         text = settings.get(RegisterNumber.OUTPUT_RATE, "")
         return float(text) or None if text.isdigit() else None
-    for register in registers.BINARY_OUTPUTS:
+    for register in registers.BINARY_OUTPUTS:  # several may be on: the one whose packets these samples are
         text = settings.get(register, OFF)
         parsed = parse_output(text)
         if parsed is not None and parsed[1] and source(text) == stream.source:

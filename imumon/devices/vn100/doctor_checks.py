@@ -42,6 +42,7 @@ def checks(observation: Observation, settings: Any) -> Iterator[Check]:
 
 
 def _baud(info: DeviceInfo, configured: int | str) -> Check:
+    """Check the baud rate against the configured one, and whether the deltas fit it at a useful rate."""
     if info.baud is None:
         return Check("baud", "ok", "has no effect on this port")
     if configured not in ("auto", info.baud):
@@ -70,6 +71,7 @@ def _register(info: DeviceInfo, number: int) -> str | None:
 
 
 def _aliasing(info: DeviceInfo) -> Check:
+    """Check whether the filter of the sensor is as long as the output interval."""
     windows = _register(info, RegisterNumber.IMU_FILTER)
     register = f", register {RegisterNumber.IMU_FILTER} is {windows}" if windows else ""
     if info.alias_factor is None:
@@ -85,7 +87,9 @@ def _aliasing(info: DeviceInfo) -> Check:
 
 
 def _compensation(info: DeviceInfo) -> Iterator[Check]:
+    """Check whether the sensor subtracts its bias from the samples; nothing if it does not."""
     control = _register(info, RegisterNumber.DELTA_CONTROL) or ""
+    # fields: frame, compensation of the gyroscope, of the accelerometer
     if info.stream == "deltas" and any(field.strip("0") for field in control.split(",")[1:3]):
         text = f"the deltas are compensated, register {RegisterNumber.DELTA_CONTROL} is {control}"
         yield Check("compensation", "warning", text, "imumon run sets it to 0 while it runs")
@@ -95,11 +99,13 @@ def _compensation(info: DeviceInfo) -> Iterator[Check]:
 
 
 def _load(observation: Observation) -> Check:
+    """Check how much of the line the sensor uses."""
+    # all bytes, damaged ones too: they take their time on the line
     bytes_per_s = observation.bytes / observation.seconds
     baud = observation.info.baud
     if not baud:
         return Check("load", "ok", f"{bytes_per_s:.0f} bytes/s")
-    load = bytes_per_s / (baud / 10)
+    load = bytes_per_s / (baud / 10)  # 8N1: ten bits for a byte
     text = f"{share_text(load)} of {baud} baud"
     if load > IMPOSSIBLE_LOAD:
         return Check("load", "ok", f"{text}: no real serial line, so the baud rate is no limit")

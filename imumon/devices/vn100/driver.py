@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from imumon.clock import REAL_TIME, HostClock
 from imumon.devices.base import (
     Check,
     Device,
@@ -26,6 +27,8 @@ class Vn100Driver(DeviceDriver):
     settings = frozenset({"baud", "set_baud", "set_rate_hz", "rate_hz", "listen_only", "stream"})
 
     def create(self, options: DeviceOptions) -> Device:
+        # also what the first report needs: later, there may be no descriptor to import it
+        from imumon.devices.vn100 import register_text, stream_settings  # noqa: F401
         from imumon.devices.vn100.vn100_session import Vn100Device
 
         return Vn100Device(options)
@@ -56,10 +59,10 @@ class Vn100Driver(DeviceDriver):
         return describe_setting(name, value)
 
     @contextmanager
-    def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> Iterator[str]:
-        from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+    def emulator(self, *, clock: HostClock = REAL_TIME, seed: int | None = None) -> Iterator[str]:
+        from imumon.devices.vn100.emulator import spawn, time_lapse_settings
 
-        with spawn(EmulatorSettings(speed=speed, seed=seed)) as process:
+        with spawn(time_lapse_settings(clock, seed)) as process:
             yield process.path
 
     def add_emulator_options(self, parser: argparse.ArgumentParser) -> None:

@@ -11,7 +11,7 @@ cluster average in the sense of IEEE Std 952-2020, C.1.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
 from functools import lru_cache
@@ -70,9 +70,15 @@ class VpeStatus(IntFlag):
 
     GYRO_SATURATED = 1 << 2
     ACCEL_SATURATED = 1 << 9
-    SATURATED = GYRO_SATURATED | ACCEL_SATURATED
     MAG_DISTURBED = 1 << 11
     ACCEL_DISTURBED = 1 << 12
+
+
+SATURATION_BITS: dict[str, dict[str, int]] = {
+    "vpe": {"gyro": VpeStatus.GYRO_SATURATED.value, "accel": VpeStatus.ACCEL_SATURATED.value},
+    "sat": {"mag": 0b111, "accel": 0b111 << 3, "gyro": 0b111 << 6, "pressure": 1 << 9},
+}
+"""Bits of the status words that say that a sensor exceeded its range; SensSat has one for each axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,10 +117,13 @@ class SampleConverter:
         elif self.stream.clock != "none":
             time = get(self.stream.clock)[:, 0].astype(np.int64)
         saturated: Bools | None = None
-        for flag in self.flags:
-            word = get(flag)[:, 0]
-            flagged = (word & VpeStatus.SATURATED.value if flag == "vpe" else word) != 0
-            saturated = flagged if saturated is None else saturated | flagged
+        if self.flags:
+            sensors = list(dict.fromkeys(map(sensor_of, self.stream.channels)))
+            saturated = np.zeros((count, len(sensors)), dtype=bool)
+            for flag in self.flags:
+                for sensor, bits in SATURATION_BITS[flag].items():
+                    if sensor in sensors:  # else what exceeded its range is not in the samples
+                        saturated[:, sensors.index(sensor)] |= (get(flag)[:, 0] & bits) != 0
         block = SampleBlock(self.stream, values, time, np.zeros(count, np.int64), saturated)
         return block, _valid_rows(values, dt, time)
 
@@ -142,13 +151,21 @@ def _sensors(available: set[str]) -> dict[str, tuple[Kind, str]]:
     """Return kind and quantity of each sensor; of one kind if the message has gyroscope and accelerometer in it."""
     gyro, accel = _QUANTITIES["gyro"], _QUANTITIES["accel"]
     both = [kind for kind in gyro if {gyro[kind], accel[kind]} <= available]
-    found: dict[str, tuple[Kind, str]] = {}
+    chosen: dict[str, tuple[Kind, str]] = {}
     for sensor, quantities in _QUANTITIES.items():
         kinds = quantities if sensor == "mag" else both or quantities
         present = [(kind, quantities[kind]) for kind in kinds if quantities[kind] in available]
         if present:
-            found[sensor] = present[0]
-    return found
+            chosen[sensor] = present[0]
+    return chosen
+
+
+def _kind_of_stream(sensors: Mapping[str, tuple[Kind, str]]) -> tuple[Kind, dict[str, Kind]]:
+    """Return the worst kind among the sensors of a stream, and the kinds of sensors that are better."""
+    # a magnetometer has no deltas: it decides the kind only of a message that has nothing else
+    kinds = {sensor: kind for sensor, (kind, _) in sensors.items() if sensor != "mag" or len(sensors) == 1}
+    worst = max(kinds.values(), key=list(_QUANTITIES["gyro"]).index)
+    return worst, {sensor: kind for sensor, kind in kinds.items() if kind != worst}
 
 
 @lru_cache(maxsize=256)
@@ -166,12 +183,11 @@ def sample_converter(quantities: frozenset[str], source: str) -> SampleConverter
     >>> sample_converter(frozenset({"ypr"}), "$VNYPR") is None
     True
     """
+    # an increment without its interval cannot become a rate
     available = {q for q in quantities if q not in _OVER_DT or "dt" in quantities}
     sensors = _sensors(available)
     if not sensors:
         return None
-    kinds = {sensor: kind for sensor, (kind, _) in sensors.items() if sensor != "mag" or len(sensors) == 1}
-    kind = max(kinds.values(), key=list(_QUANTITIES["gyro"]).index)
     parts: list[tuple[str, slice]] = []
     channels: tuple[str, ...] = ()
     for sensor, (_, quantity) in (sensors | _OTHERS).items():
@@ -179,11 +195,12 @@ def sample_converter(quantities: frozenset[str], source: str) -> SampleConverter
             begin = len(channels)
             channels += tuple(name for name in CHANNELS if sensor_of(name) == sensor)
             parts.append((quantity, slice(begin, len(channels))))
+    # an absolute clock shows how long a gap is; intervals do not
     clocks: tuple[Clock, ...] = ("startup", "counter", "dt")
     clock: Clock = next((c for c in clocks if c in available), "none")
     uses_dt = clock == "dt" or any(part in _OVER_DT for part, _ in parts)
     flags = tuple(flag for flag in ("vpe", "sat") if flag in available)
-    differing = {sensor: own for sensor, own in kinds.items() if own != kind}
-    gyro_kind, accel_kind = differing.get("gyro"), differing.get("accel")
+    kind, exceptions = _kind_of_stream(sensors)
+    gyro_kind, accel_kind = exceptions.get("gyro"), exceptions.get("accel")
     stream = Stream(kind, channels, source, clock, gyro=gyro_kind, accel=accel_kind, tick_s=1.0 / LOOP_RATE)
     return SampleConverter(stream, tuple(parts), uses_dt, flags)

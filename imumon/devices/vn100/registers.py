@@ -269,6 +269,7 @@ _SYNC = (
     RegisterField("pulse_width", low=0, high=500_000_000),
     RegisterField("reserved_2", low=0, high=2**32 - 1),
 )
+# the largest window that a sensor accepts is not known: one second, that of 1 Hz, is assumed
 _FILTER = (
     *_integers("mag_window accel_window gyro_window temperature_window pressure_window", 0, LOOP_RATE),
     *_integers("mag_mode accel_mode gyro_mode temperature_mode pressure_mode", 0, 3),
@@ -286,10 +287,12 @@ _PROTOCOL = (
 
 
 def _settings() -> Iterable[Register]:
+    """Yield the registers that can be written."""
     yield Register(0, "user tag", (RegisterField("tag", "text", high=20),), _both(""))
     baud = RegisterField("baud", choices=BAUDS)
     yield Register(RegisterNumber.BAUD, "serial baud rate", (baud,), _both("115200"), ports=True)
     kinds = RegisterField("type", choices=(0, *OUTPUT_TYPES), only={9: 2, 34: 3})
+    # 14 is VNYMR, as captures of new sensors show; a table of the manual prints another type, a misprint
     yield Register(RegisterNumber.OUTPUT_TYPE, "async data output type", (kinds,), _both("14"), ports=True)
     rates = RegisterField("rate", choices=(0, *ASCII_RATES), only={0: 3})
     yield Register(
@@ -328,6 +331,7 @@ def _settings() -> Iterable[Register]:
     yield Register(50, "velocity aiding measurement", _reals("v_x v_y v_z"), _both("0,0,0"))
     aiding = (*_integers("mode", 0, 1), *_reals("uncertainty_tuning filter_tuning"))
     yield Register(51, "velocity aiding control", aiding, _both("1,0.1,0.01"))
+    # where VNSGB puts the estimated bias: here in the text of the manual of firmware 2, in 43 in its table
     filter_bias = (*bias, *_reals("accel_x accel_y accel_z", "%+07.3f"), *_reals("pressure", "%+010.3f"))
     yield Register(
         RegisterNumber.STARTUP_FILTER_BIAS,
@@ -357,6 +361,7 @@ def _settings() -> Iterable[Register]:
 
 
 def _readings() -> Iterable[Register]:
+    """Yield the registers that can only be read."""
     text = RegisterField("text", "text")
     yield Register(1, "model", (text,), _both("VN-100T-CR"), "fixed")
     yield Register(2, "hardware revision", _integers("revision"), _both("7"), "fixed")

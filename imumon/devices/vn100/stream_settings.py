@@ -26,12 +26,11 @@ OFF = "0,0,00"
 UNCOMPENSATED_DELTAS = "0,0,0,0,0"
 
 _OUTPUTS: dict[Kind, tuple[int, int]] = {
-    "deltas": (0x00F2, 64),
-    "uncompensated": (0x003E, 60),
-    "compensated": (0x0730, 60),
+    "deltas": (0x00F2, 64),  # UncompMag, Temp, Pres, DeltaTheta, DeltaVel
+    "uncompensated": (0x003E, 60),  # UncompMag, UncompAccel, UncompGyro, Temp, Pres
+    "compensated": (0x0730, 60),  # Temp, Pres, Mag, Accel, AngularRate
 }
-"""Word of the IMU group beside TimeStartup, and bytes of a packet. Each has magnetometer, temperature and
-pressure."""
+"""Word of the IMU group beside TimeStartup, and bytes of a packet."""
 
 DIVISORS = tuple(d for d in range(1, LOOP_RATE + 1) if LOOP_RATE % d == 0)
 """Divisors whose rate is a whole number of hertz."""
@@ -65,16 +64,18 @@ def divisors(kind: Kind, baud: int, rate_hz: float = 0.0) -> list[int]:
     return [d for d in fitting if not rate_hz or d * rate_hz == LOOP_RATE]
 
 
-def own_output(settings: Texts) -> str:
+def configured_output(settings: Texts) -> str:
     """Return what the sensor sends by its settings, in words.
 
-    >>> own_output({6: "19", 7: "40"}), own_output({6: "0", 75: "1,8,05,0001,00F2"})
+    >>> configured_output({6: "19", 7: "40"}), configured_output({6: "0", 75: "1,8,05,0001,00F2"})
     ('ASCII at 40 Hz', 'binary at 100 Hz')
     """
     kind, rate = settings.get(RegisterNumber.OUTPUT_TYPE, "0"), settings.get(RegisterNumber.OUTPUT_RATE, "")
     outputs = [f"ASCII at {rate or '?'} Hz"] if kind != "0" else []
-    parsed = (parse_output(settings.get(register, OFF)) for register in BINARY_OUTPUTS)
-    outputs += [f"binary at {LOOP_RATE / each[1]:g} Hz" for each in parsed if each and each[0] and each[1]]
+    for register in BINARY_OUTPUTS:
+        mode, divisor, *_ = parse_output(settings.get(register, OFF)) or (0, 0)
+        if mode and divisor:
+            outputs.append(f"binary at {LOOP_RATE / divisor:g} Hz")
     return " and ".join(outputs) or "nothing"
 
 
@@ -139,8 +140,8 @@ def windowed(text: str, window: int, kind: Kind) -> str | None:
     fields = text.split(",")
     if len(fields) != 10 or not all(field.isdigit() for field in fields):
         return None
-    bit = 1 if kind == "uncompensated" else 2
-    fields[1] = fields[2] = str(window)
+    bit = 1 if kind == "uncompensated" else 2  # of the mode: which of the two outputs the window applies to
+    fields[1] = fields[2] = str(window)  # windows of mag, accel, gyro, temperature, pressure; then the modes
     for mode in (6, 7):
         fields[mode] = str(int(fields[mode]) | bit)
     return ",".join(fields)
@@ -212,10 +213,11 @@ def originals(current: Texts, saved: Texts | None, new_baud: str | None) -> dict
     saved : originals of an earlier process that did not restore them; None: there are none.
     new_baud : baud rate that this process may have set.
     """
+    # only what could be read is written back
     values = {r: current[r] for r in (*CHANGEABLE, RegisterNumber.BAUD) if r in current}
     requested = [r for r in BINARY_OUTPUTS if is_ours(values.get(r, OFF))]
     if saved is None:
-        if not requested:
+        if not requested:  # without one of the streams of imumon, all of it is the choice of the user
             return values
         saved = {
             r: REGISTERS[r].factory[2]

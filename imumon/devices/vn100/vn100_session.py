@@ -149,7 +149,7 @@ class Vn100Session(Session):
 
     def read(self, timeout: float) -> bytes:
         """Return bytes of the stream; wait up to `timeout` seconds for the first."""
-        if self._unread:
+        if self._unread:  # the start of the stream was read by the decoder that waited for it
             data, self._unread = self._unread, b""
             return data
         return self._port.read(timeout)
@@ -167,6 +167,7 @@ class Vn100Session(Session):
         for item in items:
             if isinstance(item, SampleBlock):
                 self._streams[item.stream.kind] = item.stream
+                # samples of another output do not show that the requested one is alive
                 if self._divisor is None or item.stream.kind == self._settings.stream:
                     self._on_samples(now)
                 self._check_rate(item, now)
@@ -201,6 +202,7 @@ class Vn100Session(Session):
             LOOP_RATE / self._divisor if self._divisor is not None else self._settings.rate_hz or None,
             tuple(self._configuration.remarks),
         )
+        # by the rate of the registers or of the user: without a clock, N, B and K rest on it alone
         remark = info.sample_rate_hz and self._rate_check.remark(info.sample_rate_hz)
         return replace(info, remarks=(*info.remarks, remark)) if remark else info
 
@@ -212,6 +214,7 @@ class Vn100Session(Session):
         """Compare a configured rate with the host clock if the stream has no clock, or with listen-only."""
         if not self._paced or block.stream != self._best():
             return
+        # otherwise the divisor is known and the sensor has a clock: there is nothing to doubt
         if self._settings.listen_only or block.stream.clock == "none":
             nominal = nominal_rate(self._channel.settings, block.stream) or self._settings.rate_hz
             if nominal:
@@ -219,6 +222,7 @@ class Vn100Session(Session):
 
     def _check_restart(self, block: SampleBlock) -> None:
         """Notice a restart of the sensor by its clock, if it streams the same from its flash."""
+        # its volatile settings, such as register 82, are then those of the flash, though the stream looks the same
         if block.stream.clock == "startup" and block.time_ns is not None and len(block):
             self._restarted |= int(block.time_ns[0]) < self._newest_ns - RESTART_NS
             self._newest_ns = int(block.time_ns[-1])
@@ -231,6 +235,7 @@ class Vn100Session(Session):
             return [self._port.baud]
         if self._settings.baud != "auto":
             return list(dict.fromkeys((self._settings.baud, self._settings.set_baud or self._settings.baud)))
+        # the present rate first: after a loss, the sensor is most likely still there
         return list(dict.fromkeys((self._port.baud, *BAUD_RATES)))
 
     def _identify(self) -> None:
@@ -242,12 +247,13 @@ class Vn100Session(Session):
         # the output type is read early: a sensor may be configured to switch its output off at an error
         for register in dict.fromkeys((1, 3, 4, RegisterNumber.OUTPUT_TYPE, *CHANGE_THE_DATA)):
             text = self._channel.read(register)
-            if text is None and register == 1:
+            if text is None and register == 1:  # it is heard, and does not hear
                 message = f"{self._port.name} sends valid messages but does not reply"
                 cure = "connect the wire to the receiver of the sensor, or use --listen-only"
                 raise NotAVn100("device_receives_nothing", message, cure)
             if text is not None:
                 (self._identity if register < RegisterNumber.BAUD else settings)[register] = text
+        # a sensor of another serial number would be configured, and would continue the record of this one
         serial = self._identity.get(3)
         if self._serial is not None and serial is not None and serial != self._serial:
             message = f"the sensor on {self._port.name} is {serial}, not {self._serial}"
@@ -272,7 +278,7 @@ class Vn100Session(Session):
         self._troubles.clear()
 
     def _repair(self, now: float) -> None:
-        """Find a trouble, if there is one, and try to repair it."""
+        """Find a trouble, if there is one, and try to repair it: the most specific first."""
         quiet = QUIET_UNKNOWN_S if self._divisor is None else max(QUIET_S, 4 * self._divisor / LOOP_RATE)
         if self._restarted and self._divisor is not None:
             self._reconnect("reconfigured", "the sensor was restarted and is configured again")
@@ -282,6 +288,7 @@ class Vn100Session(Session):
             if "garbage" in self._troubles:
                 self._reconnect("found", "the sensor sends valid messages again")
             else:
+                # a bad read of an adapter, where every check fails, ends with a reopened port; a scan is the next step
                 self._notice_once("garbage", "bytes arrive, but no valid message: the port is reopened")
                 self._port.reopen()
                 self._bytes_at = self._valid_at = self._clock()
@@ -299,7 +306,7 @@ class Vn100Session(Session):
             self._notice_once("silent", "nothing arrives from the sensor: check its power and the cable")
         if self._settings.listen_only:
             return
-        if self._silences % 8:
+        if self._silences % 8:  # a scan takes ten seconds; a paused sensor answers at once
             self._channel.resume_output()
         else:
             self._reconnect("found", "the sensor replies again")
@@ -317,7 +324,7 @@ class Vn100Session(Session):
 
     def _reconnect(self, kind: str, text: str) -> None:
         """Connect and configure again; if that fails, a later check tries again."""
-        self.decoder.finish()
+        self.decoder.finish()  # what is pending will not be completed: the scan takes the bytes behind it
         self._unread = b""
         before = self._silences, self._restarted
         try:

@@ -24,18 +24,25 @@ from imumon.devices.xsens.mt_messages import (
     fields,
     size_at,
 )
-from imumon.samples import ACCEL, GYRO, Clock, Ints, Kind, SampleBlock, Stream
+from imumon.samples import ACCEL, GYRO, Bools, Clock, Ints, Kind, SampleBlock, Stream, sensor_of
 from imumon.timebase.interval import CLOCK_SLACK_S
 
 COUNTER, TICKS = 1 << 16, 1 << 32
 """Periods of the packet counter and of SampleTimeFine."""
 CHANNELS = (*GYRO, *ACCEL, "temperature")
+DELTAS = (DataId.DELTA_Q, DataId.DELTA_V)
+POINTS = (DataId.RATE_OF_TURN, DataId.ACCELERATION)
+"""Fields of a sample: increments over the interval of the output, or values at one time."""
 
 
 def stream_of(kind: Kind, clock: Clock) -> Stream:
     """Return the stream of a kind of samples."""
     source = "DeltaQ, DeltaV" if kind == "deltas" else "RateOfTurn, Acceleration"
     return Stream(kind, CHANNELS, source=f"MTData2 {source}", clock=clock)
+
+
+LARGEST = 1e6
+"""rad/s, m/s^2, degC: no sensor measures so much, and the square of a float near its end is infinite."""
 
 
 def rotation(q: Sequence[float]) -> tuple[float, float, float]:
@@ -45,9 +52,25 @@ def rotation(q: Sequence[float]) -> tuple[float, float, float]:
     0.001
     """
     sine = math.hypot(*q[1:])
+    # 2 for the small angles of one interval, where the quotient is 0 / 0
     factor = 2.0 if sine < 1e-9 else 2.0 * math.atan2(sine, abs(q[0])) / sine
-    factor = -factor if q[0] < 0.0 else factor
+    factor = -factor if q[0] < 0.0 else factor  # q and -q are one rotation: the shorter way
     return factor * q[1], factor * q[2], factor * q[3]
+
+
+def mean_rates(numbers: Mapping[int, tuple[float, ...]], interval_s: float) -> list[float]:
+    """Return (6,) rad/s and m/s^2, the mean over the interval, from its increments."""
+    increments = (*rotation(numbers[DataId.DELTA_Q]), *numbers[DataId.DELTA_V])
+    return [increment / interval_s for increment in increments]
+
+
+def clipped_sensors(numbers: Mapping[int, tuple[float, ...]]) -> Bools | None:
+    """Return (1, sensors) whether each was at the end of its range, in the order of `CHANNELS`; None: unknown."""
+    status = numbers.get(DataId.STATUS_WORD)
+    if status is None:
+        return None
+    sensors = dict.fromkeys(map(sensor_of, CHANNELS))
+    return np.array([[int(status[0]) & CLIPPED.get(sensor, 0) != 0 for sensor in sensors]])
 
 
 class MtDecoder(FrameDecoder[Message]):
@@ -57,6 +80,7 @@ class MtDecoder(FrameDecoder[Message]):
 
     def __init__(self) -> None:
         super().__init__()
+        # a message says neither its interval nor how many were lost: both follow from the one before
         self._last_count: int | None = None  # packet counter of the last sample
         self._ticks: int | None = None  # of the last sample, continued over wraps
         self._raw_ticks = 0
@@ -68,16 +92,17 @@ class MtDecoder(FrameDecoder[Message]):
         self._last_count = None
         return items
 
-    def _read(self, data: bytes, at: int) -> int | None:
-        found = size_at(data, at)
-        if found is None or at + found[0] > len(data):
+    def _read(self, data: bytes, begin: int) -> int | None:
+        frame = size_at(data, begin)
+        if frame is None or begin + frame[0] > len(data):
             return None
-        size, header = found
-        if not size or sum(data[at + 1 : at + size]) & 0xFF:
+        size, header = frame
+        if not size or sum(data[begin + 1 : begin + size]) & 0xFF:
+            # before the first valid message, FA FF may be in the middle of one
             self.bad_checksums += self.messages > 0 and size > 0
             return 0
         self._count(size)
-        message = Message(data[at + 2], data[at + header : at + size - 1])
+        message = Message(data[begin + 2], data[begin + header : begin + size - 1])
         item = self._sample(message.data) if message.id == MessageId.DATA else message
         self._items += [] if item is None else [item]
         return size
@@ -85,48 +110,53 @@ class MtDecoder(FrameDecoder[Message]):
     def _sample(self, data: bytes) -> SampleBlock | None:
         """Return the sample of MTData2; None: it is none."""
         try:
-            found = fields(data)
+            numbers = fields(data)
         except ValueError:
             return None
-        deltas = DataId.DELTA_Q in found and DataId.DELTA_V in found
-        if not deltas and not (DataId.RATE_OF_TURN in found and DataId.ACCELERATION in found):
+        deltas = numbers.keys() >= {*DELTAS}
+        if not deltas and not numbers.keys() >= {*POINTS}:
             return None
-        lost, interval_s = self._step(found)
+        names = DELTAS if deltas else POINTS
+        # a checksum says that the sensor has sent it: a filter that has failed in it sends NaN. The counters are not
+        # noted, so that the next sample shows this one as lost.
+        if not all(abs(number) < LARGEST for name in names for number in numbers[name]):
+            self.bad_checksums += 1
+            return None
+        lost, interval_s = self._step(numbers)
         if deltas:
             if interval_s is None:
                 return None  # the first one: its interval is not known
-            values = [
-                each / interval_s for each in (*rotation(found[DataId.DELTA_Q]), *found[DataId.DELTA_V])
-            ]
+            values = mean_rates(numbers, interval_s)
         else:
-            values = [*found[DataId.RATE_OF_TURN], *found[DataId.ACCELERATION]]
-        values.append(found.get(DataId.TEMPERATURE, (math.nan,))[0])
+            values = [*numbers[DataId.RATE_OF_TURN], *numbers[DataId.ACCELERATION]]
+        temperature = numbers.get(DataId.TEMPERATURE, (math.nan,))[0]
+        values.append(temperature if abs(temperature) < LARGEST else math.nan)
         time_ns: Ints | None = None
         clock: Clock = "none"
         if self._ticks is not None:
             time_ns, clock = np.array([round(self._ticks * TICK_S * 1e9)]), "startup"
-        status = found.get(DataId.STATUS_WORD)
-        clipped = None if status is None else np.array([int(status[0]) & CLIPPED != 0])
         stream = stream_of("deltas" if deltas else "unknown", clock)
-        return SampleBlock(stream, np.array([values]), time_ns, np.array([lost]), clipped)
+        return SampleBlock(stream, np.array([values]), time_ns, np.array([lost]), clipped_sensors(numbers))
 
-    def _step(self, found: Mapping[int, tuple[float, ...]]) -> tuple[int, float | None]:
+    def _step(self, numbers: Mapping[int, tuple[float, ...]]) -> tuple[int, float | None]:
         """Note counter and time of a sample; return how many were lost before it, and the interval, s."""
-        count = int(found[DataId.PACKET_COUNTER][0]) if DataId.PACKET_COUNTER in found else None
+        count = int(numbers[DataId.PACKET_COUNTER][0]) if DataId.PACKET_COUNTER in numbers else None
         packets = (
             (count - self._last_count) % COUNTER
             if count is not None and self._last_count is not None
             else None
         )
         self._last_count = count
-        if DataId.SAMPLE_TIME_FINE in found:
-            raw = int(found[DataId.SAMPLE_TIME_FINE][0])
+        if DataId.SAMPLE_TIME_FINE in numbers:
+            # 32 bits of 0.1 ms wrap after five days. A time that goes back has wrapped if the step over it is short;
+            # else the sensor was restarted, with its packet counter: how many are missing is unknown.
+            raw = int(numbers[DataId.SAMPLE_TIME_FINE][0])
             forward = (raw - self._raw_ticks) % TICKS
             if self._ticks is None or (raw < self._raw_ticks and forward * TICK_S > CLOCK_SLACK_S):
                 self._ticks, packets = raw, None
             else:
                 self._ticks += forward
-                if packets == 1:
+                if packets == 1:  # over a gap, the time is that of several intervals
                     self._interval_s = forward * TICK_S or self._interval_s
             self._raw_ticks = raw
         return max(0, packets - 1) if packets else 0, self._interval_s

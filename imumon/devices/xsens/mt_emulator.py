@@ -144,6 +144,7 @@ class MtEmulator:
         if message.id not in replies:
             return encode(MessageId.ERROR, b"\x04")  # invalid message
         self.measuring = message.id == MessageId.GO_TO_MEASUREMENT
+        # the rate may have changed: packets that are due by it were never made
         self._sent = int((time.monotonic() - self._begin) * self.rate_hz)
         return encode(message.id + 1, replies[message.id]())
 
@@ -166,8 +167,8 @@ class MtEmulator:
             DataId.DELTA_Q: (math.sqrt(1.0 - float(half @ half)), *half.tolist()),
         }
         parts = []
-        for name, own in outputs(self.configuration):
-            if own == EVERY_PACKET or k % max(1, rate // own) == 0:
+        for name, field_rate in outputs(self.configuration):
+            if field_rate == EVERY_PACKET or k % max(1, rate // field_rate) == 0:
                 if name == DataId.PACKET_COUNTER:
                     content = struct.pack(">H", k % COUNTER)
                 elif name == DataId.SAMPLE_TIME_FINE:

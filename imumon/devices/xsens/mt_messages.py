@@ -58,8 +58,8 @@ EVERY_PACKET = 0xFFFF
 """Rate of a field that is in every message, such as a counter."""
 TICK_S = 1e-4
 """s, unit of SampleTimeFine."""
-CLIPPED = 0x3F00
-"""Bits of the status word: a range of the accelerometer (8 to 10) or of the gyroscope (11 to 13) was exceeded."""
+CLIPPED = {"gyro": 0b111 << 11, "accel": 0b111 << 8}
+"""Bits of the status word: an axis of this sensor exceeded its range."""
 
 _NUMBERS = {
     DataId.TEMPERATURE: 1,
@@ -90,20 +90,20 @@ def encode(message_id: int, data: bytes = b"") -> bytes:
     return PREAMBLE[:1] + body + bytes([-sum(body) & 0xFF])
 
 
-def size_at(data: bytes, at: int) -> tuple[int, int] | None:
+def size_at(data: bytes, begin: int) -> tuple[int, int] | None:
     """Return the size of the message whose frame begins at a place, and of its header; None: more bytes are needed.
 
     A size of 0 means that none can begin there.
     """
-    if len(data) < at + 4:
-        return (0, 0) if data[at : at + 2] != PREAMBLE[: len(data) - at] else None
-    if data[at : at + 2] != PREAMBLE:
+    if len(data) < begin + 4:  # FA alone decides nothing: it occurs in data, too
+        return (0, 0) if data[begin : begin + 2] != PREAMBLE[: len(data) - begin] else None
+    if data[begin : begin + 2] != PREAMBLE:
         return 0, 0
-    length, header = data[at + 3], 4
+    length, header = data[begin + 3], 4
     if length == LONG:
-        if len(data) < at + 6:
+        if len(data) < begin + 6:
             return None
-        length, header = int.from_bytes(data[at + 4 : at + 6], "big"), 6
+        length, header = int.from_bytes(data[begin + 4 : begin + 6], "big"), 6
     return (header + length + 1, header) if length <= LONGEST else (0, 0)
 
 
@@ -114,15 +114,15 @@ def fields(data: bytes) -> dict[int, tuple[float, ...]]:
     ------
     ValueError : a field is longer than the data, or a known one has another length.
     """
-    found: dict[int, tuple[float, ...]] = {}
-    at = 0
-    while at < len(data):
-        if len(data) < at + 3 or len(data) < at + 3 + data[at + 2]:
+    numbers: dict[int, tuple[float, ...]] = {}
+    offset = 0
+    while offset < len(data):
+        if len(data) < offset + 3 or len(data) < offset + 3 + data[offset + 2]:
             raise ValueError("a field is incomplete")
-        name, size = int.from_bytes(data[at : at + 2], "big"), data[at + 2]
-        content = data[at + 3 : at + 3 + size]
-        at += 3 + size
-        kind = name & KIND_BITS
+        name, size = int.from_bytes(data[offset : offset + 2], "big"), data[offset + 2]
+        content = data[offset + 3 : offset + 3 + size]
+        offset += 3 + size
+        kind = name & KIND_BITS  # without precision and frame of the axes
         if kind in _COUNTS:
             form = _COUNTS[DataId(kind)]
         elif kind in _NUMBERS and name & PRECISION_BITS in FLOATS:
@@ -130,10 +130,10 @@ def fields(data: bytes) -> dict[int, tuple[float, ...]]:
         else:
             continue
         try:
-            found[kind] = struct.unpack(form, content)
+            numbers[kind] = struct.unpack(form, content)
         except struct.error:
             raise ValueError(f"field {name:04X} has {size} bytes") from None
-    return found
+    return numbers
 
 
 def outputs(data: bytes) -> Iterator[tuple[int, int]]:

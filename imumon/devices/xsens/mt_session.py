@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from imumon.devices.base import DeviceError, DeviceNotFound, DeviceOptions
 from imumon.devices.port_device import QUIET_UNKNOWN_S, PortDevice, Session
@@ -86,7 +86,7 @@ class MtSession(Session):
         if not self._listens:
             try:
                 self._identify()
-            finally:
+            finally:  # in the configuration state, the sensor would stay silent
                 self._ask(MessageId.GO_TO_MEASUREMENT)
         self._sample_at = time.monotonic()
         return self.info()
@@ -100,6 +100,7 @@ class MtSession(Session):
         return seen.messages > 0
 
     def _identify(self) -> None:
+        """Read serial number, model, firmware and output configuration in the configuration state."""
         identity = self._ask(MessageId.REQUEST_DEVICE) or b""
         serial = identity.hex().upper() or None
         if self._serial is not None and serial != self._serial:
@@ -115,7 +116,7 @@ class MtSession(Session):
     def save_settings(self, saved: Mapping[str, str] | None = None) -> dict[str, str]:
         if self._listens or self._configuration is None:
             return {}
-        if self._original is None:
+        if self._original is None:  # a later connection finds the configuration of this run
             text = (saved or {}).get(SETTING, "")
             try:
                 self._original = bytes.fromhex(text) or self._configuration
@@ -143,6 +144,7 @@ class MtSession(Session):
         return self.info()
 
     def restore(self) -> bool:
+        # `_changed` and not a comparison: of a lost reply, nothing shows which configuration the sensor has
         return self._original is None or not self._changed or self._write(self._original)
 
     def _write(self, configuration: bytes) -> bool:
@@ -155,11 +157,13 @@ class MtSession(Session):
                 self._configuration = self._ask(MessageId.OUTPUT_CONFIGURATION) or reply
         finally:
             self._ask(MessageId.GO_TO_MEASUREMENT)
+        # a reply with data states what the sensor has really set
         return reply is not None and (not reply or reply == configuration)
 
     def _ask(self, message_id: int, data: bytes = b"") -> bytes | None:
         """Return the data of the reply to a message; None: none came, or an error. Samples meanwhile are not kept."""
         for _ in range(TRIES):
+            # a decoder of its own: the record counts neither replies nor the samples between them
             replies = MtDecoder()
             self._port.write(encode(message_id, data))
             end = time.monotonic() + REPLY_S
@@ -177,12 +181,6 @@ class MtSession(Session):
         present = {data & KIND_BITS: rate for data, rate in outputs(self._configuration or b"")}
         kind = self._kind or ("deltas" if DataId.DELTA_Q in present else None)
         rate = present.get(DataId.DELTA_Q if kind == "deltas" else DataId.RATE_OF_TURN)
-        remarks = list(self._remarks)
-        if self._original not in (None, self._configuration):
-            before = _listed(self._original or b"")
-            remarks.append(f"the output configuration is changed until the end of the run, from {before}")
-        if self._serial is None:
-            remarks.append("listen-only: model, serial number and settings are unknown")
         return DeviceInfo(
             id=f"mti-{(self._serial or self._port.name.rsplit('/', 1)[-1]).lower()}",
             kind="MTi",
@@ -193,9 +191,18 @@ class MtSession(Session):
             baud=None if self._port.fixed_baud else self._port.baud,
             sample_rate_hz=float(rate) if rate and rate < EVERY_PACKET else None,
             settings={SETTING: _listed(self._configuration)} if self._configuration else {},
-            remarks=tuple(remarks),
+            remarks=tuple(self._doubts()),
             **(stream_of(kind, "startup").facts if kind else {}),
         )
+
+    def _doubts(self) -> Iterator[str]:
+        """Yield the remarks on the sensor: what is unknown, and what is changed until the end of the run."""
+        yield from self._remarks
+        if self._original not in (None, self._configuration):
+            before = _listed(self._original or b"")
+            yield f"the output configuration is changed until the end of the run, from {before}"
+        if self._serial is None:
+            yield "listen-only: model, serial number and settings are unknown"
 
     def read(self, timeout: float) -> bytes:
         return self._port.read(timeout)
@@ -214,7 +221,7 @@ class MtSession(Session):
         first, self._silent = not self._silent, True
         self._sample_at = time.monotonic()
         if not self._listens:
-            self.configure()
+            self.configure()  # after a power-up it may be in another state, or have its own configuration
         return (
             [Notice("silent", "no sample arrives from the sensor: check its power and the cable")]
             if first

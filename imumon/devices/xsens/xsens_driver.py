@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from imumon.clock import REAL_TIME, HostClock
 from imumon.devices.base import (
     Check,
     Device,
@@ -56,10 +57,10 @@ class XsensDriver(DeviceDriver):
         return "fields of a message and their rates" if name == "output configuration" else None
 
     @contextmanager
-    def emulator(self, *, speed: float = 1.0, seed: int | None = None) -> Iterator[str]:
+    def emulator(self, *, clock: HostClock = REAL_TIME, seed: int | None = None) -> Iterator[str]:
         from imumon.devices.xsens.mt_emulator import MtEmulator
 
-        if speed != 1.0:
+        if not clock.is_real_time:
             raise InvalidOption(
                 "speed_invalid", "the emulator of the MTi has no time-lapse", "leave --speed out"
             )

@@ -1,22 +1,27 @@
 """Octave cascade: Allan variance of an endless stream, in memory that grows with the log of its length.
 
-The statistic is Allan's, sigma^2(tau) = 1/2 <(ybar(t + tau) - ybar(t))^2> (IEEE Std 952; NIST SP 1065,
-section 5.2), at octaves tau = m tau0, m = 1, 2, 4 ... Octaves up to m = R overlap fully; beyond, a cluster
-begins at every m/R-th sample, which for R = 8 keeps 98 % of the equivalent degrees of freedom of full overlap
-on white noise, and all of them on flicker and random walk.
+The statistic is Allan's,
+
+    sigma^2(tau) = 1/2 <(ybar(t + tau) - ybar(t))^2>
+
+with ybar(t) the average over tau before t (IEEE Std 952; NIST SP 1065, section 5.2), at octaves tau = m tau0,
+m = 1, 2, 4 ... Octaves up to m = R overlap fully; beyond, a cluster begins at every m/R-th sample, which for R = 8
+keeps 98 % of the equivalent degrees of freedom of full overlap on white noise, and all of them on flicker and random
+walk.
 
 Rules:
 
-* Time is a grid. A missing sample does not count, nor does one that a caller excludes. Validity belongs to
-  the sample of a sensor, so it is stored by group of channels.
-* A lossy link costs precision, not averaging times: from 16 samples on a cluster counts if 45 % of it are
-  valid, and the excess of white noise is subtracted (`octave`).
-* A gap of unknown length begins a new segment; no difference spans it.
+* Time is a grid. A missing sample does not count, nor does one that a caller excludes. Validity belongs to the sample
+  of a sensor, so it is stored by group of channels.
+* A lossy link costs precision, not averaging times: from 16 samples on a cluster counts if 45 % of it are valid, and
+  the excess of white noise is subtracted (`octave`).
+* A gap of unknown length begins a new section; no difference spans it.
 * Samples are buffered until a block on the grid is full, so any chunking gives the same bits.
-* The median of a segment's first block is subtracted from each sample (9.8 m/s^2 costs no digits), and no sum
-  of samples runs since the start: 10^10 samples lose no precision.
+* The median of a section's first block is subtracted from each sample (9.8 m/s^2 costs no digits), and no sum of
+  samples runs since the start: 10^10 samples lose no precision.
 
-This module handles samples, blocks and segments; `stages` passes them through the octaves.
+This module handles samples, blocks and sections; `octave` passes them through the octaves. The same blocks feed the
+Welch sums and the block means, so that curve and fit belong to the same samples.
 """
 
 from __future__ import annotations
@@ -30,16 +35,25 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from imumon.noise.allan.curve import AllanCurve, WindowSums
-from imumon.noise.allan.octave import RATIO, VALID_SHARE
-from imumon.noise.allan.stages import BATCH, OctaveStages
+from imumon.noise.allan.curve import AllanCurve, AllanSums
+from imumon.noise.allan.octave import BATCH, RATIO, VALID_SHARE, OctaveStages
 from imumon.noise.array_state import subset
-from imumon.noise.blocks import BlockAccumulator, BlockMeans
+from imumon.noise.blocks import BlockAccumulator
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum import SpectrumAccumulator
-from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
-from imumon.noise.validity_groups import ValidityGroups
+from imumon.noise.spectrum.level_sums import HOP
+from imumon.noise.state_schema import (
+    Range,
+    Rule,
+    Saved,
+    Schema,
+    count_field,
+    flag_field,
+    float_field,
+    given_field,
+)
+from imumon.noise.validity_groups import LARGEST, ValidityGroups
 from imumon.samples import Bools, Floats
 
 SAVED_SHARE = 1.0 / 6.0
@@ -57,6 +71,15 @@ class OctaveCascade:
     channels : number of columns, c.
     tau0 : s, sampling interval.
     groups : (c,) index of the group (0 .. g-1) whose validity a channel shares; default: all in one.
+
+    Attributes
+    ----------
+    groups : channels that share their validity.
+    record : identity of the record; a copy has another one.
+    spectrum, blocks : Welch sums and block means of the same samples.
+    finer_blocks : block means of parts of the record, fed from now on like `blocks`; the caller adds and removes them.
+    section_start : samples of the grid in finished sections.
+    ended_sections : their number.
 
     Raises
     ------
@@ -76,48 +99,48 @@ class OctaveCascade:
     def __init__(self, channels: int, tau0: float, *, groups: Sequence[int] | None = None) -> None:
         if not 0.0 < tau0 < math.inf:
             raise ValueError(f"the sampling interval must be positive, not {tau0} s")
-        self._groups = ValidityGroups(channels, groups)
+        self.groups = ValidityGroups(channels, groups)
         self.tau0 = float(tau0)
         self.record: Hashable = object()
-        self._stages = OctaveStages(self._groups)
-        own = self._groups.of.tolist()
-        self.spectrum = SpectrumAccumulator(own, 1.0 / self.tau0)
-        self.blocks = BlockAccumulator(own, self.tau0)
-        self.parts: list[BlockAccumulator] = []  # blocks of parts of the record that are in progress
-        self._valid = np.zeros(len(self._groups), dtype=np.int64)
-        self.segment_start = 0  # samples of the grid in finished segments
-        self.ended_segments = 0
-        self._offset = np.zeros(channels)  # subtracted from every sample of this segment
-        self._has_offset = np.zeros(len(self._groups), dtype=bool)
+        self._stages = OctaveStages(self.groups)
+        group_of = self.groups.of.tolist()
+        self.spectrum = SpectrumAccumulator(group_of, 1.0 / self.tau0)
+        self.blocks = BlockAccumulator(group_of, self.tau0)
+        self.finer_blocks: list[BlockAccumulator] = []
+        self._valid = np.zeros(len(self.groups), dtype=np.int64)
+        self.section_start = 0
+        self.ended_sections = 0
+        self._offset = np.zeros(channels)  # subtracted from every sample of this section
+        self._has_offset = np.zeros(len(self.groups), dtype=bool)
         self._pending = np.zeros((channels, BLOCK))
-        self._pending_valid = np.zeros((len(self._groups), BLOCK), dtype=bool)
+        self._pending_valid = np.zeros((len(self.groups), BLOCK), dtype=bool)
         self._fill = 0
 
     @property
     def channels(self) -> int:
         """Number of columns."""
-        return self._groups.channels
+        return self.groups.channels
 
     @property
     def span(self) -> int:
-        """Samples of the grid so far, over all segments."""
-        return self.segment_start + self._stages.position + self._fill
+        """Samples of the grid so far, over all sections."""
+        return self.section_start + self._stages.position + self._fill
 
     @property
     def nbytes(self) -> int:
-        """Bytes of state: sums, histories and one block."""
-        own = sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
-        return own + self._stages.nbytes + self.spectrum.nbytes + self.blocks.nbytes
+        """Bytes of state: sums, delay lines and one block."""
+        buffers = sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
+        return buffers + self._stages.nbytes + self.spectrum.nbytes + self.blocks.nbytes
 
     def update(self, values: Floats, valid: Bools | None = None) -> None:
         """Add consecutive samples.
 
         Parameters
         ----------
-        values : (n, c) channel unit.
-        valid : (n, g) whether each sample counts, by group; None: all. Non-finite samples never count.
+        values : (n, c) channel unit, or (n,) of one channel.
+        valid : (n, g) whether each sample counts, by group; None: all. Non-finite and masked samples never count.
         """
-        values, present = self._groups.check(values, valid)
+        values, present = self.groups.check(values, valid)
         n, done = len(values), 0
         if self._fill:
             done = min(n, BLOCK - self._fill)
@@ -148,19 +171,19 @@ class OctaveCascade:
         if n >= BLOCK:
             self._stages.update(n - n % BLOCK, 0, None)
             self.spectrum.skip(n - n % BLOCK)
-            for blocks in (self.blocks, *self.parts):
+            for blocks in (self.blocks, *self.finer_blocks):
                 blocks.skip(n - n % BLOCK)
         self._buffer_missing(n % BLOCK)
 
     def break_(self) -> None:
-        """Begin a new segment after a gap of unknown length: keep the sums, but let no difference span it."""
+        """Begin a new section after a gap of unknown length: keep the sums, but let no difference span it."""
         self._flush()
-        self.ended_segments += self._stages.position > 0
-        self.segment_start += self._stages.position
-        self._has_offset[:] = False
-        self._stages.start_segment()
+        self.ended_sections += self._stages.position > 0  # two breaks in a row end one section
+        self.section_start += self._stages.position
+        self._has_offset[:] = False  # the sensor may have been turned meanwhile
+        self._stages.start_section()
         self.spectrum.break_()
-        for blocks in (self.blocks, *self.parts):
+        for blocks in (self.blocks, *self.finer_blocks):
             blocks.break_()
 
     def merge(self, other: OctaveCascade) -> None:
@@ -170,118 +193,141 @@ class OctaveCascade:
         ------
         ValueError : its interval or groups differ.
         """
-        if self._groups != other._groups or not math.isclose(self.tau0, other.tau0, rel_tol=1e-6):
+        if self.groups != other.groups or not math.isclose(self.tau0, other.tau0, rel_tol=1e-6):
             raise ValueError("only cascades of the same interval and groups merge")
         self.break_()
         other = other.copy()
+        # the delay lines are those of the later record, whose section continues
         other._stages.add_sums(self._stages)
         other.spectrum.add_sums(self.spectrum)
         self.blocks.append(other.blocks)
         self._stages, self.spectrum = other._stages, other.spectrum
         self._valid += other._valid
-        self.segment_start += other.segment_start
-        self.ended_segments += other.ended_segments
+        self.section_start += other.section_start
+        self.ended_sections += other.ended_sections
         self._offset, self._has_offset = other._offset, other._has_offset
         self._pending, self._pending_valid, self._fill = other._pending, other._pending_valid, other._fill
 
     def result(self) -> AllanCurve:
         """Return the curve so far, with the sums of its noise; the cascade does not change."""
         whole = self if not self._fill else self._flushed()
+        # the copy has another identity, but its values are those of this record
         return replace(whole.block_sums(), record=self.record).curve(self.tau0, whole.noise_sums())
 
-    def sums(self) -> WindowSums:
-        """Return the sums so far; the cascade does not change."""
+    def sums(self) -> AllanSums:
+        """Return the sums of the octaves so far; the cascade does not change."""
         if not self._fill:
             return self.block_sums()
         return replace(self._flushed().block_sums(), record=self.record)
 
+    def block_sums(self) -> AllanSums:
+        """Return the sums of the octaves over the blocks processed so far, without the buffered samples."""
+        valid, sections = self._valid[self.groups.of], self.ended_sections + (self._stages.position > 0)
+        return AllanSums(*self._stages.sums(), valid, self.span - self._fill, sections, self.record)
+
     def noise_sums(self) -> NoiseSums:
         """Return what the likelihood of the noise is made of, of the blocks processed so far."""
         levels, blocks = tuple(self.spectrum.sums()), self.blocks.result()
-        return NoiseSums(self.tau0, levels, False, blocks, self._groups.of, self.spectrum.result())
-
-    def add_part(self, blocks: int) -> tuple[SpectrumMark, BlockAccumulator]:
-        """Begin a part of the record with blocks of its own, at most this many."""
-        own = BlockAccumulator(self._groups.of.tolist(), self.tau0, blocks)
-        self.parts.append(own)
-        return self.add_mark(), own
-
-    def add_mark(self) -> SpectrumMark:
-        """Return a mark at the present place of the spectrum, with that of the blocks."""
-        return self.spectrum.add_mark(self.blocks.position)
-
-    def drop_part(self, mark: SpectrumMark, blocks: BlockAccumulator) -> None:
-        """Forget a part that is no longer needed."""
-        self.spectrum.drop_mark(mark)
-        self.parts = [own for own in self.parts if own is not blocks]
-
-    def part_sums(
-        self, begin: SpectrumMark, end: SpectrumMark | None = None, blocks: BlockMeans | None = None
-    ) -> NoiseSums:
-        """Return the sums of the noise between two marks.
-
-        Parameters
-        ----------
-        end : None: up to now.
-        blocks : means of the same samples; None: those of the record.
-        """
-        levels = tuple(self.spectrum.sums_between(begin, end))
-        if blocks is None:
-            last = self.blocks.position if end is None else end.place
-            blocks = self.blocks.result().part(begin.place, last)
-        return NoiseSums(self.tau0, levels, True, blocks, self._groups.of, self.spectrum.result())
-
-    def _flushed(self) -> OctaveCascade:
-        """Return a copy that has processed the buffered samples."""
-        whole = self.copy()
-        whole._flush()
-        return whole
-
-    def block_sums(self) -> WindowSums:
-        """Return the sums of the blocks processed so far, without the buffered samples."""
-        valid, segments = self._valid[self._groups.of], self.ended_segments + (self._stages.position > 0)
-        return WindowSums(*self._stages.sums(), valid, self.span - self._fill, segments, self.record)
+        return NoiseSums(self.tau0, levels, False, blocks, self.groups.of, self.spectrum.result())
 
     def copy(self) -> OctaveCascade:
         """Return an independent cascade in the same state; from now on it is another record."""
         other = copy.copy(self)
         other.record = object()
         other._stages = self._stages.copy()
-        other.spectrum, other.blocks, other.parts = self.spectrum.copy(), self.blocks.copy(), []
+        other.spectrum, other.blocks, other.finer_blocks = self.spectrum.copy(), self.blocks.copy(), []
         for name in ("_valid", "_offset", "_has_offset", "_pending", "_pending_valid"):
             setattr(other, name, getattr(self, name).copy())
         return other
 
     def save(self) -> dict[str, npt.NDArray[Any]]:
         """Return the state as small arrays."""
-        numbers = (self.segment_start, self.ended_segments, self._stages.position)
+        numbers = (self.section_start, self.ended_sections, self._stages.position)
         least_s = SAVED_SHARE * self.span * self.tau0
         return {
-            "setting": np.array([self.tau0, RATIO, VALID_SHARE]),
-            "group": self._groups.of.astype(np.int64),
+            "setting": self._setting(),
+            "group": self.groups.of.astype(np.int64),
             "numbers": np.array(numbers, dtype=np.int64),
             "valid": self._valid.copy(),
             **self._stages.save(),
             **{f"spectrum.{k}": v for k, v in self.spectrum.save(least_s=least_s).items()},
             **{f"blocks.{k}": v for k, v in self.blocks.save().items()},
             "offset": self._offset.copy(),
-            "settled": self._has_offset.copy(),
+            "has_offset": self._has_offset.copy(),
             "pending": self._pending[:, : self._fill].copy(),
             "present": self._pending_valid[:, : self._fill].copy(),
         }
+
+    def _setting(self) -> Floats:
+        """Return what the sums of a saved state depend on, beside the samples."""
+        return np.array([self.tau0, RATIO, VALID_SHARE])
+
+    def schema(self) -> Schema:
+        """Return what a saved state of a cascade with these arguments consists of."""
+        c, g, of = self.groups.channels, len(self.groups), self.groups.of
+        stages = self._stages.schema()
+        fields = {
+            "setting": given_field(self._setting()),
+            "group": given_field(of.astype(np.int64)),
+            **stages.fields,
+            "valid": count_field(g),
+            "offset": float_field(c),
+            "has_offset": flag_field(g),
+            "pending": float_field(c, "fill", range=Range(-np.inf, np.inf, nan=True, inf=True)),
+            "present": flag_field(g, "fill"),
+        }
+
+        def processed(saved: Saved) -> int:
+            """Return the samples of the grid that have passed the octaves."""
+            return int(saved["numbers"][0] + saved["numbers"][2])
+
+        def blocks_fit(saved: Saved) -> bool:
+            """Return whether the blocks have the samples of the octaves: each end of a section fills up its block."""
+            samples, length = saved["blocks.numbers"][:2].tolist()
+            filled = samples - processed(saved)
+            return bool(0 <= filled <= saved["numbers"][1] * length)
+
+        rules: tuple[Rule, ...] = (
+            # samples pass in whole blocks, and the clusters of an octave lie on the grid of their section
+            ("a section that is no number of blocks", lambda s: s["numbers"][2] % BLOCK == 0),
+            ("an ended section without samples", lambda s: s["numbers"][1] <= s["numbers"][0]),
+            *stages.rules,
+            ("more valid samples than samples", lambda s: s["valid"] <= processed(s)),
+            (
+                "a valid sample that is too large",
+                lambda s: (np.abs(s["pending"]) <= LARGEST) | ~s["present"][of],
+            ),
+        )
+        return Schema(
+            fields,
+            rules,
+            parts={"spectrum.": self.spectrum.schema(), "blocks.": self.blocks.schema()},
+            lengths={**stages.lengths, "fill": BLOCK - 1},
+            whole=(
+                ("other samples in the blocks than in the octaves", blocks_fit),
+                (
+                    "more samples in blocks than in all",
+                    lambda s: s["blocks.counts"].sum(axis=1) <= s["valid"],
+                ),
+                (
+                    "more segments of the spectrum than samples",
+                    lambda s: "spectrum.0.hops" not in s or s["spectrum.0.hops"] * HOP <= s["numbers"][2],
+                ),
+            ),
+        )
 
     @classmethod
     def restore(cls, state: Mapping[str, npt.NDArray[Any]]) -> OctaveCascade:
         """Return a cascade in a saved state; it continues identically, except for the hops below `SAVED_SHARE`."""
         groups = [int(g) for g in state["group"]]
         self = cls(len(groups), float(state["setting"][0]), groups=groups)
-        self.segment_start, self.ended_segments, position = (int(x) for x in state["numbers"])
+        self.section_start, self.ended_sections, position = (int(x) for x in state["numbers"])
         self._valid[:] = state["valid"]
         self._stages.load(state, position)
         self.spectrum = SpectrumAccumulator.restore(subset(state, "spectrum."))
         self.blocks = BlockAccumulator.restore(subset(state, "blocks."))
         self._offset[:] = state["offset"]
-        self._has_offset[:] = state["settled"]
+        self._has_offset[:] = state["has_offset"]
         self._fill = state["pending"].shape[1]
         self._pending[:, : self._fill] = state["pending"]
         self._pending_valid[:, : self._fill] = state["present"]
@@ -289,24 +335,30 @@ class OctaveCascade:
 
     # --- blocks on the grid ---------------------------------------------------------------------------
 
+    def _flushed(self) -> OctaveCascade:
+        """Return a copy that has processed the buffered samples."""
+        whole = self.copy()
+        whole._flush()
+        return whole
+
     def _buffer(self, values: Floats, present: Bools | None) -> None:
         """Append samples to the buffer, at most until the block is full."""
-        part = slice(self._fill, self._fill + len(values))
-        self._pending[:, part] = values.T
-        self._pending_valid[:, part] = True if present is None else present.T
-        self._fill = part.stop
+        columns = slice(self._fill, self._fill + len(values))
+        self._pending[:, columns] = values.T
+        self._pending_valid[:, columns] = True if present is None else present.T
+        self._fill = columns.stop
 
     def _buffer_missing(self, n: int) -> None:
         """Append missing samples to the buffer, and process it when the block is full."""
-        part = slice(self._fill, self._fill + n)
-        self._pending[:, part] = 0.0
-        self._pending_valid[:, part] = False
-        self._fill = part.stop
+        columns = slice(self._fill, self._fill + n)
+        self._pending[:, columns] = 0.0
+        self._pending_valid[:, columns] = False
+        self._fill = columns.stop
         if self._fill == BLOCK:
             self._flush()
 
     def _flush(self) -> None:
-        """Process the buffered samples; if their block is not full, the segment ends here."""
+        """Process the buffered samples; if their block is not full, the section ends here."""
         if self._fill:
             self._process(self._pending[:, :0], None)
 
@@ -332,12 +384,13 @@ class OctaveCascade:
             weights = None
         else:
             self._valid += known.sum(axis=1)
-            np.copyto(samples, 0.0, where=~known[self._groups.of])
+            # after the subtraction: a missing sample is the offset, whatever number stands in its place
+            np.copyto(samples, 0.0, where=~known[self.groups.of])
             weights = known.astype(np.float64)
         self.spectrum.update(samples, weights)
-        for blocks in (self.blocks, *self.parts):
+        for blocks in (self.blocks, *self.finer_blocks):
             blocks.update(samples, weights, self._offset)
-        self._stages.update(n, n, weights)
+        self._stages.update(n, n, weights)  # last: the octaves overwrite the samples
 
     def _choose_offset(self, values: Floats, present: Bools | None) -> None:
         """Set the offset of groups that have their first valid samples in this block.
@@ -345,8 +398,8 @@ class OctaveCascade:
         The median: an outlier does not move it, and near it the subtraction is exact.
         """
         for group in np.flatnonzero(~self._has_offset):
-            mine = self._groups.members[group]
-            first = values[mine] if present is None else values[mine][:, present[group]]
+            members = self.groups.members[group]
+            first = values[members] if present is None else values[members][:, present[group]]
             if first.shape[1]:
-                self._offset[mine] = np.median(first, axis=1)
+                self._offset[members] = np.median(first, axis=1)
                 self._has_offset[group] = True

@@ -1,4 +1,4 @@
-"""Sums of squared differences by octave, and the Allan curve that follows from them."""
+"""Allan curve: the variances that follow from the sums of the octaves, with what else is known of the same samples."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from imumon.noise.allan.octave import RATIO, variances
+from imumon.noise.allan.octave import RATIO, SQUARES, variances
 from imumon.noise.noise_sums import NoiseSums
+from imumon.noise.state_schema import Field, Range, Rule, Schema, count_field, float_field
 from imumon.samples import Floats, Ints
 
 
@@ -22,13 +23,13 @@ class AllanCurve:
     m : (k,) averaging factors 1, 2, 4 ... 2^(k-1); every octave for which some channel has a difference.
     avar : (k, c) (channel unit)^2, Allan variance; 0.0 where `terms` is 0.
     terms : (k, c) number of squared second differences of phase in each value; 0 where there is none.
-    span : samples, length of the time grid, missing samples included, over all segments.
+    span : samples, length of the time grid, missing samples included, over all sections.
     valid : (c,) valid samples.
-    segments : parts of the grid with gaps of unknown length between them.
+    sections : of the grid, between gaps of unknown length.
+    sums : what the likelihood of the noise is made of, of the same samples; None: unknown, and nothing can be fitted.
     record : identity of the growing record; two curves with equal identities belong to the same record at two
         moments. None: unknown. It is not an argument, so that a curve made by `dataclasses.replace` or by
         `select` has none: its values are no longer those of the record.
-    sums : what the likelihood of the noise is made of, of the same samples; None: unknown, and nothing can be fitted.
     """
 
     tau0: float
@@ -37,7 +38,7 @@ class AllanCurve:
     terms: Ints
     span: int
     valid: Ints
-    segments: int
+    sections: int
     sums: NoiseSums | None = None
     record: Hashable = field(default=None, init=False)
 
@@ -51,9 +52,9 @@ class AllanCurve:
     def with_temperature(self) -> AllanCurve:
         """Return the curve of all channels but the last one, which is the temperature, of the same record."""
         channels = range(self.valid.size - 1)
-        curve = replace(
-            self.select(channels), sums=None if self.sums is None else self.sums.with_temperature()
-        )
+        sums = None if self.sums is None else self.sums.with_temperature()
+        curve = replace(self.select(channels), sums=sums)
+        # frozen, and `record` is no argument: the same samples are left out of every curve of this record
         object.__setattr__(curve, "record", self.record)
         return curve
 
@@ -74,8 +75,8 @@ class AllanCurve:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WindowSums:
-    """Sums of a record or of a part of it.
+class AllanSums:
+    """Sums of the octaves over a record or a part of it.
 
     Attributes
     ----------
@@ -84,8 +85,8 @@ class WindowSums:
     white_excess : (k, c) 1/`EXCESS_SCALE`, sums of their relative excess of white noise, see `octave`.
     valid : (c,) valid samples.
     span : samples of the grid.
-    segments : parts with gaps of unknown length between them.
-    record : identity of the growing part of the record, see `AllanCurve`; None: unknown.
+    sections : of the grid, between gaps of unknown length.
+    record : identity of the growing record, see `AllanCurve`; None: unknown.
     """
 
     squares: Floats
@@ -93,35 +94,68 @@ class WindowSums:
     white_excess: Ints
     valid: Ints
     span: int
-    segments: int
+    sections: int
     record: Hashable = None
 
-    def __add__(self, other: WindowSums) -> WindowSums:
-        """Return the sums of both, with a gap of unknown length between them."""
-        k = max(len(self.squares), len(other.squares))
-        return WindowSums(
-            padded(self.squares, k) + padded(other.squares, k),
-            padded(self.terms, k) + padded(other.terms, k),
-            padded(self.white_excess, k) + padded(other.white_excess, k),
-            self.valid + other.valid,
-            self.span + other.span,
-            self.segments + other.segments,
+    def since(self, before: AllanSums, octaves: int) -> AllanSums:
+        """Return these sums less earlier ones of the same record, of the first `octaves` octaves.
+
+        Octaves beyond have no difference yet whose samples all lie after `before`.
+        """
+        k = min(len(self.squares), octaves)
+        return AllanSums(
+            self.squares[:k] - before.squares[:k],
+            self.terms[:k] - before.terms[:k],
+            self.white_excess[:k] - before.white_excess[:k],
+            self.valid - before.valid,
+            self.span - before.span,
+            max(1, self.sections - before.sections),  # the section in which `before` lies counts for both
+            (self.record, before.span),
+        )
+
+    def includes(self, before: AllanSums) -> bool:
+        """Return whether these sums can be those of the same record later: none is smaller."""
+        k = min(len(self.squares), len(before.squares))
+        return bool(
+            all(
+                (getattr(self, name)[:k] >= getattr(before, name)[:k]).all()
+                and not getattr(before, name)[k:].any()
+                for name in ("squares", "terms", "white_excess")
+            )
+            and (self.valid >= before.valid).all()
+            and self.span >= before.span
+            and self.sections >= before.sections
         )
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the sums as arrays; channels of one sensor share their counts."""
         counts = np.concatenate([self.terms, self.white_excess, self.valid[None]])
         counts, kind = np.unique(counts, axis=1, return_inverse=True)
-        numbers = np.array([self.span, self.segments], dtype=np.int64)
+        numbers = np.array([self.span, self.sections], dtype=np.int64)
         return {"squares": self.squares, "counts": counts, "kind": kind.ravel(), "numbers": numbers}
 
+    @staticmethod
+    def schema(channels: int, octaves: int) -> Schema:
+        """Return what saved sums of at most some octaves consist of."""
+        fields = {
+            "squares": float_field("octaves", channels, range=SQUARES),
+            "counts": Field(np.int64, ("rows", "kinds"), Range(0, np.iinfo(np.int64).max)),
+            "kind": count_field(channels, high=channels - 1),
+            "numbers": count_field(2),
+        }
+        rules: tuple[Rule, ...] = (
+            ("counts of other octaves", lambda s: len(s["counts"]) == 2 * len(s["squares"]) + 1),
+            ("a channel without counts", lambda s: s["kind"] < s["counts"].shape[1]),
+        )
+        return Schema(fields, rules, lengths={"octaves": octaves, "rows": 2 * octaves + 1, "kinds": channels})
+
     @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> WindowSums:
-        """Return saved sums."""
+    def restore(cls, saved: Mapping[str, np.ndarray]) -> AllanSums:
+        """Return saved sums, which belong to no known record."""
         k = len(saved["squares"])
         counts = saved["counts"][:, saved["kind"]]
-        span, segments = (int(value) for value in saved["numbers"])
-        return cls(saved["squares"], counts[:k], counts[k : 2 * k], counts[-1], span, segments)
+        span, sections = (int(value) for value in saved["numbers"])
+        return cls(saved["squares"], counts[:k], counts[k : 2 * k], counts[-1], span, sections)
 
     def curve(self, tau0: float, sums: NoiseSums | None = None) -> AllanCurve:
         """Return the Allan curve of these sums, up to the last octave with a difference.
@@ -134,11 +168,6 @@ class WindowSums:
         k = int(np.flatnonzero((self.terms > 0).any(axis=1)).max(initial=-1)) + 1
         m = np.left_shift(1, np.arange(k, dtype=np.int64))
         avar = variances(self.squares[:k], self.terms[:k], self.white_excess[:k], m)
-        curve = AllanCurve(tau0, m, avar, self.terms[:k], self.span, self.valid, self.segments, sums)
-        object.__setattr__(curve, "record", self.record)
+        curve = AllanCurve(tau0, m, avar, self.terms[:k], self.span, self.valid, self.sections, sums)
+        object.__setattr__(curve, "record", self.record)  # see `AllanCurve.record`
         return curve
-
-
-def padded(rows: np.ndarray, k: int) -> np.ndarray:
-    """Return (k, c) the rows, and rows of zeros below them."""
-    return np.pad(rows, ((0, k - len(rows)), (0, 0)))

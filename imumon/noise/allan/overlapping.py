@@ -20,7 +20,7 @@ from imumon.samples import Bools, Floats, Ints
 
 POINTS_PER_DECADE = 10
 """Averaging times per decade of the finer grid."""
-LEAST_SHARE = 0.9
+COMPLETE_SHARE = 0.9
 """Share of the samples of an average that must be there: the rest adds at most a tenth to white variance."""
 BROKEN = -(1 << 40)
 """Count of a gap of unknown length: no average that holds it has enough samples."""
@@ -45,7 +45,7 @@ class SampleStore:
         present = np.asarray(np.isfinite(kept))
         if valid is not None:
             present &= valid[:, self._groups]
-        kept[~present] = 0.0
+        kept[~present] = 0.0  # NaN in one sample would be in every later cumulative sum
         self._values.append(kept)
         self._valid.append(present.astype(np.int64))
 
@@ -98,10 +98,12 @@ def overlapping_deviation(values: Floats, valid: Ints, lengths: Sequence[int]) -
     if not there.any():
         return sigma, terms
     centred = np.where(there, values - values[there].mean(), 0.0)  # keeps the digits of the sums
-    sums, counts = (np.concatenate([[0], np.cumsum(each)]) for each in (centred, valid))
+    sums, counts = (np.concatenate([[0], np.cumsum(column)]) for column in (centred, valid))
     for k, m in enumerate(lengths):
-        count = counts[m:] - counts[:-m]
-        mean, whole = (sums[m:] - sums[:-m]) / np.maximum(count, 1), count >= LEAST_SHARE * m
+        count = (
+            counts[m:] - counts[:-m]
+        )  # negative across a break, by `BROKEN`: such an average is never whole
+        mean, whole = (sums[m:] - sums[:-m]) / np.maximum(count, 1), count >= COMPLETE_SHARE * m
         difference = (mean[m:] - mean[:-m])[whole[m:] & whole[:-m]]
         terms[k] = len(difference)
         if terms[k]:

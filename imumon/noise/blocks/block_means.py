@@ -1,8 +1,27 @@
 """Means of a stream over equal blocks, which merge in pairs: the slow statistics of a record.
 
+Model
+-----
+The mean over a block of n samples keeps what changes slowly and averages out what changes fast: white noise of density
+N^2 leaves a variance of N^2 / (n tau0), flicker and random walk nearly all of theirs. The fit takes the discrete cosine
+transform of the means, in which white noise and random walk are uncorrelated and flicker nearly (`power_law`;
+Greenhall 1991 for the covariances of averages). So block means are the spectrum below the lowest level that has
+segments enough, and the series on which drift, temperature, settling and steps are regressed.
+
 The record is kept as at most 1,024 sums over 2^j samples with their counts; when they are full, neighbours are joined.
-So the memory is bounded, and any chunking gives the same sums. A gap of unknown length begins a new segment at a new
-block. Where two segments meet in one block after a merge, the block counts as missing: it has no place in time.
+So the memory is bounded, and any chunking gives the same sums.
+
+>>> blocks = BlockAccumulator([0], interval_s=1.0, most=4)
+>>> blocks.update(np.arange(6.0)[None], None, np.zeros(1))
+>>> means = blocks.result()
+>>> means.length, means.means[:, 0].tolist()
+(2, [0.5, 2.5, 4.5])
+
+Gaps
+----
+A missing sample has weight 0, and a block with fewer than `LEAST_SHARE` of its samples has no mean. A gap of unknown
+length begins a new segment at a new block. Where two segments meet in one block after a merge, the block counts as
+missing: it has no place in time.
 """
 
 from __future__ import annotations
@@ -13,7 +32,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imumon.noise.validity_groups import LEAST_SHARE
+from imumon.noise.state_schema import MOST, Field, Range, Rule, Schema, count_field, float_field, given_field
+from imumon.noise.validity_groups import LARGEST, LEAST_SHARE
 from imumon.samples import Floats, Ints
 
 BLOCKS = 1024
@@ -140,7 +160,7 @@ class BlockAccumulator:
         """Append the blocks of another accumulator after a gap of unknown length; `other` is not changed."""
         self.break_()
         other = other.copy()
-        while self._length < other._length:
+        while self._length < other._length:  # both lengths are powers of two
             self._join()
         while other._length < self._length:
             other._join()
@@ -171,6 +191,7 @@ class BlockAccumulator:
         share = counts / self._length
         known = (share >= LEAST_SHARE) & (segment >= 0)[:, None]
         if self._length > 1:
+            # a segment ends within the block before the next one begins
             known[:-1][(segment[:-1] != segment[1:]) & (segment[1:] >= 0)] = False
         means = np.where(known, self._sums[:, :n].T / np.maximum(counts, 1.0), np.nan)
         share = np.where(known, share, 0.0)
@@ -189,6 +210,7 @@ class BlockAccumulator:
         Sums are of at most `BLOCK` samples from the beginning of the update on, added one after the other.
         """
         n = x.shape[1]
+        # one sum over all would depend on how many samples arrive together, in its last bits
         pieces = np.arange(-done % BLOCK, n, BLOCK)
         edges = np.unique(np.concatenate(([0], pieces, np.arange(-self._n % self._length, n, self._length))))
         sums, blocks = np.add.reduceat(x, edges, axis=1), (self._n + edges) // self._length
@@ -196,13 +218,15 @@ class BlockAccumulator:
             counts = np.diff(edges, append=n)[None].repeat(len(self._counts), axis=0)
         else:
             counts = np.add.reduceat(valid, edges, axis=1)
-        if (offset != self._offset).any():
+        if (offset != self._offset).any():  # of a later segment; all means are about one offset
             sums += np.nan_to_num(offset - self._offset)[:, None] * counts[self._groups]
-        order = np.arange(len(blocks)) - np.searchsorted(blocks, blocks)  # among the pieces of a block
+        # `+=` with an index adds to a block once only, however often the index names it: so first the first pieces of
+        # all blocks, then the second ones
+        order = np.arange(len(blocks)) - np.searchsorted(blocks, blocks)
         for number in range(int(order.max()) + 1):
-            own = order == number
-            self._sums[:, blocks[own]] += sums[:, own]
-            self._counts[:, blocks[own]] += counts[:, own]
+            pieces_now = order == number
+            self._sums[:, blocks[pieces_now]] += sums[:, pieces_now]
+            self._counts[:, blocks[pieces_now]] += counts[:, pieces_now]
         self._segment[blocks] = self._segments
         self._n += n
 
@@ -215,6 +239,7 @@ class BlockAccumulator:
     def _join(self) -> None:
         """Join neighbouring blocks."""
         half = self._most // 2
+        # -1: two segments in one block; an empty second half has none of its own
         first, second = self._segment[::2], self._segment[1::2]
         empty = ~(self._counts[:, 1::2].any(axis=0))
         segment = np.where((first == second) | empty, first, -1)
@@ -239,6 +264,35 @@ class BlockAccumulator:
             "counts": self._counts[:, :n].copy(),
             "segment": self._segment[:n].copy(),
         }
+
+    def schema(self) -> Schema:
+        """Return what a saved state of an accumulator with these arguments consists of."""
+        c, g = len(self._groups), len(self._counts)
+        fields = {
+            "numbers": count_field(4),
+            "groups": given_field(self._groups),
+            "interval": given_field(self.interval_s),
+            "offset": float_field(c, range=Range(-LARGEST, LARGEST, nan=True)),
+            "sums": float_field(c, "n", range=Range(-2.0 * LARGEST * MOST, 2.0 * LARGEST * MOST)),
+            "counts": float_field(g, "n", range=Range(0.0, MOST)),
+            "segment": Field(np.int64, ("n",), Range(-1, MOST)),
+        }
+        most, groups = self._most, self._groups
+        rules: tuple[Rule, ...] = (
+            ("another number of blocks", lambda s: s["numbers"][3] == most),
+            ("the length of a block is no power of two", lambda s: int(s["numbers"][1]).bit_count() == 1),
+            ("more samples than blocks", lambda s: s["numbers"][0] <= most * int(s["numbers"][1])),
+            (
+                "a block is missing",
+                lambda s: -(-s["numbers"][0] // s["numbers"][1]) == len(s["segment"]),
+            ),
+            ("more samples in a block than it has", lambda s: s["counts"] <= s["numbers"][1]),
+            ("a sum without samples", lambda s: (s["sums"] == 0.0) | (s["counts"][groups] > 0.0)),
+            ("a mean that no sample has", lambda s: np.abs(s["sums"]) <= 2.0 * LARGEST * s["counts"][groups]),
+            ("segments are not in order", lambda s: np.diff(s["segment"][s["segment"] >= 0]) >= 0),
+            ("more segments than there are", lambda s: s["segment"] <= s["numbers"][2]),
+        )
+        return Schema(fields, rules, lengths={"n": most})
 
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> BlockAccumulator:

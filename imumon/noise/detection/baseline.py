@@ -1,73 +1,272 @@
 """Baseline: the noise of a sensor at rest, learned robustly while it runs.
 
-The detection of a knock requires the usual noise. Time is divided into *frames* of ten *parts*, about 1 s and
-0.1 s. The baseline keeps five figures of every quiet frame and channel: the mean, the deviation of the samples
-about it, that of the parts about it, the distance of the mean from the level (the median of the `LEVEL_FRAMES`
-quiet frames before it), and what the mean would scatter by if the noise within 0.1 s were white. Medians over
-the last `MEMORY_FRAMES` of them are the baseline: it does not move before half of those frames are disturbed.
+A knock is what differs from the usual noise, so the usual noise must be known, for a sensor of any quality, within
+seconds, and although some of the samples that it is learned from are disturbed.
 
-The scales change at fixed frame numbers only (powers of two, then every `MEMORY_FRAMES`), so that decisions do
-not depend on how the samples are chunked. As long as they rest on few frames, the thresholds are wider by the
-uncertainty of the scales.
+Frames
+------
+Time is divided into *frames* of ten *parts*, about 1 s and 0.1 s. Of n samples x in p = 10 parts with means m_j, a
+frame keeps five figures of each channel (`FrameStatistics`):
 
-A record may begin in motion, and motion that lasts may be tried as a new baseline. The noise of the sensor itself
-shows both: it is nearly white from 0.1 s on, so that its fast part predicts how much the means of neighbouring
-frames differ, in any unit and for any quality of the sensor. Motion is slow, and they differ by more. Absolute
-limits remain where this fails: coloured noise that is small is rest, and noise that no sensor has is motion.
+    mean       m = mean of x
+    rms        s, s^2 = mean of (x - m)^2                        noise of single samples
+    part_rms   s_p, s_p^2 = mean of (m_j - m)^2                  noise of 0.1 s
+    peaks      largest |x - m| and |m_j - m|
+    white      w, what m scatters by if the noise is white; w^2 is the lesser of two estimates:
+                 within the parts     (s^2 - s_p^2) · q/(q-1) / min(n, 100), of q = n/p samples each
+                 between neighbours   mean of (m_j+1 - m_j)^2 / 2 / p      (von Neumann, Ann. Math. Stat. 12, 1941)
+
+Motion is slow. It adds little to either estimate, but much to what the means of frames really scatter by.
+
+Usual noise
+-----------
+The memory keeps these figures of the last 128 quiet frames, and the distance of each mean from the *level*: the
+median of the means of the eight quiet frames before. Medians over the memory are the baseline; they do not move
+before half of the frames are disturbed. Deviations are compared as logarithms, because ln s of n Gaussian samples has
+a standard deviation of (2 n)^-1/2 whatever s is. The scatter of a median absolute deviation d is d / 0.6745 (Hampel,
+J. Am. Stat. Assoc. 69, 1974). A frame is unusual if, with 7 sigma (`detection_rules.UNUSUAL_SIGMA`),
+
+    a peak         > 7 · usual deviation · (1 + 3 standard errors of it)
+    |m - level|    > 7 · usual distance · (1 + 3 standard errors), at least that of white noise
+    ln s, ln s_p   > usual + max(7 · scatter, ln 1.5)
+
+The standard error of the median of n logarithms is scatter · sqrt(pi / 2 n).
+
+An axis without noise within its frames, because it is constant or updated once a second, is *silent*: it has no usual
+noise, nothing of it is unusual, and it has no part in rest and motion (`NoiseBaseline._silent`).
+
+    frames learned from    what is known
+    0, 1                   nothing: no frame is unusual
+    2, 3                   thresholds, wide; rest is not doubted yet
+    4 to 8                 the last ones are rest or motion; few distances from the level: the parts stand in for them
+    16, 32, 64, 128, ...   thresholds change (at powers of two, then every 128 frames), so that decisions do not
+                           depend on how the samples are divided into blocks
+
+Rest
+----
+A record may begin in motion, and motion that lasts may be tried as a new baseline. The noise of the sensor itself shows
+both: it is nearly white from 0.1 s on, so w predicts how much the means of neighbouring frames differ, their Allan
+deviation at 1 s (IEEE Std 952), in any unit and for any quality of the sensor. Motion exceeds w by more than a factor
+of 2.2. Absolute limits remain where this fails: coloured noise that is small is rest, and noise that no sensor has is
+motion, as is a level of the gyroscope that no bias has.
+
+Example: 64 frames of white noise, sigma = 1, of a hundred samples. Single samples may be 7 sigma off, wider by the
+error of the scale. The mean of a frame scatters by 0.1, so it may be 0.7 off, wider by 45 %, the error of 64 distances,
+and by what the level itself scatters. A knock of 3 sigma that lasts shows in no sample, but in the mean.
+
+>>> noise = np.random.default_rng(1).standard_normal((1, 64, PARTS, 10))  # channels, frames, parts, samples
+>>> usual = NoiseBaseline(("mag",), frame_samples=100)
+>>> usual.add(FrameStatistics.of(noise, None, usual.origin))
+>>> float(usual.usual_sample[0].round(1)), float(usual.usual_level[0].round(1))
+(7.2, 1.2)
+>>> knock = FrameStatistics.of(noise[:, :1] + 3.0, None, np.zeros(1))
+>>> bool(knock.peak[0, 0] > usual.usual_sample[0]), usual.moved(knock).tolist()
+(False, [[True]])
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import ndtri
 
 from imumon.noise.array_state import ArrayState
-from imumon.noise.detection.frame_statistics import (
+from imumon.noise.detection.detection_rules import (
+    COARSE_STEPS,
+    ERROR_MARGIN,
     FIRST_FRAMES,
+    INDEPENDENT_SAMPLES,
+    KNOWN_SHARE,
+    LEAST_UNUSUAL_RATIO,
+    LEVEL_FRAMES,
+    MAD_ERROR,
     MEMORY_FRAMES,
+    MOST_SCATTER,
     PARTS,
-    FrameStatistics,
-    frames_to_change,
+    READY_FRAMES,
+    REST_FACTOR,
+    REST_FRAMES,
+    REST_LIMIT_ACCEL,
+    REST_LIMIT_GYRO,
+    ROUNDING_SHARE,
+    SHAKEN_FACTOR,
+    TURN_RATE,
+    UNUSUAL_SIGMA,
 )
-from imumon.noise.validity_groups import ROUNDING
-from imumon.samples import Bools, Floats
+from imumon.noise.state_schema import (
+    COUNT,
+    LIMIT,
+    SPREAD,
+    VALUE,
+    Field,
+    Range,
+    Rule,
+    Saved,
+    Schema,
+    flag_field,
+    float_field,
+)
+from imumon.noise.validity_groups import LARGEST
+from imumon.samples import Bools, Floats, Ints
 
-LEVEL_FRAMES = 8
-"""Frames that the level rests on: it must follow a random walk, and one disturbed frame must not move it."""
+WHITE = Range(0.0, 2.0 * LARGEST, inf=True)
+"""Of `FrameStatistics.white`, channel unit."""
+UNKNOWN_LOGARITHM = Range(np.log(np.finfo(np.float64).tiny) - 1.0, np.log(2.0 * LARGEST) + 1.0, nan=True)
+"""Of logarithms of deviations in the channel unit, from that of a constant channel on; they may have seven digits."""
 
-UNUSUAL_SIGMA = 7.0
-"""Standard deviations of a sample, of the mean of a part, of that of a frame and of the logarithm of its deviation that
-are unusual: 3e-12, less than one sample in a month at 800 Hz."""
-LEAST_RATIO = 1.5
-"""Factor by which the deviation of an unusual frame exceeds the usual one at least: less matters little."""
+# ---------------------------------------------------------------------- frames
 
-REST_LIMIT_GYRO = 1.5e-3
-"""Rad/s, Allan deviation at 1 s up to which a gyroscope is at rest, whatever its spectrum: two to three times the
-consumer grade. A parked car with its engine running stays below, a driven one does not."""
-REST_LIMIT_ACCEL = 3e-2
-"""M/s^2, the same limit of an accelerometer."""
-REST_FACTOR = 2.2
-"""Allan deviation at 1 s, over that predicted from the noise within 0.1 s, up to which a sensor is at rest too. It
-is wider by n^-1/2 for n differences: 2.5 for three axes and `REST_FRAMES`, where a recorded hand exceeds 2.9."""
-SHAKEN_FACTOR = 20.0
-"""Factor on these limits above which a sensor is shaken, whatever its spectrum: 100 deg/sqrt(h) is no sensor."""
-TURN_RATE = 0.1
-"""Rad/s, length of the gyroscope's level above which it is turned: more than the bias of a sensor at rest.
-Noise does not distinguish a steady turn from a bias."""
-REST_FRAMES = 16
-"""Last frames by which rest is assessed, or those of motion that are tried as a new baseline: enough for scales that
-are right to 20 %."""
 
-MAD_ERROR = 1.2
-"""Relative standard error of a deviation from n median absolute distances, times sqrt(n)."""
-MARGIN = 3.0
-"""Standard errors of a scale, or of a count, by which its threshold is wider."""
+def frames_to_change(frames: int) -> int:
+    """Return the frames until usual figures change: at powers of two, then every `MEMORY_FRAMES`.
 
-MOST_SCATTER = 3.0
-"""Factor by which the scatter of a scale may exceed that of white noise: beyond, disturbances are in it."""
+    A fixed schedule makes decisions independent of how the samples are divided into blocks.
 
-COARSE_STEPS = 3.0
-"""Quantisation steps that a channel may be off by which is mostly constant: its deviation is below a third of one."""
+    >>> [frames_to_change(frames) for frames in (0, 1, 2, 5, 127, 128, 200)]
+    [1, 1, 2, 3, 1, 128, 56]
+    """
+    return min(1 << frames.bit_length(), (frames // MEMORY_FRAMES + 1) * MEMORY_FRAMES) - frames
+
+
+@dataclass(frozen=True, slots=True)
+class FrameStatistics:
+    """Figures of some frames, in channel units, one row per frame.
+
+    Attributes
+    ----------
+    mean : (k, c) about zero.
+    rms : (k, c) deviation of the samples about the mean of the frame.
+    part_rms : (k, c) deviation of the means of the parts about the mean of the frame.
+    peak : (k, c) largest distance of a sample from the mean of the frame.
+    part_peak : (k, c) largest distance of the mean of a part from the mean of the frame.
+    white : (k, c) deviation that the mean of the frame has if its noise is white; inf if no part has two samples and
+        no two neighbouring parts have any.
+    known : (k,) enough samples are usable. The figures of other frames mean nothing.
+    """
+
+    mean: Floats
+    rms: Floats
+    part_rms: Floats
+    peak: Floats
+    part_peak: Floats
+    white: Floats
+    known: Bools
+
+    def __getitem__(self, frames: slice | Bools) -> FrameStatistics:
+        return FrameStatistics(*(getattr(self, name)[frames] for name in self.__slots__))
+
+    @classmethod
+    def saved_fields(cls, channels: int) -> Mapping[str, Field]:
+        """Return what the saved figures of a number of frames, "n", consist of."""
+        ranges = (VALUE, SPREAD, SPREAD, SPREAD, SPREAD, WHITE)
+        figures = [float_field("n", channels, range=range) for range in ranges]
+        return dict(zip(cls.__slots__, (*figures, flag_field("n")), strict=True))
+
+    @classmethod
+    def joined(cls, frames: list[FrameStatistics]) -> FrameStatistics:
+        """Return consecutive frames as one object."""
+        return cls(*(np.concatenate([getattr(f, name) for f in frames]) for name in cls.__slots__))
+
+    @classmethod
+    def of(cls, distance: Floats, usable: Bools | None, origin: Floats) -> FrameStatistics:
+        """Return the statistics of frames; see the formulas at the top of the file.
+
+        Parameters
+        ----------
+        distance : (c, k, PARTS, part) channel unit, samples less `origin`; 0.0 if not usable.
+        usable : (k, PARTS, part) samples that may be assessed; None: all.
+        origin : (c,) channel unit, near the level: sums of squares lose no digits to a large level.
+        """
+        if usable is None:
+            return cls._of_whole(distance, origin)
+        parts, part = distance.shape[2:]
+        size = parts * part
+        count = usable.sum(axis=2)  # (k, PARTS)
+        n = np.maximum(count.sum(axis=1), 1)
+        filled = np.maximum((count > 0).sum(axis=1), 1)
+        sums = distance.sum(axis=3)
+        mean = sums.sum(axis=2) / n
+        square = np.einsum("ckpm,ckpm->ck", distance, distance) / n
+        peak = (np.abs(distance - mean[:, :, None, None]) * usable).max(axis=(2, 3))
+        # A part with few samples scatters more: weighted so that full parts give the plain deviation.
+        means = sums / np.maximum(count, 1) - mean[:, :, None]
+        weighted = np.einsum("ckp,kp->ck", means * means, count)
+        spread = weighted / (filled * part)
+        part_peak = np.abs(means * np.sqrt(count / part)).max(axis=2)
+        variance = square - mean**2
+        # The difference of two means of l and r samples has the variance s^2 (1/l + 1/r): its square times
+        # l r / (l + r) estimates s^2, and an empty part has no weight.
+        left, right = count[:, :-1], count[:, 1:]
+        weight = left * right / np.maximum(left + right, 1)
+        steps = means[:, :, 1:] - means[:, :, :-1]
+        squares = np.einsum("ckp,kp->ck", steps * steps, weight)
+        between = _mean_or_inf(squares, np.count_nonzero(weight, axis=1)) / size
+        within = _mean_or_inf(variance * n - weighted, n - filled) / min(size, INDEPENDENT_SAMPLES)
+        return cls._assembled(
+            mean + origin[:, None],
+            (variance, spread, np.minimum(between, within)),
+            (peak, part_peak),
+            n >= KNOWN_SHARE * size,
+        )
+
+    @classmethod
+    def _of_whole(cls, distance: Floats, origin: Floats) -> FrameStatistics:
+        """Return the statistics of frames without a missing sample: the usual case, several times as fast."""
+        c, k, parts, part = distance.shape
+        size, within = parts * part, np.inf
+        # A product with a vector adds along the last axis faster than `mean` does.
+        means = (distance.reshape(-1, part) @ np.full(part, 1.0 / part)).reshape(c, k, parts)
+        mean = means.mean(axis=2)
+        flat = distance.reshape(c, k, size)
+        square = np.einsum("ckf,ckf->ck", flat, flat) / size
+        peak = np.maximum(flat.max(axis=2) - mean, mean - flat.min(axis=2))
+        means -= mean[:, :, None]
+        spread = np.einsum("ckp,ckp->ck", means, means) / parts
+        variance = square - mean**2
+        steps = means[:, :, 1:] - means[:, :, :-1]
+        between = np.einsum("ckp,ckp->ck", steps, steps) * (0.5 / (parts * (parts - 1)))
+        if part > 1:  # at 10 Hz and below, a part is one sample, and nothing is within it
+            independent = min(size, INDEPENDENT_SAMPLES)
+            within = (variance - spread) * (part / ((part - 1) * independent))
+        return cls._assembled(
+            mean + origin[:, None],
+            (variance, spread, np.minimum(between, within)),
+            (peak, np.abs(means).max(axis=2)),
+            np.ones(k, dtype=bool),
+        )
+
+    @classmethod
+    def _assembled(
+        cls, mean: Floats, variances: tuple[Floats, ...], peaks: tuple[Floats, Floats], known: Bools
+    ) -> FrameStatistics:
+        """Return the figures (c, k) as rows of frames; `variances` are those of rms, part_rms and white."""
+        # A variance is a difference of sums: rounding makes it less than zero where a channel is constant.
+        rms, part_rms, white = np.sqrt(np.maximum(np.stack(variances), 0.0))
+        return cls(mean.T, rms.T, part_rms.T, peaks[0].T, peaks[1].T, white.T, known)
+
+
+def _mean_or_inf(sums: Floats, counts: Ints) -> Floats:
+    """Return the mean of sums (c, k) over counts (k,); inf where nothing was counted, so that a minimum ignores it."""
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.inf)
+
+
+# ---------------------------------------------------------------------- usual noise
+
+
+class Rest(IntEnum):
+    """What the last quiet frames say about rest."""
+
+    UNDECIDED = 0
+    """Fewer than `FIRST_FRAMES` frames: rest until they say otherwise."""
+    REST = 1
+    TURNED = 2
+    """The mean of the gyroscope is no bias: a steady turn."""
+    MOTION = 3
+    """The means of the frames differ by more than the noise of a sensor explains."""
 
 
 class NoiseBaseline(ArrayState):
@@ -76,60 +275,92 @@ class NoiseBaseline(ArrayState):
     Parameters
     ----------
     sensors : (c,) sensor of each channel.
-    frame : samples of a frame, a multiple of `PARTS`.
+    frame_samples : samples of a frame, a multiple of `PARTS`.
 
     Attributes
     ----------
     frames : quiet frames learned from, in all.
-    stale : frames since the last quiet one.
-    at_rest : whether the frames can be those of a sensor at rest.
+    frames_since_quiet : frames since the last quiet one, disturbed or missing.
+    rest : whether the frames can be those of a sensor at rest.
     origin : (c,) channel unit, near the level: sums are relative to it and lose no digits.
-    sample, part, shift : (c,) channel unit, thresholds for the distance of a sample from the mean of its
-        frame, of a part from it, and of the mean of a frame from the level.
+    usual_sample, usual_part, usual_level : (c,) channel unit, largest usual distance of a sample and of the mean of
+        a part from the mean of their frame, and of the mean of a frame from the level. inf: unknown.
+    peak_limit : (c,) channel unit, largest usual peak of a frame: `usual_sample`, or some steps of a coarse channel.
+    held : (c,) axes that keep their value for many samples while others change; set from outside before each frame.
     """
 
-    _STATE = (
-        "_ring",
-        "_recent_means",
-        "_scale",
-        "_scatter",
-        "_step",
-        "_limits",
-        "origin",
-        "sample",
-        "part",
-        "shift",
-        "frames",
-        "at_rest",
-        "stale",
-    )
+    _STATE: ClassVar = {
+        "_means": Range(-LARGEST, LARGEST, nan=True),
+        "_log_rms": UNKNOWN_LOGARITHM,
+        "_log_part_rms": UNKNOWN_LOGARITHM,
+        "_distances": Range(0.0, 2.0 * LARGEST, nan=True),
+        "_white": Range(0.0, 2.0 * LARGEST, nan=True, inf=True),
+        "_recent_means": VALUE,
+        "_step": LIMIT,
+        "origin": VALUE,
+        "usual_sample": LIMIT,
+        "usual_part": LIMIT,
+        "usual_level": LIMIT,
+        "peak_limit": LIMIT,
+        "_part_peak_limit": LIMIT,
+        "_level_limit": LIMIT,
+        "_rms_limit": LIMIT,
+        "_part_rms_limit": LIMIT,
+        "frames": COUNT,
+        "rest": Range(min(Rest), max(Rest)),
+        "frames_since_quiet": COUNT,
+    }
 
-    def __init__(self, sensors: tuple[str, ...], frame: int) -> None:
+    def __init__(self, sensors: tuple[str, ...], frame_samples: int) -> None:
         c = len(sensors)
         limits = {"gyro": REST_LIMIT_GYRO, "accel": REST_LIMIT_ACCEL}
-        self._frame = frame
+        self._frame_samples = frame_samples
         self._members = {name: [i for i, s in enumerate(sensors) if s == name] for name in sensors}
-        self._axes = np.array([float(sensors.count(s)) for s in sensors])
+        self._sensors = sensors
+        # a magnetometer has no limit: its field may change while it rests, so it is always at rest
         self._rest_limit = np.array([limits.get(s, np.inf) for s in sensors])
-        # ring by frame number: mean, ln rms, ln parts, |mean - level|, white
-        self._ring = np.full((MEMORY_FRAMES, 5, c), np.nan)
+        # the memory: row i of each array belongs to quiet frame i, i + MEMORY_FRAMES, ...
+        self._means, self._log_rms, self._log_part_rms, self._distances, self._white = (
+            np.full((MEMORY_FRAMES, c), np.nan) for _ in range(5)
+        )
         self.frames = 0
-        self.stale = 0
-        self.at_rest = True
+        self.frames_since_quiet = 0
+        self.rest = Rest.UNDECIDED
+        self.held = np.zeros(c, dtype=bool)
         self.origin = np.zeros(c)
         self._recent_means = np.zeros((LEVEL_FRAMES, c))  # newest first
-        self._scale = np.zeros((2, c))  # ln rms, ln parts
-        self._scatter = np.zeros((2, c))  # standard deviation of these
-        self.sample = np.full(c, np.inf)
-        self.part = np.full(c, np.inf)
-        self.shift = np.full(c, np.inf)
         self._step = np.full(c, np.inf)  # least peak of a frame but 0: a step of a quantised channel
-        self._limits = np.full((5, c), np.inf)
+        # before anything is learned, nothing is unusual
+        self.usual_sample, self.usual_part, self.usual_level = (np.full(c, np.inf) for _ in range(3))
+        self.peak_limit, self._part_peak_limit, self._level_limit = (np.full(c, np.inf) for _ in range(3))
+        self._rms_limit, self._part_rms_limit = np.full(c, np.inf), np.full(c, np.inf)
+
+    def schema(self) -> Schema:
+        """Return what a saved state of these sensors consists of."""
+
+        def is_known(saved: Saved, name: str, first: int) -> bool:
+            """Return whether the rows of the memory have numbers from row `first` up to the last quiet frame only."""
+            known = min(int(saved["frames"]), MEMORY_FRAMES)
+            unknown = np.isnan(saved[name])
+            return not unknown[first:known].any() and bool(unknown[known:].all())
+
+        # the first frame has no distance, because no level precedes it
+        first_rows = {"means": 0, "log_rms": 0, "log_part_rms": 0, "distances": 1, "white": 0}
+        rule: Rule = (
+            "other frames in the memory",
+            lambda s: [is_known(s, name, first) for name, first in first_rows.items()],
+        )
+        return Schema(super().schema().fields, (rule,))
 
     @property
     def ready(self) -> bool:
         """Whether it has learned from enough quiet frames to assess others."""
-        return bool(self.frames > 1)
+        return bool(self.frames >= READY_FRAMES)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the frames can be those of a sensor at rest."""
+        return self.rest <= Rest.REST
 
     @property
     def next_change(self) -> int:
@@ -137,128 +368,181 @@ class NoiseBaseline(ArrayState):
         return frames_to_change(self.frames)
 
     @property
-    def peak(self) -> Floats:
-        """(c,) channel unit, greatest usual distance of a sample from the mean of its frame."""
-        return np.asarray(self._limits[0])
-
-    @property
     def level(self) -> Floats:
         """(c,) channel unit, median of the means of the last quiet frames."""
         return _median(self._recent_means[: min(self.frames, LEVEL_FRAMES)], self.origin)
 
-    def _levels(self, means: Floats) -> Floats:
-        """Return the level before each frame with the means (k, c), channel unit, if all were quiet."""
-        k, before = len(means), min(self.frames, LEVEL_FRAMES)
-        row = np.concatenate((self._recent_means[:before][::-1], means))
-        if before == LEVEL_FRAMES:
-            windows = row[np.arange(LEVEL_FRAMES)[:, None] + np.arange(k)]
-            windows.sort(axis=0)
-            middle = windows[(LEVEL_FRAMES - 1) // 2] + windows[LEVEL_FRAMES // 2]
-            return np.asarray(0.5 * middle, dtype=np.float64)
-        spans = [row[max(0, before + i - LEVEL_FRAMES) : before + i] for i in range(k)]
-        return np.stack([_median(span, self.origin) for span in spans])
+    # ------------------------------------------------------------------ learn
 
     def add(self, quiet: FrameStatistics) -> None:
         """Learn from quiet frames, all of them known."""
-        step = self.next_change
-        if len(quiet.mean) > step:
-            self.add(quiet[:step])
-            self.add(quiet[step:])
+        until_change = self.next_change
+        if len(quiet.mean) > until_change:
+            self.add(quiet[:until_change])
+            self.add(quiet[until_change:])
             return
         k = len(quiet.mean)
-        if not k:
+        if not k:  # of the first frames, none may be known
             return
-        self._update_step(quiet)
-        tiny = np.finfo(np.float64).tiny
-        ring, at = self._ring, (self.frames + np.arange(k)) % MEMORY_FRAMES
-        ring[at, 0] = quiet.mean
-        ring[at, 1] = np.log(np.maximum(quiet.rms, tiny))
-        ring[at, 2] = np.log(np.maximum(quiet.parts, tiny))
-        ring[at, 3] = np.abs(quiet.mean - self._levels(quiet.mean))
-        ring[at, 4] = quiet.white
+        self._note_step(quiet)
+        tiny = np.finfo(np.float64).tiny  # the logarithm of a constant channel is finite
+        rows = (self.frames + np.arange(k)) % MEMORY_FRAMES
+        self._means[rows] = quiet.mean
+        self._log_rms[rows] = np.log(np.maximum(quiet.rms, tiny))
+        self._log_part_rms[rows] = np.log(np.maximum(quiet.part_rms, tiny))
+        self._distances[rows] = np.abs(quiet.mean - self._levels_before(quiet.mean))
+        self._white[rows] = quiet.white
         if not self.frames:
-            ring[0, 3] = np.nan
+            self._distances[0] = np.nan  # no level precedes the first frame
         newest = quiet.mean[::-1][:LEVEL_FRAMES]
         self._recent_means = np.concatenate((newest, self._recent_means))[:LEVEL_FRAMES]
-        self.stale = 0
+        self.frames_since_quiet = 0
         self.frames += k
-        if k == step:
+        if k == until_change:
             self._update_scales()
 
     def skip(self, frames: int) -> None:
         """Note that `frames` frames were disturbed or missing: the level may have moved."""
-        self.stale += frames
+        self.frames_since_quiet += frames
+
+    def _levels_before(self, means: Floats) -> Floats:
+        """Return the level before each frame with the means (k, c), channel unit, if all were quiet."""
+        k, known = len(means), min(self.frames, LEVEL_FRAMES)
+        series = np.concatenate((self._recent_means[:known][::-1], means))  # oldest first
+        if known == LEVEL_FRAMES:  # as below, for all frames at once
+            spans = series[np.arange(LEVEL_FRAMES)[:, None] + np.arange(k)]
+            spans.sort(axis=0)
+            middle = spans[(LEVEL_FRAMES - 1) // 2] + spans[LEVEL_FRAMES // 2]
+            return np.asarray(0.5 * middle, dtype=np.float64)
+        windows = [series[max(0, known + i - LEVEL_FRAMES) : known + i] for i in range(k)]
+        return np.stack([_median(window, self.origin) for window in windows])
+
+    def _note_step(self, frames: FrameStatistics) -> None:
+        """Note the least step that a channel makes."""
+        # the mean of equal values differs from them by rounding, which is no step
+        steps = frames.peak > ROUNDING_SHARE * np.abs(frames.mean)
+        least = np.where(steps, frames.peak, np.inf).min(axis=0, initial=np.inf)
+        np.minimum(self._step, least, out=self._step)
+
+    def _update_scales(self) -> None:
+        """Recompute scales and thresholds from the frames in the memory."""
+        n = min(self.frames, MEMORY_FRAMES)
+        self.origin = self.level
+        log_rms, rms_scatter = _log_scale(self._log_rms[:n], (2.0 * self._frame_samples) ** -0.5)
+        log_part_rms, part_scatter = _log_scale(self._log_part_rms[:n], (2.0 * PARTS - 2.0) ** -0.5)
+        rms, part_rms = np.exp(log_rms), np.exp(log_part_rms)
+        median_error = np.sqrt(0.5 * np.pi / n)  # relative to the scatter of what the median is taken of
+        self.usual_sample = UNUSUAL_SIGMA * (1.0 + ERROR_MARGIN * rms_scatter * median_error) * rms
+        self.usual_part = UNUSUAL_SIGMA * (1.0 + ERROR_MARGIN * part_scatter * median_error) * part_rms
+        self.usual_level = UNUSUAL_SIGMA * self._level_scale(n, part_rms)
+        # A constant channel has no noise, but its mean differs from its level by rounding.
+        rounding = ROUNDING_SHARE * np.abs(self.origin)
+        for limit in (self.usual_sample, self.usual_part, self.usual_level):
+            np.maximum(limit, rounding, out=limit)
+        # A single step is no knock of a channel that is mostly constant: its peaks may be some steps, and its
+        # deviation one, where it begins to toggle. A channel that never changed has no step yet (inf) and no limit.
+        coarse = COARSE_STEPS * rms < self._step
+        steps = np.maximum(COARSE_STEPS * np.where(coarse, self._step, 0.0), rounding)
+        self.peak_limit = np.maximum(self.usual_sample, steps)
+        self._part_peak_limit = np.maximum(self.usual_part, steps)
+        self._level_limit = np.maximum(self.usual_level, steps)
+        least_rise = np.log(LEAST_UNUSUAL_RATIO)
+        self._rms_limit = np.exp(log_rms + np.maximum(UNUSUAL_SIGMA * rms_scatter, least_rise))
+        self._part_rms_limit = np.exp(log_part_rms + np.maximum(UNUSUAL_SIGMA * part_scatter, least_rise))
+        one_step = np.maximum(np.where(coarse, self._step, 0.0), rounding)
+        np.maximum(self._rms_limit, one_step, out=self._rms_limit)
+        np.maximum(self._part_rms_limit, one_step, out=self._part_rms_limit)
+        silent = self._silent(n, coarse)
+        for limit in (
+            self.usual_sample,
+            self.usual_part,
+            self.usual_level,
+            self.peak_limit,
+            self._part_peak_limit,
+            self._level_limit,
+            self._rms_limit,
+            self._part_rms_limit,
+        ):
+            limit[silent] = np.inf
+        self.rest = self._judge_rest(n, silent)
+
+    def _silent(self, n: int, coarse: Bools) -> Bools:
+        """Return (c,) the axes without noise in their frames, by n frames; nothing of them is ever unusual.
+
+        An axis that is updated once a second is constant within its frames, or has one step. Each of the larger steps
+        would be a knock, and the scatter of the means motion, of all axes on the table. A `coarse` axis (c,) repeats
+        its values as often, but toggles between neighbouring ones, so that its means stay within a step. An axis that
+        never changed within a frame has nothing to be judged by.
+        """
+        shift = gaussian_deviation(_median(self._distances[:n], np.zeros(len(coarse))))
+        silent = (self.held & ~(coarse & (shift < self._step))) | np.isinf(self._step)
+        return np.asarray(silent, dtype=bool)
+
+    def _level_scale(self, n: int, part_rms: Floats) -> Floats:
+        """Return (c,) the deviation of the mean of a frame from the level, by n frames, wider by its error."""
+        shift = gaussian_deviation(_median(self._distances[:n], np.zeros_like(part_rms)))
+        # The mean of a frame scatters at least as white noise of the parts would: eight distances may all be small
+        # by chance.
+        shift = np.maximum(shift, part_rms / np.sqrt(PARTS)) * (1.0 + ERROR_MARGIN * MAD_ERROR / np.sqrt(n))
+        # Until the level itself rests on all its frames, the scatter of the parts is the least that is assumed: a
+        # mean drifts by about as much as its parts do.
+        return np.asarray(shift if n > LEVEL_FRAMES else np.maximum(part_rms, shift))
+
+    # ------------------------------------------------------------------ compare
 
     def unusual(self, frames: FrameStatistics) -> Bools:
-        """Return (k, c) the frames that are not the noise of this sensor."""
-        self._update_step(frames)
+        """Return (k, c) the frames that are not the noise of this sensor; none before `ready`, none if unknown."""
+        self._note_step(frames)
         if not self.ready:
             return np.zeros(frames.mean.shape, dtype=bool)
-        peak, part_peak, _, rms, parts = self._limits
         unusual = self.moved(frames)
-        unusual |= (frames.peak > peak) | (frames.part_peak > part_peak)
-        unusual |= (frames.rms > rms) | (frames.parts > parts)
+        unusual |= (frames.peak > self.peak_limit) | (frames.part_peak > self._part_peak_limit)
+        unusual |= (frames.rms > self._rms_limit) | (frames.part_rms > self._part_rms_limit)
         return np.asarray(unusual & frames.known[:, None], dtype=bool)
 
     def moved(self, frames: FrameStatistics) -> Bools:
         """Return (k, c) the frames whose mean is not at the level."""
-        # a random walk continues during the frames that were not learned from
-        shift = self._limits[2] * np.sqrt(1.0 + self.stale / LEVEL_FRAMES)
-        return np.asarray(np.abs(frames.mean - self._levels(frames.mean)) > shift)
+        # A random walk continues during the frames that were not learned from: its variance grows with time, and
+        # the usual distance contains about LEVEL_FRAMES of it. The first quiet frame ends this allowance, although
+        # the level still rests on frames before the gap: a mean that is farther off by then is disturbed, and
+        # becomes a new baseline.
+        limit = self._level_limit * np.sqrt(1.0 + self.frames_since_quiet / LEVEL_FRAMES)
+        return np.asarray(np.abs(frames.mean - self._levels_before(frames.mean)) > limit)
 
-    def _update_step(self, frames: FrameStatistics) -> None:
-        """Note the least step that a channel makes."""
-        least = np.where(frames.peak > 0.0, frames.peak, np.inf).min(axis=0, initial=np.inf)
-        np.minimum(self._step, least, out=self._step)
+    def _judge_rest(self, n: int, silent: Bools) -> Rest:
+        """Return whether the last of `n` frames can be rest: squares are averaged over the axes of a sensor.
 
-    def _update_scales(self) -> None:
-        """Recompute scales and thresholds from the frames in the ring."""
-        n = min(self.frames, MEMORY_FRAMES)
-        self.origin = self.level
-        logs = self._ring[:n, 1:3]
-        self._scale = _median(logs, self._scale)
-        floor = np.array([[(2.0 * self._frame) ** -0.5], [(2.0 * PARTS - 2.0) ** -0.5]])
-        scatter = gaussian_deviation(_median(np.abs(logs - self._scale), np.zeros_like(self._scale)))
-        self._scatter = np.minimum(np.maximum(scatter, floor), MOST_SCATTER * floor)
-        wider = 1.0 + MARGIN * self._scatter * np.sqrt(0.5 * np.pi / n)  # of a median
-        rms, parts = np.exp(self._scale)
-        self.sample = UNUSUAL_SIGMA * wider[0] * rms
-        self.part = UNUSUAL_SIGMA * wider[1] * parts
-        shift = gaussian_deviation(_median(self._ring[:n, 3], np.zeros_like(rms)))
-        # The mean of a frame scatters at least as white noise of the parts would. With few distances, the
-        # scatter of the parts is the least that is assumed.
-        shift = np.maximum(shift, parts / np.sqrt(PARTS)) * (1.0 + MARGIN * MAD_ERROR / np.sqrt(n))
-        self.shift = UNUSUAL_SIGMA * (shift if n > LEVEL_FRAMES else np.maximum(parts, shift))
-        # a constant channel differs from its level by rounding
-        for limit in (self.sample, self.part, self.shift):
-            np.maximum(limit, ROUNDING * np.abs(self.origin), out=limit)
-        self._limits = self._thresholds()
-        self.at_rest = self._is_rest(n)
-
-    def _thresholds(self) -> Floats:
-        """Return (5, c) thresholds for peak, part_peak, distance of the mean, rms and parts."""
-        wider = np.maximum(UNUSUAL_SIGMA * self._scatter, np.log(LEAST_RATIO))
-        limits = np.stack((self.sample, self.part, self.shift, *np.exp(self._scale + wider)))
-        # A single step is no knock of a channel that is mostly constant.
-        coarse = COARSE_STEPS * np.exp(self._scale[0]) < self._step
-        allowed = np.array([COARSE_STEPS, COARSE_STEPS, COARSE_STEPS, 1.0, 1.0])
-        steps = allowed[:, None] * np.where(coarse, self._step, 0.0)
-        return np.asarray(np.maximum(np.maximum(limits, steps), ROUNDING * np.abs(self.origin)))
-
-    def _is_rest(self, n: int) -> bool:
-        """Return whether the last of `n` frames can be rest: squares are averaged over the axes of a sensor."""
-        if float(np.linalg.norm(self.level[self._members.get("gyro", [])])) > TURN_RATE:
-            return False
+        `silent` axes (c,) have no noise that would predict how their means may differ; they do not count.
+        """
+        members = {name: [i for i in axes if not silent[i]] for name, axes in self._members.items()}
+        if float(np.linalg.norm(self.level[members.get("gyro", [])])) > TURN_RATE:
+            return Rest.TURNED
         k = min(n, REST_FRAMES)
-        if k < FIRST_FRAMES:
-            return True
-        rows = self._ring[(self.frames - k + np.arange(k)) % MEMORY_FRAMES]
-        step = np.sqrt(0.5 * np.mean(np.diff(rows[:, 0], axis=0) ** 2, axis=0))  # Allan deviation at 1 s
-        white = _median(rows[:, 4], np.zeros(rows.shape[2]))
-        factor = REST_FACTOR * (1.0 + ((k - 1) * self._axes) ** -0.5)
-        limit = np.maximum(self._rest_limit, factor * white)
-        excess = (step / np.minimum(limit, SHAKEN_FACTOR * self._rest_limit)) ** 2
-        return all(float(excess[axes].mean()) <= 1.0 for axes in self._members.values())
+        if k < FIRST_FRAMES:  # one or two differences exceed any factor by chance
+            return Rest.UNDECIDED
+        rows = (self.frames - k + np.arange(k)) % MEMORY_FRAMES
+        allan_deviation = np.sqrt(
+            0.5 * np.mean(np.diff(self._means[rows], axis=0) ** 2, axis=0)
+        )  # of tau = 1 s
+        axes_of = np.array([max(1.0, len(members[name])) for name in self._sensors])
+        white = _median(self._white[rows], np.zeros(len(axes_of)))
+        # k - 1 differences of each axis have a relative error: more frames, or more axes, allow a lower limit
+        factor = REST_FACTOR * (1.0 + ((k - 1) * axes_of) ** -0.5)
+        limit = np.minimum(np.maximum(self._rest_limit, factor * white), SHAKEN_FACTOR * self._rest_limit)
+        excess = (allan_deviation / limit) ** 2
+        rests = all(float(excess[axes].mean()) <= 1.0 for axes in members.values() if axes)
+        return Rest.REST if rests else Rest.MOTION
+
+
+def _log_scale(logs: Floats, least_scatter: float) -> tuple[Floats, Floats]:
+    """Return (c,) the median of the logarithms (n, c) of deviations, and their scatter.
+
+    The scatter is at least that of white noise, because few frames may agree by chance, and at most `MOST_SCATTER`
+    times that, because beyond it disturbances are in it.
+    """
+    scale = _median(logs, np.zeros(logs.shape[1]))
+    scatter = gaussian_deviation(_median(np.abs(logs - scale), np.zeros_like(scale)))
+    return scale, np.minimum(np.maximum(scatter, least_scatter), MOST_SCATTER * least_scatter)
 
 
 def gaussian_deviation(median: Floats) -> Floats:

@@ -1,29 +1,92 @@
-"""Disturbances: frames of the sensors on one table that differ from their baseline.
+"""Disturbances: frames of the sensors on one table that differ from their usual noise.
 
-The detector assesses frame after frame against the `NoiseBaseline` and learns from the quiet ones. A frame
-that differs by single samples has outliers (`outliers`). Any other frame is searched part by part; if some
-parts explain it, only they are marked. Disturbed for most of ten frames means that everything is marked until
-five quiet frames follow, or until sixteen frames at a new level or with a new noise can be rest by themselves
-(a started engine, a tilted table). These become the baseline, and the record breaks behind them, because a
-difference across the change is not noise. It is motion if more than one axis or a mean has changed in most
-of the ten frames; a single axis whose noise changes does not move.
+The detector compares frame after frame with the `NoiseBaseline` and learns from the quiet ones. It gives a code to
+every part of every frame: 0, or the reason to exclude it (`ReasonCode`). Margins, order and counts are not its
+business (`guard`, `exclusions`).
+
+One frame
+---------
+    1. The frame is usual, or it has too few usable samples (it is "unknown"): no code.
+    2. Without its outliers it is usual (`outliers`): these samples are excluded alone.
+    3. Some parts, up to half of them, explain what is unusual: without them it is usual. They are a knock.
+    4. Otherwise the whole frame is a knock.
+
+Many frames
+-----------
+A knock takes a second or two. What lasts needs a decision: does the sensor move, or has its usual noise changed? The
+detector is a state machine. `TRANSITIONS` has its states and events, and one function belongs to each event:
+
+    state      event            next       by                  what happens
+    QUIET      MOSTLY_UNUSUAL   DISTURBED  _begin              8 of the last 10 frames are unusual
+    QUIET      MOSTLY_SEVERAL   MOVING     _begin              8 of 10 in several axes, or by a new mean
+    QUIET      NOT_REST         MOVING     _discard_baseline   the usual noise turns out to be motion
+    DISTURBED  MOSTLY_SEVERAL   MOVING     _recognise_motion   8 of 10 in several axes, or by a new mean
+    DISTURBED  USUAL_AGAIN      QUIET      _return             5 frames without anything unusual, or a gap
+    DISTURBED  NEW_REST         QUIET      _adopt              16 frames can be rest by themselves
+    MOVING     USUAL_AGAIN      QUIET      _return             5 frames without anything unusual, or a gap
+    MOVING     NEW_REST         QUIET      _adopt              16 frames can be rest by themselves
+
+In QUIET, single frames are excluded and the others are learned from. In DISTURBED and MOVING everything is excluded, as
+knock or as motion, usual and unknown frames included, and nothing is learned; a moving sensor is also reported as not
+at rest. Only several axes, or a mean that has changed, are motion: an axis whose noise grows does not move.
+
+Five frames without anything unusual may be unknown ones, and a gap of four whole frames or more, or of unknown length,
+does as much at once: what was seen to move is not seen any more. Motion that continues behind it is excluded frame
+by frame until it is recognised again. A gap also ends both windows, of ten frames and of sixteen, because they are of
+neighbours. Before there is a baseline, only NEW_REST ends motion.
+
+NEW_REST is a started engine or a tilted table: the last 16 frames become the baseline, and the record breaks behind
+them, because a difference across the change is not noise.
+
+Example: 20 s of noise, then the level of one axis jumps by 10 sigma and stays there, as on a tilted table. The eighth
+frame at the new level shows that this is no knock. The sixteen frames from there on become the new baseline.
+
+>>> noise = np.random.default_rng(1).standard_normal((3, 60, PARTS, 10))  # channels, frames, parts, samples
+>>> noise[0, 20:] += 10.0
+>>> detector = DisturbanceDetector(("accel",) * 3, INERTIAL, frame_samples=100)
+>>> noise *= 1e-3  # m/s^2
+>>> codes = np.zeros((60, PARTS), dtype=np.int8)
+>>> detector.assess_first(noise[:, :4], None, codes[:4], 0) is not None
+True
+>>> for frame in range(4, 60):
+...     breaks = detector.assess(noise[:, frame : frame + 1], None, codes[frame : frame + 1], 100 * frame)
+...     if breaks or frame in (19, 26, 27):
+...         print(frame, detector.state.name, ReasonCode(codes[frame, 0]).name, breaks)
+19 QUIET NONE []
+26 QUIET KNOCK []
+27 MOVING MOTION []
+43 QUIET MOTION [4400]
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import Literal, TypeAlias, get_args
+from enum import Enum, IntEnum
+from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from imumon.noise.array_state import ArrayState, subset
-from imumon.noise.detection.baseline import REST_FRAMES, NoiseBaseline
-from imumon.noise.detection.frame_statistics import PARTS, FrameStatistics
-from imumon.noise.detection.outliers import OutlierDetector, own_limit
+from imumon.noise.detection.baseline import FrameStatistics, NoiseBaseline
+from imumon.noise.detection.detection_rules import (
+    FIRST_FRAMES,
+    LOCATED_SHARE,
+    MOST_UNUSUAL_CANDIDATES,
+    MOTION_FRAMES,
+    PARTS,
+    READY_FRAMES,
+    REST_FRAMES,
+    RETURN_FRAMES,
+    SEVERAL_AXES,
+    WINDOW_FRAMES,
+)
+from imumon.noise.detection.outliers import OutlierDetector, limit_of_samples
+from imumon.noise.state_schema import COUNT, MOST, SPREAD, Field, Range, Rule, Schema, float_field
 from imumon.samples import Bools, Floats
+
+# ---------------------------------------------------------------------- reasons
 
 Codes: TypeAlias = npt.NDArray[np.int8]
 Reason: TypeAlias = Literal["glitch", "knock", "motion", "clipped", "stuck", "magnetic"]
@@ -34,33 +97,16 @@ REASONS: tuple[Reason, ...] = get_args(Reason)
 class ReasonCode(IntEnum):
     """Code of a reason."""
 
-    GLITCH = 1
-    KNOCK = 2
-    MOTION = 3
-    CLIPPED = 4
-    STUCK = 5
-    MAGNETIC = 6
+    NONE = 0
+    GLITCH = 1  # a single sample
+    KNOCK = 2  # unusual for some frames
+    MOTION = 3  # unusual for most frames, in several axes or by its mean
+    CLIPPED = 4  # the sensor itself says that its range was exceeded
+    STUCK = 5  # repeated values: above the others, because they mean nothing on such samples
+    MAGNETIC = 6  # anything that the magnetometer alone shows
 
 
 INERTIAL = ("gyro", "accel")
-
-WINDOW_FRAMES = 10
-"""Frames by which motion is recognised, the last ones. Half of them, quiet and in a row, end it."""
-MOTION_FRAMES = 8
-"""Unusual frames among them that mean motion: a knock and its echo take fewer. Motion leaves as many usual frames as a
-new baseline may have unusual ones."""
-LARGEST_SHARE = 0.5
-"""Share of the parts of a frame up to which single parts explain it."""
-ONE_AXIS = 0.5
-"""Repeats of the median axis over those of the most repeating one, below which that one alone is stuck."""
-
-
-class Shows(IntEnum):
-    """What a frame shows: the usual noise, another noise of one axis, or of several axes or another mean."""
-
-    USUAL = 0
-    ONE_CHANNEL = 1
-    SEVERAL = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +117,7 @@ class Outlier:
     ----------
     place : on the grid.
     group, channel : its sensor and the axis that is farthest off.
-    size : channel unit, distance from the middle of its frame.
+    size : channel unit, distance from the level.
     """
 
     place: int
@@ -88,9 +134,10 @@ class Disturbance:
     ----------
     kind : the reason.
     start : samples on the grid since the guard began, margin included.
-    length : excluded samples, margins included.
-    size : channel unit, greatest distance from the level; None for a stuck output.
-    channel : index of the channel whose distance is greatest relative to its noise, or which alone is stuck;
+    length : samples, margins included: of a stretch from its first to its last one, those that were lost in between
+        too; of outliers, how many there are.
+    size : channel unit, largest distance from the level; None for a stuck output, which has none.
+    channel : index of the channel whose distance is largest relative to its noise, or which alone is stuck;
         None: no single one.
     """
 
@@ -101,311 +148,508 @@ class Disturbance:
     channel: int | None
 
 
+# ---------------------------------------------------------------------- states and transitions
+
+
+class DetectorState(IntEnum):
+    """What a detector does with the next frame."""
+
+    QUIET = 0
+    """Excludes it if it is unusual, else learns from it."""
+    DISTURBED = 1
+    """Excludes it as a knock: most frames are unusual, but not by what moves."""
+    MOVING = 2
+    """Excludes it as motion."""
+
+
+class DetectorEvent(Enum):
+    """What changes the state; see the table at the top of the file."""
+
+    MOSTLY_UNUSUAL = "MOTION_FRAMES of the last WINDOW_FRAMES are unusual"
+    MOSTLY_SEVERAL = "MOTION_FRAMES of them show several axes, or another mean"
+    NOT_REST = "the baseline cannot be that of a sensor at rest"
+    USUAL_AGAIN = "RETURN_FRAMES in a row have nothing unusual"
+    NEW_REST = "REST_FRAMES in a row can be rest by themselves"
+
+
+TRANSITIONS: Mapping[tuple[DetectorState, DetectorEvent], DetectorState] = {
+    (DetectorState.QUIET, DetectorEvent.MOSTLY_UNUSUAL): DetectorState.DISTURBED,
+    (DetectorState.QUIET, DetectorEvent.MOSTLY_SEVERAL): DetectorState.MOVING,
+    (DetectorState.QUIET, DetectorEvent.NOT_REST): DetectorState.MOVING,
+    (DetectorState.DISTURBED, DetectorEvent.MOSTLY_SEVERAL): DetectorState.MOVING,
+    (DetectorState.DISTURBED, DetectorEvent.USUAL_AGAIN): DetectorState.QUIET,
+    (DetectorState.DISTURBED, DetectorEvent.NEW_REST): DetectorState.QUIET,
+    (DetectorState.MOVING, DetectorEvent.USUAL_AGAIN): DetectorState.QUIET,
+    (DetectorState.MOVING, DetectorEvent.NEW_REST): DetectorState.QUIET,
+}
+"""Next state by state and event. Other pairs cannot happen."""
+
+EXCLUDED_AS: Mapping[DetectorState, ReasonCode] = {
+    DetectorState.DISTURBED: ReasonCode.KNOCK,
+    DetectorState.MOVING: ReasonCode.MOTION,
+}
+"""Code of every frame in a state that excludes everything."""
+
+
+class Verdict(IntEnum):
+    """What one frame shows. Above `USUAL` is unusual."""
+
+    UNKNOWN = -1
+    """Nothing: too few usable samples, or no baseline yet. It counts as nothing unusual: it is excluded only where
+    everything is, in `DISTURBED` and `MOVING`, and `RETURN_FRAMES` of them end both states."""
+    USUAL = 0
+    ONE_AXIS = 1
+    """Another noise of one axis."""
+    SEVERAL = 2
+    """Another noise of several axes, or another mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class AssessedFrame:
+    """One frame, compared with the baseline.
+
+    Attributes
+    ----------
+    statistics : of one frame, without the outliers if these explain what is unusual.
+    unusual : (1, c) channels that are unusual all the same.
+    outliers : (c, 1, PARTS, part) single samples; None: there are none, or they do not explain it.
+    """
+
+    statistics: FrameStatistics
+    unusual: Bools
+    outliers: Bools | None = None
+
+
+# ---------------------------------------------------------------------- detector
+
+
 class DisturbanceDetector(ArrayState):
-    """Assess the channels of some sensors together.
+    """Assess the channels of some sensors together: a table that is knocked moves all of them.
 
     Parameters
     ----------
     sensors : (c,) sensor of each channel of the stream.
     kinds : sensors that are assessed.
-    frame : samples of a frame, a multiple of `PARTS`.
+    frame_samples : samples of a frame, a multiple of `PARTS`.
 
     Attributes
     ----------
     channels, groups : columns and groups of the stream that are assessed.
+    inertial : the sensors are gyroscope and accelerometer, which move; a magnetometer can only be disturbed.
     baseline : the usual noise.
-    moving : frames since everything is marked; 0 in usual noise.
     outliers : finds single samples, and knows the channels that have them as noise.
-    found : outliers to exclude, in order; the guard takes them.
-    rest_changes : places on the grid where motion begins (False) or ends (True); the guard takes them.
-    open : start, end and code of the running disturbance; empty if there is none.
-    latest : (2, c) channel unit, mean and deviation of the last undisturbed frame that was passed on.
+    group_of : (c,) group of each of these channels.
+    single_samples : outliers to exclude, in order; the guard empties the list.
+    rest_changes : places on the grid where motion begins (False) or ends (True); the guard empties the list. A
+        magnetometer has none: no caller reads them, and the list would grow without bound.
+    state : what happens with the next frame.
     """
 
-    _STATE = ("moving", "_reason", "latest")
+    _STATE: ClassVar = {"state": Range(min(DetectorState), max(DetectorState)), "_unknown_frames": COUNT}
 
-    def __init__(self, sensors: Sequence[str], kinds: tuple[str, ...], frame: int) -> None:
+    def __init__(self, sensors: Sequence[str], kinds: tuple[str, ...], frame_samples: int) -> None:
+        names = list(dict.fromkeys(sensors))
         self.inertial = kinds == INERTIAL
         self.channels = [i for i, s in enumerate(sensors) if s in kinds]
-        self.groups = [g for g, s in enumerate(dict.fromkeys(sensors)) if s in kinds]
-        self._baseline_arguments = tuple(sensors[i] for i in self.channels), frame
-        self.baseline = NoiseBaseline(*self._baseline_arguments)
-        self._group_of = [list(dict.fromkeys(sensors)).index(sensors[i]) for i in self.channels]
-        self.outliers = OutlierDetector(self._group_of, frame)
-        self.found: list[Outlier] = []
+        self.groups = [g for g, s in enumerate(names) if s in kinds]
+        self.group_of = [names.index(sensors[i]) for i in self.channels]
+        self._sensors, self._frame_samples = tuple(sensors[i] for i in self.channels), frame_samples
+        self._held = np.zeros(len(self.channels), dtype=bool)
+        self.baseline = self._new_baseline()
+        self.outliers = OutlierDetector(self.group_of, frame_samples)
+        self.single_samples: list[Outlier] = []
         self.rest_changes: list[tuple[int, bool]] = []
-        self.moving = 0
-        self._reason = ReasonCode.MOTION  # why everything is marked
-        self._unusual = [Shows.USUAL] * WINDOW_FRAMES  # the last frames, newest last
-        self._candidates: list[FrameStatistics] = []  # while moving: frames for a new baseline
-        self.open: list[int] = []
-        self._range = np.zeros((2, len(self.channels)))  # channel unit, of the running disturbance
-        self.latest = self._reference = np.zeros((2, len(self.channels)))
-        self._repeats = np.zeros(len(self.channels), dtype=np.int64)  # within it: values equal to the last
-        self._last = np.zeros((0, len(self.channels)))  # row of it
+        self.state = DetectorState.QUIET
+        self._window = [Verdict.USUAL] * WINDOW_FRAMES  # the last frames, newest last
+        self._candidates: list[
+            FrameStatistics
+        ] = []  # frames for a new baseline, while everything is excluded
+        self._unknown_frames = 0  # in a row, up to now
+
+    def _new_baseline(self) -> NoiseBaseline:
+        baseline = NoiseBaseline(self._sensors, self._frame_samples)
+        baseline.held = self._held
+        return baseline
 
     @property
     def at_rest(self) -> bool:
         """False while the sensor moves or is handled."""
-        return not (self.moving and self._reason == ReasonCode.MOTION)
+        return self.state is not DetectorState.MOVING
 
-    def assess(self, x: Floats, usable: Bools | None, codes: Codes, index: int) -> list[int]:
+    def hold(self, held: Bools) -> None:
+        """Say which channels (c,) keep their value for many samples, before frames are assessed."""
+        self._held = self.baseline.held = held
+
+    def end(self, frames: int, place: int) -> None:
+        """Note that `frames` whole frames are missing from `place` on: what runs does not continue behind them.
+
+        Frames on both sides of a gap are no neighbours: they are not counted in one window, and their means may differ
+        by more than noise. Motion ends as after `RETURN_FRAMES` unknown frames, and for the same reason.
+        """
+        self.baseline.skip(frames)
+        self._window = [Verdict.UNKNOWN] * WINDOW_FRAMES
+        self._candidates, self._unknown_frames = [], 0
+        if self.state is not DetectorState.QUIET and self.baseline.ready:
+            at_rest_before = self.at_rest
+            self._return()
+            self._note_rest(at_rest_before, place)
+
+    def _note_rest(self, before: bool, place: int) -> None:
+        """Note a change of `at_rest`, which was `before`, at a place on the grid."""
+        if self.inertial and self.at_rest != before:
+            self.rest_changes.append((place, self.at_rest))
+
+    # ------------------------------------------------------------------ frames
+
+    def assess(self, values: Floats, usable: Bools | None, codes: Codes, place: int) -> list[int]:
         """Assess frames and learn from the quiet ones; return the places of breaks on the grid.
 
         Parameters
         ----------
-        x : (c, k, PARTS, part) channel unit.
-        usable : (k, PARTS, part) rows that may be assessed; None: all.
+        values : (c, k, PARTS, part) channel unit; the baseline must not change before the last frame.
+        usable : (k, PARTS, part) samples that may be assessed; None: all.
         codes : (k, PARTS), output.
-        index : place on the grid of the first row.
+        place : on the grid, of the first sample.
         """
-        k, frame = x.shape[1], x.shape[2] * x.shape[3]
-        if self.baseline.ready and not (self.moving or self.baseline.stale or any(self._unusual)):
-            frames, _ = self._figures(x, usable)
-            if frames.known.all() and not self.baseline.unusual(frames).any():
-                self._learn(frames, codes)
-                if not self.at_rest:  # the scales change with the last frame
-                    self.rest_changes.append((index + k * frame, False))
-                return []
+        frames = values.shape[1]
+        if self._assess_quiet(values, usable, codes, place):
+            return []
         breaks = []
-        for f in range(k):
-            own = None if usable is None else usable[f : f + 1]
-            place, before = index + f * frame, self.at_rest
-            if self._assess_frame(x[:, f : f + 1], own, codes[f : f + 1], place):
-                breaks.append(place + frame)
-            if self.at_rest != before:
-                self.rest_changes.append((place + frame, self.at_rest))
+        for f in range(frames):
+            frame_usable = None if usable is None else usable[f : f + 1]
+            begin, at_rest_before = place + f * self._frame_samples, self.at_rest
+            if self._assess_frame(values[:, f : f + 1], frame_usable, codes[f : f + 1], begin):
+                breaks.append(begin + self._frame_samples)
+            self._note_rest(at_rest_before, begin + self._frame_samples)
         return breaks
 
-    def assess_first(self, x: Floats, usable: Bools | None, codes: Codes, index: int) -> None:
-        """Assess the first frames by one another, because a record may begin with a knock; see `assess`."""
-        frames, d = self._figures(x, usable)
-        limit = own_limit(d, usable)
-        outliers = np.zeros(d.shape, dtype=bool)
-        for f in range(d.shape[1]):
-            one = slice(f, f + 1)
-            found = self.outliers.find(d[:, one], None if usable is None else usable[one], limit)
-            if found is not None:
-                outliers[:, one] = found
+    def _assess_quiet(self, values: Floats, usable: Bools | None, codes: Codes, place: int) -> bool:
+        """Assess frames at once and return True, or return False: they need one decision after the other.
+
+        This is the usual case, and a whole block costs hardly more than a frame. After a frame that was skipped,
+        the limit of the level depends on how many were; an unusual frame in the window may complete a transition.
+        """
+        if (
+            self.state is not DetectorState.QUIET
+            or not self.baseline.ready
+            or self.baseline.frames_since_quiet
+        ):
+            return False
+        if max(self._window) > Verdict.USUAL:
+            return False
+        frames, _ = self._statistics(values, usable)
+        if not frames.known.all() or self.baseline.unusual(frames).any():
+            return False
+        self._learn(frames, codes)
+        if not self.at_rest:  # the baseline changes with the last frame only
+            self.rest_changes.append((place + values.shape[1] * self._frame_samples, False))
+        return True
+
+    def assess_first(
+        self, values: Floats, usable: Bools | None, codes: Codes, place: int
+    ) -> tuple[Floats, Floats] | None:
+        """Assess the first frames by one another, because a record may begin with a knock; see `assess`.
+
+        Returns
+        -------
+        (c,) level and (c,) least deviation of the frames, channel unit, by which the size of a disturbance is measured;
+        None: fewer than `READY_FRAMES` frames are known, nothing is assessed, and the next frames are learned from.
+        """
+        frames, distance = self._statistics(values, usable)
+        outliers = self._first_outliers(distance, usable)
         if outliers.any():
-            frames = self._without(outliers, d, usable)
+            frames = self._without(outliers, distance, usable)
         self.baseline.add(frames[frames.known])
         if not self.baseline.ready:
-            return
+            return None
         unusual = np.asarray(self.baseline.unusual(frames).any(axis=1), dtype=bool)
         for f in np.flatnonzero(unusual).tolist():
-            own = None if usable is None else usable[f : f + 1]
-            codes[f] = self._locate(self._figures(x[:, f : f + 1], own)[1], own)
-        self._unusual = [*self._unusual, *np.where(unusual, Shows.SEVERAL, Shows.USUAL).tolist()][
-            -WINDOW_FRAMES:
-        ]
+            frame_usable = None if usable is None else usable[f : f + 1]
+            codes[f] = self._locate(self._statistics(values[:, f : f + 1], frame_usable)[1], frame_usable)
+        verdicts = np.where(unusual, Verdict.SEVERAL, Verdict.USUAL).tolist()
+        self._window = [*self._window, *(Verdict(verdict) for verdict in verdicts)][-WINDOW_FRAMES:]
         quiet = frames.known & ~unusual
-        if unusual.any() and quiet.sum() >= 2:
-            self.baseline = NoiseBaseline(*self._baseline_arguments)
+        if unusual.any() and quiet.sum() >= READY_FRAMES:  # a second pass, without the knock in the scales
+            self.baseline = self._new_baseline()
             self.baseline.add(frames[quiet])
-        outliers &= quiet[:, None, None]
+        outliers &= quiet[:, None, None]  # those of an excluded frame are excluded with it
         self.outliers.count(outliers, int(quiet.sum()))
-        self._note(x, outliers, index)
-        self.latest = np.stack((self.baseline.level, frames.rms.min(axis=0)))
-        if self._check_rest():
+        self._exclude_outliers(values, outliers, place)
+        reference = self.baseline.level, frames.rms.min(axis=0)
+        if not self._still_rests():
             codes[:] = ReasonCode.MOTION
-            self.rest_changes.append((index + x.shape[1] * x.shape[2] * x.shape[3], False))
+            self.rest_changes.append((place + values.shape[1] * self._frame_samples, False))
+        return reference
 
-    def _without(self, outliers: Bools, d: Floats, usable: Bools | None) -> FrameStatistics:
+    def _first_outliers(self, distance: Floats, usable: Bools | None) -> Bools:
+        """Return (c, k, PARTS, part) the outliers of the first frames, each compared with itself."""
+        outliers = np.zeros(distance.shape, dtype=bool)
+        limit = limit_of_samples(distance, usable)
+        for f in range(distance.shape[1]):
+            frame = slice(f, f + 1)
+            search = self.outliers.search(
+                distance[:, frame], None if usable is None else usable[frame], limit
+            )
+            if search.outliers is not None:
+                outliers[:, frame] = search.outliers
+        return outliers
+
+    def _statistics(self, values: Floats, usable: Bools | None) -> tuple[FrameStatistics, Floats]:
+        """Return statistics of frames, and the distance of their samples from the origin, 0.0 if not usable."""
+        distance = values - self.baseline.origin[:, None, None, None]
+        if usable is not None:
+            distance *= usable
+        return FrameStatistics.of(distance, usable, self.baseline.origin), distance
+
+    def _without(self, outliers: Bools, distance: Floats, usable: Bools | None) -> FrameStatistics:
         """Return the statistics of frames without outliers, all (c, k, PARTS, part)."""
         rest: Bools = np.logical_not(outliers.any(axis=0))
         if usable is not None:
             rest = rest & usable
-        return FrameStatistics.of(d * rest, rest, self.baseline.origin)
+        return FrameStatistics.of(distance * rest, rest, self.baseline.origin)
 
-    def _note(self, x: Floats, outliers: Bools, index: int) -> None:
+    def _assess_frame(self, values: Floats, usable: Bools | None, codes: Codes, place: int) -> bool:
+        """Assess one frame and return whether the record breaks behind it."""
+        frames, distance = self._statistics(values, usable)
+        frame = self._without_outliers(frames, distance, usable)
+        verdict = self._verdict(frame)
+        self._window = [*self._window[1:], verdict]
+        if verdict > Verdict.USUAL:
+            codes[:] = self._locate(distance, usable)
+        known = bool(frame.statistics.known[0])
+        self._unknown_frames = 0 if known else self._unknown_frames + 1
+        if verdict > Verdict.USUAL or not known:
+            self.baseline.skip(1)
+        if self.state is not DetectorState.QUIET:
+            return self._exclude_frame(frame.statistics, codes)
+        if self._unusual_frames() >= MOTION_FRAMES:
+            self._begin(codes)
+        elif verdict <= Verdict.USUAL and known:
+            self._learn(frame.statistics, codes, frame.outliers)
+            if frame.outliers is not None:
+                self._exclude_outliers(values, frame.outliers, place)
+        return False
+
+    def _without_outliers(
+        self, frames: FrameStatistics, distance: Floats, usable: Bools | None
+    ) -> AssessedFrame:
+        """Compare a frame with the baseline, without its outliers if these explain what is unusual."""
+        unusual = self.baseline.unusual(frames)
+        # While everything is excluded, or before anything is known, the baseline is not that of this frame. It may
+        # become one of the next baseline, in which outliers would raise the scales: they are always removed.
+        untried = self.state is not DetectorState.QUIET or not self.baseline.ready
+        if not untried and not unusual.any():
+            return AssessedFrame(frames, unusual)
+        limit = limit_of_samples(distance, usable)
+        if not untried:  # a knock fills a part of its frame and raises the frame's own scale
+            limit = np.minimum(limit, self.baseline.peak_limit)
+        outliers = self.outliers.search(distance, usable, limit).outliers
+        if outliers is None:
+            return AssessedFrame(frames, unusual)
+        rest = self._without(outliers, distance, usable)
+        still_unusual = self.baseline.unusual(rest)
+        if still_unusual.any() and not untried:
+            return AssessedFrame(frames, unusual)
+        return AssessedFrame(rest, still_unusual, outliers)
+
+    def _verdict(self, frame: AssessedFrame) -> Verdict:
+        """Return what a frame shows."""
+        if not frame.unusual.any():
+            known = self.baseline.ready and bool(frame.statistics.known[0])
+            return Verdict.USUAL if known else Verdict.UNKNOWN
+        if np.count_nonzero(frame.unusual) >= SEVERAL_AXES or self.baseline.moved(frame.statistics).any():
+            return Verdict.SEVERAL
+        return Verdict.ONE_AXIS
+
+    def _learn(self, frames: FrameStatistics, codes: Codes, outliers: Bools | None = None) -> None:
+        """Learn from quiet frames."""
+        self.outliers.count(outliers, len(frames.mean))
+        self.baseline.add(frames)
+        if not self._still_rests():
+            codes[-1:] = ReasonCode.MOTION  # the scales change with the last frame that is learned
+
+    def _exclude_outliers(self, values: Floats, outliers: Bools, place: int) -> None:
         """Exclude outliers (c, k, PARTS, part) of channels in which they are not noise.
 
         Parameters
         ----------
-        x : (c, k, PARTS, part) channel unit.
-        index : place on the grid of the first sample.
+        values : (c, k, PARTS, part) channel unit.
+        place : on the grid, of the first sample.
         """
-        own = outliers & ~self.outliers.noise[:, None, None, None]
-        marked = own.reshape(len(own), -1)
-        for row in np.flatnonzero(marked.any(axis=0)).tolist():
-            distance = np.abs(x.reshape(len(x), -1)[:, row] - self.baseline.level)
-            by_group: dict[int, Outlier] = {}
-            for c in np.flatnonzero(marked[:, row]).tolist():
-                group, size = self._group_of[c], float(distance[c])
-                if group not in by_group or size > by_group[group].size:
-                    by_group[group] = Outlier(index + row, group, self.channels[c], size)
-            self.found += by_group.values()
+        excluded = outliers & ~self.outliers.noise[:, None, None, None]
+        by_channel = excluded.reshape(len(excluded), -1)
+        for row in np.flatnonzero(by_channel.any(axis=0)).tolist():
+            distance = np.abs(values.reshape(len(values), -1)[:, row] - self.baseline.level)
+            farthest: dict[int, Outlier] = {}  # by group: a sample of a sensor is excluded once
+            for c in np.flatnonzero(by_channel[:, row]).tolist():
+                group, size = self.group_of[c], float(distance[c])
+                if group not in farthest or size > farthest[group].size:
+                    farthest[group] = Outlier(place + row, group, self.channels[c], size)
+            self.single_samples += farthest.values()
 
-    def _figures(self, x: Floats, usable: Bools | None) -> tuple[FrameStatistics, Floats]:
-        d = x - self.baseline.origin[:, None, None, None]
-        if usable is not None:
-            d *= usable
-        return FrameStatistics.of(d, usable, self.baseline.origin), d
-
-    def _assess_frame(self, x: Floats, usable: Bools | None, codes: Codes, index: int) -> bool:
-        """Assess one frame and return whether the record breaks behind it."""
-        baseline = self.baseline
-        frames, d = self._figures(x, usable)
-        frames, unusual, outliers = self._without_outliers(frames, d, usable)
-        several = np.count_nonzero(unusual) > 1 or bool(baseline.moved(frames).any())
-        state = (Shows.SEVERAL if several else Shows.ONE_CHANNEL) if unusual.any() else Shows.USUAL
-        self._unusual = [*self._unusual[1:], state]
-        if state:
-            codes[:] = self._locate(d, usable)
-        if state or not frames.known[0]:
-            baseline.skip(1)
-        if self.moving:
-            return self._continue_motion(frames, codes)
-        if WINDOW_FRAMES - self._unusual.count(Shows.USUAL) >= MOTION_FRAMES:
-            self.moving, self._candidates = 1, []
-            self._reason = (
-                ReasonCode.MOTION if self._unusual.count(Shows.SEVERAL) >= MOTION_FRAMES else ReasonCode.KNOCK
-            )
-            codes[:] = self._reason
-        elif not state and frames.known[0]:
-            self._learn(frames, codes, outliers)
-            if outliers is not None:
-                self._note(x, outliers, index)
-        return False
-
-    def _continue_motion(self, frames: FrameStatistics, codes: Codes) -> bool:
-        """Mark a frame while everything is marked, and return whether the record breaks behind it."""
-        self.moving += 1
-        if self._unusual.count(Shows.SEVERAL) >= MOTION_FRAMES:
-            self._reason = ReasonCode.MOTION
-        codes[:] = self._reason
-        if frames.known[0]:
-            self._candidates.append(frames)
-        if self.baseline.ready and not any(self._unusual[WINDOW_FRAMES // 2 :]):
-            self.moving, self._candidates = 0, []
-        elif len(self._candidates) >= REST_FRAMES:
-            return self._try_new_baseline()
-        return False
-
-    def _without_outliers(
-        self, frames: FrameStatistics, d: Floats, usable: Bools | None
-    ) -> tuple[FrameStatistics, Bools, Bools | None]:
-        """Return a frame without its outliers, what is unusual in it, and the outliers; None: they explain nothing."""
-        baseline = self.baseline
-        unusual = baseline.unusual(frames)
-        untried = self.moving or not baseline.ready  # no usual noise, or not this one
-        if not untried and not unusual.any():
-            return frames, unusual, None
-        limit = own_limit(d, usable)  # by a median, because outliers raise the usual deviation
-        outliers = self.outliers.find(d, usable, limit if untried else np.minimum(limit, baseline.peak))
-        if outliers is None:
-            return frames, unusual, None
-        without = self._without(outliers, d, usable)
-        explained = baseline.unusual(without)
-        return (without, explained, outliers) if untried or not explained.any() else (frames, unusual, None)
-
-    def _learn(self, frames: FrameStatistics, codes: Codes, outliers: Bools | None = None) -> None:
-        self.outliers.count(outliers, len(frames.mean))
-        self.baseline.add(frames)
-        if self._check_rest():
-            codes[-1:] = ReasonCode.MOTION  # the scales change with the last frame that is learned
-
-    def _check_rest(self) -> bool:
-        """Discard a baseline that turns out to be motion, and return whether it was."""
-        if not self.inertial or self.baseline.at_rest:
-            return False
-        self.baseline = NoiseBaseline(*self._baseline_arguments)
-        self.moving, self._reason, self._candidates = 1, ReasonCode.MOTION, []
-        return True
-
-    def _try_new_baseline(self) -> bool:
-        """Use the last frames as the baseline if they are rest; return whether the record breaks."""
-        frames = FrameStatistics.joined(self._candidates)
-        self._candidates = []
-        trial = NoiseBaseline(*self._baseline_arguments)
-        trial.add(frames)
-        if not trial.at_rest or trial.unusual(frames).any(axis=1).sum() > WINDOW_FRAMES - MOTION_FRAMES:
-            return False
-        self.baseline, self.moving = trial, 0
-        self._unusual = [Shows.USUAL] * WINDOW_FRAMES
-        return self.inertial
-
-    def _locate(self, d: Floats, usable: Bools | None) -> Codes:
+    def _locate(self, distance: Floats, usable: Bools | None) -> Codes:
         """Return (PARTS,) codes of an unusual frame: the parts that explain it, or all of them.
 
         Parameters
         ----------
-        d : (c, 1, PARTS, part) channel unit, distance from the level; 0.0 if not usable.
+        distance : (c, 1, PARTS, part) channel unit, from the origin; 0.0 if not usable.
         usable : (1, PARTS, part) or None.
         """
         baseline = self.baseline
-        distance = d[:, 0] - (baseline.level - baseline.origin)[:, None, None]
+        from_level = distance[:, 0] - (baseline.level - baseline.origin)[:, None, None]
         if usable is not None:
-            distance *= usable[0]
-        samples = np.abs(distance) > (baseline.sample + baseline.shift)[:, None, None]
-        hit = samples.any(axis=(0, 2))
-        means = np.abs(distance.mean(axis=2)) > (baseline.part + baseline.shift)[:, None]
-        hit |= means.any(axis=0)
-        if 0 < hit.sum() <= LARGEST_SHARE * PARTS:
-            rest = np.array(np.broadcast_to(~hit[None, :, None], d.shape[1:]))
+            from_level *= usable[0]
+        # The mean of this frame contains the knock, so distances are from the level; the usual distance between
+        # the two is added to the limits.
+        sample_limit = baseline.usual_sample + baseline.usual_level
+        part_limit = baseline.usual_part + baseline.usual_level
+        differs = (np.abs(from_level) > sample_limit[:, None, None]).any(axis=(0, 2))
+        differs |= (np.abs(from_level.mean(axis=2)) > part_limit[:, None]).any(axis=0)
+        if 0 < differs.sum() <= LOCATED_SHARE * PARTS:
+            rest = np.array(np.broadcast_to(~differs[None, :, None], distance.shape[1:]))
             if usable is not None:
                 rest &= usable
-            if not baseline.unusual(FrameStatistics.of(d * rest, rest, baseline.origin)).any():
-                return np.where(hit, ReasonCode.KNOCK, 0).astype(np.int8)
+            # If the other parts are unusual without these, the disturbance reaches beyond them.
+            if not baseline.unusual(FrameStatistics.of(distance * rest, rest, baseline.origin)).any():
+                return np.where(differs, ReasonCode.KNOCK, ReasonCode.NONE).astype(np.int8)
         return np.full(PARTS, ReasonCode.KNOCK, dtype=np.int8)
 
-    def extend(self, start: int, end: int, code: int, values: Floats) -> None:
-        """Begin or extend the running disturbance.
+    # ------------------------------------------------------------------ transitions
 
-        Parameters
-        ----------
-        start, end : places on the grid.
-        values : (n, c) channel unit, its samples in all channels of the stream.
-        """
-        own = values[:, self.channels]
-        if not self.open:
-            self.open = [start, end, code]
-            self._reference = self.latest
-            self._range = np.repeat(self._reference[:1], 2, axis=0)
-            self._repeats[:], self._last = 0, own[:0]
-        self.open[1:] = [end, max(code, self.open[2])]
-        if len(own):
-            self._repeats += (np.diff(own, axis=0, prepend=self._last) == 0.0).sum(axis=0)
-            self._last = own[-1:]
-            self._range[0] = np.minimum(self._range[0], own.min(axis=0))
-            self._range[1] = np.maximum(self._range[1], own.max(axis=0))
+    def _go(self, event: DetectorEvent) -> None:
+        """Change the state; a KeyError says that the event cannot happen in it."""
+        self.state = TRANSITIONS[self.state, event]
 
-    def close(self) -> Disturbance:
-        """End and return the running disturbance."""
-        start, end, code = self.open
-        self.open = []
-        level, deviation = self._reference
-        distance = np.maximum(self._range[1] - level, level - self._range[0])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            # a channel without noise is the worst that moves
-            share = np.where(distance > 0.0, distance / deviation, 0.0)
-        worst = int(np.argmax(share))
-        sized = code != ReasonCode.STUCK and distance[worst] > 0.0
-        size, channel = (float(distance[worst]), self.channels[worst]) if sized else (None, None)
-        if code == ReasonCode.STUCK and np.median(self._repeats) < ONE_AXIS * self._repeats.max():
-            channel = self.channels[int(np.argmax(self._repeats))]
-        named = self.inertial or code in (ReasonCode.CLIPPED, ReasonCode.STUCK)
-        return Disturbance(REASONS[code - 1] if named else "magnetic", start, end - start, size, channel)
+    def _unusual_frames(self, least: Verdict = Verdict.ONE_AXIS) -> int:
+        """Return how many of the last frames show at least this."""
+        return sum(verdict >= least for verdict in self._window)
+
+    def _mostly_several(self) -> bool:
+        return self._unusual_frames(Verdict.SEVERAL) >= MOTION_FRAMES
+
+    def _begin(self, codes: Codes) -> None:
+        """Begin to exclude everything: MOSTLY_UNUSUAL, or MOSTLY_SEVERAL."""
+        self._go(DetectorEvent.MOSTLY_SEVERAL if self._mostly_several() else DetectorEvent.MOSTLY_UNUSUAL)
+        self._candidates = []
+        codes[:] = EXCLUDED_AS[self.state]
+
+    def _exclude_frame(self, frames: FrameStatistics, codes: Codes) -> bool:
+        """Exclude a frame as the state says; return whether a new baseline begins behind it, and the record breaks."""
+        if self.state is DetectorState.DISTURBED and self._mostly_several():
+            self._recognise_motion()
+        codes[:] = EXCLUDED_AS[self.state]
+        if frames.known[0]:
+            self._candidates.append(frames)
+        elif self._unknown_frames >= FIRST_FRAMES:  # as long as the gaps for which the guard calls `end`
+            self._candidates = []
+        # Unknown frames count as usual here. Nothing is seen to move any more: otherwise a sensor that was put down
+        # while its samples were lost would be "not at rest" for as long as they are. Motion that continues is compared
+        # with the same baseline, excluded frame by frame, and recognised again. Without a baseline nothing is unusual,
+        # so that five such frames say nothing: only a new one ends motion.
+        if self.baseline.ready and max(self._window[-RETURN_FRAMES:]) <= Verdict.USUAL:
+            self._return()
+            return False
+        if len(self._candidates) < REST_FRAMES:
+            return False
+        candidates, self._candidates = FrameStatistics.joined(self._candidates), []
+        trial = self._new_baseline()
+        trial.add(candidates)
+        # A changing noise or a hand that pauses makes some frames unusual to the others: the next sixteen are tried.
+        if not trial.at_rest or trial.unusual(candidates).any(axis=1).sum() > MOST_UNUSUAL_CANDIDATES:
+            return False
+        self._adopt(trial)
+        # a break is one of all sensors: a magnet nearby must not break the gyroscope's record
+        return self.inertial
+
+    def _recognise_motion(self) -> None:
+        """MOSTLY_SEVERAL: what began in one axis is motion."""
+        self._go(DetectorEvent.MOSTLY_SEVERAL)
+
+    def _return(self) -> None:
+        """USUAL_AGAIN: the baseline still holds."""
+        self._go(DetectorEvent.USUAL_AGAIN)
+        self._candidates = []
+
+    def _adopt(self, baseline: NoiseBaseline) -> None:
+        """NEW_REST: the noise of the last frames is the usual one from now on."""
+        self._go(DetectorEvent.NEW_REST)
+        self.baseline = baseline
+        self._window = [Verdict.USUAL] * WINDOW_FRAMES  # the old verdicts compare with the old baseline
+
+    def _still_rests(self) -> bool:
+        """Return whether the baseline can still be rest; else discard it."""
+        if not self.inertial or self.baseline.at_rest:
+            return True
+        self._discard_baseline()
+        return False
+
+    def _discard_baseline(self) -> None:
+        """NOT_REST: what was learned is motion."""
+        self._go(DetectorEvent.NOT_REST)
+        self.baseline = self._new_baseline()
+        self._candidates = []
+
+    # ------------------------------------------------------------------ state
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays."""
-        out = super().save() | {"unusual": np.array(self._unusual)}
+        out = super().save() | {"window": np.array(self._window)}
         out |= {f"outliers.{name}": value for name, value in self.outliers.save().items()}
-        found = [[o.place, o.group, o.channel, o.size] for o in self.found]
-        out["found"] = np.array(found, dtype=np.float64).reshape(-1, 4)
+        rows = [[o.place, o.group, o.channel] for o in self.single_samples]
+        out["single_samples"] = np.array(rows, dtype=np.int64).reshape(-1, 3)
+        out["single_sizes"] = np.array([o.size for o in self.single_samples], dtype=np.float64)
         if self._candidates:
             frames = FrameStatistics.joined(self._candidates)
             out |= {f"candidates.{name}": getattr(frames, name) for name in FrameStatistics.__slots__}
         return out | {f"baseline.{name}": value for name, value in self.baseline.save().items()}
 
+    def schema(self) -> Schema:
+        """Return what a saved state of these sensors consists of."""
+        sensor_of = dict(zip(self.channels, self.group_of, strict=True))
+        fields = {
+            **super().schema().fields,
+            "window": Field(np.int64, (WINDOW_FRAMES,), Range(min(Verdict), max(Verdict))),
+            "single_samples": Field(np.int64, ("singles", 3), Range(0, MOST)),  # place, group, channel
+            "single_sizes": float_field("singles", range=SPREAD),
+        }
+        rules: tuple[Rule, ...] = (
+            ("outliers are not in order", lambda s: np.diff(s["single_samples"][:, 0]) >= 0),
+            (
+                "an outlier on a channel of another sensor",
+                lambda s: [sensor_of.get(c) == group for _, group, c in s["single_samples"].tolist()],
+            ),
+        )
+        candidates = Schema(
+            FrameStatistics.saved_fields(len(self.channels)),
+            (("a candidate that is not known", lambda s: s["known"]),),
+            # with `REST_FRAMES` of them, they have become a baseline, or are discarded
+            lengths={"n": REST_FRAMES - 1},
+            optional=True,
+        )
+        excluding = (
+            "candidates for a baseline while nothing is excluded",
+            lambda s: "candidates.known" not in s or s["state"] != DetectorState.QUIET,
+        )
+        return Schema(
+            fields,
+            rules,
+            parts={
+                "outliers.": self.outliers.schema(),
+                "baseline.": self.baseline.schema(),
+                "candidates.": candidates,
+            },
+            # one of each sensor in each sample of the frame that is assessed and not yet passed on
+            lengths={"singles": self._frame_samples * len(self.groups)},
+            whole=(excluding,),
+        )
+
     def load(self, saved: Mapping[str, np.ndarray]) -> None:
         """Continue from a saved state."""
         super().load(saved)
-        self._unusual = [Shows(v) for v in saved["unusual"]]
+        self._window = [Verdict(verdict) for verdict in saved["window"]]
         self.outliers.load(subset(saved, "outliers."))
-        found = saved["found"].tolist()
-        self.found = [Outlier(int(at), int(group), int(c), size) for at, group, c, size in found]
+        rows = zip(saved["single_samples"].tolist(), saved["single_sizes"].tolist(), strict=True)
+        self.single_samples = [Outlier(place, group, c, size) for (place, group, c), size in rows]
         self._candidates = []
         if candidates := subset(saved, "candidates."):
             frames = FrameStatistics(*(candidates[name] for name in FrameStatistics.__slots__))

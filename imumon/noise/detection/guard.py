@@ -1,30 +1,98 @@
 """Guard: find the samples that are not the sensor's own noise and exclude them.
 
-Tables are knocked, lines glitch, ranges clip and sensors hang. One sample of +1 rad/s in five hours triples
-N. The guard holds samples back for one to two frames (four at the beginning; a frame is about a second, and
-ten samples at low rates). The detectors assess each frame (`disturbance` by the noise of the sensor, `stuck`
-by repeats), and the guard passes all samples on in order. Excluded samples are marked invalid, with a margin
-before and after. Every exclusion has a reason, is counted by samples and reported as a `Disturbance`.
+Tables are knocked, lines glitch, ranges clip and sensors hang. One sample of +1 rad/s in five hours triples N. The
+guard holds samples back for one to two frames, lets the detectors assess them, and passes all of them on in order: the
+disturbed ones marked invalid, with a margin before and after.
 
-Rules:
+Words
+-----
+    sample, row    one tick of the grid, of all channels; rows of an array are samples
+    frame, part    about 1 s, and a tenth of it. At 10 Hz and less a part is one sample
+    place          number of a sample on the grid since the guard began, lost samples included
+    sensor, group  gyroscope, accelerometer, ...; a group is the number of a sensor, and its axes share their validity
+    valid          received and not excluded
+    usable         received on all sensors that are assessed together, and not stuck: it may be assessed
+    known          a frame with enough usable samples
+    code           of a part: 0, or why it is excluded (`ReasonCode`)
 
-- Gyroscope and accelerometer share a table: a disturbance of one excludes both. The magnetometer is assessed
-  by itself. Other sensors (temperature, pressure) pass unchanged.
-- A single sample that is far off (`outliers`) is excluded by itself, on its own sensor and without a margin.
-- The result depends on the grid alone: any chunking of the input gives the same exclusions.
-- Statistics do not wait for the first assessment: until then, `pending` holds the samples that it will pass
-  on, unfiltered. Later results differ by the excluded samples only.
-- The guard applies margins and order, and `exclusions` counts. The detectors decide which samples are unusual.
+Life of a frame
+---------------
+    held      its samples arrive; later ones do not change what they are
+    assessed  `stuck` and `disturbance` give codes to its parts. The frame waits for the next one, because the margin
+              before a disturbance reaches half a frame back
+    passed    margins are applied, the samples leave, and `exclusions` counts and reports
+
+The guard itself is a state machine (`TRANSITIONS`, one function for each row):
+
+    state      event            next       by                what happens
+    BEGINNING  FIRST_FRAMES     RUNNING    _assess_first     four frames are complete: they are assessed by one another
+    BEGINNING  ENDS_EARLY       RUNNING    _assess_first     the record ends or breaks before: fewer frames, the same
+    RUNNING    FRAMES_COMPLETE  RUNNING    _assess_next      each frame is compared with the noise before it
+
+Statistics do not wait for the first assessment: until then, `pending` holds the samples that it will pass on,
+unfiltered. Later results differ by the excluded samples only.
+
+Missing samples are rows without a valid one, so that frames keep their length. A gap that leaves less than four
+whole frames is filled with such rows. A longer one ends everything that runs: disturbances, their margins, motion, and
+the windows of frames by which detectors decide (`DisturbanceDetector.end`). It is passed on as a number, and the level
+may have moved the farther the longer it was (`NoiseBaseline.skip`). A gap of unknown length does the same, begins a new
+grid of frames, and does not widen the limit of the level, because the necessary width is unknown.
+
+Rules
+-----
+- Gyroscope and accelerometer share a table: a disturbance of one excludes both. The magnetometer is assessed by
+  itself. Other sensors (temperature, pressure) pass unchanged.
+- A range that is exceeded excludes its own sensor, with margins. The blow behind it is a knock for both, if it is one.
+- An outlier is excluded alone, on its sensor and without a margin.
+- Every exclusion has a reason, is counted by samples and reported as a `Disturbance`.
+- The result depends on the grid alone: any division of the input into blocks gives the same exclusions.
+
+What passes unassessed
+----------------------
+    what                                              why it passes
+    the last fraction of a frame of a record          missing samples complete it: assessed if a fifth is there
+    frames with fewer than a fifth of their samples   they are compared with nothing; excluded in a knock or motion
+    a sample whose neighbour sensor has none          gyroscope and accelerometer are assessed where both were received
+    a record with fewer than two known frames         no noise is usual yet
+    less than 7 sigma, or 1.5 times the noise         noise does the same; a knock of 3 sigma shows in the mean of 0.1 s
+    slow motion                                       the level follows over 8 s; noise of 1.5e-3 rad/s or 0.03 m/s^2 at
+                                                      1 s is rest whatever it is, and so is a turn below 0.1 rad/s
+    single samples of an axis with heavy tails        above 1 % they are its noise
+    anything on a silent axis                         constant, or held for eight samples and more (`baseline`)
+    the first repeats of a stuck output               at least 4 samples, of one axis 2 s; a coarse axis is never stuck
+    clipping                                          only the device knows its range; if it does not say, nothing does
+    motion, on a magnetometer                         it is assessed by its own field alone
+    temperature, pressure                             nothing assesses them
+    everything, with `excludes=False`                 rest and motion are only reported
+    what `pending` shows before the first assessment  a report should not wait; it is assessed with the first frames
+
+Example: a minute at 40 Hz. One sample of +1 rad/s is excluded alone; a knock of 2 s with a margin before and after.
+
+>>> random = np.random.default_rng(1)
+>>> gyro = 4e-4 * random.standard_normal((2400, 3))  # rad/s
+>>> gyro[800, 1] += 1.0
+>>> gyro[1600:1680] += 0.1 * random.standard_normal((80, 3))
+>>> guard = Guard(("gyro",) * 3, rate_hz=40.0)
+>>> passed = guard.update(gyro) + guard.flush()
+>>> for event in guard.events():
+...     print(event.kind, event.start, event.length, f"{event.size:.1f}")
+knock 1580 140 0.3
+glitch 800 1 1.0
+>>> guard.excluded, sum(len(samples.values) for samples in passed)
+({'glitch': 1, 'knock': 140}, 2400)
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
+from typing import ClassVar
 
 import numpy as np
 
-from imumon.noise.array_state import ArrayState, subset
+from imumon.noise.array_state import ArrayState, Rows, subset
+from imumon.noise.detection.detection_rules import FIRST_FRAMES, MARGIN_AFTER, MARGIN_BEFORE, PARTS
 from imumon.noise.detection.disturbance import (
     INERTIAL,
     REASONS,
@@ -35,9 +103,43 @@ from imumon.noise.detection.disturbance import (
     ReasonCode,
 )
 from imumon.noise.detection.exclusions import Exclusions
-from imumon.noise.detection.frame_statistics import FIRST_FRAMES, PARTS
-from imumon.noise.detection.stuck import RepeatDetector
+from imumon.noise.detection.stuck import RepeatDetector, StuckWatch
+from imumon.noise.state_schema import (
+    COUNT,
+    FLAG,
+    Range,
+    Rule,
+    Saved,
+    Schema,
+    count_field,
+    flag_field,
+    given_field,
+)
+from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats
+
+
+class GuardState(Enum):
+    """What the guard does with a complete frame."""
+
+    BEGINNING = "holds the first frames"
+    RUNNING = "assesses every frame"
+
+
+class GuardEvent(Enum):
+    """What makes the guard assess frames; see the table at the top of the file."""
+
+    FIRST_FRAMES = "FIRST_FRAMES frames are complete"
+    ENDS_EARLY = "the record ends or breaks, and has a complete frame"
+    FRAMES_COMPLETE = "one or more frames are complete"
+
+
+TRANSITIONS: Mapping[tuple[GuardState, GuardEvent], GuardState] = {
+    (GuardState.BEGINNING, GuardEvent.FIRST_FRAMES): GuardState.RUNNING,
+    (GuardState.BEGINNING, GuardEvent.ENDS_EARLY): GuardState.RUNNING,
+    (GuardState.RUNNING, GuardEvent.FRAMES_COMPLETE): GuardState.RUNNING,
+}
+"""Next state by state and event. Other pairs cannot happen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,36 +175,48 @@ class Guard(ArrayState):
     sensors, groups : (c,) sensor and group of each channel.
     """
 
-    _STATE = ("_values", "_valid", "_saturated", "_codes", "_tail", "_index", "_started", "_was_stuck")
+    _STATE: ClassVar = {
+        "_values": Rows("held", Range(-np.inf, np.inf)),  # one that is not valid may be any number
+        "_valid": Rows("held", FLAG),
+        "_saturated": Rows("held", FLAG),
+        "_codes": Rows("parts", Range(0, ReasonCode.STUCK)),
+        "_passed_codes": Range(0, ReasonCode.STUCK),
+        "_place": COUNT,
+    }
 
     def __init__(self, sensors: Sequence[str], rate_hz: float, *, excludes: bool = True) -> None:
         self.sensors, self._rate, self._excludes = tuple(sensors), rate_hz, excludes
         names = list(dict.fromkeys(sensors))
         self.groups = tuple(names.index(s) for s in sensors)
-        self._part = max(1, round(rate_hz / PARTS))
-        self._frame = self._part * PARTS
+        self._part_samples = max(1, round(rate_hz / PARTS))
+        self._frame_samples = self._part_samples * PARTS
         self._detectors = [
-            DisturbanceDetector(sensors, kinds, self._frame)
+            DisturbanceDetector(sensors, kinds, self._frame_samples)
             for kinds in (INERTIAL, ("mag",))
             if any(s in kinds for s in names)
         ]
-        self._exclusions = Exclusions(self._detectors, self._part, self._frame)
-        self._repeats = RepeatDetector(self.groups, self._frame)
-        self._values = np.zeros((len(self.groups), 0)).T  # column-major: channels are contiguous
+        self._inertial = next((detector for detector in self._detectors if detector.inertial), None)
+        self._exclusions = Exclusions(self._detectors, self._part_samples, self._frame_samples)
+        self._repeats = RepeatDetector(self.groups, self._frame_samples)
+        inertial_groups = self._inertial.groups if self._inertial else []
+        self._stuck_watch = StuckWatch(inertial_groups, self._frame_samples)
+        self.state = GuardState.BEGINNING
+        # Held samples, and codes of the assessed parts of them. Column-major, because detectors read one channel
+        # after the other.
+        self._values = np.zeros((len(self.groups), 0)).T
         self._valid = np.zeros((0, len(names)), dtype=bool)
-        self._saturated = np.zeros(0, dtype=bool)
-        self._codes = np.zeros((0, len(self._detectors)), dtype=np.int8)  # of the parts assessed
-        self._tail = np.zeros((PARTS, len(self._detectors)), dtype=np.int8)  # of the parts passed on last
-        self._index = 0  # place on the grid of the first row that is held back
-        self._started = False
+        self._saturated = np.zeros((0, len(names)), dtype=bool)
+        self._codes = np.zeros((0, len(names)), dtype=np.int8)
+        self._passed_codes = np.zeros((PARTS, len(names)), dtype=np.int8)  # of the last frame: its margin
+        self._place = 0  # on the grid, of the first sample that is held back
         self._breaks: list[int] = []  # places on the grid before which the record breaks
-        self._stuck_changes: list[tuple[int, bool]] = []
-        self._was_stuck = False
+
+    # ------------------------------------------------------------------ what is known
 
     @property
     def at_rest(self) -> bool:
         """False while the sensor moves or is handled."""
-        return all(detector.at_rest for detector in self._detectors if detector.inertial)
+        return self._inertial is None or self._inertial.at_rest
 
     @property
     def disturbances(self) -> int:
@@ -120,7 +234,7 @@ class Guard(ArrayState):
     @property
     def stuck(self) -> bool:
         """Whether gyroscope or accelerometer, or an axis of them, repeats its values now."""
-        return self._was_stuck
+        return self._stuck_watch.stuck
 
     @property
     def excluded(self) -> dict[Reason, int]:
@@ -130,9 +244,8 @@ class Guard(ArrayState):
     @property
     def excluded_samples(self) -> int:
         """Excluded samples of gyroscope and accelerometer, or of a stream that has neither."""
-        inertial = any(detector.inertial for detector in self._detectors)
         counts = self._exclusions.counts
-        return int(counts[: ReasonCode.MAGNETIC].sum() if inertial else counts.sum())
+        return int(counts.sum() if self._inertial is None else counts[: ReasonCode.MAGNETIC].sum())
 
     @property
     def held(self) -> int:
@@ -142,9 +255,9 @@ class Guard(ArrayState):
     @property
     def pending(self) -> GuardedSamples | None:
         """Samples that the first assessment will pass on; None after it."""
-        if self._started:
+        if self.state is not GuardState.BEGINNING:
             return None
-        rows = slice((FIRST_FRAMES - 1) * self._frame)
+        rows = slice((FIRST_FRAMES - 1) * self._frame_samples)  # the last of these frames waits for the next
         return GuardedSamples(self._values[rows], self._valid[rows])
 
     def events(self) -> list[Disturbance]:
@@ -154,16 +267,17 @@ class Guard(ArrayState):
 
     def rest_changes(self) -> list[tuple[int, bool]]:
         """Return the places on the grid where motion began (False) or ended (True) since the last call."""
-        changes: list[tuple[int, bool]] = []
-        for detector in self._detectors:
-            if detector.inertial:
-                changes, detector.rest_changes = detector.rest_changes, []
+        if self._inertial is None:
+            return []
+        changes, self._inertial.rest_changes = self._inertial.rest_changes, []
         return changes
 
     def stuck_changes(self) -> list[tuple[int, bool]]:
         """Return the places on the grid where `stuck` changed since the last call, and its new value."""
-        changes, self._stuck_changes = self._stuck_changes, []
+        changes, self._stuck_watch.changes = self._stuck_watch.changes, []
         return changes
+
+    # ------------------------------------------------------------------ input
 
     def update(
         self, values: Floats, valid: Bools | None = None, saturated: Bools | None = None
@@ -174,166 +288,269 @@ class Guard(ArrayState):
         ----------
         values : (n, c) channel unit.
         valid : (n, g) received; None: all.
-        saturated : (n,) samples that the sensor reports as out of range; None: unknown.
+        saturated : (n, g) samples that a sensor reports as out of range; (n,): it does not say which sensor, and all of
+            them may be; None: unknown.
         """
         n, groups = len(values), self._valid.shape[1]
         received = np.ones((n, groups), dtype=bool) if valid is None else valid
-        flags = np.zeros(n, dtype=bool) if saturated is None else saturated
+        out_of_range = np.zeros((n, groups), dtype=bool)
+        if saturated is not None:
+            out_of_range |= saturated if saturated.ndim > 1 else saturated[:, None]
+        with np.errstate(over="ignore", invalid="ignore"):
+            if not np.isfinite(values.sum()):
+                # A magnetometer may send NaN. Detectors weigh a sample that is not valid with zero, and zero times NaN
+                # is NaN: the figures of its frame would be unknown, and a disturbance in it would pass.
+                values = np.where(received[:, list(self.groups)], values, 0.0)
         self._values = np.concatenate((self._values.T, values.T), axis=1).T
         self._valid = np.concatenate((self._valid, received))
-        self._saturated = np.concatenate((self._saturated, flags))
-        self._assess_ready(FIRST_FRAMES)
+        self._saturated = np.concatenate((self._saturated, out_of_range))
+        if self.state is GuardState.BEGINNING and self._unassessed_frames >= FIRST_FRAMES:
+            self._assess_first(GuardEvent.FIRST_FRAMES, FIRST_FRAMES)
+        self._assess_next()
         return self._pass_on(len(self._codes) // PARTS - 1)
 
     def skip(self, n: int) -> list[GuardedSamples]:
         """Note that `n` samples are missing; return the samples that are assessed."""
-        fill = -len(self._values) % self._frame
-        whole = max(0, n - fill) // self._frame
-        if whole < FIRST_FRAMES:
+        fill = -len(self._values) % self._frame_samples
+        whole_frames = max(0, n - fill) // self._frame_samples
+        if whole_frames < FIRST_FRAMES:
             return self._missing(n)
-        out, rows = self._drain(fill), whole * self._frame
-        out.append(GuardedSamples(self._values, self._valid, skipped=rows))
-        self._index += rows
+        # A long gap costs no memory, and nothing that runs before it continues behind it.
+        out, rows = self._drain(fill), whole_frames * self._frame_samples
         for detector in self._detectors:
-            detector.baseline.skip(whole)
+            detector.end(whole_frames, self._place)
+        out.append(GuardedSamples(self._values, self._valid, skipped=rows))
+        self._place += rows
         return out + self._missing(n - fill - rows)
 
     def break_(self) -> list[GuardedSamples]:
         """Note a gap of unknown length; return all samples that are held back, and the break."""
-        return [*self.flush(), GuardedSamples(self._values, self._valid, broken=True)]
+        out = self.flush()
+        for detector in self._detectors:
+            detector.end(
+                0, self._place
+            )  # how many frames are missing, and how far the level may have moved, is unknown
+        return [*out, GuardedSamples(self._values, self._valid, broken=True)]
 
     def flush(self) -> list[GuardedSamples]:
         """Return all samples that are held back; the next sample starts a new grid of frames."""
-        fill = -len(self._values) % self._frame
+        fill = -len(self._values) % self._frame_samples
         out = self._drain(fill)
         if fill:
             out[-1] = replace(out[-1], values=out[-1].values[:-fill], valid=out[-1].valid[:-fill])
-        self._index -= fill
-        self._breaks = [min(place, self._index) for place in self._breaks]
-        self._stuck_changes = [(min(place, self._index), now) for place, now in self._stuck_changes]
-        for detector in self._detectors:
-            detector.rest_changes = [(min(place, self._index), now) for place, now in detector.rest_changes]
-        events = self._exclusions.events
-        self._exclusions.events = [replace(e, length=min(e.length, self._index - e.start)) for e in events]
+        self._retract(fill)
         return out
+
+    def _retract(self, fill: int) -> None:
+        """Move back what lies within the `fill` samples that completed the last frame and were never there."""
+        self._place -= fill
+        end = self._place
+        self._breaks = [min(place, end) for place in self._breaks]
+        self._stuck_watch.changes = [(min(place, end), now) for place, now in self._stuck_watch.changes]
+        for detector in self._detectors:
+            detector.rest_changes = [(min(place, end), now) for place, now in detector.rest_changes]
+        events = self._exclusions.events
+        self._exclusions.events = [replace(e, length=min(e.length, end - e.start)) for e in events]
 
     def _drain(self, fill: int) -> list[GuardedSamples]:
         """Complete the last frame with `fill` missing samples; return all samples, and end disturbances."""
         out = self._missing(fill)
-        self._assess_ready(min(FIRST_FRAMES, max(1, len(self._values) // self._frame)))
+        if self.state is GuardState.BEGINNING and self._unassessed_frames:
+            self._assess_first(GuardEvent.ENDS_EARLY, self._unassessed_frames)
         out += self._pass_on(len(self._codes) // PARTS)
         self._exclusions.end_all()
-        self._tail = np.zeros_like(self._tail)
+        self._passed_codes = np.zeros_like(self._passed_codes)  # a margin does not reach over a gap
         return out
 
     def _missing(self, n: int) -> list[GuardedSamples]:
+        """Add `n` missing samples; return those that are assessed."""
         if n <= 0:
             return []
         groups = self._valid.shape[1]
         return self.update(np.zeros((n, len(self.groups))), np.zeros((n, groups), dtype=bool))
 
-    def _assess_ready(self, least: int) -> None:
-        """Assess the complete frames; assess the first `least` of them together."""
-        while (ready := len(self._values) // self._frame - len(self._codes) // PARTS) > 0:
-            if self._started:
-                changes = [self._repeats.next_change, *(d.baseline.next_change for d in self._detectors)]
-                self._assess(min(ready, *changes))
-            elif ready >= least:
-                self._assess(least)
-                self._started = True
-            else:
-                return
+    # ------------------------------------------------------------------ transitions: assess frames
 
-    def _assess(self, k: int) -> None:
-        """Determine the codes of the parts of the next `k` frames."""
-        done = len(self._codes) * self._part
-        rows = slice(done, done + k * self._frame)
+    def _go(self, event: GuardEvent) -> None:
+        """Change the state; a KeyError says that the event cannot happen in it."""
+        self.state = TRANSITIONS[self.state, event]
+
+    @property
+    def _unassessed_frames(self) -> int:
+        """Complete frames without codes."""
+        return len(self._values) // self._frame_samples - len(self._codes) // PARTS
+
+    def _assess_first(self, event: GuardEvent, frames: int) -> None:
+        """Assess the first frames together."""
+        self._assess(frames)
+        self._go(event)
+
+    def _assess_next(self) -> None:
+        """Assess complete frames, up to the next change of the usual noise or repeats at once."""
+        while self.state is GuardState.RUNNING and (frames := self._unassessed_frames):
+            changes = [self._repeats.next_change, *(d.baseline.next_change for d in self._detectors)]
+            self._assess(min(frames, *changes))
+            self._go(GuardEvent.FRAMES_COMPLETE)
+
+    def _assess(self, frames: int) -> None:
+        """Determine the codes of the parts of the next frames."""
+        done = len(self._codes) * self._part_samples
+        rows = slice(done, done + frames * self._frame_samples)
         values, valid, saturated = self._values[rows], self._valid[rows], self._saturated[rows]
-        stuck = self._repeats.update(values, valid)
-        self._note_stuck(stuck, valid, self._index + done)
-        codes = np.zeros((k, PARTS, len(self._detectors)), dtype=np.int8)
-        clean = bool(valid.all()) and not (stuck.any() or saturated.any())
-        shape = (k, PARTS, self._part)
+        place = self._place + done
+        # at the end of its range an axis repeats one value, but it does not hang
+        within_range = valid & ~saturated if saturated.any() else valid
+        stuck = self._repeats.update(values, within_range)
+        self._repeats.learn(frames)
+        self._stuck_watch.update(stuck, within_range, place)
+        codes = np.zeros((frames, PARTS, valid.shape[1]), dtype=np.int8)
+        clean = bool(valid.all()) and not stuck.any()  # usual, and much faster
+        by_part = (frames, PARTS, self._part_samples)
         for w, detector in enumerate(self._detectors):
-            x, own, usable = values.T[detector.channels].reshape(-1, *shape), codes[..., w], None
+            samples = values.T[detector.channels].reshape(-1, *by_part)
+            detector_codes, usable = np.zeros((frames, PARTS), dtype=np.int8), None
             if not clean:
                 received = np.asarray(valid[:, detector.groups].all(axis=1), dtype=bool)
                 repeats = np.asarray(stuck[:, detector.groups].any(axis=1), dtype=bool)
-                usable = (received & ~(repeats | saturated)).reshape(shape)
-            if self._started:
-                self._breaks += detector.assess(x, usable, own, self._index + done)
-            else:
-                detector.assess_first(x, usable, own, self._index + done)
-            if not clean:
-                for code, hit in ((ReasonCode.CLIPPED, saturated), (ReasonCode.STUCK, repeats)):
-                    own[np.any((hit & received).reshape(shape), axis=2)] = code
-        self._repeats.learn(k)
-        self._codes = np.concatenate((self._codes, codes.reshape(-1, len(self._detectors))))
+                # A sample at the end of the range is assessed like others. It says too little of its own sensor, but
+                # enough for a knock, and the sensor beside it must not pass unassessed.
+                usable = (received & ~repeats).reshape(by_part)
+            detector.hold(self._repeats.held[detector.channels])
+            if self.state is GuardState.RUNNING:
+                self._breaks += detector.assess(samples, usable, detector_codes, place)
+            elif (reference := detector.assess_first(samples, usable, detector_codes, place)) is not None:
+                recorder = self._exclusions.recorders[w]
+                recorder.level, recorder.deviation = reference
+            # After the detector, whose codes have a lower rank. A range is that of one sensor, and its excess says
+            # nothing of the others; a knock and a stuck output exclude all sensors of the detector.
+            for group in detector.groups:
+                codes[..., group] = detector_codes
+                clipped = saturated[:, group] & valid[:, group]
+                codes[clipped.reshape(by_part).any(axis=2), group] = ReasonCode.CLIPPED
+                if not clean:
+                    codes[(repeats & received).reshape(by_part).any(axis=2), group] = ReasonCode.STUCK
+        self._codes = np.concatenate((self._codes, codes.reshape(frames * PARTS, -1)))
 
-    def _note_stuck(self, stuck: Bools, valid: Bools, index: int) -> None:
-        """Note in which frames gyroscope or accelerometer begin or end to repeat their values.
-
-        Parameters
-        ----------
-        stuck, valid : (n, g) rows of whole frames; one without a valid row changes nothing.
-        index : place on the grid of the first row.
-        """
-        inertial = next((each for each in self._detectors if each.inertial), None)
-        if inertial is None or not (self._was_stuck or stuck.any()):
-            return
-        repeats: Bools = np.asarray(stuck[:, inertial.groups].any(axis=1))
-        received: Bools = np.asarray(valid[:, inertial.groups].any(axis=1))
-        for f in range(len(stuck) // self._frame):
-            rows = slice(f * self._frame, (f + 1) * self._frame)
-            known = np.flatnonzero(received[rows])
-            if not len(known):
-                continue
-            now = bool(repeats[rows][known[-1]])
-            if now != self._was_stuck:
-                self._was_stuck = now
-                self._stuck_changes.append((index + (f + 1) * self._frame, now))
+    # ------------------------------------------------------------------ output: pass frames on
 
     def _pass_on(self, frames: int) -> list[GuardedSamples]:
         """Return the first `frames` frames, with their exclusions and margins."""
         if frames <= 0:
             return []
         parts = frames * PARTS
-        n = parts * self._part
+        n = parts * self._part_samples
         values, valid = self._values[:n], self._valid[:n]
-        around = np.concatenate((self._tail, self._codes[: parts + PARTS]))
-        taken = np.zeros(n, dtype=bool)
+        # margins reach into these frames from the frame before and from the frame behind
+        around = np.concatenate((self._passed_codes, self._codes[: parts + PARTS]))
+        counted = np.zeros(n, dtype=bool)
         if not self._excludes:
-            self._breaks = []
+            self._breaks = []  # the change of a level is part of what the statistics shall contain
         elif around.any():
             marked = np.stack([_with_margins(column) for column in around.T], axis=1)
-            taken = self._exclusions.mark(values, valid, marked[PARTS : PARTS + parts], self._index)
+            counted = self._exclusions.mark(values, valid, marked[PARTS : PARTS + parts], self._place)
         else:
-            self._exclusions.end(self._detectors)
-            for detector in self._detectors:
-                self._exclusions.refer(detector, values, valid, n)
-        self._exclusions.mark_outliers(valid, taken, self._index, excludes=self._excludes)
-        self._tail = self._codes[parts - PARTS : parts]
+            self._exclusions.refer(values, valid)
+        self._exclusions.mark_outliers(valid, counted, self._place, excludes=self._excludes)
+        self._passed_codes = self._codes[parts - PARTS : parts]
         self._codes, self._saturated = self._codes[parts:], self._saturated[n:]
+        # copies, so that the samples that were passed on are not kept by what is held
         self._values, self._valid = self._values[n:].copy(order="F"), self._valid[n:].copy()
-        begin, self._index = self._index, self._index + n
-        out, last = [], 0
-        for place in [b for b in self._breaks if b < self._index]:
-            at = max(0, place - begin)
-            if at > last:
-                out.append(GuardedSamples(values[last:at], valid[last:at]))
+        self._place += n
+        return self._split(values, valid, self._place - n)
+
+    def _split(self, values: Floats, valid: Bools, place: int) -> list[GuardedSamples]:
+        """Return samples with the breaks between them; the first is at `place` on the grid."""
+        due = [b for b in self._breaks if b < self._place]
+        self._breaks = [b for b in self._breaks if b >= self._place]
+        out, begin = [], 0
+        for break_place in due:
+            row = max(0, break_place - place)  # a long gap may have followed the break
+            if row > begin:
+                out.append(GuardedSamples(values[begin:row], valid[begin:row]))
             out.append(GuardedSamples(values[:0], valid[:0], broken=True))
-            last = at
-        self._breaks = [b for b in self._breaks if b >= self._index]
-        out.append(GuardedSamples(values[last:], valid[last:]))
+            begin = row
+        out.append(GuardedSamples(values[begin:], valid[begin:]))
         return out
+
+    # ------------------------------------------------------------------ state
 
     def save(self) -> dict[str, np.ndarray]:
         """Return the state as arrays, without running disturbances and unread events."""
         out = super().save() | {"sensors": np.array(self.sensors), "rate": np.array(self._rate)}
         out |= {"excludes": np.array(self._excludes), "breaks": np.array(self._breaks, dtype=np.int64)}
-        for prefix, part in self._parts().items():
-            out |= {prefix + name: value for name, value in part.save().items()}
+        out["started"] = np.array(self.state is GuardState.RUNNING)
+        for prefix, member in self._members().items():
+            out |= {prefix + name: value for name, value in member.save().items()}
         return out
+
+    def schema(self) -> Schema:
+        """Return what a saved state of these sensors consists of.
+
+        A guard that begins holds less than its first frames, and nothing is assessed. One that runs holds an assessed
+        frame or none, and less than a frame behind it.
+        """
+        part, frame, detectors = self._part_samples, self._frame_samples, self._detectors
+        group_of = list(self.groups)
+        fields = {
+            **super().schema().fields,
+            "sensors": given_field(self.sensors),
+            "rate": given_field(self._rate),
+            "excludes": given_field(self._excludes),
+            "breaks": count_field("breaks"),
+            "started": flag_field(),
+        }
+
+        def behind(saved: Saved) -> int:
+            """Return the place behind the assessed samples."""
+            return int(saved["place"]) + len(saved["codes"]) * part
+
+        rules: tuple[Rule, ...] = (
+            (
+                "a valid sample that is too large",
+                lambda s: (
+                    np.abs(s["values"], where=s["valid"][:, group_of], out=np.zeros(s["values"].shape))
+                    <= LARGEST
+                ),
+            ),
+            ("parts of a frame", lambda s: len(s["codes"]) % PARTS == 0),
+            (
+                "frames are not assessed",
+                lambda s: not s["started"] or len(s["values"]) // frame == len(s["codes"]) // PARTS,
+            ),
+            ("more than one assessed frame", lambda s: len(s["codes"]) <= PARTS),
+            ("codes before the first assessment", lambda s: s["started"] or not len(s["codes"])),
+            ("a margin before the first assessment", lambda s: s["started"] or not s["passed_codes"].any()),
+            # unsorted ones would pass samples on twice
+            ("breaks are not in order", lambda s: np.diff(s["breaks"]) >= 0),
+            ("a break behind what is assessed", lambda s: s["breaks"] <= behind(s)),
+        )
+
+        def begins_quiet(saved: Saved) -> bool:
+            """Return whether the guard runs, or no detector excludes anything yet: the first frames come in QUIET."""
+            return bool(saved["started"]) or not any(
+                saved[f"detector{w}.state"] for w in range(len(detectors))
+            )
+
+        def outliers_are_held(saved: Saved) -> bool:
+            """Return whether all outliers that wait are in an assessed sample."""
+            places = [saved[f"detector{w}.single_samples"][:, 0] for w in range(len(detectors))]
+            return all(((p >= saved["place"]) & (p < behind(saved))).all() for p in places)
+
+        return Schema(
+            fields,
+            rules,
+            parts={prefix: member.schema() for prefix, member in self._members().items()},
+            lengths={
+                "held": FIRST_FRAMES * frame - 1,
+                "parts": PARTS,
+                # one behind each frame, and one from before a gap
+                "breaks": FIRST_FRAMES + 1,
+            },
+            whole=(
+                ("a detector excludes before the first assessment", begins_quiet),
+                ("an outlier that is not held", outliers_are_held),
+            ),
+        )
 
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> Guard:
@@ -341,25 +558,28 @@ class Guard(ArrayState):
         self = cls([str(s) for s in saved["sensors"]], float(saved["rate"]), excludes=bool(saved["excludes"]))
         self.load(saved)
         self._breaks = saved["breaks"].tolist()
-        for prefix, part in self._parts().items():
-            part.load(subset(saved, prefix))
+        self.state = GuardState.RUNNING if saved["started"] else GuardState.BEGINNING
+        for prefix, member in self._members().items():
+            member.load(subset(saved, prefix))
         return self
 
-    def _parts(self) -> dict[str, ArrayState]:
+    def _members(self) -> dict[str, ArrayState]:
         """Return the objects that are saved with the guard, by the prefix of their arrays."""
-        parts: dict[str, ArrayState] = {f"detector{w}.": d for w, d in enumerate(self._detectors)}
-        return parts | {"repeats.": self._repeats, "exclusions.": self._exclusions}
+        members: dict[str, ArrayState] = {f"detector{w}.": d for w, d in enumerate(self._detectors)}
+        members |= {f"recorder{w}.": r for w, r in enumerate(self._exclusions.recorders)}
+        members |= {"repeats.": self._repeats, "stuck.": self._stuck_watch}
+        return members | {"exclusions.": self._exclusions}
 
 
 def _with_margins(codes: Codes) -> Codes:
     """Return the codes of parts with margins; if several apply, the highest.
 
-    Half a frame before, because a disturbance begins below the threshold, and a frame after, while it rings down and
-    the filter of the sensor settles.
+    `MARGIN_BEFORE` parts before, because a disturbance begins below the threshold, and `MARGIN_AFTER` behind, while it
+    rings down and the filter of the sensor settles.
     """
-    out, before = codes.copy(), PARTS // 2
+    out, window = codes.copy(), np.ones(MARGIN_BEFORE + MARGIN_AFTER + 1)
     for code in np.unique(codes[codes > 0]).tolist():
-        reach = np.convolve(codes == code, np.ones(before + PARTS + 1)) > 0.5
-        reach = reach[before : before + len(codes)]
+        reach = np.convolve(codes == code, window) > 0.5
+        reach = reach[MARGIN_BEFORE : MARGIN_BEFORE + len(codes)]
         np.maximum(out, np.int8(code), out=out, where=reach)
     return out

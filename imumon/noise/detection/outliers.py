@@ -1,30 +1,102 @@
 """Outliers: single samples of one sensor that are far from the others.
 
-A bit error or a coarse converter gives single samples of many standard deviations. Each is excluded by itself,
-on its own sensor. Outliers that crowd are not single: they are a knock.
+A bit error or a coarse converter gives single samples of many standard deviations. Each of them is excluded alone, on
+its sensor and without margins: the samples beside it are good. What is far and not single is a knock, which
+`disturbance` excludes with margins and on both sensors.
 
-If outliers are more than `NOISE_SHARE` of the samples of a channel, they are the noise of the sensor and stay
-in the statistics, which then describe what the sensor really gives. The decision is made frame by frame from
-counts that halve every `MEMORY_FRAMES` frames, so it is a function of the samples alone. Until the decision, at
-most `NOISE_SHARE` and three standard errors of the counted samples are excluded; they stay excluded.
+Which samples are far
+---------------------
+The scale is that of the frame itself, 1.48 median |x - median| (Hampel, J. Am. Stat. Assoc. 69, 1974), because the
+usual deviation contains the outliers: with 5 % of ten sigma it is 2.4 times too large, and most outliers would hide
+behind it. Far is 7 of these (`detection_rules.UNUSUAL_SIGMA`) from the *middle* of the frame, the median of the means
+of its parts.
+
+Which far samples are single
+----------------------------
+Let q be the share of samples of a sensor with an outlier so far. What chance alone does not explain is a knock:
+
+    a run           r outliers within 2 r - 1 samples, with q^r < 1.3e-12, and r = 3 where outliers are rare
+    a coincidence   outliers of gyroscope and accelerometer beside each other: independent faults of two sensors
+                    rarely meet, but a knock shows in both
+
+Which channels have outliers as noise
+-------------------------------------
+    state    event                                                               next state
+    rare     more than 1 % of its samples, and three standard errors of it, are outliers    noise
+    noise    they are fewer again                                                rare
+
+Outliers of a channel are excluded while they are rare. If they are its noise they stay, and the statistics
+then describe what the sensor really gives. Counts fade: they halve when they are of 128 frames, which is after the
+first 128 and every 64 from there on, so that they rest on 64 to 128 frames. They are compared after every frame, so
+that the decision is a function of the samples alone and not of their division into blocks. Before it, at most 1 % and
+three standard errors of the counted samples are excluded; they stay excluded.
+
+Example: ten parts of ten samples; one bit error is single, five in a row are a knock.
+
+>>> detector = OutlierDetector([0], frame_samples=100)
+>>> frame = np.random.default_rng(1).standard_normal((1, 1, PARTS, 10))
+>>> frame[0, 0, 4, 2] = 50.0
+>>> single = detector.search(frame, None, limit_of_samples(frame, None))
+>>> single.kind.name, np.argwhere(single.far).tolist()
+('SINGLE', [[0, 0, 4, 2]])
+>>> frame[0, 0, 4, 2:7] = 50.0
+>>> detector.search(frame, None, limit_of_samples(frame, None)).kind.name
+'RUN'
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import ClassVar
 
 import numpy as np
 
 from imumon.noise.array_state import ArrayState
-from imumon.noise.detection.baseline import MARGIN, UNUSUAL_SIGMA, gaussian_deviation
-from imumon.noise.detection.frame_statistics import MEMORY_FRAMES, PARTS
-from imumon.noise.detection.stuck import CHANCE, run_beyond_chance
+from imumon.noise.detection.baseline import gaussian_deviation
+from imumon.noise.detection.detection_rules import (
+    COINCIDENCE_FACTOR,
+    COINCIDENCE_SAMPLES,
+    ERROR_MARGIN,
+    KNOCK_RUN,
+    MEMORY_FRAMES,
+    OUTLIER_NOISE_SHARE,
+    PARTS,
+    UNUSUAL_CHANCE,
+    UNUSUAL_SIGMA,
+)
+from imumon.noise.detection.stuck import run_beyond_chance
+from imumon.noise.state_schema import COUNT, FLAG, Range, Rule, Schema
 from imumon.samples import Bools, Floats, Ints
 
-NOISE_SHARE = 0.01
-"""Share of the samples of a channel above which outliers are its noise."""
-LEAST_RUN = 3
-"""Samples in a row, or nearly, that are a knock where outliers are rare."""
+
+class FarSamples(Enum):
+    """What the far samples of a frame are."""
+
+    NONE = "no sample is far"
+    SINGLE = "outliers"
+    RUN = "too many in a row for chance: a knock"
+    COINCIDENCE = "in both sensors at once: a knock"
+
+
+@dataclass(frozen=True, slots=True)
+class OutlierSearch:
+    """What a search for outliers returns.
+
+    Attributes
+    ----------
+    kind : what the far samples are.
+    far : (c, k, PARTS, part) the far samples.
+    """
+
+    kind: FarSamples
+    far: Bools
+
+    @property
+    def outliers(self) -> Bools | None:
+        """(c, k, PARTS, part) The far samples if they are outliers; None: see `kind`."""
+        return self.far if self.kind is FarSamples.SINGLE else None
 
 
 class OutlierDetector(ArrayState):
@@ -33,93 +105,136 @@ class OutlierDetector(ArrayState):
     Parameters
     ----------
     groups : (c,) group of each channel.
-    frame : samples of a frame.
+    frame_samples : samples of a frame.
 
     Attributes
     ----------
     noise : (c,) channels whose outliers are noise.
     """
 
-    _STATE = ("_channels", "_rows", "_frames", "noise")
+    _STATE: ClassVar = {
+        "_channel_counts": COUNT,
+        "_sensor_counts": COUNT,
+        "_frames": Range(
+            0, MEMORY_FRAMES - 1
+        ),  # they halve at `MEMORY_FRAMES`: with more, `count` would never end
+        "noise": FLAG,
+    }
 
-    def __init__(self, groups: list[int], frame: int) -> None:
+    def __init__(self, groups: list[int], frame_samples: int) -> None:
         names = list(dict.fromkeys(groups))
         self._members = [[c for c, group in enumerate(groups) if group == name] for name in names]
-        self._frame = frame
-        self._channels = np.zeros(len(groups))  # outliers of each channel
-        self._rows = np.zeros(len(names))  # samples of each sensor with an outlier
+        self._frame_samples = frame_samples
+        self._channel_counts = np.zeros(len(groups))  # outliers of each channel
+        self._sensor_counts = np.zeros(len(names))  # samples of each sensor with an outlier
         self._frames = np.zeros(1, dtype=np.int64)  # frames in which they were counted
         self.noise = np.zeros(len(groups), dtype=bool)
 
-    def find(self, d: Floats, usable: Bools | None, limit: Floats) -> Bools | None:
-        """Return (c, k, PARTS, part) the outliers of frames; None if there are none, or if they crowd.
+    def schema(self) -> Schema:
+        """Return what a saved state of these sensors consists of."""
+        text, length = "more outliers than samples", self._frame_samples
+        rules: tuple[Rule, ...] = (
+            (text, lambda s: s["channel_counts"] <= s["frames"] * length),
+            (text, lambda s: s["sensor_counts"] <= s["frames"] * length),
+        )
+        return Schema(super().schema().fields, rules)
+
+    def search(self, distance: Floats, usable: Bools | None, limit: Floats) -> OutlierSearch:
+        """Return the far samples of frames, and whether they are outliers.
 
         Parameters
         ----------
-        d : (c, k, PARTS, part) channel unit.
+        distance : (c, k, PARTS, part) channel unit, from any origin.
         usable : (k, PARTS, part) samples that may be assessed; None: all.
-        limit : (c,) channel unit, distance from the middle of a frame.
+        limit : (c,) channel unit, from where on a sample is far from the middle of its frame.
         """
-        far = np.abs(d - _middle(d, usable)[:, :, None, None]) > limit[:, None, None, None]
+        far = np.abs(distance - _middle(distance, usable)[:, :, None, None]) > limit[:, None, None, None]
         if usable is not None:
             far &= usable
+        return OutlierSearch(self._kind(far), far)
+
+    def _kind(self, far: Bools) -> FarSamples:
+        """Return what far samples (c, k, PARTS, part) are."""
         if not far.any():
-            return None
-        shares = self._rows / max(int(self._frames[0]) * self._frame, 1)
+            return FarSamples.NONE
+        shares = self._sensor_counts / max(int(self._frames[0]) * self._frame_samples, 1)
+        # An axis that is far makes its sensor far: a transmission error changes one axis or all of them.
         sensors = [far[members].any(axis=0).reshape(-1) for members in self._members]
-        for rows, share in zip(sensors, shares.tolist(), strict=True):
-            least = run_beyond_chance(share, LEAST_RUN)
-            if np.convolve(rows, np.ones(min(2 * least - 1, len(rows)))).max() > least - 0.5:
-                return None
-        if len(sensors) > 1:  # a bit error is in one sensor, a knock in both
-            both = np.logical_and.reduce([np.convolve(rows, np.ones(3), "same") > 0.5 for rows in sensors])
-            likely = float(np.prod(np.minimum(9.0 * shares, 1.0)))
-            if both.any() and (likely <= 0.0 or likely ** int(both.sum()) < CHANCE):
-                return None
-        return far
+        for sensor_far, share in zip(sensors, shares.tolist(), strict=True):
+            run = run_beyond_chance(share, KNOCK_RUN)
+            # A ringing knock crosses zero, so that only every other sample of a run is far. Sums of zeros and ones
+            # are whole numbers, so half a sample below decides like "at least".
+            window = np.ones(min(2 * run - 1, len(sensor_far)))
+            if np.convolve(sensor_far, window).max() > run - 0.5:
+                return FarSamples.RUN
+        if len(sensors) > 1 and self._coincide(sensors, shares):
+            return FarSamples.COINCIDENCE
+        return FarSamples.SINGLE
+
+    def _coincide(self, sensors: list[Bools], shares: Floats) -> bool:
+        """Return whether far samples (n,) of all sensors meet more often than by chance.
+
+        Parameters
+        ----------
+        shares : (sensors,) share of samples with an outlier so far.
+        """
+        window = np.ones(COINCIDENCE_SAMPLES)
+        near = np.logical_and.reduce([np.convolve(far, window, "same") > 0.5 for far in sensors])
+        # By chance, a sample is near to outliers of both sensors with (3 q1)(3 q2) = 9 q1 q2. COINCIDENCE_FACTOR is 9
+        # on each share, which makes 81 q1 q2, because one pair in the same sample is near in three samples and enters
+        # below with the third power: it is a knock while both shares are below 0.12 %; a pair of neighbours, near in
+        # two, below 0.012 %. Where a sensor had no outlier before, any pair is one.
+        chance = float(np.prod(np.minimum(COINCIDENCE_FACTOR * shares, 1.0)))
+        return bool(near.any()) and (chance <= 0.0 or chance ** int(near.sum()) < UNUSUAL_CHANCE)
 
     def count(self, outliers: Bools | None, frames: int) -> None:
-        """Count the outliers (c, k, PARTS, part) of some frames, and decide at the end of each counting."""
+        """Count the outliers (c, k, PARTS, part) of some frames, None: none; then decide what is noise."""
         if outliers is not None:
-            self._channels += outliers.sum(axis=(1, 2, 3))
-            self._rows += [outliers[members].any(axis=0).sum() for members in self._members]
+            self._channel_counts += outliers.sum(axis=(1, 2, 3))
+            self._sensor_counts += [outliers[members].any(axis=0).sum() for members in self._members]
         while frames:
-            step = min(frames, MEMORY_FRAMES - int(self._frames[0]))
-            self._frames += step
-            frames -= step
+            until_halved = min(frames, MEMORY_FRAMES - int(self._frames[0]))
+            self._frames += until_halved
+            frames -= until_halved
             if self._frames[0] >= MEMORY_FRAMES:
                 self._frames //= 2
-                self._channels *= 0.5
-                self._rows *= 0.5
-        n = float(self._frames[0]) * self._frame
-        most = NOISE_SHARE * n + MARGIN * math.sqrt(NOISE_SHARE * n)
-        self.noise = self._channels > most
+                self._channel_counts *= 0.5
+                self._sensor_counts *= 0.5
+        self._decide_noise()
+
+    def _decide_noise(self) -> None:
+        """Decide which channels have outliers as noise: the transitions between rare and noise."""
+        n = float(self._frames[0]) * self._frame_samples
+        # The standard error of a count is its root (Poisson): without it, the first outlier of a record is noise.
+        most = OUTLIER_NOISE_SHARE * n + ERROR_MARGIN * math.sqrt(OUTLIER_NOISE_SHARE * n)
+        self.noise = self._channel_counts > most
 
 
-def _middle(d: Floats, usable: Bools | None) -> Floats:
+def _middle(distance: Floats, usable: Bools | None) -> Floats:
     """Return (c, k) the median of the means of the parts of each frame, which no single sample moves."""
     if usable is None:
-        return np.asarray(np.median(d.mean(axis=3), axis=2))
+        return np.asarray(np.median(distance.mean(axis=3), axis=2))
     count = usable.sum(axis=2)
-    means = np.where(count > 0, (d * usable).sum(axis=3) / np.maximum(count, 1), np.inf)
+    means = np.where(count > 0, (distance * usable).sum(axis=3) / np.maximum(count, 1), np.inf)
     filled = (count > 0).sum(axis=1)
-    ordered = np.sort(means, axis=2)
-    frames: Ints = np.arange(d.shape[1])
+    ordered = np.sort(means, axis=2)  # parts without a sample come last
+    frames: Ints = np.arange(distance.shape[1])
     low, high = np.maximum(filled - 1, 0) // 2, np.minimum(filled // 2, PARTS - 1)
     middle = 0.5 * (ordered[:, frames, low] + ordered[:, frames, high])
-    return np.where(np.isfinite(middle), middle, 0.0)
+    return np.where(np.isfinite(middle), middle, 0.0)  # a frame without any sample has no outlier either
 
 
-def own_limit(d: Floats, usable: Bools | None) -> Floats:
-    """Return (c,) the distance of an outlier, channel unit, from the samples (c, k, PARTS, part) themselves.
+def limit_of_samples(distance: Floats, usable: Bools | None) -> Floats:
+    """Return (c,) the distance of an outlier, channel unit, by the samples (c, k, PARTS, part) themselves.
 
-    The scale is the median absolute deviation. Where it is 0, most values are equal, and the deviation counts.
+    inf if fewer than `PARTS` samples are usable: their scatter says nothing, so that none of them is an outlier.
     """
-    x = d.reshape(len(d), -1) if usable is None else d[:, usable]
-    n = x.shape[1]
-    if n < PARTS:
-        return np.full(len(d), np.inf)
-    median = np.median(x, axis=1, keepdims=True)
-    scale = gaussian_deviation(np.median(np.abs(x - median), axis=1))
-    scale = np.where(scale > 0.0, scale, x.std(axis=1))
+    samples = distance.reshape(len(distance), -1) if usable is None else distance[:, usable]
+    if samples.shape[1] < PARTS:
+        return np.full(len(distance), np.inf)
+    median = np.median(samples, axis=1, keepdims=True)
+    scale = gaussian_deviation(np.median(np.abs(samples - median), axis=1))
+    # Most values of a coarse channel are equal, and their median distance is 0: without the deviation, every step
+    # of it would be an outlier.
+    scale = np.where(scale > 0.0, scale, samples.std(axis=1))
     return np.asarray(UNUSUAL_SIGMA * scale)

@@ -1,40 +1,80 @@
 """Stuck output: whole samples and single axes that repeat instead of being measured.
 
 A sensor that hangs repeats the same sample, and an axis that hangs repeats its value. Neither adds information, and
-both distort every statistic without exceeding any limit. Some repeats are normal: a magnetometer that updates at 250 Hz
-and is read at 800 Hz, a quantised temperature, a constant channel. The detector therefore learns the usual share p of
-repeats.
+both make every statistic too small without exceeding any limit. Some repeats are normal: a magnetometer that
+updates at 250 Hz and is read at 800 Hz, a quantised temperature, a constant channel. The usual share p of repeats is
+therefore learned, for each sensor (a repeat of the whole sample) and for each axis.
 
-- A run of r samples that repeat as a whole is stuck if p^r is below `CHANCE`.
-- An axis is compared where other axes of its sensor change. It is stuck if it keeps its value for two frames, unless
-  it usually repeats: an axis whose noise is hardly wider than one quantisation step may be constant at some levels, and
-  one that never changed is constant. That is reported elsewhere and excludes nothing.
+    of      state      stuck after                                  enters it when usual repeats change
+    sensor  learning   never                                        at the beginning
+    sensor  watched    r repeats in a row, p^r < 1.3e-12, r >= 5    p is known, p < 1
+    sensor  constant   never                                        p = 1
+    axis    learning   never                                        at the beginning
+    axis    watched    2 frames, while other axes change            p < 1/3
+    axis    exempt     never                                        p >= 1/3
+
+p^r is the probability that r independent samples repeat, and 1.3e-12 that of an unusual sample
+(`detection_rules.UNUSUAL_CHANCE`).
+
+An axis that usually repeats 7 of 8 samples while others change is also *held* (`RepeatDetector.held`): it is constant,
+coarse or updated rarely. Which of these it is, and what it decides, `baseline` finds by its steps.
+
+An axis is compared only in samples in which another axis of its sensor changes: where the whole sample repeats, the
+sensor hangs, or is read faster than it measures. Otherwise every axis of such a sensor would usually repeat, and none
+of them could be found stuck. An axis whose noise is hardly wider than one quantisation step may be constant at some
+levels of it and toggle at others, and one that never changed is constant: both are exempt. That a channel is constant
+is reported elsewhere, and excludes nothing.
+
+A group or axis is stuck from sample to sample:
+
+    state      sample      next state
+    changing   repeats     repeating (1 in a row)
+    repeating  repeats     repeating; stuck from r in a row on
+    stuck      repeats     stuck
+    any        changes     changing
+
+Samples that count as stuck are not learned from, else a sensor that hangs for long would make repeats usual.
+
+`StuckWatch` follows whether gyroscope or accelerometer are stuck at the end of a frame, and notes the changes:
+
+    state      last received sample of the frame     next state
+    changing   stuck                                 stuck
+    stuck      not stuck                             changing
+    any        none received                         unchanged: a gap says nothing about repeats
+
+Example: at 10 Hz, a sensor that repeats for 3 s after 20 s of noise. Four repeats pass, then it is stuck.
+
+>>> values = np.random.default_rng(1).standard_normal((200, 3))
+>>> detector, received = RepeatDetector([0, 0, 0], frame_samples=10), np.ones((10, 1), dtype=bool)
+>>> for second in range(20):
+...     stuck = detector.update(values[10 * second : 10 * second + 10], received)
+...     detector.learn(1)
+>>> detector.update(values[-1:].repeat(10, axis=0), received)[:, 0].tolist()
+[False, False, False, False, True, True, True, True, True, True]
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
-from scipy.special import ndtr
 
 from imumon.noise.array_state import ArrayState
-from imumon.noise.detection.baseline import UNUSUAL_SIGMA
-from imumon.noise.detection.frame_statistics import MEMORY_FRAMES, frames_to_change
+from imumon.noise.detection.baseline import frames_to_change
+from imumon.noise.detection.detection_rules import (
+    HELD_SHARE,
+    MEMORY_FRAMES,
+    NEVER_STUCK_SHARE,
+    STUCK_AXIS_FRAMES,
+    STUCK_SAMPLES,
+    UNUSUAL_CHANCE,
+)
+from imumon.noise.state_schema import COUNT, FLAG, VALUE, Range, Schema
 from imumon.samples import Bools, Floats
 
-CHANCE = float(ndtr(-UNUSUAL_SIGMA))
-"""Probability below which a run is not chance: that of an unusual sample."""
-LEAST_REPEATS = 5
-"""Samples, shortest run of repeats that counts, however rare repeats are: a driver may send one twice."""
-LEAST_FRAMES = 2
-"""Frames, shortest run of an axis: a smooth signal keeps its rounded value for a while where it turns."""
-USUAL_REPEATS = 1.0 / 3.0
-"""Share of repeats from which an axis is never stuck: that of noise of 0.85 steps, below which it depends on the
-level."""
-
-_NEVER = int(np.iinfo(np.int64).max)
+_NEVER = int(np.iinfo(np.int64).max)  # repeats in a row that no record reaches
 
 
 class RepeatDetector(ArrayState):
@@ -43,26 +83,46 @@ class RepeatDetector(ArrayState):
     Parameters
     ----------
     groups : (c,) group of each channel, 0 ... g-1.
-    frame : samples of a frame.
+    frame_samples : samples of a frame.
+
+    Attributes
+    ----------
+    held : (c,) axes that usually keep their value for many samples while another axis of their sensor changes.
     """
 
-    _STATE = ("_last", "_started", "_run", "_repeats", "_rows", "_longest", "_frames")
+    _STATE: ClassVar = {
+        "_last": VALUE,
+        "_started": FLAG,
+        "_run": COUNT,
+        "_repeats": COUNT,
+        "_samples": COUNT,
+        "_stuck_after": Range(STUCK_SAMPLES, _NEVER),
+        "_frames": COUNT,
+        "held": FLAG,
+    }
 
-    def __init__(self, groups: Sequence[int], frame: int) -> None:
+    def __init__(self, groups: Sequence[int], frame_samples: int) -> None:
         self._channels = [[c for c, g in enumerate(groups) if g == group] for group in range(max(groups) + 1)]
-        self._frame, size = frame, len(self._channels) + len(groups)
+        self._frame_samples, size = frame_samples, len(self._channels) + len(groups)
         self._last = np.zeros(len(groups))  # channel unit, last sample
         self._started = np.zeros(len(self._channels), dtype=bool)
         # of each group, then of each channel
         self._run = np.zeros(size, dtype=np.int64)  # repeats in a row
-        self._repeats, self._rows = np.zeros(size), np.zeros(size)  # samples learned from: repeats, all
-        self._longest = np.full(size, _NEVER, dtype=np.int64)  # repeats in a row that count as stuck
+        self._repeats, self._samples = np.zeros(size), np.zeros(size)  # learned from: repeats, all samples
+        self._stuck_after = np.full(size, _NEVER, dtype=np.int64)  # repeats in a row; learning
         self._frames = np.zeros(1, dtype=np.int64)
+        self.held = np.zeros(len(groups), dtype=bool)
 
     @property
     def next_change(self) -> int:
         """Frames until the usual share of repeats changes."""
         return frames_to_change(int(self._frames[0]))
+
+    def schema(self) -> Schema:
+        """Return what a saved state of these groups consists of."""
+        # their quotient is the share of repeats: above 1 it has no logarithm that `run_beyond_chance` could use
+        rule = ("more repeats than samples", lambda s: s["repeats"] <= s["samples"])
+        return Schema(super().schema().fields, (rule,))
 
     def update(self, values: Floats, valid: Bools) -> Bools:
         """Return the rows (n, g) in which a group, or an axis of it, is stuck.
@@ -73,21 +133,23 @@ class RepeatDetector(ArrayState):
         valid : (n, g) received rows of each group.
         """
         stuck = np.zeros(valid.shape, dtype=bool)
-        for g, channels in enumerate(self._channels):
-            rows = slice(None) if valid[:, g].all() else np.flatnonzero(valid[:, g])
-            x = values[rows].T[channels]
-            if not x.shape[1]:
+        for group, channels in enumerate(self._channels):
+            # a lost sample is no sample: the next one is compared with the one before the gap
+            rows = slice(None) if valid[:, group].all() else np.flatnonzero(valid[:, group])
+            samples = values[rows].T[channels]
+            if not samples.shape[1]:
                 continue
-            same = np.empty(x.shape, dtype=bool)
-            np.equal(x[:, 1:], x[:, :-1], out=same[:, 1:])
-            same[:, 0] = self._started[g] & (x[:, 0] == self._last[channels])
-            self._last[channels], self._started[g] = x[:, -1], True
+            same = np.empty(samples.shape, dtype=bool)
+            np.equal(samples[:, 1:], samples[:, :-1], out=same[:, 1:])
+            same[:, 0] = self._started[group] & (samples[:, 0] == self._last[channels])
+            self._last[channels], self._started[group] = samples[:, -1], True
             whole = np.asarray(same.all(axis=0))
-            found = self._compare(g, whole)
-            changes = np.flatnonzero(~whole) if whole.any() else slice(None)
-            for c, own in zip(channels, same, strict=True):
-                found[changes] |= self._compare(len(self._channels) + c, own[changes])
-            stuck[rows, g] = found
+            group_stuck = self._follow(group, whole)
+            other_axes_change = np.flatnonzero(~whole) if whole.any() else slice(None)
+            for channel, repeats in zip(channels, same, strict=True):
+                axis_stuck = self._follow(len(self._channels) + channel, repeats[other_axes_change])
+                group_stuck[other_axes_change] |= axis_stuck
+            stuck[rows, group] = group_stuck
         return stuck
 
     def learn(self, frames: int) -> None:
@@ -96,32 +158,84 @@ class RepeatDetector(ArrayState):
         self._frames += frames
         if not due:
             return
-        for i in np.flatnonzero(self._rows).tolist():
-            share = float(self._repeats[i] / self._rows[i])
-            if i < len(self._channels):
-                self._longest[i] = run_beyond_chance(share, LEAST_REPEATS)
-            else:
-                self._longest[i] = LEAST_FRAMES * self._frame - 1 if share < USUAL_REPEATS else _NEVER
+        for i in np.flatnonzero(self._samples).tolist():
+            share = float(self._repeats[i] / self._samples[i])
+            self._stuck_after[i] = (
+                self._group_stuck_after(share) if i < len(self._channels) else self._axis_stuck_after(share)
+            )
+            if i >= len(self._channels):
+                self.held[i - len(self._channels)] = share >= HELD_SHARE
         if self._frames[0] % MEMORY_FRAMES == 0:
-            self._rows *= 0.5
+            self._samples *= 0.5
             self._repeats *= 0.5
 
-    def _compare(self, i: int, same: Bools) -> Bools:
-        """Return the stuck rows (n,) of group or channel i, of those that repeat; learn from the others."""
+    def _group_stuck_after(self, share: float) -> int:
+        """Return the repeats in a row of whole samples that are stuck: watched, or constant."""
+        return run_beyond_chance(share, STUCK_SAMPLES)
+
+    def _axis_stuck_after(self, share: float) -> int:
+        """Return the repeats in a row of an axis that are stuck: watched, or exempt."""
+        # n equal values are n - 1 repeats
+        return STUCK_AXIS_FRAMES * self._frame_samples - 1 if share < NEVER_STUCK_SHARE else _NEVER
+
+    def _follow(self, i: int, same: Bools) -> Bools:
+        """Return the stuck samples (n,) of group or channel i, of which `same` repeat; learn from the others."""
         stuck, repeats = np.zeros(len(same), dtype=bool), int(np.count_nonzero(same))
         if repeats:
-            place = np.arange(1, len(same) + 1)
-            since = np.maximum.accumulate(np.where(same, 0, place))
-            run = place - since
-            run[since == 0] += self._run[i]
+            # repeats in a row at each sample: its number less that of the last sample that changed
+            number = np.arange(1, len(same) + 1)
+            last_change = np.maximum.accumulate(np.where(same, 0, number))
+            run = number - last_change
+            run[last_change == 0] += self._run[i]  # the run began in an earlier block
             self._run[i] = run[-1]
-            stuck = run >= self._longest[i]
+            stuck = run >= self._stuck_after[i]
         elif len(same):
             self._run[i] = 0
         excluded = int(np.count_nonzero(stuck))
-        self._rows[i] += len(same) - excluded
+        self._samples[i] += len(same) - excluded
         self._repeats[i] += repeats - excluded
         return stuck
+
+
+class StuckWatch(ArrayState):
+    """Follow whether some groups are stuck, and where on the grid that changes.
+
+    Parameters
+    ----------
+    groups : groups that are watched, as one: one stuck axis is enough. Without any, nothing is ever stuck.
+    frame_samples : samples of a frame.
+
+    Attributes
+    ----------
+    stuck : whether one of the groups is stuck now.
+    changes : places on the grid where `stuck` changed, and its new value; the guard empties the list.
+    """
+
+    _STATE: ClassVar = {"stuck": FLAG}
+
+    def __init__(self, groups: Sequence[int], frame_samples: int) -> None:
+        self._groups, self._frame_samples = list(groups), frame_samples
+        self.stuck = False
+        self.changes: list[tuple[int, bool]] = []
+
+    def update(self, stuck: Bools, valid: Bools, place: int) -> None:
+        """Follow the rows (n, g) of whole frames, of which the first is at `place` on the grid."""
+        if not self._groups or not (self.stuck or stuck.any()):
+            return
+        group_stuck: Bools = np.asarray(stuck[:, self._groups].any(axis=1))
+        received: Bools = np.asarray(valid[:, self._groups].any(axis=1))
+        for begin in range(0, len(stuck), self._frame_samples):
+            rows = slice(begin, begin + self._frame_samples)
+            known = np.flatnonzero(received[rows])
+            if not len(known):
+                continue
+            now = bool(group_stuck[rows][known[-1]])
+            if now != self.stuck:
+                self._change(place + rows.stop, now)
+
+    def _change(self, place: int, stuck: bool) -> None:
+        self.stuck = stuck
+        self.changes.append((place, stuck))
 
 
 def run_beyond_chance(share: float, least: int) -> int:
@@ -132,4 +246,4 @@ def run_beyond_chance(share: float, least: int) -> int:
     """
     if share <= 0.0:
         return least
-    return max(least, math.ceil(math.log(CHANCE) / math.log(share))) if share < 1.0 else _NEVER
+    return max(least, math.ceil(math.log(UNUSUAL_CHANCE) / math.log(share))) if share < 1.0 else _NEVER

@@ -18,26 +18,51 @@ from scipy.special import ndtr
 from imumon.coefficients import BIAS_TERMS, LIMIT_95
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit import regressors as columns_of
-from imumon.noise.fit.expected_curve import noise_variances
-from imumon.noise.fit.likelihood import Likelihood, Surface, averaged, normal_matrix
-from imumon.noise.fit.observations import SINGLE, BlockSeries, block_series, meeting_frequency
-from imumon.noise.fit.regressors import COLLINEAR, Regressor
+from imumon.noise.fit.fit_rules import (
+    COLLINEAR,
+    HIGHEST_DEGC,
+    JUMP_DEGC,
+    JUMP_SHARE,
+    LOWEST_DEGC,
+    NEGLECTED_P,
+    POINTS,
+    SPAN_PER_DEGREE_DEGC,
+)
+from imumon.noise.fit.likelihood import Likelihood, Surface, grid_mean, normal_matrix
+from imumon.noise.fit.model import total
+from imumon.noise.fit.observations import BlockSeries, block_series, meeting_frequency
+from imumon.noise.fit.regressors import Regressor
 from imumon.noise.fit.slow_terms import SlowTerms
-from imumon.report import BiasCurve, ModelColumn
+from imumon.noise.fit.statement import RegressorEstimate
 from imumon.samples import Floats
 
-NEGLECTED_P = 0.25
-"""Probability by chance below which a term of a higher degree, or the variance between quarters, counts: the limits of
-the others do not hold beside one in doubt that is neglected (Bancroft 1944; Biometrics 20, 1964). At 0.05 the limits of
-a scatter as large as the statistics hold 88 %, at 0.25 92 %."""
-SPAN_PER_DEGREE_DEGC = 2.0
-"""degC, span that each degree above the first one needs: sensors bend little within less."""
-LOWEST_DEGC, HIGHEST_DEGC = -60.0, 110.0
-"""degC, of inertial sensors, which are rated for -55 to 110 at most (Murata SCHA634): what is beyond is none."""
-JUMP_SHARE, JUMP_DEGC = 0.5, 2.0
-"""Share of the span, and degC, that the temperature of a sensor does not change between two blocks."""
-POINTS = 9
-"""Temperatures at which the curve is given."""
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BiasFit:
+    """Bias of a channel against the temperature: a polynomial about a reference.
+
+    Attributes
+    ----------
+    reason : why there are no terms: ``too_short``, ``no_temperature``, ``small_range``, ``collinear``, ``implausible``
+        or ``jumps``; None: there are some.
+    reference_degC : degC, middle of the temperatures of the record.
+    terms : ``degree 0`` (the bias at the reference, channel unit) to at most ``degree 3`` (channel unit per degC^3).
+    hysteresis : channel unit, greatest difference, warming less cooling; None: not both in the record.
+    degC, bias, low, high : temperatures of the curve, and the curve with its 95 % limits, channel unit.
+    std_without, std_with : channel unit, standard deviation of the block means about their drift, and about drift and
+        curve.
+    """
+
+    reason: str | None = None
+    reference_degC: float | None = None
+    terms: tuple[RegressorEstimate, ...] = ()
+    hysteresis: RegressorEstimate | None = None
+    degC: tuple[float, ...] = ()
+    bias: tuple[float, ...] = ()
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    std_without: float | None = None
+    std_with: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,8 +74,9 @@ class _Fit:
     covariance: Floats  # (q, q)
     mean_variance: float  # (channel unit)^2, of the mean of the record against that of another one as long
 
-    def sigma(self, at: int) -> float:
-        return float(abs(self.value[at]) / math.sqrt(self.covariance[at, at]))
+    def sigma(self, number: int) -> float:
+        """Return the standard errors by which a coefficient differs from zero."""
+        return float(abs(self.value[number]) / math.sqrt(self.covariance[number, number]))
 
 
 def bias_curve(
@@ -59,7 +85,7 @@ def bias_curve(
     degrees: Floats | None,
     noise: Surface | None = None,
     extremes: tuple[float, float] | None = None,
-) -> BiasCurve:
+) -> BiasFit:
     """Return the bias against the temperature, or a curve without terms and with the reason why there is none.
 
     Parameters
@@ -72,25 +98,25 @@ def bias_curve(
     """
     series = block_series(blocks, column, degrees)
     if series is None:
-        return BiasCurve(reason="too_short")
+        return BiasFit(reason="too_short")
     straight, reason = columns_of.temperature(series)
     if straight is None or series.degrees is None:
-        return BiasCurve(reason=reason)
+        return BiasFit(reason=reason)
     low, high = float(np.nanmin(series.degrees)), float(np.nanmax(series.degrees))
     coldest, hottest = extremes or (low, high)
     if min(low, coldest) < LOWEST_DEGC or max(high, hottest) > HIGHEST_DEGC:
-        return BiasCurve(reason="implausible")
+        return BiasFit(reason="implausible")
     jumps = np.abs(np.diff(straight.series))
     jumps[series.begin[1:] - 1] = 0.0
     if jumps.max() > max(JUMP_SHARE * (high - low), JUMP_DEGC):
-        return BiasCurve(reason="jumps")
+        return BiasFit(reason="jumps")
     reference, half = 0.5 * (low + high), 0.5 * (high - low)
     u, loop = columns_of.unit_span(straight.series), columns_of.hysteresis(series, straight.series)
     fit = _fitted(series, u, loop, 1, noise)
-    names = [each.name for each in fit.regressors]
+    names = [column.name for column in fit.regressors]
     one, drift = names.index("temperature"), names.index("drift") if "drift" in names else None
     if drift is not None and _correlation(fit.covariance, one, drift) > COLLINEAR:
-        return BiasCurve(reason="collinear")
+        return BiasFit(reason="collinear")
     degree = 1
     for more in range(2, len(BIAS_TERMS) + 1):
         if high - low >= SPAN_PER_DEGREE_DEGC * more:
@@ -109,24 +135,31 @@ def _fitted(
         heat.append(loop)
     regressors = [*columns_of.drifts(series), *heat]
     masked = np.zeros(series.y.size, dtype=bool)
-    terms = SlowTerms(series, regressors, masked, min(4 * SINGLE, masked.size // 3), [], 0.0, "")
+    terms = SlowTerms(series, regressors, masked, [], 0.0, "")
     top = meeting_frequency(series)
-    likelihood = Likelihood(*terms.observations(top, top))
+    beside = {} if noise is None else noise.beside
+    terms = terms.with_terms(list(beside))
+    likelihood = Likelihood(*terms.observations(top, top), beside=beside)
     if noise is None:
         surface = likelihood.search(series.samples)
     else:
-        surface = replace(likelihood.surface(noise.B, noise.K), log=noise.log, a=noise.a)
-    mean, error = averaged(surface, surface.beta, surface.beta_variance)
+        # the noise of the fit, with its limits, and the regression of these columns
+        surface = replace(
+            likelihood.surface(noise.grids), log=noise.log, scored=noise.scored, likeliest=noise.likeliest
+        )
+    mean, error = grid_mean(surface, surface.beta, surface.beta_variances)
     coefficients = likelihood.coefficients
-    variance = surface.powers @ coefficients.variance
+    variance = total(surface.powers, lambda term: coefficients.variances[term])
     inverse = np.linalg.inv(normal_matrix(1.0 / variance[None], coefficients.X)[0])
     # the noise is not known exactly: the errors are those over all N, B and K, the correlations of the likeliest
     wider = error / np.sqrt(np.diagonal(inverse))
-    scale = np.array([each.scale for each in regressors])
+    scale = np.array([column.scale for column in regressors])
     covariance = inverse * np.outer(wider * scale, wider * scale)
-    powers = np.stack((surface.a, *surface.pairs), axis=1)
-    apart = 2.0 * powers @ noise_variances(np.array([series.samples]), averaged=True)[:, 0]
-    mean_variance = float(averaged(surface, np.sqrt(apart), np.zeros_like(apart))[0]) ** 2
+    # another record as long differs by twice the Allan variance at the length of the record
+    length, powers = np.array([series.samples]), surface.noise_powers
+    variances = [power * term.allan_variances(length, averaged=True)[0] for term, power in powers.items()]
+    apart = 2.0 * np.sum(variances, axis=0)
+    mean_variance = float(grid_mean(surface, np.sqrt(apart), np.zeros_like(apart))[0]) ** 2
     return _Fit(regressors, mean * scale, covariance, mean_variance)
 
 
@@ -139,10 +172,10 @@ def _stated(
     reference: float,
     half: float,
     u: Floats,
-) -> BiasCurve:
+) -> BiasFit:
     """Return the curve of a regression whose temperature columns begin at number `one`."""
-    columns = np.stack([each.series for each in fit.regressors], axis=1)
-    own = slice(one, one + degree)
+    columns = np.stack([column.series for column in fit.regressors], axis=1)
+    polynomial = slice(one, one + degree)
     # the bias at the reference temperature, in the middle of the record and between the two directions
     middle = columns.mean(axis=0)
     bias = float(offset + series.series.mean() - middle @ fit.value)
@@ -154,24 +187,24 @@ def _stated(
         )
         for i in range(degree)
     ]
-    at = np.linspace(-1.0, 1.0, POINTS)
-    powers = at[:, None] ** np.arange(1, degree + 1)
-    combined = np.tile(-middle, (POINTS, 1))
-    combined[:, own] += powers
-    curve = bias + powers @ fit.value[own]
-    error = LIMIT_95 * np.sqrt(
-        fit.mean_variance + np.einsum("pq,qr,pr->p", combined, fit.covariance, combined)
-    )
-    drifts = [i for i, each in enumerate(fit.regressors) if each.name == "drift"]
+    span = np.linspace(-1.0, 1.0, POINTS)
+    powers = span[:, None] ** np.arange(1, degree + 1)
+    # the bias at a temperature is that of the middle plus what the columns say between the two: one linear combination
+    combination = np.tile(-middle, (POINTS, 1))
+    combination[:, polynomial] += powers
+    curve = bias + powers @ fit.value[polynomial]
+    spread = np.einsum("pq,qr,pr->p", combination, fit.covariance, combination)
+    error = LIMIT_95 * np.sqrt(fit.mean_variance + spread)
+    drifts = [i for i, column in enumerate(fit.regressors) if column.name == "drift"]
     without = series.series - columns[:, drifts] @ fit.value[drifts]
     hysteresis = None
     if fit.regressors[-1].name == "hysteresis":
         hysteresis = _column("hysteresis", float(fit.value[-1]), float(fit.covariance[-1, -1]))
-    return BiasCurve(
+    return BiasFit(
         reference_degC=reference,
         terms=tuple(_column(f"degree {i}", *row) for i, row in enumerate(rows)),
         hysteresis=hysteresis,
-        degC=tuple((reference + half * at).tolist()),
+        degC=tuple((reference + half * span).tolist()),
         bias=tuple(curve.tolist()),
         low=tuple((curve - error).tolist()),
         high=tuple((curve + error).tolist()),
@@ -180,9 +213,9 @@ def _stated(
     )
 
 
-def _column(name: str, value: float, variance: float) -> ModelColumn:
+def _column(name: str, value: float, variance: float) -> RegressorEstimate:
     error = LIMIT_95 * math.sqrt(variance)
-    return ModelColumn(name=name, value=value, low=value - error, high=value + error)
+    return RegressorEstimate(name=name, value=value, low=value - error, high=value + error)
 
 
 def _correlation(covariance: Floats, i: int, j: int) -> float:

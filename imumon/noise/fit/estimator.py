@@ -1,34 +1,66 @@
-"""Fit of N, B and K to the sums of a record: one likelihood, and everything that follows from it.
+"""Estimator: fits of all channels of a growing record, from its sums to what is stated.
 
-`description` finds the terms, `likelihood` gives the numbers, `channel_results` states them in SI, and `stated_curve`
-gives the Allan curve that they imply. A fit is computed again when the record has grown by 2 %; in between the last one
-holds, with the curve of today.
+The way of a channel through this package:
+
+| step | module | from | to |
+|---|---|---|---|
+| can it be fitted? | `estimator` | curve, resolution | a reason why it is pending |
+| what is compared | `observations` | `NoiseSums` | `Bands`, `Coefficients` |
+| which terms explain it | `search` (`ModelSearch`) | observations | `Model` |
+| how likely are their powers | `likelihood` (`Likelihood`) | terms of `model`, `regressors` | `Surface` |
+| what is stated | `statement` (`state_model`, `with_curve`) | `Model` | `ChannelFit` |
+
+A fit is computed again when the record has grown by 2 % (`RENEWAL_GROWTH`); in between the last one holds, with the
+curve of today. All thresholds are in `fit_rules`.
+
+Example: half a minute of white noise.
+
+>>> from imumon.noise import OctaveCascade, synthesise
+>>> cascade = OctaveCascade(1, tau0=0.01)
+>>> cascade.update(synthesise(4096, 100.0, N=[1e-3], seed=1, averaged=False))
+>>> (fit,) = fit_curve(cascade.result(), averaged=False)
+>>> fit.N.low < 1e-3 < fit.N.high, fit.B.status, fit.K.status
+(True, 'upper_bound', 'upper_bound')
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from imumon.coefficients import NOISE, default_precision
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit.bias_curve import bias_curve
-from imumon.noise.fit.channel_results import TOO_SHORT, stated
-from imumon.noise.fit.description import Choice, Describer
-from imumon.noise.fit.observations import LEAST_VARIANCE, block_series
-from imumon.noise.fit.results import ChannelFit, pending_fit
-from imumon.noise.fit.stated_curve import Stated, with_curve
+from imumon.noise.fit.bias_curve import BiasFit, bias_curve
+from imumon.noise.fit.curve_statement import with_curve
+from imumon.noise.fit.fit_rules import COUNTED_FALL, LEAST_VARIANCE, RENEWAL_GROWTH
+from imumon.noise.fit.observations import block_series
+from imumon.noise.fit.search import ModelChoice, ModelSearch
+from imumon.noise.fit.statement import (
+    TOO_SHORT,
+    ChannelFit,
+    FittedModel,
+    pending_fit,
+    state_model,
+)
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.level_sums import SUB_BAND
-from imumon.noise.validity_groups import DITHERED, ROUNDING
-from imumon.report import BiasCurve
+from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES
+from imumon.noise.validity_groups import DITHERED, ROUNDING, ROUNDING_VARIANCE
 from imumon.samples import Floats
 
 CUT = "gaps of unknown length cut the record into parts that are too short"
-RENEWAL_GROWTH = 1.02
-"""1, growth of the record after which a fit is computed again: limits shrink by 1 % meanwhile."""
+CONSTANT = "the channel is constant", "constant"
+"""Text and code: no curve, and no block, shows any noise."""
+
+
+class Pending(NamedTuple):
+    """Why a channel has no fit: text, and the code of the report if there is one."""
+
+    reason: str
+    code: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +68,11 @@ class _Known:
     """Fit of a channel at one length of its record."""
 
     span: int
-    found: Stated | str
+    fitted: FittedModel | Pending  # or why there is none
+
+
+UNGUARDED = "unguarded"
+"""Caveat of a fit to a curve alone: what steps and outliers of the samples do to N is unknown."""
 
 
 class Estimator:
@@ -80,7 +116,8 @@ class Estimator:
         Parameters
         ----------
         curve : of an `OctaveCascade`, with the sums of its noise.
-        renew : compute everything again, whatever was found before; default: where the record has grown by 2 %.
+        renew : compute everything again, without the choices of earlier fits; default: where the record has grown
+            by 2 %.
         resolution : (c,) channel unit, least step between two values, 0.0 where there is none. Noise smaller
             than half of it shows in the rounding only, and no coefficient is given.
         kurtosis : (c,) 1, excess kurtosis of the samples about slow changes, which widens the limits of N.
@@ -112,7 +149,7 @@ class Estimator:
         kurtosis: float,
         degrees: Floats | None,
     ) -> ChannelFit:
-        """Return the fit of a channel, with what was found last while it is current; see `fit`."""
+        """Return the fit of a channel, the last one while it is current; see `fit`."""
         reason = _why_pending(curve, channel, step)
         if reason is not None or curve.sums is None:
             self._known.pop(channel, None)
@@ -120,11 +157,12 @@ class Estimator:
         known = self._known.get(channel)
         current = known is not None and known.span <= curve.span < known.span * RENEWAL_GROWTH
         if known is None or renew or (renew is None and not current):
-            found = self._stated(curve.sums, channel, None if renew else known, degrees, kurtosis)
-            known = self._known[channel] = _Known(curve.span, found)
-        if isinstance(known.found, str):
-            return pending_fit(len(curve.m), known.found)
-        return with_curve(known.found, curve, curve.sums, channel, self._flag(channel))
+            previous = None if renew else known
+            fitted = self._fit_model(curve.sums, channel, previous, degrees, kurtosis, step)
+            known = self._known[channel] = _Known(curve.span, fitted)
+        if isinstance(known.fitted, Pending):
+            return pending_fit(len(curve.m), *known.fitted)
+        return with_curve(known.fitted, curve, curve.sums, channel, self._is_averaged(channel))
 
     def fit_sums(
         self,
@@ -140,7 +178,8 @@ class Estimator:
         ----------
         span : samples of the part.
         resolution, kurtosis : see `fit`.
-        like : estimator of the whole record, whose descriptions the parts share; None: each part has its own, which
+        like : estimator of the whole record, whose models the parts share, because a part shows
+            less of the upper end than the whole; None: each part has its own, which
             is kept while the part grows.
         """
         out = []
@@ -153,15 +192,15 @@ class Estimator:
             if like is None and known is not None and known.span > span:
                 known = None  # another part
             excess = 0.0 if kurtosis is None else float(kurtosis[channel])
-            found = self._stated(sums, channel, known, sums.degrees, excess, whole=like is None)
+            fitted = self._fit_model(sums, channel, known, sums.degrees, excess, step, whole=like is None)
             if like is None:
-                self._parts[channel] = _Known(span, found)
-            out.append(pending_fit(0, found) if isinstance(found, str) else found.fit)
+                self._parts[channel] = _Known(span, fitted)
+            out.append(pending_fit(0, *fitted) if isinstance(fitted, Pending) else fitted.fit)
         return tuple(out)
 
     def bias_curves(
         self, sums: NoiseSums, extremes: tuple[float, float] | None = None
-    ) -> tuple[BiasCurve, ...]:
+    ) -> tuple[BiasFit, ...]:
         """Return the bias of every channel against the temperature, with the noise of the last fit.
 
         Parameters
@@ -172,54 +211,58 @@ class Estimator:
         out = []
         for channel in range(len(sums.group)):
             known = self._known.get(channel)
-            noise = None if known is None or isinstance(known.found, str) else known.found.found.surface
+            fitted = None if known is None else known.fitted
+            noise = fitted.model.surface if isinstance(fitted, FittedModel) else None
             out.append(bias_curve(sums.blocks, channel, sums.degrees, noise, extremes))
         return tuple(out)
 
-    def _flag(self, channel: int) -> bool:
+    def _is_averaged(self, channel: int) -> bool:
         return self.averaged if isinstance(self.averaged, bool) else bool(self.averaged[channel])
 
-    def _stated(
+    def _fit_model(
         self,
         sums: NoiseSums,
         channel: int,
         known: _Known | None,
         degrees: Floats | None,
         kurtosis: float,
+        step: float,
         *,
         whole: bool = True,
-    ) -> Stated | str:
-        """Return what the description of a channel states, or why there is none.
+    ) -> FittedModel | Pending:
+        """Return the model of a channel with what it states, or why there is none.
 
         Parameters
         ----------
-        whole : the sums are those of which `known` is an earlier state, else a part of them.
+        step : channel unit, least step between two values, 0.0 where there is none.
+        whole : the sums are those of which `known` is an earlier state, and settling, steps and bends are sought;
+            False: a part of them that shares its model.
         """
         series = block_series(sums.blocks, channel, degrees)
         if series is None:
-            return TOO_SHORT if len(np.unique(sums.blocks.segment)) <= 2 else CUT
+            # one gap of unknown length may lie in any short record; more of them are the cause
+            return Pending(TOO_SHORT if len(np.unique(sums.blocks.segment)) <= 2 else CUT)
         if not np.var(series.series) > LEAST_VARIANCE:
-            return "the channel is constant"
+            return Pending(*CONSTANT)
+        # a simulator without noise, or a counter: what is left of the line is rounding
         steps = np.diff(series.series, 2)
         if not steps.size or float(steps @ steps) <= ROUNDING**2 * float(series.series @ series.series):
-            return "a straight line without noise"
-        previous: Choice | None = None
-        if known is not None and not isinstance(known.found, str):
-            choice = known.found.found.choice
-            previous = choice if whole else replace(choice, grids=(None, None))
-        describer = Describer(
-            sums,
-            channel,
-            series,
-            averaged=self._flag(channel),
-            previous=previous,
-            slow_terms=whole,
+            return Pending("a straight line without noise")
+        previous: ModelChoice | None = None
+        if known is not None and isinstance(known.fitted, FittedModel):
+            choice = known.fitted.model.choice
+            # B and K of a part have other limits: its grid begins again
+            previous = choice if whole else replace(choice, grids=None, slow_grids=None)
+        averaged = self._is_averaged(channel)
+        counted = _counts_angle(sums, channel, step)
+        search = ModelSearch(
+            sums, channel, series, averaged=averaged, previous=previous, whole=whole, counted=counted
         )
-        found = describer.describe()
-        if isinstance(found, str):
-            return found
-        precision = np.array([self.precision[name] for name in NOISE]) if self._time_to else None
-        return stated(sums, channel, found, kurtosis, precision)
+        model = search.result()
+        if isinstance(model, str):
+            return Pending(model)
+        precision = {letter: self.precision[letter] for letter in NOISE} if self._time_to else None
+        return state_model(sums, channel, model, kurtosis, precision, step, counted=counted)
 
 
 def fit_curve(
@@ -227,9 +270,19 @@ def fit_curve(
     *,
     averaged: bool | Sequence[bool],
     time_to: bool = True,
+    resolution: Sequence[float] | None = None,
+    kurtosis: Sequence[float] | None = None,
 ) -> tuple[ChannelFit, ...]:
-    """Fit N, B and K to every channel of a curve, once; see `Estimator`."""
-    return Estimator(averaged=averaged, time_to=time_to).fit(curve)
+    """Fit N, B and K to every channel of a curve, once; see `Estimator`.
+
+    A curve does not show the steps and the outliers of its samples. Without `resolution` and `kurtosis`, each fit has
+    the caveat ``unguarded``: rounding that is coarser than the noise, and outliers, make N wrong, and its limits too
+    narrow. `imumon.analyse` takes both from the samples.
+    """
+    fits = Estimator(averaged=averaged, time_to=time_to).fit(curve, resolution=resolution, kurtosis=kurtosis)
+    if resolution is not None and kurtosis is not None:
+        return fits
+    return tuple(replace(fit, caveats=(*fit.caveats, UNGUARDED)) for fit in fits)
 
 
 def _why_pending(curve: AllanCurve, channel: int, step: float) -> tuple[str, str | None] | None:
@@ -239,15 +292,38 @@ def _why_pending(curve: AllanCurve, channel: int, step: float) -> tuple[str, str
         return "no difference yet", None
     variance = curve.avar[present, channel]
     if not (variance > LEAST_VARIANCE).any():
-        return "the channel is constant", "constant"
-    if variance[0] < (DITHERED * step) ** 2:
+        return CONSTANT
+    # what rounding adds to white noise that moves the values over steps is no noise that moves them
+    moving = variance[0] - ROUNDING_VARIANCE * step**2
+    if moving < (DITHERED * step) ** 2 and not (
+        curve.sums is not None and _counts_angle(curve.sums, channel, step)
+    ):
         return _resolution_reason(step)
     return None
+
+
+def _counts_angle(sums: NoiseSums, channel: int, step: float) -> bool:
+    """Return whether coarse values are differences of an angle (or a velocity) in counts.
+
+    The error of a count is one of the angle, which the next sample makes good: the density falls towards low
+    frequencies. The error of a rounded rate stays, and its density does not fall.
+    """
+    group, bins = int(sums.group[channel]), SUB_BAND if sums.pooled else 1
+    densities = [
+        float(level.power[channel].mean()) / bins / float(level.averages[group]) * 2.0**s
+        for s, level in enumerate(sums.levels)
+        if level.averages[group] >= LEAST_AVERAGES
+    ]
+    if not densities or not 0.0 < densities[0] < step**2:
+        return False  # finer steps need no other treatment: rounding errors are independent
+    return min(densities) < COUNTED_FALL * densities[0]
 
 
 def _hidden(sums: NoiseSums, channel: int, step: float) -> tuple[str, str] | None:
     """Return why the resolution hides the noise of a part of a record, text and code; None if it does not."""
     if not step or not sums.levels or not sums.levels[0].averages[sums.group[channel]]:
+        return None
+    if _counts_angle(sums, channel, step):
         return None
     white = float(sums.levels[0].power[channel].mean()) / float(sums.levels[0].averages[sums.group[channel]])
     bins = SUB_BAND if sums.pooled else 1

@@ -1,267 +1,436 @@
-"""The likelihood of N, B and K of one channel, and what follows from it: values, limits, evidence.
+"""The likelihood of the powers of a model, given the observations of one channel.
 
-    S(f) = N^2 + B^2 / (2 pi f) + K^2 / (2 pi f)^2        two-sided density of the rate (IEEE Std 952, 1139)
+Bands count as gamma distributed and single cosine coefficients as normal, all independent of each other. With the
+expectation S of a band of power P with nu degrees of freedom (Whittle 1953; McCullagh and Nelder 1989, section 8.3),
+and coefficients y = X beta + noise of variance v, of which the restricted likelihood counts, the part that is free of
+beta (Patterson and Thompson, Biometrika 58, 1971):
 
-Powers count as gamma distributed, single cosine coefficients as normal, all independent of each other. Of the
-coefficients the restricted likelihood counts (Patterson & Thompson, Biometrika 58, 1971): the part that is free of
-the regressors. N^2 and the shape of the upper end are profiled over, with their normal error; B and K span a grid.
-Limits are quantiles of the likelihood, normalised over amplitudes >= 0. Nothing depends on whether a term shows.
+    -2 ln L = sum nu (P/S + ln S)  +  sum ((y - X beta)^2 / v + ln v)  +  ln |X' V^-1 X|
+
+S and v are linear in the powers of the terms (`model`). B and K span a grid. At each point of it, the powers of the
+scored terms (N, beside it quantisation or the corner of a low-pass) are the likeliest ones by Fisher's scoring, and
+beta is the generalised least squares solution. Scoring sees the bands only: the few single coefficients would hardly
+move N, and a term that they must move cannot be scored. So the grid carries all that is stated:
+
+- limits of B and K: quantiles of the likelihood, normalised over amplitudes >= 0 (flat priors in the amplitude: Box and
+  Tiao 1973, section 1.3). Flat in the amplitude, not in the power, which would favour large B.
+- value and limits of N and beta: mean over the grid, with the normal error at each point.
+- evidence: twice the log likelihood ratio against B = 0 or K = 0.
+
+Nothing depends on whether a term shows: a B that is zero is a marginal likelihood with its maximum at zero, not another
+model.
+
+Error of the model: where chance does not explain the misfit, a relative error e in every band counts, 1/nu becomes
+1/nu + e^2/2 (Paule and Mandel 1982).
+
+Example: two bands of white noise with 100 degrees of freedom each.
+
+>>> from imumon.noise.fit.model import NOISE_TERMS
+>>> flat = {term: np.ones(2) if term is WHITE else np.full(2, 1e-6) for term in NOISE_TERMS}
+>>> bands = Bands(np.array([3.9, 4.1]), np.full(2, 100.0), flat, np.zeros(2), np.array([0.25, 0.5]))
+>>> none = Coefficients(np.zeros(0), np.zeros((0, 0)), {term: np.zeros(0) for term in NOISE_TERMS})
+>>> surface = Likelihood(bands, none).surface({FLICKER: np.zeros(1), WALK: np.zeros(1)})
+>>> round(surface.powers[WHITE], 3), round(float(np.sqrt(surface.scored_variances[WHITE][0])), 2)
+(4.0, 0.4)
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
-from scipy.special import gammaincc
+from scipy.special import gammainc, gammaincc, ndtri
 
-from imumon.noise.fit.observations import LEAST_VARIANCE, Coefficients, Powers
+from imumon.noise.fit.fit_rules import (
+    DECADES,
+    DROP,
+    FINE,
+    GRID,
+    HELD_SHARE,
+    LEAST_POWER,
+    LEAST_VARIANCE,
+    MOST_MOVES,
+    SCORING_STEPS,
+    SLOW_DEGREES,
+    SLOW_GROUPS,
+)
+from imumon.noise.fit.model import FLICKER, WALK, WHITE, NoiseTerm, combined, total
+from imumon.noise.fit.observations import Bands, Coefficients
 from imumon.noise.validity_groups import ROUNDING
-from imumon.samples import Bools, Floats
+from imumon.samples import Floats
 
-GRID = 20
-"""Values of B and of K at which the likelihood is computed, half as many where terms are sought. Frequencies of an
-oscillation between two coefficients."""
-FINE = 8
-"""Parts of a cell of the grid between which a quantile is interpolated."""
-DECADES = np.concatenate(([0.0], np.geomspace(1e-6, 1e12, 27)))
-"""B^2 and K^2 in the first search, over those whose power is that of N in the lowest coefficient."""
-DROP = 9.0
-"""Logarithm of the likelihood below its maximum at the ends of the grid: 10^-4 of it."""
-MOST_MOVES = 6
-"""Times that a grid which does not hold the likelihood is moved."""
-SCORING_STEPS = 3
-"""Steps of Fisher's scoring for N^2 at each point of the grid."""
-LEAST_POWER = 1e-3
-"""Share of an observed power below which no model is compared with it."""
-
-SLOW_BANDS, SLOW_DEGREES = (0, 6, 16), 3.0
-"""First coefficients of the bands in which the misfit of the single ones is judged, and least degrees of freedom of a
-band."""
+Grids: TypeAlias = Mapping[NoiseTerm, Floats]
+"""Amplitudes (not powers) of each gridded term, channel unit in units of tau0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """Likelihood on a grid of B and K.
+    """Likelihood on a grid of B and K, or of B, K and M: m = g h ... points, those of the last term fastest.
 
     Attributes
     ----------
-    B, K : (g,), (h,) channel unit in units of tau0.
-    log : (g h,) logarithm of the likelihood.
-    a, a_variance : (g h,) best N^2 and the variance of its estimate.
-    c : (g h,) best parameter of the shape.
-    beta, beta_variance : (g h, q) coefficients of the regressors and their variances.
+    grids : (g,), (h,) ... amplitudes of the gridded terms.
+    log : (m,) logarithm of the likelihood.
+    scored : (m,) likeliest power of each scored term at each point.
+    scored_variances : (m,) variance of its estimate.
+    corner : (m,) likeliest parameter c of a low-pass 1 / (1 + c 4 sin^2(pi f)); 0.0 without one.
+    beta, beta_variances : (m, q) coefficients of the regressors and their variances.
+    holds : whether the grid holds the whole likelihood; False: its limits are those of the grid, not of the data.
+    beside : power of each term that is not on the grid, the same at all points.
+    likeliest : likeliest power of every term, where it is known better than to a point of the grid; None: it is not.
     """
 
-    B: Floats
-    K: Floats
+    grids: Grids
     log: Floats
-    a: Floats
-    a_variance: Floats
-    c: Floats
+    scored: Mapping[NoiseTerm, Floats]
+    scored_variances: Mapping[NoiseTerm, Floats]
+    corner: Floats
     beta: Floats
-    beta_variance: Floats
+    beta_variances: Floats
+    holds: bool = True
+    beside: Mapping[NoiseTerm, float] = field(default_factory=dict)
+    likeliest: Mapping[NoiseTerm, float] | None = None
 
     @property
     def best(self) -> int:
-        """Number of the point with the greatest likelihood."""
-        return int(self.log.argmax())
+        """Number of the point with the greatest likelihood, or nearest to it."""
+        if self.likeliest is None:
+            return int(self.log.argmax())
+        near_peak = [
+            int(np.abs(grid - np.sqrt(self.likeliest[term])).argmin()) for term, grid in self.grids.items()
+        ]
+        return int(np.ravel_multi_index(near_peak, self.shape))
 
     @property
-    def pairs(self) -> tuple[Floats, Floats]:
-        """(g h,) B^2 and K^2 of each point."""
-        return _pairs(self.B, self.K)
+    def shape(self) -> tuple[int, ...]:
+        """Sizes of the grids."""
+        return tuple(grid.size for grid in self.grids.values())
 
     @property
-    def powers(self) -> Floats:
-        """(3,) N^2, B^2 and K^2 there."""
-        i, j = divmod(self.best, self.K.size)
-        return np.array([self.a[self.best], self.B[i] ** 2, self.K[j] ** 2])
+    def noise_powers(self) -> dict[NoiseTerm, Floats]:
+        """(m,) power of every term at each point."""
+        known = {term: np.full(self.log.size, power) for term, power in self.beside.items()}
+        return {**self.scored, **grid_powers(self.grids), **known}
+
+    @property
+    def powers(self) -> dict[NoiseTerm, float]:
+        """Power of every term at the greatest likelihood."""
+        if self.likeliest is not None:
+            return dict(self.likeliest)
+        best = self.best
+        places = np.unravel_index(best, self.shape)
+        on_grid = {
+            term: float(grid[place]) ** 2
+            for (term, grid), place in zip(self.grids.items(), places, strict=True)
+        }
+        return {**{term: float(power[best]) for term, power in self.scored.items()}, **on_grid, **self.beside}
+
+    def profile(self, term: NoiseTerm) -> Floats:
+        """Return (g,) the greatest log likelihood at each amplitude of a gridded term."""
+        others = tuple(axis for axis, other in enumerate(self.grids) if other is not term)
+        return np.asarray(self.log.reshape(self.shape).max(axis=others))
+
+    def weights(self) -> Floats:
+        """Return (g, h) the probability of each point, not normalised.
+
+        The grids are even. A point at zero has only the half cell above it.
+        """
+        return np.asarray(np.exp(self.log - self.log.max()).reshape(self.shape) * self.cells)
+
+    @property
+    def cells(self) -> Floats:
+        """(g, h, ...) cell of each point: 1, and half of it for each term that is zero there."""
+        cells = np.ones(self.shape)
+        for axis, grid in enumerate(self.grids.values()):
+            if grid[0] == 0.0:
+                cells[(slice(None),) * axis + (0,)] *= 0.5
+        return cells
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Squares:
+    """All observations of a channel as gamma-distributed squares.
+
+    Attributes
+    ----------
+    power : (r,) (channel unit)^2.
+    half : (r,) half of the degrees of freedom.
+    expected : (r,) of each term, the expectation of power 1.
+    """
+
+    power: Floats
+    half: Floats
+    expected: Mapping[NoiseTerm, Floats]
+
+
+LEAST_LEFT = 1e-3
+"""Least share of a coefficient that a regression leaves: rounding leaves of nothing more than nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Observations of one channel with a description: rows, regressors and the terms that are free.
+    """Observations of one channel with the terms that explain them.
 
     Attributes
     ----------
-    powers, coefficients : the observations.
-    shape : what else the spectrum has, x = 4 sin^2(pi f): "" nothing, ``quantised`` an additional c x, ``filtered`` the
-        factor 1 / (1 + c x) of a first-order low-pass.
+    bands, coefficients : the observations.
+    scored : terms whose power is profiled; white noise first.
+    low_pass : whether the bands of the spectrum are behind a low-pass of first order, whose corner is profiled, too.
     error : 1, relative error of the model in every power.
+    beside : power of each term that is known, so that it is neither scored nor on a grid.
     """
 
-    powers: Powers
+    bands: Bands
     coefficients: Coefficients
-    shape: str = ""
+    scored: tuple[NoiseTerm, ...] = (WHITE,)
+    low_pass: bool = False
     error: float = 0.0
+    beside: Mapping[NoiseTerm, float] = field(default_factory=dict)
 
     @cached_property
     def dof(self) -> Floats:
         """(r,) degrees of freedom, with the error of the model."""
-        return np.asarray(1.0 / (1.0 / self.powers.dof + 0.5 * self.error**2))
+        return np.asarray(1.0 / (1.0 / self.bands.dof + 0.5 * self.error**2))
 
-    def surface(self, B: Floats, K: Floats, c: float = 0.0) -> Surface:
-        """Return the likelihood for all pairs of B and K.
+    @property
+    def free(self) -> int:
+        """Number of parameters that are profiled."""
+        return len(self.scored) + self.low_pass
+
+    def surface(self, grids: Grids, start: Floats | None = None) -> Surface:
+        """Return the likelihood at all points of a grid.
 
         Parameters
         ----------
-        c : first value of the shape.
+        start : (free - 1,) first values of the profiled parameters but that of white noise; None: zeros.
         """
-        b, k = _pairs(B, K)
-        a, c_best, log, variance = self._profile(b, k, np.full(b.size, c))
-        more, beta, beta_variance = self._restricted(a, b, k)
+        gridded = grid_powers(grids)
+        scored, corner, log, variances = self._profile(gridded, start)
+        restricted, beta, beta_variances = self._restricted({**scored, **gridded})
         # without any noise there is no likelihood; a finite number, so that a surface of it alone gives no NaN
-        total = log + more
-        total = np.where(np.isfinite(total), total, np.finfo(np.float32).min)
-        return Surface(B, K, total, a, variance, c_best, beta, beta_variance)
+        log = log + restricted
+        log = np.where(np.isfinite(log), log, np.finfo(np.float32).min)
+        return Surface(grids, log, scored, variances, corner, beta, beta_variances, beside=self.beside)
+
+    def _beside(self, unit: Mapping[NoiseTerm, Floats]) -> Floats | float:
+        """Return (n,) what statistics expect of the terms whose power is known."""
+        return total(self.beside, lambda term: unit[term]) if self.beside else 0.0
 
     def _profile(
-        self, b: Floats, k: Floats, c: Floats, *, held: bool = False
-    ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return (m,) the best N^2 and shape, the logarithm of the likelihood, the variance of N^2.
+        self, gridded: Mapping[NoiseTerm, Floats], start: Floats | None, *, only_white: bool = False
+    ) -> tuple[dict[NoiseTerm, Floats], Floats, Floats, dict[NoiseTerm, Floats]]:
+        """Return what profiling gives at each of m points, by Fisher's scoring.
 
-        Fisher's scoring: the model is linear in N^2, and in the shape where it is additive.
+        The model is linear in the scored powers, so that a few steps suffice (McCullagh and Nelder 1989, section 2.5):
+        the information about parameters i and j is sum nu/2 slope_i slope_j / S^2.
 
         Parameters
         ----------
-        c : (m,) first values of the shape.
-        held : the shape stays as it is.
+        gridded : (m,) powers of the gridded terms.
+        start : (free - 1,) or (free - 1, m) first values of the other parameters.
+        only_white : the other parameters stay as they are.
+
+        Returns
+        -------
+        scored : (m,) power of each scored term.
+        corner : (m,) of the low-pass, zeros without one.
+        log : (m,) logarithm of the likelihood of the powers.
+        variances : (m,) of each scored power.
         """
-        P, E, half = self.powers.power, self.powers.expected, 0.5 * self.dof
-        base = np.multiply.outer(b, E[:, 1]) + np.multiply.outer(k, E[:, 2])
-        floor, x, white = self._floor, self._x, E[:, 0]
-        a = np.full(b.size, self._white)
-        most = 1e-6 * a[0]
+        P, half = self.bands.power, 0.5 * self.dof
+        unit = np.stack([self.bands.expected[term] for term in self.scored])
+        base = combined(gridded, self.bands.expected) + self._beside(self.bands.expected)
+        points, floor, bend = len(base), self._floor, self.bands.bend
+        values = np.zeros((self.free, points))
+        values[0] = self._white
+        if start is not None:
+            values[1:] = start if start.ndim == 2 else start[:, None]
+        least = np.zeros(self.free)
+        least[0] = (
+            1e-6 * self._white
+        )  # white noise never vanishes: a model without it has no variance at high f
         for step in range(SCORING_STEPS + 1):
-            model = np.multiply.outer(a, white) + base
-            if self.shape == "filtered":
-                fall = 1.0 / (1.0 + np.multiply.outer(c, x))
+            model = values[: len(self.scored)].T @ unit + base
+            slopes = unit
+            if self.low_pass:
+                fall = 1.0 / (1.0 + np.multiply.outer(values[-1], bend))
                 model *= fall
-                slopes = white * fall, -model * x * fall
-            elif self.shape:
-                model += np.multiply.outer(c, x)
-                slopes = np.broadcast_to(white, model.shape), np.broadcast_to(x, model.shape)
+                slopes = np.stack((unit[0] * fall, -model * bend * fall))
             np.maximum(model, floor, out=model)
             weight = half / model**2
             if step == SCORING_STEPS:
                 break
             rest = weight * (P - model)
-            if self.shape:
-                aa, ac, cc, determinant = _information(weight, slopes)
-                one, two = ((rest * slope).sum(axis=1) for slope in slopes)
-                a = a + (one / aa if held else (cc * one - ac * two) / determinant)
-                c = c if held else np.maximum(c + (aa * two - ac * one) / determinant, 0.0)
-            else:
-                a = a + (rest @ white) / (weight @ white**2)
-            a = np.maximum(a, most)
+            moved = slice(1) if only_white else slice(None)
+            values[moved] += _scoring_step(weight, rest, slopes[moved])
+            values = np.maximum(values, least[:, None])
         log = -((P / model + np.log(model)) @ half)
-        if not self.shape:
-            return a, c, log, 1.0 / (weight @ white**2)
-        _, _, cc, determinant = _information(weight, slopes)
-        return a, c, log, cc / determinant
-
-    @cached_property
-    def _x(self) -> Floats:
-        """(r,) 4 sin^2(pi f) of each band, as the shape needs it."""
-        return np.asarray(self.powers.expected[:, 4 if self.shape == "filtered" else 3])
+        inverse = np.linalg.inv(_information(weight, slopes))
+        scored: dict[NoiseTerm, Floats] = dict(zip(self.scored, values, strict=False))
+        variances = {term: np.asarray(inverse[:, i, i]) for i, term in enumerate(self.scored)}
+        corner: Floats = values[-1] if self.low_pass else np.zeros(points)
+        return scored, corner, log, variances
 
     @cached_property
     def _floor(self) -> Floats:
         """(r,) least power of a model."""
-        share = np.maximum(LEAST_POWER * self.powers.power, ROUNDING**2 * self.powers.power.max())
+        share = np.maximum(LEAST_POWER * self.bands.power, ROUNDING**2 * self.bands.power.max())
         return np.asarray(np.maximum(share, LEAST_VARIANCE))
 
     @cached_property
     def _white(self) -> float:
-        """Return a first value of N^2: the median of the upper bands, behind a filter of those below."""
-        order = np.argsort(-self.powers.top)
+        """Return a first value of N^2: the median of the upper bands, behind a low-pass of those below."""
+        order = np.argsort(-self.bands.top)
+        # a first value only: the upper third of the bands holds N in all but the shortest records
         third = max(2, order.size // 3)
-        rows = (
-            order[third : 2 * third] if self.shape == "filtered" and order.size > 2 * third else order[:third]
-        )
-        found = self.powers.power[rows] / self.powers.expected[rows, 0]
-        # impulses leave most bands empty
-        return float(np.median(found) or max(found.mean(), LEAST_VARIANCE))
+        behind = self.low_pass and order.size > 2 * third
+        rows = order[third : 2 * third] if behind else order[:third]
+        densities = self.bands.power[rows] / self.bands.expected[WHITE][rows]
+        # a channel of impulses leaves most bands empty: their median is zero, their mean is not
+        return float(np.median(densities) or max(densities.mean(), LEAST_VARIANCE))
 
-    def _first_shape(self, b: float, k: float) -> float:
-        """Return a first value of the shape: the best of a few for some B^2 and K^2."""
-        c = np.append(0.0, np.geomspace(1e-3, 1e3, 25)) * (self._white if self.shape == "quantised" else 1.0)
-        log = self._profile(np.full(c.size, b), np.full(c.size, k), c, held=True)[2]
-        return float(c[log.argmax()])
+    def _first_values(self, grids: Grids) -> Floats | None:
+        """Return (free - 1,) first values of the profiled parameters but N: the best of a few in the middle of a grid.
 
-    def _restricted(self, a: Floats, b: Floats, k: Floats) -> tuple[Floats, Floats, Floats]:
+        Scoring from zero does not find the corner of a low-pass: the likelihood has a maximum there, too.
+        """
+        if self.free == 1:
+            return None
+        scale = self._white if len(self.scored) > 1 else 1.0
+        # six decades about the power of N, or about a corner at a sixth of the sampling rate; scoring does the rest
+        tried = np.append(0.0, np.geomspace(1e-3, 1e3, 25)) * scale
+        middle = {term: np.full(tried.size, float(np.median(grid)) ** 2) for term, grid in grids.items()}
+        log = self._profile(middle, tried[None], only_white=True)[2]
+        return tried[[log.argmax()]]
+
+    def _restricted(self, powers: Mapping[NoiseTerm, Floats]) -> tuple[Floats, Floats, Floats]:
         """Return (m,) the restricted log likelihood of the coefficients, and (m, q) the regression with variances."""
         y, X = self.coefficients.y, self.coefficients.X
         q = X.shape[1]
-        v = np.stack((a, b, k), axis=1) @ self.coefficients.variance
+        v = combined(powers, self.coefficients.variances) + self._beside(self.coefficients.variances)
         w = 1.0 / v
         log = -0.5 * (w @ y**2 + np.log(v).sum(axis=1))
         if not q:
-            return log, np.zeros((a.size, 0)), np.zeros((a.size, 0))
+            return log, np.zeros((len(v), 0)), np.zeros((len(v), 0))
         XX, Xy = normal_matrix(w, X), w @ (X * y[:, None])
         inverse = np.linalg.inv(XX)
         beta = np.einsum("mij,mj->mi", inverse, Xy)
         log += 0.5 * ((beta * Xy).sum(axis=1) - np.linalg.slogdet(XX)[1])
         return log, beta, np.diagonal(inverse, axis1=1, axis2=2)
 
-    def search(self, samples: float, start: tuple[Floats, Floats] | None = None) -> Surface:
-        """Return the likelihood on a grid that holds all of it.
+    def search(self, samples: float, start: Grids | None = None) -> Surface:
+        """Return the likelihood on a grid that holds all of it, or the last one that was tried.
 
         Parameters
         ----------
         samples : length of the record.
         start : grids of an earlier search; None: unknown.
         """
-        white, c = self._white, 0.0
         if start is None:
+            # amplitudes whose power in the lowest coefficient, at half a cycle per record, is that of N times DECADES
             lowest = 2.0 * np.pi * 0.5 / samples
-            B, K = np.sqrt(white * lowest * DECADES), np.sqrt(white * lowest**2 * DECADES)
+            grids: Grids = {
+                FLICKER: np.sqrt(self._white * lowest * DECADES),
+                WALK: np.sqrt(self._white * lowest**2 * DECADES),
+            }
         else:
-            B, K = start
-        if self.shape:
-            c = self._first_shape(float(np.median(B)) ** 2, float(np.median(K)) ** 2)
-        surface, even = self.surface(B, K, c), start is not None
+            grids = start
+        surface, even = self.surface(grids, self._first_values(grids)), start is not None
         for _ in range(MOST_MOVES):
-            if even and _holds(surface):
-                break
-            c, even = float(surface.c[surface.best]), True
-            surface = self.surface(_near(surface, 0), _near(surface, 1), c)
-        return surface
+            if even and holds(surface):
+                return surface
+            even = True
+            surface = self.surface(
+                {term: near(surface, term) for term in surface.grids}, self._free_values(surface)
+            )
+        return surface if holds(surface) else replace(surface, holds=ends_fall(surface))
+
+    def _free_values(self, surface: Surface) -> Floats | None:
+        """Return (free - 1,) the profiled parameters but N at the greatest likelihood."""
+        if self.free == 1:
+            return None
+        others = [surface.scored[term][surface.best] for term in self.scored[1:]]
+        return np.array([*others, *([surface.corner[surface.best]] if self.low_pass else [])])
+
+    def at_values_of(self, surface: Surface, grids: Grids) -> Surface:
+        """Return the likelihood on other grids, scored from the likeliest values of a surface."""
+        return self.surface(grids, self._free_values(surface))
+
+    def as_squares(self, surface: Surface) -> Squares:
+        """Return bands and single coefficients alike, as squares with their expectations behind the low-pass.
+
+        A coefficient without the likeliest regression is a square with the degrees of freedom that this leaves.
+        """
+        residual, left = self.residuals(surface)
+        fall = 1.0 / (1.0 + surface.corner[surface.best] * self.bands.bend)
+        return Squares(
+            np.concatenate((self.bands.power, residual**2 / np.maximum(left, LEAST_LEFT))),
+            0.5 * np.concatenate((self.dof, left)),
+            {
+                term: np.concatenate((unit * fall, self.coefficients.variances[term]))
+                for term, unit in self.bands.expected.items()
+            },
+        )
+
+    def residuals(self, surface: Surface) -> tuple[Floats, Floats]:
+        """Return (n,) the single coefficients without the likeliest regression, and (n,) the share that it leaves."""
+        y, X = self.coefficients.y, self.coefficients.X
+        w = 1.0 / total(surface.powers, lambda term: self.coefficients.variances[term])
+        inverse = np.linalg.inv(normal_matrix(w[None], X)[0])
+        left = 1.0 - w * np.einsum("nq,qr,nr->n", X, inverse, X)
+        return y - X @ surface.beta[surface.best], np.asarray(left)
+
+    def at_powers(
+        self, powers: Mapping[NoiseTerm, Floats], surface: Surface, more: Mapping[NoiseTerm, Floats]
+    ) -> Floats:
+        """Return (m,) the log likelihood at some powers, behind the low-pass of a surface.
+
+        Parameters
+        ----------
+        more : (m,) powers of terms that are neither scored nor on the grid.
+        """
+        every = {**powers, **more}
+        model = combined(every, self.bands.expected) + self._beside(self.bands.expected)
+        model = np.maximum(model / (1.0 + surface.corner[surface.best] * self.bands.bend), self._floor)
+        log = -((self.bands.power / model + np.log(model)) @ (0.5 * self.dof))
+        return np.asarray(log + self._restricted(every)[0])
 
     def misfit(self, surface: Surface, rows: int | None = None) -> tuple[float, float]:
         """Return the misfit of the powers, or of the first `rows` of them, and its degrees of freedom.
 
-        The deviance of gamma variables: chi-square of one degree each (McCullagh & Nelder 1989, section 8.3).
+        The deviance of gamma variables: chi-square of one degree each (McCullagh and Nelder 1989, section 8.3).
         """
-        ratio = np.maximum(self.powers.power / self.model(surface), ROUNDING**2)[:rows]
+        ratio = np.maximum(self.bands.power / self.model(surface), ROUNDING**2)[:rows]
         deviance = self.dof[:rows] * (ratio - 1.0 - np.log(ratio))
-        # two or three terms are fitted, most of them to the powers
-        return float(deviance.sum()), max(float(ratio.size) - 2.0 - bool(self.shape), 1.0)
+        # two or three terms are fitted, most of them to the powers: N, one of B and K, and what bends the upper end
+        return float(deviance.sum()), max(float(ratio.size) - 1.0 - self.free, 1.0)
 
     def slow_misfit(self, surface: Surface) -> tuple[float, float]:
-        """Return the misfit of the single coefficients, in bands, and its degrees of freedom."""
-        y, X = self.coefficients.y, self.coefficients.X
-        w = 1.0 / (surface.powers @ self.coefficients.variance)
-        inverse = np.linalg.inv(normal_matrix(w[None], X)[0])
-        ratio = w * (y - X @ surface.beta[surface.best]) ** 2
-        own = 1.0 - w * np.einsum("nq,qr,nr->n", X, inverse, X)  # what the regression leaves of each
-        starts = np.array([n for n in SLOW_BANDS if n < y.size], dtype=np.int64)
+        """Return the misfit of the single coefficients and its degrees of freedom.
+
+        Each group of coefficients gives the square of a standard normal number: that with the same probability as its
+        chi-square. So a group of one coefficient counts as much as one of sixteen.
+        """
+        residual, left = self.residuals(surface)
+        ratio = residual**2 / total(surface.powers, lambda term: self.coefficients.variances[term])
+        starts = np.array([n for n in SLOW_GROUPS if n < residual.size], dtype=np.int64)
         if not starts.size:
             return 0.0, 0.0
-        dof = np.maximum(np.add.reduceat(own, starts), LEAST_VARIANCE)
-        known = dof >= SLOW_DEGREES
-        dof = dof[known]
-        ratio = np.maximum(np.add.reduceat(ratio, starts)[known] / dof, ROUNDING**2)
-        return float((dof * (ratio - 1.0 - np.log(ratio))).sum()), float(dof.size)
+        dof = np.maximum(np.add.reduceat(left, starts), LEAST_VARIANCE)
+        judged = dof >= SLOW_DEGREES  # where the columns take nearly all, nothing is left to judge
+        half, statistic = 0.5 * dof[judged], 0.5 * np.add.reduceat(ratio, starts)[judged]
+        # the smaller tail, because a probability near 1 has no digits
+        tail = np.minimum(gammainc(half, statistic), gammaincc(half, statistic))
+        return float((ndtri(np.maximum(tail, LEAST_VARIANCE)) ** 2).sum()), float(half.size)
 
     def model(self, surface: Surface) -> Floats:
         """Return (r,) the expected powers at the greatest likelihood."""
-        model = self.powers.expected[:, :3] @ surface.powers
-        shape = surface.c[surface.best] * self._x
-        if self.shape:
-            model = model / (1.0 + shape) if self.shape == "filtered" else model + shape
+        powers = {term: np.array([power]) for term, power in surface.powers.items()}
+        model = combined(powers, self.bands.expected)[0]
+        model = model / (1.0 + surface.corner[surface.best] * self.bands.bend)
         return np.asarray(np.maximum(model, self._floor))
 
     def p_value(self, surface: Surface, rows: int | None = None) -> float:
@@ -271,26 +440,52 @@ class Likelihood:
 
 
 def mixed(one: Surface, two: Surface, weight: float) -> Surface:
-    """Return the likelihood of either of two descriptions on the same grid, the second one `weight` times as likely.
+    """Return the likelihood of either of two models on the same grid, the second one `weight` times as likely.
 
-    The regression is that of the first.
+    The regression is that of the first, which the statement shows. The variance of N at a point is the mean of both
+    variances: the two values of N at a point differ by far less than their errors, because only the slow part differs.
     """
     top = max(one.log.max(), two.log.max())
     p, q = np.exp(one.log - top), weight * np.exp(two.log - top)
-    total = np.maximum(p + q, 1e-300)
-    a = (p * one.a + q * two.a) / total
-    variance = (p * one.a_variance + q * two.a_variance) / total
-    return Surface(one.B, one.K, np.log(total) + top, a, variance, one.c, one.beta, one.beta_variance)
+    both = np.maximum(p + q, 1e-300)  # where both underflow nothing is stated
+    scored = {term: (p * one.scored[term] + q * two.scored[term]) / both for term in one.scored}
+    variances = {
+        term: (p * one.scored_variances[term] + q * two.scored_variances[term]) / both for term in one.scored
+    }
+    beta, beta_variances = one.beta, one.beta_variances
+    if two.beta.shape == beta.shape:  # the same columns
+        share = (q / both)[:, None]
+        beta = (1.0 - share) * one.beta + share * two.beta
+        beta_variances = (1.0 - share) * one.beta_variances + share * two.beta_variances
+        beta_variances = beta_variances + share * (1.0 - share) * (one.beta - two.beta) ** 2
+    return Surface(
+        one.grids,
+        np.log(both) + top,
+        scored,
+        variances,
+        one.corner,
+        beta,
+        beta_variances,
+        one.holds and two.holds,
+        one.beside,
+    )
 
 
-def quantiles(surface: Surface, axis: int, probabilities: Floats) -> Floats:
-    """Return quantiles of B (axis 0) or K (axis 1).
+def quantiles(surface: Surface, term: NoiseTerm, probabilities: Floats) -> Floats:
+    """Return quantiles of the amplitude of a gridded term."""
+    grid = surface.grids[term]
+    others = tuple(axis for axis, other in enumerate(surface.grids) if other is not term)
+    p = surface.weights().sum(axis=others)
+    p[0] *= 2.0 if grid[0] == 0.0 else 1.0  # a density here, not a share of a cell
+    return density_quantiles(grid, p, probabilities)
 
-    The cumulative probability is a piecewise cubic with the probability density as its slope.
+
+def density_quantiles(grid: Floats, p: Floats, probabilities: Floats) -> Floats:
+    """Return quantiles of a probability density p (g,) at even points of a grid (g,).
+
+    The cumulative probability is a piecewise cubic with the density as its slope. The integral of a cell is that of the
+    parabola through its ends and a neighbour (5/12, 8/12, -1/12), within the grid the mean of both sides.
     """
-    grid = (surface.B, surface.K)[axis]
-    p = _probability(surface).sum(axis=1 - axis)
-    p[0] *= 2.0 if grid[0] == 0.0 else 1.0
     inner = np.concatenate(
         ([5.0 * p[0] + 8.0 * p[1] - p[2]], 6.5 * (p[1:-2] + p[2:-1]) - 0.5 * (p[:-3] + p[3:]))
     )
@@ -299,23 +494,36 @@ def quantiles(surface: Surface, axis: int, probabilities: Floats) -> Floats:
     t = np.arange(FINE)[:, None] / FINE
     rise = t * t * (3.0 - 2.0 * t)
     inside = ends[:-1] + rise * np.diff(ends) + t * (1.0 - t) * ((1.0 - t) * p[:-1] - t * p[1:])
+    # a cubic may overshoot where the density falls steeply: a probability never decreases
     cumulative = np.maximum.accumulate(np.append(inside.T.ravel(), ends[-1]))
-    at = np.linspace(grid[0], grid[-1], cumulative.size)
-    return np.asarray(np.interp(probabilities, cumulative / cumulative[-1], at))
+    amplitudes = np.linspace(grid[0], grid[-1], cumulative.size)
+    return np.asarray(np.interp(probabilities, cumulative / cumulative[-1], amplitudes))
 
 
-def evidence(surface: Surface, axis: int) -> float:
-    """Return twice the logarithm of the likelihood ratio of B or K against zero; inf where the grid is far from it."""
-    grid = (surface.B, surface.K)[axis]
-    if grid[0] > 0.0:
+def evidence(surface: Surface, term: NoiseTerm) -> float:
+    """Return twice the log likelihood ratio of a gridded term against zero; inf where the grid is far from zero."""
+    if surface.grids[term][0] > 0.0:
         return np.inf
-    log = surface.log.reshape(surface.B.size, surface.K.size).max(axis=1 - axis)
+    log = surface.profile(term)
     return float(2.0 * (log.max() - log[0]))
 
 
-def averaged(surface: Surface, value: Floats, variance: Floats) -> tuple[Floats, Floats]:
-    """Return mean and standard deviation of quantities (g h, ...) that have a normal error at each point."""
-    p = _probability(surface).ravel()
+def joint_evidence(surface: Surface, terms: Sequence[NoiseTerm]) -> float:
+    """Return twice the log likelihood ratio of some gridded terms against all of them zero.
+
+    Other terms of `terms`, which are not on the grid, stay as they are.
+    """
+    if any(surface.grids[term][0] > 0.0 for term in surface.grids if term in terms):
+        return np.inf
+    zero = surface.log.reshape(surface.shape)[
+        tuple(0 if term in terms else slice(None) for term in surface.grids)
+    ]
+    return float(2.0 * (surface.log.max() - np.max(zero)))
+
+
+def grid_mean(surface: Surface, value: Floats, variance: Floats) -> tuple[Floats, Floats]:
+    """Return mean and standard deviation of quantities (m, ...) that have a normal error at each point of the grid."""
+    p = surface.weights().ravel()
     p = p / p.sum()
     mean = p @ value
     return mean, np.sqrt(p @ (variance + (value - mean) ** 2))
@@ -329,47 +537,63 @@ def normal_matrix(w: Floats, X: Floats) -> Floats:
     return np.asarray(XX + ridge[:, None, None] * np.eye(q))
 
 
-def _pairs(B: Floats, K: Floats) -> tuple[Floats, Floats]:
-    return np.repeat(B**2, K.size), np.tile(K**2, B.size)
+def grid_powers(grids: Grids) -> dict[NoiseTerm, Floats]:
+    """Return (m,) the power of each gridded term at all points of a grid."""
+    axes = np.meshgrid(*grids.values(), indexing="ij")
+    return {term: axis.ravel() ** 2 for term, axis in zip(grids, axes, strict=True)}
 
 
-def _probability(surface: Surface) -> Floats:
-    """Return (g, h) the probability at each point of an even grid, not normalised; at zero a point has half a cell."""
-    p = np.exp(surface.log - surface.log.max()).reshape(surface.B.size, surface.K.size)
-    p[0] *= 0.5 if surface.B[0] == 0.0 else 1.0
-    p[:, 0] *= 0.5 if surface.K[0] == 0.0 else 1.0
-    return np.asarray(p)
+def _scoring_step(weight: Floats, rest: Floats, slopes: Floats) -> Floats:
+    """Return (p, m) the step of Fisher's scoring for p parameters.
+
+    Parameters
+    ----------
+    weight, rest : (m, r) information of each band, and its weighted residual.
+    slopes : (p, r) or (p, m, r) derivatives of the model.
+    """
+    if slopes.ndim == 2 and len(slopes) == 1:  # N alone, the usual case: two products instead of m inversions
+        return np.asarray((rest @ slopes[0]) / (weight @ slopes[0] ** 2))[None]
+    gradient = (rest * (slopes if slopes.ndim == 3 else slopes[:, None])).sum(axis=2)
+    return np.asarray(np.einsum("mij,jm->im", np.linalg.inv(_information(weight, slopes)), gradient))
 
 
-def _information(weight: Floats, slopes: tuple[Floats, Floats]) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return (m,) the information about N^2, about both, about the shape, and its determinant."""
-    aa, ac, cc = ((weight * slopes[i] * slopes[j]).sum(axis=1) for i, j in ((0, 0), (0, 1), (1, 1)))
-    cc = np.maximum(cc, LEAST_VARIANCE)
-    return aa, ac, cc, np.maximum(np.maximum(aa * cc - ac * ac, ROUNDING * aa * cc), 1e-300)
+def _information(weight: Floats, slopes: Floats) -> Floats:
+    """Return (m, p, p) the information about p parameters, invertible also where their slopes are alike."""
+    if slopes.ndim == 2:
+        pairs = (slopes[:, None] * slopes[None]).reshape(-1, slopes.shape[1])
+        information = (weight @ pairs.T).reshape(-1, len(slopes), len(slopes))
+    else:
+        information = np.einsum("mr,imr,jmr->mij", weight, slopes, slopes)
+    diagonal = np.einsum("mii->mi", information)
+    ridge = ROUNDING * diagonal + np.maximum(LEAST_VARIANCE, 1e-300)
+    return np.asarray(information + ridge[:, :, None] * np.eye(len(slopes)))
 
 
-def _near(surface: Surface, axis: int) -> Floats:
-    """Return a finer grid about the values whose likelihood is not negligible."""
-    grid = (surface.B, surface.K)[axis]
-    log = surface.log.reshape(surface.B.size, surface.K.size).max(axis=1 - axis)
+def near(surface: Surface, term: NoiseTerm, size: int = GRID) -> Floats:
+    """Return a finer grid about the amplitudes whose likelihood is not negligible."""
+    grid, log = surface.grids[term], surface.profile(term)
     rows = np.flatnonzero(log >= log.max() - DROP)
     low = grid[rows[0] - 1] if rows[0] > 1 else 0.0
+    # at its upper end a grid says nothing of what lies beyond
     high = grid[rows[-1] + 1] if rows[-1] + 1 < grid.size else 2.0 * grid[-1]
-    return np.linspace(low, high, GRID)
+    return np.linspace(low, high, size)
 
 
-def _holds(surface: Surface) -> bool:
-    """Return whether the grid holds the whole likelihood, and is not much too wide."""
-    shape = surface.B.size, surface.K.size
-    for axis, grid in enumerate((surface.B, surface.K)):
-        log = surface.log.reshape(shape).max(axis=1 - axis)
-        rows = np.flatnonzero(log >= log.max() - 0.7 * DROP)
-        low = rows[0] == 0 and grid[0] > 0.0
-        if low or rows[-1] == grid.size - 1 or rows.size < grid.size // 2:
+def ends_fall(surface: Surface) -> bool:
+    """Return whether the likelihood has fallen at the ends of the grid."""
+    for term, grid in surface.grids.items():
+        log = surface.profile(term)
+        rows = np.flatnonzero(log >= log.max() - HELD_SHARE * DROP)
+        begins_inside = rows[0] == 0 and grid[0] > 0.0
+        if begins_inside or rows[-1] == grid.size - 1:
             return False
     return True
 
 
-def rows_up_to(powers: Powers, highest: float) -> Bools:
-    """Return (r,) the powers up to a frequency, cycles per sample."""
-    return np.asarray(powers.top <= highest * (1.0 + 1e-9))
+def holds(surface: Surface) -> bool:
+    """Return whether the grid holds the whole likelihood, and is not much too wide."""
+    sizes = [
+        np.count_nonzero((log := surface.profile(term)) >= log.max() - HELD_SHARE * DROP) >= grid.size // 2
+        for term, grid in surface.grids.items()
+    ]
+    return all(sizes) and ends_fall(surface)

@@ -1,71 +1,92 @@
-"""Observations of one channel: what the likelihood compares with a model.
+"""Observations of one channel: the numbers that the likelihood compares with a model.
 
-Powers (`Powers`) are means of squares with a gamma distribution: bands of about half an octave of the Welch sums, and
-of the higher cosine coefficients of the block means. The lower cosine coefficients stay single (`Coefficients`),
-because what is not noise (constant, drift, temperature, settling, a step) is a regressor there. Both parts meet at one
-frequency: the spectrum above it, the blocks below.
+Two sets of sums carry what is known of a channel (`NoiseSums`), and they meet at one frequency:
 
-Units: tau0 = 1, so a = N^2/tau0, b = B^2, k = K^2 tau0, all (channel unit)^2, and f in cycles per sample.
+| part | sums | observations |
+|---|---|---|
+| above | Welch sums of the levels of the spectrum | `Bands`: bands of about half an octave |
+| below | means over blocks, as cosine coefficients | `Coefficients`: the lowest ones; `Bands`: bands of the others |
+
+*Bands* are means of squares. A mean of nu/2 independent pairs of squares of normal numbers with expectation S is gamma
+distributed, S chi^2(nu) / nu (McCullagh and Nelder 1989, section 8.3). *Coefficients* stay single and normal, because
+what is not noise (constant, drift, temperature, settling, a step) is a regressor there (`regressors`). In the basis of
+the discrete cosine transform (DCT-II, Strang 1999) white noise and random walk are diagonal and flicker nearly, so that
+coefficients count as independent. Coefficient k of n blocks of L samples belongs to the frequency k / (2 n L).
+
+A block mean does not see frequencies above 1/(2L), and aliases those that are there: for N, B and K this is part of the
+expectation. A filter in the sensor is not; therefore the spectrum serves down to 0.72 of the highest frequency of the
+blocks, where a filter no longer bends what the blocks see.
+
+Units: tau0 = 1, so that powers are (channel unit)^2 (see `model`), and f is in cycles per sample.
+
+Example: the coefficients of twelve block means of one sample each, of which the first belongs to 1/24 cycle per sample.
+
+>>> blocks = BlockMeans(np.arange(12.0)[:, None], np.ones((12, 1)), np.zeros(12, int), 1, 1.0, np.zeros(1))
+>>> series = block_series(blocks, 0)
+>>> series.y.size, round(float(series.f[0]), 4), meeting_frequency(series)
+(11, 0.0417, 0.5)
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from imumon.noise.blocks import BlockMeans
+from imumon.noise.fit.fit_rules import BAND_EDGES, LEAST_BINS, LEAST_BLOCKS, MOST_FILLED
+from imumon.noise.fit.model import TERMS, WHITE, NoiseTerm
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.power_law import coefficient_variances
-from imumon.noise.spectrum.expectation import (
-    bin_expectation,
-    degrees_of_freedom,
-    filter_power,
-    segment_variances,
-    short_term_density,
-)
-from imumon.noise.spectrum.level_sums import FIRST_BIN, SUB_BAND, last_bin
+from imumon.noise.spectrum.expectation import degrees_of_freedom, filter_power, short_term_density
+from imumon.noise.spectrum.level_sums import FIRST_BIN, SEGMENT, SUB_BAND, LevelSums, last_bin
 from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES
-from imumon.noise.spectrum.spectral_lines import SEGMENT
 from imumon.samples import Bools, Floats, Ints
-
-BAND_EDGES = (46, 70, 94, 128)
-"""Bins between which the power of a level is one observation: within it no noise changes by more than 2.3 times."""
-LEAST_BINS = 2
-"""Bins without a line from which a band counts."""
-SINGLE = 48
-"""Cosine coefficients that stay single: the spectrum of a smooth regressor falls with the square of their number."""
-LEAST_BLOCKS = 12
-"""Blocks from which a segment counts, and without which nothing is said of B and K. A step has half of them on each
-side."""
-MOST_FILLED = 0.05
-"""Share of the blocks that holes may be, all of them and each. They are filled by interpolation. A longer one separates
-two segments, as does a gap of unknown length."""
-LEAST_VARIANCE = 1e-100
-"""(channel unit)^2; below, squares of variances underflow: a channel is constant, and a power holds no information."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Powers:
+class Bands:
     """Gamma-distributed mean squares.
 
     Attributes
     ----------
     power : (r,) (channel unit)^2, density per cycle per sample.
     dof : (r,) 1, degrees of freedom.
-    expected : (r, 5) expectation for a = b = k = 1, and the mean and the harmonic mean of x = 4 sin^2(pi f).
+    expected : (r,) of each term, the expectation of power 1.
+    bend : (r,) harmonic mean of 4 sin^2(pi f) over the band, with which a low-pass of first order acts on it; 0.0 in
+        the bands of block means, which lie below the reach of a filter.
     top : (r,) cycles per sample, upper end of the band.
     """
 
     power: Floats
     dof: Floats
-    expected: Floats
+    expected: Mapping[NoiseTerm, Floats]
+    bend: Floats
     top: Floats
 
-    def take(self, rows: Bools) -> Powers:
+    def take(self, rows: Bools) -> Bands:
         """Return some of the powers."""
-        return Powers(self.power[rows], self.dof[rows], self.expected[rows], self.top[rows])
+        expected = {term: unit[rows] for term, unit in self.expected.items()}
+        return Bands(self.power[rows], self.dof[rows], expected, self.bend[rows], self.top[rows])
+
+    def up_to(self, highest: float) -> Bands:
+        """Return the powers up to a frequency, cycles per sample."""
+        return self.take(self.top <= highest * (1.0 + 1e-9))
+
+    def joined(self, other: Bands) -> Bands:
+        """Return these powers and others after them, with the terms that both have an expectation of."""
+        return Bands(
+            np.concatenate((self.power, other.power)),
+            np.concatenate((self.dof, other.dof)),
+            {
+                term: np.concatenate((unit, other.expected[term]))
+                for term, unit in self.expected.items()
+                if term in other.expected
+            },
+            np.concatenate((self.bend, other.bend)),
+            np.concatenate((self.top, other.top)),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,12 +97,12 @@ class Coefficients:
     ----------
     y : (n,) channel unit.
     X : (n, q) regressors; the constant is removed already.
-    variance : (3, n) for a = b = k = 1.
+    variances : (n,) of each term, the variance of power 1.
     """
 
     y: Floats
     X: Floats
-    variance: Floats
+    variances: Mapping[NoiseTerm, Floats]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +116,7 @@ class BlockSeries:
     series : (n,) channel unit, means, about an offset, holes filled.
     degrees : (n,) degC, temperature of the same blocks, NaN where missing; None: there is none.
     y : (m,) channel unit, coefficients of all segments, without that of the constant.
-    variance : (3, m) for a = b = k = 1.
+    variances : (m,) of each term, the variance of power 1.
     f : (m,) cycles per sample.
     order : (m,) numbers of the coefficients, lowest frequency first.
     """
@@ -106,7 +127,7 @@ class BlockSeries:
     series: Floats
     degrees: Floats | None
     y: Floats
-    variance: Floats
+    variances: Mapping[NoiseTerm, Floats]
     f: Floats
     order: Ints
 
@@ -114,6 +135,14 @@ class BlockSeries:
     def samples(self) -> float:
         """Samples of all segments."""
         return float(self.count.sum()) * self.length
+
+    def with_terms(self, more: Sequence[NoiseTerm]) -> BlockSeries:
+        """Return the same with the variances of some more terms, none of which is white noise."""
+        added = {
+            term: np.concatenate([term.coefficient_variances(int(n), self.length) for n in self.count])
+            for term in more
+        }
+        return replace(self, variances={**self.variances, **added})
 
     def transform(self, values: Floats) -> Floats:
         """Return (m, ...) the coefficients of values (n, ...) at the same blocks."""
@@ -126,62 +155,69 @@ class BlockSeries:
         return np.concatenate(parts)
 
 
-def block_series(blocks: BlockMeans, column: int, degrees: Floats | None = None) -> BlockSeries | None:
-    """Return the coefficients of the means of a channel; None with too few of them.
-
-    Where many short holes lie between the blocks, they are joined in pairs until few are left: what fills a hole has
-    no noise of its own.
+def block_series(
+    blocks: BlockMeans,
+    column: int,
+    degrees: Floats | None = None,
+    terms: Sequence[NoiseTerm] = TERMS,
+) -> BlockSeries | None:
+    """Return the coefficients of the means of a channel; None with too few blocks.
 
     Parameters
     ----------
     degrees : (blocks,) degC, temperature of the blocks, NaN where missing; None: there is none.
+    terms : whose variances are needed.
     """
     while True:
         means, share, segment = blocks.means[:, column], blocks.share[:, column], blocks.segment
-        at = np.flatnonzero(np.isfinite(means))
-        if at.size < LEAST_BLOCKS:
+        present = np.flatnonzero(np.isfinite(means))
+        if present.size < LEAST_BLOCKS:
             return None
-        steps = np.diff(at)
-        apart = (steps > max(2.0, MOST_FILLED * at.size)) | (np.diff(segment[at]) != 0)
-        if (steps[~apart] - 1).sum() <= MOST_FILLED * at.size:
+        steps = np.diff(present)
+        # one missing block never cuts: a cut costs a constant, a drift and the lowest frequencies
+        apart = (steps > max(2.0, MOST_FILLED * present.size)) | (np.diff(segment[present]) != 0)
+        if (steps[~apart] - 1).sum() <= MOST_FILLED * present.size:
             break
+        # what fills a hole has no noise of its own; of two neighbours seldom both are missing
         blocks = blocks.joined()
         if degrees is not None:
             pairs = degrees[: degrees.size // 2 * 2].reshape(-1, 2)
             degrees = np.where(np.isnan(pairs[:, 0]), pairs[:, 1], pairs[:, 0])
     length, borders = blocks.length, np.flatnonzero(apart) + 1
-    rows, begin, count, series, variance, f = [], [], [], [], [], []
-    total = 0
-    for part in np.split(at, borders):
+    rows, begin, count, series, f = [], [], [], [], []
+    variances: dict[NoiseTerm, list[Floats]] = {term: [] for term in terms}
+    first = 0
+    for part in np.split(present, borders):
         n = int(part[-1] - part[0]) + 1
         if n < LEAST_BLOCKS:
             continue
         every = np.arange(part[0], part[-1] + 1)
-        values = np.interp(every, part, means[part])
-        white = float(np.mean(1.0 / share[part])) * len(part) / n  # filled blocks have no white noise
-        unit = np.array([white / length, 1.0, float(length)])
-        begin.append(total)
+        # a mean of a share of its samples has more white noise, an interpolated one has none
+        white = float(np.mean(1.0 / share[part])) * len(part) / n
+        begin.append(first)
         count.append(n)
         rows.append(every)
-        series.append(values)
-        variance.append(coefficient_variances(n) * unit[:, None])
+        series.append(np.interp(every, part, means[part]))
+        for term in terms:
+            variance = term.coefficient_variances(n, length)
+            variances[term].append(variance * white if term is WHITE else variance)
         f.append(np.arange(1, n) / (2.0 * n * length))
-        total += n
+        first += n
     if not rows:
         return None
     frequency = np.concatenate(f)
-    made = BlockSeries(
+    without_transform = BlockSeries(
         length,
         np.array(begin),
         np.array(count),
         np.concatenate(series),
         None if degrees is None else degrees[np.concatenate(rows)],
         np.zeros(0),
-        np.concatenate(variance, axis=1),
+        {term: np.concatenate(parts) for term, parts in variances.items()},
         frequency,
         np.argsort(frequency, kind="stable"),
     )
-    return replace(made, y=made.transform(made.series))
+    return replace(without_transform, y=without_transform.transform(without_transform.series))
 
 
 @lru_cache(maxsize=512)
@@ -189,48 +225,95 @@ def _band_dof(bins: bytes, segments: float) -> float:
     return degrees_of_freedom(np.frombuffer(bins, dtype=np.int64), segments)
 
 
-def spectral_powers(sums: NoiseSums, column: int, *, averaged: bool, window: int = 1) -> Powers:
+@lru_cache(maxsize=1024)
+def _bin_expectation(term: NoiseTerm, level: int, averaged: bool, window: int) -> Floats:
+    return term.bin_expectation(level, averaged=averaged, window=window)
+
+
+def spectral_powers(
+    sums: NoiseSums,
+    column: int,
+    *,
+    averaged: bool,
+    window: int = 1,
+    terms: Sequence[NoiseTerm] = TERMS,
+) -> Bands:
     """Return the bands of the spectrum of a channel without the bins of its lines.
 
     Parameters
     ----------
     averaged : the samples are true averages over their interval, else point samples.
     window : samples of a moving average in the sensor; 1: none.
+    terms : whose expectations are needed.
     """
+    bands = [
+        _level_bands(sums, s, column, averaged=averaged, window=window, terms=terms)
+        for s, level in enumerate(sums.levels)
+        if level.averages[int(sums.group[column])] >= LEAST_AVERAGES
+    ]
+    if not bands:
+        empty = np.zeros(0)
+        return Bands(empty, empty, dict.fromkeys(terms, empty), empty, empty)
+    power, dof_, top = (np.concatenate([band[i] for band in bands]) for i in range(3))
+    *expectations, bend = np.concatenate([mean for *_, mean in bands], axis=1)
+    return Bands(power, dof_, dict(zip(terms, expectations, strict=True)), bend, top)
+
+
+def _level_bands(
+    sums: NoiseSums, s: int, column: int, *, averaged: bool, window: int, terms: Sequence[NoiseTerm]
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return power (b,), degrees of freedom (b,), top (b,) and expectations (terms + 1, b) of the bands of level s.
+
+    The last row of the expectations is what a low-pass bends; see `spectral_powers`.
+    """
+    level, group = sums.levels[s], int(sums.group[column])
+    count = float(level.averages[group])
+    bins = np.arange(FIRST_BIN, last_bin(s))
+    mask = _line_bins(sums, s, column)
+    expected = _expected_bins(level, s, group, averaged=averaged, window=window, terms=terms)
+    # sums of a part of a record have sub-bands instead of bins: a line in one leaves out all of it
+    pool = SUB_BAND if sums.pooled else 1
+    starts = np.array([low for low in BAND_EDGES[:-1] if low < bins[-1]]) - FIRST_BIN
+    firsts = np.arange(0, bins.size, pool)
+    keep = ~np.logical_or.reduceat(mask, firsts)
+    power = np.add.reduceat(level.power[column] * keep, starts // pool)
+    keep = np.repeat(keep, pool)[: bins.size]
+    number = np.add.reduceat(keep.astype(np.float64), starts)
+    mean = np.add.reduceat(expected * keep, starts, axis=1) / np.maximum(number, 1.0)
+    mean[-1] = 1.0 / np.maximum(mean[-1], 1e-300)  # the harmonic mean of 4 sin^2
+    kept = np.split(np.arange(bins.size), starts[1:])
+    dof = [
+        _band_dof(bins[rows[keep[rows]]].tobytes(), count) if size >= LEAST_BINS else 0.0
+        for rows, size in zip(kept, number.tolist(), strict=True)
+    ]
+    # a level below the first ends within its last band: the level above has the bins beyond
+    top = np.minimum(BAND_EDGES[1 : 1 + starts.size], last_bin(s)) / SEGMENT / 2.0**s
+    power = power / np.maximum(number, 1.0) / count * 2.0**s  # per sample of level 0
+    counts = number >= LEAST_BINS
+    return power[counts], np.array(dof)[counts], top[counts], mean[:, counts]
+
+
+def _line_bins(sums: NoiseSums, s: int, column: int) -> Bools:
+    """Return (n,) the bins in use of level s that hold a line of a channel."""
     masks = () if sums.spectrum is None else sums.spectrum.masks
-    found = [np.zeros((8, 0))]
-    group = int(sums.group[column])
-    for s, level in enumerate(sums.levels):
-        count = float(level.averages[group])
-        if count < LEAST_AVERAGES:
-            continue
-        bins = np.arange(FIRST_BIN, last_bin(s))
-        mask = masks[s][column][bins] if s < len(masks) else np.zeros(bins.size, dtype=bool)
-        expected = bin_expectation(s, averaged=averaged, window=window)
-        expected = np.concatenate((expected, short_term_density(s)[None], 1.0 / short_term_density(s)[None]))
-        expected[0] *= level.white[group] / count
-        if holes := level.holes[group] / count:
-            leak = holes * segment_variances(s) * np.array([1.0, 1.0, 2.0**s]) * 2.0**s
-            expected[:3] += leak[:, None]
-        pool = SUB_BAND if sums.pooled else 1
-        starts = np.array([low for low in BAND_EDGES[:-1] if low < bins[-1]]) - FIRST_BIN
-        firsts = np.arange(0, bins.size, pool)
-        keep = ~np.logical_or.reduceat(mask, firsts)  # a line in a sub-band leaves out all of it
-        total = np.add.reduceat(level.power[column] * keep, starts // pool)
-        keep = np.repeat(keep, pool)[: bins.size]
-        number = np.add.reduceat(keep.astype(np.float64), starts)
-        mean = np.add.reduceat(expected * keep, starts, axis=1) / np.maximum(number, 1.0)
-        mean[4] = 1.0 / np.maximum(mean[4], 1e-300)
-        own = [bins[part] for part in np.split(np.arange(bins.size), starts[1:])]
-        dof = [
-            _band_dof(part[keep[part - FIRST_BIN]].tobytes(), count) if size >= LEAST_BINS else 0.0
-            for part, size in zip(own, number.tolist(), strict=True)
-        ]
-        top = np.array(BAND_EDGES[1 : 1 + starts.size]) / SEGMENT / 2.0**s
-        power = total / np.maximum(number, 1.0) / count * 2.0**s
-        found.append(np.concatenate((np.stack((power, dof, top)), mean))[:, number >= LEAST_BINS])
-    power, dof_, top, *expected_ = np.concatenate(found, axis=1)
-    return Powers(power, dof_, np.stack(expected_, axis=1), top)
+    bins = np.arange(FIRST_BIN, last_bin(s))
+    return np.asarray(masks[s][column][bins] if s < len(masks) else np.zeros(bins.size, dtype=bool))
+
+
+def _expected_bins(
+    level: LevelSums, s: int, group: int, *, averaged: bool, window: int, terms: Sequence[NoiseTerm]
+) -> Floats:
+    """Return (terms + 1, n) what each bin in use of level s expects of each term, and the inverse of 4 sin^2(pi f)."""
+    count = float(level.averages[group])
+    # missing samples make noise larger, white noise by more: its density follows from their number
+    missing = [(level.white if term is WHITE else level.slow)[group] / count for term in terms]
+    unit = [_bin_expectation(term, s, averaged, window) for term in terms]
+    of_terms = (factor * of_term for factor, of_term in zip(missing, unit, strict=True))
+    expected = np.stack((*of_terms, 1.0 / short_term_density(s)))
+    if level.holes[group].any():
+        holes = np.repeat(level.holes[group] / count, SUB_BAND)[: expected.shape[1]]
+        expected[:-1] += holes * np.array([[term.leak(s)] for term in terms])
+    return np.asarray(expected)
 
 
 @lru_cache(maxsize=64)
@@ -250,8 +333,8 @@ def observed_density(sums: NoiseSums, column: int) -> tuple[Floats, Floats, Floa
     density : (n,) (channel unit)^2 per cycle per sample, of noise without missing samples.
     lines : (n,) bins of lines.
     """
-    masks = () if sums.spectrum is None else sums.spectrum.masks
-    group, found = int(sums.group[column]), []
+    group = int(sums.group[column])
+    levels: list[Floats] = []
     for s, level in enumerate(sums.levels):
         count = float(level.averages[group])
         if count < LEAST_AVERAGES:
@@ -261,13 +344,12 @@ def observed_density(sums: NoiseSums, column: int) -> tuple[Floats, Floats, Floa
         # the levels meet without a gap, and the highest bin reaches to half the sampling rate
         size = np.diff(first - 0.5, append=last_bin(s) - 1.0 if s else float(last_bin(s)))
         middle = first - 0.5 + 0.5 * size
-        mask = masks[s][column][bins] if s < len(masks) else np.zeros(bins.size, dtype=bool)
-        mask = np.logical_or.reduceat(mask, first - FIRST_BIN)
+        mask = np.logical_or.reduceat(_line_bins(sums, s, column), first - FIRST_BIN)
         number = np.diff(first, append=last_bin(s))
         density = level.power[column] / number / float(level.white[group]) * 2.0**s
         density = density / _response(s, sums.pooled)
-        found.append(np.stack((middle / SEGMENT / 2.0**s, size / SEGMENT / 2.0**s, density, mask)))
-    f, width, density, lines = np.concatenate(found, axis=1) if found else np.zeros((4, 0))
+        levels.append(np.stack((middle / SEGMENT / 2.0**s, size / SEGMENT / 2.0**s, density, mask)))
+    f, width, density, lines = np.concatenate(levels, axis=1) if levels else np.zeros((4, 0))
     return f, width, density, lines > 0.0
 
 
@@ -285,7 +367,7 @@ def meeting_frequency(series: BlockSeries | None) -> float:
 
 def pooled_coefficients(
     series: BlockSeries, residual: Floats, masked: Bools, single: int, top: float
-) -> Powers:
+) -> Bands:
     """Return bands of about half an octave of the coefficients from number `single` on, up to the frequency `top`.
 
     Parameters
@@ -297,14 +379,21 @@ def pooled_coefficients(
     order = order[series.f[order] <= top]
     order = order[~masked[order]]
     if not order.size:
-        return Powers(np.zeros(0), np.zeros(0), np.zeros((0, 5)), np.zeros(0))
+        empty = np.zeros(0)
+        return Bands(empty, empty, dict.fromkeys(series.variances, empty), empty, empty)
     octave = np.floor(2.0 * np.log2(series.f[order] / series.f[order[0]])).astype(np.int64)
     starts = np.flatnonzero(np.diff(octave, prepend=-1))
     sizes = np.diff(starts, append=order.size).astype(np.float64)
-    power = np.add.reduceat(residual[order] ** 2, starts) / sizes
-    expected = (np.add.reduceat(series.variance[:, order], starts, axis=1) / sizes).T
     # a density, as the spectrum has: coefficients of n means over m samples are 1/m of it
-    expected = np.concatenate((expected, np.zeros((len(starts), 2))), axis=1)
-    last = np.append(starts[1:], order.size) - 1
     scale = float(series.length)
-    return Powers(power * scale, sizes, expected * scale, series.f[order[last]])
+    power = np.add.reduceat(residual[order] ** 2, starts) / sizes * scale
+    unit = np.stack([variance[order] for variance in series.variances.values()])
+    means = np.add.reduceat(unit, starts, axis=1) / sizes * scale
+    last = np.append(starts[1:], order.size) - 1
+    return Bands(
+        power,
+        sizes,
+        dict(zip(series.variances, means, strict=True)),
+        np.zeros(starts.size),
+        series.f[order[last]],
+    )

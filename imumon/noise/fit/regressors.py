@@ -1,8 +1,24 @@
 """Regressors of the block means: what moves the mean of a channel and is not noise.
 
-Each segment has a straight drift of its own, and its constant is removed by the cosine transform. A temperature, an
-exponential with its derivative by the time constant (so that to first order the time constant is free), a step, and an
-oscillation of few cycles are further columns.
+The block means of a segment are regressed on columns x_i(t), and the cosine transform of a column is the regressor of
+the cosine coefficients:
+
+| column | x(t) | because |
+|---|---|---|
+| drift | t, of each segment | the constant is removed by the transform; a ramp is the longest "noise" of all |
+| temperature | T(t) less its mean | the first effect of the room on a sensor |
+| its square, its cube, hysteresis | T^2, T^3, +-(1 - u^2)/2, u from -1 to 1 over the span | a bend of this effect |
+| settling | exp(-t / tau), and its derivative by tau | a warm-up; with the derivative tau is free to first order |
+| step | 0 before its place, 1 after it, between in its block | a knock, a range that changes |
+| oscillation | cos, sin, and both times t | an air conditioner of few cycles; with t, its size or period may change |
+
+All columns have norm one in the cosine coefficients. Which of them count is decided in `search`.
+
+Example: the drift of a segment of four blocks, as its cosine coefficients see it. Even coefficients of a straight line
+vanish.
+
+>>> _line(4)[1].round(3).ravel()
+array([-2.23 ,  0.   , -0.159])
 """
 
 from __future__ import annotations
@@ -14,29 +30,29 @@ from itertools import pairwise
 
 import numpy as np
 
+from imumon.noise.fit.fit_rules import (
+    BOTH_WAYS,
+    CHI_SQUARE_MEDIAN,
+    COEFFICIENTS_PER_COLUMN,
+    LEAST_BLOCKS,
+    LEAST_SPAN_DEGC,
+    SETTLING_SHARES,
+    SINGLE,
+    STEP_PLACES,
+    STEP_WIDTHS,
+    TEMPERATURE_SNR,
+    THERMOMETER_SIGMA,
+)
 from imumon.noise.fit.likelihood import Surface, normal_matrix
-from imumon.noise.fit.observations import LEAST_BLOCKS, SINGLE, BlockSeries, Coefficients
+from imumon.noise.fit.model import combined
+from imumon.noise.fit.observations import BlockSeries, Coefficients
+from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Floats, Ints
 
 OSCILLATION = ("oscillation", "oscillation_sine", "oscillation_growth", "oscillation_sine_growth")
 """Columns of an oscillation: two phases, and the same growing in time."""
 BENT = ("temperature_2", "temperature_3", "hysteresis")
 """Columns of the effect of a temperature beside a straight line."""
-LEAST_SPAN_DEGC = 0.3
-"""degC, least range of the temperature from which its effect is estimated."""
-TEMPERATURE_SNR = 3.0
-"""Least ratio of the deviation of the temperature from a straight line to its own noise."""
-COLLINEAR = 0.95
-"""Correlation of the estimates of drift and temperature slope from which they count as not separable."""
-SETTLING_SHARES = np.array([0.008, 0.015, 0.03, 0.05, 0.08, 0.13, 0.2, 0.32, 0.5])
-"""Time constants of an exponential, as shares of the segment in which it is sought."""
-COEFFICIENTS_PER_COLUMN = 6
-"""Single coefficients of a segment that its drift needs, and that an exponential needs."""
-BOTH_WAYS = 0.15
-"""Share of the span that the temperature moves back before the direction has changed: less is noise. Also the share of
-the span, and of the blocks, that each direction has at least where hysteresis can be seen."""
-STEP_WIDTHS, STEP_PLACES = (1, 4, 16), 2
-"""Blocks before and after a place whose means are compared, and places that are tried for each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,24 +66,25 @@ class Regressor:
     series : (n,) value at each block.
     column : (m,) its coefficients, of norm one.
     scale : norm one over that of the coefficients of the values.
-    at : blocks, its place, time constant or period; 0.0 where it has none.
+    place : blocks: of a step its place, of a settling its time constant, of an oscillation its period; 0.0 else.
     """
 
     name: str
     series: Floats
     column: Floats
     scale: float
-    at: float = 0.0
+    place: float = 0.0
 
 
 def regressors(
-    names: Sequence[str], lines: Floats, columns: Floats, at: Floats | None = None
+    names: Sequence[str], lines: Floats, columns: Floats, places: Floats | None = None
 ) -> list[Regressor]:
-    """Return regressors of values (n, t) at each block, and their coefficients (m, t)."""
+    """Return regressors of values `lines` (n, t) at each block, with their coefficients `columns` (m, t)."""
+    # norm one, so that a normal matrix of a drift in 10^-9 per block and of a temperature can be inverted
     scale = 1.0 / np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-300)
-    places = np.zeros(len(names)) if at is None else at
-    each = zip(names, lines.T, (columns * scale).T, scale.tolist(), places.tolist(), strict=True)
-    return [Regressor(*values) for values in each]
+    places = np.zeros(len(names)) if places is None else places
+    rows = zip(names, lines.T, (columns * scale).T, scale.tolist(), places.tolist(), strict=True)
+    return [Regressor(*row) for row in rows]
 
 
 def of_series(series: BlockSeries, name: str, values: Floats) -> Regressor:
@@ -77,18 +94,18 @@ def of_series(series: BlockSeries, name: str, values: Floats) -> Regressor:
 
 def matrix(series: BlockSeries, columns: Sequence[Regressor]) -> Floats:
     """Return (m, q) the columns of regressors."""
-    return np.array([each.column for each in columns]).reshape(-1, series.y.size).T
+    return np.array([regressor.column for regressor in columns]).reshape(-1, series.y.size).T
 
 
 def _within(
-    series: BlockSeries, segment: int, names: Sequence[str], lines: Floats, columns: Floats, at: Floats
+    series: BlockSeries, segment: int, names: Sequence[str], lines: Floats, columns: Floats, places: Floats
 ) -> list[Regressor]:
     """Return regressors of values (count, t) and coefficients (count - 1, t) in a segment, zero outside of it."""
     begin, count = int(series.begin[segment]), int(series.count[segment])
     values, coefficients = np.zeros((series.series.size, len(names))), np.zeros((series.y.size, len(names)))
     values[begin : begin + count] = lines
     coefficients[begin - segment : begin - segment + count - 1] = columns
-    return regressors(names, values, coefficients, at)
+    return regressors(names, values, coefficients, places)
 
 
 def _transform(lines: Floats) -> Floats:
@@ -114,24 +131,61 @@ def _line(count: int) -> tuple[Floats, Floats]:
 
 def temperature(series: BlockSeries) -> tuple[Regressor | None, str]:
     """Return the temperature as a regressor, degC, or why it is none."""
-    own = series.degrees
-    if own is None:
+    degrees = series.degrees
+    if degrees is None:
         return None, "no_temperature"
-    known = np.isfinite(own)
-    if known.sum() < 0.5 * own.size or np.ptp(own[known]) < LEAST_SPAN_DEGC:
+    known = np.isfinite(degrees)
+    # a thermometer that was present for half of the record says nothing of the other half
+    if known.sum() < 0.5 * degrees.size or np.ptp(degrees[known]) < LEAST_SPAN_DEGC:
         return None, "small_range"
-    at = np.arange(own.size)
-    own = np.interp(at, at[known], own[known])
-    own = own - own.mean()
-    bend = own.copy()
+    blocks = np.arange(degrees.size)
+    degrees = np.interp(blocks, blocks[known], degrees[known])
+    degrees = degrees - degrees.mean()
+    # a temperature that is a straight line in time cannot be distinguished from the drift: only its bend counts
+    bend = degrees.copy()
     for begin, count in zip(series.begin, series.count, strict=True):
         part = slice(begin, begin + count)
-        bend[part] -= np.polyval(np.polyfit(at[part], own[part], 1), at[part])
-    noise = np.sqrt(np.mean(np.diff(bend, 2) ** 2) / 6.0)
+        bend[part] -= np.polyval(np.polyfit(blocks[part], degrees[part], 1), blocks[part])
+    # second differences of a slow temperature are its noise, with 1 + 4 + 1 times the variance of a value; their
+    # median, because a warm-up moves the first ones
+    squares = np.diff(bend, 2) ** 2
+    # a coarse thermometer repeats its value: then the median is zero, and its steps are the noise
+    noise = float(np.sqrt((np.median(squares) / CHI_SQUARE_MEDIAN or squares.mean()) / 6.0))
     slow = np.convolve(bend, np.full(4, 0.25), mode="valid")
-    if np.std(slow) <= TEMPERATURE_SNR * noise / 2.0:
+    if np.std(slow) <= TEMPERATURE_SNR * noise / 2.0:  # the mean of four has half of the noise
         return None, "collinear"
-    return of_series(series, "temperature", own), ""
+    return of_series(series, "temperature", _without_noise(series, degrees, noise)), ""
+
+
+def _without_noise(series: BlockSeries, degrees: Floats, noise: float) -> Floats:
+    """Return (n,) a temperature without the noise of its thermometer.
+
+    A regressor with noise of its own carries this noise, times its slope, into the model and into what is left for the
+    bands (errors in variables: Fuller 1987). A temperature changes slowly, the noise of a thermometer is white: so its
+    cosine coefficients are weighted by the share of their power that is not noise (Wiener), in bands of half an octave,
+    and from the first band on that does not exceed the noise nothing is kept.
+
+    Parameters
+    ----------
+    noise : degC, standard deviation of a value.
+    """
+    import scipy.fft
+
+    out = degrees.copy()
+    for begin, count in zip(series.begin.tolist(), series.count.tolist(), strict=True):
+        part = slice(begin, begin + count)
+        # without the straight line through its ends: its coefficients fall slowly, and none would be below the noise
+        line = np.linspace(degrees[part][:4].mean(), degrees[part][-4:].mean(), count)
+        cosines = scipy.fft.dct(degrees[part] - line, norm="ortho")
+        octave = np.floor(2.0 * np.log2(np.arange(1, count))).astype(np.int64)
+        starts = np.flatnonzero(np.diff(octave, prepend=-1))
+        sizes = np.diff(starts, append=octave.size)
+        power = np.add.reduceat(cosines[1:] ** 2, starts) / sizes
+        above = power > noise**2 * (1.0 + THERMOMETER_SIGMA * np.sqrt(2.0 / sizes))
+        gain = np.where(np.logical_and.accumulate(above), 1.0 - noise**2 / np.maximum(power, 1e-300), 0.0)
+        cosines[1:] *= np.repeat(gain, sizes)
+        out[part] = line + scipy.fft.idct(cosines, norm="ortho")
+    return out
 
 
 def bends(series: BlockSeries, heat: Regressor) -> list[Regressor]:
@@ -146,10 +200,11 @@ def hysteresis(series: BlockSeries, degrees: Floats) -> Regressor | None:
 
     None where it does not both rise and fall.
     """
-    way = _direction(degrees)
-    if way is None:
+    direction = _direction(degrees)
+    if direction is None:
         return None
-    return of_series(series, BENT[-1], way * (1.0 - unit_span(degrees) ** 2))
+    # at the ends of the span the two directions meet: the loop closes there
+    return of_series(series, BENT[-1], direction * (1.0 - unit_span(degrees) ** 2))
 
 
 def unit_span(degrees: Floats) -> Floats:
@@ -164,6 +219,7 @@ def _direction(degrees: Floats) -> Floats | None:
     """
     span = float(np.ptp(degrees))
     turns, extreme, rising = [0], 0, None
+    # a turn is an extreme from which the temperature comes back by more than the noise of a thermometer does
     for i, value in enumerate(degrees.tolist()):
         ahead = value - degrees[extreme]
         if rising is None:
@@ -175,7 +231,7 @@ def _direction(degrees: Floats) -> Floats | None:
             turns.append(extreme)
             extreme, rising = i, not rising
     if rising is None or len(turns) == 1:
-        return None
+        return None  # one direction only: hysteresis is a part of the slope
     first = rising if len(turns) % 2 else not rising
     out = np.empty(degrees.size)
     for number, (begin, end) in enumerate(pairwise([*turns, degrees.size])):
@@ -188,11 +244,12 @@ def _direction(degrees: Floats) -> Floats | None:
 
 def settlings(series: BlockSeries) -> list[list[Regressor]]:
     """Return exponentials from the beginning of the last long segment on, with derivatives by the time constant."""
+    # a sensor warms up after each start: the last segment that is long enough, not the first
     segment = int(_held(series, COEFFICIENTS_PER_COLUMN)[-1])
     count = int(series.count[segment])
     names = ("settling", "settling_time") * SETTLING_SHARES.size
-    made = _within(series, segment, names, *_falls(count), np.repeat(SETTLING_SHARES * count, 2))
-    return [list(pair) for pair in zip(made[::2], made[1::2], strict=True)]
+    falls = _within(series, segment, names, *_falls(count), np.repeat(SETTLING_SHARES * count, 2))
+    return [list(pair) for pair in zip(falls[::2], falls[1::2], strict=True)]
 
 
 @lru_cache(maxsize=4)
@@ -210,7 +267,7 @@ def waves(series: BlockSeries, numbers: Floats) -> Floats:
     return out
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=2)  # the search asks for the same frequencies in each round, and for each channel
 def _waves(count: int, numbers: bytes) -> Floats:
     angles = np.multiply.outer(np.arange(count) + 0.5, np.pi * np.frombuffer(numbers) / count)
     pairs = np.stack((np.cos(angles), np.sin(angles)), axis=2).reshape(count, -1)
@@ -225,10 +282,11 @@ def oscillation(series: BlockSeries, number: float) -> list[Regressor]:
     number : of the cosine coefficient with its frequency; not an integer in general.
     """
     count = int(series.count[-1])
-    at = np.arange(count) + 0.5
+    middles = np.arange(count) + 0.5
     angle = np.pi * number / count
-    pair = np.stack((np.cos(angle * at), np.sin(angle * at)), axis=1)
-    lines = np.concatenate((pair, pair * (at / count - 0.5)[:, None]), axis=1)
+    pair = np.stack((np.cos(angle * middles), np.sin(angle * middles)), axis=1)
+    # the growth describes, to first order, an amplitude or a period that changes over the segment
+    lines = np.concatenate((pair, pair * (middles / count - 0.5)[:, None]), axis=1)
     periods = np.full(len(OSCILLATION), 2.0 * count / number)
     return _within(series, len(series.count) - 1, OSCILLATION, lines, _transform(lines), periods)
 
@@ -239,6 +297,7 @@ def _held(series: BlockSeries, least: int) -> Ints:
     No more than leave some coefficients for the noise: the longest ones.
     """
     single = max(1, min(SINGLE, series.y.size // 3))
+    # a short segment has its first coefficients at frequencies that are pooled: a drift there would act on nothing
     last = 0.5 * least / (series.count * series.length)
     held = np.flatnonzero((last <= series.f[series.order[single - 1]] * (1.0 + 1e-9)) & (series.count > 1))
     longest = np.argsort(-series.count[held], kind="stable")[: max(1, single // COEFFICIENTS_PER_COLUMN)]
@@ -251,43 +310,46 @@ def likely_steps(series: BlockSeries) -> list[Regressor]:
     The value at the place itself has the share of the step that it shows.
     """
     out, margin = [], LEAST_BLOCKS // 2
-    near = margin - 2
+    near = margin - 2  # blocks beside the place from which its height is estimated
     for segment, (begin, count) in enumerate(zip(series.begin.tolist(), series.count.tolist(), strict=True)):
-        own = series.series[begin : begin + count]
-        total = np.concatenate(([0.0], np.cumsum(own)))
-        places: set[int] = set()
+        means = series.series[begin : begin + count]
+        sums = np.concatenate(([0.0], np.cumsum(means)))
+        candidates: set[int] = set()
         for width in STEP_WIDTHS:
             if count >= 2 * max(width, margin):
-                jumps = np.abs(total[2 * width :] - 2.0 * total[width:-width] + total[: -2 * width])
+                jumps = np.abs(sums[2 * width :] - 2.0 * sums[width:-width] + sums[: -2 * width])
                 ends = np.argsort(-jumps)[:STEP_PLACES] + width
                 ends = ends[(ends >= margin) & (ends <= count - margin)]
-                places |= {*ends.tolist(), *(ends - 1).tolist()}
-        if places:
-            at = np.array(sorted(places))
-            before = (total[at] - total[at - near]) / near
-            height = (total[at + near + 1] - total[at + 1]) / near - before
-            share = np.divide(own[at] - before, height, out=np.ones(at.size), where=height != 0.0)
-            lines = (np.arange(count)[:, None] > at).astype(np.float64)
-            lines[at, np.arange(at.size)] = np.clip(share, 0.0, 1.0)
-            names = ["step"] * at.size
-            out += _within(series, segment, names, lines, _transform(lines), (begin + at).astype(np.float64))
+                # the step is within the block before or after the place where the means differ most
+                candidates |= {*ends.tolist(), *(ends - 1).tolist()}
+        if candidates:
+            places = np.array(sorted(candidates))
+            before = (sums[places] - sums[places - near]) / near
+            height = (sums[places + near + 1] - sums[places + 1]) / near - before
+            share = np.divide(means[places] - before, height, out=np.ones(places.size), where=height != 0.0)
+            lines = (np.arange(count)[:, None] > places).astype(np.float64)
+            lines[places, np.arange(places.size)] = np.clip(share, 0.0, 1.0)
+            names = ["step"] * places.size
+            begins = (begin + places).astype(np.float64)
+            out += _within(series, segment, names, lines, _transform(lines), begins)
     return out
 
 
 def gains(coefficients: Coefficients, surface: Surface, more: Floats, starts: Ints) -> Floats:
-    """Return (s,) twice the gain in log likelihood by some more terms, with the best B and K for each.
+    """Return (s,) twice the gain in log likelihood by some more columns, with the best B and K for each.
 
-    Of the single coefficients alone: the powers would hold what the columns explain as noise.
+    Of the single coefficients alone: the powers would hold what the columns explain as noise. Adding columns Z to the
+    regression on X changes the restricted likelihood by what Z explains beside X; ln |X'V^-1 X| is left as it is,
+    because the columns of Z are nearly orthogonal to X, and the same for all candidates.
 
     Parameters
     ----------
     surface : on a grid that reaches to B = K = 0.
     more : (n, t) columns at the coefficients.
-    starts : (s,) first column of each term; the columns of one are nearly orthogonal.
+    starts : (s,) first column of each candidate; the columns of one are nearly orthogonal, so that their gains add up.
     """
-    y, X, variance = coefficients.y, coefficients.X, coefficients.variance
-    b, k = surface.pairs
-    w = 1.0 / (np.stack((surface.a, b, k), axis=1) @ variance)
+    y, X = coefficients.y, coefficients.X
+    w = 1.0 / combined(surface.noise_powers, coefficients.variances)
     q, t = X.shape[1], more.shape[1]
     with_y, with_self = w @ (more * y[:, None]), w @ more**2
     if q:
@@ -299,6 +361,7 @@ def gains(coefficients: Coefficients, surface: Surface, more: Floats, starts: In
     log = -0.5 * (w @ y**2 - np.log(w).sum(axis=1))
     if q:
         log += 0.5 * ((solved[:, :, -1] * Xy).sum(axis=1) - np.linalg.slogdet(XX)[1])
-    gain = with_y**2 / np.maximum(with_self, 1e-12 * (w @ more**2) + 1e-300)
+    # a column that X explains already has nothing of its own left: rounding must not make a gain of it
+    gain = with_y**2 / np.maximum(with_self, ROUNDING * (w @ more**2) + 1e-300)
     gain = np.add.reduceat(gain, starts, axis=1)
     return np.asarray((2.0 * log[:, None] + gain).max(axis=0) - 2.0 * log.max())

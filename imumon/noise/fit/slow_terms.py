@@ -1,56 +1,69 @@
-"""What moves the mean of one channel and is not noise, found in its block means alone.
+"""Search for the slow terms of one channel: what moves its mean, sought in the block means alone.
 
-The likelihood of the cosine coefficients says how much a term explains, with the best B and K beside it. The strongest
-of settling, a step, a bend in the effect of the temperature and an oscillation of few cycles is added, until chance
-explains what is left. Of other oscillations a coefficient far above its expectation is left out, with those to which
-it leaks: their period wanders. An exponential in doubt counts in proportion to its likelihood.
+The likelihood of the cosine coefficients says how much a column explains with the best B and K beside it. In each round
+the strongest of settling, step, bend of the effect of the temperature, cycle of a day and oscillation of few cycles
+becomes a column, if its gain exceeds its threshold and that of Gauss–Markov noise. Without one, the coefficients of
+other oscillations are left out: their period wanders, so that no column describes them. The search ends when chance
+explains the rest.
 
-Block means lie below the upper end of the spectrum, where few filters in sensors reach. In a record of some thousand
-samples the blocks are single samples, and a filter shows in them, too.
+| candidate | counts where | threshold of twice the gain |
+|---|---|---|
+| settling | once, in whole records | `SETTLING_CERTAIN`; below, by its odds |
+| Gauss–Markov noise | once, in whole records, instead of a weaker column | even odds |
+| step | in whole records | `CERTAIN`; below, by its odds |
+| bend of the temperature | once, beside the temperature, in whole records | chi-square, `BEND_CHANCE` |
+| cycle of a day | without a temperature, up to `FEWEST_CYCLES` | `CERTAIN`; below, by its odds |
+| oscillation of `FEWEST_CYCLES` to `FEW_CYCLES` | last segment | chi-square, `CHANCE` over all places |
+| oscillation, left out | everywhere | chi-square, `CHANCE` over all places |
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammainccinv
 
+from imumon.noise.fit import markov_search
 from imumon.noise.fit import regressors as columns_of
-from imumon.noise.fit.likelihood import GRID, Likelihood, Surface
-from imumon.noise.fit.observations import (
+from imumon.noise.fit.fit_rules import (
+    BEND_CHANCE,
+    BEYOND_SINGLE,
+    CERTAIN,
+    CHANCE,
+    CYCLE_PENALTY,
+    FEW_CYCLES,
+    FEWEST_CYCLES,
+    GRID,
+    LEAK,
+    LEAST_CYCLE,
+    LEAST_ODDS,
+    MOST_MASKED,
+    MOST_TERMS,
+    OSCILLATION_WIDTHS,
+    SEARCHED,
+    SETTLING_CERTAIN,
+    SETTLING_SHARES,
     SINGLE,
+)
+from imumon.noise.fit.likelihood import Grids, Likelihood, Surface
+from imumon.noise.fit.model import (
+    FLICKER,
+    WALK,
+    NoiseTerm,
+    total,
+)
+from imumon.noise.fit.observations import (
+    Bands,
     BlockSeries,
     Coefficients,
-    Powers,
     meeting_frequency,
     pooled_coefficients,
 )
 from imumon.noise.fit.regressors import Regressor
 from imumon.samples import Bools, Floats, Ints
-
-CHANCE = 0.01
-"""Probability, over all of a record, that noise alone makes an oscillation, or a misfit: it costs little."""
-LEAK = 0.02
-"""Share of the noise that the leakage of an oscillation may have in a coefficient that counts."""
-OSCILLATION_WIDTHS = (1, 3, 8, 24)
-"""Neighbouring coefficients that are tested together: the period of an oscillation may wander."""
-MOST_MASKED = 0.5
-"""Share of the coefficients from which what is above the noise is no oscillation."""
-FEWEST_CYCLES, FEW_CYCLES = 2, 16
-"""Cycles in a segment from which an oscillation is one, and up to which regressors describe it."""
-SETTLING_CERTAIN = 20.0
-"""Twice the log likelihood ratio from which it counts alone: odds of 10^3."""
-CERTAIN = 30.0
-"""Twice the log likelihood ratio from which a step counts, and an oscillation is reported: 10^-7 by chance, at any of a
-thousand places."""
-BEND_CHANCE = 0.05
-"""Probability that noise alone bends the effect of the temperature: a bend that is kept may hide K."""
-MOST_TERMS = 12
-"""Terms, and searches for oscillations, in one record: one with more is not at rest."""
-SEARCHED = 256
-"""Single coefficients in which terms are sought, and which stay single beside a step, whose spectrum falls slowly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,61 +75,92 @@ class SlowTerms:
     series : the block means.
     regressors : the columns, with their scales.
     masked : (m,) coefficients that oscillations hold, left out.
-    single : coefficients that stay single.
-    settling : an exponential in doubt, with its derivative; empty without one.
-    odds : likelihood of this exponential against none.
+    doubtful : an exponential in doubt, with its derivative, or a step in doubt; empty without one.
+    odds : likelihood of this column against none.
     no_temperature : why the temperature is no column: "", ``no_temperature``, ``small_range`` or ``collinear``.
+    markov : power of a Gauss–Markov term beside B and K; empty without one.
+    complete : whether chance explains the rest; False: the search ended after `MOST_TERMS` rounds, or asked for a
+        column again that is there already.
     """
 
     series: BlockSeries
     regressors: list[Regressor]
     masked: Bools
-    single: int
-    settling: list[Regressor]
+    doubtful: list[Regressor]
     odds: float
     no_temperature: str
+    complete: bool = True
+    markov: Mapping[NoiseTerm, float] = field(default_factory=dict)
+
+    def with_terms(self, more: Sequence[NoiseTerm]) -> SlowTerms:
+        """Return the same with expectations of some more terms of the noise."""
+        return replace(self, series=self.series.with_terms(more))
 
     def observations(
-        self, highest: float, top: float, *, unsettled: bool = False
-    ) -> tuple[Powers, Coefficients]:
+        self, highest: float, meeting: float, *, with_doubtful: bool = False
+    ) -> tuple[Bands, Coefficients]:
         """Return the bands of the block means, and their single coefficients.
 
-        The regression that leaves the bands is one of least squares; its weights weigh the frequencies evenly on a
-        logarithmic scale, as flicker would.
+        The bands hold what a least squares regression leaves. Its weights weigh the frequencies evenly on a logarithmic
+        scale, as flicker would: unweighted, the many coefficients of white noise decide on a drift.
 
         Parameters
         ----------
-        highest, top : cycles per sample, up to which coefficients count, and bands.
-        unsettled : with the exponential in doubt.
+        highest : cycles per sample, up to which single coefficients count.
+        meeting : cycles per sample, up to which the bands of the block means count; the spectrum has those above.
+        with_doubtful : with the column in doubt.
         """
         series = self.series
-        X = columns_of.matrix(series, [*self.regressors, *(self.settling if unsettled else ())])
+        X = columns_of.matrix(series, [*self.regressors, *(self.doubtful if with_doubtful else ())])
+        single = _single(series, X)
         weighted = X * (series.f * ~self.masked)[:, None]
         beta = np.linalg.lstsq(weighted.T @ X, weighted.T @ series.y, rcond=None)[0]
-        pooled = pooled_coefficients(series, series.y - X @ beta, self.masked, self.single, min(top, highest))
-        own = series.order[: self.single]
-        own = own[~self.masked[own] & (series.f[own] <= highest)]
-        return pooled, Coefficients(series.y[own], X[own], series.variance[:, own])
+        residual = series.y - X @ beta
+        pooled = pooled_coefficients(series, residual, self.masked, single, min(meeting, highest))
+        rows = series.order[:single]
+        rows = rows[~self.masked[rows] & (series.f[rows] <= highest)]
+        variances = {term: variance[rows] for term, variance in series.variances.items()}
+        return pooled, Coefficients(series.y[rows], X[rows], variances)
 
     def excess(self, surface: Surface) -> Floats:
         """Return (m,) (channel unit)^2, what the coefficients that are left out hold above the noise."""
         if not self.masked.any():
             return np.zeros(self.masked.size)
-        above = np.maximum(_ratio(self, surface) - 1.0, 0.0)
-        return np.where(self.masked, above * (surface.powers @ self.series.variance), 0.0)
+        above = np.maximum(_squares_over_noise(self, surface) - 1.0, 0.0)
+        return np.where(self.masked, above * self.noise_variances(surface), 0.0)
+
+    def noise_variances(self, surface: Surface) -> Floats:
+        """Return (m,) (channel unit)^2, the variance of each coefficient by the likeliest noise."""
+        return total(surface.powers, lambda term: self.series.variances[term])
 
     def step_power(self, surface: Surface) -> float:
         """Return the K^2 of a random walk whose spectrum the steps have: the sum of their squares over the time."""
         pairs = zip(surface.beta[surface.best], self.regressors, strict=True)
-        sizes = np.array([value * each.scale for value, each in pairs if each.name == "step"])
+        sizes = np.array([value * column.scale for value, column in pairs if column.name == "step"])
         return float(sizes @ sizes) / self.series.samples
 
 
-class _Candidate(NamedTuple):
-    """A term that may be added: twice its gain in log likelihood exceeds the threshold.
+def _single(series: BlockSeries, X: Floats) -> int:
+    """Return the number of lowest coefficients that stay single beside some columns (m, q).
 
-    `columns` (m, k) are tested together. An oscillation has the number of a coefficient, and its regressors are made
-    when it is the strongest.
+    A regression sees the single coefficients only. The spectrum of a step falls slowly, and so does that of a warm-up
+    that is short against the record: with few coefficients, columns of such a shape are alike.
+    """
+    # a third at most, so that bands remain which hold N in a record of few blocks
+    single, more = (min(number, series.y.size // 3) for number in (SINGLE, SEARCHED))
+    if not X.size:
+        return single
+    # by the frequency, as against flicker
+    weighted = X[series.order] ** 2 * series.f[series.order][:, None]
+    beyond = weighted[single:].sum(axis=0)
+    return more if (beyond > BEYOND_SINGLE * weighted.sum(axis=0)).any() else single
+
+
+class _Candidate(NamedTuple):
+    """A slow term that may be added: twice its gain in log likelihood exceeds the threshold.
+
+    `columns` (m, k) are tested together. An oscillation has the number of a coefficient, and its regressors are built
+    only if it is the strongest: they depend on a frequency that is sought then.
     """
 
     threshold: float
@@ -130,134 +174,196 @@ class SlowTermSearch:
 
     Parameters
     ----------
-    grids : B and K of an earlier search; None: unknown.
-    whole : look for settling and steps; False for parts of a record.
+    grids : of an earlier search; None: unknown.
+    whole : look for settling, steps, bends and Gauss–Markov noise; False for parts of a record: they are too short to
+        see them.
+    markov : power of Gauss–Markov noise that is known to be there; the series has its variances.
+    day : samples of a day; 0.0: unknown.
     """
 
     def __init__(
         self,
         series: BlockSeries,
-        grids: tuple[Floats, Floats] | None,
+        grids: Grids | None,
         *,
         whole: bool = True,
+        markov: Mapping[NoiseTerm, float] | None = None,
+        day: float = 0.0,
     ) -> None:
-        self._series, self._whole, self._grids = series, whole, grids
+        self._series, self._whole, self._grids, self._day = series, whole, grids, day
         self._top = meeting_frequency(series)
-        heat, reason = columns_of.temperature(series)
-        self._bends = columns_of.bends(series, heat) if heat is not None and whole else []
-        regressors = [*columns_of.drifts(series), *([] if heat is None else [heat])]
+        temperature, reason = columns_of.temperature(series)
+        self._bends = columns_of.bends(series, temperature) if temperature is not None and whole else []
+        regressors = [*columns_of.drifts(series), *([] if temperature is None else [temperature])]
         masked = np.zeros(series.y.size, dtype=bool)
-        self.terms = SlowTerms(series, regressors, masked, min(SINGLE, masked.size // 3), [], 0.0, reason)
+        self.terms = SlowTerms(series, regressors, masked, [], 0.0, reason, markov=markov or {})
         self.surface = self._searched()
 
     def result(self) -> SlowTerms:
         """Return the terms beside which chance explains what is left."""
         for _ in range(MOST_TERMS):
             if not self._add_strongest() and not self._mask_oscillations():
-                break
+                return self.terms
             self.surface = self._searched()
+        self.terms = replace(self.terms, complete=False)
         return self.terms
 
     def _searched(self) -> Surface:
         """Return the likelihood of the block means with the present terms."""
-        self._likelihood = Likelihood(*self.terms.observations(self._top, self._top))
+        self._likelihood = self._observed(list(self.terms.markov))
         surface = self._likelihood.search(self._series.samples, self._grids)
-        self._grids = surface.B, surface.K
+        self._grids = surface.grids
         return surface
+
+    def _observed(self, more: Sequence[NoiseTerm]) -> Likelihood:
+        """Return the likelihood of the block means, with expectations of some more terms."""
+        terms = self.terms.with_terms(more)
+        return Likelihood(*terms.observations(self._top, self._top), beside=self.terms.markov)
+
+    def _is_markov(self, gain: float) -> bool:
+        """Add Gauss–Markov noise if it explains more than twice a gain in log likelihood; return whether it does.
+
+        What looks like a column, or like oscillations, may be noise of another kind: columns are sought beside it.
+        """
+        times = markov_search.tried_times(self._series.samples)
+        if not self._whole or self.terms.markov or not times:
+            return False
+        peaks = markov_search.peaks(self._observed, self.surface, times)
+        if markov_search.odds_of(peaks.gains) < 1.0 or 2.0 * float(peaks.gains.max()) <= gain:
+            return False
+        term, power = peaks.terms[peaks.best], float(peaks.markov[peaks.best])
+        terms = self.terms.with_terms([term])
+        self._series, self.terms = terms.series, replace(terms, markov={term: power}, doubtful=[])
+        return True
 
     def _add_strongest(self) -> bool:
         """Add the term that explains most; return whether there is one that chance does not explain.
 
-        An exponential that is in doubt is kept beside the terms.
+        Without one, an exponential that is in doubt is kept beside the terms.
         """
-        candidates = [*self._falls(), *self._steps(), *self._waves(), *self._bent()]
+        candidates = [*self._falls(), *self._steps(), *self._waves(), *self._bent(), *self._days()]
         if not candidates:
-            return False
-        widths = [each.columns.shape[1] for each in candidates]
-        columns = np.concatenate([each.columns for each in candidates], axis=1)
+            return False  # too few coefficients: nothing can be distinguished from B and K
+        widths = [candidate.columns.shape[1] for candidate in candidates]
+        columns = np.concatenate([candidate.columns for candidate in candidates], axis=1)
         gains = self._gains(columns, np.cumsum([0, *widths[:-1]]))
-        beyond = gains - np.array([each.threshold for each in candidates])
+        beyond = gains - np.array([candidate.threshold for candidate in candidates])
         best = candidates[int(np.where(beyond > 0.0, gains, -np.inf).argmax())]
         if not (beyond > 0.0).any():
             self._doubt(candidates, gains)
             return False
-        found = best.regressors or self._oscillation(best.number)
-        if any((each.name, each.at) == (found[0].name, found[0].at) for each in self.terms.regressors):
+        if self._is_markov(float(gains.max(where=beyond > 0.0, initial=0.0))):
+            return True
+        added = best.regressors or self._oscillation(best.number)
+        places = {(column.name, column.place) for column in self.terms.regressors}
+        if (added[0].name, added[0].place) in places:
+            # a column that is there already and still gains: rounding, or a step that is none; the search would not end
+            self.terms = replace(self.terms, complete=False)
             return False
-        self._add(found)
+        self._add(added)
         return True
 
     def _falls(self) -> list[_Candidate]:
         """Return exponentials of several time constants; none where one is among the terms."""
-        if not self._whole or any(each.name == "settling" for each in self.terms.regressors):
+        if not self._whole or any(column.name == "settling" for column in self.terms.regressors):
             return []
         pairs = columns_of.settlings(self._series)
+        # the derivative is no part of the test: it would let a walk look like an exponential
         return [_Candidate(SETTLING_CERTAIN, pair[0].column[:, None], pair) for pair in pairs]
 
     def _steps(self) -> list[_Candidate]:
         """Return steps at likely places."""
         steps = columns_of.likely_steps(self._series) if self._whole else []
-        return [_Candidate(CERTAIN, each.column[:, None], [each]) for each in steps]
+        return [_Candidate(CERTAIN, step.column[:, None], [step]) for step in steps]
+
+    def _days(self) -> list[_Candidate]:
+        """Return a cycle of a day in the last segment; none beside a temperature, which would show it.
+
+        Less than two cycles are no oscillation (`FEWEST_CYCLES`), but the room of a sensor has a day, and a part of its
+        cycle looks like a walk.
+        """
+        series, terms = self._series, self.terms
+        names = {column.name for column in terms.regressors}
+        cycles = int(series.count[-1]) * series.length / self._day if self._day else 0.0
+        if (
+            not self._whole
+            or not LEAST_CYCLE <= cycles < FEWEST_CYCLES
+            or names & {"temperature", *columns_of.OSCILLATION}
+        ):
+            return []
+        # without the growth of an oscillation: within two cycles it is another trend
+        cycle = columns_of.oscillation(series, 2.0 * cycles)[:2]
+        return [_Candidate(CERTAIN, columns_of.matrix(series, cycle), cycle)]
 
     def _bent(self) -> list[_Candidate]:
         """Return what bends the effect of the temperature, together; none where it is among the terms."""
-        if not self._bends or any(each.name == self._bends[0].name for each in self.terms.regressors):
+        if not self._bends or any(column.name == self._bends[0].name for column in self.terms.regressors):
             return []
         columns = columns_of.matrix(self._series, self._bends)
-        threshold = 2.0 * float(gammainccinv(0.5 * len(self._bends), BEND_CHANCE))  # of a chi-square
+        threshold = _chi_square(len(self._bends), BEND_CHANCE)
+        # the gains of the columns of one candidate add up only where these are orthogonal
         return [_Candidate(threshold, np.linalg.qr(columns)[0], self._bends)]
 
     def _waves(self) -> list[_Candidate]:
         """Return oscillations of few cycles in the last segment, at the frequencies of its coefficients."""
         series, first = self._series, self._series.y.size - int(self._series.count[-1]) + 1
-        own = np.arange(2 * FEWEST_CYCLES - 1, min(2 * FEW_CYCLES, int(series.count[-1]) - 1))
-        own = own[(series.f[first + own] <= self._top) & ~self.terms.masked[first + own]]
-        columns = columns_of.waves(series, (own + 1).astype(np.float64))
-        chance = CHANCE / (series.y.size * len(OSCILLATION_WIDTHS))
-        threshold = 2.0 * float(gammainccinv(1.0, chance))
+        numbers = np.arange(2 * FEWEST_CYCLES - 1, min(2 * FEW_CYCLES, int(series.count[-1]) - 1))
+        numbers = numbers[(series.f[first + numbers] <= self._top) & ~self.terms.masked[first + numbers]]
+        columns = columns_of.waves(series, (numbers + 1).astype(np.float64))
+        threshold = _chi_square(2, CHANCE / (series.y.size * len(OSCILLATION_WIDTHS)))
         return [
             _Candidate(threshold, columns[:, 2 * i : 2 * i + 2], [], number)
-            for i, number in enumerate(own.tolist())
+            for i, number in enumerate(numbers.tolist())
         ]
 
-    def _doubt(self, candidates: list[_Candidate], gains: Floats) -> None:
-        """Keep the most likely exponential beside the terms if it is more likely than none.
+    def _doubt(self, candidates: Sequence[_Candidate], gains: Floats) -> None:
+        """Keep the most likely exponential, step or cycle of a day beside the terms if it is more likely than none.
 
-        The odds before the data are even, and divided over the time constants that are tried.
+        The odds before the data are even, and divided over the time constants, or over the places, that there are.
         """
-        falls = [
-            (float(np.exp(0.5 * gain)) / columns_of.SETTLING_SHARES.size, each.regressors)
-            for gain, each in zip(gains, candidates, strict=True)
-            if each.regressors and each.regressors[0].name == "settling"
+        cycle = columns_of.OSCILLATION[0]
+        chances = {"settling": SETTLING_SHARES.size, "step": self._series.series.size, cycle: CYCLE_PENALTY}
+        columns = [
+            (float(np.exp(0.5 * gain)) / chances[candidate.regressors[0].name], candidate.regressors)
+            for gain, candidate in zip(gains, candidates, strict=True)
+            if candidate.regressors and candidate.regressors[0].name in chances
         ]
-        odds, pair = max(falls, key=lambda fall: fall[0], default=(0.0, []))
-        self.terms = replace(self.terms, settling=pair if odds > 1.0 else [], odds=odds)
+        odds, column = max(columns, key=lambda column: column[0], default=(0.0, []))
+        self.terms = replace(self.terms, doubtful=column if odds > LEAST_ODDS else [], odds=odds)
 
-    def _add(self, found: list[Regressor]) -> None:
+    def _add(self, added: list[Regressor]) -> None:
         """Add regressors; what looked like an oscillation beside settling or a step is judged again."""
         terms = self.terms
-        step, wave = found[0].name == "step", found[0].name in columns_of.OSCILLATION
+        wave = added[0].name in columns_of.OSCILLATION
         self.terms = replace(
             terms,
-            regressors=[*terms.regressors, *found],
+            regressors=[*terms.regressors, *added],
             masked=terms.masked if wave else np.zeros_like(terms.masked),
-            single=min(SEARCHED, terms.masked.size // 3) if step else terms.single,
-            settling=[],
+            doubtful=[],
+            markov={},  # what looked like it may have been the column
         )
 
     def _gains(self, columns: Floats, starts: Ints) -> Floats:
         """Return twice the gain in log likelihood by columns (m, t) added from each start to the next."""
-        series, terms = self._series, self.terms
-        own = series.order[: min(SEARCHED, series.y.size // 3)]
-        own = own[~terms.masked[own] & (series.f[own] <= self._top)]
+        series, terms, surface = self._series, self.terms, self.surface
+        # a third, as of the coefficients that stay single: the others are the noise that is compared with
+        rows = series.order[: min(SEARCHED, series.y.size // 3)]
+        rows = rows[~terms.masked[rows] & (series.f[rows] <= self._top)]
         X = columns_of.matrix(series, terms.regressors)
-        coefficients = Coefficients(series.y[own], X[own], series.variance[:, own])
-        # the likeliest values are among them: beside a large K the likelihood is narrow
-        _, b, k = np.sqrt(self.surface.powers)
-        B = np.append((b or self.surface.B[-1]) * np.linspace(0.0, 1.0, GRID // 2 - 1), self.surface.B[-1])
+        variances = {term: variance[rows] for term, variance in series.variances.items()}
+        coefficients = Coefficients(series.y[rows], X[rows], variances)
+        # From zero, because a column may explain all of B or K, to the end of the grid. The likeliest values are among
+        # them: beside a large K the likelihood is narrow, and a grid that misses it calls a walk a warm-up. K falls by
+        # ratios: a column leaves any share of it.
+        ends = {term: grid[-1] for term, grid in surface.grids.items()}
+        best = {term: np.sqrt(surface.powers[term]) or ends[term] for term in ends}
+        even = np.linspace(0.0, 1.0, GRID // 2 - 1)
         falling = np.append(0.0, np.geomspace(0.01, 1.0, GRID // 2 - 2))
-        K = np.append((k or self.surface.K[-1]) * falling, self.surface.K[-1])
-        return columns_of.gains(coefficients, self._likelihood.surface(B, K), columns[own], starts)
+        grids: Grids = {
+            FLICKER: np.append(best[FLICKER] * even, ends[FLICKER]),
+            WALK: np.append(best[WALK] * falling, ends[WALK]),
+        }
+        return columns_of.gains(coefficients, self._likelihood.surface(grids), columns[rows], starts)
 
     def _oscillation(self, number: int) -> list[Regressor]:
         """Return the regressors of the oscillation about a coefficient of the last segment."""
@@ -267,32 +373,38 @@ class SlowTermSearch:
 
     def _mask_oscillations(self) -> bool:
         """Leave out the coefficients of oscillations, narrow ones first; return whether there are new ones."""
-        series, all_masked = self._series, self.terms.masked.copy()
-        counted = (series.f <= self._top) & ~all_masked
-        ratio = np.where(counted, _ratio(self.terms, self.surface), 0.0)
+        series, masked = self._series, self.terms.masked.copy()
+        counted = (series.f <= self._top) & ~masked
+        ratio = np.where(counted, _squares_over_noise(self.terms, self.surface), 0.0)
         chance = CHANCE / (max(int(counted.sum()), 1) * len(OSCILLATION_WIDTHS))
         for begin, count in zip(series.begin - np.arange(series.begin.size), series.count - 1, strict=True):
-            own, masked = ratio[begin : begin + count], all_masked[begin : begin + count]
+            squares, left_out = ratio[begin : begin + count], masked[begin : begin + count]
             for width in OSCILLATION_WIDTHS:
                 if width > count:
                     break
-                own = np.where(masked, 1.0, own)  # a wider test is of what narrower ones leave
-                total = np.convolve(own, np.ones(width), mode="valid")
-                threshold = 2.0 * float(gammainccinv(0.5 * width, chance))  # of a chi-square
-                for k in np.flatnonzero(total > threshold).tolist():
+                squares = np.where(left_out, 1.0, squares)  # a wider test is of what narrower ones leave
+                sums = np.convolve(squares, np.ones(width), mode="valid")
+                for k in np.flatnonzero(sums > _chi_square(width, chance)).tolist():
                     # the leakage of a steady oscillation falls with the square of the distance
-                    reach = int(np.sqrt(own[k] / LEAK) / np.pi) if width == 1 else 0
-                    masked[max(k - reach - 1, 2 * FEWEST_CYCLES) : k + width + reach + 1] = True
-        if all_masked[series.f <= self._top].mean() > MOST_MASKED:
-            all_masked[:] = False
-        found = bool((all_masked & ~self.terms.masked).any())
-        self.terms = replace(self.terms, masked=all_masked)
-        return found
+                    reach = int(np.sqrt(squares[k] / LEAK) / np.pi) if width == 1 else 0
+                    # the lowest coefficients are never left out: what is there is a walk, or a column describes it
+                    left_out[max(k - reach - 1, 2 * FEWEST_CYCLES) : k + width + reach + 1] = True
+        if masked[series.f <= self._top].mean() > MOST_MASKED:
+            masked[:] = False
+        if not (masked & ~self.terms.masked).any():
+            return False
+        if not self._is_markov(0.0):
+            self.terms = replace(self.terms, masked=masked)
+        return True
 
 
-def _ratio(terms: SlowTerms, surface: Surface) -> Floats:
+def _squares_over_noise(terms: SlowTerms, surface: Surface) -> Floats:
     """Return (m,) the squares of all coefficients over their expectation, without what the regressors explain."""
     series = terms.series
     X = columns_of.matrix(series, terms.regressors)
-    beta = surface.beta[surface.best]
-    return np.asarray((series.y - X @ beta) ** 2 / (surface.powers @ series.variance))
+    return np.asarray((series.y - X @ surface.beta[surface.best]) ** 2 / terms.noise_variances(surface))
+
+
+def _chi_square(dof: int, probability: float) -> float:
+    """Return what a chi-square variable exceeds with a probability."""
+    return 2.0 * float(gammainccinv(0.5 * dof, probability))

@@ -1,80 +1,127 @@
 """Time that a record must still grow until a coefficient is as precise as requested.
 
-The Fisher information of a record of T samples about the logarithms of N^2, B^2 and K^2 is that of its spectrum
-(Whittle 1953): T times the integral of s_i s_j over frequency, from three quarters of a cycle per record, which
-constant and drift leave, to the highest frequency in use. s_i is the share of noise i in the density. The present
-limits set the scale, and the information gives the change.
+The Fisher information of a record of T samples about the logarithms of the powers is that of its spectrum (Whittle
+1953): T times the integral of s_i s_j over frequency, from three quarters of a cycle per record, which constant and
+drift leave, to the highest frequency in use. s_i is the share of term i in the density.
+
+The information gives the change with the length. The scale is that of the present limits, for N. Half-widths of B and
+K scatter by a quarter between records of one truth, and so little of what a half-width has beyond the expected one is
+left in a record that is twice as long: the prediction returns to the expected half-width (`WIDTH_MEMORY`). B and K that
+are hardly known have no time (`PROMISED`).
+
+Example: of white noise alone, the relative error of N is 1 / sqrt(2 T).
+
+>>> errors = relative_errors({WHITE: 1.0}, np.array([1e4, 4e4]), 0.5)[WHITE]
+>>> (errors * np.sqrt([2e4, 8e4])).round(1)
+array([1., 1.])
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
+from imumon.coefficients import LIMIT_95
+from imumon.noise.fit.fit_rules import (
+    FREQUENCIES,
+    LOWEST_HALF_CYCLES,
+    PROMISED,
+    WIDTH_MEMORY,
+    WIDTH_OVER_BOUND,
+)
+from imumon.noise.fit.model import WHITE, NoiseTerm, TermPowers
 from imumon.samples import Floats
 from imumon.units import YEAR
 
-FREQUENCIES = 60
-"""Points of the integral, even in the logarithm of frequency."""
-LOWEST_CYCLES = 1.5
-"""Half cycles per record, lowest frequency that is free of constant and drift."""
+__all__ = ["WHITE", "relative_errors", "seconds_to"]
 
 
-def relative_errors(powers: Floats, samples: Floats, highest: float) -> Floats:
-    """Return (j, 3) relative standard errors of N, B and K of records; inf where nothing is known.
+def relative_errors(powers: TermPowers, samples: Floats, highest: float) -> dict[NoiseTerm, Floats]:
+    """Return (j,) relative standard errors of the coefficient of each term, in records of some lengths.
 
     Parameters
     ----------
-    powers : (3,) N^2, B^2, K^2 in units of tau0.
+    powers : of the terms; those with power 0 have no error: inf.
     samples : (j,) lengths of the records.
     highest : cycles per sample.
     """
-    lowest = LOWEST_CYCLES / (2.0 * samples)
-    out, known, longer = np.full((samples.size, 3), np.inf), powers > 0.0, lowest < highest
-    if not known.any() or not longer.any():
+    lowest = LOWEST_HALF_CYCLES / (2.0 * samples)
+    out = {term: np.full(samples.size, np.inf) for term in powers}
+    present, longer = [term for term, power in powers.items() if power > 0.0], lowest < highest
+    if not present or not longer.any():
         return out
-    rate = 2.0 * np.pi * np.geomspace(lowest[longer], highest, FREQUENCIES, axis=-1)
-    density = np.stack([powers[i] / rate**i for i in np.flatnonzero(known)], axis=1)
+    f = np.geomspace(lowest[longer], highest, FREQUENCIES, axis=-1)
+    density = np.stack([powers[term] * term.rate_density(f) for term in present], axis=1)
     share = density / density.sum(axis=1, keepdims=True)
-    weight = samples[longer, None] * rate / (2.0 * np.pi) * np.log(rate[:, 1:2] / rate[:, :1])
+    weight = samples[longer, None] * f * np.log(f[:, 1:2] / f[:, :1])  # T df on a logarithmic axis
+    # powers that look alike have no finite error, but a pseudoinverse: it says what is known together
     inverse = np.linalg.pinv((share * weight[:, None]) @ share.swapaxes(1, 2))
     variances = np.maximum(np.diagonal(inverse, axis1=1, axis2=2), 0.0)
-    out[np.ix_(longer, known)] = 0.5 * np.sqrt(variances)
+    for i, term in enumerate(present):
+        out[term][longer] = 0.5 * np.sqrt(variances[:, i])  # of a coefficient half that of its power
     return out
 
 
 def seconds_to(
-    powers: Floats, widths: Floats, samples: float, tau0: float, highest: float, precision: Floats
-) -> list[float | None]:
-    """Return the seconds still to record until the half-widths of N, B and K are as requested.
+    powers: TermPowers,
+    widths: Mapping[str, float],
+    samples: float,
+    tau0: float,
+    highest: float,
+    precision: Mapping[str, float],
+) -> dict[str, float | None]:
+    """Return the seconds still to record until the half-widths of coefficients are as requested.
 
     Parameters
     ----------
-    powers : (3,) units of tau0.
-    widths : (3,) 1, half-widths now, relative to the value; inf where not measured.
+    powers : of the terms.
+    widths : 1, half-widths now by letter, relative to the value; inf where not measured.
     samples : length of the record.
     tau0 : s
     highest : cycles per sample, highest frequency in use.
-    precision : (3,) 1, requested relative half-widths.
+    precision : 1, requested relative half-widths by letter.
 
     Returns
     -------
-    s; None where a coefficient is not measured, or not as precise within a year: no sensor stays the same that long.
+    s by letter; None where a coefficient is not measured, hardly known, or not as precise within a year: no sensor
+    stays the same that long.
     """
     doublings = np.arange(2 + max(0, math.ceil(math.log2(1.0 + YEAR / (samples * tau0)))), dtype=np.float64)
-    errors = relative_errors(powers, samples * np.exp2(doublings), highest)
-    out: list[float | None] = []
-    for term, (width, least) in enumerate(zip(widths.tolist(), precision.tolist(), strict=True)):
-        known = math.isfinite(width) and math.isfinite(errors[0, term])
-        reached = width * errors[:, term] / errors[0, term] if known else errors[:, term]
-        at = int((reached <= least).argmax())
-        if width <= least:
-            out.append(0.0)
-        elif not known or not at:
-            out.append(None)
-        else:
-            part = math.log(reached[at - 1] / least) / math.log(reached[at - 1] / reached[at])
-            seconds = samples * (2.0 ** (at - 1.0 + part) - 1.0) * tau0
-            out.append(seconds if seconds < YEAR else None)
-    return out
+    # What does not show has no value: its most likely power comes and goes, and would move the times of the others.
+    shown = {
+        term: power if math.isfinite(widths.get(term.letter, 0.0)) else 0.0 for term, power in powers.items()
+    }
+    errors = {
+        term.letter: e for term, e in relative_errors(shown, samples * np.exp2(doublings), highest).items()
+    }
+    return {
+        letter: _seconds(
+            widths[letter], precision[letter], errors[letter], samples * tau0, letter != WHITE.letter
+        )
+        for letter in precision
+    }
+
+
+def _seconds(width: float, least: float, errors: Floats, length_s: float, forgets: bool) -> float | None:
+    """Return the seconds until one half-width is reached; see `seconds_to`.
+
+    Parameters
+    ----------
+    errors : (j,) relative errors of records of the present length times 1, 2, 4 ...
+    forgets : the half-width scatters, and a longer record keeps a part of what it has beyond the expected one.
+    """
+    if width <= least:
+        return 0.0
+    if not (math.isfinite(width) and math.isfinite(errors[0])) or (forgets and width > PROMISED * least):
+        return None
+    expected = LIMIT_95 * WIDTH_OVER_BOUND * errors
+    kept = np.exp2(-WIDTH_MEMORY * np.arange(errors.size)) if forgets else 1.0
+    reached = expected * (width / expected[0]) ** kept
+    later = int((reached <= least).argmax())
+    if not later:  # the first is today, which is not enough: none of them is
+        return None
+    part = math.log(reached[later - 1] / least) / math.log(reached[later - 1] / reached[later])
+    seconds = length_s * (2.0 ** (later - 1.0 + part) - 1.0)
+    return seconds if seconds < YEAR else None

@@ -4,6 +4,13 @@ The density of the samples is that of `power_law`. Behind the half-band filters 
 response, and a bin sees it through the power of the Hann window. Images of the decimation are 59 dB down and count as
 nothing.
 
+Model of a bin k of level s, with the density S of the samples, the filters' response H and the window's W:
+
+    E[P_k] = sum over d of S(f) |H_s(f)|^2 |W(d)|^2 / sum |W|^2,    f = (k + d) / 256 / 2^s
+
+>>> bin_expectation(0, averaged=False)[0, :2].round(6).tolist()  # white noise of N = 1 is 1 in every bin
+[1.0, 1.0]
+
 The mean over the bins of a band and over the segments is a sum of correlated squares. Its degrees of freedom are
 2 (number)^2 over the sum of their squared correlations, of the bins of one segment and of those of two segments that
 overlap by half (Welch 1967; Percival & Walden 1993, section 6.17).
@@ -11,14 +18,15 @@ overlap by half (Welch 1967; Percival & Walden 1993, section 6.17).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
 
 from imumon.noise.power_law import average_covariance, sampled_density
 from imumon.noise.spectrum.half_band import TAPS
-from imumon.noise.spectrum.level_sums import FIRST_BIN, WINDOW, WINDOW_POWER, last_bin
-from imumon.noise.spectrum.spectral_lines import BINS, HOP, LOBE, SEGMENT
+from imumon.noise.spectrum.level_sums import BINS, FIRST_BIN, HANN, HANN_POWER, HOP, SEGMENT, last_bin
+from imumon.noise.spectrum.spectral_lines import LOBE
 from imumon.samples import Floats, Ints
 
 
@@ -27,8 +35,9 @@ def filter_power(f: Floats, level: int) -> Floats:
     response = np.ones_like(f)
     lags = 2 * len(TAPS) - 1 - 2 * np.arange(len(TAPS))
     for s in range(level):
-        at = 2.0 * np.pi * f * 2.0**s
-        response = response * (0.5 + 2.0 * np.cos(np.multiply.outer(at, lags)) @ TAPS) ** 2
+        phase = 2.0 * np.pi * f * 2.0**s  # per sample of the level that the filter reads
+        # symmetric taps: the response is real, 0.5 from the middle tap and a cosine from each pair
+        response = response * (0.5 + 2.0 * np.cos(np.multiply.outer(phase, lags)) @ TAPS) ** 2
     return response
 
 
@@ -44,55 +53,79 @@ def short_term_density(level: int) -> Floats:
     return np.asarray(4.0 * np.sin(np.pi * f) ** 2 * filter_power(f, level))
 
 
-@lru_cache(maxsize=128)
-def bin_expectation(level: int, *, averaged: bool, window: int = 1) -> Floats:
-    """Return (3, n) the expectation of the density of each bin in use, for N = B = K = 1 in units of tau0.
+@lru_cache(maxsize=32)
+def _bin_nodes(level: int) -> tuple[Floats, Floats, Floats]:
+    """Return (n, d) the frequencies that a bin in use sees, (n, d) the response of the filters, (d,) the window."""
+    # the power of a window is resolved by half bins
+    offsets = 0.5 * np.arange(-2 * LOBE, 2 * LOBE + 1)
+    t = np.arange(SEGMENT)
+    lobe = np.abs(np.exp(-2j * np.pi * np.multiply.outer(offsets, t) / SEGMENT) @ HANN) ** 2
+    lobe /= lobe.sum()
+    bins = np.arange(FIRST_BIN, last_bin(level))
+    f = np.abs(bins[:, None] + offsets) / SEGMENT
+    f = np.where(f > 0.5, 1.0 - f, f) / 2.0**level  # the lobe reaches beyond half the rate and is folded back
+    return f, filter_power(f.ravel(), level).reshape(f.shape), lobe
+
+
+def seen_by_bins(density: Callable[[Floats], Floats], level: int, window: int = 1) -> Floats:
+    """Return (..., n) the expectation of the density of each bin in use.
 
     The density is that of level 0: the squared transform over the power of the window, times 2^level.
 
     Parameters
     ----------
-    averaged : the samples are true averages over their interval, else point samples.
+    density : returns (..., k) the densities of the samples at (k,) frequencies, cycles per sample.
     window : samples of a moving average in the sensor; 1: none.
     """
-    # the power of a window is resolved by half bins
-    offsets = 0.5 * np.arange(-2 * LOBE, 2 * LOBE + 1)
-    t = np.arange(SEGMENT)
-    lobe = np.abs(np.exp(-2j * np.pi * np.multiply.outer(offsets, t) / SEGMENT) @ WINDOW) ** 2
-    lobe /= lobe.sum()
-    bins = np.arange(FIRST_BIN, last_bin(level))
-    f = np.abs(bins[:, None] + offsets) / SEGMENT
-    f = np.where(f > 0.5, 1.0 - f, f) / 2.0**level
-    density = sampled_density(f.ravel(), averaged=averaged) * filter_power(f.ravel(), level)
-    density *= window_power(f.ravel(), window)
-    return np.asarray(density.reshape(3, *f.shape) @ lobe)
+    f, response, lobe = _bin_nodes(level)
+    values = density(f.ravel())
+    return np.asarray(
+        values.reshape(*values.shape[:-1], *f.shape) * response * window_power(f, window) @ lobe
+    )
+
+
+@lru_cache(maxsize=128)
+def bin_expectation(level: int, *, averaged: bool, window: int = 1) -> Floats:
+    """Return (3, n) what each bin in use expects of N = B = K = 1 in units of tau0; see `seen_by_bins`.
+
+    Parameters
+    ----------
+    averaged : the samples are true averages over their interval, else point samples.
+    """
+    return seen_by_bins(lambda f: sampled_density(f, averaged=averaged), level, window)
 
 
 @lru_cache(maxsize=32)
 def segment_variances(level: int = 0) -> Floats:
-    """Return (3,) the variance within a segment of samples for N = B = K = 1, of white noise 0, over that of `holes`.
+    """Return (3,) the variance within a segment of samples for N = B = K = 1, of white noise 0.
 
     In units of the interval of the level. Samples count by the square of the window. White noise is not part of it:
     missing samples leave it white. The samples that are missing are those of level 0, which vary more than their
-    averages; and behind a half-band filter the shares vary less than their density at low frequencies says.
+    averages.
     """
-    weight, of_white = WINDOW**2 / WINDOW_POWER, 0.0
-    slow = [
-        float(weight @ (np.diag(covariance) - 2.0 * covariance.mean(axis=1)) + covariance.mean())
-        for covariance in average_covariance(SEGMENT)[1:]
-    ]
+    of_white = 0.0
+    slow = [within_segment(covariance[0]) for covariance in average_covariance(SEGMENT)[1:]]
+    # between the samples of level 0 within one of this level, which their average has lost
     within = np.array([0.0, level * np.log(2.0) / np.pi, (1.0 - 0.5**level) / 6.0])
-    width = 2.0 * (0.25 + 2.0 * float(TAPS @ TAPS)) if level else 1.0
-    return np.asarray((np.array([of_white, *slow]) + within) / width)
+    return np.asarray(np.array([of_white, *slow]) + within)
+
+
+def within_segment(covariance: Floats) -> float:
+    """Return the variance within a segment, whose samples count by the square of the window, of (SEGMENT,) by lag."""
+    weight = HANN**2 / HANN_POWER
+    # the sum over all pairs of samples, by lag
+    sums = 2.0 * np.convolve(np.concatenate((covariance[:0:-1], covariance)), np.ones(SEGMENT), mode="valid")
+    mean = covariance[0] * SEGMENT + 2.0 * float(np.arange(SEGMENT - 1, 0, -1) @ covariance[1:])
+    return float(covariance[0] - weight @ sums / SEGMENT + mean / SEGMENT**2)
 
 
 @lru_cache(maxsize=1)
 def _bin_correlation() -> tuple[Floats, Floats]:
     """Return (BINS, BINS) squared correlations of the bins of one segment, and of two that overlap by half."""
     t = np.arange(SEGMENT)
-    waves = WINDOW * np.exp(-2j * np.pi * np.arange(BINS)[:, None] * t / SEGMENT)
-    same = np.abs(waves.conj() @ waves.T / WINDOW_POWER) ** 2
-    beside = np.abs(waves[:, HOP:].conj() @ waves[:, :HOP].T / WINDOW_POWER) ** 2
+    waves = HANN * np.exp(-2j * np.pi * np.arange(BINS)[:, None] * t / SEGMENT)
+    same = np.abs(waves.conj() @ waves.T / HANN_POWER) ** 2
+    beside = np.abs(waves[:, HOP:].conj() @ waves[:, :HOP].T / HANN_POWER) ** 2
     return same, beside
 
 

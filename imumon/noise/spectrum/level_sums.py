@@ -1,4 +1,16 @@
-"""Sums of one level of the cascade of spectra, its bins in use and its window."""
+"""Levels of the spectrum: their segments and bins, and the sums of one level over a record or a part of it.
+
+Level s has the rate of the samples over 2^s. A segment is 256 of its samples under a Hann window, and two of them
+overlap by half, one hop. Of each level about one octave of bins is used, in which the filter above it is flat:
+
+    level 0   bins 46 to 127 of 128   0.18 to 0.50 of its rate   11 sub-bands of 8 bins
+    others    bins 46 to 91           0.18 to 0.36 of its rate   6 sub-bands
+
+so that all levels together cover every frequency once: bin 92 of a level is bin 46 of the level above it.
+
+>>> sub_bands(1).tolist(), last_bin(1)
+([46, 54, 62, 70, 78, 86], 92)
+"""
 
 from __future__ import annotations
 
@@ -6,18 +18,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imumon.noise.spectrum.spectral_lines import BINS, SEGMENT
 from imumon.samples import Floats, Ints
 
+SEGMENT = 256
+"""Samples of a segment: bins are 0.6 % to 2 % of their frequency wide, fine enough to leave out a line and little
+else."""
+HOP = SEGMENT // 2
+"""Samples from one segment to the next."""
+BINS = np.fft.rfftfreq(SEGMENT).size
 FIRST_BIN = 46
-"""First bin of a level that is used. An octave is, in which the filter is flat: the level above begins at twice the
-frequency. Level 0 is used up to half the sampling rate."""
+"""First bin of a level that is used: below, the level after it resolves better. Level 0 is used up to half the sampling
+rate."""
 SUB_BAND = 8
-"""Bins that are added up in the sums of a part of a record: a sixth of the octave."""
+"""Bins that are added up in the sums of a part of a record: a sixth of the octave. By bin, a mark would be eight times
+as large in the saved state."""
 
-WINDOW = np.square(np.sin(np.pi * np.arange(SEGMENT) / SEGMENT))
-"""Hann window."""
-WINDOW_POWER = float(WINDOW @ WINDOW)
+HANN = np.square(np.sin(np.pi * np.arange(SEGMENT) / SEGMENT))
+"""Hann window of a segment: without it, a strong line or the bias would leak into every bin."""
+HANN_POWER = float(HANN @ HANN)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,20 +44,23 @@ class LevelSums:
 
     Attributes
     ----------
-    power : (c, n) (channel unit)^2, sums of the squared transforms over `WINDOW_POWER`, by bin from `FIRST_BIN` on or
+    power : (c, n) (channel unit)^2, sums of the squared transforms over `HANN_POWER`, by bin from `FIRST_BIN` on or
         by sub-band.
+    holes : (g, n) sums of the density of the share of valid samples within each segment, over its mean squared, mean of
+        each sub-band: what a constant of 1 leaves there, once its mean has been subtracted.
     white : (g,) sums of the relative density of white noise, 1 for a segment without missing samples.
-    holes : (g,) sums of the relative variance of the share of valid samples within each segment.
+    slow : (g,) sums of the relative density of slow noise from frequencies near those of its bin, 1 without any.
     averages : (g,) segments.
     """
 
     power: Floats
-    white: Floats
     holes: Floats
+    white: Floats
+    slow: Floats
     averages: Ints
 
     def __sub__(self, other: LevelSums) -> LevelSums:
-        """Return the sums since the others were taken."""
+        """Return the sums since the others, which are earlier ones of the same record."""
         return LevelSums(*(getattr(self, name) - getattr(other, name) for name in LevelSums.__slots__))
 
 
@@ -54,11 +75,18 @@ def sub_bands(level: int) -> Ints:
 
 
 class Level:
-    """State of one level: its sums, and the samples that wait for the next segment."""
+    """State of one level: its sums, and the samples that wait for the next segment.
 
-    def __init__(self, channels: int, groups: int) -> None:
+    Parameters
+    ----------
+    number : of the level.
+    channels, groups : number of columns, and of the groups that share their validity.
+    """
+
+    def __init__(self, number: int, channels: int, groups: int) -> None:
         self.power = np.zeros((channels, BINS))
-        self.white, self.holes = np.zeros(groups), np.zeros(groups)
+        self.holes = np.zeros((groups, sub_bands(number).size))
+        self.white, self.slow = np.zeros(groups), np.zeros(groups)
         self.averages = np.zeros(groups, dtype=np.int64)
         self.clear()
 
@@ -74,4 +102,5 @@ class Level:
     def sub_sums(self, level: int) -> LevelSums:
         """Return the present sums by sub-band."""
         power = np.add.reduceat(self.power[:, : last_bin(level)], sub_bands(level), axis=1)
-        return LevelSums(power / WINDOW_POWER, self.white.copy(), self.holes.copy(), self.averages.copy())
+        counts = (self.white.copy(), self.slow.copy(), self.averages.copy())
+        return LevelSums(power / HANN_POWER, self.holes.copy(), *counts)

@@ -1,6 +1,14 @@
 """Spectrum as people see it: density at all frequencies, its lines, and its white level.
 
-One-sided. The levels follow each other without a gap, each where it resolves best.
+One-sided, (channel unit)^2/Hz: twice the mean of the squared transforms, over the rate of the level and the power of
+the window. The levels follow each other without a gap, each where it resolves best:
+
+    level s    bins 46 to 91      0.18 to 0.36 of its rate
+    level 0    bins 46 to 128     up to half the sampling rate
+    last one   bins 2 to 91       down to the lowest frequency; bins 0 and 1 hold the mean and its leakage
+
+The white level comes from the median over the upper half of the band, which lines do not move: the median of a
+chi-square is less than its mean, by a factor that the number of averages determines (`spectral_lines.median_to_mean`).
 """
 
 from __future__ import annotations
@@ -10,22 +18,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imumon.noise.spectrum.level_sums import FIRST_BIN, WINDOW_POWER, last_bin
+from imumon.noise.spectrum.level_sums import BINS, FIRST_BIN, HANN_POWER, SEGMENT, last_bin
 from imumon.noise.spectrum.spectral_lines import (
-    BINS,
     PROMINENCE,
-    SEGMENT,
     NarrowBand,
+    SpectralLine,
     distinct,
     find_narrow_bands,
     median_to_mean,
 )
 from imumon.noise.validity_groups import ROUNDING
-from imumon.report import Line
 from imumon.samples import Bools, Floats, Ints
 
 LEAST_AVERAGES = 4
-"""Averages from which a level counts in a fit, and replaces the one above in what is displayed."""
+"""Averages from which a level counts in a fit, and replaces the one above in what is displayed: with three, the 95 %
+limits of a bin span a factor of 13."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,13 +47,13 @@ class PowerSpectrum:
     lines : lines of each channel, strongest first.
     bands : narrow bands of each channel, also of weak and broad lines, strongest first.
     masks : for each level (c, BINS), the bins of narrow bands.
-    white : (c,) channel unit/sqrt(Hz), N from the upper half of the band; NaN if unknown.
+    white : (c,) channel unit/sqrt(Hz), N from the upper half of the band; NaN below `LEAST_AVERAGES` averages.
     """
 
     frequency_hz: Floats
     density: Floats
     averages: Ints
-    lines: tuple[tuple[Line, ...], ...]
+    lines: tuple[tuple[SpectralLine, ...], ...]
     bands: tuple[tuple[NarrowBand, ...], ...]
     masks: tuple[Bools, ...]
     white: Floats
@@ -66,10 +73,11 @@ def displayed(sums: list[tuple[Floats, Ints]], rate_hz: float, channels: int) ->
         empty, none, white = np.zeros((0, channels)), ((),) * channels, np.full(channels, np.nan)
         return PowerSpectrum(np.zeros(0), empty, empty.astype(np.int64), none, none, (), white)
     frequency, density, averages = [], [], []
-    lines: list[list[Line]] = [[] for _ in range(channels)]
+    lines: list[list[SpectralLine]] = [[] for _ in range(channels)]
     bands: list[list[NarrowBand]] = [[] for _ in range(channels)]
     masks: list[Bools] = []
-    rounding = ROUNDING**2 * np.nansum(levels[0][1], axis=1)  # (channel unit)^2/Hz
+    # (channel unit)^2/Hz: beside a strong line a channel without noise has rounding only, in which any bin stands out
+    rounding = ROUNDING**2 * np.nansum(levels[0][1], axis=1)
     for s, (rate, power, count) in reversed(list(enumerate(levels))):
         low, high = _shown(s, len(levels))
         frequency.append(np.arange(low, high) * rate / SEGMENT)
@@ -77,30 +85,35 @@ def displayed(sums: list[tuple[Floats, Ints]], rate_hz: float, channels: int) ->
         averages.append(np.broadcast_to(count, (high - low, len(count))))
         inside = np.zeros(power.shape, dtype=bool)
         for i in np.flatnonzero(count >= LEAST_AVERAGES).tolist():
-            own = np.maximum(power[i], rounding[i])
-            found, inside[i] = find_narrow_bands(own, int(count[i]), rate, range(low, high))
-            bands[i] += found
-            lines[i] += [each.line(rate_hz, rate / SEGMENT) for each in found if each.prominence > PROMINENCE]
+            above_rounding = np.maximum(power[i], rounding[i])
+            level_bands, inside[i] = find_narrow_bands(above_rounding, int(count[i]), rate, range(low, high))
+            bands[i] += level_bands
+            prominent = (band for band in level_bands if band.prominence > PROMINENCE)
+            lines[i] += [band.line(rate_hz, rate / SEGMENT) for band in prominent]
         masks.insert(0, inside)
     return PowerSpectrum(
         frequency_hz=np.concatenate(frequency),
         density=np.concatenate(density),
         averages=np.concatenate(averages),
-        lines=tuple(distinct(each, lambda line: line.amplitude) for each in lines),
-        bands=tuple(distinct(each, lambda band: band.power) for each in bands),
+        lines=tuple(distinct(of_channel, lambda line: line.amplitude) for of_channel in lines),
+        bands=tuple(distinct(of_channel, lambda band: band.power) for of_channel in bands),
         masks=tuple(masks),
         white=np.array([_white(p, int(k)) for p, k in zip(*levels[0][1:], strict=True)]),
     )
 
 
 def _densities(sums: list[tuple[Floats, Ints]], rate_hz: float) -> list[tuple[float, Floats, Ints]]:
-    """Return rate, Hz, (c, BINS) density and (c,) segments of the levels down to the last with enough segments."""
+    """Return rate, Hz, (c, BINS) density and (c,) segments of the levels down to the last with enough segments.
+
+    The first level counts whatever it has, so that a record of two seconds shows something.
+    """
     enough = [s for s, (_, count) in enumerate(sums) if (count >= LEAST_AVERAGES).any()]
     out = []
     for s, (total, count) in enumerate(sums[: max(enough, default=0) + 1]):
         rate = rate_hz / 2.0**s
         with np.errstate(invalid="ignore", divide="ignore"):
-            power = total * (2.0 / (rate * WINDOW_POWER)) / count[:, None]
+            power = total * (2.0 / (rate * HANN_POWER)) / count[:, None]
+        # mean and Nyquist frequency have no second side
         power[:, 0] *= 0.5
         power[:, -1] *= 0.5
         power[count == 0] = np.nan
@@ -117,5 +130,6 @@ def _white(power: Floats, averages: int) -> float:
     """Return N from the median density in the upper half of the band, unit/sqrt(Hz)."""
     if averages < LEAST_AVERAGES:
         return math.nan
+    # the bins next to the Nyquist frequency share its power through the window
     median = float(np.median(power[BINS // 2 : BINS - 3]))
     return math.sqrt(0.5 * median * median_to_mean(averages))

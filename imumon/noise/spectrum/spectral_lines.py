@@ -1,14 +1,25 @@
 """Spectral lines: groups of bins that exceed the power density beside them, and their possible causes.
 
-A group begins with a bin that exceeds the higher of the medians of the bins on both sides, by more than chance does in
-hundreds of reports. The Allan variance is a thousand times more precise than a bin, so that weak lines bend it, and
-real lines wander: a fan changes its speed by a per cent. So every group is a narrow band with a frequency, a width and
-a power, which the fit leaves out. Groups that are found are excluded from the medians of the next pass, so that a
-strong line does not hide a weak one beside it. A band whose highest bin is `PROMINENCE` times the density beside it is
-reported as a line.
+Model
+-----
+The density beside a bin is the median of the `SIDE` bins on each side of it, the higher one where the two differ. The
+power of a bin of noise over its expectation is chi-square with nu = 1.89 a degrees of freedom over nu, of a averages
+that overlap by half (Welch 1967). A group begins with a bin that exceeds the density beside it by more than the
+quantile of that distribution at `LINE_CHANCE`: by more than chance does in hundreds of reports.
+
+The Allan variance is a thousand times more precise than a bin, so that weak lines bend it, and real lines wander: a fan
+changes its speed by a per cent. So every group is a narrow band with a frequency, a width and a power, which the fit
+leaves out. Groups are excluded from the medians of the next pass, so that a strong line does not hide a weak one beside
+it. A band whose highest bin is `PROMINENCE` times the density beside it is reported as a line.
 
 Sampled signals fold: a line at f may be any |k rate +- f|, so mains and its harmonics are candidates. This module does
 not depend on how a density is measured.
+
+>>> power = np.ones(BINS)
+>>> power[60] = 50.0
+>>> (band,), inside = find_narrow_bands(power, averages=100, rate=256.0, bins=range(46, 128))
+>>> round(band.frequency_hz), round(band.power), np.flatnonzero(inside).tolist()
+(60, 49, [58, 59, 60, 61, 62])
 """
 
 from __future__ import annotations
@@ -21,37 +32,53 @@ from typing import Protocol, TypeVar
 import numpy as np
 from scipy.special import gammainccinv, gammaincinv
 
-from imumon.report import Line
+from imumon.noise.spectrum.level_sums import BINS, SEGMENT
 from imumon.samples import Bools, Floats
 
-SEGMENT = 256
-"""Samples of a periodogram: each stage of the cascade resolves two octaves."""
-HOP = SEGMENT // 2
-BINS = np.fft.rfftfreq(SEGMENT).size
 LINE_CHANCE = 1e-6
 """Probability that noise alone makes a band of a bin: one in 200 reports of nine channels, of little power. One with
 `PROMINENCE` was in none of 3,000 (`python benchmarks/guards.py --lines`)."""
 PROMINENCE = 2.0
 """Least ratio of the highest bin of a line to the density beside it: less does not matter to a user."""
 SIDE = 11
-"""Bins on each side of a bin whose median is the level there. Lines are sought above as many."""
+"""Bins on each side of a bin whose median is the level there: fewer scatter more, more follow a slope of the density
+less. Lines are sought above as many."""
 LOBE = 2
 """Bins on each side of a bin that the main lobe of the window fills."""
 PASSES = 3
 """Searches, each with the medians of the bins that the one before left."""
 LEVEL_ERRORS = 3.0
-"""Standard errors of the median beside a bin by which the threshold is higher."""
+"""Standard errors of the median beside a bin by which the threshold is higher: the higher of two medians is
+compared."""
 OVERLAP_DOF = 1.89
 """Degrees of freedom of a bin per average: half overlap costs 1 + 2 (1/6)^2 (Welch 1967)."""
 LEAST_WIDTH = 0.05
 """Bins, least width of a band: the error of its frequency."""
 SAME_LINE = 0.03
-"""Relative difference of frequency within which lines of two stages are the same."""
+"""Relative difference of frequency within which lines of two levels are the same."""
 MAINS_HZ = (50.0, 60.0)
 HARMONICS = 3
 """Highest harmonic of the mains that is a candidate."""
 MAINS_SPREAD = 0.002
 """Relative deviation of the mains frequency from its nominal value that is common."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpectralLine:
+    """A line as people see it.
+
+    Attributes
+    ----------
+    frequency_hz : Hz, as it appears.
+    amplitude : channel unit, of the sinusoid.
+    aliases_hz : Hz, mains and harmonics that fold to it.
+    name : "50 Hz mains" or the like, if one fits; None: no name.
+    """
+
+    frequency_hz: float
+    amplitude: float
+    aliases_hz: tuple[float, ...]
+    name: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,11 +101,10 @@ class NarrowBand:
     peak_power: float
     prominence: float
 
-    def line(self, sampling: float, resolution: float) -> Line:
-        """Return its peak as a line of a signal with a sampling rate, Hz, found in bins of a width, Hz."""
+    def line(self, sampling: float, resolution: float) -> SpectralLine:
+        """Return its peak as a line of a signal with a sampling rate, Hz, seen in bins of a width, Hz."""
         aliases, name = mains(self.peak_hz, sampling, resolution)
-        amplitude = math.sqrt(2.0 * self.peak_power)
-        return Line(frequency_hz=self.peak_hz, amplitude=amplitude, aliases_hz=aliases, name=name)
+        return SpectralLine(self.peak_hz, math.sqrt(2.0 * self.peak_power), aliases, name)
 
 
 class HasFrequency(Protocol):
@@ -99,7 +125,7 @@ def median_to_mean(averages: int) -> float:
 
 
 def find_narrow_bands(
-    power: Floats, averages: int, rate: float, band: range
+    power: Floats, averages: int, rate: float, bins: range
 ) -> tuple[list[NarrowBand], Bools]:
     """Return the bands of one channel in one level of the spectrum, and (BINS,) the bins that they fill.
 
@@ -108,9 +134,27 @@ def find_narrow_bands(
     power : (BINS,) (channel unit)^2/Hz, one-sided density.
     averages : segments averaged.
     rate : Hz, sampling rate of the level.
-    band : bins in which the centroid may be.
+    bins : in which the centroid may be; others belong to a level that resolves them better.
     """
-    df, nu, to_mean = rate / SEGMENT, OVERLAP_DOF * averages, median_to_mean(averages)
+    inside, level = _bins_above(power, averages)
+    known = np.flatnonzero(level > 0.0)
+    if not len(known):
+        return [], inside
+    # in the middle of a broad band both sides are unknown
+    level = np.exp(np.interp(np.arange(BINS), known, np.log(level[known])))
+    level[-1] *= 0.5  # as the density at the Nyquist frequency
+    above = np.flatnonzero(inside)
+    groups = np.split(above, np.flatnonzero(np.diff(above) > 1) + 1)
+    bands = (_band(group, power, level, rate / SEGMENT, bins) for group in groups)
+    return [band for band in bands if band is not None], inside
+
+
+def _bins_above(power: Floats, averages: int) -> tuple[Bools, Floats]:
+    """Return which bins exceed the density beside them, with those that the window fills, and that density.
+
+    The density is 0 everywhere if there is no band, and NaN where both sides of a bin are unknown.
+    """
+    nu, to_mean = OVERLAP_DOF * averages, median_to_mean(averages)
     # the variance of a median is pi / 2 that of a mean
     margin = 1.0 + LEVEL_ERRORS * math.sqrt(math.pi / nu / SIDE)
     least = 2.0 * float(gammainccinv(0.5 * nu, LINE_CHANCE)) / nu * margin
@@ -121,32 +165,31 @@ def find_narrow_bands(
         high = (power > least * higher) | (inside & np.isnan(higher))
         high[: SIDE + 1] = False  # a drift exceeds the bins beside it
         if not high.any():
-            return [], inside
+            # bins of an earlier pass that do not exceed the medians without them stay masked, but are no band
+            return inside, np.zeros(BINS)
+        # the geometric mean: on a slope, that of the bin itself
         level = np.sqrt(np.where(np.isfinite(left), left, right) * np.where(np.isfinite(right), right, left))
         inside = np.convolve(high, np.ones(2 * LOBE + 1), "same") > 0.5
-    known = np.flatnonzero(level > 0.0)
-    if not len(known):
-        return [], inside
-    # in the middle of a broad band both sides are unknown
-    level = np.exp(np.interp(np.arange(BINS), known, np.log(level[known])))
-    level[-1] *= 0.5  # as the density at the Nyquist frequency
-    bins, bands = np.flatnonzero(inside), []
-    for group in np.split(bins, np.flatnonzero(np.diff(bins) > 1) + 1):
-        above = power[group] - level[group]
-        size, weights = float(above.sum() * df), np.maximum(above, 0.0)
-        if size <= 0.0:
-            continue
-        frequency = float(weights @ group / weights.sum())
-        if band.start <= frequency < band.stop:
-            variance = float(weights @ (group - frequency) ** 2 / weights.sum())
-            # the power of a Hann window in three bins, 1/4, 1, 1/4, has a variance of 1/3
-            width = math.sqrt(max(variance - 1.0 / 3.0, LEAST_WIDTH**2))
-            core = np.abs(group - group[np.argmax(above)]) <= LOBE
-            high_power = float(weights[core].sum())
-            peak = float(weights[core] @ group[core]) / high_power
-            prominence = float((power[group] / level[group]).max())
-            bands.append(NarrowBand(frequency * df, width * df, size, peak * df, high_power * df, prominence))
-    return bands, inside
+    return inside, level
+
+
+def _band(group: np.ndarray, power: Floats, level: Floats, df: float, bins: range) -> NarrowBand | None:
+    """Return the band of a group of neighbouring bins, df Hz apart; None if it has no power or lies elsewhere."""
+    above = power[group] - level[group]
+    size, weights = float(above.sum() * df), np.maximum(above, 0.0)
+    if size <= 0.0:
+        return None
+    frequency = float(weights @ group / weights.sum())
+    if not bins.start <= frequency < bins.stop:
+        return None
+    variance = float(weights @ (group - frequency) ** 2 / weights.sum())
+    # the power of a Hann window in three bins, 1/4, 1, 1/4, has a variance of 1/3
+    width = math.sqrt(max(variance - 1.0 / 3.0, LEAST_WIDTH**2))
+    core = np.abs(group - group[np.argmax(above)]) <= LOBE
+    high_power = float(weights[core].sum())
+    peak = float(weights[core] @ group[core]) / high_power
+    prominence = float((power[group] / level[group]).max())
+    return NarrowBand(frequency * df, width * df, size, peak * df, high_power * df, prominence)
 
 
 def _side_levels(power: Floats) -> Floats:
@@ -156,7 +199,7 @@ def _side_levels(power: Floats) -> Floats:
     """
     reach = LOBE + SIDE
     padded = np.full(BINS + 2 * reach, np.nan)
-    padded[reach + 2 : reach + BINS] = power[2:]
+    padded[reach + 2 : reach + BINS] = power[2:]  # bins 0 and 1 hold the mean and its leakage
     windows = np.sort(np.lib.stride_tricks.sliding_window_view(padded, SIDE), axis=1)
     known = np.isfinite(windows).sum(axis=1)
     median = windows[np.arange(len(windows)), np.maximum(known - 1, 0) // 2]
@@ -165,12 +208,12 @@ def _side_levels(power: Floats) -> Floats:
     return np.stack((median[:BINS], median[right : right + BINS]))
 
 
-def distinct(found: list[T], strength: Callable[[T], float]) -> tuple[T, ...]:
-    """Return what was found at different frequencies, strongest first: once, not once from each of two levels."""
+def distinct(candidates: list[T], strength: Callable[[T], float]) -> tuple[T, ...]:
+    """Return lines or bands of different frequencies, strongest first: once, not once from each of two levels."""
     out: list[T] = []
-    for each in sorted(found, key=strength, reverse=True):
-        if all(abs(each.frequency_hz - other.frequency_hz) > SAME_LINE * each.frequency_hz for other in out):
-            out.append(each)
+    for line in sorted(candidates, key=strength, reverse=True):
+        if all(abs(line.frequency_hz - other.frequency_hz) > SAME_LINE * line.frequency_hz for other in out):
+            out.append(line)
     return tuple(out)
 
 
@@ -198,7 +241,7 @@ def mains(frequency: float, sampling: float, tolerance: float) -> tuple[tuple[fl
                 fits.append((order, miss, base))
     if not fits:
         return (), None
-    order, _, base = min(fits)
+    order, _, base = min(fits)  # the lowest harmonic, then the nearest
     name = f"{base:.0f} Hz mains" + (f", harmonic {order}" if order > 1 else "")
     slow = frequency <= tolerance + MAINS_SPREAD * base * order
     return tuple(sorted({b * o for o, _, b in fits})), None if slow else name

@@ -1,63 +1,177 @@
 """Welch sums of a stream from half the sampling rate down to a few cycles per record, in bounded memory.
 
-A cascade of levels: each one averages periodograms of 256 samples (Hann window, half overlapped: Welch 1967), and
-passes every second sample behind a half-band filter to the next level. Level s resolves rate / 2^s / 256, so that
-resolution follows frequency, and memory grows with the logarithm of the record only. The filter keeps a strong line
-out of the lower levels (59 dB), which averages over two samples would not.
+Model
+-----
+A cascade of levels: each one averages periodograms of 256 samples (Hann window, half overlapped: Welch, IEEE Trans.
+Audio Electroacoust. 15, 1967), and passes every second sample behind a half-band filter to the next level. Level s
+resolves rate / 2^s / 256, so that resolution follows frequency, and memory grows with the logarithm of the record only.
+The filter keeps a strong line out of the lower levels (59 dB), which averages over two samples would not.
 
-Missing samples need no model. With w = 1 for a valid sample and 0 for a missing one, both w x and w pass the filters.
-A segment transforms w x - mean w, where mean is the sum of w x over the sum of w, and divides by the mean share of w.
-White noise of density N^2 then has this density times mean(h^2 w) / mean(h^2) / mean(w)^2 with the window h, whatever
-the pattern of the losses, because w x stays white.
-Slow noise keeps its density, and its variance within the segment times the relative variance of w is added as white
-noise, which is known too. Segments in which w varies much do not count: with few losses every level has segments, with
-many only the levels whose samples are sums over several.
+With x the samples of a segment, h the window and F the Fourier transform, a level sums
+
+    P[k] = |F(h (x - mean x))[k]|^2 / sum h^2
+
+whose expectation is the two-sided density at bin k, per cycle per sample of the level: for white noise, its variance.
+
+>>> white = np.random.default_rng(1).standard_normal((1, 400 * HOP))
+>>> spectrum = SpectrumAccumulator([0], rate_hz=1.0)
+>>> spectrum.update(white)
+>>> level = spectrum.sums()[0]
+>>> int(level.averages[0]), round(float(level.power.mean()) / int(level.averages[0]), 2)
+(399, 1.0)
 
 Density is one-sided for people (`PowerSpectrum`), two-sided in the fit.
+
+Missing samples
+---------------
+They need no model. With w = 1 for a valid sample and 0 for a missing one, both w x and w pass the filters. A segment
+transforms w x - mean w, where mean is the sum of w x over the sum of w, and divides by the mean share of w. White noise
+of density N^2 then has this density times mean(h^2 w) / mean(h^2) / mean(w)^2, whatever the pattern of the losses,
+because w x stays white. Of slow noise of density S, a bin k expects the sum over d of S(k - d) |F(h w)[d]|^2 over
+sum h^2 and the square of the mean share. Two parts of it matter:
+
+- d near 0, where S is that of the bin: S times the power of h w there. It is 1 for scattered losses, and the inverse of
+  the mean share for a hole.
+- d near k, where S is that of the lowest frequencies: their variance within the segment
+  (`expectation.segment_variances`) times |F(h w)[k]|^2. For scattered losses that is white; for a hole of L samples it
+  falls beyond a frequency of 1/L, so it is summed by frequency.
+
+Segments in which w varies much do not count: with few losses every level has segments, with many only the levels whose
+samples are sums over several.
+
+Parts
+-----
+A segment belongs to what follows a mark if it begins there or later. A mark keeps the sums of a level from the moment
+when the last segment that begins before it has been added (`stretches.parts`).
 """
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from imumon.noise.spectrum.half_band import decimated_with_shares
 from imumon.noise.spectrum.level_sums import (
+    BINS,
     FIRST_BIN,
-    WINDOW,
-    WINDOW_POWER,
+    HANN,
+    HANN_POWER,
+    HOP,
+    SEGMENT,
     Level,
     LevelSums,
     last_bin,
     sub_bands,
 )
 from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES, PowerSpectrum, displayed
-from imumon.noise.spectrum.spectral_lines import BINS, HOP, SEGMENT
-from imumon.noise.validity_groups import LEAST_SHARE
-from imumon.samples import Floats
+from imumon.noise.state_schema import (
+    MOST,
+    Range,
+    Rule,
+    Saved,
+    Schema,
+    count_field,
+    float_field,
+    given_field,
+)
+from imumon.noise.validity_groups import LARGEST, LEAST_SHARE, ROUNDING
+from imumon.samples import Bools, Floats
 
 LEVELS = 38
-"""Most levels, and octaves of a window of the Allan curve: 2^37 samples are five years at 800 Hz."""
+"""Most levels, and octaves of the Allan curve of a part: 2^37 samples are five years at 800 Hz."""
 MOST_VARIATION, MOST_VARIATION_BELOW, BELOW = 0.35, 0.06, 5
 """Relative variance of the share of valid samples within a segment that counts, and the same from level `BELOW` on: so
 much of the variance of the slow noise within the segment appears as white noise. Single losses have averaged out on the
 lower levels, where slow noise prevails and only long gaps remain."""
 LONG_GAP = 1 << 16
-"""Samples, longest gap that segments may span; a longer one ends all segments."""
+"""Samples, longest gap that segments may span; a longer one ends all segments. The zeros of a gap pass all levels,
+which takes as long as samples would: 0.1 s for these, minutes for a gap of a month."""
 
+MOST_WHITE = 1.0 / LEAST_SHARE**2
+"""Relative density of white noise of a segment that counts: the formula of the module with the least mean share."""
+LEVEL_SAMPLES = Range(-100.0 * LARGEST, 100.0 * LARGEST)
+"""Channel unit, samples of a level about the offset: the filters overshoot."""
+LEVEL_SHARES = Range(-10.0, 10.0)
+"""Shares of valid samples, as the filters overshoot."""
+POWERS = Range(0.0, (SEGMENT * LEVEL_SAMPLES.high * MOST_WHITE) ** 2 * MOST)
+"""(channel unit)^2, sums of squared transforms of segments."""
+
+MOST_HOLES = SEGMENT * MOST_WHITE
+"""Greatest density of the shares of a segment that counts: all their squares in one bin, with the least mean share."""
+HOLES = Range(0.0, MOST_HOLES * MOST)
+"""Sums of the densities of shares."""
+
+NEAR = FIRST_BIN // 2
+"""Bins from its own up to which slow noise counts as that of a bin: half the distance from the lowest one to zero."""
 BATCH_HOPS = 8
 """Hops that are processed together, because each array operation has a fixed cost."""
+COUNTS = ("white", "slow", "averages")
+"""Names of the sums of a level that are one number for each group."""
 
 
 class SpectrumMark:
-    """A place in a stream, and the sums of each level over the segments that begin before it."""
+    """A place in a stream, and the sums of each level over the segments that begin before it.
 
-    def __init__(self, start: int, place: int) -> None:
-        self.start = start  # samples since the last break
-        self.place = place  # as given, in the record
-        self.sums: dict[int, LevelSums] = {}  # those of the other levels are still growing
+    Attributes
+    ----------
+    start : samples of the stream before it, since the last break.
+    sums : by level; those of a level that is missing are still growing.
+    """
+
+    def __init__(self, start: int) -> None:
+        self.start = start
+        self.sums: dict[int, LevelSums] = {}
+
+    def save(self, levels: int) -> dict[str, np.ndarray]:
+        """Return the state as arrays, of the first `levels` levels; those of the others are zero if they are known."""
+        known = [s for s in sorted(self.sums) if s < levels]
+        out = {"numbers": np.array([self.start, len(self.sums) == LEVELS, *known], dtype=np.int64)}
+        if known:
+            # level after level: those in which nothing happened between two marks repeat and compress to nothing
+            out["power"] = np.concatenate([self.sums[s].power.ravel() for s in known])
+            out["holes"] = np.concatenate([self.sums[s].holes.ravel() for s in known])
+            counts = [np.stack([getattr(self.sums[s], name) for name in COUNTS]) for s in known]
+            out["counts"] = np.array(counts, dtype=np.float64)
+        return out
+
+    @staticmethod
+    def schema(channels: int, groups: int) -> Schema:
+        """Return what a saved mark consists of."""
+        fields = {
+            "numbers": count_field("numbers"),  # start, complete, and the levels with sums
+            "power": float_field("powers", range=POWERS, optional=True),
+            "holes": float_field("holes", range=HOLES, optional=True),
+            "counts": float_field(
+                "levels", len(COUNTS), groups, range=Range(0.0, MOST_WHITE * MOST), optional=True
+            ),
+        }
+
+        def known(saved: Saved) -> list[int]:
+            return [int(s) for s in saved["numbers"][2:]]
+
+        def bands(saved: Saved) -> int:
+            """Return the number of sub-bands of the known levels."""
+            return sum(sub_bands(s).size for s in known(saved))
+
+        rules: tuple[Rule, ...] = (
+            ("a mark without its place", lambda s: len(s["numbers"]) >= 2),
+            ("neither complete nor incomplete", lambda s: s["numbers"][1] <= 1),
+            ("levels are not in order", lambda s: np.diff(s["numbers"][2:], prepend=-1, append=LEVELS) > 0),
+            ("counts of other levels", lambda s: len(s.get("counts", ())) == len(known(s))),
+            ("powers of other levels", lambda s: len(s.get("power", ())) == channels * bands(s)),
+            ("holes of other levels", lambda s: len(s.get("holes", ())) == groups * bands(s)),
+        )
+        most = LEVELS * sub_bands(0).size
+        lengths = {
+            "numbers": 2 + LEVELS,
+            "powers": channels * most,
+            "holes": groups * most,
+            "levels": LEVELS,
+        }
+        return Schema(fields, rules, lengths=lengths)
 
 
 class SpectrumAccumulator:
@@ -83,6 +197,11 @@ class SpectrumAccumulator:
             v.nbytes for level in self._levels for v in vars(level).values() if isinstance(v, np.ndarray)
         )
 
+    @property
+    def levels(self) -> int:
+        """Number of levels so far."""
+        return len(self._levels)
+
     def update(self, x: Floats, valid: Floats | None = None) -> None:
         """Add consecutive samples.
 
@@ -94,8 +213,8 @@ class SpectrumAccumulator:
         """
         used = x.shape[1] // HOP * HOP
         if used:
-            own = None if valid is None or valid[:, :used].all() else valid[:, :used].copy()
-            self._feed(0, x[:, :used].copy(), own)
+            share = None if valid is None or valid[:, :used].all() else valid[:, :used].copy()
+            self._feed(0, x[:, :used].copy(), share)  # the caller writes the next samples into the same array
 
     def skip(self, n: int) -> None:
         """Note that `n` samples are missing, a multiple of `HOP`."""
@@ -107,43 +226,30 @@ class SpectrumAccumulator:
     def break_(self) -> None:
         """Note a gap of unknown length: no segment spans it."""
         self._process_waiting()
-        for mark in self._marks:
-            self._take(mark, range(LEVELS))
+        for mark in self._marks:  # no later segment begins before them
+            self._keep_sums(mark, range(LEVELS))
         for level in self._levels:
             level.clear()
-
-    def add_mark(self, place: int) -> SpectrumMark:
-        """Return a mark at the present place, which the caller may number."""
-        mark = SpectrumMark(self._position, place)
-        if not mark.start:
-            self._take(mark, range(LEVELS))
-        self._marks.append(mark)
-        return mark
-
-    def drop_mark(self, mark: SpectrumMark) -> None:
-        """Forget a mark that is no longer needed."""
-        self._marks = [own for own in self._marks if own is not mark]
 
     def sums(self) -> list[LevelSums]:
         """Return the sums of each level by bin, from `FIRST_BIN` on."""
         self._process_waiting()
         return [
             LevelSums(
-                level.power[:, FIRST_BIN : last_bin(s)] / WINDOW_POWER,
-                *(getattr(level, name).copy() for name in LevelSums.__slots__[1:]),
+                level.power[:, FIRST_BIN : last_bin(s)] / HANN_POWER,
+                level.holes.copy(),
+                level.white.copy(),
+                level.slow.copy(),
+                level.averages.copy(),
             )
             for s, level in enumerate(self._levels)
         ]
 
-    def sums_between(self, begin: SpectrumMark, end: SpectrumMark | None = None) -> list[LevelSums]:
-        """Return the sums of each level by sub-band over the segments that begin between two marks; None: now."""
+    def result(self) -> PowerSpectrum:
+        """Return density, lines and white level."""
         self._process_waiting()
-        out = []
-        for s, level in enumerate(self._levels):
-            now = level.sub_sums(s)
-            last = now if end is None else end.sums.get(s, now)
-            out.append(last - begin.sums.get(s, now))
-        return out
+        sums = [(level.power, level.averages[self._groups]) for level in self._levels]
+        return displayed(sums, self._rate, len(self._groups))
 
     def copy(self) -> SpectrumAccumulator:
         """Return an independent accumulator in the same state, without marks."""
@@ -155,7 +261,7 @@ class SpectrumAccumulator:
             for name in LevelSums.__slots__:
                 setattr(new, name, getattr(level, name).copy())
             new.waiting = []
-            other._levels.append(new)  # what waits for a segment is replaced, never changed
+            other._levels.append(new)  # `last` and `half` are replaced, never changed: both may hold the same
         return other
 
     def add_sums(self, other: SpectrumAccumulator) -> None:
@@ -163,35 +269,109 @@ class SpectrumAccumulator:
         other._process_waiting()
         self._process_waiting()
         while len(self._levels) < len(other._levels):
-            self._levels.append(Level(len(self._groups), self._g))
-        for own, level in zip(self._levels, other._levels, strict=False):
+            self._levels.append(Level(len(self._levels), len(self._groups), self._g))
+        for ours, theirs in zip(self._levels, other._levels, strict=False):
             for name in LevelSums.__slots__:
-                setattr(own, name, getattr(own, name) + getattr(level, name))
+                setattr(ours, name, getattr(ours, name) + getattr(theirs, name))
 
-    @property
-    def _position(self) -> int:
-        """Samples since the last break."""
-        if not self._levels:
-            return 0
-        first = self._levels[0]
-        waiting = sum(int(x.shape[1]) for x, _ in first.waiting)
-        return first.hops * HOP + waiting
+    # --- marks ----------------------------------------------------------------------------------------
 
-    def _take(self, mark: SpectrumMark, levels: range) -> None:
-        """Keep the present sums of some levels for a mark."""
-        none = np.zeros(self._g, dtype=np.int64)
+    def add_mark(self) -> SpectrumMark:
+        """Return a mark at the present place."""
+        first = self._levels[0] if self._levels else None
+        start = 0 if first is None else first.hops * HOP + sum(x.shape[1] for x, _ in first.waiting)
+        mark = SpectrumMark(start)
+        if not mark.start:
+            self._keep_sums(mark, range(LEVELS))  # no segment begins before it
+        self._marks.append(mark)
+        return mark
+
+    def drop_mark(self, mark: SpectrumMark) -> None:
+        """Forget a mark that is no longer needed."""
+        self._marks = [other for other in self._marks if other is not mark]
+
+    def sums_between(self, begin: SpectrumMark, end: SpectrumMark | None = None) -> list[LevelSums]:
+        """Return the sums of each level by sub-band over the segments that begin between two marks; None: now."""
+        self._process_waiting()
+        out = []
+        for s, level in enumerate(self._levels):
+            now = level.sub_sums(s)
+            # of a level that a mark still waits for, all segments so far begin before it
+            last = now if end is None else end.sums.get(s, now)
+            out.append(last - begin.sums.get(s, now))
+        return out
+
+    def restore_mark(self, saved: Mapping[str, np.ndarray]) -> SpectrumMark:
+        """Return a saved mark, which continues to wait for its sums; the levels are restored already."""
+        start, complete = saved["numbers"][:2].tolist()
+        mark = SpectrumMark(start)
+        mark.sums = self._saved_sums(saved)
+        if complete:
+            self._keep_sums(mark, range(len(self._levels), LEVELS))
+        self._marks.append(mark)
+        return mark
+
+    def _saved_sums(self, saved: Mapping[str, np.ndarray]) -> dict[int, LevelSums]:
+        """Return the sums of a saved mark by level."""
+        levels = saved["numbers"][2:].tolist()
+        ends = np.cumsum([sub_bands(s).size for s in levels])[:-1]
+        sums = {}
+        if levels:
+            powers = np.split(saved["power"], ends * len(self._groups))
+            holes = np.split(saved["holes"], ends * self._g)
+            for s, power, hole, counts in zip(levels, powers, holes, saved["counts"], strict=True):
+                white, slow, averages = counts
+                bands = sub_bands(s).size
+                sums[s] = LevelSums(
+                    power.reshape(-1, bands),
+                    hole.reshape(-1, bands),
+                    white,
+                    slow,
+                    averages.astype(np.int64),
+                )
+        return sums
+
+    def marks_fit(self, marks: Sequence[Mapping[str, np.ndarray]]) -> bool:
+        """Return whether saved marks, each valid by itself, can be marks of this accumulator, in their order.
+
+        Sums rise from mark to mark, up to now: what lies between two of them is not negative. A mark gets its sums
+        before the marks behind it do, so none has sums of a level that the one before it waits for.
+        """
+        later = dict(enumerate(level.sub_sums(s) for s, level in enumerate(self._levels)))
+        known_later: set[int] = set()
+        for saved in reversed(marks):
+            start, complete, *numbers = saved["numbers"].tolist()
+            known = set(numbers)
+            if not known_later <= known <= set(later) or (complete and known != set(later)):
+                return False
+            if not complete and (not self._levels or start > self._levels[0].hops * HOP):
+                return False  # it would wait for a sample that has passed
+            sums = self._saved_sums(saved)
+            for s, before in sums.items():
+                rest = later[s] - before
+                if any((getattr(rest, name) < 0).any() for name in LevelSums.__slots__):
+                    return False
+            later, known_later = {**later, **sums}, known
+        return True
+
+    def _keep_sums(self, mark: SpectrumMark, levels: range) -> None:
+        """Keep the present sums of those of some levels that a mark waits for."""
         for s in levels:
-            if s not in mark.sums:
-                if s < len(self._levels):
-                    mark.sums[s] = self._levels[s].sub_sums(s)
-                else:
-                    zero = np.zeros((len(self._groups), len(sub_bands(s))))
-                    mark.sums[s] = LevelSums(zero, np.zeros(self._g), np.zeros(self._g), none)
+            if s in mark.sums:
+                continue
+            if s < len(self._levels):
+                mark.sums[s] = self._levels[s].sub_sums(s)
+            else:
+                bands, none = sub_bands(s).size, np.zeros(self._g)
+                power, holes = np.zeros((len(self._groups), bands)), np.zeros((self._g, bands))
+                mark.sums[s] = LevelSums(power, holes, none, none, none.astype(np.int64))
+
+    # --- levels ---------------------------------------------------------------------------------------
 
     def _feed(self, s: int, x: Floats, share: Floats | None) -> None:
         """Add whole hops (c, n), channel unit, with the shares of valid samples (g, n) to level s."""
         if s == len(self._levels):
-            self._levels.append(Level(len(x), self._g))
+            self._levels.append(Level(s, len(x), self._g))
         waiting = self._levels[s].waiting
         waiting.append((x, share))
         if sum(w.shape[1] for w, _ in waiting) >= BATCH_HOPS * HOP:
@@ -213,6 +393,7 @@ class SpectrumAccumulator:
         halves, half_share = decimated_with_shares(before, share_before, x, share)
         if level.half is not None:
             halves, half_share = _joined([(level.half, level.half_share), (halves, half_share)], self._g)
+        # an odd number of hops gives half a hop of the next level, which waits for its second half
         used = halves.shape[1] // HOP * HOP
         level.half = level.half_share = None
         if used < halves.shape[1]:
@@ -228,7 +409,7 @@ class SpectrumAccumulator:
                 self._process(s)
 
     def _add_segments(self, s: int, x: Floats, share: Floats | None) -> None:
-        """Add the segments that these hops complete, and take the sums that marks wait for."""
+        """Add the segments that these hops complete, and keep the sums that marks wait for."""
         level, hops = self._levels[s], x.shape[1] // HOP
         first = level.hops - (level.last is not None)  # number of the first of the hops at hand
         level.hops += hops
@@ -236,19 +417,19 @@ class SpectrumAccumulator:
             x, share = _joined([(level.last, level.last_share), (x, share)], self._g)
         count = x.shape[1] // HOP - 1
         due = [mark for mark in self._marks if s not in mark.sums]
-        # a segment belongs to what follows a mark if it begins at the mark or later
+        # number, among those at hand, of the first segment that begins at the mark or later
         begins = {mark: -(-mark.start // (HOP << s)) - first for mark in due}
         done = 0
         for mark in sorted(due, key=lambda mark: begins[mark]):
-            at = begins[mark]
-            if at >= count:
+            begin = begins[mark]
+            if begin >= count:
                 break
-            if at > done:
-                self._add(s, x[:, done * HOP : (at + 1) * HOP], _part(share, done, at + 1))
-                done = at
-            self._take(mark, range(s, s + 1))
+            if begin > done:
+                self._add(s, x[:, done * HOP : (begin + 1) * HOP], _of_hops(share, done, begin + 1))
+                done = begin
+            self._keep_sums(mark, range(s, s + 1))
         if count > done:
-            self._add(s, x[:, done * HOP :], _part(share, done, count + 1))
+            self._add(s, x[:, done * HOP :], _of_hops(share, done, count + 1))
 
     def _add(self, s: int, x: Floats, share: Floats | None) -> None:
         """Add the half-overlapped segments of some hops, (c, n HOP), to level s."""
@@ -260,41 +441,77 @@ class SpectrumAccumulator:
             segments -= segments.mean(axis=2, keepdims=True)
             weights = None
             level.white += count
+            level.slow += count
             level.averages += count
         else:
-            parts = share.reshape(len(share), -1, HOP)
-            shares = np.concatenate((parts[:, :-1], parts[:, 1:]), axis=2)
-            mean = shares.mean(axis=2)
-            enough = mean >= LEAST_SHARE
-            safe = np.where(enough, mean, 1.0)
-            holes = shares.var(axis=2) / safe**2
-            enough &= holes <= (MOST_VARIATION if s < BELOW else MOST_VARIATION_BELOW)
-            level.holes = _sum(level.holes, enough * holes)
-            level.white = _sum(
-                level.white, enough * (shares * WINDOW**2).sum(axis=2) / (WINDOW_POWER * safe**2)
-            )
-            level.averages += enough.sum(axis=1)
-            of = self._groups
-            level_of = segments.sum(axis=2) / (safe[of] * SEGMENT)
-            segments -= level_of[:, :, None] * shares[of]
-            weights = (enough / safe**2)[of]
-        segments *= WINDOW
-        power = np.fft.rfft(segments, axis=2).view(np.float64)
-        power *= power
-        both = power[:, :, ::2] + power[:, :, 1::2]
+            weights = self._add_shares(s, segments, share)
+        segments *= HANN
+        # the squares of real and imaginary parts, added: `abs` would take a root of each and square it again
+        parts = np.fft.rfft(segments, axis=2).view(np.float64)
+        parts *= parts
+        power = parts[:, :, ::2] + parts[:, :, 1::2]
         if weights is not None:
-            both *= weights[:, :, None]
+            power *= weights[:, :, None]
         for number in range(count):  # one after the other: the same bits for any chunking
-            level.power += both[:, number]
+            level.power += power[:, number]
 
-    def result(self) -> PowerSpectrum:
-        """Return density, lines and white level."""
-        self._process_waiting()
-        sums = [(level.power, level.averages[self._groups]) for level in self._levels]
-        return displayed(sums, self._rate, len(self._groups))
+    def _add_shares(self, s: int, segments: Floats, share: Floats) -> Floats:
+        """Count segments with missing samples, and subtract the mean of what is there.
+
+        Parameters
+        ----------
+        segments : (c, n, SEGMENT) channel unit, 0 where missing; changed in place.
+        share : (g, (n + 1) HOP) shares of valid samples.
+
+        Returns
+        -------
+        (c, n) weights of their squared transforms: 0 for a segment that does not count.
+        """
+        level, of = self._levels[s], self._groups
+        hops = share.reshape(len(share), -1, HOP)
+        shares = np.concatenate((hops[:, :-1], hops[:, 1:]), axis=2)
+        mean = shares.mean(axis=2)
+        enough = mean >= LEAST_SHARE
+        safe = np.where(enough, mean, 1.0)  # no division by zero in segments that do not count
+        variation = shares.var(axis=2) / safe**2
+        enough &= variation <= (MOST_VARIATION if s < BELOW else MOST_VARIATION_BELOW)
+        self._add_holes(s, shares, enough / safe**2, with_holes=enough & (variation > ROUNDING))
+        white = (shares * HANN**2).sum(axis=2) / (HANN_POWER * safe**2)
+        level.white = _sum(level.white, enough * white)
+        level.averages += enough.sum(axis=1)
+        # the mean is subtracted where samples are, so that holes stay zero and add no step
+        means = segments.sum(axis=2) / (safe[of] * SEGMENT)
+        segments -= means[:, :, None] * shares[of]
+        return np.asarray((enough / safe**2)[of])
+
+    def _add_holes(self, s: int, shares: Floats, weights: Floats, with_holes: Bools) -> None:
+        """Add the densities of the shares (g, n, SEGMENT) of segments with missing samples.
+
+        Parameters
+        ----------
+        weights, with_holes : (g, n) what each segment counts, and whether samples are missing in it.
+        """
+        level = self._levels[s]
+        first = sub_bands(s)
+        number = np.diff(first, append=last_bin(s))
+        group, segment = np.nonzero(with_holes)
+        weight = weights[group, segment] / HANN_POWER
+        # the window alone, times the mean share, has nothing at the bins in use
+        density = np.abs(np.fft.rfft(shares[group, segment] * HANN, axis=1)[:, : last_bin(s)]) ** 2
+        means = np.add.reduceat(density, first, axis=1) / number
+        # one segment after the other: the same bits for any chunking
+        np.add.at(level.holes, group, means * weight[:, None])
+        # both sides of zero; what lies there of a white leak counts as a leak already
+        near = density[:, 0] + 2.0 * density[:, 1 : NEAR + 1].sum(axis=1)
+        leaked = (2 * NEAR + 1) * density[:, FIRST_BIN:].mean(axis=1)
+        slow = (weights > 0.0).astype(np.float64)
+        slow[group, segment] = np.maximum(near - leaked, 0.0) * weight / SEGMENT
+        level.slow = _sum(level.slow, slow)
+
+    # --- state ----------------------------------------------------------------------------------------
 
     def save(self, *, least_s: float = 0.0) -> dict[str, np.ndarray]:
-        """Return the state as arrays, with the marks in the order in which they were added.
+        """Return the state as arrays, without the marks.
 
         Parameters
         ----------
@@ -313,24 +530,68 @@ class SpectrumAccumulator:
                 kept = name in (*LevelSums.__slots__, "hops") or not short
                 if value is not None and name not in ("waiting", "power") and kept:
                     out[f"{s}.{name}"] = np.array(value)
-            out[f"{s}.power"] = level.power[:, self._kept(s)].copy()
-        out["marks"] = np.array([(mark.start, mark.place) for mark in self._marks], dtype=np.int64)
-        for number, mark in enumerate(self._marks):
-            for s in sorted(mark.sums):
-                if s < len(self._levels):
-                    sums = mark.sums[s]
-                    out[f"mark{number}.{s}.power"] = sums.power
-                    out[f"mark{number}.{s}.count"] = np.stack(
-                        (sums.white, sums.holes, sums.averages.astype(np.float64))
-                    )
-            out[f"mark{number}.all"] = np.array(len(mark.sums) == LEVELS)
+            out[f"{s}.power"] = level.power[:, self._kept_bins(s)].copy()
         return out
+
+    def schema(self) -> Schema:
+        """Return what a saved state of an accumulator with these arguments consists of, without its marks."""
+        fields = {
+            "levels": count_field(high=LEVELS),
+            "groups": given_field(self._groups),
+            "rate": given_field(self._rate),
+        }
+
+        def hops_fit(saved: Saved) -> bool:
+            """Return whether each level has half as many hops as the one above it."""
+            hops = [int(saved[f"{s}.hops"]) for s in range(int(saved["levels"]))]
+            if hops and len(hops) < LEVELS:
+                hops.append(0)  # a level begins with its first hop
+            return all(above // 2 == below for above, below in pairwise(hops))
+
+        return Schema(
+            fields,
+            parts=lambda saved: {f"{s}.": self._level_schema(s) for s in range(int(saved["levels"]))},
+            # otherwise the segments of two levels would not lie on one grid
+            whole=(("hops that the level above does not have", hops_fit),),
+        )
+
+    def _level_schema(self, s: int) -> Schema:
+        """Return what the saved level s consists of."""
+        c, g, of = len(self._groups), self._g, self._groups
+        end = last_bin(s) + 1 if s else BINS
+        samples, shares = LEVEL_SAMPLES, LEVEL_SHARES
+        fields = {
+            "power": float_field(c, "bins", range=POWERS),
+            "white": float_field(g, range=Range(0.0, MOST_WHITE * MOST)),
+            "slow": float_field(g, range=Range(0.0, MOST_WHITE * MOST)),
+            "holes": float_field(g, sub_bands(s).size, range=HOLES),
+            "averages": count_field(g),
+            "hops": count_field(),
+            "last": float_field(c, HOP, range=samples, optional=True),
+            "last_share": float_field(g, HOP, range=shares, optional=True),
+            "half": float_field(c, HOP // 2, range=samples, optional=True),
+            "half_share": float_field(g, HOP // 2, range=shares, optional=True),
+        }
+        rules: tuple[Rule, ...] = (
+            ("other bins than those of the level", lambda s: s["power"].shape[1] in (end, end - FIRST_BIN)),
+            ("power without a segment", lambda s: (s["power"].T == 0.0) | (s["averages"][of] > 0)),
+            ("white noise without a segment", lambda s: s["white"] <= s["averages"] * MOST_WHITE),
+            ("slow noise without a segment", lambda s: s["slow"] <= s["averages"] * MOST_WHITE),
+            # the likelihood divides by it
+            ("a segment without white noise", lambda s: (s["white"] > 0.0) == (s["averages"] > 0)),
+            ("holes without a segment", lambda s: MOST_HOLES * s["averages"] >= s["holes"].T),
+            ("a hop that is not counted", lambda s: "last" not in s or s["hops"] > 0),
+            ("half a hop too many", lambda s: "half" not in s or ("last" in s and s["hops"] % 2 == 1)),
+            ("shares of no samples", lambda s: "last_share" not in s or "last" in s),
+            ("shares of no half hop", lambda s: "half_share" not in s or "half" in s),
+        )
+        return Schema(fields, rules, lengths={"bins": BINS})
 
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> SpectrumAccumulator:
         """Return an accumulator that continues from a saved state."""
         self = cls(saved["groups"].tolist(), float(saved["rate"]))
-        self._levels = [Level(len(self._groups), self._g) for _ in range(int(saved["levels"]))]
+        self._levels = [Level(s, len(self._groups), self._g) for s in range(int(saved["levels"]))]
         for s, level in enumerate(self._levels):
             power = saved[f"{s}.power"]
             end = last_bin(s) + 1 if s else BINS
@@ -341,30 +602,15 @@ class SpectrumAccumulator:
                     setattr(level, name, int(value) if name == "hops" else value.copy())
             if level.last is None:
                 self._missing_before(level)
-        for number, (start, place) in enumerate(saved["marks"].reshape(-1, 2).tolist()):
-            mark = SpectrumMark(start, place)
-            for s in range(len(self._levels)):
-                if f"mark{number}.{s}.power" in saved:
-                    white, holes, averages = saved[f"mark{number}.{s}.count"]
-                    power = saved[f"mark{number}.{s}.power"]
-                    mark.sums[s] = LevelSums(power, white, holes, averages.astype(np.int64))
-            if bool(saved[f"mark{number}.all"]):
-                self._take(mark, range(len(self._levels), LEVELS))
-            self._marks.append(mark)
         return self
 
-    def _kept(self, s: int) -> slice:
+    def _kept_bins(self, s: int) -> slice:
         """Return the bins of a level that are saved: the lower ones only as long as no level below shows them."""
         below = self._levels[s + 1].averages.max() if s + 1 < len(self._levels) else 0
         return slice(FIRST_BIN if below >= LEAST_AVERAGES else 0, last_bin(s) + 1 if s else BINS)
 
-    @property
-    def marks(self) -> Sequence[SpectrumMark]:
-        """Marks in the order in which they were added."""
-        return tuple(self._marks)
-
     def _missing_before(self, level: Level) -> None:
-        """Count what was not saved as missing."""
+        """Count what was not saved as missing: without it, later hops would not lie on the grid of the level."""
         if not level.hops:
             return
         c = len(self._groups)
@@ -378,17 +624,17 @@ def _sum(total: Floats, values: Floats) -> Floats:
     return np.asarray(np.add.accumulate(np.column_stack((total, values)), axis=1)[:, -1])
 
 
-def _part(share: Floats | None, begin: int, end: int) -> Floats | None:
+def _of_hops(share: Floats | None, begin: int, end: int) -> Floats | None:
     """Return the shares of some hops."""
     return None if share is None else share[:, begin * HOP : end * HOP]
 
 
-def _joined(parts: Sequence[tuple[Floats, Floats | None]], groups: int) -> tuple[Floats, Floats | None]:
-    """Return consecutive parts as one."""
-    if len(parts) == 1:
-        return parts[0]
-    x = np.concatenate([own for own, _ in parts], axis=1)
-    if all(share is None for _, share in parts):
+def _joined(pieces: Sequence[tuple[Floats, Floats | None]], groups: int) -> tuple[Floats, Floats | None]:
+    """Return consecutive samples (c, n) and their shares (g, n) as one piece."""
+    if len(pieces) == 1:
+        return pieces[0]
+    x = np.concatenate([samples for samples, _ in pieces], axis=1)
+    if all(share is None for _, share in pieces):
         return x, None
-    ones = [np.ones((groups, own.shape[1])) if share is None else share for own, share in parts]
-    return x, np.concatenate(ones, axis=1)
+    shares = [np.ones((groups, samples.shape[1])) if share is None else share for samples, share in pieces]
+    return x, np.concatenate(shares, axis=1)

@@ -8,7 +8,7 @@ grows with heavy tails. Five per cent of outliers of ten deviations give 2.2.
 The fourth moment gives the kurtosis of the samples. With it, the variance of N is right for noise that is not
 Gaussian: for independent samples it gains g / n of N^2, g being the excess kurtosis.
 
-After the first samples, one difference in sixteen is taken, in windows at fixed places: enough for any length.
+After the first samples, one difference in sixteen counts, in bursts at fixed places: enough for any length.
 The distribution of |difference| is counted in bins of 1/16 octave: constant memory, and the same counts for any
 chunking.
 """
@@ -22,7 +22,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
+from imumon.noise.state_schema import (
+    MOST,
+    Field,
+    Range,
+    Saved,
+    Schema,
+    count_field,
+    flag_field,
+    float_field,
+    given_field,
+)
 from imumon.noise.statistics.distribution_shape import FEW_LEVELS, LEARN_SAMPLES, MOMENT_ERRORS
+from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats
 
 PER_OCTAVE, BINS = 16, 1024
@@ -32,8 +44,9 @@ LOWEST = -48.0
 
 DENSE = 8192
 """Samples from the beginning of which every difference counts."""
-PERIOD, WINDOW = 1024, 64
-"""Samples from one window to the next, and of one, in which differences count afterwards."""
+PERIOD, BURST = 1024, 64
+"""Samples from one burst to the next, and of one, in which differences count afterwards. Differences within a burst
+are neighbours, as at the beginning; single ones would need two samples each."""
 
 REPEATED = 0.25
 """Share of differences of zero above which values repeat, of a sensor slower than its samples: their median says
@@ -87,15 +100,15 @@ class DifferenceAccumulator:
             return
         n, before = len(values), len(self._last)
         place = np.arange(self._index, self._index + n)
-        rows = np.flatnonzero((place < DENSE) | (place % PERIOD < WINDOW))
-        if not before and len(rows) and rows[0] == 0:
+        rows = np.flatnonzero((place < DENSE) | (place % PERIOD < BURST))
+        if not before and len(rows) and rows[0] == 0:  # the first sample of all, or after a gap
             rows = rows[1:]
         if len(rows):
-            d = values[rows].T - values[rows - 1].T
-            if rows[0] == 0:
-                d[:, 0] = values[0] - self._last[0]
+            later, earlier = values[rows].T, values[rows - 1].T
+            if rows[0] == 0:  # its neighbour came with the samples before; row -1 is the last one of these
+                earlier[:, 0] = self._last[0]
             if valid is None and self._last_valid.all():
-                self._add(np.arange(len(d)), d)
+                self._add(np.arange(len(later)), later - earlier)
             else:
                 g = self._last_valid.shape[1]
                 ok = np.ones((n, g), dtype=bool) if valid is None else valid
@@ -104,7 +117,9 @@ class DifferenceAccumulator:
                     both[0] = ok[0] & self._last_valid[0]
                 for group in np.flatnonzero(both.any(axis=0)).tolist():
                     channels = np.flatnonzero(self._groups == group)
-                    self._add(channels, d[channels][:, both[:, group]])
+                    # only these: one that is not valid may be infinite, and the difference of two has no value
+                    usable = np.ix_(channels, both[:, group])
+                    self._add(channels, later[usable] - earlier[usable])
         self._index += n
         self._last = values[-1:].copy()
         newest = np.ones((1, self._last_valid.shape[1]), dtype=bool) if valid is None else valid[-1:].copy()
@@ -126,10 +141,11 @@ class DifferenceAccumulator:
         self._sums[channels, 0] += square.sum(axis=1)
         self._sums[channels, 1] += np.einsum("cn,cn->c", square, square)
 
-    def excess_kurtosis(self) -> Floats:
-        """Return (c,) the excess kurtosis of the samples; 0.0 where it is unknown.
+    def fast_kurtosis(self) -> Floats:
+        """Return (c,) the excess kurtosis of the samples about slow changes; 0.0 with too few samples or no spread.
 
-        It is twice that of the differences, as for independent samples: slow drift does not enter.
+        It is twice that of the differences, as for independent samples: the fourth cumulant of a difference is twice
+        that of a sample, the square of its variance four times. Slow drift does not enter.
         """
         n = self._counts.sum(axis=1)
         square, fourth = (self._sums / np.maximum(n, 1)[:, None]).T
@@ -147,7 +163,7 @@ class DifferenceAccumulator:
         ----------
         steps : (c,) channel unit, quantisation step; 0.0 without.
         """
-        excess = 0.5 * self.excess_kurtosis()
+        excess = 0.5 * self.fast_kurtosis()
         return [self._robust(c, step, float(excess[c])) for c, step in enumerate(steps)]
 
     def _robust(self, c: int, step: float, excess: float) -> RobustDeviation | None:
@@ -157,24 +173,25 @@ class DifferenceAccumulator:
         sigma = math.sqrt(0.5 * float(self._sums[c, 0]) / n)
         if sigma < LEAST_STEPS * step:
             return None
-        if self._counts[c, 0] > REPEATED * n:
+        if self._counts[c, 0] > REPEATED * n:  # the first bin has the differences of zero
             return None
         below = np.concatenate(([0], np.cumsum(self._counts[c]))) / n  # at the edges of the bins
         edges = _edges()
         if 0.0 < sigma < FEW_LEVELS * step:  # at the edges next to the middle between two levels
             levels = np.arange(0.5, 4.0 * FEW_LEVELS) * step
             below, edges = below[np.searchsorted(edges, levels)], levels
-        at = int(np.searchsorted(below, 0.5))
-        if not 0 < at < len(edges):
-            return None
+        upper = int(np.searchsorted(below, 0.5))  # first edge above the median
+        if not 0 < upper < len(edges):
+            return None  # beyond the bins, 2^-48 to 2^16
         # between two edges, |d| is linear in the quantile of a Gaussian
-        low, high = (float(ndtri(0.5 * (1.0 + min(below[i], 1.0 - 0.5 / n)))) for i in (at - 1, at))
+        low, high = (float(ndtri(0.5 * (1.0 + min(below[i], 1.0 - 0.5 / n)))) for i in (upper - 1, upper))
         share = (float(ndtri(0.75)) - low) / max(high - low, 1e-300)
-        median = float(edges[at - 1]) + share * float(edges[at] - edges[at - 1])
+        median = float(edges[upper - 1]) + share * float(edges[upper] - edges[upper - 1])
         robust = median / (math.sqrt(2.0) * float(ndtri(0.75)))
         if robust <= 0.0:
             return None
         error = math.sqrt((RATIO_VARIANCE + 0.25 * max(excess, 0.0)) / n)
+        # at least 5 %: with a million samples, any small difference is significant
         ratio = sigma / robust
         return RobustDeviation(robust, ratio, ratio > 1.0 + max(LEAST_EXCESS, MOMENT_ERRORS * error))
 
@@ -190,6 +207,40 @@ class DifferenceAccumulator:
             "last": self._last.copy(),
             "last_valid": self._last_valid.copy(),
         }
+
+    def schema(self) -> Schema:
+        """Return what a saved state of these channels consists of."""
+        c, g = len(self._groups), self._last_valid.shape[1]
+        fields = {
+            "index": count_field(),
+            "places": Field(np.int32, ("used",), Range(0, c * BINS - 1)),
+            "counts": Field(np.int64, ("used",), Range(1, MOST)),
+            "groups": given_field(self._groups),
+            "sums": float_field(c, 2, range=Range(0.0, 16.0 * LARGEST**4 * MOST)),
+            # the newest sample may be an invalid one, which may be anything
+            "last": float_field("row", c, range=Range(-math.inf, math.inf, nan=True, inf=True)),
+            "last_valid": flag_field("row", g),
+        }
+
+        def counted(saved: Saved) -> Floats:
+            """Return (c,) the number of differences."""
+            total = np.bincount(saved["places"] // BINS, saved["counts"], minlength=c)
+            return np.asarray(total, dtype=np.float64)
+
+        return Schema(
+            fields,
+            (
+                ("bins are not in order", lambda s: np.diff(s["places"]) > 0),
+                ("more differences than samples", lambda s: counted(s) <= s["index"]),
+                ("a sum without a difference", lambda s: (s["sums"] == 0.0) | (counted(s) > 0)[:, None]),
+                # of n numbers, the sum of squares is at most the square of the sum
+                (
+                    "a fourth power exceeds the squares",
+                    lambda s: s["sums"][:, 1] <= (1.0 + 1e-9) * s["sums"][:, 0] ** 2 + 1e-300,
+                ),
+            ),
+            lengths={"used": c * BINS, "row": 1},
+        )
 
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> DifferenceAccumulator:

@@ -82,7 +82,8 @@ def assessed(start: float, width: float, counts: Ints, step: float | None) -> Di
     n = int(counts.sum())
     share = counts / n
     centres = np.asarray(start + width * (np.arange(len(counts)) + 0.5), dtype=np.float64)
-    d = np.arange(len(counts)) - float(len(counts) // 2)  # in bins, because powers of tiny units underflow
+    # in bins, because powers of tiny units underflow; about the middle, because those of large numbers lose digits
+    d = np.arange(len(counts)) - float(len(counts) // 2)
     middle, mean = float(centres[len(counts) // 2]), float(share @ d)
     d = d - mean
     m2 = float(share @ d**2)
@@ -95,8 +96,9 @@ def assessed(start: float, width: float, counts: Ints, step: float | None) -> Di
             modes=(mean * width + middle,),
         )
     # Grouping into bins adds 1/12 to the variance (Sheppard), unless the bins are the levels themselves.
+    # It adds m2/2 - 7/240 to the fourth moment and nothing to the third.
     grouped = float(step is None or width > 1.5 * step)
-    variance = max(m2 - grouped / 12.0, 0.25 * m2)
+    variance = max(m2 - grouped / 12.0, 0.25 * m2)  # of one or two bins, the correction is a guess
     skewness = float(share @ d**3) / variance**1.5
     kurtosis = (float(share @ d**4) - grouped * (m2 / 2.0 - 7.0 / 240.0)) / variance**2 - 3.0
     phi = ndtr((np.append(d, d[-1] + 1.0) - 0.5) / math.sqrt(variance))
@@ -127,10 +129,11 @@ def _deviations(n: int, distance: float, skewness: float, kurtosis: float, modes
     conditions = {
         f"{modes} modes": modes > 1,
         "heavy tails": kurtosis > tails,
-        "light tails": kurtosis < -tails and modes == 1,
+        "light tails": kurtosis < -tails and modes == 1,  # two modes alone have light tails
         "skewed": abs(skewness) > GAUSSIAN_SKEWNESS + MOMENT_ERRORS * math.sqrt(6.0 / n),
     }
     deviations = [text for text, applies in conditions.items() if applies]
+    # the distance has no direction: it only decides where nothing above explains it
     different = distance > GAUSSIAN_DISTANCE + DISTANCE_ERROR / math.sqrt(n)
     return deviations or (["shape"] if different else [])
 
@@ -166,7 +169,7 @@ def _modes(counts: Ints, centres: Floats, sigma: float) -> tuple[float, ...]:
             bottom = i if value < smooth[bottom] else bottom
             if value - smooth[bottom] > max(least, MOMENT_ERRORS * error * math.sqrt(max(value, 1.0))):
                 rising, top = True, i
-    if rising:
+    if rising:  # the last maximum has no valley behind it
         maxima.append(top)
     maxima.sort(key=lambda i: -smooth[i])
     return tuple(float(centres[i]) for i in maxima)

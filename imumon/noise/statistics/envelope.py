@@ -11,10 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from imumon.noise.array_state import ArrayState
+from imumon.noise.state_schema import COUNT, MOST, SQUARE, Range, Schema, given_field
+from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats, Ints
 from imumon.units import HOUR, MINUTE
 
@@ -24,6 +27,8 @@ COLUMN_S = MINUTE / RECENT_COLUMNS
 """s, length of a column of the last minute."""
 HOUR_COLUMN = round(HOUR / MINUTE)
 """Columns of the minute in one of the hour."""
+UNKNOWN_VALUE = Range(-LARGEST, LARGEST, nan=True)
+"""Channel unit; unknown without a sample."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +72,16 @@ class Envelope(ArrayState):
     rate_hz : Hz, sampling rate.
     """
 
-    _STATE = ("column", "_n", "_offset", "_minute", "_sums", "_hour", "_all", "_wide")
+    _STATE: ClassVar = {
+        "column": COUNT,
+        "_n": COUNT,
+        "_offset": UNKNOWN_VALUE,
+        "_minute": UNKNOWN_VALUE,
+        "_sums": Range(-SQUARE.high, SQUARE.high),
+        "_hour": UNKNOWN_VALUE,
+        "_all": UNKNOWN_VALUE,
+        "_wide": Range(1, MOST),
+    }
 
     def __init__(self, groups: Sequence[int], rate_hz: float) -> None:
         self._groups = list(groups)
@@ -87,7 +101,8 @@ class Envelope(ArrayState):
         if not n:
             return
         if np.isnan(self._offset).any():
-            self._offset = np.where(np.isfinite(values[0]), values[0], 0.0)
+            # the first row may be invalid
+            self._offset = np.where(np.abs(values[0]) < LARGEST, values[0], 0.0)
         x = np.ascontiguousarray(values.T)
         ok = None
         if valid is not None and not valid.all():
@@ -101,7 +116,7 @@ class Envelope(ArrayState):
         np.minimum.reduceat(low, edges, axis=1, out=extremes[:, 0].T)
         high = x if ok is None else np.where(ok, x, -np.inf)
         np.maximum.reduceat(high, edges, axis=1, out=extremes[:, 1].T)
-        extremes[np.isinf(extremes)] = np.nan
+        extremes[np.isinf(extremes)] = np.nan  # no valid sample in the column
         d = x - self._offset[:, None]
         if ok is not None:
             d[~ok] = 0.0
@@ -115,7 +130,7 @@ class Envelope(ArrayState):
         self._n += n
         self._join_columns(last)
         _widen(self._minute, first, last, new, extremes)
-        kept = max(first, last + 1 - RECENT_COLUMNS)
+        kept = max(first, last + 1 - RECENT_COLUMNS)  # a long block overwrites its own first columns
         self._sums[_places(max(kept, new), last, RECENT_COLUMNS)] = 0.0
         self._sums[_places(kept, last, RECENT_COLUMNS)] += sums[kept - first :]
         for ring, wide in ((self._hour, HOUR_COLUMN), (self._all, self._wide)):
@@ -176,6 +191,37 @@ class Envelope(ArrayState):
         """Return the state as arrays."""
         return super().save() | {"groups": np.array(self._groups)}
 
+    def schema(self) -> Schema:
+        """Return what a saved state of an envelope with these arguments consists of."""
+        fields = {
+            **super().schema().fields,
+            "groups": given_field(self._groups),
+            "column": given_field(self.column),
+        }
+
+        def in_order(columns: Floats) -> Bools:
+            return ~(columns[:, 0] > columns[:, 1])  # unknown ones are in order
+
+        return Schema(
+            fields,
+            (
+                *(
+                    ("a minimum is above the maximum", lambda s, name=name: in_order(s[name]))
+                    for name in ("minute", "hour", "all")
+                ),
+                (
+                    "a column has more samples than it is long",
+                    lambda s: (s["sums"][:, 0] <= s["column"]) & ~(s["sums"][:, 0] < 0.0),
+                ),
+                ("a negative square", lambda s: s["sums"][:, 2] >= 0.0),
+                ("columns of everything are no power of two", lambda s: int(s["wide"]).bit_count() == 1),
+                (
+                    "columns of everything are too short",
+                    lambda s: (s["n"] - 1) // s["column"] // s["wide"] < 2 * RECENT_COLUMNS,
+                ),
+            ),
+        )
+
     @classmethod
     def restore(cls, saved: Mapping[str, np.ndarray]) -> Envelope:
         """Return an envelope that continues from a saved state."""
@@ -198,11 +244,11 @@ def _widen(ring: Floats, first: int, last: int, new: int, extremes: Floats) -> N
     """Add (k, 2, c) extremes to columns `first` to `last` of a ring; from `new` on, they replace old ones."""
     kept = max(first, last + 1 - len(ring))
     ring[_places(max(kept, new), last, len(ring))] = np.nan
-    at = _places(kept, last, len(ring))
-    rows, added = ring[at], extremes[kept - first :]
+    columns = _places(kept, last, len(ring))
+    rows, added = ring[columns], extremes[kept - first :]
     np.fmin(rows[:, 0], added[:, 0], out=rows[:, 0])
     np.fmax(rows[:, 1], added[:, 1], out=rows[:, 1])
-    ring[at] = rows
+    ring[columns] = rows  # a copy if the columns wrap
 
 
 def _places(first: int, last: int, size: int) -> slice | Ints:

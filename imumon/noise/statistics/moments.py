@@ -11,18 +11,87 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtri
 
 from imumon.noise.array_state import ArrayState
-from imumon.noise.validity_groups import ValidityGroups
+from imumon.noise.state_schema import COUNT, MOST, SQUARE, VALUE, Range, Rule, Saved, Schema, given_field
+from imumon.noise.validity_groups import LARGEST, ValidityGroups
 from imumon.samples import Bools, Floats, Ints
 
 BATCH = 16384
 """Samples that are reduced together: their work arrays fit into the cache of the processor."""
+THIRD_POWERS, FOURTH_POWERS = 8.0 * LARGEST**3 * MOST, 16.0 * LARGEST**4 * MOST
+"""Powers of the channel unit: no sum of powers of deviations is larger."""
+ROUNDED = 1e-6
+"""Relative error that rounding may leave in a saved moment: far more than it does, and far less than matters."""
+
+
+def _squares(saved: Saved) -> Floats:
+    return np.asarray(np.diagonal(saved["comoment"]), dtype=np.float64)
+
+
+def _extent(saved: Saved) -> Floats:
+    """Return (c,) the difference of the extremes; 0.0 without a sample."""
+    return np.where(saved["count"] > 0, saved["max"] - saved["min"], 0.0)
+
+
+MOMENT_RULES: tuple[Rule, ...] = (
+    ("channels of one group have other counts", lambda s: np.diff(s["count"])[np.diff(s["group"]) == 0] == 0),
+    ("a minimum is above the maximum", lambda s: (s["min"] <= s["max"]) | (s["count"] == 0)),
+    (
+        "extremes without a sample",
+        lambda s: (s["count"] > 0) | (np.isposinf(s["min"]) & np.isneginf(s["max"])),
+    ),
+    ("an infinite extreme", lambda s: (s["count"] == 0) | (np.isfinite(s["min"]) & np.isfinite(s["max"]))),
+    (
+        "a sample lies outside of the extremes",
+        lambda s: (
+            (s["count"] == 0)
+            | (
+                (s["min"] <= s["last"])
+                & (s["last"] <= s["max"])
+                & (s["min"] <= s["origin"])
+                & (s["origin"] <= s["max"])
+            )
+        ),
+    ),
+    (
+        "a mean lies outside of the extremes",
+        lambda s: np.abs(s["mean"]) <= (1.0 + ROUNDED) * _extent(s) + ROUNDED * np.abs(s["origin"]),
+    ),
+    # a quarter is the bound of a variance by the extremes (Popoviciu, Mathematica 9, 1935)
+    (
+        "a spread is wider than the extremes",
+        lambda s: (
+            (_squares(s) >= 0.0)
+            & (
+                _squares(s)
+                <= (0.25 + ROUNDED) * s["count"] * (_extent(s) + ROUNDED * np.abs(s["origin"])) ** 2
+            )
+        ),
+    ),
+    # E[d^2]^2 <= E[d^4] and E[d^3]^2 <= E[d^2] E[d^4] (Cauchy and Schwarz)
+    (
+        "a fourth power is too small for the squares",
+        lambda s: s["count"] * s["fourth"] >= (1.0 - ROUNDED) * _squares(s) ** 2 - 1e-300,
+    ),
+    (
+        "a third power is too large",
+        lambda s: (
+            np.abs(s["third"]) <= (1.0 + ROUNDED) * np.sqrt(_squares(s)) * np.sqrt(s["fourth"]) + 1e-200
+        ),
+    ),
+    (
+        "a product of two channels exceeds their squares",
+        lambda s: (
+            np.abs(s["comoment"]) <= (1.0 + ROUNDED) * np.sqrt(np.outer(_squares(s), _squares(s))) + 1e-300
+        ),
+    ),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +130,19 @@ class MomentsResult:
     covariance: tuple[Floats | None, ...]
 
 
-def deviation_limits(deviation: float, dof: float) -> tuple[float, float]:
-    """Return the 95 % limits of a standard or Allan deviation whose square is chi-square with these degrees of freedom.
+def deviation_limits(deviation: float, dof: float, tail: float = 0.025) -> tuple[float, float]:
+    """Return the limits of a standard or Allan deviation whose square is chi-square with these degrees of freedom.
 
+    Parameters
+    ----------
+    tail : probability beyond each limit.
+
+    Examples
+    --------
     >>> [round(limit, 3) for limit in deviation_limits(1.0, 10.0)]
     [0.699, 1.755]
     """
-    low, high = (deviation * math.sqrt(dof / float(chdtri(dof, tail))) for tail in (0.025, 0.975))
+    low, high = (deviation * math.sqrt(dof / float(chdtri(dof, side))) for side in (tail, 1.0 - tail))
     return low, high
 
 
@@ -89,7 +164,17 @@ class Moments(ArrayState):
     (4, 4.0, 2.94392, 1.0, 7.0)
     """
 
-    _STATE = ("_count", "_origin", "_mean", "_comoment", "_third", "_fourth", "_min", "_max", "_last")
+    _STATE: ClassVar = {
+        "_count": COUNT,
+        "_origin": VALUE,
+        "_mean": Range(-2.0 * LARGEST, 2.0 * LARGEST),
+        "_comoment": Range(-SQUARE.high, SQUARE.high),
+        "_third": Range(-THIRD_POWERS, THIRD_POWERS),
+        "_fourth": Range(0.0, FOURTH_POWERS),
+        "_min": Range(-LARGEST, LARGEST, inf=True),
+        "_max": Range(-LARGEST, LARGEST, inf=True),
+        "_last": VALUE,
+    }
 
     def __init__(self, channels: int, groups: Sequence[int] | None = None) -> None:
         self._groups = ValidityGroups(channels, groups)
@@ -141,7 +226,7 @@ class Moments(ArrayState):
         """Return the statistics so far."""
         covariance: list[Floats | None] = []
         for c in self._groups.members:
-            n = int(self._count[c][0])
+            n = int(self._count[c][0])  # the channels of a group have the same samples
             covariance.append(self._comoment[c, c] / (n - 1) if n > 1 else None)
         channels = tuple(self._channel(c) for c in range(self._groups.channels))
         return MomentsResult(channels=channels, covariance=tuple(covariance))
@@ -149,6 +234,11 @@ class Moments(ArrayState):
     def save(self) -> dict[str, npt.NDArray[Any]]:
         """Return the state as small arrays."""
         return super().save() | {"group": self._groups.of.astype(np.int64)}
+
+    def schema(self) -> Schema:
+        """Return what a saved state of these channels consists of."""
+        fields = {**super().schema().fields, "group": given_field(self._groups.of.astype(np.int64))}
+        return Schema(fields, MOMENT_RULES)
 
     @classmethod
     def restore(cls, state: Mapping[str, npt.NDArray[Any]]) -> Moments:
@@ -165,7 +255,7 @@ class Moments(ArrayState):
         square = float(self._comoment[c, c])
         skewness = kurtosis = None
         variance = square / n
-        if variance**2 > 0.0:
+        if variance**2 > 0.0:  # of noise below 1e-81 the square underflows, and nothing is said of the shape
             skewness = float(self._third[c] / n) / variance**1.5
             kurtosis = float(self._fourth[c] / n) / variance**2 - 3.0
         return ChannelMoments(
@@ -190,6 +280,7 @@ class Moments(ArrayState):
         np.maximum(self._max[c], x.max(axis=1), out=self._max[c])
         self._last[c] = values[-1]
         shift = self._move_origin(c, values[0])
+        # a constant channel becomes exactly zero, whatever its value: its deviation is then 0.0 and not rounding
         x -= values[0][:, None]
         mean = x.mean(axis=1)
         x -= mean[:, None]
@@ -198,8 +289,8 @@ class Moments(ArrayState):
         fourth = (square[:, None, :] @ square[:, :, None])[:, 0, 0]
         comoment = np.zeros((a, a))
         for group in groups:
-            own = slice(group.start - c.start, group.stop - c.start)
-            comoment[own, own] = x[own] @ x[own].T
+            rows = slice(group.start - c.start, group.stop - c.start)
+            comoment[rows, rows] = x[rows] @ x[rows].T
         self._join(c, n, mean + shift, comoment, third, fourth)
 
     def _move_origin(self, c: slice, first: Floats) -> Floats:
@@ -212,7 +303,7 @@ class Moments(ArrayState):
     ) -> None:
         """Join the central moments of `n` samples, or (a,) of each channel, of the channels `c`."""
         total = self._count[c] + n
-        some = np.maximum(total, 1)
+        some = np.maximum(total, 1)  # two empty sets join to an empty one
         p = self._count[c] / some  # share of the old samples
         q = n / some
         pqn = p * n  # a b / (a + b)
@@ -228,6 +319,7 @@ class Moments(ArrayState):
         )
         self._third[c] += third + d * d2 * pqn * (p - q) + 3.0 * d * (p * new - q * old)
         weight = np.sqrt(pqn) * d
+        # sensors lose samples of their own: between them there are no pairs to multiply
         self._comoment[c, c] += (comoment + np.outer(weight, weight)) * self._within[c, c]
         self._mean[c] += d * q
         self._count[c] = total

@@ -1,17 +1,24 @@
-"""Changes of N and B against the hours before or a saved baseline.
+"""Changes of N and B between two parts of a record, or two records.
 
-N and B are compared by the logarithm of their ratio against their limits. The comparison with a saved report shows
-whether a sensor has changed in the field. A change is reported if it is beyond chance and large enough to matter. A
-sudden change of the bias is a step of the fit.
+An hour is compared with the hours before it, and a record with a saved one: has the sensor changed in the field? Two
+values differ by chance by the limits of both. N and B are compared by the logarithm of their ratio, whose standard
+error is the width of the limits on that scale over 2 * 1.96, both errors added in quadrature. A change is reported if
+it is beyond chance and large enough to matter. A sudden change of the bias is a step of the fit, not a change of N or
+B.
+
+>>> old = {"N": Estimate(value=1.0e-4, low=0.99e-4, high=1.01e-4, status="measured")}
+>>> new = {"N": Estimate(value=1.4e-4, low=1.38e-4, high=1.42e-4, status="measured")}
+>>> [(change.letter, round(change.ratio, 2), round(change.sigma)) for change in detect_changes(old, new)]
+[('N', 1.4, 38)]
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 
-from imumon.coefficients import LIMIT_95
-from imumon.noise.fit import ChannelFit
-from imumon.report import Change, Channel, Estimate, Report
+from imumon.coefficients import LIMIT_95, Estimate
 
 CHANGE_SIGMA = 5.0
 """Standard errors beyond which a change is reported: 6e-7, for 27 comparisons an hour over years."""
@@ -19,47 +26,64 @@ LEAST_CHANGE = {"N": 0.05, "B": 0.5}
 """Relative change below which it does not matter to a user: B of the same sensor varies by as much."""
 
 
-def detect_changes(before: ChannelFit | Channel, now: ChannelFit | Channel, against: str) -> list[Change]:
-    """Return the significant changes of N and B between two parts of a record, or two records.
+@dataclass(frozen=True, slots=True)
+class CoefficientChange:
+    """A significant change of a coefficient.
+
+    Attributes
+    ----------
+    letter : of the coefficient, one of `LEAST_CHANGE`.
+    before, now : channel unit of the coefficient.
+    sigma : standard errors of the logarithm of the ratio by which they differ.
+    """
+
+    letter: str
+    before: float
+    now: float
+    sigma: float
+
+    @property
+    def ratio(self) -> float:
+        """1, now over before."""
+        return self.now / self.before
+
+
+def detect_changes(
+    before: Mapping[str, Estimate], now: Mapping[str, Estimate]
+) -> tuple[CoefficientChange, ...]:
+    """Return the significant changes of N and B.
 
     Parameters
     ----------
-    against : what `before` is, for the report.
+    before, now : coefficients of the same channel by letter; one that is missing or not measured is not compared.
     """
-    compared = [
-        _compare(against, name, one, two, least)
-        for name, least in LEAST_CHANGE.items()
-        if (one := before.coefficients.get(name)) is not None
-        and (two := now.coefficients.get(name)) is not None
-    ]
-    return [change for change in compared if change is not None]
-
-
-def compare_with_report(baseline: Report, name: str, now: ChannelFit | Channel) -> list[Change]:
-    """Return what differs between a channel of a saved report and the present noise of the same channel."""
-    channel = baseline.channels.get(name)
-    return [] if channel is None else detect_changes(channel, now, "baseline")
-
-
-def _compare(
-    against: str,
-    quantity: str,
-    before: Estimate,
-    now: Estimate,
-    least: float,
-) -> Change | None:
-    """Return the change of a coefficient, compared on a logarithmic scale; None if there is none."""
-    errors = []
-    for each in (before, now):
-        if not each.value or not each.low or not each.high or not 0.0 < each.low < each.high:
-            return None
-        errors.append(math.log(each.high / each.low) / (2.0 * LIMIT_95))
-    assert before.value is not None
-    assert now.value is not None
-    ratio = now.value / before.value
-    sigma = abs(math.log(ratio)) / math.hypot(*errors)
-    if sigma < CHANGE_SIGMA or abs(math.log(ratio)) < math.log1p(least):
-        return None
-    return Change(
-        against=against, quantity=quantity, before=before.value, now=now.value, ratio=ratio, sigma=sigma
+    changes = (
+        _compare(letter, before[letter], now[letter], least)
+        for letter, least in LEAST_CHANGE.items()
+        if letter in before and letter in now
     )
+    return tuple(change for change in changes if change is not None)
+
+
+def _compare(letter: str, before: Estimate, now: Estimate, least: float) -> CoefficientChange | None:
+    """Return the change of a coefficient; None if there is none, or if one of the values has no limits."""
+    old, new = _with_error(before), _with_error(now)
+    if old is None or new is None:
+        return None
+    distance = abs(math.log(new[0] / old[0]))
+    sigma = distance / math.hypot(old[1], new[1])
+    if sigma < CHANGE_SIGMA or distance < math.log1p(least):
+        return None
+    return CoefficientChange(letter, old[0], new[0], sigma)
+
+
+def _with_error(estimate: Estimate) -> tuple[float, float] | None:
+    """Return a value and the standard error of its logarithm; None without a value or limits.
+
+    Limits of a saved report may be anything: without `low < high` the error would be zero or negative, and any
+    difference a change.
+    """
+    value, low, high = estimate.value, estimate.low, estimate.high
+    if not value or not low or not high or not 0.0 < low < high:
+        return None
+    return value, math.log(high / low) / (2.0 * LIMIT_95)

@@ -85,7 +85,7 @@ def find_day_change(
     (25, 1.12, True)
     """
     n = len(values)
-    if n <= DAYS_BEFORE:
+    if n <= DAYS_BEFORE:  # too few to know the scatter: no day can be a step
         return None
     logs, weight = (
         (np.log(values), np.full(n, 1.0 / LEAST_SCATTER)) if errors is None else (values, 1.0 / errors)
@@ -98,6 +98,7 @@ def find_day_change(
     basis, _ = np.linalg.qr(weight[:, None] * np.stack(base, axis=1))
     y = weight * logs - basis @ (basis.T @ (weight * logs))
     left = weight * steps - (weight * steps @ basis) @ basis.T
+    # a step that the other regressors explain wholly leaves rounding, over which any height would be significant
     power = np.maximum((left**2).sum(axis=1), 1e-9 * float(weight @ weight))
     heights = left @ y / power
     squares = np.maximum((y**2).sum() - heights**2 * power, 0.0)
@@ -106,6 +107,7 @@ def find_day_change(
     residuals = y - heights[best] * left[best]
     r = _correlation(residuals)
     inflation = math.sqrt((1.0 + r) / (1.0 - r))
+    # in units of the errors of the days: days that agree better than these do so by chance
     scatter = max(math.sqrt(float(squares[best]) / dof), 1.0)
     sigma = abs(float(heights[best])) / (scatter * inflation / math.sqrt(float(power[best])))
     effective = max(dof * (1.0 - r) / (1.0 + r), LEAST_DOF)

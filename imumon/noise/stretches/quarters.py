@@ -2,8 +2,11 @@
 
 The limits of a fit say how far chance may have moved a coefficient in this record, if the sensor is constant.
 Real sensors are not: N moves by 0.5 to 1 % within an hour, a multiple of its limits. The standard deviation
-between the quarters shows that; `excess` says which part of it statistics do not explain. The record has 4 to 7 marks
-at equal distances; when there are 8, every second one is dropped. A quarter is one or two of the parts between them.
+between the quarters shows that; `excess` says which part of it statistics do not explain.
+
+The length of a record is not known in advance, so the places between its quarters cannot be marked at once. Marks lie
+at equal distances instead. The ninth one makes every second one drop, and the distance doubles. So once the record is
+long enough there are 5 to 8 marks, hence 4 to 7 equal lengths between them, and a quarter is one or two of these.
 """
 
 from __future__ import annotations
@@ -15,15 +18,15 @@ import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
 from imumon.coefficients import QUARTERS, Excess
-from imumon.noise.allan.windows import WindowedCascade
 from imumon.noise.blocks.block_means import BLOCK
-from imumon.noise.fit.bias_curve import NEGLECTED_P
+from imumon.noise.fit.fit_rules import NEGLECTED_P
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.spectrum.spectrum_accumulator import SpectrumMark
+from imumon.noise.state_schema import Rule, Schema, count_field
+from imumon.noise.stretches.parts import RecordParts
 from imumon.samples import Floats
 
-PART_S = 8.0
-"""s, shortest part: a quarter must be long enough for N."""
+SHORTEST_S = 8.0
+"""s, shortest distance of two marks: a quarter must be long enough for N."""
 
 
 def excess(values: Floats, errors: Floats) -> Excess:
@@ -41,8 +44,8 @@ def excess(values: Floats, errors: Floats) -> Excess:
 
     Examples
     --------
-    >>> found = excess(np.array([1.00, 1.02, 0.97, 1.01]), np.full(4, 0.001))
-    >>> round(found.value, 3), found.low < 0.02 < found.high
+    >>> shown = excess(np.array([1.00, 1.02, 0.97, 1.01]), np.full(4, 0.001))
+    >>> round(shown.value, 3), shown.low < 0.02 < shown.high
     (0.022, True)
     >>> excess(np.array([1.00, 1.02, 0.97, 1.01]), np.full(4, 0.03)).value is None
     True
@@ -53,12 +56,13 @@ def excess(values: Floats, errors: Floats) -> Excess:
         weight = 1.0 / (errors**2 + variance)
         return float(weight @ (logs - weight @ logs / weight.sum()) ** 2)
 
-    def at(target: float) -> float:
+    def deviation_of(target: float) -> float:
         """Return the deviation at which the sum of squares has a value; 0.0 if it is smaller without any."""
         if squares(0.0) <= target:
             return 0.0
+        # with equal errors of zero the sum would be the upper end; errors only lower it
         low, high = 0.0, float(np.sum((logs - logs.mean()) ** 2)) / target
-        while low < (middle := 0.5 * (low + high)) < high:
+        while low < (middle := 0.5 * (low + high)) < high:  # until no float lies between
             low, high = (middle, high) if squares(middle) > target else (low, middle)
         return float(np.sqrt(high))
 
@@ -67,13 +71,12 @@ def excess(values: Floats, errors: Floats) -> Excess:
 
     p_value = float(gammaincc(half_dof, 0.5 * squares(0.0)))
     if p_value >= NEGLECTED_P:
-        by_chance = min(
-            1.0, squares(0.0) / (2.0 * half_dof)
-        )  # agree better than their errors: bound as if not
-        return Excess(low=0.0, high=at(by_chance * quantile(0.95)), p_value=p_value)
-    return Excess(
-        value=at(2.0 * half_dof), low=at(quantile(0.025)), high=at(quantile(0.975)), p_value=p_value
-    )
+        # quarters that agree better than their errors do so by chance: the bound is that of errors as they should be
+        by_chance = min(1.0, squares(0.0) / (2.0 * half_dof))
+        return Excess(low=0.0, high=deviation_of(by_chance * quantile(0.95)), p_value=p_value)
+    value = deviation_of(2.0 * half_dof)
+    low, high = deviation_of(quantile(0.025)), deviation_of(quantile(0.975))
+    return Excess(value=value, low=low, high=high, p_value=p_value)
 
 
 class Quarters:
@@ -81,69 +84,67 @@ class Quarters:
 
     Parameters
     ----------
-    cascade : of the record.
+    parts : of the record.
     rate_hz : Hz, sampling rate.
     """
 
-    def __init__(self, cascade: WindowedCascade, rate_hz: float) -> None:
-        self._cascade = cascade
-        self._length = BLOCK * max(1, round(PART_S * rate_hz / BLOCK))  # where all samples are processed
-        self._marks: list[tuple[int, SpectrumMark]] = []
-        self._begin()
+    def __init__(self, parts: RecordParts, rate_hz: float) -> None:
+        self._parts = parts
+        # whole blocks: there, all samples have been processed
+        self._shortest = self._length = BLOCK * max(1, round(SHORTEST_S * rate_hz / BLOCK))
+        self.places = [parts.mark()]
 
     @property
     def next_end(self) -> int:
-        """Samples of the grid at which the part in progress ends."""
-        return self._marks[-1][0] + self._length
+        """Samples of the grid at which the length in progress ends."""
+        return self.places[-1] + self._length
 
-    def close_part(self) -> None:
-        """End the part in progress if the record has reached its end."""
-        if self._cascade.position < self.next_end:
+    def close_due(self) -> None:
+        """End the length in progress if the record has reached its end."""
+        if self._parts.position < self.next_end:
             return
-        if self._cascade.position > self.next_end:  # a gap of hours: the parts are not neighbours any more
-            self._drop(len(self._marks))
-        self._begin()
-        if len(self._marks) > 2 * QUARTERS:
-            for number in range(2 * QUARTERS - 1, 0, -2):
-                self._cascade.cascade.spectrum.drop_mark(self._marks.pop(number)[1])
+        if self._parts.position > self.next_end:  # a gap of hours: the lengths are not neighbours any more
+            self.places = []
+        self.places.append(self._parts.mark())
+        if len(self.places) > 2 * QUARTERS:
+            del self.places[1::2]
             self._length *= 2
 
     def discard_before(self, position: int) -> None:
-        """Forget the parts that begin before a position, samples of the grid."""
-        self._drop(sum(start < position for start, _ in self._marks))
-        if not self._marks:
-            self._begin()
+        """Forget the lengths that begin before a position, samples of the grid."""
+        self.places = [place for place in self.places if place >= position] or [self._parts.mark()]
 
     def result(self) -> list[tuple[NoiseSums, int]] | None:
         """Return the sums of the four quarters and their lengths, samples; None while the record is too short."""
-        parts = len(self._marks) - 1
-        if parts < QUARTERS:
+        lengths = len(self.places) - 1
+        if lengths < QUARTERS:
             return None
-        cascade, quarters = self._cascade.cascade, []
-        for first, last in pairwise(np.linspace(0, parts, QUARTERS + 1).round().astype(int).tolist()):
-            (begin, one), (end, two) = self._marks[first], self._marks[last]
-            quarters.append((cascade.part_sums(one, two), end - begin))
-        return quarters
-
-    def _begin(self) -> None:
-        self._marks.append((self._cascade.position, self._cascade.cascade.add_mark()))
-
-    def _drop(self, count: int) -> None:
-        for _, mark in self._marks[:count]:
-            self._cascade.cascade.spectrum.drop_mark(mark)
-        self._marks = self._marks[count:]
+        borders = np.linspace(0, lengths, QUARTERS + 1).round().astype(int).tolist()
+        return [
+            (self._parts.sums(begin, end), end - begin)
+            for begin, end in pairwise(self.places[border] for border in borders)
+        ]
 
     def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays."""
-        order = list(self._cascade.cascade.spectrum.marks)
-        marks = [[start, order.index(mark)] for start, mark in self._marks]
-        return {"length": np.array(self._length), "marks": np.array(marks, dtype=np.int64)}
+        """Return the state as arrays; the marks are saved with the parts."""
+        return {"length": np.array(self._length), "places": np.array(self.places, dtype=np.int64)}
 
-    @classmethod
-    def restore(cls, cascade: WindowedCascade, saved: Mapping[str, np.ndarray]) -> Quarters:
-        """Return the quarters in a saved state; the cascade is restored already."""
-        self = cls.__new__(cls)
-        self._cascade, self._length = cascade, int(saved["length"])
-        order = cascade.cascade.spectrum.marks
-        self._marks = [(int(start), order[int(number)]) for start, number in saved["marks"]]
-        return self
+    def schema(self) -> Schema:
+        """Return what saved quarters of a record with these arguments consist of."""
+        shortest = self._shortest
+
+        def is_doubled(length: int) -> bool:
+            """Return whether the shortest length has been doubled to this one."""
+            return length % shortest == 0 and (length // shortest).bit_count() == 1
+
+        rules: tuple[Rule, ...] = (
+            ("no place", lambda s: len(s["places"]) > 0),
+            ("a length that no quarter has", lambda s: is_doubled(int(s["length"]))),
+            ("places of other lengths", lambda s: np.diff(s["places"]) == s["length"]),
+        )
+        fields = {"length": count_field(), "places": count_field("places")}
+        return Schema(fields, rules, lengths={"places": 2 * QUARTERS})
+
+    def load(self, saved: Mapping[str, np.ndarray]) -> None:
+        """Continue from a saved state; the parts are restored already."""
+        self._length, self.places = int(saved["length"]), saved["places"].tolist()

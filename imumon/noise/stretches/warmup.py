@@ -42,9 +42,11 @@ def still_settles(fits: Iterable[ChannelFit], length_s: float) -> bool:
 
 def _time_constants_s(fits: Iterable[ChannelFit]) -> list[float]:
     """Return the time constants of the channels that settle."""
-    settling = [fit.column("settling") for fit in fits]
+    columns = [fit.column("settling") for fit in fits]
     return [
-        each.time_constant_s for each in settling if each is not None and each.time_constant_s is not None
+        column.time_constant_s
+        for column in columns
+        if column is not None and column.time_constant_s is not None
     ]
 
 
@@ -58,8 +60,9 @@ def is_warming_up(degrees: Floats, block_s: float) -> bool:
     """
     length = degrees.size * block_s
     known = degrees[np.isfinite(degrees)]
-    if known.size < 4:
+    if known.size < 4:  # too few to distinguish a rise from the noise of the thermometer
         return False
+    # the first fiftieth: one block alone has the noise of the thermometer
     low, high = float(known[: max(1, known.size // 50)].mean()), float(known.max())
     rise = high - low
     if rise < WARMING_DEGC or known[-1] < high - HIGHEST_SHARE * rise:

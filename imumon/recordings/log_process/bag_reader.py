@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from imumon.recordings.log_process.base import BLOCK_BYTES, ROWS, Log, Topic
+from imumon.recordings.base import ROWS, TABLE_BYTES
+from imumon.recordings.log_process.base import Log, Topic
 from imumon.recordings.log_process.message_fields import MessageFields
 from imumon.samples import AXES, Floats
 
@@ -98,7 +99,7 @@ class BagLog(Log):
             messages.append(raw)
             stamps.append(stamp)
             size += len(raw)
-            if len(messages) == ROWS or size > BLOCK_BYTES:
+            if len(messages) == ROWS or size > TABLE_BYTES:
                 yield rows(), size
                 messages.clear()
                 stamps.clear()
@@ -130,7 +131,7 @@ def _topic(name: str, kind: str, count: int, fields: MessageFields | None) -> To
         known = {f"{s}/{a}": f"{prefix}{part}.{a}{unit}" for s, part, unit in SENSORS for a in AXES}
         stamps = [f"{prefix}header.stamp"]
         if len(prefixes) > 1:
-            others = ", ".join(each.rstrip(".") for each in prefixes[1:])
+            others = ", ".join(prefix.rstrip(".") for prefix in prefixes[1:])
             note = f"{prefix.rstrip('.')} of {kind} is used; name another with --map: {others}"
     stamps.sort(key=lambda column: not column.endswith("header.stamp"))
     known["t"] = f"{[*stamps, LOG_TIME][0]}:ns"

@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from imumon.recordings.base import ROWS
 from imumon.samples import Floats
-
-ROWS, BLOCK_BYTES = 1 << 15, 1 << 23
-"""Rows in a block of a table, at most, and bytes of its lines or messages."""
 
 MATCHED = 0.99
 """Share of the samples of a gyroscope that must have one of the accelerometer at the same time, and the reverse."""
@@ -129,23 +127,27 @@ def degrees_at(
     return np.interp(times_us.astype(np.float64), source_us.astype(np.float64)[known], degrees[known])
 
 
-def rows_at(own_us: npt.NDArray[Any], other_us: npt.NDArray[Any]) -> npt.NDArray[np.int64] | None:
-    """Return (n,) the row of another series at the time of each own row, -1: none; None: its times are others.
+def rows_at(times_us: npt.NDArray[Any], other_us: npt.NDArray[Any]) -> npt.NDArray[np.int64] | None:
+    """Return (n,) the row of another series at some times, -1 where it has none; None: its times are others.
 
     >>> rows_at(np.arange(5) * 10, np.arange(5) * 10 + 1).tolist()
     [0, 1, 2, 3, 4]
     >>> rows_at(np.arange(5) * 10, np.arange(3) * 20) is None
     True
-    >>> rows_at(np.arange(3) * 20, np.arange(5) * 10) is None  # all of the own, but half of the other ones
+    >>> rows_at(np.arange(3) * 20, np.arange(5) * 10) is None  # all of these times, but half of the other ones
     True
     """
-    step = step_s(own_us)
+    step = step_s(times_us)
     if step is None or not len(other_us):
         return None
-    own, other = own_us.astype(np.float64), other_us.astype(np.float64)
-    nearest = np.clip(np.searchsorted(other, own - step * 0.5e6), 0, len(other) - 1)
-    near = np.abs(other[nearest] - own) < step * 0.5e6
+    stamps, other_stamps = times_us.astype(np.float64), other_us.astype(np.float64)
+    # half a step either way: the stamps of two sensors of one chip differ by some us
+    nearest = np.clip(np.searchsorted(other_stamps, stamps - step * 0.5e6), 0, len(other_stamps) - 1)
+    near = np.abs(other_stamps[nearest] - stamps) < step * 0.5e6
     matched = len(np.unique(nearest[near]))
-    meanwhile = int(((other > own[0] - step * 0.5e6) & (other < own[-1] + step * 0.5e6)).sum())
+    meanwhile = int(
+        ((other_stamps > stamps[0] - step * 0.5e6) & (other_stamps < stamps[-1] + step * 0.5e6)).sum()
+    )
+    # one to one, and neither has many rows that the other lacks: else one of them is slower
     same = matched == int(near.sum()) and min(near.mean(), matched / max(meanwhile, 1)) >= MATCHED
     return np.where(near, nearest, -1) if same else None

@@ -18,8 +18,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from imumon.recordings.base import ROWS
 from imumon.recordings.log_process.base import (
-    ROWS,
     Log,
     Topic,
     array_blocks,
@@ -138,6 +138,8 @@ class DataFlashLog(Log):
             str, tuple[str, npt.NDArray[Any], Floats]
         ] = {}  # column of time; us and degC of the IMU
         self.facts = self._facts()
+        if skipped := self._skipped_bytes():
+            self.problem = f"is corrupt: {skipped:,} bytes between its messages belong to none"
         topics = [topic for name in list(self._log.name_to_id) for topic in self._topics(name)]
         raw = [*self._with_accelerometers(topics), *self._batch_topics()]
         best = best_first([self._with_temperature(topic) for topic in raw])
@@ -150,20 +152,28 @@ class DataFlashLog(Log):
             yield from array_blocks(self._batches[name], columns)
             return
         messages = self._messages[name]
-        accel, at = self._joined.get(name, (None, np.empty(0, np.int64)))
+        accel, matches = self._joined.get(name, (None, np.empty(0, np.int64)))
         for start in range(0, len(messages.places), ROWS):
             rows = messages.rows(start, start + ROWS)
             size = rows.nbytes
-            found = {c: messages.numbers(rows, c) for c in columns if c in (rows.dtype.names or ())}
+            by_column = {c: messages.numbers(rows, c) for c in columns if c in (rows.dtype.names or ())}
             if heat and HEAT in columns and (degrees := degrees_at(rows[time], *heat)) is not None:
-                found[HEAT] = degrees
+                by_column[HEAT] = degrees
             if accel is not None:
-                part = at[start : start + ROWS]
-                theirs = accel.only(part).rows(0, ROWS)
-                size += theirs.nbytes
+                part = matches[start : start + ROWS]
+                accel_rows = accel.only(part).rows(0, ROWS)
+                size += accel_rows.nbytes
                 for c in set(ACCEL) & set(columns):
-                    found[c] = np.where(part >= 0, accel.numbers(theirs, c), np.nan)
-            yield np.column_stack([found[c] for c in columns]), size
+                    by_column[c] = np.where(part >= 0, accel.numbers(accel_rows, c), np.nan)
+            yield np.column_stack([by_column[c] for c in columns]), size
+
+    def _skipped_bytes(self) -> int:
+        """Return the bytes before the last message that belong to none; autopilots leave some after it."""
+        starts = [np.array(self._log.offsets[number], np.int64) for number in self._log.formats]
+        lengths = [form.len for form in self._log.formats.values()]
+        ends = [int(places[-1]) + size for places, size in zip(starts, lengths, strict=True) if len(places)]
+        used = sum(len(places) * size for places, size in zip(starts, lengths, strict=True))
+        return int(max(ends, default=0) - used)
 
     def _of(self, name: str) -> _Messages | None:
         """Return the messages of a type; None if there are none, or their format is unknown."""
@@ -193,12 +203,12 @@ class DataFlashLog(Log):
         if "I" in numbers:
             instance = messages.column("I")
             instances = {f"{name}/{k}": messages.only(instance == k) for k in np.unique(instance).tolist()}
-        for each, chosen in instances.items():
-            self._messages[each] = chosen
+        for type_name, chosen in instances.items():
+            self._messages[type_name] = chosen
             step = step_s(chosen.column(time)) if time and len(known) > 1 else None
             rate_hz = None if step is None else (1e-3 if unit == "ms" else 1.0) / step
             yield Topic(
-                name=each,
+                name=type_name,
                 type=name,
                 count=len(chosen.places),
                 columns=numbers,
@@ -215,18 +225,18 @@ class DataFlashLog(Log):
             if not topic.name.startswith("GYR") or other is None or not alone:
                 yield topic
                 continue
-            own, accel = self._messages[topic.name], self._messages[other.name]
+            gyro, accel = self._messages[topic.name], self._messages[other.name]
             times = [
-                each.column(known.map["t"].partition(":")[0])
-                for each, known in ((own, topic), (accel, other))
+                messages.column(known.map["t"].partition(":")[0])
+                for messages, known in ((gyro, topic), (accel, other))
                 if "t" in known.map
             ]
-            at = rows_at(*times) if len(times) == 2 and "accel/x" in other.map else None
-            if at is None:
+            matches = rows_at(*times) if len(times) == 2 and "accel/x" in other.map else None
+            if matches is None:
                 note = f"{other.name} not used: its samples are at other times, --topic reads it alone"
                 yield replace(topic, note=note)
                 continue
-            self._joined[topic.name] = accel, at
+            self._joined[topic.name] = accel, matches
             known = {name: text for name, text in other.map.items() if name.startswith("accel")}
             yield replace(topic, columns=[*topic.columns, *ACCEL], map={**topic.map, **known})
 
@@ -256,24 +266,25 @@ class DataFlashLog(Log):
         if headers is None or data is None:
             return
         header, rows = headers.rows(0, len(headers.places)), data.rows(0, len(data.places))
-        of = np.searchsorted(headers.places, data.places) - 1  # the header before each message
-        found = (of >= 0) & (header["N"][of] == rows["N"])
-        if lost := int((~found).sum()):
+        header_index = np.searchsorted(headers.places, data.places) - 1  # the header before each message
+        # a logger that falls behind drops messages: without its header a message has neither rate nor scale
+        paired = (header_index >= 0) & (header["N"][header_index] == rows["N"])
+        if lost := int((~paired).sum()):
             self.remarks = [f"{lost:,} ISBD messages have no ISBH: they are left out"]
         for kind, instance in sorted({(int(h["type"]), int(h["instance"])) for h in header}):
             sensor, unit = BATCHES.get(kind, ("", ""))
-            mine = found & (header["type"][of] == kind) & (header["instance"][of] == instance)
-            if not sensor or not mine.any():
+            of_sensor = (header["type"] == kind) & (header["instance"] == instance)
+            chosen = paired & of_sensor[header_index]
+            if not sensor or not chosen.any():
                 continue
-            of_mine, part = header[of[mine]], rows[mine]
+            batch, part = header[header_index[chosen]], rows[chosen]
             place = part["seqno"].astype(np.int64)[:, None] * BATCH_ROWS + np.arange(BATCH_ROWS)
-            valid = (place < of_mine["smp_cnt"][:, None]).ravel()
-            times = (
-                of_mine["SampleUS"][:, None] + place * 1e6 / of_mine["smp_rate"].astype(np.float64)[:, None]
-            )
+            # the last message of a batch is filled up
+            valid = (place < batch["smp_cnt"][:, None]).ravel()
+            times = batch["SampleUS"][:, None] + place * 1e6 / batch["smp_rate"].astype(np.float64)[:, None]
             arrays = {"SampleUS": times.ravel()[valid]}
             for axis in AXES:
-                scaled = part[axis] / of_mine["mul"].astype(np.float64)[:, None]
+                scaled = part[axis] / batch["mul"].astype(np.float64)[:, None]
                 arrays[axis] = scaled.ravel()[valid]
             name = f"ISBD/{sensor}/{instance}"
             self._batches[name] = arrays
@@ -283,7 +294,7 @@ class DataFlashLog(Log):
                 count=int(valid.sum()),
                 columns=list(arrays),
                 map={f"{sensor}/{a}": f"{a}:{unit}" for a in AXES} | {"t": "SampleUS:us"},
-                rate_hz=float(np.median(of_mine["smp_rate"])),
+                rate_hz=float(np.median(batch["smp_rate"])),
                 note="it has batches of raw samples: the pauses between them count as missing samples",
             )
 

@@ -8,6 +8,7 @@ definitions: PX4-Autopilot, msg/.
 
 from __future__ import annotations
 
+import mmap
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -30,6 +31,10 @@ from imumon.units import share_text
 
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 
+HEADER_BYTES = 16
+"""Bytes before the first message."""
+TYPES = frozenset(b"BFIMPQARDLCSO")
+"""Types of messages (PX4 user guide, ULog file format)."""
 COVERED = 0.9
 """Share of the time that integrals must cover to be averages over the sampling interval."""
 
@@ -46,13 +51,13 @@ class ULogLog(Log):
 
         log = ULog(str(path))
         data: dict[tuple[str, int], Arrays] = {}
-        for each in log.data_list:
-            data[each.name, each.multi_id] = each.data
+        for dataset in log.data_list:
+            data[dataset.name, dataset.multi_id] = dataset.data
         described = [_described(name, instance, data) for name, instance in data]
         self._arrays = {topic.name: arrays for topic, arrays in described}
         self.topics = best_first([topic for topic, _ in described], "vehicle_imu")
         self.facts = _facts(log.msg_info_dict)
-        if log.file_corruption:
+        if log.file_corruption or not is_whole(path):
             self.problem = "is corrupt: only the messages that are intact are used"
         best = self.topics[0].type if self.topics else ""
         unused = [topic for topic in self.topics if topic.type == "vehicle_imu" != best and topic.note]
@@ -67,6 +72,20 @@ class ULogLog(Log):
         yield from array_blocks(self._arrays[self.topics[topic].name], columns)
 
 
+def is_whole(path: Path) -> bool:
+    """Return whether the messages of a ULog file follow each other to its end, each of a known type.
+
+    pyulog ends without a word at a message that would be longer than the rest of the file.
+    """
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        place, size = HEADER_BYTES, len(data)
+        while place + 3 <= size:
+            if data[place + 2] not in TYPES:
+                return False
+            place += 3 + data[place] + (data[place + 1] << 8)
+        return place == size
+
+
 def _described(name: str, instance: int, data: Mapping[tuple[str, int], Arrays]) -> tuple[Topic, Arrays]:
     """Return a topic and its arrays, with those that are derived."""
     arrays = dict(data[name, instance])
@@ -77,6 +96,7 @@ def _described(name: str, instance: int, data: Mapping[tuple[str, int], Arrays])
     if known and "temperature" not in known and (degrees := _temperature(arrays, time, data)) is not None:
         arrays["sensor_gyro.temperature"] = degrees
         known["temperature"] = "sensor_gyro.temperature:degC"
+    # another version of PX4 may have other fields under the same name: then --map names them
     if not all(text.rpartition(":")[0] in arrays for text in known.values()):
         known = {}
     averaged = covered is not None and covered >= COVERED
@@ -124,14 +144,15 @@ def _temperature(
     The number of the chip chooses the sensor; `sensor_combined` has that of `sensor_selection`, if it never changes. A
     topic without one is that of the only sensor.
     """
-    sources = [each for (name, _), each in data.items() if name == source and "temperature" in each]
+    sources = [dataset for (name, _), dataset in data.items() if name == source and "temperature" in dataset]
     chip = arrays.get("gyro_device_id", arrays.get("device_id"))
     if chip is None and "gyro_rad[0]" in arrays:
         chip = np.unique(data.get(("sensor_selection", 0), {}).get("gyro_device_id", np.zeros(0)))
+        # a selection that changes mixes the samples of several sensors: no temperature fits all of them
         chip = chip if len(chip) == 1 else None
     if chip is not None:
         same = chip[:1].tolist()
-        sources = [each for each in sources if same == each.get("device_id", chip[:0])[:1].tolist()]
+        sources = [dataset for dataset in sources if same == dataset.get("device_id", chip[:0])[:1].tolist()]
     if len(sources) != 1 or time not in arrays:
         return None
     return degrees_at(arrays[time], sources[0]["timestamp"], sources[0]["temperature"])
@@ -171,6 +192,7 @@ def _coverage(interval_s: Floats, times_us: npt.NDArray[Any]) -> float:
     if len(times_us) < 2 or len(interval_s) != len(times_us):
         return 0.0
     steps = np.diff(times_us.astype(np.float64)) * 1e-6
+    # only neighbours: a pause of the logger says nothing of how the integrals follow each other
     near = (steps > 0.0) & (steps < (1.0 + SINGLE_EXCESS) * float(np.median(steps)))
     return float(interval_s[1:][near].sum() / steps[near].sum()) if near.any() else 0.0
 
@@ -209,20 +231,20 @@ def _fifo(
     valid = (place < counts).ravel()
     times = arrays["timestamp_sample"].astype(np.float64)[:, None]
     times = times - (counts - 1 - place) * arrays["dt"].astype(np.float64)[:, None]
-    found: Arrays = {"timestamp_sample": times.ravel()[valid]}
+    integrals: Arrays = {"timestamp_sample": times.ravel()[valid]}
     for axis in AXES:
         raw = np.column_stack([arrays[f"{axis}[{k}]"] for k in range(slots)]).astype(np.float64)
-        found[axis] = (raw * arrays["scale"].astype(np.float64)[:, None]).ravel()[valid]
+        integrals[axis] = (raw * arrays["scale"].astype(np.float64)[:, None]).ravel()[valid]
     source = f"sensor_{sensor}"
-    if (degrees := _temperature({**arrays, **found}, "timestamp_sample", data, source)) is not None:
-        found[f"{source}.temperature"] = degrees
+    if (degrees := _temperature({**arrays, **integrals}, "timestamp_sample", data, source)) is not None:
+        integrals[f"{source}.temperature"] = degrees
         known["temperature"] = f"{source}.temperature:degC"
-    step = step_s(found["timestamp_sample"])
+    step = step_s(integrals["timestamp_sample"])
     rate = None if step is None else 1.0 / step
-    count = len(found["timestamp_sample"])
+    count = len(integrals["timestamp_sample"])
     return Topic(
-        name=f"{name}/{instance}", type=name, count=count, columns=list(found), map=known, rate_hz=rate
-    ), found
+        name=f"{name}/{instance}", type=name, count=count, columns=list(integrals), map=known, rate_hz=rate
+    ), integrals
 
 
 def _facts(info: Mapping[str, Any]) -> dict[str, str]:

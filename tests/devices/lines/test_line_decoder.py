@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from paths import ROOT
 
 from imumon.devices.base import InvalidOption, sample_blocks
-from imumon.devices.lines.line_decoder import LONGEST_LINE, LineDecoder
+from imumon.devices.lines import line_decoder
+from imumon.devices.lines.line_decoder import LONGEST_LINE, MOST_TRIALS, LineDecoder
 from imumon.devices.lines.lines_driver import parse_url
 from imumon.pipeline import Monitor
 from imumon.samples import ACCEL, GYRO, SampleBlock
@@ -96,6 +97,31 @@ def test_a_megabyte_without_an_end_of_line_is_discarded_in_bounded_memory() -> N
     blocks += decoder.feed(b"\n" + lines(200, start=2_000_000)) + decoder.finish()
     assert len(rows(blocks)) == 400
     assert (decoder.bad_checksums, decoder.discarded) == (1, (1 << 20) + 1)
+
+
+def test_invented_names_are_tried_as_a_header_so_many_times_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To read a name takes long. The header that a board prints at each start stays known."""
+    trials: list[int] = []
+    real = line_decoder.header_columns
+    monkeypatch.setattr(
+        line_decoder, "header_columns", lambda names, given: trials.append(len(names)) or real(names, given)
+    )
+    header = b"micros,gx,gy,gz\n"
+    invented = b"".join(b"state%d temp%d\n" % (k, k) for k in range(2000)) + b"a," * 2047 + b"\n"
+    blocks, decoder = decoded(header + b"10,1,2,3\n" + invented + header + b"20,1,2,3\n", {})
+    assert rows(blocks).tolist() == [[1.0, 2.0, 3.0]] * 2
+    assert decoder.bad_checksums == 2001
+    assert len(trials) == MOST_TRIALS
+    assert max(trials) == 4
+
+
+@pytest.mark.parametrize(
+    ("bytes_", "longest"), [("100", 100), ("0", 4096), ("1e9", 4096), ("9" * 4400, 4096)]
+)
+def test_the_longest_line_is_a_setting_of_the_decoder(bytes_: str, longest: int) -> None:
+    line = b"1,2,3" + b" " * (longest - 5)
+    blocks, decoder = decoded(line + b"\n" + line + b" \n", {"columns": "gx,gy,gz", "line_bytes": bytes_})
+    assert len(rows(blocks)) == decoder.bad_checksums == 1
 
 
 def test_a_hundred_thousand_lines_at_once() -> None:
@@ -201,6 +227,8 @@ def test_a_decoder_that_needs_a_header_takes_no_other_lines() -> None:
         ("lines:/dev/x?gyro=furlong", "lines_unit_invalid"),
         ("lines:/dev/x?baud=fast", "lines_url_invalid"),
         ("lines:/dev/x?rate=-1", "lines_url_invalid"),
+        ("lines:udp://:4000?from=board", "lines_url_invalid"),
+        ("lines:tcp://10.0.0.7:4000?from=10.0.0.7", "lines_url_invalid"),
     ],
 )
 def test_a_url_that_is_wrong_has_a_code_and_a_cure(url: str, code: str) -> None:

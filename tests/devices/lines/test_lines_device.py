@@ -8,13 +8,16 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import suppress
+from collections import Counter
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import forked
+import numpy as np
 import pytest
 from daemons import Daemon, free_endpoint
 from line_sender import COLUMNS, LineSender
+from scraping import free_port
 from waiting import until
 
 from imumon.devices.base import DeviceEnded, DeviceLost, DeviceOptions
@@ -62,6 +65,107 @@ def test_the_daemon_reads_lines_and_loses_none(kind: str, tmp_path: Path) -> Non
         sender.close()
 
 
+def sent(sender: socket.socket, port: int, count: int, value: int) -> None:
+    for _ in range(count):
+        sender.sendto(b"%d\n" % value, ("127.0.0.1", port))
+
+
+def test_of_two_senders_of_datagrams_the_first_is_the_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The lines of the other are counted. One that was started again has another port of the same address."""
+    monkeypatch.setattr("imumon.devices.ports.SENDER_S", 0.3)
+    port = free_port()
+    with SerialPort(f"udp://:{port}") as reader, ExitStack() as sockets:
+        first, other, far, scan = (
+            sockets.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(4)
+        )
+        far.bind(("127.0.0.2", 0))
+        scan.bind(("127.0.0.3", 0))
+        sent(scan, port, 1, 0)
+        assert received(reader, 1) == {b"0": 1}
+        time.sleep(0.4)
+        for _ in range(50):
+            sent(first, port, 3, 1)
+            sent(other, port, 2, 2)
+            sent(far, port, 1, 3)
+        assert received(reader, 150) == {b"1": 150}
+        assert until(lambda: reader.other_lines == 150)
+        assert reader.other_sender == f"127.0.0.1 port {other.getsockname()[1]}"
+        time.sleep(0.4)
+        sent(far, port, 10, 3)  # of another address: it never follows
+        sent(other, port, 10, 2)
+        assert received(reader, 10) == {b"2": 10}
+
+
+@pytest.mark.parametrize(
+    ("host", "given"), [("127.0.0.1", ""), ("127.0.0.1", "?from=127.0.0.1"), ("::1", "")]
+)
+def test_a_flood_of_datagrams_is_discarded_by_the_kernel(
+    host: str, given: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Until the sensor is silent; then another of its address may take its place."""
+    if not sys.platform.startswith("linux"):
+        pytest.skip("filters of sockets are those of Linux")
+    monkeypatch.setattr("imumon.devices.ports.SENDER_S", 0.5)
+    monkeypatch.setattr("imumon.devices.ports.SENDER_DATAGRAMS", 1)
+    monkeypatch.setattr("imumon.devices.ports.OTHERS_S", 60.0)
+    port, family = free_port(), socket.AF_INET6 if ":" in host else socket.AF_INET
+    at = f"[{host}]" if ":" in host else ""
+    with SerialPort(f"udp://{at}:{port}{given}") as reader, ExitStack() as sockets:
+        sensor, other = (sockets.enter_context(socket.socket(family, socket.SOCK_DGRAM)) for _ in range(2))
+        if given:
+            other.bind(("127.0.0.2", 0))
+        sensor.sendto(b"1", (host, port))
+        assert received(reader, 1) == {b"1": 1}
+        for _ in range(30):  # in small numbers: the kernel would drop those that nobody reads in time
+            for _ in range(100):
+                other.sendto(b"2", (host, port))
+            sensor.sendto(b"1", (host, port))
+            data = reader.read(0.2)
+            assert set(data.split()) <= {b"1"}
+        assert 1000 <= reader.other_lines < 2000
+        if not given:
+            time.sleep(0.8)
+            other.sendto(b"2", (host, port))
+            assert received(reader, 1)[b"2"] == 1
+
+
+def received(reader: SerialPort, lines: int) -> Counter[bytes]:
+    """How often each line has arrived, of so many."""
+    data, end = b"", time.monotonic() + 60.0
+    while data.count(b"\n") < lines and time.monotonic() < end:
+        data += reader.read(0.1)
+    return Counter(data.split())
+
+
+def test_the_address_of_the_sender_may_be_given(tmp_path: Path) -> None:
+    """The other sender comes first; the report and the log name it once, and its lines are no samples."""
+    port, ending = free_port(), threading.Event()
+
+    def send(far: socket.socket, sensor: socket.socket) -> None:
+        count = 0
+        while not ending.wait(0.005):
+            stamp, count = int(1e6 * time.monotonic()), count + 1
+            for sender, value in ((far, 5.0), (sensor, 0.001 * (count % 7))):
+                line = ",".join([str(stamp), *[f"{value:.3f}"] * 6])
+                sender.sendto(line.encode(), ("127.0.0.1", port))
+
+    url = f"lines:udp://:{port}?from=127.0.0.1&columns={COLUMNS}"
+    with ExitStack() as opened:
+        sockets = [opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2)]
+        sockets[0].bind(("127.0.0.2", 0))
+        daemon = opened.enter_context(Daemon(url, tmp_path / "state", "--duration", "60", "--no-guards"))
+        thread = threading.Thread(target=send, args=sockets)
+        thread.start()
+        try:
+            made = daemon.wait(lambda made: made.session.samples > 500)
+        finally:
+            ending.set()
+            thread.join()
+    assert made.channels["gyro/x"].mean == pytest.approx(0.003, abs=0.001)
+    assert "127.0.0.2" in " ".join(made.device.remarks)
+    assert daemon.log.count("another sender") == 1
+
+
 def test_the_end_of_standard_input_ends_the_run_with_its_report(tmp_path: Path) -> None:
     done = run(tmp_path, "--port", f"lines:-?{MILLI}", text=lines(1000) + b"oops\n")
     assert done.returncode == 0, done.stderr
@@ -79,6 +183,17 @@ def test_standard_input_without_a_sample_is_an_error(text: bytes, tmp_path: Path
     done = run(tmp_path, "--port", "lines:-", text=text)
     assert done.returncode == 3
     assert error_of(done) == "stream_without_samples"
+
+
+def test_lines_that_are_no_samples_are_an_error_that_proposes_their_columns(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    rows = rng.normal((0.0, 0.0, 1.0, 25.0), 1e-3, (60, 4))
+    text = "".join(f"{10 * k},{','.join(map(str, row))}\n" for k, row in enumerate(rows.tolist()))
+    done = run(tmp_path, "--port", "lines:-", text=text.encode())
+    assert (done.returncode, error_of(done)) == (3, "stream_without_samples")
+    assert "?columns=t_ms,ax,ay,az,-&accel=g" in done.stderr
+    done = run(tmp_path, "--port", "lines:-?columns=t_ms,ax,ay,az,-&accel=g", text=text.encode())
+    assert (done.returncode, json.loads(done.stdout)["session"]["samples"]) == (0, 60)
 
 
 @pytest.mark.parametrize("given", ["option", "parameter", "nothing", "file"])
@@ -162,6 +277,7 @@ def test_a_header_that_a_server_sends_first_is_used() -> None:
         thread.join()
     assert count == 300
     assert device.counters.bad_checksums == 1
+    assert device.counters.other_sender == 0
     assert device.info().source == "lines of time_ms,gyro_x,gyro_y,gyro_z,-"
     device.close()
 

@@ -74,7 +74,7 @@ def test_a_bridged_sensor_has_the_numbers_of_its_port(tmp_path: Path) -> None:
         spawn(settings) as emulator,
     ):
         sensor = registry.driver("vn100").create(
-            DeviceOptions(url=emulator.path, settings=replace(Settings().device, baud=BAUD), speed=SPEED)
+            DeviceOptions(url=emulator.path, settings=replace(Settings().device, baud=BAUD), time_lapse=True)
         )
         sensor.open()
         sensor.start()

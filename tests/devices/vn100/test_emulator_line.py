@@ -16,6 +16,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import forked
 import numpy as np
 import pytest
 import serial
@@ -215,7 +216,7 @@ def test_replies_are_sent_between_messages(sensor: EmulatorProcess) -> None:
         for _ in range(20):
             client.send("VNRRG,85")
             captured += client.collect(0.05)
-        end = time.monotonic() + 10.0  # a busy machine sends the last replies later
+        end = time.monotonic() + 60.0  # a busy machine sends the last replies later
         while captured.count(reply) < 20 and time.monotonic() < end:
             captured += client.collect(0.05)
         decoder = Vn100Decoder()
@@ -343,7 +344,7 @@ def test_signals_end_the_emulator_and_remove_the_link(number: int, code: int, tm
         assert answers[0]["path"] == path
         assert "error" in answers[1]
     process.send_signal(number)
-    assert process.wait(5) == code
+    assert process.wait(60) == code
     assert not link.is_symlink()
     process.stdout.close()
 
@@ -360,8 +361,7 @@ def test_a_link_replaces_no_other_file(tmp_path: Path) -> None:
     kept.write_text("mine")
     (tmp_path / "linked").symlink_to(kept)
     for arguments in (["--link", str(kept)], ["--link", str(tmp_path / "linked")], ["--control", str(kept)]):
-        command = [sys.executable, "-m", "imumon", "sim", *arguments]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = forked.run("sim", *arguments)
         assert done.returncode == 2
         assert str(kept) in done.stderr
         assert done.stderr.count("\n") == 1
@@ -370,9 +370,8 @@ def test_a_link_replaces_no_other_file(tmp_path: Path) -> None:
 
 def test_a_link_to_a_used_terminal_is_kept_and_a_stale_one_is_replaced(tmp_path: Path) -> None:
     link = tmp_path / "vn100"
-    command = [sys.executable, "-m", "imumon", "sim", "--link", str(link)]
     with spawn(EmulatorSettings(seed=1, link=str(link))) as sensor:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = forked.run("sim", "--link", str(link))
         assert (done.returncode, done.stdout) == (2, "")
         assert done.stderr.count("\n") == 1
         assert f"{sensor.path} is in use" in done.stderr
@@ -392,8 +391,7 @@ def test_a_link_to_a_used_terminal_is_kept_and_a_stale_one_is_replaced(tmp_path:
 
 def test_usage_errors_are_one_line() -> None:
     for arguments in (["--rate", "300"], ["--rate", "200", "--baud", "115200"]):
-        command = [sys.executable, "-m", "imumon", "sim", *arguments]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = forked.run("sim", *arguments)
         assert done.returncode != 0
         assert re.match(rf"imumon( sim)?: --rate {arguments[1]}", done.stderr)
         assert done.stderr.count("\n") == 1

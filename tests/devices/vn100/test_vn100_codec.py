@@ -301,10 +301,15 @@ def test_increments_are_converted_to_rates() -> None:
 
 def test_the_status_words_of_the_sensor_report_saturation() -> None:
     layout = BinaryLayout.of({Group.IMU: 0x080C, Group.ATTITUDE: 0x0001})
-    status = np.array([0, 0x0004, 0x0200, 0x0FFF & ~0x0204, 0])
-    block = only(layout.encode({"vpeStatus": status, "sensSat": [0, 0, 0, 0, 1]}))
+    status = np.array([0, 0x0004, 0x0200, 0x0FFF & ~0x0204, 0, 0, 0])
+    block = only(layout.encode({"vpeStatus": status, "sensSat": [0, 0, 0, 0, 1 << 3, 1 << 8, 1]}))
     assert block.saturated is not None
-    assert block.saturated.tolist() == [False, True, True, False, True]
+    assert block.stream.channels[0] == "gyro/x"
+    gyro, accel = (
+        [0, 1, 0, 0, 0, 1, 0],
+        [0, 0, 1, 0, 1, 0, 0],
+    )  # the last one is a magnetometer that is not sent
+    assert block.saturated.T.tolist() == [gyro, accel]
 
 
 def test_a_message_with_a_number_that_is_not_finite_is_not_a_sample() -> None:

@@ -133,7 +133,7 @@ def rows(items: list[DecodedItem]) -> list[Any]:
         assert (item.lost >= 0).all()
         for i in range(len(item)):
             time = None if item.time_ns is None else int(item.time_ns[i])
-            flag = None if item.saturated is None else bool(item.saturated[i])
+            flag = None if item.saturated is None else bool(item.saturated[i].any())
             out.append((item.stream, item.values[i].tobytes(), time, int(item.lost[i]), flag))
     return out
 

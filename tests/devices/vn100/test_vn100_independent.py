@@ -20,7 +20,7 @@ from imumon.devices.vn100.emulator import EmulatorSettings, Noise
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
 from imumon.devices.vn100.emulator.emulator import make_device
 from imumon.devices.vn100.registers import OUTPUT_TYPES, REGISTERS
-from imumon.samples import SampleBlock
+from imumon.samples import SampleBlock, sensor_of
 
 CHECKS: tuple[wire.CheckWidth, ...] = (8, 16)
 ENDS = (b"\r\n", b"\n")
@@ -46,8 +46,10 @@ def samples(items: list[DecodedItem]) -> list[wire.Sample]:
         for row in range(len(block)):
             values = dict(zip(block.stream.channels, block.values[row].tolist(), strict=True))
             time_ns = None if block.time_ns is None else int(block.time_ns[row])
-            flag = None if block.saturated is None else bool(block.saturated[row])
-            result.append(wire.Sample(block.stream.kind, values, block.stream.clock, time_ns, flag))
+            sensors, saturated = list(dict.fromkeys(map(sensor_of, block.stream.channels))), None
+            if block.saturated is not None:
+                saturated = frozenset(np.array(sensors)[block.saturated[row]].tolist())
+            result.append(wire.Sample(block.stream.kind, values, block.stream.clock, time_ns, saturated))
     return result
 
 

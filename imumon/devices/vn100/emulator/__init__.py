@@ -10,6 +10,7 @@ from imumon.devices.vn100.emulator.emulator_settings import (
     Noise,
     add_arguments,
     from_arguments,
+    time_lapse_settings,
 )
 from imumon.devices.vn100.emulator.process import EmulatorProcess, spawn
 
@@ -20,4 +21,5 @@ __all__ = [
     "add_arguments",
     "from_arguments",
     "spawn",
+    "time_lapse_settings",
 ]

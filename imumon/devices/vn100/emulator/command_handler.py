@@ -108,9 +108,9 @@ class CommandHandler:
                 self._input.clear()
                 self._error(ErrorCode.SERIAL_INPUT_BUFFER_OVERFLOW, "xor")
             elif self._input.endswith((b"\n", b"\r")):
-                at = self._input.rfind(b"$")
-                if at >= 0:
-                    self._received.append((bytes(self._input[at:]).strip(), now))
+                dollar = self._input.rfind(b"$")  # a sensor ignores garbage before a command
+                if dollar >= 0:
+                    self._received.append((bytes(self._input[dollar:]).strip(), now))
                 self._input.clear()
 
     def replies(self, now: float) -> list[bytes]:
@@ -130,25 +130,21 @@ class CommandHandler:
 
     @property
     def _booting(self) -> bool:
+        # while it saves, it sends and receives, and only its replies are late
         return self._pending is not None and self._pending[1] == self._boot
 
     def _execute(self, line: bytes, arrived: float, now: float) -> None:
+        """Reply to a line that begins with ``$``, or report why it is no valid command."""
         body, star, checksum = line[1:].partition(b"*")
         kind: ChecksumKind = "crc" if len(checksum) == 4 else "xor"
         complete = star and _CHECKSUM.fullmatch(checksum) and _BODY.fullmatch(body)
+        # a checksum of XX or XXXX is not checked, so that a person can type commands
         if not complete or (checksum[:1] not in b"Xx" and not ascii.intact(body, checksum)):
             self._error(ErrorCode.INVALID_CHECKSUM, kind)
             return
         command, fields = ascii.split(body)
         try:
-            if command not in self._commands:
-                raise RegisterError(ErrorCode.INVALID_COMMAND, command)
-            handler, least, most = self._commands[command]
-            if not least <= len(fields) <= most:
-                code = (
-                    ErrorCode.NOT_ENOUGH_PARAMETERS if len(fields) < least else ErrorCode.TOO_MANY_PARAMETERS
-                )
-                raise RegisterError(code, command)
+            handler = self._handler(command, len(fields))
             if command == "VNBOM":
                 self._replies.append(self._poll_binary(*fields))
             elif command == "VNWNV":
@@ -160,11 +156,25 @@ class CommandHandler:
         except RegisterError as error:
             self._error(error.code, kind)
 
+    def _handler(self, command: str, count: int) -> Callable[..., Sequence[str]]:
+        """Return what executes a command with `count` fields; refuse an unknown one, or a wrong number."""
+        if command not in self._commands:
+            raise RegisterError(ErrorCode.INVALID_COMMAND, command)
+        handler, least, most = self._commands[command]
+        if count < least:
+            raise RegisterError(ErrorCode.NOT_ENOUGH_PARAMETERS, command)
+        if count > most:
+            raise RegisterError(ErrorCode.TOO_MANY_PARAMETERS, command)
+        return handler
+
     def _error(self, code: int, kind: ChecksumKind) -> None:
+        """Reply with an error, as register 30 configures it."""
         mode = self.registers.parse(RegisterNumber.PROTOCOL)["error_mode"]
         if mode:
             self._replies.append(ascii.encode(f"VNERR,{code:02X}", kind))
-        if mode == 2:
+        if (
+            mode == 2
+        ):  # send and switch the asynchronous output off; modes 0 and 1 are silence and sending alone
             self.registers.write(RegisterNumber.OUTPUT_TYPE, ("0",))
             self.outputs.update()
 
@@ -194,6 +204,7 @@ class CommandHandler:
         return (f"{register.id:02d}", *self._values(register, port), *echoed)
 
     def _values(self, register: Register, port: int | None) -> Sequence[str]:
+        """Return the fields of a register as they are now."""
         identity = {1: self._settings.model, 3: self._settings.serial, 4: self._settings.firmware}
         if register.id in identity:
             return (identity[register.id],)
@@ -209,6 +220,7 @@ class CommandHandler:
         return self.registers.read(register.id, port)
 
     def _write_register(self, number: str, *values: str) -> Sequence[str]:
+        """Write a register; refuse what the sensor refuses."""
         register = self._register(number)
         if register.access != "setting":
             raise RegisterError(ErrorCode.NOT_ALLOWED, "read only")
@@ -220,11 +232,12 @@ class CommandHandler:
         if register.id in registers.BINARY_OUTPUTS and int(stored[2], 16):
             binary_layout(stored[2:])
         if register.id in _AFFECT_LOAD:
+            # the sum of all streams of a port has to fit; a binary output may be on both ports
             trial = self.registers.with_values(register.id, stored, port)
-            for each in (1, 2) if register.id in registers.BINARY_OUTPUTS else (port,):
+            for loaded_port in (1, 2) if register.id in registers.BINARY_OUTPUTS else (port,):
                 if (
-                    self.outputs.bytes_per_second(trial, each)
-                    > int(trial.read(RegisterNumber.BAUD, each)[0]) / 10
+                    self.outputs.bytes_per_second(trial, loaded_port)
+                    > int(trial.read(RegisterNumber.BAUD, loaded_port)[0]) / 10
                 ):
                     raise RegisterError(ErrorCode.BAUD_RATE_TOO_LOW, "the output does not fit the baud")
         self.registers.write(register.id, stored, port)
@@ -260,6 +273,7 @@ class CommandHandler:
         return ()
 
     def _set_initial_heading(self, *angles: str) -> Sequence[str]:
+        """Set the heading, from a heading, three angles or a quaternion."""
         if self.registers.generation == 2:
             raise RegisterError(ErrorCode.INVALID_COMMAND, "firmware 2 has VNTAR instead")
         if len(angles) == 2:
@@ -288,6 +302,8 @@ class CommandHandler:
         return (state,)
 
     def _save(self, kind: ChecksumKind, arrived: float, now: float) -> None:
+        """Begin to write the flash; the reply comes when that is done."""
+
         def saved() -> None:
             self.registers.save()
             self._saved_at = now + SAVING_S

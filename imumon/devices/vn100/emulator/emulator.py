@@ -42,6 +42,7 @@ def make_device(settings: EmulatorSettings) -> CommandHandler:
     candidates = (
         [settings.baud]
         if settings.baud
+        # 128000 has no constant in termios: no client on Linux could open it
         else [b for b in registers.BAUDS if b >= registers.FACTORY_BAUD and b != 128000]
     )
     for baud in candidates:
@@ -115,12 +116,12 @@ class Emulator:
         outputs = self._device.outputs
         time_lapse = self._settings.time_lapse
         waits = self.terminal.full or not self.terminal.has_client or now < self._stalled_until
-        if time_lapse and self._plugged and waits:
+        if time_lapse and self._plugged and waits:  # a later start is a sensor clock that stood still
             self._start += now - self._last_step
         self._last_step = now
         target = int((now - self._start) * self._ticks_per_s)
         most = outputs.tick + MOST_TICKS
-        if time_lapse and target > most:
+        if time_lapse and target > most:  # a machine that is too slow gets less time-lapse, not a backlog
             self._start += (target - most) / self._ticks_per_s
             target = most
         messages = self._device.advance(target)
@@ -137,14 +138,15 @@ class Emulator:
         for made_at, message in messages:
             if self._cut_next:
                 message, self._cut_next = message[: len(message) // 2], False
-            arriving = self._faults.apply(message, self._rng)
-            self._lost += not arriving
-            self._duplicated += len(arriving) > 1
-            for each in arriving:
-                self._uart.queue(each, made_at)
+            copies = self._faults.apply(message, self._rng)
+            self._lost += not copies
+            self._duplicated += len(copies) > 1
+            for copy in copies:
+                self._uart.queue(copy, made_at)
 
     def _next_step(self, now: float) -> float:
         earliest = now + (_STEP_TIME_LAPSE_S if self._settings.time_lapse else _STEP_S)
+        # + 1: the message of a tick is complete when the tick is over
         times = [now + IDLE_S, self._start + (self._device.outputs.next_tick() + 1) / self._ticks_per_s]
         times += [t for t in (self._uart.next_transmitted(), self._device.next_reply()) if t is not None]
         return max(earliest, min(times))
@@ -174,9 +176,10 @@ class Emulator:
     def counters(self) -> dict[str, object]:
         """Return what was made, sent and lost so far.
 
-        All but the last five are messages: made + replies + duplicated = sent + lost + dropped + unheard +
+        All but the last six are messages: made + replies + duplicated = sent + lost + dropped + unheard +
         overflowed + queued. ``lost`` were removed by faults, ``dropped`` found the terminal full, ``unheard``
-        found no client, ``overflowed`` found the transmitter of the sensor full.
+        found no client, ``overflowed`` found the transmitter of the sensor full. ``bytes`` were written, ``unread`` of
+        them wait for the client.
         """
         return {
             "made": self._made,
@@ -189,6 +192,7 @@ class Emulator:
             "overflowed": self._uart.overflowed,
             "queued": len(self._uart),
             "bytes": self.terminal.sent_bytes,
+            "unread": self.terminal.unread if self._plugged else 0,  # else its descriptors are closed
             "ticks": self._device.outputs.tick,
             "restarts": self._device.restarts,
             "baud": self.baud,

@@ -11,6 +11,7 @@ import argparse
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
+from imumon.clock import HostClock
 from imumon.devices.base import InvalidOption
 from imumon.devices.vn100.emulator.faults import FOREIGN_DEVICES, Faults
 from imumon.devices.vn100.registers import ASCII_RATES, BAUDS, FACTORY_BAUD, LOOP_RATE, Generation
@@ -109,6 +110,11 @@ class EmulatorSettings:
     @property
     def time_lapse(self) -> bool:
         return self.speed > 1.0
+
+
+def time_lapse_settings(clock: HostClock, seed: int | None) -> EmulatorSettings:
+    """Return the settings of an emulator whose sample clock runs beside a host clock."""
+    return EmulatorSettings(speed=clock.time_lapse, seed=seed)
 
 
 def _axes(text: str) -> Axes:

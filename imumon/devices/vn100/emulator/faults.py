@@ -89,16 +89,17 @@ def with_wrong_checksum(message: bytes) -> bytes:
     """
     if message[:1] != b"$":
         return message[:-1] + bytes((message[-1] ^ 0x01,))
-    at = len(message.rstrip()) - 1
-    return message[:at] + (b"1" if message[at : at + 1] == b"0" else b"0") + message[at + 1 :]
+    # another hexadecimal digit: any other character would be a damaged frame, and no wrong checksum
+    last = len(message.rstrip()) - 1
+    return message[:last] + (b"1" if message[last : last + 1] == b"0" else b"0") + message[last + 1 :]
 
 
 def corrupted(message: bytes, probability: float, rng: np.random.Generator) -> bytes:
     """Return the message with each byte replaced by another one at this probability."""
     data = bytearray(message)
     hit = (rng.random(len(data)) < probability).nonzero()[0]
-    for at, change in zip(hit, rng.integers(1, 256, len(hit), dtype="uint8"), strict=True):
-        data[at] ^= change
+    for index, change in zip(hit, rng.integers(1, 256, len(hit), dtype="uint8"), strict=True):
+        data[index] ^= change
     return bytes(data)
 
 

@@ -134,6 +134,7 @@ class AttitudeEstimator:
     def update(self, sensor_model: SensorModel, upto: int) -> None:
         """Estimate up to tick `upto`; keep the steps since the last two calls."""
         steps = np.arange(self._first + len(self.bias) - 1, upto // STEP + 1)
+        # the newest two: the attitude of the next ticks is interpolated from the step before
         keep = max(0, len(self.bias) - 2)
         self._first += keep
         bias, angle = [*self.bias[keep:]], [*self._angle[keep:]]
@@ -213,12 +214,15 @@ class MeasurementOutput:
         return np.tile(_FIXED.get(name, (0.0,)), (len(self._ticks), 1))
 
     def _reading(self, sensor: str, compensated: bool) -> Floats:
+        """Return a quantity that is a reading of a sensor, after filter, calibration and compensation."""
         configuration = self._configuration
         raw = self._model.mean(self._ticks, _COLUMNS[sensor], configuration.window(sensor, compensated))
         if sensor not in configuration.calibration:
             return raw
         matrix, bias = configuration.calibration[sensor]
-        if sensor == "gyro" and compensated:
+        if (
+            sensor == "gyro" and compensated
+        ):  # it is estimated from the raw rate: the user's bias is part of it
             bias = self._estimator.bias_at(self._ticks)
         hard_iron = _HARD_IRON if sensor == "mag" and compensated and configuration.hard_iron else 0.0
         return np.asarray((raw - bias) @ matrix.T - hard_iron)

@@ -104,6 +104,7 @@ class OutputStreams:
 
     def shift_clock(self, seconds: float) -> None:
         """Make the sensor clock jump."""
+        # whole µs, the resolution of its stamps
         self._clock_shift_ns += round(seconds * 1e6) * 1000
 
     def set_sync_counts(self, sync_in: int, sync_in_time: int, sync_out: int) -> None:
@@ -187,10 +188,13 @@ class OutputStreams:
         return messages
 
     def _run(self, first: int, stop: int, silent: bool) -> list[Message]:
+        """Return the messages of the ticks from `first` to before `stop`, in order; none when `silent`."""
         self.estimator.update(self._model, stop)
         if silent or self._registers.port in self._paused:
             return []
         due = [np.arange(-first % s.divisor + first, stop, s.divisor) for s in self._streams]
+        # Increments have one integrator: a message that contains them resets it, whichever output sends it. So two
+        # outputs with increments take them from one another, as on the real sensor.
         resets = [ticks for stream, ticks in zip(self._streams, due, strict=True) if stream.deltas]
         reset_ticks = np.unique(np.concatenate(resets)) if resets else np.empty(0, np.int64)
         increments = self._increments(reset_ticks) if len(reset_ticks) else np.empty((0, 7))
@@ -204,7 +208,7 @@ class OutputStreams:
 
     def _increments(self, reset_ticks: Ints) -> Floats:
         """Return time and integrals from each reset of the increments to the next, (n, 7) s and unit * s."""
-        ends = reset_ticks + 1
+        ends = reset_ticks + 1  # the sample of the tick of a message is part of its increment
         integrals = self._integrals(ends)
         before = np.concatenate((self._reset_integrals[None, :], integrals[:-1]))
         spans = np.diff(ends, prepend=self._reset_tick) / LOOP_RATE
@@ -215,6 +219,7 @@ class OutputStreams:
         return np.concatenate([self._model.integral(ticks, GYRO), self._model.integral(ticks, ACCEL)], axis=1)
 
     def _measure(self, ticks: Ints, increments: Floats | None) -> MeasurementOutput:
+        """Return the measurements at some ticks, with their time stamps and counters."""
         age = (ticks - self._start_tick + STARTUP_TICKS) / LOOP_RATE + self._model.jitter(ticks)
         time_ns = np.rint(age * 1e6).astype(np.int64) * 1000 + self._clock_shift_ns
         rows = len(ticks)
@@ -238,12 +243,13 @@ class OutputStreams:
 
 
 def _binary_stream(layout: binary.BinaryLayout, divisor: int) -> OutputStream:
+    """Return the output of packets of a layout, one every `divisor` ticks."""
     names = [name.partition(".")[2] for name in layout.fields]
 
     def encode(measurements: MeasurementOutput) -> list[bytes]:
         values = {name: measurements[name] for name in names if measurements.has(name)}
         data = layout.encode(values or {"timeStartup": measurements["timeStartup"]})
-        return [data[at : at + layout.length] for at in range(0, len(data), layout.length)]
+        return [data[start : start + layout.length] for start in range(0, len(data), layout.length)]
 
     return OutputStream(divisor, layout.length, any(name in _INCREMENTS for name in names), encode)
 

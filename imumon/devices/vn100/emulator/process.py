@@ -34,11 +34,7 @@ class EmulatorProcess:
     """
 
     def __init__(self, settings: EmulatorSettings) -> None:
-        controlled = pickle.dumps(replace(settings, control="-")).hex()
-        command = [sys.executable, "-P", "-m", "imumon.devices.vn100.emulator", controlled]
-        self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
-        )
+        self._process = start_process(replace(settings, control="-"))
         self.pid = self._process.pid
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -81,6 +77,14 @@ class EmulatorProcess:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def start_process(settings: EmulatorSettings) -> subprocess.Popen[str]:
+    """Start the process of an emulator, whose standard input and output are pipes."""
+    command = [sys.executable, "-P", "-m", "imumon.devices.vn100.emulator", pickle.dumps(settings).hex()]
+    return subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
 
 
 def spawn(settings: EmulatorSettings | None = None) -> EmulatorProcess:

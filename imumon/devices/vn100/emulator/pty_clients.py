@@ -11,7 +11,7 @@ import ctypes
 import os
 import struct
 
-_OPEN, _CLOSE = 0x20, 0x08 | 0x10
+_OPEN, _CLOSE = 0x20, 0x08 | 0x10  # IN_OPEN; IN_CLOSE_WRITE or IN_CLOSE_NOWRITE
 _EVENT = struct.Struct("iIII")
 
 
@@ -26,7 +26,7 @@ class PtyClients:
     def __init__(self, path: str) -> None:
         self._clients = 0
         self.descriptor: int | None = None
-        libc = ctypes.CDLL(None, use_errno=True)
+        libc = ctypes.CDLL(None, use_errno=True)  # the standard library of Python has no inotify
         if not hasattr(libc, "inotify_init1"):
             return
         descriptor = libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)

@@ -69,20 +69,24 @@ class SensorModel:
         self._held_mag = np.zeros((3, 1))
         self._sums = np.zeros((len(CONSTANT), PAST_TICKS + 1))
         self._jitter = np.zeros(PAST_TICKS)
+        # begin in the past, so that the longest window is full at tick 0
         self._first, self.end = -2 * PAST_TICKS, -PAST_TICKS
         self.extend(PAST_TICKS)
 
     def extend(self, ticks: int) -> None:
         """Compute `ticks` more ticks; drop those before the history."""
-        at = np.arange(self.end, self.end + ticks)
+        new_ticks = np.arange(self.end, self.end + ticks)
         new = np.empty((len(CONSTANT), ticks))
-        warm = self._settings.warm_up * -np.exp(-np.maximum(at, 0) / (self._settings.warm_up_s * LOOP_RATE))
+        warm = self._settings.warm_up * -np.exp(
+            -np.maximum(new_ticks, 0) / (self._settings.warm_up_s * LOOP_RATE)
+        )
         new[GYRO] = self._gyro.generate(ticks).T + self._settings.gyro_thermal * warm
         new[ACCEL] = self._accel.generate(ticks).T
-        new[MAG] = self._magnetic(at)
+        new[MAG] = self._magnetic(new_ticks)
         new[TEMPERATURE] = warm + 0.02 * self._thermometer.standard_normal(ticks)
         new[PRESSURE] = 0.003 * self._barometer.standard_normal(ticks)
         self._sums = np.concatenate((self._sums[:, -(PAST_TICKS + 1) :], new), axis=1)
+        # from the last total on. Without the constants, which `integral` adds: the digits are those of the noise
         sums = self._sums[:, PAST_TICKS:]
         np.cumsum(sums, axis=1, out=sums)
         jitter = JITTER_S * self._clock.standard_normal(ticks)
@@ -90,10 +94,10 @@ class SensorModel:
         self._first = self.end - PAST_TICKS
         self.end += ticks
 
-    def _magnetic(self, at: Ints) -> Floats:
+    def _magnetic(self, ticks: Ints) -> Floats:
         """Return the last magnetometer reading at each tick, (3, n) gauss."""
-        reading = at * MAG_RATE // LOOP_RATE
-        before = (at[0] - 1) * MAG_RATE // LOOP_RATE
+        reading = ticks * MAG_RATE // LOOP_RATE
+        before = (ticks[0] - 1) * MAG_RATE // LOOP_RATE
         fresh = self._mag.generate(int(reading[-1] - before)).T
         if self._settings.hum:
             time_s = np.arange(before + 1, reading[-1] + 1) / MAG_RATE

@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import sys
 import termios
 import tty
 from collections import deque
@@ -58,6 +59,7 @@ class Uart:
             self._queue.append((now, message, self.baud))
             return
         start = max(self._free_at, now)
+        # bytes that wait, by the time that they will take
         if (start - now) * self.baud / 10 > OUTPUT_BUFFER:
             self.overflowed += 1
             return
@@ -140,6 +142,7 @@ class PseudoTerminal:
         """Discard the bytes and modes of a client that has closed the terminal."""
         if self._clients.update():
             self._pending.clear()
+            # on the slave: the kernel holds what the client has not read, and the exclusive mode, as long as it is open
             termios.tcflush(self._slave, termios.TCIFLUSH)
             fcntl.ioctl(self._slave, termios.TIOCNXCL)
 
@@ -151,6 +154,13 @@ class PseudoTerminal:
     def pending(self) -> bool:
         """Whether bytes wait to be written."""
         return bool(self._pending)
+
+    @property
+    def unread(self) -> int:
+        """Bytes that are written or pending, and that the client has not read."""
+        # asked of the slave: the kernel does not count on the master what waits for a client
+        waiting = fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4))
+        return len(self._pending) + int.from_bytes(waiting, sys.byteorder)
 
     def write(self, messages: list[tuple[bytes, int]]) -> None:
         """Write messages, garbled if the baud of the client is not theirs.
@@ -185,6 +195,7 @@ class PseudoTerminal:
     def _as_received(self, message: bytes, baud: int, client_baud: int | None) -> bytes:
         if _same_baud(client_baud, baud):
             return message
+        # a slower receiver takes several bytes for one; a faster one sees about as many as were sent
         count = max(1, round(len(message) * min(1.0, (client_baud or baud) / baud)))
         return self._rng.integers(0, 256, count, dtype=np.uint8).tobytes()
 

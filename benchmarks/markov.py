@@ -1,0 +1,181 @@
+"""What the fit states of noise of another kind than N, B and K, and of Gauss–Markov noise.
+
+    python benchmarks/markov.py                       100 records a cell
+    python benchmarks/markov.py --records 24 --only popcorn,markov
+
+Truth: N = 6.1e-5 rad/s/sqrt(Hz), records of 2 h at 40 Hz, point samples, in most cells with B = 2.4e-5 rad/s. Each cell
+adds a noise, in units of the floor 0.664 B. A row counts the records whose 95 % limits miss the truth at either side,
+and those in which a coefficient is measured whose truth is zero. The truth of noise that is none of the terms (popcorn,
+a step, a cycle) is B as added and K = 0: what is stated must hold it, or be a bound above it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+import scipy.fft
+import scipy.signal
+
+from imumon.coefficients import Estimate
+from imumon.noise import ChannelFit, OctaveCascade, fit_curve, synthesise
+
+N, B, RATE, LENGTH = 6.1e-5, 2.4e-5, 40.0, 288_000
+FLOOR = 0.664 * B
+BATCH = 10
+
+Added = Callable[[np.random.Generator, int], np.ndarray]
+
+
+def markov(sigma: float, time_s: float) -> Added:
+    def added(rng: np.random.Generator, n: int) -> np.ndarray:
+        a = np.exp(-1.0 / RATE / time_s)
+        drive = sigma * np.sqrt(1.0 - a * a) * rng.standard_normal(n)
+        drive[0] = sigma * rng.standard_normal()
+        return np.asarray(scipy.signal.lfilter([1.0], [1.0, -a], drive))
+
+    return added
+
+
+def popcorn(size: float, dwell_s: float) -> Added:
+    """Two levels, apart by twice `size`, each held for exponential times."""
+
+    def added(rng: np.random.Generator, n: int) -> np.ndarray:
+        changes = rng.random(n) < 1.0 / (dwell_s * RATE)
+        return size * np.where((np.cumsum(changes) + rng.integers(2)) % 2, 1.0, -1.0)
+
+    return added
+
+
+def step(size: float) -> Added:
+    return lambda rng, n: size * (np.arange(n) > n * rng.uniform(0.1, 0.9))
+
+
+def cycle(size: float, period_s: float) -> Added:
+    return lambda rng, n: size * np.sin(2.0 * np.pi * (np.arange(n) / RATE / period_s + rng.random()))
+
+
+def power_law(exponent: float, size: float) -> Added:
+    """Density 1/f^exponent, that of N at `size` Hz."""
+
+    def added(rng: np.random.Generator, n: int) -> np.ndarray:
+        k = np.arange(1, 2 * n)
+        h = np.concatenate(([1.0], np.cumprod((k - 1.0 + 0.5 * exponent) / k)))
+        white = rng.standard_normal(2 * n)
+        size_fft = scipy.fft.next_fast_len(4 * n)
+        y = scipy.fft.irfft(scipy.fft.rfft(h, size_fft) * scipy.fft.rfft(white, size_fft), size_fft)[
+            n : 2 * n
+        ]
+        return np.asarray(N * np.sqrt(RATE) * (2.0 * np.pi * size / RATE) ** (0.5 * exponent) * y)
+
+    return added
+
+
+def nothing(rng: np.random.Generator, n: int) -> np.ndarray:
+    return np.zeros(n)
+
+
+@dataclass(frozen=True)
+class Cell:
+    name: str
+    added: Added = nothing
+    B: float = B
+    K: float = 0.0
+    M: tuple[float, float] | None = None  # sigma, time constant, s
+    length: int = LENGTH
+    quantum: float = 0.0
+    truth: dict[str, float] = field(default_factory=dict)
+
+
+def sized(name: str, sigma: float, time_s: float, *, B: float = B) -> Cell:
+    return Cell(name, markov(sigma, time_s), B=B, M=(sigma, time_s))
+
+
+CELLS = (
+    Cell("clean", B=0.0),
+    Cell("clean B"),
+    Cell("clean B, K", K=1.5e-6),
+    Cell("clean K", B=0.0, K=3e-6),
+    sized("markov 3 floors, 57 s", 3 * FLOOR, 57.0, B=0.0),
+    sized("markov 3 floors, 57 s, B", 3 * FLOOR, 57.0),
+    sized("markov 10 floors, 57 s, B", 10 * FLOOR, 57.0),
+    sized("markov 2 floors, 20 s, B", 2 * FLOOR, 20.0),
+    sized("markov 3 floors, 200 s, B", 3 * FLOOR, 200.0),
+    sized("markov 3 floors, 1 s, B", 3 * FLOOR, 1.0),
+    Cell("popcorn 3 floors, 30 s", popcorn(3 * FLOOR, 30.0)),
+    Cell("popcorn 10 floors, 30 s", popcorn(10 * FLOOR, 30.0)),
+    Cell("step 5 floors", step(5 * FLOOR)),
+    Cell("step 2 floors", step(2 * FLOOR)),
+    Cell("cycle of a day, 2 h", cycle(20 * FLOOR, 86_400.0)),
+    Cell("cycle of a day, 12 h", cycle(20 * FLOOR, 86_400.0), length=6 * LENGTH),
+    Cell("clean K, 12 h", K=3e-7, length=6 * LENGTH),
+    Cell("1/f^0.5", power_law(0.5, 0.1), B=0.0),
+)
+
+
+def records(cell: Cell, begin: int, count: int) -> np.ndarray:
+    out = []
+    for k in range(begin, begin + count):
+        rng = np.random.default_rng([zlib.crc32(cell.name.encode()), k])
+        x = synthesise(cell.length, RATE, N=N, B=cell.B, K=cell.K, seed=rng, averaged=False).ravel()
+        out.append(x + cell.added(rng, cell.length))
+    return np.stack(out, axis=1)
+
+
+def counted(cell: Cell, fits: list[ChannelFit]) -> str:
+    truth = {"N": N, "B": cell.B, "K": cell.K, "M": cell.M[0] if cell.M else 0.0}
+    words = []
+    for letter, true in truth.items():
+        parts: list[Estimate] = []
+        for fit in fits:
+            if letter != "M":
+                parts.append(fit.coefficients[letter])
+            elif fit.markov is not None:
+                parts.append(fit.markov.sigma)
+        measured = [part for part in parts if part.status == "measured"]
+        low = sum(part.low is not None and part.low > true for part in parts)
+        high = sum(part.high is not None and part.high < true for part in parts)
+        invented = "" if true else f" invented {len(measured)}"
+        width = np.median([part.high / part.low for part in measured if part.low]) if measured else np.nan
+        words.append(
+            f"{letter}: {len(measured):3d}/{len(parts):3d} missed {low:2d} {high:2d}{invented} ×÷{width**0.5:.2f}"
+        )
+    if cell.M:
+        times = [fit.markov.time_constant_s for fit in fits if fit.markov is not None]
+        low = sum(part.low > cell.M[1] for part in times)
+        high = sum(part.high < cell.M[1] for part in times)
+        words.append(f"T missed {low} {high}")
+    caveats = {
+        c: sum(c in fit.caveats for fit in fits)
+        for c in ("misfit", "model_misses", "correlated", "oscillation", "popcorn")
+    }
+    words.append(" ".join(f"{c} {n}" for c, n in caveats.items() if n))
+    return "  ".join(words)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--records", type=int, default=100)
+    parser.add_argument("--only", default="")
+    arguments = parser.parse_args()
+    for cell in CELLS:
+        if arguments.only and not any(word in cell.name for word in arguments.only.split(",")):
+            continue
+        fits: list[ChannelFit] = []
+        batch = max(1, BATCH * LENGTH // cell.length)
+        for begin in range(0, arguments.records, batch):
+            values = records(cell, begin, min(batch, arguments.records - begin))
+            cascade = OctaveCascade(values.shape[1], tau0=1.0 / RATE)
+            cascade.update(values)
+            fits += fit_curve(cascade.result(), averaged=False)
+        print(f"{cell.name:28s} {counted(cell, fits)}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""Analysis of samples for programs: what `imumon.analyse` and the commands `replay` and `report` call.
+
+record_analysis  `analyse`: a file, arrays or a DataFrame to a measurement
+sensor_arrays    arguments of a call as named arrays
+measurement      the result, `load`
+live             `Live`: the same for samples that come block by block
+combination      `combine` and `compare`: several records
+simulation       `simulate`: noise with known truth
+traceability     where the numbers come from, their uncertainty, their check against a data sheet
+python_words     names of options in messages, as a program writes them
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from imumon.api.combination import combine, compare
+    from imumon.api.live import Live
+    from imumon.api.measurement import Measurement, load
+    from imumon.api.record_analysis import analyse
+    from imumon.api.simulation import simulate
+
+OWNERS = {
+    "Live": "live",
+    "Measurement": "measurement",
+    "analyse": "record_analysis",
+    "combine": "combination",
+    "compare": "combination",
+    "load": "measurement",
+    "simulate": "simulation",
+}
+"""Module of each public name. It is imported at its first use: `import imumon` takes milliseconds."""
+
+__all__ = ["Live", "Measurement", "analyse", "combine", "compare", "load", "simulate"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the module of a public name."""
+    if name not in OWNERS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{OWNERS[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,172 @@
+"""Curve table: the Allan deviation of a channel as arrays, a DataFrame or a Dataset of xarray."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from imumon.errors import ImumonError
+from imumon.report import Allan, Channel, Report
+from imumon.samples import Bools, Floats
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class CurveTable:
+    """Allan deviation of a channel; NaN is unknown.
+
+    Attributes
+    ----------
+    channel, unit : of the channel.
+    confidence : of the limits.
+    tau_s : (k,) s, averaging times.
+    sigma, low, high : (k,) channel unit, deviation and its limits.
+    edf : (k,) 1, equivalent degrees of freedom; of an exact curve the differences that were averaged.
+    model, noise : (k,) channel unit, all that the report states, and its noise alone.
+    used : (k,) whether the fit uses the octave.
+    """
+
+    channel: str
+    unit: str
+    confidence: float
+    tau_s: Floats
+    sigma: Floats
+    low: Floats
+    high: Floats
+    edf: Floats
+    model: Floats
+    noise: Floats
+    used: Bools
+
+    def __len__(self) -> int:
+        return len(self.tau_s)
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays by name."""
+        names = [field.name for field in fields(self)][3:]
+        return {name: getattr(self, name) for name in names}
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return a DataFrame with a row for each averaging time."""
+        frame = frame_of(
+            [dict(zip(self.arrays(), row, strict=True)) for row in zip(*self.arrays().values(), strict=True)]
+        )
+        return frame.set_index("tau_s") if len(frame) else frame
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return a Dataset over ``tau_s``; raise `ImumonError` if xarray is not installed."""
+        try:
+            import xarray
+        except ModuleNotFoundError:
+            text = "a Dataset needs xarray, which is not installed"
+            raise ImumonError("package_missing", text, "pip install '.[frames]'") from None
+        arrays = self.arrays()
+        facts = {"channel": self.channel, "unit": self.unit, "confidence": self.confidence}
+        taus = arrays.pop("tau_s")
+        return xarray.Dataset({name: ("tau_s", a) for name, a in arrays.items()}, {"tau_s": taus}, facts)
+
+    def __repr__(self) -> str:
+        lines = [
+            f"Allan deviation of {self.channel}, {self.unit}: {len(self)} averaging times, {self.confidence:g} limits"
+        ]
+        lines += [f"{'tau, s':>12} {'sigma':>11} {'low':>11} {'high':>11} {'model':>11}"]
+        for row in zip(self.tau_s, self.sigma, self.low, self.high, self.model, strict=True):
+            lines.append(f"{row[0]:12.6g} " + " ".join(f"{number:11.4e}" for number in row[1:]))
+        shown = lines if len(lines) <= 34 else [*lines[:32], f"... {len(lines) - 32} more"]
+        return "\n".join(shown)
+
+
+def frame_of(rows: list[dict[str, Any]]) -> pandas.DataFrame:
+    """Return rows as a DataFrame; raise `ImumonError` if pandas is not installed."""
+    try:
+        import pandas
+    except ModuleNotFoundError:
+        raise ImumonError(
+            "package_missing",
+            "a DataFrame needs pandas, which is not installed",
+            "pip install '.[frames]'",
+        ) from None
+    return pandas.DataFrame(rows)
+
+
+def curve_table(
+    report: Report, name: str, channel: Channel, confidence: float, *, exact: bool = False
+) -> CurveTable:
+    """Return the curve of a channel; raise `ImumonError` if it has none."""
+    exact_curve = report.evaluation.exact.get(name) if report.evaluation is not None else None
+    if exact and exact_curve is None:
+        text = f"the measurement has no exact curve of {name}"
+        raise ImumonError("no_curve", text, "analyse the record with taus=, such as taus='decade'")
+    if channel.allan is None or not channel.allan.tau_s:
+        raise ImumonError(
+            "no_curve", f"{name} has no Allan deviation", "name a channel of a sensor, or record longer"
+        )
+    curve = channel.allan
+    edf = _floats(curve.edf)
+    if exact and exact_curve is not None:
+        taus = np.array(exact_curve.tau_s)
+        known = np.isfinite(edf)
+        dof = (
+            np.interp(np.log(taus), np.log(np.array(curve.tau_s))[known], edf[known])
+            if known.any()
+            else taus * np.nan
+        )
+        low, high = _limits(np.array(exact_curve.sigma), dof, confidence)
+        empty = np.full(len(taus), np.nan)
+        used = np.zeros(len(taus), bool)
+        return CurveTable(
+            name,
+            channel.unit,
+            confidence,
+            taus,
+            np.array(exact_curve.sigma),
+            low,
+            high,
+            dof,
+            empty,
+            empty,
+            used,
+        )
+    low, high = _allan_limits(curve, edf, confidence)
+    return CurveTable(
+        name,
+        channel.unit,
+        confidence,
+        np.array(curve.tau_s),
+        np.array(curve.sigma),
+        low,
+        high,
+        edf,
+        _floats(curve.model) if curve.model else np.full(len(edf), np.nan),
+        _floats(curve.noise) if curve.noise else np.full(len(edf), np.nan),
+        np.array(curve.used, bool),
+    )
+
+
+def _allan_limits(curve: Allan, edf: Floats, confidence: float) -> tuple[Floats, Floats]:
+    if confidence == 0.95:
+        return _floats(curve.low), _floats(curve.high)
+    return _limits(np.array(curve.sigma), edf, confidence)
+
+
+def _limits(sigma: Floats, edf: Floats, confidence: float) -> tuple[Floats, Floats]:
+    """Return the limits of deviations whose squares are chi-square with (k,) degrees of freedom; NaN where unknown."""
+    from imumon.noise.statistics.moments import deviation_limits
+
+    tail = 0.5 * (1.0 - confidence)
+    limits = [
+        deviation_limits(float(s), max(float(dof), 1.0), tail) if np.isfinite(dof) else (np.nan, np.nan)
+        for s, dof in zip(sigma, edf, strict=True)
+    ]
+    low, high = np.array(limits).reshape(-1, 2).T
+    return low, high
+
+
+def _floats(values: tuple[float | None, ...]) -> Floats:
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)

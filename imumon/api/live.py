@@ -1,0 +1,325 @@
+"""Live analysis: samples that come block by block, in bounded memory.
+
+Rows are collected until they fill a block of the size that arrays are read in, and go the way of a recording then.
+Blocks of any size therefore give the report that `imumon.analyse` gives of all samples together. A result in between
+is that of a copy: it changes nothing for the samples that follow.
+
+>>> import imumon
+>>> gyro = imumon.simulate(20_000, 200.0, N=[6.1e-5] * 3, seed=1)
+>>> live = imumon.Live(rate_hz=200.0, channels=("gyro/x", "gyro/y", "gyro/z"), kind="average")
+>>> for first in range(0, len(gyro), 777):
+...     live.update(gyro[first : first + 777])
+>>> live.result()["gyro/z"].N == imumon.analyse(gyro, rate_hz=200.0, kind="average")["gyro/z"].N
+True
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from imumon.api.measurement import Measurement
+from imumon.api.python_words import python_wording
+from imumon.api.record_analysis import (
+    array_remarks,
+    checked_precision,
+    given_options,
+    one_thread,
+)
+from imumon.api.sensor_arrays import checked_rate
+from imumon.api.traceability import evaluated, with_provenance
+from imumon.checkpoint import SavedState, StateError, decode, encode
+from imumon.errors import ImumonError, why
+from imumon.files import replace_file
+from imumon.noise.state_schema import InvalidState
+from imumon.recordings.base import ROWS, OptionError, ReadOptions, RecordingError, RowSource, Samples
+from imumon.recordings.columns import layout
+from imumon.recordings.memory_table import FORM, NAME, float_array
+from imumon.recordings.table import Table
+from imumon.replay import ReplayedRecord, ReplayOptions, SensorFilter
+from imumon.samples import CHANNELS, GYRO, Floats, SampleBlock
+
+LIVE_FORMAT = 1
+"""Form of what `Live.save` writes beside the state of a monitor."""
+
+
+class PushedTable(Table):
+    """Table of arrays whose rows are pushed.
+
+    Parameters
+    ----------
+    channels : of its columns, in the order of a stream.
+    timed : its last column is a time, s.
+    origin_ns : ns, time of the first row of a record that is continued; None: it begins here.
+    """
+
+    path = NAME
+
+    def __init__(
+        self, channels: Sequence[str], timed: bool, options: ReadOptions, origin_ns: float | None = None
+    ) -> None:
+        names = [channel.replace("/", "_") for channel in channels] + ["time [s]"] * timed
+        self._order = self._begin(RowSource(NAME, FORM, names), layout(names), options)
+        self._pushed = 0
+        self.origin_ns = origin_ns
+        self._later_ns = 0  # by which the times of this table begin after those of the record
+
+    def push(self, rows: Floats) -> list[SampleBlock]:
+        """Return the samples that (n, c) more rows complete; NaN is missing."""
+        first = self._pushed + 1
+        self._pushed += len(rows)
+        chosen = np.ascontiguousarray(rows[:, self._order])
+        self.fed += chosen.nbytes
+        return self._since_origin(self._blocks(chosen, range(first, self._pushed + 1)))
+
+    def end(self) -> list[SampleBlock]:
+        """Return the samples that still wait."""
+        return self._since_origin(self._finish())
+
+    def _since_origin(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
+        """Return blocks whose times count from the first row of the record: a decoder counts from its first."""
+        first_ns = self._rows.origin_ns
+        if first_ns is not None and self.origin_ns is None:
+            self.origin_ns = first_ns
+        if first_ns is not None and self.origin_ns is not None:
+            self._later_ns = round(first_ns - self.origin_ns)
+        if not self._later_ns:
+            return blocks
+        return [b if b.time_ns is None else replace(b, time_ns=b.time_ns + self._later_ns) for b in blocks]
+
+    def no_samples(self) -> RecordingError:
+        return RecordingError("no_rows", f"{NAME} has no samples", "update it with samples first")
+
+
+class Live:
+    """Analyse samples as they come.
+
+    Parameters
+    ----------
+    rate_hz : Hz, sample rate; None: each update has times.
+    channels : of the columns of a block, such as ``gyro/x``; a sensor has three axes or one.
+    kind, units, guards, filter, precision : as of `imumon.analyse`.
+
+    Raises
+    ------
+    ImumonError : a channel is unknown, or an option has no meaning.
+    """
+
+    def __init__(
+        self,
+        rate_hz: float | None = None,
+        channels: Sequence[str] = GYRO,
+        *,
+        kind: Samples | None = None,
+        units: Mapping[str, str] | None = None,
+        guards: bool = True,
+        filter: str | None = None,
+        precision: Mapping[str, float] | None = None,
+    ) -> None:
+        with python_wording():
+            unknown = [name for name in channels if name not in CHANNELS]
+            if unknown or not channels or len(set(channels)) < len(channels):
+                text = f"channels={tuple(channels)!r} are not those of a sensor"
+                raise OptionError("channels_invalid", text, f"choose from {', '.join(CHANNELS)}")
+            self.channels = tuple(channels)
+            self._options = ReplayOptions(
+                arrays={},
+                rate_hz=checked_rate(rate_hz, alone=True),
+                guarded=guards,
+                precision=checked_precision(precision),
+                filter=None if filter is None else SensorFilter.parse(filter),
+                units=dict(units or {}),
+                samples=kind,
+            )
+        self._table: PushedTable | None = None  # None before the first block, which may have times
+        self._record: ReplayedRecord | None = None
+        self._timed = self._restored = False
+        self._waiting: list[Floats] = []
+        self._rows_waiting = 0
+
+    def update(self, block: Any, time_s: Any = None, missing: Any = None) -> None:
+        """Add samples.
+
+        Parameters
+        ----------
+        block : (n, c), a column for each of the channels, or (n,) of one channel. NaN and masked values are missing.
+        time_s : (n,) s, time of each sample; given in every update or in none.
+        missing : (n,) whether each sample is missing; or a number of samples that are missing before this block.
+
+        Raises
+        ------
+        ImumonError : the block has another shape, or its samples cannot be those of a sensor.
+        """
+        with python_wording():
+            rows = self._rows(block, time_s, missing)
+            if self._table is None:
+                self._begin(timed=time_s is not None)
+            elif self._timed != (time_s is not None) and len(rows):
+                text = "some updates have times and others have none"
+                raise OptionError("time_missing", text, "give time_s in every update, or in none")
+            self._waiting.append(rows)
+            self._rows_waiting += len(rows)
+            if self._rows_waiting >= ROWS:
+                with one_thread():
+                    for chunk in self._full_blocks():
+                        self._feed(chunk)
+
+    def result(self) -> Measurement:
+        """Return the measurement of all samples so far.
+
+        Raises
+        ------
+        ImumonError : there are none, or they cannot be those of a sensor.
+        """
+        with python_wording(), one_thread():
+            ended = copy.deepcopy(self)
+            report = ended._ended()
+            report = with_provenance(
+                report, None, given_options(self._options), self._options.guarded, "arrays of a program"
+            )
+            notes = array_remarks(self._options, report)
+            return Measurement(evaluated(report), notes)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a state from which `load` continues, in another process or on another day.
+
+        Raises
+        ------
+        ImumonError : there are no samples yet, or the file cannot be written.
+        """
+        with python_wording(), one_thread():
+            ended = copy.deepcopy(self)
+            ended._push_all()
+            record, table = ended._record, ended._table
+            if record is None or table is None or not record.monitor.samples:
+                raise RecordingError("no_rows", f"{NAME} has no samples", "update it with samples first")
+            saved, arrays = record.monitor.save()
+            meta = {
+                "live": LIVE_FORMAT,
+                "channels": list(self.channels),
+                "options": {
+                    "rate_hz": self._options.rate_hz,
+                    "kind": self._options.samples,
+                    "units": dict(self._options.units),
+                    "guards": self._options.guarded,
+                    "filter": self._options.filter.text if self._options.filter else None,
+                    "precision": dict(self._options.precision),
+                },
+                "origin_ns": table.origin_ns,
+                "monitor": saved,
+            }
+            try:
+                replace_file(os.fspath(path), encode(SavedState(meta, dict(arrays))))
+            except OSError as error:
+                message = f"cannot write {os.fspath(path)}: {why(error)}"
+                raise ImumonError("output_not_writable", message, "name another file") from None
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Live:
+        """Return what `save` wrote. The time until the next samples is a gap, whose length only `time_s` shows.
+
+        Raises
+        ------
+        ImumonError : the file cannot be read, or is no such state.
+        """
+        name = os.fspath(path)
+        try:
+            data = Path(name).read_bytes()
+        except OSError as error:
+            message = f"cannot read {name}: {why(error)}"
+            raise ImumonError("file_unreadable", message, "check the path and its permissions") from None
+        try:
+            state = decode(data, name)
+            if state.meta.get("live") != LIVE_FORMAT:
+                raise InvalidState("of a daemon")
+            given = state.meta["options"]
+            live = cls(channels=tuple(state.meta["channels"]), **given)
+            origin_ns = state.meta["origin_ns"]
+            live._begin(timed=origin_ns is not None, origin_ns=origin_ns)
+            assert live._record is not None
+            live._record.monitor.restore(state.meta["monitor"], state.arrays, 0.0)
+        except (InvalidState, StateError, KeyError, TypeError, AttributeError) as error:
+            message = f"{name} is not the state of a Live: {error}"
+            raise ImumonError("state_invalid", message, "save one with Live.save") from None
+        live._restored = True
+        return live
+
+    def _begin(self, *, timed: bool, origin_ns: float | None = None) -> None:
+        options = self._options
+        if not timed and options.rate_hz is None:
+            raise OptionError(
+                "rate_required", "there is neither a rate nor a time", "give rate_hz, or time_s"
+            )
+        read = ReadOptions(rate_hz=options.rate_hz, units=options.units, samples=options.samples)
+        self._table = PushedTable(self.channels, timed, read, origin_ns)
+        self._record = ReplayedRecord(options, self._table)
+        self._timed = timed
+
+    def _rows(self, block: Any, time_s: Any, missing: Any) -> Floats:
+        """Return the rows of a block with NaN where they are missing, and their times as the last column."""
+        values = float_array("the block", block)
+        values = values.reshape(-1, 1) if values.ndim == 1 and len(self.channels) == 1 else values
+        if values.ndim != 2 or values.shape[1] != len(self.channels):
+            text = f"the block has the shape {values.shape}, and there are {len(self.channels)} channels"
+            raise RecordingError(
+                "array_shape", text, f"give (n, {len(self.channels)}), a column for each channel"
+            )
+        before = 0
+        if isinstance(missing, int | np.integer) and not isinstance(missing, bool):
+            before = int(missing)
+            if before < 0:
+                raise OptionError(
+                    "missing_invalid", f"missing={before} is no number of samples", "give 0 or more"
+                )
+        elif missing is not None:
+            flags = np.asarray(missing)
+            if flags.shape != (len(values),) or flags.dtype != bool:
+                text = f"missing has the shape {flags.shape} and the type {flags.dtype}"
+                cure = f"give ({len(values)},) bools, or the number of samples before the block"
+                raise OptionError("missing_invalid", text, cure)
+            values = np.where(flags[:, None], np.nan, values)
+        if before and time_s is None:
+            values = np.concatenate([np.full((before, values.shape[1]), np.nan), values])
+        if time_s is None:
+            return values
+        times = float_array("time_s", time_s)
+        if times.shape != (len(values),):
+            text = f"time_s has the shape {times.shape}, and the block {len(values)} samples"
+            raise RecordingError("array_shape", text, "give one time for each sample")
+        return np.asarray(np.column_stack([values, times]))
+
+    def _full_blocks(self) -> Iterator[Floats]:
+        """Yield blocks of `ROWS` rows: the size of a block decides nothing if it is always the same."""
+        rows = np.concatenate(self._waiting)
+        full = len(rows) // ROWS * ROWS
+        self._waiting, self._rows_waiting = [rows[full:].copy()], len(rows) - full
+        yield from np.split(rows[:full], full // ROWS)
+
+    def _feed(self, rows: Floats) -> None:
+        assert self._table is not None
+        assert self._record is not None
+        for block in self._table.push(rows):
+            self._record.feed(block)
+
+    def _push_all(self) -> None:
+        """Feed the samples that wait; nothing can be added after this."""
+        if self._table is None or self._record is None:
+            raise RecordingError("no_rows", f"{NAME} has no samples", "update it with samples first")
+        if self._rows_waiting:
+            self._feed(np.concatenate(self._waiting))
+        for block in self._table.end():
+            self._record.feed(block)
+
+    def _ended(self) -> Any:
+        """Return the report of all samples; nothing can be added after this."""
+        self._push_all()
+        assert self._record is not None
+        if self._restored and not self._record.monitor.samples:
+            self._record.monitor.accept_restored()  # no samples have come since
+        return self._record.final()

@@ -1,0 +1,237 @@
+"""Analysis of a record: `analyse`, the one way from samples to numbers.
+
+A path, arrays, a DataFrame and the commands `imumon replay` and `imumon report` go this way:
+
+1. A source becomes a recording: `sensor_arrays` names arrays, `recordings` reads files.
+2. `replay` places the samples on the grid of their clock, leaves disturbances and warm-up out, and fits.
+3. `traceability` adds where the numbers come from, their uncertainty budgets, and the check against a data sheet.
+
+Equal samples give equal reports, whichever way they come.
+
+>>> import imumon
+>>> gyro = imumon.simulate(60_000, 200.0, N=6.1e-5, seed=1)
+>>> m = imumon.analyse(gyro, rate_hz=200.0, kind="average")
+>>> f"{m['gyro/x'].N.value:.2e} {m['gyro/x'].N.status}"
+'6.07e-05 measured'
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any
+
+from imumon.alarms import DEFAULT_LIMITS
+from imumon.api.measurement import Measurement, report_of
+from imumon.api.python_words import python_wording
+from imumon.api.sensor_arrays import checked_rate, has_time, named_source
+from imumon.api.traceability import evaluated, with_provenance
+from imumon.coefficients import NOISE, default_precision
+from imumon.errors import ImumonError
+from imumon.pipeline.exact_curve import Taus
+from imumon.recordings.base import OptionError, Samples
+from imumon.recordings.columns import KINDS, parse_map
+from imumon.replay import ReplayOptions, SensorFilter, replay
+from imumon.report import Report
+from imumon.samples import INERTIAL, sensor_of
+
+if TYPE_CHECKING:
+    import os
+
+    from imumon.bus import Publisher
+
+POINT_REMARK = (
+    "point samples are assumed: if a sample is the mean over its interval, kind='average'; if it is the angle or the "
+    "velocity of its interval, kind='increment'"
+)
+"""Remark on arrays of which nothing says what a sample is."""
+
+
+def analyse(
+    source: Any = None,
+    *,
+    gyro: Any = None,
+    accel: Any = None,
+    mag: Any = None,
+    temperature: Any = None,
+    time_s: Any = None,
+    rate_hz: float | None = None,
+    kind: Samples | None = None,
+    units: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | str | None = None,
+    topic: str | None = None,
+    sensor: str | None = None,
+    stream: str | None = None,
+    where: Mapping[str, str] | None = None,
+    guards: bool = True,
+    filter: str | None = None,
+    precision: Mapping[str, float] | None = None,
+    baseline: Measurement | Report | str | os.PathLike[str] | None = None,
+    datasheet: str | os.PathLike[str] | None = None,
+    exact: bool = False,
+    taus: str | Sequence[float] | None = None,
+    confidence: float = 0.95,
+) -> Measurement:
+    """Return the noise of a sensor from a record of it at rest.
+
+    Parameters
+    ----------
+    source : path of a recording of any format that `imumon replay` reads; (n, 3) or (n,) array of a gyroscope;
+        DataFrame, or mapping of arrays, whose names say what they are (``gyro_x [deg/s]``, ``t_ms``).
+    gyro, accel, mag : (n, 3) or (n,), rad/s, m/s^2 and gauss unless `units` has another. Masked values, NaN and
+        None are missing samples.
+    temperature : (n,) degC.
+    time_s : (n,) s, or dates, of each sample; without it the samples follow one another at `rate_hz`.
+    rate_hz : Hz, sample rate.
+    kind : what a sample is: ``point`` (the output at an instant), ``average`` (mean of the rate over its interval) or
+        ``increment`` (angle or velocity of its interval). None: by the names of columns, else point samples.
+    units : by sensor, ``{"gyro": "deg/s", "accel": "g", "time": "ms"}``.
+    columns : by channel, ``{"gyro/x": "wx:deg/s", "t": "stamp:ns"}``, of a table whose names do not say it.
+    topic, sensor, stream : which topic of a log, which sensor of a table, and which of several streams.
+    where : by column of a table, the value of the rows that are read, ``{"sensor": "4"}``.
+    guards : exclude disturbances, motion and warm-up.
+    filter : of the sensor, where the record does not say: ``none``, ``factory``, ``8`` samples, ``8@1000`` Hz.
+    precision : requested half-width of the 95 % limits by letter, as a share of the value.
+    baseline : an earlier measurement of the sensor to compare with, or the path of its report.
+    datasheet : file with limits of a data sheet, or the name of one that imumon has.
+    exact : also compute the fully overlapping Allan deviation; memory grows with the record.
+    taus : averaging times of it: ``octave``, ``decade`` (ten points each), or times in s. Implies `exact`.
+    confidence : of the limits in tables and curves of the result. Those of its report are for 95 %.
+
+    Raises
+    ------
+    ImumonError : with code, message and cure, if the record cannot be read or cannot be that of a sensor.
+    """
+    with python_wording(), one_thread():
+        sensors = {"gyro": gyro, "accel": accel, "mag": mag, "temperature": temperature}
+        path, arrays = named_source(source, sensors, time_s)
+        options = ReplayOptions(
+            path=path,
+            arrays=arrays,
+            rate_hz=checked_rate(rate_hz, alone=arrays is not None and not has_time(arrays) and not columns),
+            guarded=guards,
+            precision=checked_precision(precision),
+            alarm_limits=DEFAULT_LIMITS,
+            baseline=None if baseline is None else report_of(baseline),
+            kind=_stream(stream),
+            columns=parse_map(columns) if isinstance(columns, str) else dict(columns or {}),
+            topic=topic,
+            sensor=sensor,
+            where=where,
+            filter=None if filter is None else SensorFilter.parse(filter),
+            exact=_taus(taus) or ("octave" if exact else None),
+            units=dict(units or {}),
+            samples=kind,
+        )
+        sheet = None
+        if datasheet is not None:
+            from imumon.references import read_sheet
+
+            sheet = read_sheet(str(datasheet))
+        measurement = measured(options, sheet)
+        return measurement.refined(array_remarks(options, measurement.report), confidence)
+
+
+def measured(
+    options: ReplayOptions,
+    sheet: Any = None,
+    *,
+    progress: Callable[[float | None, float], None] | None = None,
+    bus: Publisher | None = None,
+) -> Measurement:
+    """Return the measurement of a record, as the commands do; see `analyse`.
+
+    Parameters
+    ----------
+    sheet : reference sheet to check against; None: that of the model, if it is known.
+    progress, bus : as of `replay`.
+    """
+    remarks: list[str] = []
+    report = replay(options, progress=progress, bus=bus, remark=remarks.append)
+    reason = "arrays of a program"
+    report = with_provenance(report, options.path or None, given_options(options), options.guarded, reason)
+    # those of the device are in the report; what is left says why the recording ended early
+    return Measurement(evaluated(report, sheet), tuple(remarks[len(report.device.remarks) :]))
+
+
+def given_options(options: ReplayOptions) -> dict[str, str]:
+    """Return the options that were given, as text by the name of the option of `imumon replay`."""
+    assigned = ",".join(f"{channel}={column}" for channel, column in options.columns.items())
+    texts = {
+        "--rate": f"{options.rate_hz:g}" if options.rate_hz else None,
+        "--stream": options.kind,
+        "--map": assigned or None,
+        "--topic": options.topic,
+        "--sensor": options.sensor,
+        "--where": ",".join(f"{name}={value}" for name, value in (options.where or {}).items()) or None,
+        "--taus": _taus_text(options.exact),
+        "--filter": options.filter.text if options.filter else None,
+        "--no-guards": None if options.guarded else "",
+        "--exact": "" if options.exact else None,
+        "units": ", ".join(f"{sensor} {unit}" for sensor, unit in options.units.items()) or None,
+        "kind": options.samples,
+    }
+    return {name: text for name, text in texts.items() if text is not None}
+
+
+def _taus_text(exact: Taus | None) -> str | None:
+    """Return the averaging times as ``--taus`` takes them; None: there are none, or those of ``--exact`` alone."""
+    if exact in (None, "octave"):
+        return None
+    return exact if isinstance(exact, str) else ",".join(map("{:g}".format, exact or ()))
+
+
+def one_thread() -> AbstractContextManager[Any]:
+    """Return a context in which linear algebra takes one thread; the settings of the caller hold again after it.
+
+    The matrices of a fit are small: more threads wait for one another and take the processor from others.
+    """
+    from threadpoolctl import threadpool_limits
+
+    limits: Any = threadpool_limits
+    context: AbstractContextManager[Any] = limits(1, user_api="blas")
+    return context
+
+
+def checked_precision(precision: Mapping[str, float] | None) -> dict[str, float]:
+    """Return the requested half-widths by letter; raise `OptionError` if one of them has no meaning."""
+    chosen = dict(precision or {})
+    unknown = [letter for letter in chosen if letter not in NOISE]
+    if unknown or any(not 0.0 < share < 1.0 for share in chosen.values()):
+        cure = f"give shares by letter, such as {{'B': 0.2}}; the letters are {', '.join(NOISE)}"
+        raise OptionError("precision_invalid", f"precision={chosen!r} has no meaning", cure)
+    return default_precision() | chosen
+
+
+def _stream(name: str | None) -> Any:
+    if name is not None and name not in KINDS:
+        raise OptionError("stream_invalid", f"stream={name!r} is no stream", f"use one of {', '.join(KINDS)}")
+    return name
+
+
+def _taus(taus: str | Sequence[float] | None) -> Taus | None:
+    """Return the averaging times; raise `OptionError` if they are none."""
+    if taus is None:
+        return None
+    if taus == "octave" or taus == "decade":
+        return "octave" if taus == "octave" else "decade"
+    try:
+        times = tuple(sorted(float(tau) for tau in taus if not isinstance(taus, str)))
+    except (TypeError, ValueError):
+        times = ()
+    if not times or not 0.0 < times[0] <= times[-1] < float("inf"):
+        raise OptionError(
+            "taus_invalid", f"taus={taus!r} are no averaging times", "use octave, decade, or times in s"
+        )
+    return times
+
+
+def array_remarks(options: ReplayOptions, report: Report) -> tuple[str, ...]:
+    """Return remarks on what a call leaves open; raise an error if the arrays hold no noise at all."""
+    if options.arrays is None:
+        return ()
+    axes = {name: c for name, c in report.channels.items() if sensor_of(name) in INERTIAL}
+    if axes and all("constant" in c.caveats or (c.count > 1 and c.min == c.max) for c in axes.values()):
+        text = f"every value of {', '.join(axes)} is the same: there is no noise"
+        raise ImumonError("all_constant", text, "pass samples of a sensor that is on, with all their digits")
+    return (POINT_REMARK,) if options.samples is None and report.device.stream == "unknown" else ()

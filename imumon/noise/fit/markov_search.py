@@ -1,0 +1,377 @@
+"""Search for Gauss–Markov noise (M) beside N, B and K.
+
+Correlated noise with a time constant looks like B over an octave, like K below it and like N above it. Without a term
+for it, the likelihood puts its power into B and K and states both with narrow limits. With the term always in the
+model, B would be too small where the noise is flicker: standard deviation and time constant of M have more room than B.
+So the data decide, by odds:
+
+1. *Peaks*. For nine time constants from `SHORTEST` samples to a share `LONGEST` of the record, the likeliest powers of
+   all terms follow from Fisher's scoring. The gain in log likelihood over the model without M, averaged as a likelihood
+   over the time constants and divided by `PENALTY`, are the odds of the term.
+2. *Surface*. From even odds on, the likelihood on a grid of B, K and M is summed over time constants about the
+   likeliest one (flat prior in log T), so that it holds what the record does not show of T.
+3. *Mixture*. The likelihoods with and without the term count in these odds.
+
+Time constants are on a lattice (`LATTICE`), so that expectations are computed once for all channels and fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from imumon.noise.fit.fit_rules import DROP, HELD_SHARE, MOST_MOVES
+from imumon.noise.fit.likelihood import (
+    Grids,
+    Likelihood,
+    Squares,
+    Surface,
+    density_quantiles,
+    ends_fall,
+    grid_mean,
+    holds,
+    mixed,
+    near,
+)
+from imumon.noise.fit.markov_rules import (
+    CERTAIN_ODDS,
+    CONVERGED,
+    END_SHARE,
+    LATTICE,
+    LEAST_SHARE,
+    LONGEST,
+    LONGEST_STEP,
+    MARKOV_GRID,
+    MARKOV_NODES,
+    MARKOV_TIMES,
+    PEAK_STEPS,
+    PENALTY,
+    SCORE_ODDS,
+    SHORTEST,
+)
+from imumon.noise.fit.model import FLICKER, WALK, GaussMarkov, NoiseTerm
+from imumon.noise.validity_groups import ROUNDING
+from imumon.samples import Floats
+
+Observed = Callable[[Sequence[NoiseTerm]], Likelihood]
+"""Returns the likelihood whose observations have an expectation of some more terms."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Peaks:
+    """The likeliest model with each of some time constants.
+
+    Attributes
+    ----------
+    terms : M with each of t time constants.
+    gains : (t,) gain in log likelihood over the likeliest model without the term.
+    powers : (t,) likeliest power of each other term.
+    markov : (t,) likeliest power of M.
+    """
+
+    terms: tuple[GaussMarkov, ...]
+    gains: Floats
+    powers: dict[NoiseTerm, Floats]
+    markov: Floats
+
+    @property
+    def best(self) -> int:
+        """Number of the likeliest time constant."""
+        return int(self.gains.argmax())
+
+    @property
+    def times(self) -> Floats:
+        """(t,) samples, time constants."""
+        return np.array([term.time for term in self.terms])
+
+
+def peaks(observed: Observed, surface: Surface, times: Sequence[float]) -> Peaks:
+    """Return the likeliest models with Gauss–Markov noise of some time constants, samples.
+
+    Parameters
+    ----------
+    observed : gives the likelihood.
+    surface : without the term.
+    """
+    terms = tuple(GaussMarkov("M", time) for time in times)
+    likelihood = observed(terms)
+    others = [*likelihood.scored, *surface.grids]
+    squares = likelihood.as_squares(surface)
+    unit = np.stack([squares.expected[term] for term in others])
+    markov = np.stack([squares.expected[term] for term in terms])
+    likeliest = np.array([surface.powers[term] for term in others])
+    model = likeliest @ unit
+    scores = _score_gains(squares, unit / model, markov / model, model)
+    if odds_of(scores) < SCORE_ODDS:
+        none = {term: np.full(len(terms), power) for term, power in zip(others, likeliest, strict=True)}
+        return Peaks(terms, scores, none, np.zeros(len(terms)))
+    # the first model has no such term: all gains are against it, found in the same way
+    m = len(terms) + 1
+    units = np.zeros((m, len(others) + 1, unit.shape[1]))
+    units[:, :-1], units[1:, -1] = unit, markov
+    # a power of zero has no logarithm: a ten thousandth of the noise, where it shows most, is zero here
+    least = LEAST_SHARE * np.append((model / np.maximum(unit, 1e-300)).min(axis=1), (model / markov).min())
+    start = np.tile(np.append(likeliest, 1e3 * least[-1]), (m, 1))
+    power = np.exp(_scored(squares, units, np.log(np.maximum(start, 10.0 * least)), np.log(least)))
+    by_term = {term: power[:, i] for i, term in enumerate(others)}
+    each: dict[NoiseTerm, Floats] = {
+        term: np.where(np.arange(m) == i + 1, power[:, -1], 0.0) for i, term in enumerate(terms)
+    }
+    logs = likelihood.at_powers(by_term, surface, each)
+    # scoring may have ended at another maximum than the grid without the term
+    without = max(float(logs[0]), float(surface.log.max()))
+    return Peaks(terms, logs[1:] - without, {term: p[1:] for term, p in by_term.items()}, power[1:, -1])
+
+
+def _score_gains(squares: Squares, others: Floats, markov: Floats, model: Floats) -> Floats:
+    """Return (t,) the gains in log likelihood by a small power of each of t terms, to second order (Rao 1948).
+
+    Parameters
+    ----------
+    others, markov : (p, r), (t, r) what each square expects of a term, over the model (r,) without M.
+    """
+    gradient = markov @ (squares.half * (squares.power / model - 1.0))
+    cross = (markov * squares.half) @ others.T
+    within = (others * squares.half) @ others.T
+    within += ROUNDING * np.diag(np.diag(within))
+    # what a change of the other powers explains of it is no gain
+    information = (markov**2) @ squares.half - np.einsum("tp,pt->t", cross, np.linalg.solve(within, cross.T))
+    return np.asarray(0.5 * np.maximum(gradient, 0.0) ** 2 / np.maximum(information, 1e-300))
+
+
+def _scored(squares: Squares, units: Floats, log: Floats, least: Floats) -> Floats:
+    """Return (m, p) logarithms of the likeliest powers of m models, by Fisher's scoring.
+
+    In logarithms a power stays positive and may vanish. Steps are bounded, and a share of the diagonal of the
+    information is added to it (Levenberg), because the information about a power that vanishes does, too.
+
+    Parameters
+    ----------
+    units : (m, p, r) what each square expects of each term.
+    log : (m, p) first values.
+    least : (p,) least values.
+    """
+    for _ in range(PEAK_STEPS):
+        parts = np.exp(log)[:, :, None] * units
+        model = parts.sum(axis=1)
+        share = parts / model[:, None]
+        weighted = share * squares.half
+        gradient = weighted @ (squares.power / model - 1.0)[:, :, None]
+        information = weighted @ share.transpose(0, 2, 1)
+        diagonal = 0.05 * np.einsum("mii->mi", information) + 1e-6
+        information += diagonal[:, :, None] * np.eye(least.size)
+        steps = np.linalg.solve(information, gradient)[:, :, 0]
+        before, log = log, np.maximum(log + np.clip(steps, -LONGEST_STEP, LONGEST_STEP), least)
+        if np.abs(log - before).max() < CONVERGED:
+            break
+    return log
+
+
+def lattice(times: Floats) -> list[float]:
+    """Return the time constants of the lattice that are nearest to some, each once."""
+    steps = np.unique(np.round(np.log2(times) * LATTICE))
+    return [float(2.0 ** (step / LATTICE)) for step in steps]
+
+
+def tried_times(samples: float) -> list[float]:
+    """Return the time constants whose gains make the odds, samples; none in records that are too short."""
+    if LONGEST * samples <= SHORTEST:
+        return []
+    return lattice(np.geomspace(SHORTEST, LONGEST * samples, MARKOV_TIMES))
+
+
+def odds_of(gains: Floats) -> float:
+    """Return the odds of the term: the likelihoods of all time constants, averaged."""
+    return float(np.exp(np.minimum(gains, 300.0)).mean()) / PENALTY
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkovSurface:
+    """Likelihood with Gauss–Markov noise.
+
+    Attributes
+    ----------
+    surface : on a grid of B, K and the standard deviation of M, summed over the time constants.
+    term : M with the likeliest time constant. On the grid it is the axis of all of them.
+    times, weights : (t,) samples; probability density of the logarithm of the time constant.
+    odds : of the term.
+    peak : likeliest powers.
+    """
+
+    surface: Surface
+    term: GaussMarkov
+    times: Floats
+    weights: Floats
+    odds: float
+    peak: dict[NoiseTerm, float]
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether M is measured: its odds exceed `CERTAIN_ODDS`, and the record bounds its time constant."""
+        return self.odds > CERTAIN_ODDS and self.is_bounded
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether the record bounds the time constant at both ends."""
+        return bool(self.weights[[0, -1]].max() < END_SHARE * self.weights.max())
+
+    def time_quantiles(self, probabilities: Floats) -> Floats:
+        """Return quantiles of the time constant, samples."""
+        if self.times.size < 4:
+            return np.full(probabilities.size, self.term.time)
+        nodes = np.log(self.times)
+        even = np.linspace(nodes[0], nodes[-1], 60)
+        # between the nodes, the logarithm of the density is smooth
+        log = np.interp(even, nodes, np.log(np.maximum(self.weights, 1e-12 * self.weights.max())))
+        return np.asarray(np.exp(density_quantiles(even, np.exp(log - log.max()), probabilities)))
+
+
+def markov_surface(observed: Observed, surface: Surface, samples: float, coarse: Peaks) -> MarkovSurface:
+    """Return the likelihood with the term, whose time constant is not known."""
+    # the likeliest time constant between those that were tried, which are a factor of up to eight apart
+    around = float(coarse.times[coarse.best]) * 2.0 ** np.linspace(-1.5, 1.5, 13)
+    # somewhat beyond what is tried, so that a time constant at an end is no end of its own likelihood
+    around = around[(around >= 0.5 * SHORTEST) & (around <= 2.0 * LONGEST * samples)]
+    finer = peaks(observed, surface, lattice(around))
+    times = np.concatenate((coarse.times, finer.times))
+    gains = np.concatenate((coarse.gains, finer.gains))
+    # those that are not negligible, and a step of the finer ones beyond
+    within = times[gains > gains.max() - HELD_SHARE * DROP]
+    step = 2.0**0.25
+    low, high = within.min() / step, within.max() * step
+    nodes = lattice(np.geomspace(low, min(high, LONGEST * samples), MARKOV_NODES))
+    terms = [GaussMarkov("M", time) for time in nodes]
+    likelihood = observed(terms)
+    center = finer.terms[finer.best]
+    peak: dict[NoiseTerm, float] = {term: float(power[finer.best]) for term, power in finer.powers.items()}
+    sigma = float(np.sqrt(finer.markov[finer.best]))
+    grids: Grids = {
+        FLICKER: np.linspace(
+            0.0, max(2.0 * np.sqrt(peak[FLICKER]), 0.6 * surface.grids[FLICKER][-1]), MARKOV_GRID
+        ),
+        WALK: np.linspace(0.0, max(2.0 * np.sqrt(peak[WALK]), 0.6 * surface.grids[WALK][-1]), MARKOV_GRID),
+        center: np.linspace(0.0, 2.0 * sigma, MARKOV_GRID),
+    }
+    # first the grid of the likeliest time constant alone, which is nearly that of all, then of the ends beside it
+    first = observed([center]).at_values_of(surface, grids)
+    grids = {term: near(first, term, MARKOV_GRID) for term in grids}
+    ends = [terms[0], terms[len(terms) // 2], terms[-1]]
+    wider, _ = _summed(likelihood, surface, ends, center, grids)
+    grids = {term: near(wider, term, MARKOV_GRID) for term in grids}
+    for _ in range(MOST_MOVES):
+        total, weights = _summed(likelihood, surface, terms, center, grids)
+        if holds(total):
+            break
+        grids = {term: near(total, term, MARKOV_GRID) for term in total.grids}
+    else:
+        total = replace(total, holds=ends_fall(total))
+    peak[center] = sigma**2
+    return MarkovSurface(total, center, np.array(nodes), weights, odds_of(coarse.gains), peak)
+
+
+def _summed(
+    likelihood: Likelihood, surface: Surface, terms: Sequence[GaussMarkov], center: GaussMarkov, grids: Grids
+) -> tuple[Surface, Floats]:
+    """Return the likelihood on a grid, summed over time constants, and (t,) the share of each of them."""
+    surfaces = [
+        likelihood.at_values_of(
+            surface, {(term if key is center else key): grid for key, grid in grids.items()}
+        )
+        for term in terms
+    ]
+    logs = np.stack([one.log for one in surfaces])
+    top = logs.max()
+    p = np.exp(logs - top)
+    weighted = p * _cells(np.log([term.time for term in terms]))[:, None]
+    summed = np.maximum(weighted.sum(axis=0), 1e-300)
+    share = weighted / summed
+
+    def mean(values: Iterable[Floats]) -> Floats:
+        """Return (m, ...) the mean of (t, m, ...) values over the time constants."""
+        return np.asarray(np.einsum("tm,tm...->m...", share, np.stack(list(values))))
+
+    scored = surfaces[0].scored
+    total = Surface(
+        grids,
+        np.log(summed) + top,
+        {term: mean(one.scored[term] for one in surfaces) for term in scored},
+        {term: mean(one.scored_variances[term] for one in surfaces) for term in scored},
+        mean(one.corner for one in surfaces),
+        mean(one.beta for one in surfaces),
+        mean(one.beta_variances for one in surfaces),
+        beside=surfaces[0].beside,
+    )
+    return total, p @ total.cells.ravel()
+
+
+def _cells(points: Floats) -> Floats:
+    """Return (t,) the part of a line that each of t points in order has, half of it at both ends."""
+    if points.size == 1:
+        return np.ones(1)
+    cells = np.gradient(points)
+    cells[[0, -1]] *= 0.5
+    return np.asarray(cells)
+
+
+def mixed_with(without: Surface, markov: MarkovSurface) -> Surface:
+    """Return the likelihood of B and K with and without the term, mixed in its odds.
+
+    Parameters
+    ----------
+    without : without the term, on a grid that holds both.
+    """
+    second = _marginal(markov.surface, without.grids)
+    # Both get the same maximum, so that the ratio of their integrals is that of their weights: the odds are those of
+    # the models, whatever the width of their likelihoods.
+    second = replace(second, log=second.log - second.log.max() + without.log.max())
+    both = mixed(without, second, markov.odds * float(without.weights().sum() / second.weights().sum()))
+    # what is drawn and tested is the model with the term: it is more likely than the one without
+    beside: dict[NoiseTerm, float] = {markov.term: markov.peak[markov.term]}
+    holds_both = without.holds and markov.surface.holds
+    return replace(both, likeliest=markov.peak, beside=beside, holds=holds_both)
+
+
+def _marginal(inner: Surface, grids: Grids) -> Surface:
+    """Return a surface of B, K and M summed over M, on another grid of B and K."""
+    # a density, not a share of a cell
+    p = inner.weights().sum(axis=2) / inner.cells[:, :, -1]
+    smooth = np.log(np.maximum(p, 1e-300 * p.max()))
+    steps = [_cubic(inner.grids[term], grid) for term, grid in grids.items()]
+    log = steps[0] @ smooth @ steps[1].T
+    outside = [(grid < inner.grids[term][0]) | (grid > inner.grids[term][-1]) for term, grid in grids.items()]
+    # not the maximum of `log`: beyond its points, a cubic may have any value
+    log[outside[0][:, None] | outside[1][None]] = smooth.max() - 2.0 * DROP
+
+    def everywhere(value: Floats, variance: Floats) -> tuple[Floats, Floats]:
+        """Return mean and variance over the whole grid, the same at each point: they hardly depend on B and K."""
+        mean, deviation = grid_mean(inner, value, variance)
+        shape = (log.size, *np.shape(mean))
+        return np.broadcast_to(mean, shape), np.broadcast_to(deviation**2, shape)
+
+    scored = {term: everywhere(inner.scored[term], inner.scored_variances[term]) for term in inner.scored}
+    return Surface(
+        grids,
+        log.ravel(),
+        {term: value for term, (value, _) in scored.items()},
+        {term: variance for term, (_, variance) in scored.items()},
+        np.full(log.size, float(inner.corner[inner.best])),
+        *everywhere(inner.beta, inner.beta_variances),
+    )
+
+
+def _cubic(points: Floats, wanted: Floats) -> Floats:
+    """Return (w, p) weights that interpolate values at p even points at w others, by cubics through four of them.
+
+    Lagrange's form. The module of scipy for it takes 0.4 s to import, more than all fits of a short record.
+    """
+    step = points[1] - points[0]
+    first = np.clip(np.floor((wanted - points[0]) / step).astype(np.int64) - 1, 0, points.size - 4)
+    x = (wanted - points[first]) / step
+    weights = np.zeros((wanted.size, points.size))
+    for node in range(4):
+        others = [other for other in range(4) if other != node]
+        factors = [(x - other) / (node - other) for other in others]
+        weights[np.arange(wanted.size), first + node] = np.prod(factors, axis=0)
+    return weights

@@ -1,0 +1,421 @@
+"""Model of the noise of one channel: its terms, and what every statistic expects of each.
+
+A sensor at rest measures y(t) = constant + columns + noise. The columns are what moves the mean and is not random
+(`regressors`). The noise is a sum of independent processes, the terms of this module. Each is given by its two-sided
+spectral density of the rate (IEEE Std 952-1997, IEEE Std 1139-2008):
+
+| term | density of the rate | Allan variance |
+|---|---|---|
+| white noise, N | N^2 | N^2 / tau |
+| flicker, B | B^2 / (2 pi f) | (2 ln 2 / pi) B^2 |
+| random walk, K | K^2 / (2 pi f)^2 | K^2 tau / 3 |
+| quantisation, Q | (Q^2 / tau0) 4 sin^2(pi f tau0) | 3 Q^2 / tau^2 |
+| Gauss–Markov, M | 2 s^2 T / (1 + (2 pi f T)^2) | at most (0.617 s)^2, at tau = 1.89 T |
+
+A term has a *power*: the square of its coefficient in units of the sampling interval tau0, so that all powers are
+(channel unit)^2: N^2 / tau0, B^2, K^2 tau0, (Q / tau0)^2, s^2. Frequencies are in cycles per sample. Everything that a
+statistic expects is linear in the powers,
+
+    expectation of a statistic = sum over terms of power * (expectation of the term with power 1)
+
+and a term is the object that knows these unit expectations:
+
+| statistic | where | method |
+|---|---|---|
+| density of the samples | drawn model | `density` |
+| bin of a Welch spectrum, behind the filters of its level | bands of the likelihood | `bin_expectation` |
+| what missing samples let leak into a bin | bands of the likelihood | `leak` |
+| cosine coefficient of block means | single coefficients of the likelihood | `coefficient_variances` |
+| Allan variance | drawn model | `allan_variances` |
+| covariance of the differences of the Allan variance | limits of the curve | `difference_covariance` |
+| information about it in a longer record | `time_to` | `rate_density` |
+
+Likelihood, search, statement and curve go through tuples of terms; none of them knows a term by its position in an
+array, but that white noise is the first of the scored ones. A new term is one class, the search that gives it one of
+the roles below, its row in `coefficients`, and what `statement` says of it.
+
+Three roles. *Gridded* terms (B and K, in every fit) span the grid on which the likelihood is computed: they trade
+against each other, their likelihoods are skewed, and their limits are quantiles. *Scored* terms are profiled at each
+point of the grid by Fisher's scoring, because the model is linear in them and the bands show them well (N), or they
+hardly disturb the others (Q); the single coefficients do not move them, so that no slow term can be scored. *Terms that
+are tried* (M, whose time constant is part of the term) are made by a search for one record: it asks for observations
+that expect them (`spectral_powers`, `BlockSeries.with_terms`), puts them on a grid of their own, and passes them on as
+`Surface.beside`.
+
+Example: the Allan variance of N = B = K = 1 at clusters of 4 samples that are true averages.
+
+>>> m = np.array([4])
+>>> [round(float(term.allan_variances(m, averaged=True)[0]), 4) for term in NOISE_TERMS]
+[0.25, 0.4413, 1.3333]
+>>> total({WHITE: 4.0, WALK: 3.0}, lambda term: term.allan_variances(m, averaged=True))
+array([5.])
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from functools import lru_cache
+from typing import TypeAlias
+
+import numpy as np
+
+from imumon.coefficients import COEFFICIENTS
+from imumon.noise import markov_law
+from imumon.noise.allan.octave import RATIO
+from imumon.noise.fit.fit_rules import LAGS
+from imumon.noise.power_law import EXACT, coefficient_variances, phase_autocovariance, sampled_density
+from imumon.noise.spectrum.expectation import (
+    bin_expectation,
+    seen_by_bins,
+    segment_variances,
+    short_term_density,
+    within_segment,
+)
+from imumon.noise.spectrum.level_sums import SEGMENT
+from imumon.samples import Floats, Ints
+
+SECOND_DIFFERENCE = {-2: 1.0, -1: -4.0, 0: 6.0, 1: -4.0, 2: 1.0}
+"""Weights by lag of the autocovariance of second differences, that of (1, -2, 1) with itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseTerm(ABC):
+    """A random term of the model; all methods are for power 1.
+
+    Attributes
+    ----------
+    letter : of its coefficient in the report.
+    """
+
+    letter: str
+
+    @abstractmethod
+    def rate_density(self, f: Floats) -> Floats:
+        """Return (k,) the density of the rate, before sampling, at f (k,) cycles per sample."""
+
+    @abstractmethod
+    def density(self, f: Floats, *, averaged: bool) -> Floats:
+        """Return (k,) the density of the samples at f (k,) cycles per sample, above 0 and at most 1/2.
+
+        Parameters
+        ----------
+        averaged : the samples are true averages over their interval (delta angles), else point samples.
+        """
+
+    @abstractmethod
+    def bin_expectation(self, level: int, *, averaged: bool, window: int) -> Floats:
+        """Return (n,) the density of each bin in use of a level of the spectrum.
+
+        Parameters
+        ----------
+        window : samples of a moving average in the sensor; 1: none.
+        """
+
+    @abstractmethod
+    def leak(self, level: int) -> float:
+        """Return the variance of the term within a segment, in units of the density of a level.
+
+        Times the density of the share of valid samples (`LevelSums.holes`), it is what missing samples let leak out of
+        the term (Parzen 1963). White noise times any pattern of missing samples is white, so that only slow terms leak.
+        """
+
+    @abstractmethod
+    def coefficient_variances(self, count: int, length: int) -> Floats:
+        """Return (count - 1,) the variances of the cosine coefficients of `count` means over `length` samples."""
+
+    @abstractmethod
+    def allan_variances(self, m: Ints, *, averaged: bool) -> Floats:
+        """Return (k,) the Allan variance at clusters of m (k,) samples."""
+
+    @abstractmethod
+    def difference_covariance(self, cluster: int) -> Floats:
+        """Return (l,) the autocovariance of the differences at a cluster, by lag in strides of cluster/`RATIO`."""
+
+    @abstractmethod
+    def coefficient_scale(self, tau0: float) -> float:
+        """Return the coefficient in SI of power 1, whose unit of time is tau0, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class PowerLaw(NoiseTerm):
+    """Noise with a density of the rate of 1 / (2 pi f)^exponent: white (0), flicker (1), random walk (2).
+
+    The formulas are in `power_law`, whose rows are numbered by the exponent. Power laws have no scale of their own: in
+    units of a cluster of m samples, the power is m^(exponent - 1) times as large, by which all methods follow from one
+    table.
+    """
+
+    exponent: int
+
+    def rate_density(self, f: Floats) -> Floats:
+        """Return (k,) the density of the rate."""
+        return np.asarray((2.0 * np.pi * f) ** -float(self.exponent))
+
+    def density(self, f: Floats, *, averaged: bool) -> Floats:
+        """Return (k,) the density of the samples."""
+        return np.asarray(sampled_density(f, averaged=averaged)[self.exponent])
+
+    def bin_expectation(self, level: int, *, averaged: bool, window: int) -> Floats:
+        """Return (n,) the density of each bin in use of a level."""
+        return np.asarray(bin_expectation(level, averaged=averaged, window=window)[self.exponent])
+
+    def leak(self, level: int) -> float:
+        """Return the variance of the term within a segment, in units of the density of a level."""
+        # the variance is per interval of the level, 2^level samples; the density again per sample of level 0
+        return float(segment_variances(level)[self.exponent]) * 2.0 ** (level * self.exponent)
+
+    def coefficient_variances(self, count: int, length: int) -> Floats:
+        """Return (count - 1,) the variances of the cosine coefficients."""
+        return np.asarray(coefficient_variances(count)[self.exponent] * float(length) ** (self.exponent - 1))
+
+    def allan_variances(self, m: Ints, *, averaged: bool) -> Floats:
+        """Return (k,) the Allan variance.
+
+        Point samples of flicker and of a random walk have more than their averages at short clusters. That of flicker
+        follows from the autocovariance of the discrete process (Kasdin and Walter 1992), up to `EXACT` samples.
+
+        >>> FLICKER.allan_variances(np.array([1, 2]), averaged=False).round(4)
+        array([0.6366, 0.5093])
+        """
+        clusters = m.astype(np.float64)
+        if self.exponent == 0:
+            return np.asarray(1.0 / clusters)
+        if self.exponent == 2:
+            return np.asarray(clusters / 3.0 * (1.0 if averaged else 1.0 + 0.5 / clusters**2))
+        flicker = np.full(m.size, COEFFICIENTS["B"].level ** 2)
+        if not averaged:
+            short = m < EXACT  # beyond, point samples of flicker are like averages
+            phase = _sampled_flicker_phase(2 * EXACT)
+            flicker[short] = (phase[2 * m[short]] - 4.0 * phase[m[short]]) / clusters[short] ** 2
+        return flicker
+
+    def difference_covariance(self, cluster: int) -> Floats:
+        """Return (l,) the autocovariance of the differences at a cluster."""
+        return np.asarray(
+            _unit_difference_covariances()[self.exponent] * float(cluster) ** (self.exponent - 1)
+        )
+
+    def coefficient_scale(self, tau0: float) -> float:
+        """Return the coefficient in SI of power 1."""
+        return math.pow(tau0, -COEFFICIENTS[self.letter].slope)
+
+
+@dataclass(frozen=True, slots=True)
+class Quantisation(NoiseTerm):
+    """Rounding of an angle (or a velocity) to counts, of which the rate is the difference: density 4 sin^2(pi f).
+
+    IEEE Std 952, section C.1.1. The rounding errors of neighbouring samples are taken as independent, which needs
+    noise of half a count or more (Widrow and Kollar 2008).
+    """
+
+    def rate_density(self, f: Floats) -> Floats:
+        """Return (k,) the density of the rate."""
+        return np.asarray(4.0 * np.sin(np.pi * f) ** 2)
+
+    def density(self, f: Floats, *, averaged: bool) -> Floats:
+        """Return (k,) the density of the samples: rounding happens after a sample is taken."""
+        return self.rate_density(f)
+
+    def bin_expectation(self, level: int, *, averaged: bool, window: int) -> Floats:
+        """Return (n,) the density of each bin in use of a level; rounding comes after any filter in the sensor."""
+        return short_term_density(level)
+
+    def leak(self, level: int) -> float:
+        """Return 0: differences of independent errors have no slow part that could leak."""
+        return 0.0
+
+    def coefficient_variances(self, count: int, length: int) -> Floats:
+        """Return (count - 1,) the variances of the cosine coefficients.
+
+        The mean of `length` differences is the difference of the errors at the ends of the block over `length`.
+        """
+        return np.asarray((2.0 * np.sin(np.pi * np.arange(1, count) / (2.0 * count)) / length) ** 2)
+
+    def allan_variances(self, m: Ints, *, averaged: bool) -> Floats:
+        """Return (k,) the Allan variance, 3 / m^2."""
+        return np.asarray(3.0 / m.astype(np.float64) ** 2)
+
+    def difference_covariance(self, cluster: int) -> Floats:
+        """Return (l,) the autocovariance of the differences: the error of a phase is alone at its lag."""
+        # second differences of independent phases: 6, -4, 1 at lags of 0, 1 and 2 clusters, nothing between
+        covariance = np.zeros(LAGS * RATIO + 1)
+        for lag, weight in SECOND_DIFFERENCE.items():
+            if lag >= 0:
+                covariance[lag * RATIO] = weight / float(cluster) ** 2
+        return covariance
+
+    def coefficient_scale(self, tau0: float) -> float:
+        """Return the coefficient in SI of power 1."""
+        return math.pow(tau0, -COEFFICIENTS[self.letter].slope)
+
+
+@dataclass(frozen=True, slots=True)
+class GaussMarkov(NoiseTerm):
+    """First-order Gauss–Markov noise (IEEE Std 952, exponentially correlated), whose power is its variance.
+
+    The density depends on the time constant in another way than on the power, so that a term is one time constant:
+    those of different ones are different terms, between which the search decides. The formulas are in `markov_law`.
+
+    Attributes
+    ----------
+    time : time constant, samples.
+    """
+
+    time: float
+
+    def rate_density(self, f: Floats) -> Floats:
+        """Return (k,) the density of the rate."""
+        return np.asarray(2.0 * self.time / (1.0 + (2.0 * np.pi * f * self.time) ** 2))
+
+    def density(self, f: Floats, *, averaged: bool) -> Floats:
+        """Return (k,) the density of the samples."""
+        return markov_law.sampled_density(f, self.time, averaged=averaged)
+
+    def bin_expectation(self, level: int, *, averaged: bool, window: int) -> Floats:
+        """Return (n,) the density of each bin in use of a level."""
+        return seen_by_bins(lambda f: self.density(f, averaged=averaged), level, window)
+
+    def leak(self, level: int) -> float:
+        """Return the variance of the term within a segment, in units of the density of a level."""
+        interval = 2.0**level
+        zero, one, ratio = markov_law.average_autocovariance(self.time / interval)
+        by_lag = np.concatenate(([zero], one * ratio ** np.arange(SEGMENT - 1.0)))
+        # the samples that are missing are those of level 0, which vary more than their averages
+        within = markov_law.average_autocovariance(self.time)[0] - zero
+        return (within_segment(by_lag) + within) * interval
+
+    def coefficient_variances(self, count: int, length: int) -> Floats:
+        """Return (count - 1,) the variances of the cosine coefficients."""
+        return markov_law.coefficient_variances(count, self.time / length)
+
+    def allan_variances(self, m: Ints, *, averaged: bool) -> Floats:
+        """Return (k,) the Allan variance."""
+        return markov_law.allan_variances(m, self.time, averaged=averaged)
+
+    def difference_covariance(self, cluster: int) -> Floats:
+        """Return (l,) the autocovariance of the differences at a cluster."""
+        # the shifts are whole strides, and the autocovariance is even: one table serves all of them
+        lag = np.arange(LAGS * RATIO + 1)
+        strides = np.arange(float(lag.size + max(SECOND_DIFFERENCE) * RATIO))
+        phase = markov_law.phase_autocovariance(strides * (cluster / RATIO), self.time)
+        shifted = (weight * phase[np.abs(lag + shift * RATIO)] for shift, weight in SECOND_DIFFERENCE.items())
+        return np.asarray(sum(shifted)) / float(cluster) ** 2
+
+    def coefficient_scale(self, tau0: float) -> float:
+        """Return 1: the standard deviation has the unit of the channel, whatever the unit of time."""
+        return 1.0
+
+
+WHITE, FLICKER, WALK = PowerLaw("N", 0), PowerLaw("B", 1), PowerLaw("K", 2)
+QUANTISATION = Quantisation("Q")
+
+NOISE_TERMS: tuple[NoiseTerm, ...] = (WHITE, FLICKER, WALK)
+"""Terms of every channel."""
+GRIDDED: tuple[NoiseTerm, NoiseTerm] = (FLICKER, WALK)
+"""Terms that span the grid of the likelihood of every channel, in the order of its axes."""
+TERMS: tuple[NoiseTerm, ...] = (*NOISE_TERMS, QUANTISATION)
+"""All terms that observations have an expectation of."""
+
+TermPowers: TypeAlias = Mapping[NoiseTerm, float]
+"""Power of each term of a model, (channel unit)^2."""
+
+
+def powers_of(coefficients: Mapping[str, float], tau0: float = 1.0) -> dict[NoiseTerm, float]:
+    """Return the powers of terms with some coefficients in SI, by letter, at a sampling interval, s.
+
+    >>> powers_of({"N": 0.1}, tau0=0.01)[WHITE]
+    1.0
+    """
+    by_letter = {term.letter: term for term in TERMS}
+    chosen = {by_letter[letter]: value for letter, value in coefficients.items()}
+    return {term: (value / term.coefficient_scale(tau0)) ** 2 for term, value in chosen.items()}
+
+
+def total(powers: Mapping[NoiseTerm, float], unit: Callable[[NoiseTerm], Floats]) -> Floats:
+    """Return the expectation of a statistic: the sum over terms of power times unit expectation."""
+    return np.asarray(sum(power * unit(term) for term, power in powers.items()))
+
+
+def combined(powers: Mapping[NoiseTerm, Floats], unit: Mapping[NoiseTerm, Floats]) -> Floats:
+    """Return (m, n) the expectations of n statistics for m sets of powers, in one product of matrices.
+
+    Parameters
+    ----------
+    powers : (m,) of each term.
+    unit : (n,) unit expectations of at least these terms.
+    """
+    return np.asarray(np.stack(list(powers.values()), axis=1) @ np.stack([unit[term] for term in powers]))
+
+
+class UpperShape(Enum):
+    """What bends the upper end of the spectrum beside the noise terms.
+
+    It acts on the bands of the spectrum. The single coefficients lie far below the frequencies that a filter in a
+    sensor reaches, where each of these factors is 1; quantisation is a term and acts on every statistic.
+    """
+
+    FLAT = "flat"
+    """Nothing: noise up to half the sampling rate, or behind a moving average of known length."""
+    QUANTISED = "quantised"
+    """The term `QUANTISATION` is scored beside N."""
+    LOW_PASS = "low_pass"
+    """The factor 1 / (1 + c 4 sin^2(pi f)) of a first-order low-pass (Percival and Walden 1993, section 9.8), which any
+    filter looks like where it begins to bend the spectrum; c is scored beside N."""
+
+
+@dataclass(frozen=True, slots=True)
+class UpperEnd:
+    """Description of the upper end of the spectrum of one channel.
+
+    Attributes
+    ----------
+    octaves_left_out : octaves of frequency below half the sampling rate that do not count.
+    window : samples of a moving average in the sensor; 1: none.
+    shape : what else bends it.
+    """
+
+    octaves_left_out: int = 0
+    window: int = 1
+    shape: UpperShape = UpperShape.FLAT
+
+    @property
+    def highest(self) -> float:
+        """Highest frequency that counts, cycles per sample."""
+        return 0.5 / 2.0**self.octaves_left_out
+
+    @property
+    def scored(self) -> tuple[NoiseTerm, ...]:
+        """Terms whose powers are scored."""
+        return (WHITE, QUANTISATION) if self.shape is UpperShape.QUANTISED else (WHITE,)
+
+    @property
+    def low_pass(self) -> bool:
+        """Whether a low-pass bends the bands."""
+        return self.shape is UpperShape.LOW_PASS
+
+
+@lru_cache(maxsize=4)
+def _sampled_flicker_phase(reach: int) -> Floats:
+    """Return (reach + 1,) the generalised autocovariance of summed sampled flicker, up to a lag^2 term.
+
+    That of (1 - z^-1)^(-1/2) w itself is -1/pi sum_{j=1..k} 1/(j - 1/2) (Kasdin and Walter 1992); it is summed twice.
+    """
+    rate = np.concatenate([[0.0], -np.cumsum(1.0 / (np.arange(1, reach + 1) - 0.5)) / np.pi])
+    slopes = -np.cumsum(rate[:reach])  # S(k+1) - S(k), S even
+    return np.concatenate([[0.0], np.cumsum(slopes)])
+
+
+@lru_cache(maxsize=1)
+def _unit_difference_covariances() -> Floats:
+    """Return (3, l) the autocovariances of differences of the power laws by lag in strides, in units of the cluster.
+
+    Differences of a cluster are second differences of the phase, so that the covariance at a lag is nine terms of the
+    generalised autocovariance of the phase (Greenhall 1991), five of which are different.
+    """
+    lag = np.arange(LAGS * RATIO + 1) / RATIO
+    shifted = (weight * phase_autocovariance(lag + shift) for shift, weight in SECOND_DIFFERENCE.items())
+    return np.asarray(sum(shifted))

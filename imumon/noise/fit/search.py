@@ -1,0 +1,504 @@
+"""Search for the model of one channel: which terms and columns explain its observations.
+
+It goes from the low to the high end of the spectrum, because what moves the mean disturbs every later test, while the
+block means, in which it is sought, lie below the reach of filters.
+
+1. *Slow terms* (`slow_terms`), in the block means alone: what moves the mean.
+
+2. *Upper end* (`ModelSearch`): the first description that the bands do not reject counts.
+
+   | tried in this order | its effect on a band |
+   |---|---|
+   | noise up to half the sampling rate | – |
+   | moving average of 2 to 16 samples | (sin(pi f w) / (w sin(pi f)))^2 |
+   | quantisation; of counts that are coarser than the noise with 0, 1, 2 ... octaves left out | + c 4 sin^2(pi f) |
+   | low-pass, with 0, 1, 2 ... octaves left out | / (1 + c 4 sin^2(pi f)) |
+
+   Any filter looks like a low-pass of first order where it begins to bend the spectrum. Below half the sampling rate
+   one octave more than the first that passes is left out: a bend that is too small to be rejected moves N, too. If none
+   passes, the least misfit counts, with the error of the model that explains it.
+
+3. *Columns in doubt*: the likelihoods with and without an exponential, or a step, that is more likely than not, but not
+   certain, are mixed in these odds.
+4. *Gauss–Markov noise* (`markov_search`) is tried again in all observations, for the likelihood above and before a
+   filter is tried for the upper end. From even odds on the likelihoods with and without it are mixed.
+
+A choice stays until the data reject it or the record has doubled, so that no description alternates while a record
+grows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import gammaincc
+
+from imumon.noise.fit import markov_search
+from imumon.noise.fit.fit_rules import (
+    MOST_ERROR,
+    REJECT_P,
+    TOLERANCE,
+    WINDOW_BANDS,
+    WINDOWS,
+)
+from imumon.noise.fit.likelihood import Grids, Likelihood, Surface, mixed
+from imumon.noise.fit.markov_search import MarkovSurface, Peaks
+from imumon.noise.fit.model import (
+    GRIDDED,
+    NOISE_TERMS,
+    QUANTISATION,
+    TERMS,
+    WALK,
+    WHITE,
+    GaussMarkov,
+    NoiseTerm,
+    UpperEnd,
+    UpperShape,
+)
+from imumon.noise.fit.observations import (
+    Bands,
+    BlockSeries,
+    meeting_frequency,
+    spectral_powers,
+)
+from imumon.noise.fit.slow_terms import SlowTerms, SlowTermSearch
+from imumon.noise.noise_sums import NoiseSums
+from imumon.samples import Floats
+from imumon.units import DAY
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelChoice:
+    """What was chosen, kept from one fit of a growing record to the next until the record has doubled.
+
+    Attributes
+    ----------
+    samples : length of the record when the upper end was chosen.
+    upper_end : description of the upper end.
+    grids, slow_grids : of the whole likelihood and of that of the block means; None: unknown.
+    markov : power of Gauss–Markov noise, which parts of the record have, too.
+    """
+
+    samples: int
+    upper_end: UpperEnd
+    grids: Grids | None
+    slow_grids: Grids | None
+    markov: Mapping[NoiseTerm, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """The model of a channel, with the likelihood of its powers.
+
+    Attributes
+    ----------
+    surface : likelihood of the powers, over both models where a column or Gauss–Markov noise is in doubt.
+    likelihood : of the model in use.
+    slow : what moves the mean.
+    excess : (m,) (channel unit)^2, what the coefficients that are left out hold above the noise.
+    upper_end : description of the upper end.
+    misfit, dof, p_value : of the bands, with the tolerance of the model, and of the single coefficients.
+    offset : channel unit, what the series is about.
+    choice : for the next fit.
+    markov : likelihood with Gauss–Markov noise; None: the data do not ask for it.
+    upper_error : relative standard deviation of N^2 between choices of the highest frequency, beyond their statistics.
+    """
+
+    surface: Surface
+    likelihood: Likelihood
+    slow: SlowTerms
+    excess: Floats
+    upper_end: UpperEnd
+    misfit: float
+    dof: float
+    p_value: float
+    offset: float
+    choice: ModelChoice
+    markov: MarkovSurface | None = None
+    upper_error: float = 0.0
+
+    @property
+    def noise_powers(self) -> dict[NoiseTerm, float]:
+        """Power of each term of the sensor itself: all but quantisation, which its output adds."""
+        return {term: power for term, power in self.surface.powers.items() if term is not QUANTISATION}
+
+    @property
+    def error(self) -> float:
+        """Relative error of the model in every band."""
+        return self.likelihood.error
+
+
+class ModelSearch:
+    """Search for the model of one channel.
+
+    Parameters
+    ----------
+    sums, column : the sums, and the channel in them.
+    averaged : the samples are true averages over their interval, else point samples.
+    previous : choice of an earlier length of the record; None: there was none.
+    whole : look for slow terms and Gauss–Markov noise; see `SlowTermSearch`. A part of a record has that of `previous`.
+    counted : the samples are differences of an angle in counts that are coarser than its noise.
+    """
+
+    def __init__(
+        self,
+        sums: NoiseSums,
+        column: int,
+        series: BlockSeries,
+        *,
+        averaged: bool,
+        previous: ModelChoice | None = None,
+        whole: bool = True,
+        counted: bool = False,
+    ) -> None:
+        self._sums, self._column, self._averaged, self._previous = sums, column, averaged, previous
+        self._counted = counted
+        self._known_markov = {} if whole or previous is None else dict(previous.markov)
+        series = series.with_terms(list(self._known_markov))
+        slow_grids = None if previous is None else previous.slow_grids
+        search = SlowTermSearch(
+            series, slow_grids, whole=whole, markov=self._known_markov, day=DAY / sums.tau0
+        )
+        self._slow = search.result()
+        self._slow_grids = search.surface.grids
+        # the block means show B and K already: their grid is a good first one of the whole likelihood
+        self._grids = previous.grids if previous is not None and previous.grids else self._slow_grids
+        self._step_power = self._slow.step_power(search.surface)
+        self._chosen_samples = self._samples = int(series.samples)
+        self._meeting = meeting_frequency(series)
+        self._spectral: dict[int, Bands] = {}  # by window
+        times = markov_search.tried_times(self._samples) if whole else []
+        self._tried_markov = [GaussMarkov("M", time) for time in times]
+        self._fits: dict[tuple[UpperEnd, float], tuple[Likelihood, Surface]] = {}  # by upper end and error
+
+    def result(self) -> Model | str:
+        """Return the model, or why there is none."""
+        previous = self._previous
+        recent = previous is not None and self._samples < 2 * previous.samples
+        if previous is not None and recent and self._judged(previous.upper_end)[0] > REJECT_P:
+            # of the choice, not of today: else it would never be renewed
+            self._chosen_samples = previous.samples
+            return self._finished(previous.upper_end)
+        best, least = UpperEnd(), np.inf
+        for upper_end in self._candidates():
+            p_value, misfit = self._judged(upper_end)
+            if p_value > REJECT_P:
+                shorter = replace(upper_end, octaves_left_out=upper_end.octaves_left_out + 1)
+                if upper_end.octaves_left_out and self._shows_white(shorter):
+                    return self._finished(shorter)
+                return self._finished(upper_end)
+            if misfit < least:
+                best, least = upper_end, misfit
+        return self._finished(best)
+
+    # ------------------------------------------------------------------ candidates
+
+    def _candidates(self) -> Iterator[UpperEnd]:
+        """Yield descriptions of the upper end in the order in which they are tried."""
+        yield UpperEnd()
+        if self._counted:
+            # neighbouring rounding errors are alike where the angle moves by less than a count: octaves are left out
+            candidate = UpperEnd(shape=UpperShape.QUANTISED)
+        else:
+            window = self._best_window()
+            if window > 1:
+                yield UpperEnd(window=window)
+            yield UpperEnd(shape=UpperShape.QUANTISED)
+            candidate = UpperEnd(shape=UpperShape.LOW_PASS)
+        # one band more than there are terms: what bends the upper end is a term, too
+        while not candidate.octaves_left_out or self._bands(candidate) > len(NOISE_TERMS) + 1:
+            yield candidate
+            candidate = replace(candidate, octaves_left_out=candidate.octaves_left_out + 1)
+
+    def _best_window(self) -> int:
+        """Return the moving average whose shape the highest bands have; 1: none comes close."""
+        best, least = 1, np.inf
+        for window in (1, *WINDOWS):
+            powers = self._powers(window)
+            if powers.top.size <= len(NOISE_TERMS):
+                break
+            rows = np.argsort(-powers.top)[:WINDOW_BANDS]
+            # white noise behind the average has a constant ratio; its size is free
+            ratio = np.log(np.maximum(powers.power[rows], 1e-300) / powers.expected[WHITE][rows])
+            weight = 1.0 / (2.0 / powers.dof[rows] + TOLERANCE**2)
+            misfit = float(weight @ (ratio - weight @ ratio / weight.sum()) ** 2)
+            if misfit < least:
+                best, least = window, misfit
+        return best
+
+    def _powers(self, window: int, more: Sequence[NoiseTerm] = ()) -> Bands:
+        """Return the bands of the spectrum above the frequency at which the blocks end.
+
+        Parameters
+        ----------
+        more : terms whose expectations are needed beside those of `TERMS`.
+        """
+        present = self._spectral.get(window)
+        if present is not None and all(term in present.expected for term in more):
+            return present
+        # the terms that are tried in every fit come with the first bands: to form bands costs more than to expect them
+        tried = self._tried_markov if window == 1 and present is None else []
+        powers = spectral_powers(
+            self._sums,
+            self._column,
+            averaged=self._averaged,
+            window=window,
+            terms=(*TERMS, *self._known_markov, *tried, *more),
+        )
+        counts = powers.top > self._meeting * (1.0 + 1e-6)
+        # steps are columns of the block means only: a band that they reach is left out
+        counts &= self._step_power * powers.expected[WALK] <= TOLERANCE * powers.power
+        powers = powers.take(counts)
+        if present is None and not more:
+            self._spectral[window] = powers
+        return powers
+
+    def _bands(self, upper_end: UpperEnd) -> int:
+        """Return the number of bands, of both parts, with some octaves left out."""
+        flat = self._fit(UpperEnd())[0].bands
+        return int(flat.up_to(upper_end.highest).top.size)
+
+    def _judged(self, upper_end: UpperEnd) -> tuple[float, float]:
+        """Return the probability of the misfit of a description, and the misfit over its degrees of freedom.
+
+        The upper end is judged by the spectrum: what moves slowly does not change it. A description whose white noise
+        does not show is none: N would be a guess from B.
+        """
+        if upper_end.octaves_left_out and self._bands(upper_end) <= len(NOISE_TERMS):
+            return 0.0, np.inf
+        likelihood, surface = self._fit(upper_end)
+        if upper_end.octaves_left_out and not _shows(surface):
+            return 0.0, np.inf
+        spectral = int(self._powers(upper_end.window).up_to(upper_end.highest).top.size)
+        rows = spectral if spectral > len(NOISE_TERMS) else None
+        tested = replace(likelihood, error=TOLERANCE)
+        p_value = tested.p_value(surface, rows)
+        if p_value <= REJECT_P and upper_end == UpperEnd():
+            # short correlations bend the spectrum, too: a filter is no explanation where another noise is one
+            peaks = self._markov_peaks(upper_end)
+            if peaks is not None:
+                likelihood, surface = self._with_markov_peak(upper_end, peaks)
+                tested = replace(likelihood, error=TOLERANCE)
+                p_value = tested.p_value(surface, rows)
+        misfit, dof = tested.misfit(surface, rows)
+        return p_value, misfit / dof
+
+    def _shows_white(self, upper_end: UpperEnd) -> bool:
+        """Return whether the white noise still shows with some octaves left out."""
+        return self._bands(upper_end) > len(NOISE_TERMS) and _shows(self._fit(upper_end)[1])
+
+    # ------------------------------------------------------------------ likelihoods
+
+    def _likelihood(
+        self,
+        upper_end: UpperEnd,
+        error: float,
+        *,
+        with_doubtful: bool = False,
+        more: Sequence[NoiseTerm] = (),
+    ) -> Likelihood:
+        slow = self._slow.with_terms(more) if more else self._slow
+        pooled, coefficients = slow.observations(
+            upper_end.highest, self._meeting, with_doubtful=with_doubtful
+        )
+        spectral = self._powers(upper_end.window, more).up_to(upper_end.highest)
+        return Likelihood(
+            spectral.joined(pooled),
+            coefficients,
+            upper_end.scored,
+            upper_end.low_pass,
+            error=error,
+            beside=self._known_markov,
+        )
+
+    def _fit(self, upper_end: UpperEnd, error: float = 0.0) -> tuple[Likelihood, Surface]:
+        """Return likelihood and surface of a description; each is computed once."""
+        key = upper_end, error
+        if key not in self._fits:
+            likelihood = self._likelihood(upper_end, error)
+            surface = likelihood.search(self._samples, self._grids)
+            self._grids = surface.grids
+            self._fits[key] = likelihood, surface
+        return self._fits[key]
+
+    def _finished(self, upper_end: UpperEnd) -> Model | str:
+        """Return the model with the error that explains its misfit, and with what is in doubt."""
+        peaks = self._markov_peaks(upper_end)
+        judged = self._fit(upper_end) if peaks is None else self._with_markov_peak(upper_end, peaks)
+        error = _error(*judged)
+        if error > MOST_ERROR:
+            return "no description fits the data"
+        if error and peaks is not None:
+            # with wider errors, the term may no longer be needed
+            peaks = self._markov_peaks(upper_end, error)
+        without = self._without_markov(upper_end, error)
+        likelihood, surface, slow, markov = without.likelihood, without.mixed, self._slow, None
+        grids = surface.grids
+        if peaks is not None:
+            markov, surface = self._with_markov(upper_end, error, without, peaks)
+            slow = slow.with_terms([markov.term])
+            likelihood = self._likelihood(upper_end, error, more=[markov.term])
+            likelihood = replace(likelihood, beside=surface.beside)
+        tested = replace(likelihood, error=TOLERANCE)
+        misfit, dof = np.add(tested.misfit(surface), likelihood.slow_misfit(surface)).tolist()
+        choice = ModelChoice(self._chosen_samples, upper_end, grids, self._slow_grids, surface.beside)
+        return Model(
+            surface,
+            likelihood,
+            slow,
+            slow.excess(surface),
+            upper_end,
+            misfit,
+            dof,
+            float(gammaincc(0.5 * dof, 0.5 * misfit)),
+            float(self._sums.blocks.offset[self._column]),
+            choice,
+            markov,
+            self._upper_error(upper_end),
+        )
+
+    def _without_markov(self, upper_end: UpperEnd, error: float) -> _Alternatives:
+        """Return the models without Gauss–Markov noise: with and without a column in doubt."""
+        likelihood, surface = self._fit(upper_end, error)
+        if not self._slow.doubtful:
+            return _Alternatives(likelihood, surface)
+        other = self._likelihood(upper_end, error, with_doubtful=True)
+        if other.bands.top.size <= len(NOISE_TERMS):
+            # the single coefficients of a column with a wide spectrum leave too few bands of a short record
+            return _Alternatives(likelihood, surface)
+        return _Alternatives(
+            likelihood, surface, other, other.search(self._samples, self._grids), self._slow.odds
+        )
+
+    def _with_markov(
+        self, upper_end: UpperEnd, error: float, without: _Alternatives, peaks: Peaks
+    ) -> tuple[MarkovSurface, Surface]:
+        """Return the likelihood with Gauss–Markov noise, and that of both, with and without it."""
+
+        def observed(more: Sequence[NoiseTerm]) -> Likelihood:
+            return self._likelihood(upper_end, error, more=more)
+
+        surface = without.mixed
+        markov = markov_search.markov_surface(observed, surface, self._samples, peaks)
+        # the models without the term on a grid that holds those with it, too
+        grids = {
+            term: np.linspace(0.0, max(grid[-1], markov.surface.grids[term][-1]), grid.size)
+            for term, grid in surface.grids.items()
+        }
+        both = markov_search.mixed_with(replace(without.on(grids), holds=surface.holds), markov)
+        return markov, both
+
+    def _upper_error(self, upper_end: UpperEnd) -> float:
+        """Return the relative scatter of N^2 between neighbouring choices of the highest frequency.
+
+        Behind a filter of unknown shape N is what the frequencies below it show, and another choice of them shows
+        another N. The scatter that the statistics of the octave between two choices explain is taken off.
+        """
+        if not (upper_end.low_pass or upper_end.octaves_left_out):
+            return 0.0
+        powers, errors = [], []
+        for octaves in range(max(upper_end.octaves_left_out - 1, 0), upper_end.octaves_left_out + 2):
+            other = replace(upper_end, octaves_left_out=octaves)
+            if octaves == upper_end.octaves_left_out or self._shows_white(other):
+                surface = self._fit(other)[1]
+                powers.append(np.log(surface.scored[WHITE][surface.best]))
+                error = np.sqrt(surface.scored_variances[WHITE][surface.best])
+                errors.append(error / surface.scored[WHITE][surface.best])
+        apart, by_chance = np.diff(powers) ** 2, np.abs(np.diff(np.square(errors)))
+        if not apart.size:
+            return float(errors[0])  # nothing to compare with: as uncertain as by the statistics, once more
+        return float(np.sqrt(np.maximum(apart - by_chance, 0.0).mean()))
+
+    def _markov_peaks(self, upper_end: UpperEnd, error: float = 0.0) -> Peaks | None:
+        """Return the likeliest models with Gauss–Markov noise; None where its odds are below even."""
+        if not self._tried_markov:
+            return None
+        times = [term.time for term in self._tried_markov]
+        surface = self._fit(upper_end, error)[1]
+        peaks = markov_search.peaks(
+            lambda more: self._likelihood(upper_end, error, more=more), surface, times
+        )
+        return peaks if markov_search.odds_of(peaks.gains) >= 1.0 else None
+
+    def _with_markov_peak(self, upper_end: UpperEnd, peaks: Peaks) -> tuple[Likelihood, Surface]:
+        """Return likelihood and surface with the likeliest Gauss–Markov noise, whose power is fixed."""
+        term, power = peaks.terms[peaks.best], float(peaks.markov[peaks.best])
+        likelihood = replace(self._likelihood(upper_end, 0.0, more=[term]), beside={term: power})
+        # one point, the maximum: a misfit asks for no limits
+        peak = {gridded: np.sqrt(peaks.powers[gridded][[peaks.best]]) for gridded in GRIDDED}
+        return likelihood, likelihood.at_values_of(self._fit(upper_end)[1], peak)
+
+
+def _error(likelihood: Likelihood, surface: Surface) -> float:
+    """Return the error of the model that brings the misfit to its expectation; 0.0 where chance explains it."""
+    if likelihood.p_value(surface) > REJECT_P:
+        return 0.0
+    # bisection: the misfit falls as the error grows; twice the most says "more than the most"
+    low, high = 0.0, 2.0 * MOST_ERROR
+    for _ in range(20):
+        middle = 0.5 * (low + high)
+        misfit, dof = replace(likelihood, error=middle).misfit(surface)
+        low, high = (middle, high) if misfit > dof else (low, middle)
+    return high
+
+
+def _shows(surface: Surface) -> bool:
+    """Return whether N^2 is known well at the greatest likelihood."""
+    best = surface.best
+    error = np.sqrt(surface.scored_variances[WHITE][best])
+    return bool(error < MOST_ERROR * surface.scored[WHITE][best])
+
+
+def _on(likelihood: Likelihood, surface: Surface, grids: Grids) -> Surface:
+    """Return a surface on some grids; itself where it is on them."""
+    if all(np.array_equal(grid, surface.grids[term]) for term, grid in grids.items()):
+        return surface
+    return likelihood.at_values_of(surface, grids)
+
+
+@dataclass(frozen=True, eq=False)
+class _Alternatives:
+    """The likelihoods without and with a column in doubt; the second is None without one.
+
+    Attributes
+    ----------
+    odds : likelihood of the column against none.
+    """
+
+    likelihood: Likelihood
+    surface: Surface
+    other: Likelihood | None = None
+    other_surface: Surface | None = None
+    odds: float = 0.0
+
+    def on(self, grids: Grids) -> Surface:
+        """Return the likelihood of either of the models on a grid.
+
+        The second surface is scaled so that its maximum is `odds` times that of the first: the restricted likelihoods
+        of regressions that differ by a column have no common scale.
+        """
+        first = _on(self.likelihood, self.surface, grids)
+        if self.other is None or self.other_surface is None:
+            return first
+        second = _on(self.other, self.other_surface, grids)
+        second = replace(second, log=second.log - second.log.max() + first.log.max())
+        return mixed(first, second, self.odds)
+
+    @cached_property
+    def mixed(self) -> Surface:
+        """Likelihood of either of the models on a grid that holds both."""
+        if self.other_surface is None:
+            return self.surface
+        grids = {
+            term: np.linspace(
+                min(grid[0], self.other_surface.grids[term][0]),
+                max(grid[-1], self.other_surface.grids[term][-1]),
+                grid.size,
+            )
+            for term, grid in self.surface.grids.items()
+        }
+        # of the searches: this grid spans what they held
+        return replace(self.on(grids), holds=self.surface.holds and self.other_surface.holds)

@@ -1,0 +1,616 @@
+"""Statement of a fit: what the model of a channel says in SI, with status, reasons and the curve that follows.
+
+A model (`search.Model`) is a likelihood of powers in units of tau0. Three things are stated of it:
+
+- *Coefficients* in SI with 95 % limits and a status. The coefficient of power P is sqrt(P) times tau0 to the power of
+  minus the slope of its Allan deviation (`coefficients`): N = sqrt(P tau0), B = sqrt(P), K = sqrt(P / tau0).
+
+  | status | N | B, K |
+  |---|---|---|
+  | measured | power over standard error exceeds sqrt(`EVIDENCE`) | twice the log likelihood ratio exceeds `EVIDENCE` |
+  | its value | root of the mean; a power is nearly log-normal, so are its limits | median, 2.5 and 97.5 % quantiles |
+  | upper_bound | root of mean and 1.96 standard errors | 97.5 % quantile |
+  | pending | – | in the first `LEAST_B_K_S` seconds |
+
+  M is measured where its odds exceed `CERTAIN_ODDS` and the record bounds its time constant. Where B, K and M are
+  needed together but none of them alone, each is ``indistinct``, with the 97.5 % quantile as its bound. Where the drawn
+  model leaves the limits of the curve (`curve_statement`), those of them that decide it there become bounds.
+
+  Q is measured as N is, at the likeliest point of the grid and with normal limits of its power, or absent.
+
+  A bound is the 97.5 % quantile and not the 95 % one: a flat prior pulls towards zero, and the 95 % quantile is below
+  the truth in up to 15 % of records where B just begins to show. Excess kurtosis g of n independent samples adds g/n to
+  the relative variance of N^2 (Fisher 1930), as if N^2 itself varied.
+- *Regressors*: what moves the mean, as slopes and sizes with their limits.
+- *Caveats*: what limits the meaning of the numbers.
+
+What follows for the curve is in `curve_statement`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from imumon.coefficients import LIMIT_95, NOISE, SIGNIFICANT, Estimate, MarkovEstimate
+from imumon.noise.fit.fit_rules import (
+    ALIAS_SHARE,
+    ALIAS_WIDTHS,
+    CERTAIN,
+    CHANCE,
+    COLLINEAR,
+    EVIDENCE,
+    LEAST_B_K_S,
+    SAME_PERIOD,
+    VISIBLE,
+)
+from imumon.noise.fit.likelihood import evidence, grid_mean, joint_evidence, normal_matrix, quantiles
+from imumon.noise.fit.model import GRIDDED, QUANTISATION, WHITE, NoiseTerm, total
+from imumon.noise.fit.model_curve import (
+    moved_variances,
+)
+from imumon.noise.fit.popcorn import TwoLevels, two_levels
+from imumon.noise.fit.regressors import BENT, OSCILLATION
+from imumon.noise.fit.search import Model
+from imumon.noise.fit.time_to_precision import seconds_to
+from imumon.noise.noise_sums import NoiseSums
+from imumon.noise.validity_groups import ROUNDING_VARIANCE
+from imumon.samples import Bools, Floats, Ints
+
+NOT_SHOWN = "the record does not show it"
+LIMITS = np.array([0.025, 0.5, 0.975])
+"""Quantiles of the 95 % limits and of the value between them."""
+TOO_SHORT = "the record is too short"
+
+# ------------------------------------------------------------------------------------------------ what is stated
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegressorEstimate:
+    """Coefficient of a regressor: what moves the mean and is not noise.
+
+    Attributes
+    ----------
+    name : ``drift``, ``temperature``, ``temperature_2`` (its square), ``temperature_3``, ``hysteresis``, ``settling``
+        or ``step``; of a bias curve ``degree 0`` to ``degree 3``.
+    value, low, high : channel unit, per s of a drift, per degC (its square, its cube) of a temperature; 95 % limits.
+    time_constant_s : s, of a settling.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    time_constant_s: float | None = None
+
+    @property
+    def error(self) -> float:
+        """Standard error, in the unit of the value."""
+        return (self.high - self.low) / (2.0 * LIMIT_95)
+
+    @property
+    def sigma(self) -> float:
+        """Standard errors by which it differs from zero; 0.0 where its limits coincide: then nothing is known of it."""
+        return abs(self.value) / self.error if self.error > 0.0 else 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepEstimate:
+    """Step of the mean.
+
+    Attributes
+    ----------
+    before, after : channel unit, mean of the segment before the step, and the same with the step.
+    sigma : standard errors of the step.
+    """
+
+    before: float
+    after: float
+    sigma: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ChannelFit:
+    """Fit of one channel.
+
+    Attributes
+    ----------
+    coefficients : by letter: N, B and K always; others where the data show them. In SI, without a unit.
+    markov : Gauss–Markov noise; None: the data do not ask for it.
+    jumps : channel unit and s, the levels of Gauss–Markov noise that is popcorn noise; None: it does not show them.
+    chi2, dof, p_value : of the misfit; None while there is nothing to test.
+    model : (k,) channel unit, Allan deviation of everything that the fit states; 0.0 where there is no fit.
+    shares : (k,) (channel unit)^2, Allan variance of each part of `model`: of each term by its letter, of ``filter``
+        (what a filter in the sensor takes, negative), ``lines`` and ``columns`` (what moves the mean).
+    noise : (k,) channel unit, Allan deviation of N, B, K and M alone.
+    used : (k,) octaves in the range of frequencies that the fit uses.
+    low, high : (k,) channel unit, 95 % limits of the Allan deviation; 0.0 where there is no difference.
+    edf : (k,) 1, equivalent degrees of freedom; 0.0 where there is no difference.
+    time_to : s by letter, still to record until a coefficient is as precise as requested; None: unknown.
+    readings : classical slope readings by letter; None: the curve has none.
+    caveats : ``misfit``, ``model_misses`` (the drawn model leaves the limits of the curve), ``vibration`` (lines that
+        bend the curve), ``correlated`` (a filter), ``quantised``, ``ramp``, ``oscillation``, ``popcorn``
+        (Gauss–Markov noise that jumps between two levels).
+    columns : regressors in use.
+    no_slope : why there is no temperature slope: "", ``no_temperature``, ``small_range`` or ``collinear``.
+    explained : share of the variance of the means beyond white noise that follows the temperature; None: unknown.
+    step : sudden change of the mean; None: there is none.
+    lines_hz : Hz, lines of the spectrum that are no part of the noise.
+    oscillations_s : s, periods of slow oscillations that are left out.
+    highest_hz : Hz, highest frequency in use; None without a fit.
+    incomplete : where the fit says less than it should: ``unbounded`` (the grid does not hold the likelihood of B and
+        K, whose limits end where it ends), ``search_ended`` (chance does not explain what the slow terms leave),
+        ``settling_in_doubt``, ``step_in_doubt``, ``cycle_in_doubt`` (limits hold the models with and without a column
+        that is not certain).
+    """
+
+    coefficients: Mapping[str, Estimate]
+    markov: MarkovEstimate | None = None
+    jumps: TwoLevels | None = None
+    chi2: float | None = None
+    dof: int | None = None
+    p_value: float | None = None
+    model: Floats
+    noise: Floats
+    used: Bools
+    low: Floats
+    high: Floats
+    edf: Floats
+    time_to: Mapping[str, float | None] = field(default_factory=lambda: dict.fromkeys(NOISE))
+    readings: Mapping[str, float | None] = field(default_factory=lambda: dict.fromkeys(NOISE))
+    caveats: tuple[str, ...] = ()
+    columns: tuple[RegressorEstimate, ...] = ()
+    no_slope: str = "no_temperature"
+    explained: float | None = None
+    step: StepEstimate | None = None
+    lines_hz: tuple[float, ...] = ()
+    oscillations_s: tuple[float, ...] = ()
+    highest_hz: float | None = None
+    incomplete: tuple[str, ...] = ()
+    shares: Mapping[str, Floats] = field(default_factory=dict)
+
+    @property
+    def N(self) -> Estimate:
+        """White noise, channel unit times sqrt(s)."""
+        return self.coefficients["N"]
+
+    @property
+    def B(self) -> Estimate:
+        """Flicker, channel unit."""
+        return self.coefficients["B"]
+
+    @property
+    def K(self) -> Estimate:
+        """Random walk, channel unit over sqrt(s)."""
+        return self.coefficients["K"]
+
+    @property
+    def follows_temperature(self) -> bool:
+        """Whether the mean follows the temperature significantly."""
+        slope = self.column("temperature")
+        return slope is not None and slope.sigma > SIGNIFICANT
+
+    def column(self, name: str) -> RegressorEstimate | None:
+        """Return the last regressor of a name; None if it is not in use."""
+        return next((column for column in reversed(self.columns) if column.name == name), None)
+
+
+def pending_fit(octaves: int, reason: str, reason_code: str | None = None) -> ChannelFit:
+    """Return the fit of a channel with too little data."""
+    pending = dict.fromkeys(NOISE, Estimate(reason=reason, reason_code=reason_code))
+    zeros = np.zeros(octaves)
+    return ChannelFit(
+        coefficients=pending, model=zeros, noise=zeros, used=zeros > 0.0, low=zeros, high=zeros, edf=zeros
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedModel:
+    """A model with what it states, whatever the curve.
+
+    Attributes
+    ----------
+    model : the model.
+    fit : without a curve.
+    moved : (2, j) the Allan variance of what the regressors move; see `model_curve.moved_variances`.
+    """
+
+    model: Model
+    fit: ChannelFit
+    moved: Floats
+
+
+def state_model(
+    sums: NoiseSums,
+    channel: int,
+    model: Model,
+    kurtosis: float,
+    precision: Mapping[str, float] | None,
+    step: float = 0.0,
+    *,
+    counted: bool = False,
+) -> FittedModel:
+    """Return what the model of a channel states, in SI.
+
+    Parameters
+    ----------
+    sums : those of the model.
+    kurtosis : 1, excess kurtosis of the samples.
+    precision : 1, requested relative half-widths by letter; None: no times are wanted.
+    step : channel unit, least step between two values, 0.0 where there is none.
+    counted : the values are differences of an angle in counts coarser than its noise.
+    """
+    tau0, samples = sums.tau0, model.slow.series.samples
+    # rounding of an angle is quantisation, that of a rate white noise
+    rounding = 0.0 if counted or QUANTISATION in model.surface.scored else ROUNDING_VARIANCE * step**2
+    coefficients = _coefficients(model, kurtosis / samples, samples, tau0, rounding)
+    if counted:
+        white = model.noise_powers[WHITE]
+        coefficients["Q"] = _of_counts(step, white, samples).scaled(QUANTISATION.coefficient_scale(tau0))
+    columns, collinear = _columns(model, tau0)
+    # a drift that cannot be distinguished from the effect of the temperature is no rate ramp, whether the temperature
+    # is a column that is correlated with it or a straight line in time
+    if not collinear and model.slow.no_temperature != "collinear":
+        coefficients |= _rate_ramp(columns)
+    highest = float(model.likelihood.bands.top.max())
+    none, lines = np.zeros(0), line_bands(sums, channel)
+    markov = _markov(model, coefficients.pop("M", None), tau0)
+    jumps = _jumps(model, tau0) if markov is not None and markov.sigma.status == "measured" else None
+    periods_s = _periods(model, lines, tau0)
+    caveats = {
+        "misfit": model.p_value < CHANCE,
+        "correlated": model.upper_end.window > 1 or model.upper_end.low_pass,
+        "quantised": "Q" in coefficients,
+        "oscillation": bool(periods_s),
+        "popcorn": jumps is not None,
+    }
+    fit = ChannelFit(
+        coefficients=coefficients,
+        markov=markov,
+        jumps=jumps,
+        chi2=model.misfit,
+        dof=round(model.dof),
+        p_value=model.p_value,
+        model=none,
+        noise=none,
+        used=none > 0.0,
+        low=none,
+        high=none,
+        edf=none,
+        caveats=tuple(caveat for caveat, applies in caveats.items() if applies),
+        columns=columns,
+        no_slope="collinear" if collinear else model.slow.no_temperature,
+        explained=_explained(model),
+        step=_step(model, columns),
+        lines_hz=tuple((lines[:, 0] / tau0).tolist()),
+        oscillations_s=periods_s,
+        highest_hz=highest / tau0,
+        incomplete=_incomplete(model),
+    )
+    if precision is not None:
+        widths = {letter: coefficients[letter].half_width or math.inf for letter in precision}
+        fit = replace(fit, time_to=seconds_to(model.noise_powers, widths, samples, tau0, highest, precision))
+    return FittedModel(model, fit, moved_variances(model.slow.series, moved(model, lines)))
+
+
+def _incomplete(model: Model) -> tuple[str, ...]:
+    """Return where a fit says less than it should; see `ChannelFit.incomplete`."""
+    names = {column.name for column in model.slow.doubtful}
+    reasons = {
+        "unbounded": not model.surface.holds,
+        "search_ended": not model.slow.complete,
+        "settling_in_doubt": "settling" in names,
+        "step_in_doubt": "step" in names,
+        "cycle_in_doubt": OSCILLATION[0] in names,
+    }
+    return tuple(reason for reason, applies in reasons.items() if applies)
+
+
+# ------------------------------------------------------------------------------------------------ coefficients
+
+
+def _coefficients(
+    model: Model, kurtosis: float, samples: float, tau0: float, rounding: float
+) -> dict[str, Estimate]:
+    """Return the coefficients of all terms in SI: N, B and K always, Q where it shows.
+
+    Parameters
+    ----------
+    kurtosis : 1, excess kurtosis over the number of samples, which adds to the relative variance of N^2: the powers of
+        independent samples all gain the fourth cumulant of a sum of squares.
+    rounding : (channel unit)^2, variance of the errors of rounding.
+    """
+    surface = model.surface
+    mean, error = (
+        float(v) for v in grid_mean(surface, surface.scored[WHITE], surface.scored_variances[WHITE])
+    )
+    error = math.hypot(error, mean * math.sqrt(max(kurtosis, 0.0)), mean * model.upper_error)
+    # N is that of the sensor. The limits hold it with the errors of its rounding, too: a filter before or behind the
+    # rounding takes a part of them that the record does not show.
+    before = max(mean - rounding, 0.0)
+    unrounded = _of_power(before, math.hypot(error, _rounding_error(before, rounding)))
+    estimates: dict[NoiseTerm, Estimate] = {WHITE: replace(unrounded, high=_of_power(mean, error).high)}
+    if samples * tau0 < LEAST_B_K_S:
+        estimates |= dict.fromkeys(GRIDDED, Estimate(reason=TOO_SHORT))
+    else:
+        estimates |= _correlated(model)
+    if QUANTISATION in surface.scored:
+        # at the greatest likelihood: beside white noise it hardly depends on B and K
+        power = float(surface.scored[QUANTISATION][surface.best])
+        error = math.sqrt(float(surface.scored_variances[QUANTISATION][surface.best]))
+        if power > math.sqrt(EVIDENCE) * error:
+            low, high = (math.sqrt(max(power + sign * LIMIT_95 * error, 0.0)) for sign in (-1, 1))
+            estimates[QUANTISATION] = Estimate(value=math.sqrt(power), low=low, high=high, status="measured")
+    return {term.letter: part.scaled(term.coefficient_scale(tau0)) for term, part in estimates.items()}
+
+
+def _rounding_error(variance: float, rounding: float) -> float:
+    """Return the standard deviation of what rounding to steps of q adds to a variance, (channel unit)^2: q^2 / 12.
+
+    With s = sigma / q it is exp(-2 pi^2 s^2) (1 / pi^2 + 4 s^2) q^2 cos(2 pi mean / q), the first harmonic of the error
+    (Widrow and Kollar 2008, section 4), for any mean.
+
+    Parameters
+    ----------
+    variance : sigma^2 of the noise.
+    rounding : q^2 / 12; 0.0: the values have no steps.
+    """
+    if not rounding:
+        return 0.0
+    squared_step = rounding / ROUNDING_VARIANCE
+    steps = variance / squared_step
+    harmonic = math.exp(-2.0 * math.pi**2 * steps) * (1.0 / math.pi**2 + 4.0 * steps)
+    return harmonic * squared_step / math.sqrt(2.0)
+
+
+def _of_counts(count: float, white: float, samples: float) -> Estimate:
+    """Return Q of an angle in counts, in units of tau0.
+
+    Where neighbouring errors are alike, their density is no longer that of quantisation, but clusters beyond see the
+    variance of a rounding error, count^2 / 12. The angle walks over the counts with s = N / count per sample, by which
+    errors are alike over 1 / (2 pi^2 s^2) samples. The square of a rounding error scatters by sqrt(4/5) of its mean.
+
+    Parameters
+    ----------
+    count : channel unit.
+    white : (channel unit)^2, variance of the white noise of a sample.
+    """
+    value = count * math.sqrt(ROUNDING_VARIANCE)
+    independent = max(samples * min(2.0 * math.pi**2 * white / count**2, 1.0), 1.0)
+    spread = LIMIT_95 * 0.5 * math.sqrt(0.8 / independent)
+    low, high = value * max(1.0 - spread, 0.0), value * (1.0 + spread)
+    return Estimate(value=value, low=low, high=high, status="measured")
+
+
+def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
+    """Return B and K in units of tau0, and M where it is in the model.
+
+    Where they are needed together, and none of them alone, the record does not show which of them it is.
+    """
+    surface, markov = model.surface, model.markov
+    shown: dict[NoiseTerm, bool] = {term: evidence(surface, term) > EVIDENCE for term in GRIDDED}
+    limits: dict[NoiseTerm, tuple[float, float, float]] = {
+        term: tuple(quantiles(surface, term, LIMITS).tolist()) for term in GRIDDED
+    }
+    open_terms: list[NoiseTerm] = [term for term in GRIDDED if not shown[term]]
+    if markov is not None:
+        shown[markov.term] = markov.is_certain
+        limits[markov.term] = tuple(quantiles(markov.surface, markov.term, LIMITS).tolist())
+        if not markov.is_certain:
+            open_terms.append(markov.term)
+    # without a measured M in the model, something is correlated: its odds are even or better
+    together = len(open_terms) > 1 and (
+        (markov is not None and not markov.is_certain) or joint_evidence(surface, open_terms) > EVIDENCE
+    )
+    estimates: dict[NoiseTerm, Estimate] = {}
+    for term, (low, value, high) in limits.items():
+        others = [other.letter for other in open_terms if other is not term]
+        if shown[term] and low < value < high:
+            estimates[term] = Estimate(value=value, low=low, high=high, status="measured")
+        elif together and term in open_terms:
+            reason = f"the record does not distinguish it from {' and '.join(others)}"
+            estimates[term] = Estimate(low=0.0, high=high, status="indistinct", reason=reason)
+        else:
+            estimates[term] = _bound(high)
+    return estimates
+
+
+def _markov(model: Model, sigma: Estimate | None, tau0: float) -> MarkovEstimate | None:
+    """Return Gauss–Markov noise in SI; None where it is not in the model."""
+    markov = model.markov
+    if markov is None or sigma is None:
+        return None
+    low, value, high = (time * tau0 for time in markov.time_quantiles(LIMITS).tolist())
+    if sigma.status == "measured" and markov.is_bounded:
+        time = Estimate(value=value, low=low, high=high, status="measured", unit="s")
+    else:
+        reason = sigma.reason or "the record is too short for it"
+        time = Estimate(low=low, high=high, status="indistinct", unit="s", reason=reason)
+    return MarkovEstimate(sigma=sigma, time_constant_s=time)
+
+
+def _jumps(model: Model, tau0: float) -> TwoLevels | None:
+    """Return the levels between which the mean jumps, channel unit, and the time in each, s; None without jumps."""
+    assert model.markov is not None
+    series, term = model.slow.series, model.markov.term
+    steady = series.series - moved(model, np.zeros((0, 3)))
+    jumps = two_levels(steady, math.sqrt(model.markov.peak[term]), term.time / series.length)
+    if jumps is None:
+        return None
+    low, high = (model.offset + level for level in jumps.levels)
+    below, above = (blocks * series.length * tau0 for blocks in jumps.dwell)
+    return TwoLevels((low, high), (below, above))
+
+
+def _of_power(mean: float, error: float) -> Estimate:
+    """Return the coefficient of a power with a normal error."""
+    if mean > math.sqrt(EVIDENCE) * error:
+        half = math.exp(0.5 * LIMIT_95 * error / mean)  # a variance is nearly log-normal
+        value = math.sqrt(mean)
+        return Estimate(value=value, low=value / half, high=value * half, status="measured")
+    return _bound(math.sqrt(max(mean + LIMIT_95 * error, 0.0)))
+
+
+def _bound(high: float) -> Estimate:
+    return Estimate(low=0.0, high=high, status="upper_bound", reason=NOT_SHOWN)
+
+
+# ------------------------------------------------------------------------------------------------ regressors
+
+
+def _columns(model: Model, tau0: float) -> tuple[tuple[RegressorEstimate, ...], bool]:
+    """Return the regressors with their coefficients, and whether time and temperature are not separable."""
+    mean, error = grid_mean(model.surface, model.surface.beta, model.surface.beta_variances)
+    length_s = model.slow.series.length * tau0
+    out = []
+    for column, value, deviation in zip(model.slow.regressors, mean.tolist(), error.tolist(), strict=True):
+        if column.name == "settling_time" or column.name in OSCILLATION:
+            continue  # they have no meaning alone: a derivative, and phases
+        scale = column.scale / length_s if column.name == "drift" else column.scale
+        size, half = value * scale, LIMIT_95 * (deviation * scale)
+        settles_s = column.place * length_s if column.name == "settling" else None
+        out.append(
+            RegressorEstimate(
+                name=column.name, value=size, low=size - half, high=size + half, time_constant_s=settles_s
+            )
+        )
+    collinear = _is_collinear(model)
+    if collinear:
+        out = [column for column in out if column.name != "temperature"]
+    return tuple(out), collinear
+
+
+def _is_collinear(model: Model) -> bool:
+    """Return whether the estimates of drift and temperature slope are so correlated that neither means anything.
+
+    Without the bends: beside its square, its cube and hysteresis a slope is always less certain, and its limits say by
+    how much.
+    """
+    names = [column.name for column in model.slow.regressors if column.name not in BENT]
+    if "temperature" not in names:
+        return False
+    straight = [column.name not in BENT for column in model.slow.regressors]
+    coefficients = model.likelihood.coefficients
+    v = total(model.surface.powers, lambda term: coefficients.variances[term])
+    inverse = np.linalg.inv(normal_matrix(1.0 / v[None], coefficients.X[:, straight])[0])
+    # the drift that is stated is that of the last segment
+    one, two = len(names) - 1 - names[::-1].index("drift"), names.index("temperature")
+    return bool(abs(inverse[one, two]) > COLLINEAR * math.sqrt(inverse[one, one] * inverse[two, two]))
+
+
+def _step(model: Model, columns: tuple[RegressorEstimate, ...]) -> StepEstimate | None:
+    """Return the first step of a model, with the means before and after it; None without a step."""
+    column = next((column for column in columns if column.name == "step"), None)
+    if column is None:
+        return None
+    series = model.slow.series
+    place = int(next(column.place for column in model.slow.regressors if column.name == "step"))
+    segment = int(np.searchsorted(series.begin, place, side="right")) - 1
+    begin = int(series.begin[segment])
+    before = model.offset + float(series.series[begin:place].mean())
+    return StepEstimate(before=before, after=before + column.value, sigma=column.sigma)
+
+
+def _rate_ramp(columns: tuple[RegressorEstimate, ...]) -> dict[str, Estimate]:
+    """Return R by its letter where the drift is significant; without it, nothing."""
+    drift = next((column for column in reversed(columns) if column.name == "drift"), None)
+    return {"R": _ramp(drift)} if drift is not None and drift.sigma > SIGNIFICANT else {}
+
+
+def _ramp(drift: RegressorEstimate) -> Estimate:
+    """Return R, the size of the drift."""
+    low, high = sorted((abs(drift.low), abs(drift.high)))  # a significant drift excludes 0
+    return Estimate(value=abs(drift.value), low=low, high=high, status="measured")
+
+
+def _explained(model: Model) -> float | None:
+    """Return the share of the variance of the means beyond white noise that follows the temperature."""
+    names = [column.name for column in model.slow.regressors]
+    if "temperature" not in names:
+        return None
+    number = names.index("temperature")
+    column, series = model.slow.regressors[number], model.slow.series
+    value = float(model.surface.beta[model.surface.best, number])
+    variance = float(np.var(series.series))
+    rest = float(np.var(series.series - value * column.scale * column.series))
+    white = model.surface.powers[WHITE] * float(series.variances[WHITE].mean())
+    if variance - white <= VISIBLE * variance:
+        return None  # the means are white noise: there is nothing to explain
+    return min(1.0, max(0.0, (variance - rest) / (variance - white)))
+
+
+# ------------------------------------------------------------------------------------------------ oscillations, lines
+
+
+def line_bands(sums: NoiseSums, channel: int) -> Floats:
+    """Return (l, 3) frequency and width, cycles per sample, and power of the lines of a channel, strongest first."""
+    bands = () if sums.spectrum is None else sums.spectrum.bands[channel]
+    scaled = [(band.frequency_hz * sums.tau0, band.width_hz * sums.tau0, band.power) for band in bands]
+    return np.array(scaled).reshape(-1, 3)
+
+
+def oscillations(model: Model, lines: Floats) -> list[Ints]:
+    """Return the coefficients of each oscillation that is beyond chance and no alias of a line.
+
+    A block averages over most of a line, and what remains of a strong one shows at the wrong frequency.
+
+    Parameters
+    ----------
+    lines : (l, 3) frequency and width, cycles per sample, and power of each line of the spectrum.
+    """
+    series, groups = model.slow.series, []
+    f, width, power = lines.T
+    noise = model.slow.noise_variances(model.surface)
+    aliases = np.abs(f - np.round(f * series.length) / series.length)
+    remains = power / (np.pi * f * series.length) ** 2  # sinc^2 of the block, at most
+    for begin, count in zip(series.begin - np.arange(series.begin.size), series.count - 1, strict=True):
+        masked = np.flatnonzero(model.slow.masked[begin : begin + count])
+        step = 0.5 / ((count + 1) * series.length)
+        for neighbours in np.split(masked, np.flatnonzero(np.diff(masked) > 1) + 1):
+            group = begin + neighbours
+            if float((model.excess[group] / noise[group]).sum()) > CERTAIN:
+                low, high = series.f[group[[0, -1]]] + np.array([-step, step])
+                near = (low - ALIAS_WIDTHS * width <= aliases) & (aliases <= high + ALIAS_WIDTHS * width)
+                oscillating = float(model.excess[group].sum()) / (count + 1)
+                if not (near & (remains > ALIAS_SHARE * oscillating)).any():
+                    groups.append(group)
+    return groups
+
+
+def _periods(model: Model, lines: Floats, tau0: float) -> tuple[float, ...]:
+    """Return the periods, s, of the oscillations: of those that are left out the middle of each."""
+    left_out = []
+    for group in oscillations(model, lines):
+        weight = model.excess[group]
+        left_out.append(float(tau0 * weight.sum() / (weight @ model.slow.series.f[group])))
+    described = [
+        column.place * model.slow.series.length * tau0
+        for column in model.slow.regressors
+        if column.name == OSCILLATION[0]
+    ]
+    for period in described:  # what is left of one beside its regressors is no other one
+        left_out = [other for other in left_out if abs(other / period - 1.0) > SAME_PERIOD]
+    return tuple(sorted([*left_out, *described]))
+
+
+def moved(model: Model, lines: Floats) -> Floats:
+    """Return (n,) channel unit, what the regressors move at each block, and the oscillations as they are."""
+    import scipy.fft
+
+    series, beta = model.slow.series, model.surface.beta[model.surface.best]
+    out = np.zeros(series.series.size)
+    for column, value in zip(model.slow.regressors, beta.tolist(), strict=True):
+        out = out + value * column.scale * column.series
+    left_out = np.zeros(series.y.size)
+    for group in oscillations(model, lines):
+        left_out[group] = np.sqrt(model.excess[group])
+    if left_out.any():
+        # of an oscillation the excess is known, and its sign in each coefficient is that of the data
+        left_out = np.copysign(left_out, series.y - series.transform(out))
+        for number, (begin, count) in enumerate(zip(series.begin, series.count, strict=True)):
+            segment = np.concatenate(([0.0], left_out[begin - number : begin - number + count - 1]))
+            out[begin : begin + count] += scipy.fft.idct(segment, norm="ortho")
+    return out

@@ -1,0 +1,189 @@
+"""`Measurement`: tables, figures, settings and texts of a report."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+import imumon
+from imumon import Measurement
+from imumon.coefficients import Estimate
+from imumon.datasheet.program_settings import PROGRAMS
+from imumon.errors import ImumonError
+from imumon.noise.allan.overlapping import overlapping_deviation
+
+mpl.use("Agg")
+RATE = 200.0
+
+
+@pytest.fixture(scope="module")
+def m() -> Measurement:
+    gyro = imumon.simulate(60_000, RATE, N=[6.1e-5] * 3, B=4e-5, seed=2)
+    accel = imumon.simulate(60_000, RATE, N=[1e-3] * 3, B=3e-4, bias=[0.0, 0.0, 9.80665], seed=3)
+    gyro[30_000:30_200] += np.random.default_rng(1).normal(0.0, 0.05, (200, 3))
+    degrees = 25.0 + 3.0 * np.sin(np.arange(60_000) / 9000.0)
+    return imumon.analyse(
+        gyro=gyro, accel=accel, temperature=degrees, rate_hz=RATE, kind="average", exact=True
+    )
+
+
+def known(estimate: Estimate | None) -> Estimate:
+    assert estimate is not None
+    return estimate
+
+
+def test_channels_by_name(m: Measurement) -> None:
+    assert list(m)[:3] == ["gyro/x", "gyro/y", "gyro/z"]
+    assert ("gyro/x" in m, "gyro/w" in m, len(m), dict(m)["gyro/y"] == m["gyro/y"]) == (True, False, 7, True)
+    n = known(m["gyro/x"].N)
+    assert (n.status, n.unit, n.reason) == ("measured", "rad/s/sqrt(Hz)", None)
+    assert n.interval == (n.combined_low, n.combined_high)
+    assert known(m["gyro/x"].K).interval == (0.0, known(m["gyro/x"].K).high)
+    assert (m["temperature"].N, m["gyro/x"].M, m["gyro/x"].R) == (None, None, None)
+    with pytest.raises(ImumonError, match="there are gyro/x") as error:
+        m["gyro/w"]
+    assert error.value.code == "no_channel"
+
+
+def test_what_was_left_out_and_counted(m: Measurement) -> None:
+    (knock,) = m.excluded
+    assert knock.begin_s < 150.0 < 151.0 < (knock.end_s or 0.0)
+    assert sum(m.ledger.values()) == 2 * m.ledger["received"] == 120_000
+    assert set(m.grade) == {"gyro", "accel"}
+
+
+def test_a_text_is_one_screen(m: Measurement) -> None:
+    for shown in (repr(m), repr(m.report), repr(m["gyro/x"]), repr(m.allan("gyro/x")), repr(m.filter())):
+        assert len(shown) < 4000
+        assert shown.count("\n") < 40
+    assert "gyro/x" in repr(m)
+    html = m._repr_html_()
+    assert html.count("<table>") == html.count("</table>") == 2
+    assert len(html) < 10_000
+
+
+def test_tables(m: Measurement) -> None:
+    pytest.importorskip("pandas")
+    frame = m.to_frame()
+    n = known(m["accel/z"].N)
+    row = frame.loc["accel/z", "N"]
+    assert (row["value"], row["low"], row["combined_high"]) == (n.value, n.low, n.combined_high)
+    wide, narrow = frame.loc["accel/z", "N"], m.to_frame(confidence=0.68).loc["accel/z", "N"]
+    assert wide["low"] < narrow["low"] < n.value < narrow["high"] < wide["high"]
+    text = m.text("csv")
+    rows = m.rows()
+    assert len(list(csv.DictReader(io.StringIO(text)))) == len(rows)
+    assert {"kind": "coefficient", "name": "N", "channel": "gyro/x"}.items() <= next(
+        row for row in rows if row["kind"] == "coefficient"
+    ).items()
+    curve = m.allan("gyro/x").to_frame()
+    assert len(curve) == len(m["gyro/x"].allan.tau_s)  # type: ignore[union-attr]
+    assert list(curve) == ["sigma", "low", "high", "edf", "model", "noise", "used"]
+
+
+def test_a_dataset_of_xarray(m: Measurement) -> None:
+    pytest.importorskip("xarray")
+    dataset = m.allan("gyro/x").to_xarray()
+    assert dataset.attrs["unit"] == "rad/s"
+    assert float(dataset.sigma.sel(tau_s=0.005)) == m.allan("gyro/x").sigma[0]
+
+
+def test_limits_of_another_confidence(m: Measurement) -> None:
+    n = known(m["gyro/x"].N)
+    assert m.interval("gyro/x", "N") == n.interval
+    low, high = m.interval("gyro/x", "N", confidence=0.99)
+    assert low is not None
+    assert high is not None
+    assert low < (n.combined_low or 0.0) < (n.combined_high or 0.0) < high
+    assert m.interval("gyro/x", "K", 0.68) == known(m["gyro/x"].K).interval
+    assert m.interval("gyro/x", "K", 0.99) == (None, None)
+    curve, wide = m.allan("gyro/x"), m.allan("gyro/x", confidence=0.99)
+    assert np.all((wide.low < curve.low) & (curve.high < wide.high))
+    np.testing.assert_allclose(m.allan("gyro/x", confidence=0.95 + 1e-12).low, curve.low, rtol=1e-6)
+
+
+def test_the_exact_curve_is_that_of_the_formula(m: Measurement) -> None:
+    gyro = imumon.simulate(3000, RATE, N=1e-3, seed=1)
+    table = imumon.analyse(gyro, rate_hz=RATE, kind="average", guards=False, taus=[0.05, 1.0]).allan(
+        "gyro/x", exact=True
+    )
+    sigma, _ = overlapping_deviation(gyro, np.ones(3000, np.int64), [10, 200])
+    np.testing.assert_allclose(table.sigma, sigma, rtol=1e-9)
+
+
+def test_figures_are_drawn_on_the_axes_of_the_caller(m: Measurement) -> None:
+    from matplotlib import pyplot
+
+    figure, (one, two) = pyplot.subplots(1, 2)
+    assert m.plot("gyro", ax=one) is one
+    assert m.plot_spectrum("accel", ax=two) is two
+    assert one.get_xscale() == two.get_yscale() == "log"
+    assert m.plot("accel").figure is not figure
+    pyplot.close("all")
+    with pytest.raises(ImumonError) as error:
+        m.plot("mag")
+    assert error.value.code == "unknown_sensor"
+    assert m.plot_bias("accel").get_xlabel() == "temperature, °C"
+    pyplot.close("all")
+    without = imumon.analyse(imumon.simulate(9000, RATE, N=6e-5, seed=1), rate_hz=RATE)
+    with pytest.raises(ImumonError) as error:
+        without.plot_bias()
+    assert error.value.code == "no_bias_curve"
+
+
+def test_filters_have_the_covariance_of_a_step(m: Measurement) -> None:
+    numbers = m.filter(horizon_s=60.0)["gyro/x"]
+    n, w, dt = numbers.white, numbers.walk, 0.1
+    # the sum of many small steps, without a formula
+    transition, total, steps = np.array([[1.0, -dt / 1000], [0.0, 1.0]]), np.zeros((2, 2)), 1000
+    for _ in range(steps):
+        total = transition @ total @ transition.T + np.diag([n**2, w**2]) * dt / steps
+    np.testing.assert_allclose(numbers.Q(dt), total, rtol=3e-3)
+    with pytest.raises(ImumonError):
+        numbers.Q(0.0)
+    with pytest.raises(ImumonError):
+        m.filter(horizon_s=0.0)
+
+
+@pytest.mark.parametrize("program", [name for name, program in PROGRAMS.items() if program.letters])
+def test_settings_are_the_numbers_of_the_file(m: Measurement, program: str) -> None:
+    numbers = m.settings(program)
+    text = m.text(program)
+    assert len(numbers) >= 4
+    assert all(np.isfinite(value) for value in numbers.values())
+    assert all(name.partition("[")[0] in text for name in numbers)
+
+
+def test_settings_of_kalibr(m: Measurement) -> None:
+    numbers = m.settings("kalibr")
+    worst = max(known(m[f"gyro/{axis}"].N).value or 0.0 for axis in "xyz")
+    assert numbers["gyroscope_noise_density"] == pytest.approx(worst, rel=1e-6)
+    assert numbers["update_rate"] == 200.0
+    with pytest.raises(ImumonError, match="kalibr"):
+        m.settings("calibre")
+
+
+def test_the_object_of_gtsam(m: Measurement) -> None:
+    pytest.importorskip("gtsam")
+    params = m.gtsam_params()
+    covariance = params.getGyroscopeCovariance()
+    assert covariance[0, 0] == pytest.approx(m.settings("gtsam")["setGyroscopeCovariance"])
+
+
+def test_a_measurement_is_saved_and_loaded(tmp_path: Path, m: Measurement) -> None:
+    m.save(tmp_path / "m.json")
+    assert imumon.load(tmp_path / "m.json").report == m.report
+    again = imumon.analyse(
+        imumon.simulate(20_000, RATE, N=[9e-5] * 3, seed=1), rate_hz=RATE, baseline=tmp_path / "m.json"
+    )
+    assert any(change.against == "baseline" for change in again["gyro/x"].changes)
+    (tmp_path / "m.json").write_text("{}")
+    for path, code in ((tmp_path / "m.json", "not_a_report"), (tmp_path / "none.json", "file_unreadable")):
+        with pytest.raises(ImumonError) as error:
+            imumon.load(path)
+        assert error.value.code == code

@@ -1,0 +1,70 @@
+"""Bags for tests: messages of one IMU topic in each format that rosbags writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from tables import truth
+
+Message = tuple[int, np.ndarray, np.ndarray]
+"""Stamp in ns, angular velocity in rad/s, acceleration in m/s^2."""
+
+
+def messages(n: int) -> list[Message]:
+    """Return n messages of a sensor at rest."""
+    t, gyro, accel = truth(n)
+    stamps = 1_700_000_000_000_000_000 + np.rint(t * 1e9).astype(np.int64)
+    return [(int(stamps[k]), gyro[k], accel[k]) for k in range(n)]
+
+
+def write_bag1(path: Path, messages: list[Message]) -> Path:
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    path = path.with_suffix(".bag")
+    with Writer(path) as bag:
+        connection = bag.add_connection("/imu/data", "sensor_msgs/msg/Imu", typestore=store)
+        for stamp, gyro, accel in messages:
+            data = store.serialize_ros1(imu(store, stamp, gyro, accel, seq=0), "sensor_msgs/msg/Imu")
+            bag.write(connection, stamp + 5_000_000, data)
+    return path
+
+
+def write_bag2(
+    path: Path, messages: list[Message], plugin: str = "SQLITE3", topic: str = "/imu/data"
+) -> Path:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer(path, version=9, storage_plugin=StoragePlugin[plugin]) as bag:
+        connection = bag.add_connection(topic, "sensor_msgs/msg/Imu", typestore=store)
+        for stamp, gyro, accel in messages:
+            data = store.serialize_cdr(imu(store, stamp, gyro, accel), "sensor_msgs/msg/Imu")
+            bag.write(connection, stamp + 5_000_000, data)
+    return path
+
+
+def imu(store: object, stamp: int, gyro: np.ndarray, accel: np.ndarray, **more: int) -> object:
+    types = store.types  # type: ignore[attr-defined]
+    vector, zeros = types["geometry_msgs/msg/Vector3"], np.zeros(9)
+    time = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    return types["sensor_msgs/msg/Imu"](
+        header=types["std_msgs/msg/Header"](stamp=time, frame_id="imu", **more),
+        orientation=types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+        orientation_covariance=zeros,
+        angular_velocity=vector(*map(float, gyro)),
+        angular_velocity_covariance=zeros,
+        linear_acceleration=vector(*map(float, accel)),
+        linear_acceleration_covariance=zeros,
+    )
+
+
+BAGS: dict[str, Callable[[Path, list[Message]], Path]] = {
+    "rosbag 1": write_bag1,
+    "rosbag 2": write_bag2,
+    "mcap": lambda path, messages: next(write_bag2(path, messages, "MCAP").glob("*.mcap")),
+}

@@ -1,0 +1,37 @@
+"""`imumon explain`: every word that a user meets has at most three sentences and a page that exists."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from paths import ROOT
+
+from imumon.cli.exit_codes import SUCCESS, USAGE
+from imumon.cli.main import main
+from imumon.coefficients import COEFFICIENTS, STATUSES
+from imumon.glossary import explain, explanations
+from imumon.messages import CAVEATS
+
+
+def test_every_word_has_at_most_three_sentences_and_a_page() -> None:
+    for entry in explanations():
+        most = 5 if entry.word in CAVEATS else 3
+        assert len(re.findall(r"[.?!](?: |$)", entry.text)) <= most, entry.word
+        assert (ROOT / entry.page).is_file(), entry.word
+
+
+@pytest.mark.parametrize(
+    "word", [*CAVEATS, *STATUSES, *COEFFICIENTS, "open", "×÷", "alias factor", "Not At Rest"]
+)
+def test_what_the_screen_shows_is_explained(word: str) -> None:
+    assert explain(word) is not None
+
+
+def test_the_command_prints_a_word_or_names_a_close_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", "misfit"]) == SUCCESS
+    assert capsys.readouterr().out.startswith("misfit: ")
+    assert main(["explain", "mistfit"]) == USAGE
+    assert "did you mean misfit?" in capsys.readouterr().err
+    assert main(["explain"]) == SUCCESS
+    assert "walk" in capsys.readouterr().out

@@ -1,0 +1,60 @@
+"""The short form: two pages; plain K: the coefficient itself; the convergence as a table and a figure."""
+
+from __future__ import annotations
+
+import pypdfium2
+import pytest
+import reports
+
+from imumon.coefficients import NOISE
+from imumon.datasheet import document, short_document
+from imumon.datasheet.convergence_figure import convergence_svg, convergence_table
+from imumon.filter_report import FilterReport
+from imumon.pipeline.filter_report_builder import filter_report
+from imumon.report import Report
+
+
+@pytest.fixture(scope="module")
+def sheet() -> Report:
+    return reports.long_report()
+
+
+@pytest.fixture(scope="module")
+def filters(sheet: Report) -> FilterReport:
+    return filter_report(sheet, 600.0)
+
+
+def test_the_short_form_has_two_pages_with_table_figures_and_settings(
+    sheet: Report, filters: FilterReport
+) -> None:
+    pages = pypdfium2.PdfDocument(short_document(sheet, "pdf", filters, "kalibr"))
+    assert len(pages) == 2
+    text = "".join(page.get_textpage().get_text_range() for page in pages)
+    for part in ("Ready for kalibr", "Gyroscope", "Accelerometer", "gyroscope_random_walk", "averaging time"):
+        assert part in text
+
+
+def test_no_sentence_of_a_figure_is_said_twice(sheet: Report, filters: FilterReport) -> None:
+    text = document(sheet, "html", filters).decode()
+    assert text.count("hollow: octaves that the fit does not use") == 1
+
+
+def test_plain_k_is_the_coefficient_and_says_so(sheet: Report, filters: FilterReport) -> None:
+    plain = filter_report(sheet, 600.0, "K")
+    for name, channel in plain.channels.items():
+        assert channel.walk == sheet.channels[name].coefficients["K"].value
+        assert channel.walk <= filters.channels[name].walk
+        assert channel.nees.white_walk == channel.nees.n_and_k
+    assert "plain K" in document(sheet, "kalibr", plain).decode()
+    assert "plain K" not in document(sheet, "kalibr", filters).decode()
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_the_convergence_ends_with_what_is_stated_now(sheet: Report, sensor: str) -> None:
+    table = convergence_table(sheet, sensor)
+    for letter, head, cell in zip(NOISE, table.head[1:], table.rows[-1][1:], strict=True):
+        axis = head.removeprefix(f"{letter} of ")[0]
+        part = sheet.channels[f"{sensor}/{axis}"].coefficients[letter].readable
+        assert part.value is not None
+        assert float(cell.split()[0].replace(",", "")) == pytest.approx(part.value, rel=0.01)
+    assert "<svg" in convergence_svg(sheet, sensor)

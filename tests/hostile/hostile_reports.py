@@ -1,0 +1,233 @@
+"""Hostile reports, and every viewer of a report, for the fuzz tests.
+
+A report is hostile in two ways: a real one with values exchanged, which passes most checks and reaches deep
+into the viewers, or one that is drawn from the JSON Schema as a whole.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import reports
+from paths import ROOT
+
+from imumon.cli.wait_condition import WaitCondition
+from imumon.datasheet import FORMS, NoCurve, document
+from imumon.datasheet.signal_text import baseline_summary, signal_lines
+from imumon.datasheet.tables import report_table
+from imumon.datasheet.temperature_settings import NoBiasCurve
+from imumon.filter_report import DEFAULT_HORIZON_S
+from imumon.pipeline.filter_report_builder import filter_report
+from imumon.report import Event, Report, Signal, from_json
+from imumon.report_json import to_json
+from imumon.tui import channel_table, charts, export, panels, text_panels
+from imumon.tui.formatting import Notation
+from imumon.tui.view_state import VIEWS, WINDOWS, ViewState
+
+DOCS = ROOT / "docs"
+SCHEMA = json.loads((DOCS / "report.schema.json").read_text("utf-8"))["$defs"]
+SIZES = ((1, 1), (20, 5), (80, 24), (220, 60))
+DRAWN_FORMS = ("html", "png", "svg", "pdf-figure")
+"""Forms with figures of matplotlib, which take a second each."""
+PANELS: tuple[Callable[[ViewState, int, int], Any], ...] = (
+    panels.status, panels.headlines, panels.detail, panels.welcome, channel_table.table, charts.allan_chart,
+    charts.signal_chart, charts.histogram_chart, charts.spectrum_chart, text_panels.device,
+    text_panels.events, text_panels.sensors, text_panels.drift,
+)  # fmt: skip
+
+EXTREME = (0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e-160, 1e-9, 0.5, 1e9, 1e100, 9e149, -9e149)
+FORBIDDEN = (1e150, 1e308, -1e308, 10**400, float("nan"), float("inf"))
+WHOLE = (0, 1, -1, 7, 2**31, 2**63, -(2**70), 10**149)
+TEXTS = (
+    "",
+    " ",
+    "x",
+    "gyro/x",
+    "\x1b]0;owned\x07",
+    "a\nb",
+    "=1+1",
+    "|`<script>",
+    "\u202eabc",
+    "é" * 300,
+    "[s]",
+)
+NAMES = ("gyro/x", "gyro/y", "accel/z", "mag/x", "temperature", "other", "other/w", "gyro", "N", "gyro/q")
+
+ANYTHING = (
+    None, True, *EXTREME, *WHOLE, *TEXTS, *FORBIDDEN, *NAMES, [], {}, "measured", "upper_bound", "pending",
+    "constant", "navigation",
+)  # fmt: skip
+
+
+class Generator:
+    """Random JSON data that match the schema, with hostile values.
+
+    Strategies of hypothesis for a whole report draw thousands of values and are too slow, so hypothesis draws
+    the seed.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._random = random.Random(seed)
+        self._valid = self._random.random() < 0.9  # obey also the rules that the schema does not state
+
+    def message(self, name: str) -> str:
+        """Return a message of a definition of the schema as JSON."""
+        return json.dumps(self._value({"$ref": f"#/$defs/{name}"}))
+
+    def _value(self, rule: dict[str, Any], length: int | None = None) -> Any:
+        draw = self._random
+        if "$ref" in rule:
+            return self._value(SCHEMA[rule["$ref"].rpartition("/")[2]])
+        if "anyOf" in rule:
+            return self._value(draw.choice(rule["anyOf"][: 2 if draw.random() < 0.2 else 1]))
+        if "enum" in rule:
+            return draw.choice(rule["enum"])
+        kinds = rule["type"] if isinstance(rule["type"], list) else [rule["type"]]
+        kind = "null" if "null" in kinds and draw.random() < 0.2 else kinds[0]
+        if kind == "array":
+            count = draw.randint(0, 3) if length is None else length
+            return [self._value(rule["items"]) for _ in range(count)]
+        if kind == "object" and "additionalProperties" in rule:
+            names = draw.sample(NAMES, draw.randint(0, 4))
+            return {name: self._value(rule["additionalProperties"]) for name in names}
+        if kind == "object":  # arrays of one object mostly have one length
+            common = draw.choice((1, 2, 3, 12)) if self._valid else None
+            return {name: self._value(inner, common) for name, inner in rule["properties"].items()}
+        simple: dict[str, Callable[[], Any]] = {
+            "string": lambda: draw.choice(TEXTS),
+            "number": self._number,
+            "integer": lambda: abs(draw.choice(WHOLE)) if self._valid else draw.choice(WHOLE),
+            "boolean": lambda: draw.random() < 0.5,
+            "null": lambda: None,
+        }
+        return simple[kind]()
+
+    def _number(self) -> float:
+        draw = self._random
+        value = draw.choice(EXTREME) if draw.random() < 0.5 else draw.lognormvariate(0.0, 5.0)
+        return abs(value) or 1e-3 if self._valid else value
+
+
+def _places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the path of every value; of an array only its ends."""
+    yield path
+    if isinstance(data, dict):
+        for key, value in data.items():
+            yield from _places(value, (*path, key))
+    elif isinstance(data, list):
+        for index in sorted({0, len(data) - 1} if data else set()):
+            yield from _places(data[index], (*path, index))
+
+
+@cache
+def real_report() -> Report:
+    """Return the report of the documentation: of a long record, so that every part is there."""
+    return from_json(Report, (DOCS / "example" / "report.json").read_bytes())
+
+
+@cache
+def bases() -> tuple[tuple[str, tuple[tuple[Any, ...], ...]], ...]:
+    """Return real reports as JSON, each with the paths of its values."""
+    texts = [to_json(each) for each in (real_report(), reports.moving(), reports.nothing_yet())]
+    return tuple((text, tuple(_places(json.loads(text)))[1:]) for text in texts)
+
+
+def mutated(seed: int) -> str:
+    """Return a real report of which some values are exchanged, as JSON."""
+    draw = random.Random(seed)
+    text, places = draw.choice(bases())
+    data = json.loads(text)
+    for _ in range(draw.randint(1, 8)):
+        *way, last = draw.choice(places)
+        part: Any = data
+        try:
+            for key in way:
+                part = part[key]
+            value = _exchanged(draw, part[last])
+            if isinstance(part, list) and draw.random() < 0.5:
+                part[:] = [value] * len(part)
+            else:
+                part[last] = value
+        except (TypeError, KeyError, IndexError):
+            pass  # an earlier change has removed this part
+    return json.dumps(data)
+
+
+def _exchanged(draw: random.Random, value: Any) -> Any:
+    """Return another value, mostly of the same type."""
+    if draw.random() < 0.05:
+        return draw.choice(ANYTHING)
+    if draw.random() < 0.05:
+        return None
+    match value:
+        case bool():
+            return not value
+        case int():
+            return draw.choice(WHOLE)
+        case float():
+            return draw.choice(EXTREME)
+        case str():
+            return draw.choice(TEXTS)
+        case dict():
+            names = draw.sample(list(value), len(value) // 2)
+            return {name: value[name] for name in names} | {draw.choice(NAMES): value[n] for n in names[:1]}
+        case list():
+            return value[: draw.randint(0, 1)]
+    return draw.choice((*EXTREME, *TEXTS))
+
+
+def show_everywhere(report: Report, signal: Signal | None, events: tuple[Event, ...], drawn: bool) -> None:
+    """Show a report in every viewer; `drawn`: with the figures of matplotlib too."""
+    for width in (None, 20, 80):
+        report_table(report, width)
+        signal_lines(report, width)
+    baseline_summary(report, real_report())
+    to_json(report)
+    for condition in (
+        WaitCondition(),
+        WaitCondition(grade="consumer"),
+        WaitCondition(grade="navigation", channels=("gyro/x",)),
+        *(WaitCondition(coefficient=letter, precision=0.05) for letter in "NBK"),
+        WaitCondition(coefficient="N", precision=0.05, channels=("other", "gyro")),
+    ):
+        if condition.unmet(report) is None:
+            condition.description(report)
+    filters = filter_report(report, DEFAULT_HORIZON_S)
+    for form in FORMS:
+        if form == "pdf":  # the pages of "html", made by a library in seconds
+            continue
+        if drawn or form not in DRAWN_FORMS:
+            try:
+                document(report, form, filters)
+            except NoCurve:
+                assert form in DRAWN_FORMS
+            except NoBiasCurve:
+                assert form in ("px4-tc", "ardupilot-tcal")
+    show_on_screen(report, signal, events)
+
+
+def show_on_screen(report: Report, signal: Signal | None, events: tuple[Event, ...]) -> None:
+    """Draw every panel of every channel, in both notations, and save every view."""
+    other = replace(report, device=replace(report.device, id="other"))
+    state = ViewState(
+        reports={report.device.id: report, "other": other, "real": real_report()},
+        ages={report.device.id: 1.0}, id=report.device.id, signal=signal, events=events, compared_id="real",
+        baseline=other, connected=True,
+    )  # fmt: skip
+    for number, channel in enumerate(tuple(report.channels)[:12] or (None,)):
+        for size in SIZES if number < 2 else SIZES[2:3]:
+            for si in (False, True):
+                shown = state.updated(
+                    channel=channel, notation=Notation(si=si, ascii=si), overlay=si, show_limits=True,
+                    zoomed=si, window=WINDOWS[number % 3],
+                )  # fmt: skip
+                for panel in PANELS:
+                    panel(shown, *size)
+    for view in VIEWS:
+        export.exported_text(state.updated(view=view, channel=next(iter(report.channels), None)), "csv")
+        export.file_name(state.updated(view=view), "csv")

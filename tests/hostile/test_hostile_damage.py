@@ -1,0 +1,123 @@
+"""Damage that no checksum shows: a number of no sensor, and a log that ends within a message."""
+
+from __future__ import annotations
+
+import os
+import random
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from damage import SAMPLES, damaged
+from tables import csv, truth
+
+from imumon.history.history import History
+from imumon.history.store import HistoryError, HistoryStore
+from imumon.recordings.recording import Recording
+from imumon.replay import ReplayOptions
+from imumon.report import Event
+
+
+def read(path: Path) -> tuple[int, Recording]:
+    recording = ReplayOptions(path=str(path)).open()
+    return sum(len(item) for items in recording for item in items if hasattr(item, "values")), recording
+
+
+@pytest.mark.parametrize("beyond", [5e22, -4e16, 3e38])
+def test_a_number_of_no_sensor_is_no_sample(beyond: float, tmp_path: Path) -> None:
+    t, gyro, accel = truth(300)
+    gyro[100, 1] = beyond
+    names = ["time [s]", *(f"gyro_{a} [rad/s]" for a in "xyz"), *(f"accel_{a} [m/s2]" for a in "xyz")]
+    samples, recording = read(csv(tmp_path / "a.csv", names, t, *gyro.T, *accel.T))
+    assert (samples, recording.bad_checksums) == (299, 1)
+    assert any("of no sensor" in remark for remark in recording.remarks)
+
+
+def test_a_log_that_ends_within_a_message_is_remarked(tmp_path: Path) -> None:
+    path = SAMPLES["px4"](tmp_path)
+    whole, recording = read(path)
+    assert recording.problem is None
+    data = path.read_bytes()
+    place = data.rindex(b"D", 0, len(data) // 2)
+    for content in (data[:-7], data[: place - 1] + b"\xff" + data[place:]):
+        path.write_bytes(content)
+        samples, recording = read(path)
+        assert 0 < samples <= whole
+        assert recording.problem is not None
+        assert "corrupt" in recording.problem
+
+
+def test_bytes_between_the_messages_of_a_log_are_remarked(tmp_path: Path) -> None:
+    path = SAMPLES["ardupilot"](tmp_path)
+    whole, recording = read(path)
+    assert recording.problem is None
+    data = path.read_bytes()
+    place = data.index(b"\xa3\x95", len(data) // 2)
+    path.write_bytes(data[:place] + b"\0" + data[place + 1 :])
+    samples, recording = read(path)
+    assert samples == whole - 1
+    assert recording.problem is not None
+    assert "bytes between its messages" in recording.problem
+
+
+EVENT = Event(time="2026-01-01T00:00:00Z", kind="gap", text="b", device="a", level="warning")
+
+
+def history(path: Path) -> Path:
+    with HistoryStore(path, write=True) as store:
+        store.add_events([(1e9, EVENT)])
+    return path
+
+
+def test_what_may_pass_is_no_damage_of_a_history(tmp_path: Path) -> None:
+    """A daemon would set the file aside."""
+    path = history(tmp_path / "a.history.sqlite")
+    for write in (False, True):
+        with HistoryStore(path, write=write) as store:
+            store._connection.set_progress_handler(
+                lambda: 1, 1
+            )  # as a lock, or a disk that fails for a moment
+            with pytest.raises((HistoryError, sqlite3.OperationalError)) as raised:
+                store.events(0.0, 2e9)
+            code = raised.value.code if isinstance(raised.value, HistoryError) else "passes"
+            assert code == ("passes" if write else "history_unreadable")
+            store._connection.set_progress_handler(None, 0)
+            assert len(store.events(0.0, 2e9)) == 1
+
+
+@pytest.mark.parametrize("damage", ["DROP TABLE event", "UPDATE event SET text = CAST(x'ff' AS TEXT)"])
+def test_a_damaged_history_is_an_error_with_a_code(damage: str, tmp_path: Path) -> None:
+    path = history(tmp_path / "a.history.sqlite")
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute(damage)
+    with HistoryStore(path) as store, pytest.raises(HistoryError) as raised:
+        store.events(0.0, 2e9)
+    assert raised.value.code == "history_damaged"
+
+
+@pytest.mark.parametrize("kind", ["pipe", "link to /dev/zero"])
+def test_what_is_no_file_is_set_aside_as_a_history(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.history.sqlite"
+    if kind == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to("/dev/zero")
+    kept = History(tmp_path, "a", keep_days=1.0)
+    kept.event(EVENT)
+    kept.close()
+    assert path.is_file()
+    assert not path.is_symlink()
+    assert [level for _, level in kept.problems()] == ["warning"]
+    assert len(list(tmp_path.glob("a.damaged-*"))) == 1
+
+
+def test_messages_that_a_bag_does_not_have_any_more_are_remarked(tmp_path: Path) -> None:
+    """Its statistics have their number."""
+    path = SAMPLES["mcap"](tmp_path)
+    assert read(path)[1].problem is None
+    path.write_bytes(damaged(random.Random(8), path.read_bytes()))
+    samples, recording = read(path)
+    assert samples == 32
+    assert recording.problem is not None
+    assert "32 of its 40 messages" in recording.problem

@@ -1,0 +1,119 @@
+"""The law of viewers: what the parser accepts, every viewer shows; what it rejects is a ValueError."""
+
+from __future__ import annotations
+
+import csv
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from corpus import Hostile, changed, through
+from doors import go_through
+from hostile_reports import Generator, mutated, show_everywhere
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from imumon.datasheet import document
+from imumon.filter_report import FilterReport
+from imumon.report import Event, Report, Signal, from_json
+from imumon.report_json import plain
+from imumon.tui.export import exported_text
+from imumon.tui.view_state import VIEWS, ViewState
+
+LONGEST_S = 10.0
+"""s that all viewers together may take for one report on a busy machine."""
+FAST = settings(suppress_health_check=list(HealthCheck), derandomize=True)
+
+
+@pytest.mark.parametrize("hostile", through("report", "signal", "device-name"))
+def test_a_hostile_message_does_what_the_corpus_says(hostile: Hostile, tmp_path: Path) -> None:
+    go_through(hostile, tmp_path)
+
+
+# ---------------------------------------------------------------------- random reports
+
+
+def parsed(cls: type, text: str) -> Any:
+    try:
+        return from_json(cls, text)
+    except ValueError:
+        return None
+
+
+def holds(text: str, signal: str = "{}", events: tuple[str, ...] = (), *, drawn: bool = False) -> None:
+    """Assert the law for a report, a signal and events."""
+    report = parsed(Report, text)
+    if report is None:
+        return
+    known = tuple(event for event in (parsed(Event, each) for each in events) if event is not None)
+    begin = time.process_time()
+    show_everywhere(report, parsed(Signal, signal), known, drawn)
+    assert time.process_time() - begin < LONGEST_S
+
+
+def drawn_messages(seed: int) -> tuple[str, str, tuple[str, ...]]:
+    """Return a report, a signal and events: every other report is a changed real one."""
+    draw = Generator(seed)
+    report = mutated(seed) if seed % 2 else draw.message("Report")
+    return report, draw.message("Signal"), (draw.message("Event"), draw.message("Event"))
+
+
+seeds = st.integers(0, 2**32)
+
+
+@settings(FAST, max_examples=20)
+@given(seeds)
+def test_a_hostile_report_is_rejected_or_shown(seed: int) -> None:
+    holds(*drawn_messages(seed))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@settings(FAST, max_examples=1500, derandomize=False)
+@given(seeds)
+def test_many_hostile_reports_are_rejected_or_shown(seed: int) -> None:
+    holds(*drawn_messages(seed))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@settings(FAST, max_examples=60, derandomize=False)
+@given(seeds)
+def test_hostile_reports_are_drawn(seed: int) -> None:
+    holds(drawn_messages(seed)[0], drawn=True)
+
+
+# ---------------------------------------------------------------------- texts
+
+
+def test_plain_text_has_no_character_that_a_terminal_obeys() -> None:
+    hidden = [
+        *range(0x20),
+        *range(0x7F, 0xA0),
+        0x61C,
+        0x200B,
+        0x200E,
+        0x2028,
+        0x202E,
+        0x2066,
+        0xFEFF,
+        0xE0041,
+    ]
+    assert plain("".join(map(chr, hidden))) == ""
+    assert plain("°/√h ×÷ τ ⠿ █") == "°/√h ×÷ τ ⠿ █"
+
+
+def test_cells_that_a_spreadsheet_would_execute_are_escaped() -> None:
+    formula = '=HYPERLINK("http://example.org")'
+    report = from_json(Report, changed("channels", "gyro/x", "unit", to=formula))
+    event = Event(time="+1", kind="@x", text="-2+3", device=report.device.id, channel=None)
+    state = ViewState(reports={report.device.id: report}, id=report.device.id, events=(event,))
+    texts = [document(report, "csv", FilterReport(time=report.time, device=report.device)).decode()]
+    texts += [exported_text(state.updated(view=view), "csv") for view in VIEWS]
+    cells = [cell for text in texts for row in csv.reader(text.splitlines()) for cell in row]
+    assert f"'{formula}" in cells
+    assert {"'+1", "'@x", "'-2+3"} <= set(cells)
+    for cell in cells:
+        assert not cell.startswith(("=", "+", "@", "\t", "\r"))
+        assert not cell.startswith("-") or float(cell) < 0.0

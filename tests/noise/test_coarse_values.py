@@ -1,0 +1,59 @@
+"""Values with steps that are coarser than the noise: right, or pending, and never between."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
+from imumon.samples import Floats
+
+RATE, SAMPLES, N = 100.0, 180_000, 1e-6
+
+
+def fit_of(values: Floats, step: float) -> ChannelFit:
+    cascade = OctaveCascade(1, tau0=1.0 / RATE)
+    cascade.update(values[:, None])
+    (fit,) = Estimator(averaged=True, time_to=False).fit(cascade.result(), resolution=[step])
+    return fit
+
+
+def noise(seed: int, mean: float) -> Floats:
+    return synthesise(SAMPLES, RATE, N=[N], seed=seed, averaged=True)[:, 0] + mean
+
+
+@pytest.mark.parametrize("mean", [0.0, 1.5e-5, 7e-5])
+@pytest.mark.parametrize("ratio", [0.2, 0.5, 1.0, 3.0, 10.0])
+def test_a_counting_gyroscope_shows_n_and_q(ratio: float, mean: float) -> None:
+    """Of a fibre-optic or ring laser gyroscope, an angle in counts arrives; `ratio` is Q / (N sqrt(tau0))."""
+    quantisation = ratio * N / math.sqrt(RATE)
+    count = quantisation * math.sqrt(12.0)
+    angle = np.round(np.cumsum(noise(3, mean)) / RATE / count) * count
+    fit = fit_of(np.diff(angle, prepend=0.0) * RATE, count * RATE)
+    assert fit.N.low is not None
+    assert fit.N.high is not None
+    assert 0.97 * fit.N.low < N < 1.03 * fit.N.high  # of 15 records, one misses its 95 % limits
+    assert fit.N.high < (1.4 if ratio <= 3.0 else 2.0) * fit.N.low
+    assert fit.coefficients["Q"].value == pytest.approx(quantisation, rel=0.05)
+    assert "quantised" in fit.caveats
+    assert "correlated" not in fit.caveats
+
+
+@pytest.mark.parametrize("mean", [0.0, 0.3, 0.5])
+@pytest.mark.parametrize("steps", [0.5, 1.0, 1.5, 1.9, 2.1, 2.5, 3.0, 5.0])
+def test_a_rounded_rate_is_right_or_pending(steps: float, mean: float) -> None:
+    """`steps` is the step in standard deviations of a sample, `mean` the place between two levels."""
+    step = steps * N * math.sqrt(RATE)
+    fit = fit_of(np.round(noise(4, mean * step) / step) * step, step)
+    if fit.N.status == "measured":
+        assert steps < 2.2
+        assert fit.N.low is not None
+        assert fit.N.high is not None
+        assert 0.98 * fit.N.low < N < 1.02 * fit.N.high
+        assert fit.N.value == pytest.approx(N, rel=0.03)
+    else:
+        assert steps > 1.8
+        assert fit.N.reason is not None
+        assert "resolution" in fit.N.reason

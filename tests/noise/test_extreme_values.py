@@ -1,0 +1,93 @@
+"""Extreme values: a range that is too small is seen from the values alone, and nothing else looks like it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from imumon.noise.statistics.extreme_values import ExtremeVisits
+from imumon.noise.statistics.histogram import HistogramAccumulator
+from imumon.samples import Floats
+
+SAMPLES = 100_000
+
+
+def clipped_at(values: Floats, chunk: int = 1000) -> tuple[float, ...]:
+    extremes, histogram = ExtremeVisits([0]), HistogramAccumulator([0])
+    for begin in range(0, len(values), chunk):
+        extremes.update(values[begin : begin + chunk, None])
+        histogram.update(values[begin : begin + chunk, None])
+    (result,), (shape,) = extremes.result(), histogram.result()
+    assert result is not None
+    assert shape is not None
+    return result.clipped_at(shape)
+
+
+def noise(seed: int = 1) -> Floats:
+    return np.random.default_rng(seed).standard_normal(SAMPLES)
+
+
+@pytest.mark.parametrize("limit", [0.5, 0.67, 1.0, 2.0, 3.0, 3.5])
+def test_clipped_noise_is_seen(limit: float) -> None:
+    assert clipped_at(np.clip(noise() + 0.1, -limit, limit)) == (-limit, limit)
+    assert clipped_at(np.minimum(noise(), limit)) == (limit,)
+
+
+# of steps of 0.2, a limit at three deviations makes N 0.3 % low, and is not seen in each record
+@pytest.mark.parametrize(
+    ("limit", "step"),
+    [(0.5, 0.02), (0.67, 0.02), (1.0, 0.02), (3.0, 0.02), (0.5, 0.2), (1.0, 0.2), (2.0, 0.2)],
+)
+def test_it_is_seen_in_steps_too(limit: float, step: float) -> None:
+    last = round(limit / step)
+    assert len(clipped_at(np.clip(np.round(noise() / step), -last, last) * step)) == 2
+
+
+@pytest.mark.parametrize("step", [0.0, 0.01, 0.1, 0.3, 1.0, 1.5])
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_with_any_steps_is_not_clipped(step: float, seed: int) -> None:
+    values = noise(seed)
+    assert clipped_at(np.round(values / step) * step if step else values) == ()
+
+
+def test_a_drift_that_settles_is_not_clipped() -> None:
+    settling = 30.0 * np.exp(-np.arange(SAMPLES) / 5_000.0)
+    assert clipped_at(np.round((settling + noise()) / 0.5) * 0.5) == ()
+    assert clipped_at(np.round(settling + 0.6 * noise())) == ()
+
+
+def test_a_vibration_is_not_clipped() -> None:
+    sine = 5.0 * np.sin(0.7 * np.arange(SAMPLES))
+    assert clipped_at(np.round((sine + 0.1 * noise()) / 0.1) * 0.1) == ()
+    assert clipped_at(np.round(sine / 0.1) * 0.1) == ()
+
+
+@pytest.mark.parametrize("levels", [1, 2, 3, 4])
+def test_few_levels_are_not_clipped(levels: int) -> None:
+    assert clipped_at(np.clip(np.round(noise()), 0.0, levels - 1.0)) == ()
+
+
+def test_held_values_are_one_visit() -> None:
+    assert clipped_at(np.repeat(noise()[: SAMPLES // 40], 40)) == ()
+
+
+def test_visits_do_not_depend_on_the_chunks() -> None:
+    values = np.clip(noise(), -2.0, 2.0)
+    whole, parts = ExtremeVisits([0]), ExtremeVisits([0])
+    whole.update(values[:, None])
+    rng, begin = np.random.default_rng(2), 0
+    while begin < SAMPLES:
+        end = begin + int(rng.integers(1, 500))
+        parts.update(values[begin:end, None])
+        begin = end
+    assert whole.result() == parts.result()
+
+
+def test_what_is_not_valid_is_no_extreme() -> None:
+    values, valid = noise()[:1000, None], np.ones((1000, 1), dtype=bool)
+    values[::7], valid[::7] = 9.0, False
+    extremes = ExtremeVisits([0])
+    extremes.update(values, valid)
+    (result,) = extremes.result()
+    assert result is not None
+    assert result.high == values[valid].max()

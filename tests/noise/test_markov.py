@@ -1,0 +1,129 @@
+"""Laws of Gauss–Markov noise: its expectations, its limits beside B and K, and that it is not invented."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy
+
+from imumon.noise import ChannelFit, OctaveCascade, fit_curve, markov_law, synthesise
+from imumon.noise.fit.likelihood import Surface, quantiles
+from imumon.noise.fit.markov_search import MarkovSurface, mixed_with
+from imumon.noise.fit.model import FLICKER, WALK, WHITE, GaussMarkov, NoiseTerm
+from imumon.samples import Floats
+
+RATE_HZ, LENGTH, N = 10.0, 50_000, 6.8e-4
+
+
+@pytest.mark.parametrize("time", [0.3, 10.0, 300.0])
+def test_the_formulas_are_those_of_the_autocovariance(time: float) -> None:
+    zero, one, ratio = markov_law.average_autocovariance(time)
+    by_lag = np.concatenate(([zero], one * ratio ** np.arange(199.0)))
+    covariance = scipy.linalg.toeplitz(by_lag)
+    cosines = scipy.fft.dct(scipy.fft.dct(covariance, axis=0, norm="ortho"), axis=1, norm="ortho")
+    assert markov_law.coefficient_variances(200, time) == pytest.approx(np.diag(cosines)[1:], rel=1e-9)
+    m = np.array([1, 4, 50])
+    of_sums = [covariance[:k, :k].sum() for k in (1, 4, 50)]
+    of_doubles = [covariance[:k, :k].sum() for k in (2, 8, 100)]
+    expected = (4.0 * np.array(of_sums) - of_doubles) / (2.0 * m**2)
+    assert markov_law.allan_variances(m, time, averaged=True) == pytest.approx(expected, rel=1e-9)
+    differences = GaussMarkov("M", time).difference_covariance(64)
+    assert differences[0] == pytest.approx(
+        2.0 * markov_law.allan_variances(np.array([64]), time, averaged=True)[0], rel=1e-6
+    )
+
+
+@pytest.mark.parametrize("level", [0, 4])
+@pytest.mark.parametrize(("time", "other", "power"), [(1e7, WALK, 2e-7), (0.01, WHITE, 0.02)])
+def test_it_tends_to_a_walk_and_to_white_noise(level: int, time: float, other: object, power: float) -> None:
+    markov = GaussMarkov("M", time)
+    if other is WHITE and level == 0:
+        return  # at the highest frequencies, averages of it still differ
+    expected = power * other.bin_expectation(level, averaged=True, window=1)  # type: ignore[attr-defined]
+    assert markov.bin_expectation(level, averaged=True, window=1) == pytest.approx(expected, rel=0.02)
+    if other is WALK:
+        assert markov.leak(level) == pytest.approx(power * WALK.leak(level), rel=1e-3)
+
+
+def records(
+    count: int, seed: int, sigma: float = 0.0, time_s: float = 1.0, B: float = 0.0
+) -> tuple[ChannelFit, ...]:
+    """Return the fits of some records of white noise, flicker and Gauss–Markov noise."""
+    rng = np.random.default_rng(seed)
+    a = np.exp(-1.0 / RATE_HZ / time_s)
+    drive = sigma * np.sqrt(1.0 - a * a) * rng.standard_normal((LENGTH, count))
+    drive[0] /= np.sqrt(1.0 - a * a)
+    values: Floats = scipy.signal.lfilter([1.0], [1.0, -a], drive, axis=0)
+    noise = [synthesise(LENGTH, RATE_HZ, N=N, B=B, seed=100 * seed + k)[:, 0] for k in range(count)]
+    cascade = OctaveCascade(count, tau0=1.0 / RATE_HZ)
+    cascade.update(values + np.stack(noise, axis=1))
+    return fit_curve(cascade.result(), averaged=False)
+
+
+def test_correlated_noise_is_measured_and_no_b_or_k_is_invented() -> None:
+    fits = records(12, 1, sigma=4e-4, time_s=30.0)
+    assert all(fit.markov is not None for fit in fits)
+    held = [
+        fit.markov.sigma.low <= 4e-4 <= fit.markov.sigma.high  # type: ignore[union-attr,operator]
+        and fit.markov.time_constant_s.low <= 30.0 <= fit.markov.time_constant_s.high  # type: ignore[union-attr,operator]
+        for fit in fits
+    ]
+    assert sum(held) >= 10
+    assert sum(fit.B.status == "measured" for fit in fits) <= 1
+    assert sum(fit.K.status == "measured" for fit in fits) <= 1
+    assert sum(fit.N.low <= N <= fit.N.high for fit in fits) >= 9  # type: ignore[operator]
+
+
+def test_flicker_is_no_correlated_noise() -> None:
+    fits = records(8, 2, B=1.5e-4)
+    assert sum(fit.markov is None for fit in fits) >= 7
+    assert sum(fit.B.low <= 1.5e-4 <= fit.B.high for fit in fits) >= 7  # type: ignore[operator]
+
+
+def test_what_the_record_does_not_tell_apart_is_indistinct_with_bounds() -> None:
+    """Odds between even and certain: M, and what it may be instead, are bounds that hold the truth."""
+    fits = [fit for fit in records(12, 3, sigma=1.6e-4, time_s=50.0) if fit.markov is not None]
+    open_fits = [fit for fit in fits if fit.markov.sigma.status == "indistinct"]  # type: ignore[union-attr]
+    assert open_fits
+    for fit in open_fits:
+        assert fit.markov is not None
+        assert fit.markov.sigma.value is None
+        assert "does not distinguish it from" in (fit.markov.sigma.reason or "")
+        assert fit.markov.sigma.high is not None
+
+
+def test_the_shares_add_up_to_the_drawn_model() -> None:
+    for fit in records(3, 4, sigma=4e-4, time_s=30.0):
+        assert set(fit.shares) == {"N", "B", "K", "M", "lines", "columns", "filter"}
+        assert np.sum(list(fit.shares.values()), axis=0) == pytest.approx(fit.model**2)
+
+
+def test_a_likelihood_with_correlated_noise_has_no_weight_outside_of_its_grid() -> None:
+    """Far outside of its points, a cubic may have any value: there, M would add B or K that the record excludes."""
+    markov = GaussMarkov("M", 100.0)
+    inner = surface(
+        {
+            FLICKER: np.linspace(2.0, 3.0, 10),
+            WALK: np.linspace(0.0, 1.0, 10),
+            markov: np.linspace(0.5, 1.5, 10),
+        }
+    )
+    without = surface({FLICKER: np.linspace(0.0, 3.0, 20), WALK: np.linspace(0.0, 1.0, 20)})
+    with_term = MarkovSurface(inner, markov, np.array([100.0]), np.ones(1), 1e6, inner.powers)
+    both = mixed_with(without, with_term)
+    for term in (FLICKER, WALK):
+        expected = quantiles(inner, term, np.array([0.025, 0.5, 0.975]))
+        assert quantiles(both, term, np.array([0.025, 0.5, 0.975])) == pytest.approx(
+            expected, abs=0.08
+        )  # half a cell of the wider grid
+
+
+def surface(grids: dict[NoiseTerm, Floats]) -> Surface:
+    """Return a likelihood that is largest in the middle of each grid."""
+    centers = [(grid - grid[0]) / np.ptp(grid) for grid in grids.values()]
+    axes = np.meshgrid(*centers, indexing="ij")
+    # its cubic rises far below the points
+    log = sum(-60.0 * (axis - 0.5) ** 2 - 40.0 * (axis - 0.5) ** 3 for axis in axes)
+    m = np.size(log)
+    none = np.zeros((m, 0))
+    return Surface(grids, np.ravel(log), {WHITE: np.ones(m)}, {WHITE: np.ones(m)}, np.zeros(m), none, none)

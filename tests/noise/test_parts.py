@@ -1,0 +1,183 @@
+"""Laws of parts: what is known since a marked place is what a record that begins there would know."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from imumon.noise.allan import AllanCurve, OctaveCascade
+from imumon.noise.blocks.block_means import BLOCK
+from imumon.noise.stretches.parts import RecordParts
+from imumon.samples import Floats
+
+RNG = np.random.default_rng(11)
+
+
+def two_channels() -> RecordParts:
+    return RecordParts([0, 0], [0, 1], 0.01)
+
+
+def marked(values: Floats, place: int) -> RecordParts:
+    """Return the parts of a record with a mark, at which a curve begins."""
+    parts = two_channels()
+    parts.update(values[:place])
+    parts.mark(curve=True)
+    parts.update(values[place:])
+    return parts
+
+
+def alone(values: Floats) -> OctaveCascade:
+    cascade = OctaveCascade(2, 0.01)
+    cascade.update(values)
+    return cascade
+
+
+def test_a_part_equals_a_cascade_that_begins_there() -> None:
+    x = np.cumsum(RNG.normal(size=(40_000, 2)), axis=0) + 100.0
+    curve = marked(x, 7 * BLOCK).curve(7 * BLOCK)
+    expected = alone(x[7 * BLOCK :]).result()
+    assert len(curve.m) == len(expected.m)
+    assert curve.span == expected.span
+    # at most one block of differences is missing at each octave, and none is added
+    lost = expected.terms - curve.terms
+    assert np.all(lost >= 0)
+    assert np.all(lost <= BLOCK / expected.stride[:, None])
+    np.testing.assert_allclose(curve.avar[:8], expected.avar[:8], rtol=0.05)
+
+
+def test_an_early_ramp_has_no_effect_on_a_later_part() -> None:
+    x = RNG.normal(size=(60_000, 2))
+    ramp = x.copy()
+    ramp[: 20 * BLOCK] += np.linspace(1e3, 0, 20 * BLOCK)[:, None]
+    one, other = (marked(series, 20 * BLOCK).curve(20 * BLOCK) for series in (x, ramp))
+    np.testing.assert_allclose(one.avar, other.avar, rtol=1e-6)
+    np.testing.assert_array_equal(one.terms, other.terms)
+
+
+@settings(max_examples=25)
+@given(st.lists(st.integers(1, 9_000), max_size=5), st.integers(0, 12_000))
+def test_any_chunking_gives_the_same_part(cuts: list[int], place: int) -> None:
+    x = np.random.default_rng(5).normal(size=(14_000, 2))
+    curves: list[AllanCurve] = []
+    for pieces in ([], cuts):
+        parts, begin = two_channels(), 0
+        for end in sorted({*(cut for cut in pieces if cut < 14_000), place, 14_000}):
+            parts.update(x[begin:end])
+            begin = end
+            if end == place:
+                parts.mark(curve=True)
+        parts.mark(curve=True)  # at the place, or of no use
+        curves.append(parts.curve(place))
+    one, other = curves
+    np.testing.assert_array_equal(one.terms, other.terms)
+    np.testing.assert_array_equal(one.avar, other.avar)
+    assert one.sums is not None
+    assert other.sums is not None
+    if place:  # the whole record is by bin
+        assert one.sums.pooled
+    np.testing.assert_array_equal(one.sums.blocks.means, other.sums.blocks.means)
+    for level, same in zip(one.sums.levels, other.sums.levels, strict=True):
+        np.testing.assert_array_equal(level.power, same.power)
+        np.testing.assert_array_equal(level.averages, same.averages)
+
+
+def test_the_parts_between_marks_add_up_to_the_record() -> None:
+    x = RNG.normal(size=(30 * BLOCK + 77, 2))
+    parts = two_channels()
+    for begin in range(0, len(x), 10 * BLOCK):
+        parts.update(x[begin : begin + 10 * BLOCK])
+        parts.mark()
+    places = ((0, 10 * BLOCK), (10 * BLOCK, 20 * BLOCK), (20 * BLOCK, 30 * BLOCK), (30 * BLOCK, None))
+    each = [parts.sums(*ends) for ends in places]
+    whole = parts.sums(0)
+    for level, of_record in enumerate(whole.levels):
+        np.testing.assert_allclose(sum(part.levels[level].power for part in each), of_record.power, rtol=1e-9)
+        assert sum(int(part.levels[level].averages[0]) for part in each) == of_record.averages[0]
+    np.testing.assert_array_equal(np.concatenate([part.blocks.means for part in each]), whole.blocks.means)
+    counts = [parts.moments(*ends).result().channels[0].count for ends in places]
+    assert sum(counts) == parts.moments().result().channels[0].count == len(x)
+
+
+def test_gaps_and_breaks_are_counted() -> None:
+    x = RNG.normal(size=(20_000, 2))
+    parts = marked(x[:6000], 3000)
+    parts.break_()
+    parts.update(x[6000:9000])
+    parts.skip(10**6)
+    parts.update(x[9000:])
+    curve, first = parts.curve(3000), 3000 // BLOCK * BLOCK
+    assert curve.span == 20_000 + 10**6 - first
+    assert curve.valid[0] == 20_000 - first
+    assert curve.sections == 2
+    assert np.all(curve.avar >= 0.0)
+    assert parts.moments(3000).result().channels[0].count == 17_000
+
+
+def test_forgotten_marks_leave_their_samples_to_the_part_before() -> None:
+    x = RNG.normal(size=(20 * BLOCK, 2))
+    parts, places = two_channels(), []
+    for begin in range(0, len(x), 5 * BLOCK):
+        places.append(parts.mark(finer=begin == 5 * BLOCK))
+        parts.update(x[begin : begin + 5 * BLOCK])
+    before = parts.moments(places[1]).result().channels[0]
+    size = sum(array.nbytes for array in parts.save().values())
+    parts.keep([places[1]])
+    assert sum(array.nbytes for array in parts.save().values()) < size
+    assert parts.moments(places[1]).result().channels[0] == before
+    assert not parts.cascade.finer_blocks
+    with pytest.raises(KeyError):
+        parts.sums(places[2])
+
+
+def test_saved_parts_continue() -> None:
+    x = RNG.normal(size=(50_000, 2))
+    one = marked(x[:20_000], 5000)
+    one.mark(finer=True)
+    again = two_channels()
+    again.restore(one.save())
+    for parts in (one, again):
+        parts.update(x[20_000:])
+    for a, b in ((one.curve(5000), again.curve(5000)), (one.curve(), again.curve())):
+        np.testing.assert_array_equal(a.avar, b.avar)
+        np.testing.assert_array_equal(a.terms, b.terms)
+    finer, restored = one.finer_sums(20_000), again.finer_sums(20_000)
+    np.testing.assert_array_equal(finer.blocks.means, restored.blocks.means)
+    assert one.moments(5000).result().channels == again.moments(5000).result().channels
+
+
+def test_a_part_from_the_start_is_the_whole_record() -> None:
+    x = RNG.normal(size=(5000, 2))
+    parts = two_channels()
+    parts.update(x)
+    expected, curve = alone(x).result(), parts.curve()
+    np.testing.assert_array_equal(curve.terms, expected.terms)
+    np.testing.assert_array_equal(curve.avar, expected.avar)
+
+
+def test_the_sums_of_the_noise_of_a_part_are_those_of_a_cascade_that_begins_there() -> None:
+    """Segments may begin up to a hop later, and the filters have a past; blocks lie on the grid of the record."""
+    x, place = np.random.default_rng(7).normal(size=(60_000, 2)), 64 * BLOCK
+    parts = marked(x, place)
+    part, other = parts.sums(place), alone(x[place:]).result().sums
+    assert other is not None
+    assert part.pooled
+    assert not other.pooled
+    for level, (a, b) in enumerate(zip(part.levels, other.levels, strict=False)):
+        assert abs(int(a.averages[0]) - int(b.averages[0])) <= 2
+        if level < 3:
+            np.testing.assert_allclose(a.power.sum(axis=1), b.power.sum(axis=1), rtol=0.05)
+    whole = parts.cascade.blocks.result()
+    first = -(-place // whole.length)
+    np.testing.assert_array_equal(part.blocks.means, whole.means[first : first + len(part.blocks.means)])
+
+
+def test_columns_without_a_curve_have_moments_only() -> None:
+    x = RNG.normal(size=(3000, 3))
+    parts = RecordParts([0, 1, 2], [0, 2], 0.01)
+    valid = np.ones((3000, 3), dtype=bool)
+    valid[:1000, 2] = False
+    parts.update(x, valid)
+    assert [channel.count for channel in parts.moments().result().channels] == [3000, 3000, 2000]
+    assert parts.curve().valid.tolist() == [3000, 2000]

@@ -1,0 +1,129 @@
+"""Laws of the convergence: bounded, the same for any chunking, saved with the state; its end is what is stated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from blocks_at_rest import DELTAS, NOW
+from blocks_at_rest import block as six_axes
+
+from imumon.coefficients import Estimate
+from imumon.noise.fit import ChannelFit
+from imumon.noise.fit.statement import pending_fit
+from imumon.noise.state_schema import InvalidState
+from imumon.pipeline import Monitor
+from imumon.pipeline.convergence import FIRST_DUE_S, MOST_POINTS, StatementLog, next_due_s
+from imumon.report import DeviceDescription, Report, SessionCounters, State, from_json
+from imumon.report_json import to_json
+from imumon.samples import SampleBlock, selected
+from imumon.units import YEAR
+
+RATE = 100
+
+
+def block(n: int, start: int = 0) -> SampleBlock:
+    """Return samples of two axes: each axis more costs as much as all else."""
+    whole = six_axes(n, start)
+    return replace(whole, stream=replace(DELTAS, channels=("gyro/x", "gyro/y")), values=whole.values[:, :2])
+
+
+def report(monitor: Monitor, state: State = "running") -> Report:
+    return monitor.report(NOW, DeviceDescription(id="x"), state, SessionCounters())
+
+
+def fed(samples: SampleBlock, chunk: int, monitor: Monitor | None = None) -> Monitor:
+    monitor = monitor or Monitor()
+    for start in range(0, len(samples), chunk):
+        monitor.feed(selected(samples, slice(start, start + chunk)))
+    return monitor
+
+
+def stated(value: float) -> ChannelFit:
+    part = Estimate(value=value, low=0.9 * value, high=1.1 * value, status="measured")
+    return replace(pending_fit(0, "too short"), coefficients={"N": part, "B": Estimate(), "K": Estimate()})
+
+
+def test_the_points_are_bounded_and_each_is_the_last_one_of_its_cell() -> None:
+    convergence, lengths = StatementLog(1), np.geomspace(0.01, 1000.0 * YEAR, 5000)
+    for number, length in enumerate(lengths.tolist()):
+        convergence.add(length, [stated(float(number))])
+    part = convergence.of_channel(0)
+    assert part is not None
+    assert len(part.elapsed_s) == MOST_POINTS <= 64
+    assert part.elapsed_s[-1] == lengths[-1]
+    assert part.coefficients["N"].value[-1] == len(lengths) - 1
+    assert set(part.coefficients["B"].status) == {"pending"}
+    assert "M" not in part.coefficients
+
+
+def test_the_last_point_is_what_is_stated_now() -> None:
+    monitor = fed(block(30 * RATE), 777)
+    report(monitor)
+    fed(block(20 * RATE, 30 * RATE), 777, monitor)
+    for state in ("running", "stopped"):
+        for channel in report(monitor, state).channels.values():  # type: ignore[arg-type]
+            assert channel.convergence is not None
+            for letter, series in channel.convergence.coefficients.items():
+                now = channel.estimates[letter]
+                last = (series.value[-1], series.low[-1], series.high[-1], series.status[-1])
+                assert last == (now.value, now.low, now.high, now.status)
+    assert channel.convergence.elapsed_s == (30.0, 50.0)
+    current = report(monitor)
+    assert from_json(Report, to_json(current)) == current
+
+
+def test_a_record_of_which_nobody_asks_has_a_point_at_each_doubling_for_any_chunking() -> None:
+    samples = block(150 * RATE)
+    one, other = (fed(samples, chunk) for chunk in (97, 50_000))
+    for monitor in (one, other):
+        monitor.flush()
+    first, second = report(one, "stopped"), report(other, "stopped")
+    part = first.channels["gyro/x"].convergence
+    assert part is not None
+    assert part.elapsed_s == (60.0, 120.0, 150.0)
+    assert [channel.convergence for channel in first.channels.values()] == [
+        channel.convergence for channel in second.channels.values()
+    ]
+
+
+def test_it_continues_from_a_saved_state() -> None:
+    samples = block(100 * RATE)
+    whole = fed(samples, 1000)
+    saved = fed(selected(samples, slice(0, 80 * RATE)), 1000)
+    restored = Monitor()
+    restored.restore(*saved.save(), 0.0)
+    fed(selected(samples, slice(80 * RATE, None)), 1000, restored)
+    lengths = []
+    for monitor in (whole, restored):
+        part = report(monitor, "stopped").channels["gyro/y"].convergence
+        assert part is not None
+        lengths.append(part.elapsed_s)
+    assert lengths[0] == lengths[1] == (60.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("elapsed_s", lambda a: a[::-1].copy()),
+        ("sizes", lambda a: -a),
+        ("statuses", lambda a: a + np.int8(9)),
+        ("sizes", lambda a: a[:, :, :2]),
+    ],
+)
+def test_a_forged_state_is_refused(name: str, change: object) -> None:
+    convergence = StatementLog(1)
+    convergence.add(10.0, [stated(1.0)])
+    convergence.add(20.0, [stated(2.0)])
+    saved = convergence.save()
+    StatementLog(1).restore(saved)
+    with pytest.raises(InvalidState):
+        StatementLog(1).restore({**saved, name: change(saved[name])})  # type: ignore[operator]
+
+
+def test_the_next_length_is_a_doubling_and_beyond_the_present_one() -> None:
+    for length in np.geomspace(1.0, YEAR, 50).tolist():
+        due = next_due_s(length)
+        assert due == FIRST_DUE_S or length < due <= 2.0 * length
+        assert np.log2(due / FIRST_DUE_S) % 1.0 == 0.0

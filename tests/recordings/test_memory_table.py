@@ -1,0 +1,118 @@
+"""Arrays in memory: the samples of a file with the same arrays, and refusal of what is no number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tables import truth
+
+from imumon.recordings import RecordingError
+from imumon.recordings.base import OptionError, ReadOptions
+from imumon.recordings.memory_table import MemoryTable
+from imumon.recordings.recording import open_recording
+from imumon.samples import SampleBlock
+
+
+def samples(arrays: dict[str, Any], **options: Any) -> tuple[np.ndarray, MemoryTable]:
+    table = MemoryTable(arrays, ReadOptions(**options))
+    blocks = [block for blocks in table for block in blocks]
+    return np.concatenate([block.values for block in blocks]), table
+
+
+def test_arrays_are_the_samples_of_a_file_with_these_arrays(tmp_path: Path) -> None:
+    t, gyro, accel = truth(1000)
+    arrays = {"t": t, "gyro_dps": gyro, "accel_g": accel / 9.80665}
+    np.savez(tmp_path / "a.npz", **arrays)
+    file = open_recording(str(tmp_path / "a.npz"), ReadOptions())
+    of_file = [item for items in file for item in items if isinstance(item, SampleBlock)]
+    values, table = samples(arrays)
+    np.testing.assert_array_equal(values, np.concatenate([block.values for block in of_file]))
+    assert (table.started, list(table.remarks)) == (file.started, list(file.remarks))
+
+
+@pytest.mark.parametrize("form", ["masked", "nan", "list with None", "float32"])
+def test_missing_values_are_lost_samples(form: str) -> None:
+    _, gyro, _ = truth(300)
+    holes = gyro.copy()
+    holes[[10, 11, 200], [0, 1, 2]] = np.nan
+    given: Any = holes
+    if form == "masked":
+        given = np.ma.masked_array(gyro, np.isnan(holes))
+    elif form == "list with None":
+        given = [[None if value != value else value for value in row] for row in holes.tolist()]
+    elif form == "float32":
+        given = holes.astype(np.float32)
+    values, table = samples({"gyro": given}, rate_hz=100.0)
+    assert len(values) == 297
+    assert table.bad_checksums == 3
+
+
+@pytest.mark.parametrize("name", ["gyro", "t"])
+@pytest.mark.parametrize(
+    "bad",
+    [
+        np.array([1.0, 2.0], dtype=object),
+        np.array([{}, None]),
+        np.array(["1", "2"]),
+        np.array([1j, 2j]),
+        np.array([True, False]),
+        [[1.0], [1.0, 2.0]],
+    ],
+    ids=["objects", "dicts", "texts", "complex", "bools", "ragged"],
+)
+def test_what_is_no_number_is_refused(name: str, bad: Any) -> None:
+    with pytest.raises(RecordingError) as error:
+        samples({"accel": np.zeros((2, 3)), name: bad}, rate_hz=100.0)
+    assert error.value.code == "array_type"
+
+
+def test_a_column_without_a_meaning_may_hold_anything() -> None:
+    values, _ = samples({"gyro": np.ones((5, 3)), "label": np.array(["a"] * 5)}, rate_hz=100.0)
+    assert values.shape == (5, 3)
+
+
+def test_an_array_of_one_axis_is_x() -> None:
+    _, table = samples({"gyro": np.arange(9) * 1e-3}, rate_hz=100.0)
+    assert "gyro has one axis only, x" in table.remarks[0]
+
+
+def test_dates_are_a_time() -> None:
+    _, gyro, _ = truth(500)
+    dates = np.datetime64("2026-01-02T03:04:05", "us") + np.arange(500) * np.timedelta64(10_000, "us")
+    values, table = samples({"stamp": dates, "gyro": gyro})
+    assert len(values) == 500
+    assert table.started == "2026-01-02T03:04:05.000Z"
+
+
+@pytest.mark.parametrize(
+    ("samples_are", "units", "factor"),
+    [
+        ("point", {"gyro": "deg/s"}, np.pi / 180),
+        ("average", {}, 1.0),
+        ("increment", {"gyro": "deg"}, np.pi / 1.8),
+    ],
+)
+def test_the_user_states_units_and_what_a_sample_is(
+    samples_are: Any, units: dict[str, str], factor: float
+) -> None:
+    _, gyro, _ = truth(500)
+    table = MemoryTable({"gyro": gyro}, ReadOptions(rate_hz=100.0, units=units, samples=samples_are))
+    blocks = [block for blocks in table for block in blocks]
+    np.testing.assert_allclose(blocks[0].values, gyro * factor, rtol=1e-12)
+    assert blocks[0].stream.kind == ("unknown" if samples_are == "point" else "deltas")
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        ({"units": {"gyro": "furlong"}}, "unknown_unit"),
+        ({"units": {"gyro": "deg/s"}, "samples": "increment"}, "unknown_unit"),
+    ],
+)
+def test_a_unit_that_does_not_fit_is_refused(options: dict[str, Any], code: str) -> None:
+    with pytest.raises(OptionError) as error:
+        MemoryTable({"gyro": np.zeros((5, 3))}, ReadOptions(rate_hz=100.0, **options))
+    assert error.value.code == code
