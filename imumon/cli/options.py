@@ -295,7 +295,13 @@ def first_report(
     cure : what to do if no daemon answers, beside starting one.
     arguments : of the command: of several daemons, it means the only one of this user; None: it must be named.
     """
-    names = answering(subscriber, id, timeout_s, cure)
+    return report_of(subscriber, id, answering(subscriber, id, timeout_s, cure), arguments)
+
+
+def report_of(
+    subscriber: Any, id: str | None, names: list[str], arguments: argparse.Namespace | None = None
+) -> Any:
+    """Return the newest report of the only one of these devices, as `first_report` does."""
     if len(names) > 1 and not id and arguments is not None:
         own = [name for name in own_devices(arguments) if name in names]
         if len(own) == 1:

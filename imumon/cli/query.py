@@ -112,7 +112,7 @@ def status(arguments: argparse.Namespace) -> int:
     with options.subscriber(arguments) as subscriber:
         names = options.answering(subscriber, arguments.id, options.ANSWER_S, _cure(arguments))
         if len(names) == 1 or arguments.id or arguments.values:
-            report = options.first_report(subscriber, arguments.id, options.ANSWER_S, "", arguments)
+            report = options.report_of(subscriber, arguments.id, names, arguments)
             if arguments.values:
                 print_values(report)
             elif arguments.json or arguments.verbose:

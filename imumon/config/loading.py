@@ -6,9 +6,10 @@ All faults of a file are reported at once, each with its line, what is allowed a
 
 from __future__ import annotations
 
+import operator
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import fields
 from functools import cache
@@ -109,7 +110,7 @@ def _model(section: str) -> Any:
     from pydantic import Field as ModelField
 
     cls = SECTIONS[section]
-    hints = get_type_hints(cls, include_extras=True)
+    hints = _kinds(section)
     config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
     members: dict[str, Any] = {}
     for field in fields(cls):
@@ -160,6 +161,8 @@ def _check_section(section: str, table: Any, places: Places) -> Any:
         ConfigFault("invalid_character", places.of(name), name, *_INVALID_CHARACTER)
         for name in (f"{section}.{name}" for name in bad)
     ]
+    if not faults and (plain := _plain_section(section, table)) is not None:
+        return plain
     from pydantic import ValidationError
 
     try:
@@ -174,6 +177,63 @@ def _check_section(section: str, table: Any, places: Places) -> Any:
     if faults:
         raise ConfigError(*faults)
     return cls(**{name: getattr(checked, name) for name in table})
+
+
+def _plain_section(section: str, table: Mapping[str, Any]) -> Any:
+    """Return the section if each value has its type and keeps its limits; else None, and pydantic decides.
+
+    A command such as ``status`` reads the same settings as the daemon. To import pydantic takes as long as all the rest
+    of the command, and several seconds on a machine that is under attack.
+    """
+    cls = SECTIONS[section]
+    hints, limits = _kinds(section), {field.name: field.metadata for field in fields(cls)}
+    if not table.keys() <= limits.keys():
+        return None
+    if not all(_is_plain(value, hints[name], limits[name]) for name, value in table.items()):
+        return None
+    return cls(**{name: _converted(value, hints[name]) for name, value in table.items()})
+
+
+@cache
+def _kinds(section: str) -> dict[str, Any]:
+    """Return the declared type of each setting of a section."""
+    return get_type_hints(SECTIONS[section], include_extras=True)
+
+
+def _is_plain(value: Any, kind: Any, limits: Mapping[str, float]) -> bool:
+    """Return whether a value is certainly valid. True is no number here, although it is an int in Python."""
+    if get_origin(kind) is Literal:
+        return any(value == choice and type(value) is type(choice) for choice in _choices(kind))
+    if get_origin(kind) is tuple:
+        return isinstance(value, list | tuple) and all(type(item) is str for item in value)
+    if kind in (float, Share):
+        # a bound is what keeps infinite numbers and NaN out: a number without one is for pydantic
+        return type(value) in (int, float) and bool(limits) and _within(value, limits)
+    if get_origin(kind) is Mapping:  # ``zenoh.raw``: anything that TOML can say
+        return type(value) is dict
+    return kind in (str, int, bool) and type(value) is kind and _within(value, limits)
+
+
+def _choices(kind: Any) -> Iterator[Any]:
+    """Yield the values of a type of choices, also of those within it."""
+    for choice in get_args(kind):
+        yield from _choices(choice) if get_origin(choice) is Literal else (choice,)
+
+
+def _within(value: Any, limits: Mapping[str, float]) -> bool:
+    """Return whether a value keeps its limits; NaN keeps none."""
+    checks: dict[str, Callable[[Any, Any], bool]] = {
+        "ge": operator.ge, "gt": operator.gt, "le": operator.le, "lt": operator.lt,
+        "max_length": lambda text, most: len(text) <= most,
+    }  # fmt: skip
+    return all(checks[name](value, limit) for name, limit in limits.items())
+
+
+def _converted(value: Any, kind: Any) -> Any:
+    """Return a plain value in the type of its setting."""
+    if get_origin(kind) is tuple:
+        return tuple(value)
+    return float(value) if kind in (float, Share) else value
 
 
 def _fault(section: str, name: str, detail: Any, table: Mapping[str, Any], places: Places) -> ConfigFault:

@@ -1,8 +1,9 @@
 """Settings: their sections, types, limits and defaults.
 
-The file `config.toml` of the source tree describes each setting; it is part of every installation. `loading` lets
-pydantic check type and limits where a file or an option gives a value. A command without settings does not
-import pydantic, which takes longer than the command. An empty file is valid. Empty text, 0 and [] mean "not given".
+The file `config.toml` of the source tree describes each setting; it is part of every installation. `loading` accepts
+a value that has the declared type and keeps the limits, and lets pydantic convert or refuse the others. A command
+whose settings are plain does not import pydantic, which takes longer than the command. An empty file is valid. Empty
+text, 0 and [] mean "not given".
 """
 
 from __future__ import annotations

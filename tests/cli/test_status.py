@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import reports
 from commands import run_inside
+from paths import ROOT
 from test_check import published
 
 from imumon.datasheet.tables import status_table
@@ -80,8 +81,12 @@ def test_a_replay_prints_values_too(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("command", ["status", "check"])
 def test_a_short_command_imports_nothing_heavy(report: Report, command: str, tmp_path: Path) -> None:
-    """Without a settings file: monitoring systems run them every minute, on small computers."""
+    """Also with the settings of a daemon: monitoring systems run them every minute, on small computers."""
     code = "import sys; from imumon.cli import main; main(sys.argv[1:]); print(*sys.modules)"
+    settings = tmp_path / "config.toml"
+    settings.write_text(
+        (ROOT / "config.toml").read_text().replace("save_period_s = 30.0", "save_period_s = 60")
+    )
     with published(report) as endpoint:
         words = [sys.executable, "-P", "-c", code, command, "--connect", endpoint]
         environment = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path)}

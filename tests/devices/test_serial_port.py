@@ -243,7 +243,7 @@ def test_a_server_that_sends_without_end_is_read_at_the_rate_of_the_limits() -> 
         assert len(gather(port, 200 * count)) == 200 * count
         sender.join()
         far.close()
-    # A second of lines may come at once. The wait after a piece is the time of the pieces before it: two are not waited for.
+    # A second of lines may come at once. After a piece, only the time of those before it is waited for: two are left.
     assert time.monotonic() - begin > (count - 2 * READ_BYTES / 200) / lines_hz - 1.0
 
 
