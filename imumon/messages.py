@@ -77,6 +77,14 @@ CAVEATS: Mapping[str, CaveatText] = {
     "truncated": CaveatText(
         "the recording is damaged or truncated", "Only what precedes the damage is used."
     ),
+    "rival": CaveatText(
+        "two programs publish under this name: the first that was seen is shown",
+        "It need not be the right one. End the other, or give each daemon its own --id; imumon doctor names both.",
+    ),
+    "other_sender": CaveatText(
+        "another program sends to the same port or topic: only the first is used",
+        "It need not be the right one. End the other, or name the sensor with from=ADDRESS.",
+    ),
     "constant": CaveatText(
         "the values never changed: dead, stuck or not measured", "The sensor of this axis gets no grade."
     ),

@@ -133,7 +133,7 @@ class Subscriber:
         with self._changed:
             device = self._devices.get(id)
             if device is None or device.data is None:
-                return device.report if device is not None else None
+                return device.shown(time.monotonic()) if device is not None else None
             data, arrival, session = device.data, device.arrived_s, device.session
             device.data = None
         report = self._parse_report(id, data)
@@ -142,7 +142,7 @@ class Subscriber:
                 device.report = (report, arrival)
             elif device.session == session:
                 device.session = None  # another session may have valid reports
-            return device.report
+            return device.shown(time.monotonic())
 
     def alive(self) -> set[str]:
         """Return the names of the devices whose daemon is running; `reports` shows the age of the data."""
@@ -155,9 +155,10 @@ class Subscriber:
             return list(self._devices[id].events) if id in self._devices else []
 
     def rivals(self) -> dict[str, tuple[str, ...]]:
-        """Return the devices that several sessions publish, with their Zenoh ids, the first that was seen first."""
+        """Return the devices that several sessions publish now, with their Zenoh ids, that which is shown first."""
         with self._changed:
-            return {id: tuple(device.rivals) for id, device in self._devices.items() if device.rivals}
+            rivals = {id: device.rivals(time.monotonic()) for id, device in self._devices.items()}
+        return {id: sessions for id, sessions in rivals.items() if sessions}
 
     def watch(self, id: str, channel: str | None) -> None:
         """Select the channel whose signal is requested with every report; None: no channel."""
@@ -310,7 +311,7 @@ class Subscriber:
             session, clock, now = *_origin(sample), time.monotonic()
             claimed = device.session == session
             if not claimed and device.session is not None:
-                device.add_rival(session, clock)
+                device.add_rival(session, clock, now)
                 if not device.silent(now):
                     return
         data = sample.payload.to_bytes()

@@ -37,7 +37,7 @@ MAX_AGE_S = 5.0
 """s, age of a report from which it is critical, if the command line gives none."""
 SHOWN_CHANGES = 3
 """Changes that the line names."""
-WARNED = ("stuck", "constant", "clipped")
+WARNED = ("stuck", "constant", "clipped", "other_sender")
 """Caveats that are a warning, beside ``changed``."""
 
 

@@ -37,13 +37,13 @@ def current_reports(subscriber: Any, names: Sequence[str]) -> dict[str, tuple[Re
     old = {name: first for name, (first, _) in reports.items() if not _is_fresh(first)}
     end_s = time.monotonic() + max((_patience_s(report) for report in old.values()), default=0.0)
     while time.monotonic() < end_s and any(
-        subscriber.report(name)[0] is first for name, first in old.items()
+        subscriber.report(name)[0].time == first.time for name, first in old.items()
     ):
         time.sleep(0.05)
     now_s, ages = time.monotonic(), {}
     for name in names:
         report, arrived_s = subscriber.report(name)
-        renewed = name in old and report is not old[name]
+        renewed = name in old and report.time != old[name].time
         ages[name] = report, now_s - arrived_s if renewed else abs(_clock_age_s(report))
     return ages
 

@@ -48,6 +48,11 @@ SENDER_DATAGRAMS = 100
 OTHERS, OTHERS_S = 1000, 1.0
 """Datagrams of others, and s in which they arrive, from which the kernel discards them. To read one takes as long as
 one of the sensor."""
+RIVAL_S = 30.0
+"""s after the last datagram of another sender for which there counts as one."""
+LOOK_S = 600.0
+"""s after which the kernel lets others through again, to see whether they still send. A flood may then cost a sample
+before the kernel discards it again, so that this is rare."""
 SO_ATTACH_FILTER, SO_DETACH_FILTER = 26, 27
 """Options of a socket on Linux (asm-generic/socket.h)."""
 _LOAD_WORD, _LOAD_HALF, _JUMP_IF_EQUAL, _RETURN = 0x20, 0x28, 0x15, 0x06
@@ -191,7 +196,10 @@ class Datagrams(ReadOnlyPort):
         self._others: deque[float] = deque(
             maxlen=OTHERS
         )  # s monotonic of datagrams of others, the oldest first
-        self._alone = False  # the kernel lets only the sensor through
+        self._alone_since: float | None = (
+            None  # s monotonic, the kernel lets only the sensor through; None: everybody
+        )
+        self._other_heard = float("-inf")  # s monotonic, of the last datagram of another sender
         self.other_lines = 0
         self.other_sender: str | None = None
 
@@ -209,19 +217,27 @@ class Datagrams(ReadOnlyPort):
                     self.other_lines += data.count(b"\n")
                     self.other_sender = self.other_sender or f"{sender[0]} port {sender[1]}"
                     self._others.append(now)
-        if not self._alone and len(self._others) == OTHERS and now - self._others[0] < OTHERS_S:
-            self._let_only_the_sensor_through()
+                    self._other_heard = now
+        if self._alone_since is None and len(self._others) == OTHERS and now - self._others[0] < OTHERS_S:
+            self._let_only_the_sensor_through(now)
         return b"".join(pieces)
 
+    def has_rival(self, now: float) -> bool:
+        """Return whether others send at present, s monotonic, and the sensor is the first of them, not a given one."""
+        others = self._alone_since is not None or now - self._other_heard < RIVAL_S
+        return others and self._address is None
+
     def look_for_others(self, now: float) -> None:
-        """Let everybody through again if the sensor is silent, s monotonic: another may take its place."""
-        if self._alone and now - self._heard > SENDER_S:
+        """Let everybody through again, s monotonic: if the sensor is silent, for another to follow it, and rarely."""
+        if self._alone_since is None:
+            return
+        if now - self._heard > SENDER_S or now - self._alone_since > LOOK_S:
             with contextlib.suppress(OSError):
                 self._datagrams.setsockopt(socket.SOL_SOCKET, SO_DETACH_FILTER, 0)
-            self._alone = False
+            self._alone_since = None
             self._others.clear()
 
-    def _let_only_the_sensor_through(self) -> None:
+    def _let_only_the_sensor_through(self, now: float) -> None:
         """Have the kernel discard what others send: their flood would take the buffer of the sensor."""
         address = self._address or ip_address(self._sender[0])
         port = None if self._address is not None else self._sender[1]
@@ -230,7 +246,7 @@ class Datagrams(ReadOnlyPort):
             code = ctypes.create_string_buffer(filter_program, len(filter_program))
             program = struct.pack("@HP", len(filter_program) // 8, ctypes.addressof(code))
             self._datagrams.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, program)
-            self._alone = True
+            self._alone_since = now
 
     def _is_sensor(self, sender: Any, now: float) -> bool:
         """Return whether a datagram is of the sensor."""

@@ -29,7 +29,17 @@ class DiagnosticLevel(IntEnum):
 
 
 DIAGNOSTICS = "/diagnostics"
-WARNINGS = ("changed", "stuck", "constant", "clipped", "not_at_rest", "saturated", "disturbed", "truncated")
+WARNINGS = (
+    "changed",
+    "stuck",
+    "constant",
+    "clipped",
+    "other_sender",
+    "not_at_rest",
+    "saturated",
+    "disturbed",
+    "truncated",
+)
 """Caveats that make a warning."""
 STATES: Mapping[str, tuple[int, str]] = {
     "starting": (DiagnosticLevel.STALE, "no sample yet"),

@@ -350,8 +350,33 @@ def test_of_two_programs_with_one_name_the_first_is_shown_until_it_ends(
         assert checked.returncode >= 1
         doctor = ("doctor", "--connect", first, "--connect", second, "--port", "/dev/null")
         until(lambda: all(session in command(*doctor).stdout for session in sessions))
+        both = ((one, report("a", 6)), (two, report("a", 1006)))
+
+        def marked() -> bool:  # so the screen has it, and what `report` writes
+            for publisher, newest in both:
+                publisher.publish(newest)
+            return "rival" in viewer.reports()["a"][0].caveats
+
+        until(marked)
+        document = command("report", "--connect", first, "--connect", second, "--format", "json")
+        assert '"rival"' in document.stdout, document.stderr
         one.close()
         until(lambda: two.publish(report("a", 2000)) or viewer.reports()["a"][0].session.samples == 2000)
+        until(lambda: not viewer.rivals() and "rival" not in viewer.reports()["a"][0].caveats)
+
+
+def test_a_forged_report_of_a_session_without_a_name_is_noticed(router: str) -> None:
+    with Publisher("a", listen=[], connect=[router]) as daemon, Subscriber([router]) as viewer:
+        daemon.publish(report("a", 1))
+        until(lambda: viewer.reports())
+        with foreign(router) as forger:
+
+            def seen() -> bool:
+                forger.put("imumon/a/report", to_json(report("a", 10**6)))
+                return "rival" in viewer.reports()["a"][0].caveats
+
+            until(seen)
+        assert viewer.reports()["a"][0].session.samples == 1
 
 
 def test_a_daemon_that_restarts_or_has_two_routes_is_one_program(router: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 from imumon.config.settings import LimitSettings
 from imumon.devices.base import DeviceOptions
@@ -38,6 +39,11 @@ class LinesSession(Session):
 
     def info(self) -> DeviceInfo:
         decoder, columns = self._decoder, self._decoder.columns
+        known: dict[str, Any] = {}
+        if columns is not None:
+            known = {"settings": {**columns.settings, **self._limit}, **columns.stream.facts}
+        if self._port.has_rival:
+            known["caveats"] = (*known.get("caveats", ()), "other_sender")
         return DeviceInfo(
             id=self._url.id,
             kind="sensor that prints lines",
@@ -46,7 +52,7 @@ class LinesSession(Session):
             sample_rate_hz=self._url.rate_hz,
             data_settings=tuple(SENSORS),
             remarks=(*decoder.remarks, *self._doubts()),
-            **({"settings": {**columns.settings, **self._limit}, **columns.stream.facts} if columns else {}),
+            **known,
         )
 
     @property

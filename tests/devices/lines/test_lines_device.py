@@ -90,6 +90,9 @@ def test_of_two_senders_of_datagrams_the_first_is_the_sensor(monkeypatch: pytest
         assert received(reader, 150) == {b"1": 150}
         assert until(lambda: reader.other_lines == 150)
         assert reader.other_sender == f"127.0.0.1 port {other.getsockname()[1]}"
+        assert reader.has_rival
+        monkeypatch.setattr("imumon.devices.ports.RIVAL_S", 0.1)
+        assert until(lambda: not reader.has_rival)
         time.sleep(0.4)
         sent(far, port, 10, 3)  # of another address: it never follows
         sent(other, port, 10, 2)
