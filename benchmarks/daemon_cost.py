@@ -45,7 +45,7 @@ N = np.repeat([6.1e-5, 1.4e-3, 2e-8], 3)
 B = np.repeat([2.4e-5, 4e-4, 1e-8], 3)
 K = np.repeat([1e-6, 2e-5, 1e-10], 3)
 MEAN = np.array([0.0, 0.0, 0.0, 0.1, -0.2, 9.8, 2e-5, 1e-6, 4e-5])
-FIT_MS, STATE_MB = 5.0, 0.3
+FIT_MS, STATE_MB = 5.0, 0.35
 SHOWN = 25
 NOW = datetime(2026, 1, 1, tzinfo=UTC)
 
