@@ -5,8 +5,10 @@
 Each file is a valid one with some bytes changed, removed, repeated or made a length (`tests/hostile/damage.py`). A
 process of its own reads it and must end within `LONGEST_S`, with an error in one line or with samples, and take at most
 `MOST_MB`. Of those that are read, ``silent`` ones have fewer samples than the whole file, or other numbers, and neither
-a remark nor a count of invalid rows: of a kind without checksums, a changed digit cannot show. Exit code 1 if a file
-crashes the program, raises something else than an error with a cure, or takes too long or too much.
+a remark nor a count of invalid rows: of a kind without checksums, a changed digit cannot show. The process that reads
+bags and logs is here a copy of this one, with the limits of the real one, and has imported its packages already: to
+start Python takes a second of each file. Exit code 1 if a file crashes the program, raises something else than an error
+with a cure, or takes too long or too much.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -33,6 +36,8 @@ from imumon.checkpoint import Checkpoint, SavedState, encode
 from imumon.errors import ImumonError
 from imumon.history.selection import Selection
 from imumon.history.store import HistoryStore
+from imumon.recordings import log_file
+from imumon.recordings.log_process import __main__ as log_program
 from imumon.replay import ReplayOptions
 from imumon.samples import SampleBlock
 
@@ -98,6 +103,30 @@ KINDS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], Outcome]]] = {
 }
 
 
+class CopiedLogProcess:
+    """The log process as a copy of this one, with the limits of the real one; takes the place of ``Popen``."""
+
+    def __init__(self, command: Sequence[str], **_: object) -> None:
+        kind, path, descriptor = command[-3:]
+        self._child = os.fork()
+        if self._child == 0:
+            try:
+                with open(os.devnull, "w") as nothing:  # the packages print what they skip
+                    os.dup2(nothing.fileno(), 1)
+                    os.dup2(nothing.fileno(), 2)
+                log_program.limit(Path(path))
+                # the address space of this process counts, too: the real one has only that of its packages
+                log_program.serve(kind, Path(path), Connection(int(descriptor)))
+            finally:
+                os._exit(0)
+
+    def kill(self) -> None:
+        os.kill(self._child, signal.SIGKILL)
+
+    def wait(self) -> None:
+        os.waitpid(self._child, 0)
+
+
 def outcome(path: Path, read: Callable[[Path], Outcome], whole: Outcome) -> str:
     """Return what becomes of one file, in a process of its own."""
     child = os.fork()
@@ -132,6 +161,15 @@ def outcome(path: Path, read: Callable[[Path], Outcome], whole: Outcome) -> str:
     return "late"
 
 
+def read_by_packages(kind: str, path: Path) -> None:
+    """Import what reads a log here, so that its copies have it."""
+    program = {"px4": "px4", "ardupilot": "ardupilot"}.get(kind, "bag" if kind in damage.BAGS else None)
+    if program is not None:
+        folder = path.parent if (path.parent / "metadata.yaml").exists() else path
+        log = log_program.opened(program, folder)
+        list(log.blocks(0, log.topics[0].columns[:1]))
+
+
 def tried(kind: str, count: int, end: float) -> Counter[str]:
     """Return how many files of a kind became what."""
     write, read = KINDS[kind]
@@ -139,6 +177,8 @@ def tried(kind: str, count: int, end: float) -> Counter[str]:
     with tempfile.TemporaryDirectory() as folder:
         path = write(Path(folder))
         data, whole = path.read_bytes(), read(path)
+        log_file.Popen = CopiedLogProcess  # type: ignore[misc, assignment]
+        read_by_packages(kind, path)
         for seed in range(count):
             if time.monotonic() > end:
                 break

@@ -12,6 +12,7 @@ import pytest
 from damage import SAMPLES, damaged
 from tables import csv, truth
 
+from imumon.errors import ImumonError
 from imumon.history.history import History
 from imumon.history.store import HistoryError, HistoryStore
 from imumon.recordings.recording import Recording
@@ -121,3 +122,23 @@ def test_messages_that_a_bag_does_not_have_any_more_are_remarked(tmp_path: Path)
     assert samples == 32
     assert recording.problem is not None
     assert "32 of its 40 messages" in recording.problem
+
+
+def test_a_changed_number_of_a_bag_is_an_error_by_its_checksum_or_the_bag_has_a_remark(
+    tmp_path: Path,
+) -> None:
+    """MCAP: rosbags checks the CRC of a chunk that has one."""
+    for kind, has_remark in (("mcap", True), ("mcap with checksums", False)):
+        folder = tmp_path / kind.replace(" ", "-")
+        folder.mkdir()
+        path = SAMPLES[kind](folder)
+        assert any("without a checksum" in text for text in read(path)[1].remarks) == has_remark
+        data = bytearray(path.read_bytes())
+        data[9000] ^= 1  # within a message
+        path.write_bytes(data)
+        if has_remark:
+            assert read(path)[0] == 40
+        else:
+            with pytest.raises(ImumonError) as raised:
+                read(path)
+            assert raised.value.code == "bag_corrupt"

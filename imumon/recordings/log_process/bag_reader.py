@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,13 @@ IMU = "sensor_msgs/msg/Imu"
 SENSORS = (("gyro", "angular_velocity", ":rad/s"), ("accel", "linear_acceleration", ""))
 """Fields of `sensor_msgs/Imu` with the units of its definition. An accelerometer shows its unit, and some drivers send
 g instead of m/s2: without a unit, this is an error."""
+
+_MCAP = b"\x89MCAP0\r\n"
+_RECORD = struct.Struct("<BQ")
+"""Kind and length of a record of MCAP, in front of its content."""
+_CHUNK_CRC = struct.Struct("<24xI")
+"""The CRC in the content of a chunk, after two times and a size."""
+_MESSAGE, _CHUNK, _DATA_END = 0x05, 0x06, 0x0F
 
 LOG_TIME = "log_time"
 """Column of the time at which the recorder got a message."""
@@ -48,6 +56,9 @@ class BagLog(Log):
         self._connections: list[list[Any]] = []  # of each topic
         self._fields: list[MessageFields | None] = []
         self.topics = self._topics()
+        files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+        if any(map(has_unchecked_messages, files)):
+            self.remarks = ["the bag has messages without a checksum: a damaged number in them does not show"]
 
     def _topics(self) -> list[Topic]:
         by_name: dict[tuple[str, str], list[Any]] = {}
@@ -106,6 +117,30 @@ class BagLog(Log):
                 size = 0
         if messages:
             yield rows(), size
+
+
+def has_unchecked_messages(path: Path) -> bool:
+    """Return whether a file is MCAP and has messages in a chunk without a CRC, or outside of chunks.
+
+    rosbags checks the CRC of each chunk that has one; 0 stands for none (MCAP specification, Chunk).
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        if not file.read(8).startswith(_MCAP):
+            return False
+        while len(head := file.read(_RECORD.size)) == _RECORD.size:
+            kind, length = _RECORD.unpack(head)
+            begin = file.tell()
+            if kind == _CHUNK and len(chunk := file.read(_CHUNK_CRC.size)) == _CHUNK_CRC.size:
+                if not _CHUNK_CRC.unpack(chunk)[0]:
+                    return True
+            elif kind == _MESSAGE:
+                return True
+            # a damaged length may be any, and what follows is not read as a record
+            if kind == _DATA_END or begin + length > size:
+                return False
+            file.seek(begin + length)
+    return False
 
 
 def _definitions(connection: Any) -> dict[str, Any]:
