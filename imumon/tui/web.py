@@ -17,6 +17,7 @@ import errno
 import logging
 import shlex
 import signal
+import socket
 import sys
 from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
@@ -32,6 +33,10 @@ log = logging.getLogger(__name__)
 
 POLL_S = 0.5
 """s between two looks at the connections."""
+BATCHES = 5
+"""Turns of the loop whose connections are open together."""
+QUEUED = 4096
+"""Connections that may wait in the kernel to be accepted; it allows as many (net.core.somaxconn)."""
 STALLED_S = 10.0
 """s after which a browser has no seat any more that takes none of the bytes that wait for it."""
 END_S = 2.0
@@ -148,8 +153,13 @@ def serve(
             connections.add(protocol, loop.time())
             return protocol
 
-        # asyncio accepts as many connections at once as may wait, before any of them is admitted
-        listener = await loop.create_server(admit, host, port, backlog=max(8, limits.connections))
+        # asyncio accepts so many connections at each turn, and reads from one some turns later: the others of these
+        # turns must not make it the oldest before its request is seen
+        most = within_files(limits.connections)
+        listener = await loop.create_server(admit, host, port, backlog=max(1, most // BATCHES))
+        for opened in listener.sockets:
+            with socket.fromfd(opened.fileno(), opened.family, opened.type) as same:
+                same.listen(QUEUED)  # in the kernel: a burst of others must not make a browser try again
         ready(f"http://{shown}:{port}")
         stopped_by: int | None = None
         while stopped_by is None:
