@@ -165,8 +165,8 @@ class Figures:
 
     def row(self, name: str) -> str:
         numbers = (
-            f"{self.lost}", f"{self.save_s:.1f}", f"{self.quiet_s:.1f}", f"{self.answer_s:.1f}", f"{self.memory_mb:.0f}",
-            f"{self.descriptors}", f"{self.lines}", f"{self.end_s:.1f}",
+            f"{self.lost}", f"{self.save_s:.1f}", f"{self.quiet_s:.1f}", f"{self.answer_s:.1f}",
+            f"{self.memory_mb:.0f}", f"{self.descriptors}", f"{self.lines}", f"{self.end_s:.1f}",
         )  # fmt: skip
         return f"| {name} | {' | '.join(numbers)} | {', '.join(self.beyond())} |"
 

@@ -114,8 +114,9 @@ class CopiedLogProcess:
                 with open(os.devnull, "w") as nothing:  # the packages print what they skip
                     os.dup2(nothing.fileno(), 1)
                     os.dup2(nothing.fileno(), 2)
+                pages = int(Path("/proc/self/statm").read_text().split()[0])
+                log_program.BASE_BYTES += pages * resource.getpagesize()  # the real one begins with little
                 log_program.limit(Path(path))
-                # the address space of this process counts, too: the real one has only that of its packages
                 log_program.serve(kind, Path(path), Connection(int(descriptor)))
             finally:
                 os._exit(0)

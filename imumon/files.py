@@ -10,9 +10,9 @@ effects, and after it, because a name may change between a check and its use.
 from __future__ import annotations
 
 import errno
-import itertools
 import os
 import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -21,6 +21,12 @@ from imumon.reserve import granted
 _PIECE = 1 << 20
 """Bytes that are read at once from a file without a size, such as a pipe."""
 
+
+MOST_ASIDE = 10
+"""Files of one name that are kept of those that cannot be used."""
+
+UNUSABLE = ("damaged", "unreadable", "not-a-lock")
+"""Reasons for which a set-aside file is useless. One of another version or sensor can be used again, and is kept."""
 
 SMALL_BYTES = 1 << 16
 """Bytes of the largest file that a person writes, or that holds the settings of a sensor."""
@@ -136,11 +142,23 @@ def replace_file(path: str | Path, data: bytes) -> None:
 
 
 def rename_aside(path: Path, stem: str, reason: str, suffix: str) -> Path:
-    """Rename a file to ``STEM.REASON-N.SUFFIX``, the first free name; return it. A file that is gone stays so."""
-    names = (path.with_name(f"{stem}.{reason}-{number}{suffix}") for number in itertools.count(1))
-    aside = next(name for name in names if not os.path.lexists(name))
+    """Rename a file to ``STEM.REASON-N.SUFFIX``, after all others; return it. A file that is gone stays so.
+
+    Of files that nobody can use, the newest `MOST_ASIDE` are kept: a disk that damages one each day, or a program that
+    puts a pipe in its place, must not fill the directory.
+    """
+    begin, numbers = f"{stem}.{reason}-", []
+    with os.scandir(path.parent) as entries:
+        for entry in entries:
+            number = entry.name.removeprefix(begin).removesuffix(suffix)
+            if entry.name == f"{begin}{number}{suffix}" and number.isdecimal():
+                numbers.append(int(number))
+    aside = path.with_name(f"{begin}{max(numbers, default=0) + 1}{suffix}")
     if os.path.lexists(path):
         path.rename(aside)
+    for number in sorted(numbers)[: -(MOST_ASIDE - 1)] if reason in UNUSABLE else ():
+        with suppress(OSError):
+            path.with_name(f"{begin}{number}{suffix}").unlink()
     return aside
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from imumon.files import replace_file
+from imumon.files import rename_aside, replace_file
 
 
 def test_a_file_is_replaced_with_its_mode_and_through_its_link(tmp_path: Path) -> None:
@@ -48,3 +48,13 @@ def test_a_pipe_is_written_as_it_is(tmp_path: Path) -> None:
     replace_file(pipe, b"data")
     assert os.read(reader, 100) == b"data"
     os.close(reader)
+
+
+@pytest.mark.parametrize(("reason", "kept"), [("damaged", range(16, 26)), ("other-version", range(1, 26))])
+def test_of_files_that_nobody_can_use_the_newest_are_kept(tmp_path: Path, reason: str, kept: range) -> None:
+    (tmp_path / "a.damaged-x.state").write_text("of somebody else")
+    for number in range(1, 26):
+        (tmp_path / "a.state").write_text(str(number))
+        assert rename_aside(tmp_path / "a.state", "a", reason, ".state").read_text() == str(number)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"a.damaged-x.state", *(f"a.{reason}-{number}.state" for number in kept)}
