@@ -142,9 +142,9 @@ def replace_file(path: str | Path, data: bytes) -> None:
 
 
 def rename_aside(path: Path, stem: str, reason: str, suffix: str) -> Path:
-    """Rename a file to ``STEM.REASON-N.SUFFIX``, after all others; return it. A file that is gone stays so.
+    """Rename a file to ``STEM.REASON-N.SUFFIX``, after all others; return it. A missing file is no error.
 
-    Of files that nobody can use, the newest `MOST_ASIDE` are kept: a disk that damages one each day, or a program that
+    Of files that are of no use, the newest `MOST_ASIDE` are kept: a disk that damages one each day, or a program that
     puts a pipe in its place, must not fill the directory.
     """
     begin, numbers = f"{stem}.{reason}-", []
@@ -156,9 +156,9 @@ def rename_aside(path: Path, stem: str, reason: str, suffix: str) -> Path:
     aside = path.with_name(f"{begin}{max(numbers, default=0) + 1}{suffix}")
     if os.path.lexists(path):
         path.rename(aside)
-    for number in sorted(numbers)[: -(MOST_ASIDE - 1)] if reason in UNUSABLE else ():
+    for old in sorted(numbers)[: -(MOST_ASIDE - 1)] if reason in UNUSABLE else ():
         with suppress(OSError):
-            path.with_name(f"{begin}{number}{suffix}").unlink()
+            path.with_name(f"{begin}{old}{suffix}").unlink()
     return aside
 
 

@@ -153,8 +153,8 @@ def serve(
             connections.add(protocol, loop.time())
             return protocol
 
-        # asyncio accepts so many connections at each turn, and reads from one some turns later: the others of these
-        # turns must not make it the oldest before its request is seen
+        # asyncio accepts as many connections at each turn as the backlog, and reads from one some turns later: the
+        # others of these turns must not make it the oldest before its request is seen
         most = within_files(limits.connections)
         listener = await loop.create_server(admit, host, port, backlog=max(1, most // BATCHES))
         for opened in listener.sockets:

@@ -58,8 +58,8 @@ from imumon.samples import Bools, Floats
 
 SAVED_SHARE = 0.01
 """Shortest hop of the spectrum whose samples are saved, as a share of the record. Shorter ones count as missing after a
-restart, which costs two segments of a hundred or more. With a sixth, a record of 12 s lost one of six, and its N moved by
-2 %. A saved state of ten channels over 11 h has 0.33 MB; with a sixth 0.27 MB, with 0 0.36 MB."""
+restart, which costs two segments of a hundred or more. With a sixth, a record of 12 s lost one of six, and its N moved
+by 2 %. A saved state of ten channels over 11 h has 0.33 MB; with a sixth 0.27 MB, with 0 0.36 MB."""
 
 
 class OctaveCascade:

@@ -372,8 +372,8 @@ NEVER_STUCK_SHARE = RULES.add(
     origin="noise of 0.85 steps repeats so often; below, the share depends on the level",
     benchmark="test_guard.py",
 )
-HELD_SHARE = RULES.add(
-    "HELD_SHARE",
+HELD_AXIS_SHARE = RULES.add(
+    "HELD_AXIS_SHARE",
     7.0 / 8.0,
     unit="of the samples",
     decides="an axis that usually repeats as often while others change, in steps of any size, decides no disturbance",

@@ -38,6 +38,16 @@ the windows of frames by which detectors decide (`DisturbanceDetector.end`). It 
 may have moved the farther the longer it was (`NoiseBaseline.skip`). A gap of unknown length does the same, begins a new
 grid of frames, and does not widen the limit of the level, because the necessary width is unknown.
 
+Order of the decisions on one frame. Of the codes that a part gets, the one with the highest rank counts (`REASONS`):
+
+    1. `stuck` finds the samples that repeat, but for those at the end of their range. They are not assessed by 2
+    2. `disturbance` compares what is left with the noise before: usual, outliers, knock of parts or frame, motion
+    3. clipping: the range that the device says is exceeded replaces the code of 2 on its own sensor
+    4. stuck replaces both
+    5. margins, where the codes of parts meet, and last the outliers, in what is still valid
+
+An exclusion does not reach the fit. The fit sees missing samples, as if they had never arrived.
+
 Rules
 -----
 - Gyroscope and accelerometer share a table: a disturbance of one excludes both. The magnetometer is assessed by
@@ -58,8 +68,11 @@ What passes unassessed
     slow motion                                       the level follows over 8 s; noise of 1.5e-3 rad/s or 0.03 m/s^2 at
                                                       1 s is rest whatever it is, and so is a turn below 0.1 rad/s
     single samples of an axis with heavy tails        above 1 % they are its noise
-    anything on a silent axis                         constant, or held for eight samples and more (`baseline`)
-    the first repeats of a stuck output               at least 4 samples, of one axis 2 s; a coarse axis is never stuck
+    anything on an axis that was never live           constant from the beginning, or held for eight samples and more
+                                                      (`baseline`); one that dies later is stuck, and excludes all axes
+    the first repeats of a stuck output               a sample repeats four times, an axis for 2 s, before it is stuck;
+                                                      the margin takes 0.5 s of them; a coarse axis is never stuck
+    the first frames of slow trouble                  motion that is recognised after 8 or 16 frames begins there
     clipping                                          only the device knows its range; if it does not say, nothing does
     motion, on a magnetometer                         it is assessed by its own field alone
     temperature, pressure                             nothing assesses them

@@ -22,8 +22,11 @@ coarse or updated rarely. Which of these it is, and what it decides, `baseline` 
 An axis is compared only in samples in which another axis of its sensor changes: where the whole sample repeats, the
 sensor hangs, or is read faster than it measures. Otherwise every axis of such a sensor would usually repeat, and none
 of them could be found stuck. An axis whose noise is hardly wider than one quantisation step may be constant at some
-levels of it and toggle at others, and one that never changed is constant: both are exempt. That a channel is constant
-is reported elsewhere, and excludes nothing.
+levels of it and toggle at others, and one that never changed is constant: both are exempt.
+
+So two dead axes end differently. One that is constant from the beginning excludes nothing: its repeats are usual, the
+other axes go on, and its own fit says "the channel is constant" (`fit.estimator`). One that had noise and dies is
+stuck: what the other axes say is not known either, so that all of both sensors is excluded until it changes again.
 
 A group or axis is stuck from sample to sample:
 
@@ -64,7 +67,7 @@ import numpy as np
 from imumon.noise.array_state import ArrayState
 from imumon.noise.detection.baseline import frames_to_change
 from imumon.noise.detection.detection_rules import (
-    HELD_SHARE,
+    HELD_AXIS_SHARE,
     MEMORY_FRAMES,
     NEVER_STUCK_SHARE,
     STUCK_AXIS_FRAMES,
@@ -164,7 +167,7 @@ class RepeatDetector(ArrayState):
                 self._group_stuck_after(share) if i < len(self._channels) else self._axis_stuck_after(share)
             )
             if i >= len(self._channels):
-                self.held[i - len(self._channels)] = share >= HELD_SHARE
+                self.held[i - len(self._channels)] = share >= HELD_AXIS_SHARE
         if self._frames[0] % MEMORY_FRAMES == 0:
             self._samples *= 0.5
             self._repeats *= 0.5

@@ -8,10 +8,14 @@ The way of a channel through this package:
 | what is compared | `observations` | `NoiseSums` | `Bands`, `Coefficients` |
 | which terms explain it | `search` (`ModelSearch`) | observations | `Model` |
 | how likely are their powers | `likelihood` (`Likelihood`) | terms of `model`, `regressors` | `Surface` |
-| what is stated | `statement` (`state_model`, `with_curve`) | `Model` | `ChannelFit` |
+| what is stated | `statement` (`state_model`), `curve_statement` (`with_curve`) | `Model` | `ChannelFit` |
 
 A fit is computed again when the record has grown by 2 % (`RENEWAL_GROWTH`); in between the last one holds, with the
-curve of today. All thresholds are in `fit_rules`.
+curve of today. `time_to` is that of the last fit and is not counted down in between. A new fit keeps the upper end of
+the last one (`search.ModelChoice`) until the data reject it or the record has doubled, so that a growing record does
+not alternate between two. Its numbers therefore depend, within their limits, on when it was fitted before. With
+`renew=True` they depend on the samples alone: so does the last report of a record, and a replay of it. Thresholds of
+decisions are in `fit_rules` and `markov_rules`; constants of a computation stand beside it.
 
 Example: half a minute of white noise.
 
@@ -72,7 +76,8 @@ class _Known:
 
 
 UNGUARDED = "unguarded"
-"""Caveat of a fit to a curve alone: what steps and outliers of the samples do to N is unknown."""
+"""Caveat of a fit to a curve alone: what steps and outliers of the samples do to N is unknown. A guard has nothing to
+do with it: the name says that nothing protected the fit from them."""
 
 
 class Estimator:
@@ -116,11 +121,12 @@ class Estimator:
         Parameters
         ----------
         curve : of an `OctaveCascade`, with the sums of its noise.
-        renew : compute everything again, without the choices of earlier fits; default: where the record has grown
-            by 2 %.
+        renew : True: compute everything again, without the choices of earlier fits; False: keep every fit that there
+            is; None: compute again where the record has grown by 2 %, with the choice of the last fit.
         resolution : (c,) channel unit, least step between two values, 0.0 where there is none. Noise smaller
             than half of it shows in the rounding only, and no coefficient is given.
-        kurtosis : (c,) 1, excess kurtosis of the samples about slow changes, which widens the limits of N.
+        kurtosis : (c,) 1, excess kurtosis of the samples that count, without exclusions and slow changes. It widens the
+            limits of N: outliers that are the noise of a channel (`detection.outliers`) are counted so.
         degrees : (blocks,) degC, temperature over the blocks of the sums; None: that of the sums.
         """
         if degrees is None and curve.sums is not None:

@@ -133,8 +133,8 @@ DROP = RULES.add(
     origin="exp(-9) = 10^-4 of the greatest likelihood; with 13 no limit moves by more than 0.5 %",
     benchmark="resolution.py",
 )
-HELD_SHARE = RULES.add(
-    "HELD_SHARE",
+GRID_FALL = RULES.add(
+    "GRID_FALL",
     0.7,
     unit="of DROP",
     decides="a grid holds the likelihood if this has fallen by this share at both ends, and at least half of the cells "
@@ -396,7 +396,7 @@ TEMPERATURE_SNR = RULES.add(
     "TEMPERATURE_SNR",
     3.0,
     unit="ratio",
-    decides="the temperature is a column where its bend exceeds its own noise by this factor",
+    decides="the temperature is a column where its bend, as means of four blocks, exceeds their noise by this factor",
     without="a column of noise has a slope biased towards zero, and what it leaves raises K",
     origin="at 3 the bias of the slope is 10 % (errors in variables)",
     benchmark="temperature.py",

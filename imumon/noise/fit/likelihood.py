@@ -49,7 +49,7 @@ from imumon.noise.fit.fit_rules import (
     DROP,
     FINE,
     GRID,
-    HELD_SHARE,
+    GRID_FALL,
     LEAST_POWER,
     LEAST_VARIANCE,
     MOST_MOVES,
@@ -405,7 +405,9 @@ class Likelihood:
         """
         ratio = np.maximum(self.bands.power / self.model(surface), ROUNDING**2)[:rows]
         deviance = self.dof[:rows] * (ratio - 1.0 - np.log(ratio))
-        # two or three terms are fitted, most of them to the powers: N, one of B and K, and what bends the upper end
+        # Two or three terms are fitted, most of them to the powers: N, one of B and K, and what bends the upper end.
+        # The other of B and K, and M, are held by the single coefficients, which are judged by themselves
+        # (`slow_misfit`).
         return float(deviance.sum()), max(float(ratio.size) - 1.0 - self.free, 1.0)
 
     def slow_misfit(self, surface: Surface) -> tuple[float, float]:
@@ -583,7 +585,7 @@ def ends_fall(surface: Surface) -> bool:
     """Return whether the likelihood has fallen at the ends of the grid."""
     for term, grid in surface.grids.items():
         log = surface.profile(term)
-        rows = np.flatnonzero(log >= log.max() - HELD_SHARE * DROP)
+        rows = np.flatnonzero(log >= log.max() - GRID_FALL * DROP)
         begins_inside = rows[0] == 0 and grid[0] > 0.0
         if begins_inside or rows[-1] == grid.size - 1:
             return False
@@ -593,7 +595,7 @@ def ends_fall(surface: Surface) -> bool:
 def holds(surface: Surface) -> bool:
     """Return whether the grid holds the whole likelihood, and is not much too wide."""
     sizes = [
-        np.count_nonzero((log := surface.profile(term)) >= log.max() - HELD_SHARE * DROP) >= grid.size // 2
+        np.count_nonzero((log := surface.profile(term)) >= log.max() - GRID_FALL * DROP) >= grid.size // 2
         for term, grid in surface.grids.items()
     ]
     return all(sizes) and ends_fall(surface)

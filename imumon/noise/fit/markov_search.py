@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imumon.noise.fit.fit_rules import DROP, HELD_SHARE, MOST_MOVES
+from imumon.noise.fit.fit_rules import DROP, GRID_FALL, MOST_MOVES
 from imumon.noise.fit.likelihood import (
     Grids,
     Likelihood,
@@ -238,7 +238,7 @@ def markov_surface(observed: Observed, surface: Surface, samples: float, coarse:
     times = np.concatenate((coarse.times, finer.times))
     gains = np.concatenate((coarse.gains, finer.gains))
     # those that are not negligible, and a step of the finer ones beyond
-    within = times[gains > gains.max() - HELD_SHARE * DROP]
+    within = times[gains > gains.max() - GRID_FALL * DROP]
     step = 2.0**0.25
     low, high = within.min() / step, within.max() * step
     nodes = lattice(np.geomspace(low, min(high, LONGEST * samples), MARKOV_NODES))

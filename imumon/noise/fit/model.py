@@ -32,7 +32,13 @@ and a term is the object that knows these unit expectations:
 
 Likelihood, search, statement and curve go through tuples of terms; none of them knows a term by its position in an
 array, but that white noise is the first of the scored ones. A new term is one class, the search that gives it one of
-the roles below, its row in `coefficients`, and what `statement` says of it.
+the roles below, its row in `coefficients`, and what `statement` says of it. The drawn model, its shares, the limits of
+the curve and `time_to` follow from its power.
+
+What is not noise with a density is no term. A line is a set of bins that are left out (`spectrum.spectral_lines`). A
+slow oscillation, a step or a drift is a column: a builder in `regressors` and a candidate in `slow_terms`. A second
+Gauss–Markov process would be the same class with another time, but needs a letter of its own, and a search for two:
+the search, the grid (`markov_search.markov_surface`) and `statement` hold one.
 
 Three roles. *Gridded* terms (B and K, in every fit) span the grid on which the likelihood is computed: they trade
 against each other, their likelihoods are skewed, and their limits are quantiles. *Scored* terms are profiled at each

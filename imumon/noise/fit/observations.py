@@ -17,6 +17,11 @@ A block mean does not see frequencies above 1/(2L), and aliases those that are t
 expectation. A filter in the sensor is not; therefore the spectrum serves down to 0.72 of the highest frequency of the
 blocks, where a filter no longer bends what the blocks see.
 
+Each frequency counts once. Bands of the spectrum count above the meeting frequency (`search.ModelSearch._powers`),
+those of the blocks up to it (`slow_terms.observations`), and the single coefficients are the lowest third of the
+blocks' at most. The spectrum cannot do the work of the blocks: at the lowest frequencies it has too few averages, and
+a mean that moves is no noise there.
+
 Units: tau0 = 1, so that powers are (channel unit)^2 (see `model`), and f is in cycles per sample.
 
 Example: the coefficients of twelve block means of one sample each, of which the first belongs to 1/24 cycle per sample.

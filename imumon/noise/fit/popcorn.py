@@ -45,7 +45,9 @@ def two_levels(means: Floats, deviation: float, time: float) -> TwoLevels | None
     deviation : channel unit, standard deviation of the jumps, which means over blocks do not show in full.
     time : time constant of the correlation, blocks.
     """
-    # slower noise moves both levels: about a mean over several time constants they stay where they are
+    # Slower noise moves both levels: about a mean over several time constants they stay where they are. Where it
+    # reaches over a border of two segments, it moves the levels by the difference of their means, which broadens the
+    # peaks.
     width = min(means.size, 2 * round(0.5 * LEVELS_SPAN * time) + 1)
     counts = np.convolve(np.ones(means.size), np.ones(width), mode="same")
     values = means - np.convolve(means, np.ones(width), mode="same") / counts

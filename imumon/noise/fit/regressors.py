@@ -11,6 +11,7 @@ the cosine coefficients:
 | settling | exp(-t / tau), and its derivative by tau | a warm-up; with the derivative tau is free to first order |
 | step | 0 before its place, 1 after it, between in its block | a knock, a range that changes |
 | oscillation | cos, sin, and both times t | an air conditioner of few cycles; with t, its size or period may change |
+| cycle of a day | the first two of an oscillation | a room without a thermometer; less than two cycles have no growth |
 
 All columns have norm one in the cosine coefficients. Which of them count is decided in `search`.
 
@@ -135,7 +136,8 @@ def temperature(series: BlockSeries) -> tuple[Regressor | None, str]:
     if degrees is None:
         return None, "no_temperature"
     known = np.isfinite(degrees)
-    # a thermometer that was present for half of the record says nothing of the other half
+    # A thermometer that was present for half of the record says nothing of the other half. The reason says so, too:
+    # what is known of the temperature has too small a range.
     if known.sum() < 0.5 * degrees.size or np.ptp(degrees[known]) < LEAST_SPAN_DEGC:
         return None, "small_range"
     blocks = np.arange(degrees.size)

@@ -18,8 +18,8 @@ block means, in which it is sought, lie below the reach of filters.
    one octave more than the first that passes is left out: a bend that is too small to be rejected moves N, too. If none
    passes, the least misfit counts, with the error of the model that explains it.
 
-3. *Columns in doubt*: the likelihoods with and without an exponential, or a step, that is more likely than not, but not
-   certain, are mixed in these odds.
+3. *Columns in doubt*: the likelihoods with and without an exponential, a step or a cycle of a day that is not certain,
+   and whose odds are above `LEAST_ODDS`, are mixed in these odds.
 4. *Gauss–Markov noise* (`markov_search`) is tried again in all observations, for the likelihood above and before a
    filter is tried for the upper end. From even odds on the likelihoods with and without it are mixed.
 
@@ -72,14 +72,15 @@ from imumon.units import DAY
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelChoice:
-    """What was chosen, kept from one fit of a growing record to the next until the record has doubled.
+    """What one fit of a growing record leaves to the next.
 
     Attributes
     ----------
     samples : length of the record when the upper end was chosen.
-    upper_end : description of the upper end.
-    grids, slow_grids : of the whole likelihood and of that of the block means; None: unknown.
-    markov : power of Gauss–Markov noise, which parts of the record have, too.
+    upper_end : description of the upper end, kept until the data reject it or the record has doubled.
+    grids, slow_grids : of the whole likelihood and of that of the block means, where the next fit begins to search;
+        None: unknown.
+    markov : power of Gauss–Markov noise of this fit, which parts of the record have, too.
     """
 
     samples: int
@@ -395,7 +396,9 @@ class ModelSearch:
         """Return the relative scatter of N^2 between neighbouring choices of the highest frequency.
 
         Behind a filter of unknown shape N is what the frequencies below it show, and another choice of them shows
-        another N. The scatter that the statistics of the octave between two choices explain is taken off.
+        another N. The choices share their data: what the octave between two of them adds explains a scatter of the
+        difference of their variances, which is taken off. The choice with an octave more in it is compared although
+        it may have been rejected: how far it is off is what the choice beside it may still be off.
         """
         if not (upper_end.low_pass or upper_end.octaves_left_out):
             return 0.0

@@ -75,7 +75,7 @@ class SlowTerms:
     series : the block means.
     regressors : the columns, with their scales.
     masked : (m,) coefficients that oscillations hold, left out.
-    doubtful : an exponential in doubt, with its derivative, or a step in doubt; empty without one.
+    doubtful : an exponential in doubt, with its derivative, a step or a cycle of a day in doubt; empty without one.
     odds : likelihood of this column against none.
     no_temperature : why the temperature is no column: "", ``no_temperature``, ``small_range`` or ``collinear``.
     markov : power of a Gauss–Markov term beside B and K; empty without one.
@@ -239,7 +239,7 @@ class SlowTermSearch:
     def _add_strongest(self) -> bool:
         """Add the term that explains most; return whether there is one that chance does not explain.
 
-        Without one, an exponential that is in doubt is kept beside the terms.
+        Without one, an exponential, a step or a cycle of a day that is in doubt is kept beside the terms.
         """
         candidates = [*self._falls(), *self._steps(), *self._waves(), *self._bent(), *self._days()]
         if not candidates:
@@ -317,9 +317,10 @@ class SlowTermSearch:
         ]
 
     def _doubt(self, candidates: Sequence[_Candidate], gains: Floats) -> None:
-        """Keep the most likely exponential, step or cycle of a day beside the terms if it is more likely than none.
+        """Keep the most likely exponential, step or cycle of a day beside the terms if its odds are above `LEAST_ODDS`.
 
-        The odds before the data are even, and divided over the time constants, or over the places, that there are.
+        The odds before the data are even for a settling and a step, and divided over the time constants, or over the
+        places, that there are. Those of a cycle, which has one period and two free numbers, are `CYCLE_PENALTY`.
         """
         cycle = columns_of.OSCILLATION[0]
         chances = {"settling": SETTLING_SHARES.size, "step": self._series.series.size, cycle: CYCLE_PENALTY}

@@ -19,8 +19,14 @@ A model (`search.Model`) is a likelihood of powers in units of tau0. Three thing
   Q is measured as N is, at the likeliest point of the grid and with normal limits of its power, or absent.
 
   A bound is the 97.5 % quantile and not the 95 % one: a flat prior pulls towards zero, and the 95 % quantile is below
-  the truth in up to 15 % of records where B just begins to show. Excess kurtosis g of n independent samples adds g/n to
-  the relative variance of N^2 (Fisher 1930), as if N^2 itself varied.
+  the truth in up to 15 % of records where B just begins to show.
+
+  The variance of N^2 has three parts: that of the likelihood; excess kurtosis g of n independent samples, which adds
+  g/n to its relative variance (Fisher 1930), as if N^2 itself varied, and of which a negative one is not credited; and
+  the scatter between choices of the highest frequency (`ModelSearch._upper_error`).
+
+  Popcorn noise changes no coefficient: the jumps are M, with levels and times beside it (`popcorn`). The distance of
+  the levels comes from the likeliest M and not from its median, because shares and times are those of the same series.
 - *Regressors*: what moves the mean, as slopes and sizes with their limits.
 - *Caveats*: what limits the meaning of the numbers.
 
@@ -129,11 +135,14 @@ class ChannelFit:
     used : (k,) octaves in the range of frequencies that the fit uses.
     low, high : (k,) channel unit, 95 % limits of the Allan deviation; 0.0 where there is no difference.
     edf : (k,) 1, equivalent degrees of freedom; 0.0 where there is no difference.
-    time_to : s by letter, still to record until a coefficient is as precise as requested; None: unknown.
+    time_to : s by letter, still to record until a coefficient is as precise as requested, from the time of the fit on;
+        None: it is not measured, hardly known, not reached within a year, or not asked for (`time_to_precision`).
     readings : classical slope readings by letter; None: the curve has none.
-    caveats : ``misfit``, ``model_misses`` (the drawn model leaves the limits of the curve), ``vibration`` (lines that
-        bend the curve), ``correlated`` (a filter), ``quantised``, ``ramp``, ``oscillation``, ``popcorn``
-        (Gauss–Markov noise that jumps between two levels).
+    caveats : ``misfit`` (chance explains what the model leaves in less than 1 % of records; the caveat widens nothing,
+        `search.ModelSearch` does where the bands alone reject the model), ``model_misses`` (the drawn model leaves the
+        limits of the curve), ``vibration`` (lines that bend the curve), ``correlated`` (a filter), ``quantised``,
+        ``ramp``, ``oscillation``, ``popcorn`` (Gauss–Markov noise that jumps between two levels), ``unguarded``
+        (`estimator.UNGUARDED`).
     columns : regressors in use.
     no_slope : why there is no temperature slope: "", ``no_temperature``, ``small_range`` or ``collinear``.
     explained : share of the variance of the means beyond white noise that follows the temperature; None: unknown.
@@ -229,7 +238,7 @@ def state_model(
     model: Model,
     kurtosis: float,
     precision: Mapping[str, float] | None,
-    step: float = 0.0,
+    resolution: float = 0.0,
     *,
     counted: bool = False,
 ) -> FittedModel:
@@ -240,16 +249,18 @@ def state_model(
     sums : those of the model.
     kurtosis : 1, excess kurtosis of the samples.
     precision : 1, requested relative half-widths by letter; None: no times are wanted.
-    step : channel unit, least step between two values, 0.0 where there is none.
+    resolution : channel unit, least step between two values, 0.0 where there is none.
     counted : the values are differences of an angle in counts coarser than its noise.
     """
     tau0, samples = sums.tau0, model.slow.series.samples
     # rounding of an angle is quantisation, that of a rate white noise
-    rounding = 0.0 if counted or QUANTISATION in model.surface.scored else ROUNDING_VARIANCE * step**2
+    rounding = 0.0 if counted or QUANTISATION in model.surface.scored else ROUNDING_VARIANCE * resolution**2
     coefficients = _coefficients(model, kurtosis / samples, samples, tau0, rounding)
     if counted:
         white = model.noise_powers[WHITE]
-        coefficients["Q"] = _of_counts(step, white, samples).scaled(QUANTISATION.coefficient_scale(tau0))
+        coefficients["Q"] = _of_counts(resolution, white, samples).scaled(
+            QUANTISATION.coefficient_scale(tau0)
+        )
     columns, collinear = _columns(model, tau0)
     # a drift that cannot be distinguished from the effect of the temperature is no rate ramp, whether the temperature
     # is a column that is correlated with it or a straight line in time
@@ -291,6 +302,7 @@ def state_model(
         incomplete=_incomplete(model),
     )
     if precision is not None:
+        # no half-width: not measured; one of 0 would be a value without an error, which no record gives
         widths = {letter: coefficients[letter].half_width or math.inf for letter in precision}
         fit = replace(fit, time_to=seconds_to(model.noise_powers, widths, samples, tau0, highest, precision))
     return FittedModel(model, fit, moved_variances(model.slow.series, moved(model, lines)))
@@ -313,21 +325,21 @@ def _incomplete(model: Model) -> tuple[str, ...]:
 
 
 def _coefficients(
-    model: Model, kurtosis: float, samples: float, tau0: float, rounding: float
+    model: Model, kurtosis_of_mean: float, samples: float, tau0: float, rounding: float
 ) -> dict[str, Estimate]:
     """Return the coefficients of all terms in SI: N, B and K always, Q where it shows.
 
     Parameters
     ----------
-    kurtosis : 1, excess kurtosis over the number of samples, which adds to the relative variance of N^2: the powers of
-        independent samples all gain the fourth cumulant of a sum of squares.
+    kurtosis_of_mean : 1, excess kurtosis over the number of samples, which adds to the relative variance of N^2: the
+        powers of independent samples all gain the fourth cumulant of a sum of squares.
     rounding : (channel unit)^2, variance of the errors of rounding.
     """
     surface = model.surface
     mean, error = (
         float(v) for v in grid_mean(surface, surface.scored[WHITE], surface.scored_variances[WHITE])
     )
-    error = math.hypot(error, mean * math.sqrt(max(kurtosis, 0.0)), mean * model.upper_error)
+    error = math.hypot(error, mean * math.sqrt(max(kurtosis_of_mean, 0.0)), mean * model.upper_error)
     # N is that of the sensor. The limits hold it with the errors of its rounding, too: a filter before or behind the
     # rounding takes a part of them that the record does not show.
     before = max(mean - rounding, 0.0)
@@ -388,7 +400,8 @@ def _of_counts(count: float, white: float, samples: float) -> Estimate:
 def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
     """Return B and K in units of tau0, and M where it is in the model.
 
-    Where they are needed together, and none of them alone, the record does not show which of them it is.
+    Each is tested against the others at their likeliest. Those that do not show so are open. Where the open ones are
+    needed together, the record does not show which of them it is.
     """
     surface, markov = model.surface, model.markov
     shown: dict[NoiseTerm, bool] = {term: evidence(surface, term) > EVIDENCE for term in GRIDDED}
@@ -424,11 +437,11 @@ def _markov(model: Model, sigma: Estimate | None, tau0: float) -> MarkovEstimate
     if markov is None or sigma is None:
         return None
     low, value, high = (time * tau0 for time in markov.time_quantiles(LIMITS).tolist())
-    if sigma.status == "measured" and markov.is_bounded:
+    # measured includes that the record bounds its time (`MarkovSurface.is_certain`)
+    if sigma.status == "measured":
         time = Estimate(value=value, low=low, high=high, status="measured", unit="s")
     else:
-        reason = sigma.reason or "the record is too short for it"
-        time = Estimate(low=low, high=high, status="indistinct", unit="s", reason=reason)
+        time = Estimate(low=low, high=high, status="indistinct", unit="s", reason=sigma.reason)
     return MarkovEstimate(sigma=sigma, time_constant_s=time)
 
 
