@@ -37,6 +37,7 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   evaluation.py  its part for documents: traceability, uncertainty, conformity, exact curve
   samples.py     what devices and recordings deliver
   units.py       factors of units, and numbers as text
+  ledger.py      what became of everything that was received
   errors.py      errors with code, message and cure
   files.py       files that other users may have prepared
   clock.py       time of the host, and what a second of the record takes of it

@@ -24,7 +24,7 @@ import threading
 import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -93,6 +93,9 @@ class SavedSession:
     received_bytes: int
     overruns: int
     restarts: int
+    ledger: Mapping[str, int] = field(
+        default_factory=dict
+    )  # without the samples; empty: of an earlier version
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +121,8 @@ def _check_header(header: StateHeader) -> None:
 
 
 def _check_session(session: SavedSession) -> None:
-    counters = (getattr(session, counter.name) for counter in fields(SavedSession))
+    counters = [getattr(session, c.name) for c in fields(SavedSession) if c.name != "ledger"]
+    counters += session.ledger.values()
     check(all(0 <= count < MOST_COUNTED for count in counters), "a counter that no link has")
 
 

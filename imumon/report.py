@@ -27,6 +27,7 @@ from imumon.coefficients import (
     by_letter,
 )
 from imumon.evaluation import Evaluation, ExactCurve, Item, UncertaintyBudget
+from imumon.ledger import ColumnUse
 from imumon.report_json import JsonReader, entries, plain
 from imumon.report_json import check as _check
 
@@ -70,6 +71,13 @@ class DeviceDescription:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingDescription:
+    """What the numbers are taken from, where that has columns: a file, or lines."""
+
+    columns: tuple[ColumnUse, ...] = ()  # each with its use, or why it is not used; at most 256
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SessionCounters:
     """What was received, lost and excluded since the first sample; the counts add up."""
 
@@ -92,6 +100,8 @@ class SessionCounters:
     # s by reason; `magnetic` is not part of excluded_s of a stream with gyro or accel
     excluded_by: Mapping[str, float] = field(default_factory=dict)
     recent_loss: float | None = None  # missing samples, share of the last 60 s or of a shorter record
+    # by code (docs/REPORTS.md): "received", and what became of it, "samples" included: the sum of the others is it
+    ledger: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def mostly_excluded(self) -> bool:
@@ -485,6 +495,7 @@ class Report:
     device: DeviceDescription  # device that the numbers describe
     state: State  # "starting": no sample yet; "waiting": disconnected or silent; "stopped": last report
     session: SessionCounters  # what was received, lost and excluded
+    recording: RecordingDescription | None = None  # columns of a file or of lines; null: it has none
     grade: Mapping[str, SensorGrade] = field(default_factory=dict)  # headlines: gyro, accel
     channels: Mapping[str, Channel] = field(default_factory=dict)  # gyro/x ... mag/z, temperature, pressure
     caveats: tuple[str, ...] = ()  # those that hold for the whole record
@@ -571,7 +582,9 @@ def _check_convergence(part: Convergence) -> None:
 
 
 def _check_session(session: SessionCounters) -> None:
-    counts = [getattr(session, f.name) for f in fields(session) if f.name not in ("started", "excluded_by")]
+    words = ("started", "excluded_by", "ledger")
+    counts = [getattr(session, f.name) for f in fields(session) if f.name not in words]
+    counts += session.ledger.values()
     _check(all(count is None or count >= 0 for count in counts), "a negative count")
 
 

@@ -12,6 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from imumon.ledger import ColumnUse
+
 if TYPE_CHECKING:  # the parser of the command line needs the names of channels, not numpy
     import numpy as np
     import numpy.typing as npt
@@ -197,6 +199,7 @@ class DeviceInfo:
     data_settings : those settings of which another value makes another record.
     caveats : ``compensated``, ``unknown_compensation``, ``aliased``.
     remarks : what is unknown or not as it should be, one line each.
+    columns : of lines, what became of each.
     """
 
     id: str
@@ -217,6 +220,7 @@ class DeviceInfo:
     data_settings: tuple[str, ...] = ()
     caveats: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    columns: tuple[ColumnUse, ...] = ()
 
     @property
     def title(self) -> str:
@@ -242,6 +246,8 @@ class DeviceCounters:
     kernel_overruns : of these, in the kernel; None if the driver does not count.
     most_queued_bytes : most bytes that ever waited for the decoder; None if there is no byte queue.
     other_sender : lines or messages of others on the way of this sensor, which are ignored.
+    ledger : what became of all other messages or lines but those that are samples (`imumon.ledger`); empty: the device
+        counts none.
     """
 
     received_bytes: int = 0
@@ -252,6 +258,7 @@ class DeviceCounters:
     kernel_overruns: int | None = None
     most_queued_bytes: int | None = None
     other_sender: int = 0
+    ledger: Mapping[str, int] = field(default_factory=dict)
 
 
 Item: TypeAlias = SampleBlock | Gap | Notice | RawBytes | DeviceInfo | DeviceCounters

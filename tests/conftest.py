@@ -44,6 +44,24 @@ def _fork_emulators() -> None:
     process.start_process = forked.ForkedEmulator
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _balance_every_ledger() -> None:
+    """Check of each report that a test makes in its process that what was received is what became of it."""
+    from imumon.ledger import imbalance
+    from imumon.pipeline import Monitor
+    from imumon.report import SessionCounters
+
+    counted = Monitor._counted
+
+    def balanced(self: Monitor, link: SessionCounters) -> SessionCounters:
+        session = counted(self, link)
+        assert imbalance(session.ledger) == 0, f"the ledger does not add up: {dict(session.ledger)}"
+        assert all(count >= 0 for count in session.ledger.values()), dict(session.ledger)
+        return session
+
+    Monitor._counted = balanced  # type: ignore[method-assign]
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the files that take longest, so that no process works alone at the end, and mix the others.
 

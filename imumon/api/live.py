@@ -37,6 +37,7 @@ from imumon.api.traceability import evaluated, with_provenance
 from imumon.checkpoint import SavedState, StateError, decode, encode
 from imumon.errors import ImumonError, why
 from imumon.files import replace_file
+from imumon.ledger import RECEIVED, merged
 from imumon.noise.state_schema import InvalidState
 from imumon.recordings.base import ROWS, OptionError, ReadOptions, RecordingError, RowSource, Samples
 from imumon.recordings.columns import layout
@@ -213,6 +214,7 @@ class Live:
                 },
                 "origin_ns": table.origin_ns,
                 "monitor": saved,
+                "ledger": record.left_out(),
             }
             try:
                 replace_file(os.fspath(path), encode(SavedState(meta, dict(arrays))))
@@ -244,6 +246,10 @@ class Live:
             live._begin(timed=origin_ns is not None, origin_ns=origin_ns)
             assert live._record is not None
             live._record.monitor.restore(state.meta["monitor"], state.arrays, 0.0)
+            waiting = {
+                RECEIVED: sum(live._record.monitor.left_out().values())
+            }  # of a version that kept no ledger
+            live._record.earlier_ledger = merged(state.meta.get("ledger", waiting))
         except (InvalidState, StateError, KeyError, TypeError, AttributeError) as error:
             message = f"{name} is not the state of a Live: {error}"
             raise ImumonError("state_invalid", message, "save one with Live.save") from None

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from imumon.api.curve_table import CurveTable, curve_table, frame_of
 from imumon.coefficients import Estimate
 from imumon.errors import ImumonError, why
+from imumon.ledger import SAMPLES, with_received
 from imumon.report import Channel, Event, Report, SensorGrade, from_json
 from imumon.report_json import MAX_BYTES, to_json
 
@@ -124,13 +125,8 @@ class Measurement:
     @property
     def ledger(self) -> Mapping[str, int]:
         """What became of everything that was received; the numbers behind ``received`` add up to it."""
-        ledger = getattr(self.report.session, "ledger", None)
-        if ledger:
-            return dict(ledger)
         session = self.report.session
-        lost = {"not_numbers": session.bad_checksums, "repeated": session.duplicates}
-        counts = {"samples": session.samples, **{code: n for code, n in lost.items() if n}}
-        return {"received": sum(counts.values()), **counts}
+        return dict(session.ledger) or with_received({SAMPLES: session.samples})
 
     @property
     def excluded(self) -> tuple[Exclusion, ...]:

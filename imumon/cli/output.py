@@ -119,8 +119,8 @@ def _value(coefficient: Any) -> str:
     return "" if value is None else f"{'<' if bound else ''}{value:.6g}"
 
 
-def print_report(report: Any, as_json: bool, baseline: Any = None) -> None:
-    """Print a report as JSON, or as a table with the changes against a baseline."""
+def print_report(report: Any, as_json: bool, baseline: Any = None, *, verbose: bool = False) -> None:
+    """Print a report as JSON, or as a table with the changes against a baseline; `verbose`: and the whole account."""
     if as_json:
         from imumon.report_json import to_json
 
@@ -134,6 +134,6 @@ def print_report(report: Any, as_json: bool, baseline: Any = None) -> None:
 
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     comparison = baseline_summary(report, baseline) if baseline is not None else None
-    lines = [report_table(report, width), "", *signal_lines(report, width)]
+    lines = [report_table(report, width, verbose=verbose), "", *signal_lines(report, width)]
     lines += [*evidence_lines(report), *([comparison] if comparison else [])]
     print("\n".join(lines).rstrip())

@@ -39,7 +39,8 @@ def add_status(parser: Parser) -> None:
     options.add_id(parser, "device; default: all, one line each if there are several")
     options.add_output(parser, "print the report as JSON, or a list of them if several daemons answer")
     text = (
-        "print everything: limits, biases, each caveat with its meaning, the time until each axis is precise"
+        "print everything: limits, biases, each caveat with its meaning, the time until each axis is precise, what "
+        "became of each message and column"
     )
     parser.add_argument("--verbose", action="store_true", help=text)
 
@@ -116,7 +117,7 @@ def status(arguments: argparse.Namespace) -> int:
             if arguments.values:
                 print_values(report)
             elif arguments.json or arguments.verbose:
-                print_report(report, arguments.json)
+                print_report(report, arguments.json, verbose=arguments.verbose)
             else:
                 _print_status_table(subscriber, report)
             return SUCCESS

@@ -131,6 +131,7 @@ def add_replay(parser: Parser) -> None:
     add_datasheet(parser)
     add("--speed", default="max", metavar="X|max", help="times as fast as real time; default max")
     options.add_output(parser, "the report as JSON")
+    add("--verbose", action="store_true", help="also print what became of each row and column")
     add("--publish", action="store_true", help="publish on Zenoh while replaying")
     options.add_config(parser)
     add("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
@@ -149,7 +150,10 @@ def replay(arguments: argparse.Namespace) -> int:
         with _publisher(arguments) as bus:
             wanted = replay_options(arguments, arguments.files[0], pace=pace, baseline=baseline)
             report = replayed(wanted, sheet, bus).report
-    print_values(report) if arguments.values else print_report(report, arguments.json, baseline)
+    if arguments.values:
+        print_values(report)
+    else:
+        print_report(report, arguments.json, baseline, verbose=arguments.verbose)
     noise = [channel.coefficients["N"] for channel in report.channels.values() if "N" in channel.coefficients]
     if all(estimate.status == "pending" for estimate in noise):  # scripts see nothing but empty cells
         reasons = "; ".join(dict.fromkeys(estimate.reason for estimate in noise if estimate.reason))

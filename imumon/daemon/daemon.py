@@ -288,7 +288,9 @@ class Daemon:
             self._record.session(connection.counters),
             device_caveats=connection.info.caveats if connection.info else (),
         )
-        return replace(current, speed=self._clock.time_lapse)
+        columns = connection.info.columns if connection.info else ()
+        recording = report.RecordingDescription(columns=columns) if columns else None
+        return replace(current, speed=self._clock.time_lapse, recording=recording)
 
     # ------------------------------------------------------------------ end
 

@@ -15,6 +15,7 @@ from imumon.daemon.persistence import Persistence
 from imumon.daemon.recorder import Recorder
 from imumon.daemon.run_limits import RunOptions, Timer
 from imumon.history.history import History
+from imumon.ledger import RECEIVED, SAMPLES, merged
 from imumon.pipeline import Monitor, MonitorOptions, RecordMismatch
 from imumon.report import Event, Report, SessionCounters, stamp
 from imumon.samples import DeviceCounters, DeviceInfo, Level, SampleBlock
@@ -54,6 +55,7 @@ class KeptRecord:
         self.persistence: Persistence | None = None
         self._save_timer = Timer(settings.state.save_period_s)
         self._fed_at: float | None = None  # s, `HostClock.uptime_s` of the last samples
+        self._earlier: dict[str, int] = {}  # ledger of the monitors of records before, in this run
 
     def _new_monitor(self) -> Monitor:
         return Monitor(self._monitor_options, rate_hz=self._rate_hz)
@@ -99,6 +101,8 @@ class KeptRecord:
         self.monitor.end_record()
         self.keep()
         session = self.session(counters)
+        ended = {"earlier_record": self.monitor.ended_samples()}
+        self._earlier = merged(self._earlier, self.monitor.left_out(), ended)
         self.monitor = self._new_monitor()
         self.recorder.start_new_record()
         text = self.persistence.start_new_record(info, self.monitor, session)
@@ -207,8 +211,18 @@ class KeptRecord:
             overruns=counters.overruns,
             kernel_overruns=counters.kernel_overruns,
             most_queued_bytes=counters.most_queued_bytes,
+            ledger=self._ledger(counters),
         )
         return now if self.persistence is None else self.persistence.with_earlier_runs(now)
+
+    def _ledger(self, counters: DeviceCounters) -> dict[str, int]:
+        """Return what became of what the device received in this run, without the samples of the record."""
+        others = {RECEIVED: counters.other_sender, "other_sender": counters.other_sender}
+        here = merged(self._earlier, self.monitor.left_out())
+        if counters.ledger:
+            return merged(counters.ledger, others, here)
+        delivered = sum(merged(here, {SAMPLES: self.monitor.ended_samples()}).values())
+        return merged({RECEIVED: delivered}, others, here)
 
     def problems(self) -> Iterator[tuple[str, str, Level | None]]:
         """Yield what is new about keeping the record: kind, text and level of an event; None: that of the kind."""

@@ -23,13 +23,14 @@ from imumon.checkpoint import (
     StateHeader,
 )
 from imumon.clock import HostClock
+from imumon.ledger import RECEIVED, merged
 from imumon.noise.state_schema import InvalidState
 from imumon.pipeline import Monitor, RecordMismatch
 from imumon.report import SessionCounters, stamp
 from imumon.report_json import plain
 from imumon.samples import DeviceInfo, Level
 
-COUNTERS = tuple(counter.name for counter in fields(SavedSession))
+COUNTERS = tuple(counter.name for counter in fields(SavedSession) if counter.name != "ledger")
 """Counters of the link that continue in the next run."""
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
@@ -117,6 +118,8 @@ class Persistence:
             return self._set_aside_unreadable(state, str(error))
         self.started = None if header.started is None else _stamped(header.started)
         session = asdict(header.session)
+        if not header.session.ledger:  # of a version that kept none: it received what the record has
+            session["ledger"] = {RECEIVED: sum(self._monitor.left_out().values())}
         self._before = SessionCounters(**session | {"restarts": header.session.restarts + 1})
         return f"the record that began {self.started} continues, saved {_stamped(header.saved)}"
 
@@ -150,7 +153,7 @@ class Persistence:
     def with_earlier_runs(self, session: SessionCounters) -> SessionCounters:
         """Return the counters with those of earlier runs added."""
         sums = {name: getattr(session, name) + getattr(self._before, name) for name in COUNTERS}
-        return replace(session, **sums)
+        return replace(session, **sums, ledger=merged(session.ledger, self._before.ledger))
 
     def save(self, session: SessionCounters) -> None:
         """Hand the state over to be written."""
@@ -183,7 +186,9 @@ class Persistence:
             boot=_boot_id(),
             uptime_s=self._clock.uptime_s(),
             age_s=self._clock.uptime_s() - self.fed_s if self.fed_s is not None else 0.0,
-            session=SavedSession(**{name: getattr(session, name) for name in COUNTERS}),
+            session=SavedSession(
+                **{name: getattr(session, name) for name in COUNTERS}, ledger=dict(session.ledger)
+            ),
         )
         return SavedState({**asdict(header), "monitor": meta}, dict(arrays))
 

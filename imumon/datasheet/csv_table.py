@@ -36,7 +36,7 @@ COLUMNS = (
     "caveats", "k", "sha256",
 )  # fmt: skip
 STATISTICS = ("mean", "std", "min", "max")
-COUNTERS_NOT_SHOWN = ("started", "excluded_by")
+COUNTERS_NOT_SHOWN = ("started", "excluded_by", "ledger")
 
 UNITS_OF_COUNTERS = {"s": "s", "bytes": "byte"}
 """Units of the counters of the session, by the end of their name; others count."""
@@ -101,6 +101,8 @@ def _counter_rows(report: Report) -> Iterator[Row]:
                 "unit": unit,
                 "value": getattr(report.session, counter.name),
             }
+    for reason, count in report.session.ledger.items():
+        yield {"kind": "ledger", "name": reason, "unit": "1", "value": count}
 
 
 def _coefficient(part: Estimate) -> Row:

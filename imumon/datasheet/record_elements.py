@@ -9,6 +9,7 @@ from imumon.datasheet.elements import DataTable, Element, Heading, Paragraph
 from imumon.datasheet.evidence import excluding_events
 from imumon.datasheet.signal_text import spectral_lines, turn_on_text, with_half_width
 from imumon.datasheet.tables import event_rows, invalid_noun
+from imumon.ledger import ledger_text
 from imumon.messages import CLOCKS, exclusions
 from imumon.report import Channel, DeviceDescription, Report, SessionCounters
 from imumon.units import counted, duration, pretty, share_text
@@ -22,10 +23,12 @@ def record_elements(report: Report) -> Iterator[Element]:
     invalid = counted(session.bad_checksums, invalid_noun(device))
     discarded = counted(session.discarded_bytes, "byte")
     length = f"{duration(session.elapsed_s)} ({session.elapsed_s:,.0f} s)"
+    columns = report.recording.columns if report.recording is not None else ()
+    time = [f"column {column.name}" for column in columns if column.use == "time"]
     rows = [
         ("Stream", _stream_text(device)),
         ("Rate", f"{device.sample_rate_hz:.6g} Hz" if device.sample_rate_hz else "unknown"),
-        ("Time from", CLOCKS.get(device.clock or "", "unknown")),
+        ("Time from", ", ".join([CLOCKS.get(device.clock or "", "unknown"), *time])),
         ("Alias factor of N", f"{device.alias_factor:.3g}" if device.alias_factor else "unknown"),
         ("Start", session.started or "unknown"),
         ("Length", f"{length}, {counted(session.samples, 'sample')}"),
@@ -33,6 +36,7 @@ def record_elements(report: Report) -> Iterator[Element]:
         ("Excluded as disturbed", f"{', '.join(excluded)}; {disturbances}" if excluded else "none"),
         ("Excluded as warm-up", _seconds(session.warmup_s)),
         ("Transmission", f"{invalid}, {discarded} discarded"),
+        ("Ledger", ledger_text(session.ledger) or "none is kept"),
         ("Restarts", f"{session.restarts:,}"),
     ]
     identity = {"Model": device.model, "Serial number": device.serial, "Firmware": device.firmware}
@@ -41,6 +45,7 @@ def record_elements(report: Report) -> Iterator[Element]:
     for name, value in device.settings.items():
         text = device.setting_texts.get(name)
         rows.append((f"Setting {name}", f"{text} ({value})" if text else value))
+    rows += [(f"Column {c.name}", c.use or f"not used: {c.reason}") for c in columns]
     rows += [("Remark", text) for text in device.remarks]
     yield Heading("The record")
     yield DataTable(("", ""), tuple(rows))

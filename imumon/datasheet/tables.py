@@ -9,6 +9,7 @@ from dataclasses import replace
 from imumon.alarms import known
 from imumon.coefficients import COEFFICIENTS, NOISE, Estimate
 from imumon.devices import registry
+from imumon.ledger import RECEIVED, SAMPLES, ledger_text
 from imumon.messages import (
     FILTER_NOT_KNOWN,
     GRADE_WORDS,
@@ -98,15 +99,16 @@ def readable_curves(report: Report, sensor: str) -> dict[str, Allan]:
 # ---------------------------------------------------------------- text
 
 
-def report_table(report: Report, width: int | None = None) -> str:
+def report_table(report: Report, width: int | None = None, *, verbose: bool = False) -> str:
     """Return the whole report as lines of text.
 
     Parameters
     ----------
     width : cells of the terminal; None if the output is no terminal: nothing is abbreviated.
+    verbose : with what became of everything that was received, and of every column.
     """
     parts = [
-        *_header(report),
+        *_header(report, verbose=verbose),
         "",
         *channel_rows(report, width),
         "",
@@ -195,7 +197,7 @@ def with_limits(value: float, low: float | None, high: float | None) -> str:
     return f"{figures(value, digits)} ({figures(low, digits)} to {figures(high, digits)})"
 
 
-def _header(report: Report) -> list[str]:
+def _header(report: Report, *, verbose: bool = False) -> list[str]:
     """Return sensor, stream, length and counters, and what was excluded."""
     device, session = report.device, report.session
     title = " ".join(part for part in (device.model, device.serial) if part)
@@ -213,7 +215,28 @@ def _header(report: Report) -> list[str]:
         lines.append(f"{counted(session.disturbances, 'disturbance')}, {text}")
     if session.warmup_s:
         lines.append(f"warm-up of {duration(session.warmup_s)} excluded")
-    return lines
+    return [*lines, *account_lines(report, verbose=verbose)]
+
+
+EXPECTED = {RECEIVED, SAMPLES, "header", "comment", "blank", "other_message", "part", "start", "pending"}
+"""What the ledger of a good record has: with nothing else in it, its line is not printed."""
+
+
+def account_lines(report: Report, *, verbose: bool = False) -> Iterator[str]:
+    """Yield which column is the time, and what became of what was received unless all of it are samples.
+
+    Parameters
+    ----------
+    verbose : with every column, and the ledger in any case.
+    """
+    columns = report.recording.columns if report.recording is not None else ()
+    if not verbose:
+        yield from (f"time from {column.name}" for column in columns if column.use == "time")
+    ledger = report.session.ledger
+    if verbose or ledger.keys() - EXPECTED:
+        yield from filter(None, [ledger_text(ledger)])
+    for column in columns if verbose else ():
+        yield f"column {column.name}: {column.use or f'not used, {column.reason}'}"
 
 
 def counters_text(report: Report) -> str:

@@ -186,6 +186,7 @@ class RawDecoder(Protocol):
     discarded : bytes that belong to no valid message.
     bad_checksums : messages that were framed correctly and failed their check.
     pending : bytes held back until more come.
+    ledger : what became of all messages but those that are samples (`imumon.ledger`).
     """
 
     @property
@@ -200,6 +201,8 @@ class RawDecoder(Protocol):
     def bad_checksums(self) -> int: ...
     @property
     def pending(self) -> int: ...
+    @property
+    def ledger(self) -> Mapping[str, int]: ...
 
     def feed(self, data: bytes) -> Sequence[object]:
         """Return the items that `data` completes, in the order in which they ended. Among them are

@@ -9,6 +9,7 @@ from itertools import groupby
 from typing import ClassVar, Generic, TypeVar
 
 from imumon.devices.base import sample_blocks
+from imumon.ledger import Ledger
 from imumon.samples import SampleBlock, concatenated
 
 Other = TypeVar("Other")
@@ -23,6 +24,7 @@ class FrameDecoder(ABC, Generic[Other]):
       wrong, **one** byte is discarded and the search continues after it: what begins a message also occurs in one, and
       a damaged message must not take its neighbour with it.
     - Consecutive blocks of one stream are one block.
+    - A message is a sample, or `leave_out` says why it is none. One that fails its check is received, too.
 
     Attributes
     ----------
@@ -33,6 +35,7 @@ class FrameDecoder(ABC, Generic[Other]):
 
     def __init__(self) -> None:
         self.fed = self.messages = self.message_bytes = self.discarded = self.bad_checksums = 0
+        self._ledger = Ledger()
         self._buffer = b""
         self._items: list[SampleBlock | Other] = []
 
@@ -40,6 +43,11 @@ class FrameDecoder(ABC, Generic[Other]):
     def pending(self) -> int:
         """Bytes kept until more bytes decide whether they are a message."""
         return len(self._buffer)
+
+    @property
+    def ledger(self) -> dict[str, int]:
+        """What became of all messages but those that are samples, by reason."""
+        return self._ledger.counts()
 
     def feed(self, data: bytes) -> list[SampleBlock | Other]:
         """Return the items that `data` completes, in the order of their last bytes."""
@@ -64,6 +72,17 @@ class FrameDecoder(ABC, Generic[Other]):
         """Count valid messages of `size` bytes."""
         self.messages += count
         self.message_bytes += size * count
+        self._ledger.receive(count)
+
+    def _count_damaged(self) -> None:
+        """Count a message that fails its check."""
+        self.bad_checksums += 1
+        self._ledger.receive()
+        self.leave_out("damaged")
+
+    def leave_out(self, reason: str, count: int = 1) -> None:
+        """Count messages that are no samples."""
+        self._ledger.add(reason, count)
 
     def _discard(self, data: bytes) -> None:
         self.discarded += len(data)

@@ -384,6 +384,7 @@ class PortDevice(Device):
             overruns=earlier.overruns + (port.overruns if port else 0),
             kernel_overruns=kernel if now is None else (kernel or 0) + now,
             other_sender=earlier.other_sender + (port.other_lines if port else 0),
+            ledger=decoder.ledger,
             most_queued_bytes=max(earlier.most_queued_bytes or 0, port.most_queued if port else 0),
         )
 

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from imumon.errors import RateRequired
 from imumon.evaluation import ExactCurve
 from imumon.history_report import HistoryPeriod
+from imumon.ledger import RECEIVED, SAMPLES, Ledger, merged, with_received
 from imumon.noise.state_schema import MOST, InvalidState
 from imumon.pipeline.accumulators import ALLAN_SENSORS, SavedCounters
 from imumon.pipeline.events import DetectedEvent, EventLog
@@ -149,6 +150,8 @@ class Monitor:
         self._without_rate = _WithoutRate()
         self._other_streams_s = 0.0  # by the host clock, since the last block of this stream
         self._invalid = InvalidSamples()
+        self._ledger = Ledger()  # of samples that are in no record, and of clocks that have ended
+        self._restored_samples = 0  # of the record, received by an earlier run
 
     def feed(self, block: SampleBlock, *, host_s: float | None = None) -> RecordMismatch | None:
         """Process a block. Blocks of other streams than the characterised one are ignored.
@@ -167,8 +170,9 @@ class Monitor:
         """
         # The host clock bridges gaps of a stream without a clock: blocks of other streams took their part of the time.
         passed = None if host_s is None else self._other_streams_s + host_s
-        any_before = self._invalid.any
+        any_before, received = self._invalid.any, len(block)
         block = self._invalid.remove(block)
+        self._ledger.add("not_finite", received - len(block))
         if self._invalid.any and not any_before:
             text = "a gyroscope or accelerometer value is no number: such samples count as missing"
             elapsed_s = self._record.accumulators.elapsed_s if self._record else None
@@ -176,6 +180,7 @@ class Monitor:
         mismatch = self._choose(block.stream) if len(block) else None
         if not len(block) or self._source is None or self._source.stream != block.stream:
             self._other_streams_s = passed or 0.0
+            self._ledger.add("start" if self._source is None else "other_message", len(block))
             self._count_without_rate(block, host_s or 0.0)
             return mismatch
         self._other_streams_s = 0.0
@@ -186,7 +191,9 @@ class Monitor:
         # own, and may hold another change.
         if (rest := clock.rest) is not None:
             mismatch = self._start_new_record("other_rate", "the sample rate of the sensor has changed")
-            self._source = _Source(rest.stream, SampleClock(rest.stream.clock, tick_s=rest.stream.tick_s))
+            self._replace_source(
+                _Source(rest.stream, SampleClock(rest.stream.clock, tick_s=rest.stream.tick_s))
+            )
             mismatch = self.feed(rest) or mismatch
         return mismatch
 
@@ -350,7 +357,9 @@ class Monitor:
             self._use(self._restored)
 
     def _use(self, restored: _Restored) -> None:
-        self._source, self._record, self.restarts = restored.source, restored.record, restored.restarts
+        self._replace_source(restored.source)
+        self._record, self.restarts = restored.record, restored.restarts
+        self._restored_samples = restored.record.accumulators.samples
         self._restored = None
         self._events.record_restored(restored.record.accumulators)
 
@@ -376,8 +385,15 @@ class Monitor:
                 return mismatch
             mismatch = other
         if stream.clock != "none" or interval is not None:
-            self._source = _Source(stream, SampleClock(stream.clock, interval, stream.tick_s))
+            self._replace_source(_Source(stream, SampleClock(stream.clock, interval, stream.tick_s)))
         return mismatch
+
+    def _replace_source(self, source: _Source) -> None:
+        """Characterise another stream, or the same one on another grid; what the clock before it holds is not used."""
+        if self._source is not None:
+            for reason, count in _left_out_by(self._source.clock, held="other_message").items():
+                self._ledger.add(reason, count)
+        self._source = source
 
     def _count_without_rate(self, block: SampleBlock, host_s: float) -> None:
         """Require a rate for a stream without a clock, unless another stream appears soon."""
@@ -414,6 +430,7 @@ class Monitor:
         mismatch, elapsed_s = None, None
         if self._record is not None and self._source is not None:
             record = self._record.accumulators
+            self._ledger.add("earlier_record", record.samples - self._restored_samples)
             mismatch = mismatch_of(code, self._source.stream, record.interval_s)
             self.restarts += 1
             self._ended_periods += self._record.flush(self._events)
@@ -421,13 +438,26 @@ class Monitor:
         self._events.add(DetectedEvent("restart", f"{cause}: a new record begins", elapsed_s, code=code))
         self.end_record()
         self._events.record_began()
-        self._record = None
+        self._record, self._restored_samples = None, 0
         return mismatch
 
     # ------------------------------------------------------------------ parts of the report
 
+    def left_out(self) -> dict[str, int]:
+        """Return what became of the samples that were fed and are not in the record, by reason (`imumon.ledger`)."""
+        of_clock = {} if self._source is None else _left_out_by(self._source.clock, held="pending")
+        waiting = 0 if self._restored is None else self._restored.record.accumulators.samples
+        return merged(self._ledger.counts(), of_clock, {"pending": waiting})
+
+    def ended_samples(self) -> int:
+        """Return how many samples of the record this run has received: those that a record after it does not have."""
+        return self.samples - self._restored_samples
+
     def _counted(self, link: SessionCounters) -> SessionCounters:
         """Return the counters of the caller with those of the record."""
+        ledger = merged(link.ledger, {SAMPLES: self.samples})
+        # a device that counts nothing has delivered what arrived here
+        link = replace(link, ledger=ledger if link.ledger.get(RECEIVED) else with_received(ledger))
         if self._record is None or self._source is None:
             return link
         restarts, duplicates = link.restarts + self.restarts, self._source.clock.duplicates
@@ -445,6 +475,16 @@ class Monitor:
             sample_rate_hz=self.sample_rate_hz or device.sample_rate_hz,
             alias_factor=1.0 if stream.kind == "deltas" else device.alias_factor,
         )
+
+
+def _left_out_by(clock: SampleClock, *, held: str) -> dict[str, int]:
+    """Return what a clock has placed nowhere, by reason; `held`: reason of what still waits in it."""
+    return {
+        "repeated": clock.duplicates,
+        "wrong_time": clock.wrong_times,
+        "out_of_order": clock.out_of_order,
+        held: clock.held,
+    }
 
 
 def _rank(stream: Stream) -> tuple[int, int, int]:

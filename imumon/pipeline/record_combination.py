@@ -24,6 +24,7 @@ from datetime import datetime
 from imumon.coefficients import LIMIT_95, NOISE, Estimate, MarkovEstimate
 from imumon.errors import ImumonError
 from imumon.evaluation import Evaluation, UncertaintyBudget, UncertaintyComponent
+from imumon.ledger import merged
 from imumon.noise.grading import LIMITS, grade_sensor
 from imumon.noise.uncertainty import RecordMean, of_records
 from imumon.pipeline import report_builder
@@ -303,7 +304,8 @@ def _session(reports: Sequence[Report]) -> SessionCounters:
         for reason, seconds in report.session.excluded_by.items():
             by[reason] = by.get(reason, 0.0) + seconds
     started = [report.session.started for report in reports if report.session.started]
-    return SessionCounters(started=min(started, default=None), excluded_by=by, **sums)
+    ledger = merged(*(report.session.ledger for report in reports))
+    return SessionCounters(started=min(started, default=None), excluded_by=by, ledger=ledger, **sums)
 
 
 def _remarks(reports: Sequence[Report], channels: dict[str, Channel]) -> Iterable[str]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 from imumon.errors import ImumonError
+from imumon.ledger import ColumnUse
 from imumon.report_json import plain
 from imumon.samples import Gap, Kind, SampleBlock
 
@@ -28,6 +29,10 @@ ROW_NOUNS = {
     "records": "record",
 }
 """Word for a row of a table in messages, by its form, where it is no line."""
+
+
+TEXT_FORMS = ("csv", "records")
+"""Forms of tables whose cells are text."""
 
 
 class RecordingError(ImumonError):
@@ -117,6 +122,8 @@ class Recording:
     remarks : what was left out or is doubtful, one line each.
     assumed_unit : which unit was assumed, and how to give another; empty: none that matters.
     fed, discarded, bad_checksums : bytes read, bytes of no message, messages or rows that were invalid.
+    ledger : what became of all rows or messages but those that are samples (`imumon.ledger`).
+    columns : what became of each column, where it has any.
     progress : share that has been read, 0 to 1; None: unknown.
     """
 
@@ -128,6 +135,8 @@ class Recording:
     remarks: Sequence[str] = ()
     assumed_unit = ""
     fed = discarded = bad_checksums = 0
+    ledger: Mapping[str, int] = {}
+    columns: Sequence[ColumnUse] = ()
     progress: float | None = None
 
     def __iter__(self) -> Iterator[Sequence[SampleBlock | Gap]]:

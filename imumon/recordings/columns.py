@@ -11,7 +11,7 @@ import difflib
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -58,6 +58,9 @@ MOST_COLUMNS = 2000
 LISTED = 8
 """Column names that a message lists."""
 
+NOUNS = {"t": "time", "dt": "interval"}
+"""Nouns for quantities of columns that are no channels."""
+
 MAP_EXAMPLE = f"{OPTIONS['columns']} gyro/x=COLUMN:UNIT,..."
 
 
@@ -73,6 +76,7 @@ class ColumnLayout:
     interval : length of each sample's own interval, for deltas.
     remarks : which columns of a sensor are not used, and why.
     gyro, accel : kind of the numbers of a sensor where it is not `kind`.
+    unused : why a column that is in none of these is not used, by its place in the table.
     """
 
     kind: Kind
@@ -84,6 +88,7 @@ class ColumnLayout:
     remarks: tuple[str, ...] = ()
     gyro: Kind | None = None
     accel: Kind | None = None
+    unused: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def has_increments(self) -> bool:
@@ -136,7 +141,8 @@ def layout(
             stream = _with_one_time(stream, head)
             stream = replace(
                 stream,
-                remarks=(*by_size, *_unused(columns, stream), *_unused_triples(names, stream, head, sensor)),
+                remarks=(*by_size, *_unused(columns, stream), *_unused_triples(names, stream, head)),
+                unused=_reasons(names, columns, stream, sensor),
             )
             # the search takes names without a kind for uncompensated; a report must not claim that
             return stream if kind or _names_kind(stream) else replace(stream, kind="unknown")
@@ -258,12 +264,33 @@ def _why_unused(column: Column, columns: Sequence[Column], table_layout: ColumnL
     return f"the stream used is {table_layout.kind}, --stream or --map selects another"
 
 
-def _unused_triples(
-    names: Sequence[str], table_layout: ColumnLayout, head: Floats | None, sensor: str | None
-) -> Iterator[str]:
+def _reasons(
+    names: Sequence[str], columns: Sequence[Column], stream: ColumnLayout, sensor: str | None
+) -> dict[int, str]:
+    """Return why each column is not used that is not in the stream, by its place."""
+    interval = [] if stream.interval is None else [stream.interval]
+    used = {column.index for column in (*stream.columns, *stream.times, *interval)}
+    known = {column.index: column for column in columns}
+    reasons = {}
+    for index, named in enumerate(parse_names(names)):
+        column = known.get(index)
+        if index in used:
+            continue
+        if column is not None and column.quantity in SENSORS:
+            reasons[index] = _why_unused(column, columns, stream)
+        elif column is not None:
+            reasons[index] = f"another column is the {NOUNS.get(column.quantity or '', column.quantity)}"
+        elif sensor is not None and named.quantity is not None:
+            reasons[index] = f"{option_text(sensor=sensor)} leaves it out"
+        elif named.quantity is not None:
+            reasons[index] = f"{OPTIONS['columns']} names another column"
+        else:
+            reasons[index] = "no name or unit of a sensor or a time"
+    return reasons
+
+
+def _unused_triples(names: Sequence[str], table_layout: ColumnLayout, head: Floats | None) -> Iterator[str]:
     """Yield which triples of numbers have no meaning, with how to use them."""
-    if sensor is not None:
-        return
     known = {column.index for column in parse_names(names) if column.quantity in SENSORS}
     known |= {column.index for column in table_layout.columns}
     unknown = [triple for triple in _number_triples(names, head) if not known & set(triple)]

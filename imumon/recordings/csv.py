@@ -34,7 +34,7 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, time, timedelta
 from functools import cache
@@ -45,6 +45,7 @@ import numpy as np
 from imumon.column_names import UNITS, unit_of
 from imumon.cures import option_text
 from imumon.errors import QUOTED
+from imumon.ledger import Ledger, merged
 from imumon.recordings.base import (
     HEAD_LINES,
     LONGEST_LINE,
@@ -58,7 +59,7 @@ from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout
 from imumon.recordings.raw_capture import RawCapture
 from imumon.recordings.sensor_column import RowChoice, check_one_sensor, row_choices, sensor_of_value
 from imumon.recordings.table import Table
-from imumon.recordings.text_records import RecordText
+from imumon.recordings.text_records import INVALID_RECORD, RecordText
 from imumon.report_json import plain
 from imumon.samples import AXES, Floats, SampleBlock
 from imumon.units import DAY
@@ -99,8 +100,10 @@ class TextTable(Table):
     """A table of text, gzip or not, in blocks of whole lines; memory does not grow with its length."""
 
     _capture: RawCapture | RecordText
+    _lines: Ledger  # of the lines that are no rows
 
     def __iter__(self) -> Iterator[list[SampleBlock]]:
+        self._lines = Ledger()
         blocks = self._line_blocks()
         first, before = self._read_head(blocks)
         waiting, count, size = [first], first.count(b"\n"), len(first)
@@ -128,6 +131,7 @@ class TextTable(Table):
     def _line_blocks(self) -> Iterator[bytes]:
         """Yield the lines that end in each chunk of the file, in a time that is linear in its size."""
         rest, skipping = b"", False  # the line that has begun; whether it is too long, and waits for its end
+        begun = 0  # bytes up to the line that has begun
         carriage = b""  # at the end of a chunk: its line feed may follow
         for chunk in self._capture:
             self.fed += len(chunk)
@@ -146,11 +150,19 @@ class TextTable(Table):
                 rest = b"" if skipping else rest
                 continue
             whole = more.rfind(b"\n") + 1
-            yield (TOO_LONG_BYTES if skipping else rest) + b"\n" + more[:whole]
+            block = (TOO_LONG_BYTES if skipping else rest) + b"\n" + more[:whole]
+            self._lines.receive(block.count(b"\n"))
+            begun = self.fed - len(more) + whole
+            yield block
             rest, skipping = more[whole:], False
         self.problem = self._capture.problem
-        if skipping or rest.strip():
-            yield (TOO_LONG_BYTES if skipping else rest) + b"\n"
+        if skipping or not _may_be_row(rest):
+            # a file that was made longer than its rows, a disk that was not written, data of another kind
+            text = f"{self.path} has {self.fed - begun:,} bytes behind its last line that are no row"
+            self.problem = self.problem or f"{text}: only the part before is used"
+        elif rest.strip():
+            self._lines.receive()
+            yield rest + b"\n"
 
 
 class CsvFile(TextTable):
@@ -183,6 +195,7 @@ class CsvFile(TextTable):
             cells = split(text, self._parser.separator) if has_cells(text) else []
             if cells and not all(choice.holds(cells) for choice in self._choices):
                 self._other_rows += 1
+                self._lines.add("other_sensor")
             else:
                 kept.append(line)
                 numbers.append(place)
@@ -192,6 +205,10 @@ class CsvFile(TextTable):
         where = option_text(where=self._options.where or {})
         others = f"{self._other_rows:,} rows are of other sensors: {where} does not choose them"
         return [*self._parser.remarks, *([others] if self._other_rows else [])]
+
+    def _line_ledger(self) -> Mapping[str, int]:
+        of_records = self._capture.ledger if isinstance(self._capture, RecordText) else {}
+        return merged(of_records, self._lines.counts(), self._parser.ledger)
 
     def _read_head(self, blocks: Iterator[bytes]) -> tuple[bytes, int]:
         """Find the header and the columns; return the lines read behind them, and how many are before."""
@@ -219,6 +236,8 @@ class CsvFile(TextTable):
         source = RowSource(self.path, self._form, names)
         columns = self._begin(source, table_layout, self._options)
         self._parser = RowParser(self.path, header, separator, columns, self._dates)
+        for line in seen[:begin]:
+            self._lines.add(_kind_without_cells(line) or "header")
         return head.split(b"\n", begin)[begin], begin
 
     def _chosen_layout(
@@ -281,6 +300,19 @@ class CsvFile(TextTable):
 
     def no_samples(self) -> RecordingError:
         return RecordingError("no_rows", f"{self.path} has a header and no row of numbers after it", COMPLETE)
+
+
+def _may_be_row(rest: bytes) -> bool:
+    """Return whether the bytes behind the last end of a line may be a line, or the begin of one."""
+    text = decoded(rest)
+    return all(character.isprintable() or character in "\t\v\f\x1a" for character in text)
+
+
+def _kind_without_cells(line: str) -> str | None:
+    """Return why a line has no cells, as in the ledger; None: it has some."""
+    if not line.strip():
+        return "blank"
+    return None if has_cells(line) else "comment"
 
 
 def is_echoed(line: str) -> bool:
@@ -533,6 +565,7 @@ class RowParser:
         self.separator = separator
         self._dates = dates
         self.read = self.invalid = 0
+        self._ledger = Ledger()
         self._first_invalid = ""  # line and reason
 
     @property
@@ -544,6 +577,11 @@ class RowParser:
             else "1 row is invalid and counts"
         )
         return [f"{rows} as lost; first {self._first_invalid}"] if self.invalid else []
+
+    @property
+    def ledger(self) -> dict[str, int]:
+        """What became of the lines that are no rows of numbers, by reason."""
+        return self._ledger.counts()
 
     def numbers(self, block: bytes, places: Sequence[int], *, last: bool) -> tuple[Floats, Sequence[int]]:
         """Return (n, k) numbers of the columns of some lines, and (n,) the line number of each row.
@@ -567,6 +605,8 @@ class RowParser:
             parsed = [self._row(line, line_places[k], k == end) for k, line in enumerate(whole)]
             rows = np.array([row for row, _ in parsed if row]).reshape(-1, len(self._columns))
             places = [place for row, place in parsed if row]
+        else:
+            self._ledger.add("blank", len(line_places) - len(places))
         self.read += len(rows)
         # here and not at the end: a file of another kind is refused within its first block
         if self.invalid > INVALID_ROWS and self.invalid > INVALID_SHARE * self.read:
@@ -619,7 +659,8 @@ class RowParser:
 
     def _row(self, line: str, number: int, last: bool) -> tuple[list[float], int]:
         """Return the numbers of an irregular line; none for a line that is no sample."""
-        if not has_cells(line) or line == self._header:
+        if (no_row := _kind_without_cells(line) or ("header" if line == self._header else None)) is not None:
+            self._ledger.add(no_row)
             return [], number
         cells = split(line, self.separator)
         row: list[float] = []
@@ -627,8 +668,10 @@ class RowParser:
             value = self._number(cells, column)
             if value is None:
                 if last:  # a program that was killed leaves half a line: no row, and not worth a remark
+                    self._ledger.add("pending")
                     return [], number
                 self.invalid += 1
+                self._ledger.add(self._reason(line, cells, column))
                 fault = "is too long" if line == TOO_LONG else self._fault(cells, column)
                 self._first_invalid = self._first_invalid or f"line {number} {fault}"
                 return [math.nan] * len(self._columns), 0
@@ -648,6 +691,13 @@ class RowParser:
             return self._dates[column].seconds(text) if column in self._dates else float(text)
         except ValueError:
             return None
+
+    @staticmethod
+    def _reason(line: str, cells: Sequence[str], column: int) -> str:
+        """Return why a line is an invalid row, as in the ledger."""
+        if line in (TOO_LONG, INVALID_RECORD):
+            return "damaged"
+        return "wrong_columns" if column >= len(cells) else "not_numbers"
 
     @staticmethod
     def _fault(cells: Sequence[str], column: int) -> str:

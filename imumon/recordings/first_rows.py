@@ -145,12 +145,16 @@ class FirstRows:
     repeated : indices of the axes that are held in rows which are no samples of them; empty: all rows are samples.
     held : by such an index, numbers of those that some rows lack.
     remarks : what is left out or assumed.
+    unused : why a column is not used, by its place in the table.
+    no_time : why the time of the layout is not used; empty: it is, or there is none.
     """
 
     def __init__(self, source: RowSource, table_layout: ColumnLayout, rate_hz: float | None) -> None:
         self.layout, self.remarks = table_layout, list(table_layout.remarks)
         self.needed: list[int] = []
         self.held: dict[int, HeldNumbers] = {}
+        self.no_time = ""
+        self.unused: dict[int, str] = dict(table_layout.unused)
         self.repeated: list[int] = []
         self._source, self._rate = source, rate_hz
 
@@ -180,6 +184,7 @@ class FirstRows:
         interval = [k for k in range(end_of_times, len(filled)) if filled[k] > FILLED]
         used = [*channels, *times, *interval]
         self.remarks += _sparse(self.columns, sensors, filled, used)
+        self._note_unused(filled, used, held)
         self.needed = [i for i, k in enumerate(used) if k >= end_of_channels or sensors[k] in INERTIAL]
         repeated = held - empty
         self.repeated = [i for i, k in enumerate(used) if k < end_of_channels and sensors[k] in repeated]
@@ -189,6 +194,26 @@ class FirstRows:
             stream_layout, channels, [k - end_of_channels for k in times], bool(interval)
         )
         return used
+
+    def _note_unused(self, filled: Floats, used: Sequence[int], held: set[str]) -> None:
+        """Note why each column is not used that is not among the `used` ones."""
+        columns, count = self.columns, len(self.layout.columns)
+        time = next((columns[k].name for k in used if count <= k < count + len(self.layout.times)), None)
+        for k, column in enumerate(columns):
+            if k in used:
+                continue
+            sensor = sensor_of(self.layout.channels[k]) if k < count else None
+            if not filled[k]:
+                reason = "no row has a number in it"
+            elif sensor in held:
+                reason = f"{sensor} is slower than the rows, and repeats its values"
+            elif sensor in INERTIAL:
+                reason = f"an axis of {sensor} has no numbers"
+            elif filled[k] <= FILLED:
+                reason = f"{share_text(1.0 - filled[k])} of the rows lack it"
+            else:
+                reason = f"the time is {time}"
+            self.unused[column.index] = reason
 
     def _held_sensors(self, rows: Floats, empty: set[str]) -> set[str]:
         """Return the inertial sensors whose numbers are held in some rows, because rows come faster than samples.
@@ -395,6 +420,7 @@ class FirstRows:
         text = f"the time in {self.layout.times[0].name} {fault}"
         if self._rate is None:
             raise RecordingError(code, f"{self._source.name}: {text}", cure)
+        self.no_time = f"it {fault}"
         self.remarks.append(f"{text}: --rate {self._rate:g} is used, lost samples cannot be detected")
         return 1.0 / self._rate
 

@@ -116,6 +116,7 @@ class LogFile(Table):
         source = RowSource(path, kind, title=f"{kind} {self._topic.name}")
         self.topic = self._topic.name if kind == "bag" else None
         self._begin(source, table_layout, options)
+        self._column_names = list(map(plain, self._topic.columns))
 
     @property
     def _topic(self) -> Topic:

@@ -86,6 +86,7 @@ class DecodedCapture(Recording):
     def _update_counters(self) -> None:
         decoder, capture = self._decoder, self._capture
         self.fed, self.discarded, self.bad_checksums = decoder.fed, decoder.discarded, decoder.bad_checksums
+        self.ledger = decoder.ledger
         self.problem, self.progress = capture.problem, capture.progress
 
     def no_samples(self) -> RecordingError:

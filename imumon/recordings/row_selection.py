@@ -14,13 +14,12 @@ written twice.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
 
 import numpy as np
 
 from imumon.recordings.base import RecordingError
 from imumon.recordings.columns import READ_ALONE, ColumnLayout
-from imumon.samples import AXES, Bools, Floats, sensor_of
+from imumon.samples import AXES, Bools, Floats, Ints, sensor_of
 from imumon.timebase.interval import SINGLE_EXCESS
 from imumon.units import share_text
 
@@ -52,7 +51,7 @@ class SensorRows:
 
     Attributes
     ----------
-    others : rows of other sensors, which were left out.
+    others : rows of other sensors, which were left out; of these, `others_counted` that no reader has counted.
     fillers : rows by sensor that have one number on all axes in place of a sample.
     """
 
@@ -67,7 +66,7 @@ class SensorRows:
         self._slow = [k for k in range(len(table_layout.channels)) if k not in self._inertial]
         self._rows, self._counts, self._both = 0, np.zeros(len(sensors), np.int64), 0
         self._mixed = False  # other sensors have rows of their own
-        self.others = 0
+        self.others = self.others_counted = 0
         self._names = sensors
         self.fillers: dict[str, int] = {}
 
@@ -91,7 +90,7 @@ class SensorRows:
                 self.fillers[name] += int(filled.sum())
                 rows[np.flatnonzero(filled)[:, None], columns] = np.nan
 
-    def select(self, rows: Floats, present: Bools, places: Sequence[int]) -> tuple[Floats, Sequence[int]]:
+    def select(self, rows: Floats, present: Bools, places: Ints) -> tuple[Floats, Ints]:
         """Return the rows that are samples, complete or not, and their places.
 
         Parameters
@@ -113,13 +112,14 @@ class SensorRows:
         if not self._mixed:
             return rows, places
         self.others += int((~has_sample).sum())
+        self.others_counted += int((places[~has_sample] > 0).sum())
         samples = np.flatnonzero(has_sample)
         # a temperature in a row that is left out goes to the next sample; behind the last one there is none
         end = samples[-1] if len(samples) else 0
         for k in self._slow:
             known = np.flatnonzero(present[:end, k] & ~has_sample[:end])
             rows[samples[np.searchsorted(samples, known)], k] = rows[known, k]
-        return rows[has_sample], [places[k] for k in samples.tolist()]
+        return rows[has_sample], places[has_sample]
 
     def check(self) -> None:
         """Raise `RecordingError` if the sensors have different rows; an empty sensor has none."""
@@ -168,12 +168,10 @@ class RowOrder:
         self._path, self._name = path, name
         self._rows: Floats | None = None
         self._times = np.empty(0)
-        self._places: list[int] = []
+        self._places = np.empty(0, np.int64)
         self.moved = 0
 
-    def sort(
-        self, rows: Floats, times: Floats, places: Sequence[int], *, final: bool = False
-    ) -> tuple[Floats, list[int]]:
+    def sort(self, rows: Floats, times: Floats, places: Ints, *, final: bool = False) -> tuple[Floats, Ints]:
         """Return the oldest rows that wait, in order, and their places.
 
         Parameters
@@ -189,15 +187,15 @@ class RowOrder:
 
         >>> order = RowOrder("a.csv", "t")
         >>> times = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 4.0, 6.0])
-        >>> order.sort(times[:, None], times, range(7), final=True)[1], order.moved
+        >>> order.sort(times[:, None], times, np.arange(7), final=True)[1].tolist(), order.moved
         ([0, 1, 2, 3, 5, 4, 6], 1)
         """
         if self._rows is not None:
             rows, times = np.concatenate([self._rows, rows]), np.concatenate([self._times, times])
-            places = [*self._places, *places]
+            places = np.concatenate([self._places, places])
         order = self._order(_filled(times))
         if order is not None:
-            rows, times, places = rows[order], times[order], [places[k] for k in order]
+            rows, times, places = rows[order], times[order], places[order]
             steps = np.diff(times)
             back = float(np.mean(steps < 0.0))
             # a time that only falls is another error, which `first_rows` raises
@@ -207,8 +205,13 @@ class RowOrder:
                 raise RecordingError("rows_not_sorted", text, f"sort the rows by {self._name}")
         # the last rows wait: a row after them may belong between them
         ready = len(rows) if final else max(0, len(rows) - WINDOW)
-        self._rows, self._times, self._places = rows[ready:], times[ready:], list(places[ready:])
-        return rows[:ready], list(places[:ready])
+        self._rows, self._times, self._places = rows[ready:], times[ready:], places[ready:]
+        return rows[:ready], places[:ready]
+
+    @property
+    def waiting(self) -> int:
+        """Rows that wait, without those that no sample comes of."""
+        return int((self._places > 0).sum())
 
     def _order(self, times: Floats) -> list[int] | None:
         """Return the order of the rows; None: they are in order.

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from imumon.column_names import Column, parse_name
 from imumon.devices.base import RawDecoder, sample_blocks
+from imumon.ledger import ColumnUse
 from imumon.recordings.base import HEAD_BYTES, HEAD_LINES, ReadOptions, RecordingError, RowSource
 from imumon.recordings.column_meaning import check_nothing_stated
 from imumon.recordings.columns import ColumnLayout
@@ -65,6 +66,7 @@ class SentenceTable(TextTable):
         )
         source = RowSource(self.path, "csv", title=f"csv of {stream.source}")
         self._begin(source, table_layout, options)
+        self._column_names = ()
         self._other = self._invalid = 0
         self._first_invalid = 0
 
@@ -73,14 +75,17 @@ class SentenceTable(TextTable):
         used: list[int] = []
         for line, place in zip(block.split(b"\n"), places, strict=False):
             match = SENTENCE.search(line)
-            if match is None:
-                continue  # a header, a comment, or the end of a truncated file
+            if match is None:  # a header, a comment, or the end of a truncated file
+                self._lines.add(self._without_sentence(line))
+                continue
             values = self._values(match[0].strip(b'"') + b"\r\n")
             if values is None:
                 self._other += 1
+                self._lines.add("other_message")
                 continue
             if not values:
                 self._invalid += 1
+                self._lines.add("damaged")
                 self._first_invalid = self._first_invalid or place
             row = values or [math.nan] * len(self._stream.channels)
             if self._time is not None:
@@ -90,6 +95,22 @@ class SentenceTable(TextTable):
             # 0: `_line_remarks` reports an invalid sentence, and the row counts as lost without a remark of its own
             used.append(place if values else 0)
         return self._blocks(np.array(rows), used) if rows else []
+
+    def _without_sentence(self, line: bytes) -> str:
+        """Return what a line without a sentence is, as in the ledger."""
+        if not line.strip():
+            return "blank"
+        return "comment" if line.lstrip()[:1] in (b"#", b"%") else "damaged" if b"$" in line else "header"
+
+    def _line_ledger(self) -> Mapping[str, int]:
+        return self._lines.counts()
+
+    def _noted(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
+        blocks = super()._noted(blocks)
+        time = [] if self._time is None else [ColumnUse(name=self._time.name, use="time")]
+        # the columns of a sentence are those of the device
+        self.columns = (*time, ColumnUse(name=self._stream.source, use=", ".join(self._stream.channels)))
+        return blocks
 
     def _line_remarks(self) -> Sequence[str]:
         remarks = []

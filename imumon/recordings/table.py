@@ -29,16 +29,19 @@ Example: a gyroscope of which one sample is missing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from imumon.recordings.base import ReadOptions, Recording, RowSource
+from imumon.ledger import RECEIVED, ColumnUse, Ledger, column_account, merged
+from imumon.recordings.base import TEXT_FORMS, ReadOptions, Recording, RowSource
 from imumon.recordings.column_meaning import with_meaning
 from imumon.recordings.columns import INERTIAL, ColumnLayout
 from imumon.recordings.first_rows import FirstRows, TableStart, TableTimes, present
 from imumon.recordings.row_selection import RowOrder, SensorRows, copies
+from imumon.report import MOST_CHARACTERS
+from imumon.report_json import plain
 from imumon.samples import Floats, Ints, SampleBlock, Stream, sensor_of
 
 LARGEST = 1e10
@@ -63,14 +66,17 @@ class RowDecoder:
     Attributes
     ----------
     columns : indices, in the table, of the columns that the rows must have, in this order.
+    fed : rows.
     incomplete : rows that lacked a number and count as lost, also those that the reader reported as invalid.
+    ledger : what became of the rows that were fed and are no samples; those that the reader reported are in its own.
     """
 
     def __init__(self, source: RowSource, table_layout: ColumnLayout, rate_hz: float | None) -> None:
         self._source = source
         self._first = FirstRows(source, table_layout, rate_hz)
         self.columns = [column.index for column in self._first.columns]
-        self.incomplete = 0
+        self.fed = self.incomplete = 0
+        self._ledger = Ledger()
         self._start: TableStart | None = None  # None before the first rows
         self._lost_before = 0  # rows lost before the next one
         self._used: list[int] | None = None  # columns that are not left out
@@ -101,7 +107,14 @@ class RowDecoder:
         """Remark on a unit that is assumed; empty: none."""
         return "" if self._start is None else self._start.assumed_unit
 
-    def feed(self, rows: Floats, places: Sequence[int]) -> list[SampleBlock]:
+    @property
+    def ledger(self) -> dict[str, int]:
+        """What became of the rows that are no samples, by reason."""
+        waiting = 0 if self._waiting is None else len(self._waiting)
+        waiting += 0 if self._order is None else self._order.waiting
+        return self._ledger.counts(pending=waiting, other_sensor=self._sensor_rows.others_counted)
+
+    def feed(self, rows: Floats, places: Sequence[int] | Ints) -> list[SampleBlock]:
         """Return the samples that some rows complete; the last rows may wait for the next ones.
 
         Parameters
@@ -114,7 +127,8 @@ class RowDecoder:
         RecordingError : the numbers cannot have their unit, or the rows are in no order. RateRequired : there is no
             time and no rate.
         """
-        return list(self._used_blocks(rows, places))
+        self.fed += len(rows)
+        return list(self._used_blocks(rows, np.asarray(places, dtype=np.int64)))
 
     def finish(self) -> list[SampleBlock]:
         """Return the samples that still wait, at the end of the table; raise a `RecordingError` as `feed`."""
@@ -170,7 +184,30 @@ class RowDecoder:
             text = f"its clock steps back by {used.placer.back_s:.6g} s"
             yield f"{text}: a gap of unknown length, counted as none"
 
-    def _used_blocks(self, rows: Floats, places: Sequence[int]) -> Iterator[SampleBlock]:
+    def uses(self, names: Sequence[str]) -> tuple[ColumnUse, ...]:
+        """Return what became of each column of a table, by the names of all its columns."""
+        layout = self._layout
+        uses = {c.index: channel for channel, c in zip(layout.channels, layout.columns, strict=True)}
+        unused = dict(self._first.unused)
+        for column in layout.times:
+            if self._first.no_time:
+                unused[column.index] = self._first.no_time
+            else:
+                uses[column.index] = "time"
+        uses |= {} if layout.interval is None else {layout.interval.index: "interval"}
+        return column_account(
+            [
+                ColumnUse(
+                    name=plain(name.strip())[:MOST_CHARACTERS],
+                    use=uses.get(k),
+                    reason=None if k in uses else unused.get(k),
+                )
+                for k, name in enumerate(names)
+                if name.strip()
+            ]
+        )
+
+    def _used_blocks(self, rows: Floats, places: Ints) -> Iterator[SampleBlock]:
         if len(rows):
             # before anything judges the rows: the rows of another sensor would look like losses
             self._sensor_rows.mark_fillers(rows)
@@ -186,7 +223,7 @@ class RowDecoder:
             rows, places = self._order.sort(rows, self._sort_times(rows), places)
         yield from self._sorted_blocks(rows, places)
 
-    def _sorted_blocks(self, rows: Floats, places: Sequence[int]) -> Iterator[SampleBlock]:
+    def _sorted_blocks(self, rows: Floats, places: Ints) -> Iterator[SampleBlock]:
         """Yield blocks of some rows in order, with the columns that are used."""
         if not len(rows):
             return
@@ -203,7 +240,7 @@ class RowDecoder:
         kept = np.flatnonzero(complete)
         if len(kept) < len(rows):
             self._note_lacking(rows, np.flatnonzero(~complete), places)
-            places = [places[k] for k in kept.tolist()]
+            places = places[kept]
         # lost rows belong to the sample after them, which may be in a later block
         lost = np.diff(kept, prepend=-1 - self._lost_before) - 1
         incomplete = len(rows) - len(kept)
@@ -226,7 +263,7 @@ class RowDecoder:
         return possible
 
     def _timed_blocks(
-        self, start: TableStart, rows: Floats, lost: Ints, places: Sequence[int]
+        self, start: TableStart, rows: Floats, lost: Ints, places: Ints
     ) -> Iterator[SampleBlock]:
         """Yield blocks of complete rows, with what their times show."""
         values, used = self._in_si(start.stream, rows), start.times
@@ -247,16 +284,17 @@ class RowDecoder:
         values: Floats = rows[:, : len(columns)] * factors - zeros
         return self._over_interval(stream, values, rows) if self._layout.has_increments else values
 
-    def _without_copies(self, rows: Floats, places: Sequence[int]) -> tuple[Floats, Sequence[int]]:
+    def _without_copies(self, rows: Floats, places: Ints) -> tuple[Floats, Ints]:
         """Return the rows that differ from the row before."""
         before = rows[:1] if self._last_row is None else self._last_row
         same = copies(np.concatenate([before, rows]))
         same[0] &= self._last_row is not None
         self._last_row = rows[-1:] if len(rows) else self._last_row
         self._copies += int(same.sum())
-        return rows[~same], [place for place, copy in zip(places, same.tolist(), strict=True) if not copy]
+        self._ledger.add("repeated", int((places[same] > 0).sum()))
+        return rows[~same], places[~same]
 
-    def _without_held(self, rows: Floats, places: Sequence[int]) -> tuple[Floats, Sequence[int]]:
+    def _without_held(self, rows: Floats, places: Ints) -> tuple[Floats, Ints]:
         """Return the rows in which a sensor has a sample of its own, and not that of the row before."""
         if not len(rows):
             return rows, places
@@ -265,21 +303,22 @@ class RowDecoder:
         held = copies(np.concatenate([before, values])) & np.isfinite(values).all(axis=1)
         self._last_values = values[-1:]
         self._held += int(held.sum())
-        return rows[~held], [
-            place for place, is_held in zip(places, held.tolist(), strict=True) if not is_held
-        ]
+        self._ledger.add("repeated", int((places[held] > 0).sum()))
+        return rows[~held], places[~held]
 
-    def _note_lacking(self, rows: Floats, incomplete: Ints, places: Sequence[int]) -> None:
+    def _note_lacking(self, rows: Floats, incomplete: Ints, places: Ints) -> None:
         """Count rows that lack a number and note where the first is; not those that the reader has reported."""
-        unreported = [k for k in incomplete.tolist() if places[k]]
-        if unreported and not self._lacking:
+        unreported = incomplete[places[incomplete] > 0]
+        if len(unreported) and not self._lacking:
             k = unreported[0]
             there, columns = present(rows[k]), self._first.columns
             missing = [columns[i].name for i in self._first.needed if not there[i]]
             self._first_lacking = f"{self._source.row} {places[k]}: {', '.join(missing)}"
         self._lacking += len(unreported)
+        # text has an empty cell there, other forms NaN
+        self._ledger.add("not_numbers" if self._source.form in TEXT_FORMS else "not_finite", len(unreported))
 
-    def _note_back(self, times: Ints, places: Sequence[int]) -> None:
+    def _note_back(self, times: Ints, places: Ints) -> None:
         """Count the steps back of a sample clock on which two stamps on either side agree; note the first."""
         # two: a single wrong stamp, forward or back, is no step of the clock
         recent = np.concatenate([times[[0, 0]] if self._last is None else self._last, times])
@@ -297,7 +336,8 @@ class RowDecoder:
         self._sensor_rows.check()
         if self._order is not None:
             no_rows = np.empty((0, len(self._used or ())))
-            yield from self._sorted_blocks(*self._order.sort(no_rows, np.empty(0), (), final=True))
+            nowhere = np.empty(0, np.int64)
+            yield from self._sorted_blocks(*self._order.sort(no_rows, np.empty(0), nowhere, final=True))
         if self._start is not None and self._start.times is not None:
             nothing = np.empty(0, np.int64)
             no_values = np.empty((0, len(self._layout.columns)))
@@ -365,10 +405,10 @@ class Table(Recording):
     def _begin(self, source: RowSource, table_layout: ColumnLayout, options: ReadOptions) -> list[int]:
         """Prepare to read rows of some columns; return the indices of their columns in the table."""
         stated = with_meaning(table_layout, options.units, options.samples)
-        self._rows = RowDecoder(source, stated, options.rate_hz)
+        self._rows, self._column_names = RowDecoder(source, stated, options.rate_hz), source.column_names
         return self._rows.columns
 
-    def _blocks(self, rows: Floats, places: Sequence[int]) -> list[SampleBlock]:
+    def _blocks(self, rows: Floats, places: Sequence[int] | Ints) -> list[SampleBlock]:
         """Return the samples of some rows, as `RowDecoder.feed`."""
         return self._noted(self._rows.feed(rows, places))
 
@@ -379,9 +419,15 @@ class Table(Recording):
     def _noted(self, blocks: list[SampleBlock]) -> list[SampleBlock]:
         """Return some blocks, after what their rows show is set on the recording."""
         self.bad_checksums = self._rows.incomplete
+        self.columns = self._rows.uses(self._column_names)
+        self.ledger = merged(self._line_ledger(), self._rows.ledger)
         self.remarks = [*self._line_remarks(), *self._rows.remarks]
         self.assumed_unit, self.started = self._rows.assumed_unit, self._rows.started
         return blocks
+
+    def _line_ledger(self) -> Mapping[str, int]:
+        """Return what was received, and what became of rows and lines that were not fed to the decoder as numbers."""
+        return {RECEIVED: self._rows.fed}
 
     def _line_remarks(self) -> Sequence[str]:
         """Return remarks on lines that are no rows."""

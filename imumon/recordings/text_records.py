@@ -29,6 +29,7 @@ from itertools import chain, islice
 from typing import Any
 
 from imumon.column_names import parse_names, triples
+from imumon.ledger import RECEIVED, Ledger, merged
 from imumon.recordings.base import HEAD_BYTES, LONGEST_LINE, RecordingError
 from imumon.recordings.raw_capture import RawCapture
 from imumon.samples import INERTIAL
@@ -46,7 +47,7 @@ HEAD_LINES = 60
 LABELLED = 0.5
 """Share of the lines with characters that must have labelled numbers."""
 
-INVALID = b"no record\n"
+INVALID_RECORD = "no record"
 """Line of the table in the place of a record that cannot be read."""
 
 SEPARATOR = "\t"
@@ -62,6 +63,7 @@ class RecordText:
     Attributes
     ----------
     form : what the text is, for people.
+    ledger : of the lines beside the records, and less the line of names, which no file has.
     """
 
     header = None
@@ -69,6 +71,7 @@ class RecordText:
     def __init__(self, capture: RawCapture, form: str) -> None:
         self.path, self.form = capture.path, form
         self._capture = capture
+        self._beside = Ledger()
 
     @property
     def problem(self) -> str | None:
@@ -80,8 +83,13 @@ class RecordText:
         """Share of the bytes on disk that has been read."""
         return self._capture.progress
 
+    @property
+    def ledger(self) -> dict[str, int]:
+        """What became of the lines that belong to no record."""
+        return merged(self._beside.counts(), {RECEIVED: -1, "header": -1})
+
     def __iter__(self) -> Iterator[bytes]:
-        records = _READERS[self.form](self._capture)
+        records = _READERS[self.form](self._capture, self._beside)
         first = list(islice(records, HEADER_RECORDS))
         names = list(dict.fromkeys(name for record in first if record for name in record))
         if not names:
@@ -92,7 +100,7 @@ class RecordText:
         waiting: list[bytes] = []
         size = 0
         for record in chain(first, records):
-            waiting.append(_line(record, names) if record else INVALID)
+            waiting.append(_line(record, names) if record else f"{INVALID_RECORD}\n".encode())
             size += len(waiting[-1])
             if size > CHUNK:
                 yield b"".join(waiting)
@@ -151,11 +159,14 @@ def lines_of_chunks(chunks: Iterable[bytes]) -> Iterator[str]:
         yield rest.decode("utf-8", "replace")
 
 
-def labelled_records(lines: Iterable[str]) -> Iterator[Record]:
-    """Yield the records of lines with labels; lines without are skipped, as the greeting of a library."""
+def labelled_records(lines: Iterable[str], beside: Ledger | None = None) -> Iterator[Record]:
+    """Yield the records of lines with labels; lines without are left out, as the greeting of a library, and counted."""
     assembler = RecordAssembler()
     for line in lines:
         fields = fields_of(line)
+        if not fields and beside is not None:
+            beside.receive()
+            beside.add("other_message" if line.strip() else "blank")
         if fields and (record := assembler.add(fields)) is not None:
             yield record
     if (record := assembler.finish()) is not None:
@@ -187,14 +198,15 @@ def yaml_records(lines: Iterable[str]) -> Iterator[Record]:
         yield fields
 
 
-def json_records(chunks: Iterable[bytes]) -> Iterator[Record]:
-    """Yield the objects of JSON: one in a line, in a list, or one of lists that are columns."""
+def json_records(chunks: Iterable[bytes], beside: Ledger | None = None) -> Iterator[Record]:
+    """Yield the objects of JSON: one in a line, in a list, or one of lists that are columns; count lines beside."""
     decoder, text = json.JSONDecoder(), ""
     characters = codecs.getincrementaldecoder("utf-8")("replace")
     for chunk in chunks:
         text += characters.decode(chunk)
         place = 0
         while (begin := text.find("{", place)) >= 0:
+            _count_beside(text[place:begin], beside)
             try:
                 value, place = decoder.raw_decode(text, begin)
             except RecursionError:
@@ -218,6 +230,17 @@ def json_records(chunks: Iterable[bytes]) -> Iterator[Record]:
                 f"an object of its JSON is longer than {LONGEST_RECORD:,} bytes",
                 "write it as CSV",
             )
+    if beside is not None and "{" in text:  # of a program that was killed
+        beside.receive()
+        beside.add("pending")
+
+
+def _count_beside(text: str, beside: Ledger | None) -> None:
+    """Count the lines of words between two objects."""
+    words = sum(any(map(str.isalpha, line)) for line in text.splitlines()) if beside is not None else 0
+    if words and beside is not None:
+        beside.receive(words)
+        beside.add("other_message", words)
 
 
 def _records_of(value: Any) -> Iterator[Record]:
@@ -236,8 +259,8 @@ def _records_of(value: Any) -> Iterator[Record]:
         yield json_fields(value)
 
 
-_READERS: Mapping[str, Callable[[Iterable[bytes]], Iterator[Record]]] = {
+_READERS: Mapping[str, Callable[[Iterable[bytes], Ledger], Iterator[Record]]] = {
     "json": json_records,
-    "yaml": lambda chunks: yaml_records(lines_of_chunks(chunks)),
-    "labelled": lambda chunks: labelled_records(lines_of_chunks(chunks)),
+    "yaml": lambda chunks, _: yaml_records(lines_of_chunks(chunks)),
+    "labelled": lambda chunks, beside: labelled_records(lines_of_chunks(chunks), beside),
 }

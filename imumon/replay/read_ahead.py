@@ -5,7 +5,7 @@ Both spend most of their time on arrays, where Python lets threads run on two co
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from queue import Empty, Queue
 from threading import Thread
@@ -23,22 +23,25 @@ interpreter ends while a thread is inside a library in C++, that aborts the proc
 Items = Sequence[SampleBlock | Gap]
 
 
-def read_ahead(recording: Recording) -> Generator[tuple[Items, float | None], None, None]:
-    """Yield what a recording yields, and its progress, share of the file, at that time. Close it at the end.
+Ahead = tuple[Items, float | None, Mapping[str, int]]
 
-    Counters of the recording may include blocks that have not been yielded yet, until the last one has.
+
+def read_ahead(recording: Recording) -> Generator[Ahead, None, None]:
+    """Yield what a recording yields, with its progress, share of the file, and its ledger then. Close it at the end.
+
+    Other counters of the recording may include blocks that have not been yielded yet, until the last one has.
 
     Raises
     ------
     Whatever reading raises.
     """
-    blocks: Queue[tuple[Items, float | None] | BaseException | None] = Queue(BLOCKS)
+    blocks: Queue[Ahead | BaseException | None] = Queue(BLOCKS)
     abandoned = False
 
     def read() -> None:
         try:
             for items in recording:
-                blocks.put((items, recording.progress))
+                blocks.put((items, recording.progress, recording.ledger))
                 if abandoned:
                     return
         except BaseException as error:

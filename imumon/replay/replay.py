@@ -42,7 +42,7 @@ def replay(
     run = ReplayedRecord(options, recording)
     begun, due = time.monotonic(), 0.0
     with closing(read_ahead(recording)) as ahead:
-        for items, share in ahead:
+        for items, share, run.ledger in ahead:
             for item in items:
                 run.feed(item)
             if progress is not None:
@@ -53,6 +53,7 @@ def replay(
             if options.pace is not None:
                 ahead_s = options.pace.to_host_s(run.elapsed_s) - (time.monotonic() - begun)
                 time.sleep(max(0.0, ahead_s))
+    run.ledger = None
     final = run.final()
     for text in final.device.remarks:
         remark(f"{options.name}: {text}")

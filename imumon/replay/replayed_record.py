@@ -7,6 +7,7 @@ what the recording and its user say: identity, filter, remarks, and why reading 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
@@ -15,6 +16,7 @@ from imumon import pipeline, report
 from imumon.devices import registry
 from imumon.devices.base import DeviceDriver
 from imumon.evaluation import Evaluation
+from imumon.ledger import merged
 from imumon.pipeline import Monitor
 from imumon.recordings import Recording
 from imumon.replay.replay_options import ReplayOptions
@@ -39,6 +41,8 @@ class ReplayedRecord:
     monitor : gets the samples.
     device : as the header of the recording describes it.
     started : date of the first sample by the header.
+    ledger : of the recording when the last samples were read; None: it is as the recording has it.
+    earlier_ledger : of what a restored state had received before.
     """
 
     def __init__(self, options: ReplayOptions, recording: Recording) -> None:
@@ -70,6 +74,8 @@ class ReplayedRecord:
         )
         self.started, self._exact = header.get("time"), options.exact
         self._driver, self._filter = driver or _driver_of(recording), options.filter
+        self.ledger: Mapping[str, int] | None = None
+        self.earlier_ledger: Mapping[str, int] = {}
         self._events: list[Event] = []  # not published yet
         self._record_events: list[Event] = []  # the first ones of the record
         self._unlisted = 0  # events of the record after these
@@ -84,6 +90,11 @@ class ReplayedRecord:
         if item.length_s is not None:
             self.monitor.flush()
         self.monitor.gap(item.length_s)
+
+    def left_out(self) -> dict[str, int]:
+        """Return what was received and what became of all of it that is no sample of the record."""
+        read = self.recording.ledger if self.ledger is None else self.ledger
+        return merged(read, self.monitor.left_out(), self.earlier_ledger)
 
     @property
     def elapsed_s(self) -> float:
@@ -106,6 +117,7 @@ class ReplayedRecord:
             discarded_bytes=self.recording.discarded,
             bad_checksums=self.recording.bad_checksums,
             received_bytes=self.recording.fed,
+            ledger=self.left_out(),
         )
         stream = self.monitor.stream
         stream_caveats = stream.caveats if stream is not None else ()
@@ -131,7 +143,9 @@ class ReplayedRecord:
         if assumed in noted and current.session.mostly_excluded:
             noted[noted.index(assumed)] = f"most of it is excluded, as with a wrong unit: {assumed}"
         remarks = tuple(map(plain, (*noted, *breaks, *remark)))
-        return replace(current, device=replace(current.device, remarks=remarks))
+        columns = report.RecordingDescription(columns=tuple(self.recording.columns))
+        recording = columns if columns.columns else None
+        return replace(current, device=replace(current.device, remarks=remarks), recording=recording)
 
     def final(self) -> Report:
         """Return the report of a recording that has ended, with its events.

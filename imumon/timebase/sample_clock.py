@@ -135,6 +135,8 @@ class SampleClock:
     ----------
     interval_s : s, or None while it is being learned; until then samples are held back.
     duplicates : samples that arrived twice; excluded.
+    wrong_times, out_of_order : samples whose time the next one refutes: beyond it, and before the time that continues;
+        excluded.
     rest : samples from a change of the rate on, which belong to another grid; None: it has not changed.
     """
 
@@ -143,7 +145,7 @@ class SampleClock:
             raise ValueError("a stream without a clock needs its rate")
         self.clock = clock
         self.interval_s = interval_s if clock == "none" else None
-        self.duplicates = 0
+        self.duplicates = self.wrong_times = self.out_of_order = 0
         self.rest: SampleBlock | None = None
         self._nominal_s = interval_s
         self._tick_s = tick_s
@@ -228,6 +230,11 @@ class SampleClock:
         if self._wraps:  # they have been undone already, and `place` would undo them again
             self._counter = int(block.time_ns[0]) & 0xFFFFFFFF if block.time_ns is not None else None
         return self.place(block, final=True, host_s=None if self._open_s is None else 0.0)
+
+    @property
+    def held(self) -> int:
+        """Samples that wait: for the interval, or for the sample behind a jump."""
+        return sum(map(len, self._pending)) + (0 if self._unconfirmed is None else len(self._unconfirmed))
 
     def save(self) -> SavedClock:
         """Return the state of a clock that has learned its interval."""
@@ -399,6 +406,10 @@ class SampleClock:
             elif not (follows and 1 <= round((int(time[i + 1]) - before) * scale) <= far):
                 steps[i] = BREAK if step < 0 and (follows or final) else step
                 continue  # else the next sample continues the old time: this stamp is wrong
+            elif step < 0:
+                self.out_of_order += 1
+            else:
+                self.wrong_times += 1
             keep[i] = False
             if follows and todo[-1:] != [i + 1]:
                 todo.append(i + 1)  # its step counts from the last sample that is kept

@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING
 
 from imumon.column_names import UNITS, Column, parse_names, unit_of
 from imumon.devices.base import InvalidOption
+from imumon.ledger import ColumnUse
+from imumon.report import MOST_CHARACTERS
+from imumon.report_json import plain
 from imumon.rest_sizes import is_one_g, median_size, too_noisy
 from imumon.samples import ACCEL, AXES, CHANNELS, GYRO, Stream
 
@@ -38,6 +41,7 @@ class LineColumns:
     stream : stream of the samples.
     settings : what `columns_of` makes the same from.
     inertial : number of leading channels of gyroscope and accelerometer: a sample has all of them.
+    account : what became of each column.
     """
 
     count: int
@@ -46,6 +50,7 @@ class LineColumns:
     stream: Stream
     settings: Mapping[str, str]
     inertial: int
+    account: tuple[ColumnUse, ...] = ()
 
     @property
     def wrapping_ns(self) -> int:
@@ -134,7 +139,23 @@ def _layout(columns: Sequence[Column], settings: Mapping[str, str]) -> LineColum
     stream = Stream(
         kind or "unknown", channels, source=f"lines of {source}", clock="none" if time is None else "startup"
     )
-    return LineColumns(len(columns), time, tuple(used), stream, {"columns": source} | given, len(inertial))
+    account = tuple(_use_of(column, used, time) for column in columns)
+    return LineColumns(
+        len(columns), time, tuple(used), stream, {"columns": source} | given, len(inertial), account
+    )
+
+
+def _use_of(column: Column, used: Sequence[Column], time: Column | None) -> ColumnUse:
+    """Return what became of a column of lines."""
+    name = plain(column.name)[:MOST_CHARACTERS]
+    if column in used:
+        return ColumnUse(name=name, use=column.channel)
+    if column is time:
+        return ColumnUse(name=name, use="time")
+    reason = (
+        "another column is the time" if column.quantity == "t" else "it has no name of a sensor or a time"
+    )
+    return ColumnUse(name=name, reason="columns= ignores it" if name in ("-", "") else reason)
 
 
 def _with_units(columns: Sequence[Column], given: Mapping[str, str]) -> list[Column]:

@@ -23,7 +23,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,6 +36,7 @@ from imumon.devices.lines.line_columns import (
     proposed_settings,
 )
 from imumon.errors import QUOTED
+from imumon.ledger import Ledger
 from imumon.report_json import plain
 from imumon.rest_sizes import sample_noise, too_noisy
 from imumon.samples import LONGEST_NS, SampleBlock
@@ -78,7 +78,11 @@ class _Row:
 
 
 class _NoSample(Exception):
-    """A line is no sample; the text says why."""
+    """A line is no sample: the text says why, and the reason is that of the ledger."""
+
+    def __init__(self, text: str, reason: str) -> None:
+        super().__init__(text)
+        self.reason = reason
 
 
 class LineDecoder:
@@ -102,6 +106,7 @@ class LineDecoder:
 
     def __init__(self, settings: Mapping[str, str], *, needs_header: bool = False) -> None:
         self.fed = self.messages = self.message_bytes = self.discarded = self.bad_checksums = 0
+        self._ledger = Ledger()
         self.columns: LineColumns | None = None
         self._settings, self._given = settings, "columns" in settings
         self._longest = longest_line(settings)
@@ -111,6 +116,7 @@ class LineDecoder:
             self.columns = columns_of({"columns": DEFAULT_COLUMNS} | dict(settings))
         self._rest = b""
         self._records = RecordAssembler()  # of lines with names beside the numbers
+        self._record_lines = 0  # of the record that has begun
         self._skipping = self._begun = False  # an overlong line; samples or a header were there
         self._lost = 0  # invalid lines since the last sample
         self._fault: str | None = None
@@ -128,6 +134,16 @@ class LineDecoder:
     def pending(self) -> int:
         """Bytes of a line whose end is missing."""
         return len(self._rest)
+
+    @property
+    def ledger(self) -> dict[str, int]:
+        """What became of all lines but those that are samples, by reason."""
+        return self._ledger.counts(pending=len(self._waiting) + self._record_lines)
+
+    def skip_line(self) -> None:
+        """Count a line that was not fed: of a stream that had begun before, it may be half of one."""
+        self._ledger.receive()
+        self._ledger.add("start")
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -157,12 +173,18 @@ class LineDecoder:
     def finish(self) -> list[SampleBlock]:
         """Return what waits, at the end of the stream. A line without its end may be half of one: it is discarded."""
         self.discarded += len(self._rest)
+        if self._rest or self._skipping:
+            self._ledger.receive()
+            self._ledger.add("pending")
         self._rest, self._skipping = b"", False
         rows: list[_Row] = []
         if (record := self._records.finish()) is not None:
-            with suppress(_NoSample):
-                row = self._record_sample(record)
+            lines, self._record_lines = self._record_lines, 0
+            try:
+                row = self._record_sample(record, lines)
                 rows = [] if row is None else [row]
+            except _NoSample as fault:
+                self._ledger.add(fault.reason)
         return self._blocks(rows, final=True)
 
     # ------------------------------------------------------------------ lines
@@ -171,18 +193,22 @@ class LineDecoder:
         """Return the sample of a line, if it is one; count the line in any case."""
         size, text = len(line) + 1, line.strip()
         skipped, self._skipping = self._skipping, False
+        self._ledger.receive()
         try:
             if skipped or len(line) > self._longest:
-                raise _NoSample("is too long")
+                raise _NoSample("is too long", "damaged")
             row = None if not text or text.startswith(b"#") else self._parsed(text)
         except _NoSample as fault:
             self.discarded += size
             self.bad_checksums += 1  # the nearest that a line without a checksum has
             self._lost += 1
+            greeting = not self._begun and fault.reason == "not_numbers"
+            self._ledger.add("start" if greeting else fault.reason)
             self._fault = self._fault or f"a line is no sample: it {fault}"
             return None
         if not text or text.startswith(b"#"):
             self.discarded += size
+            self._ledger.add("comment" if text else "blank")
         else:
             self.messages += 1
             self.message_bytes += size
@@ -195,15 +221,20 @@ class LineDecoder:
             if columns is None or len(cells) != columns.count:
                 self._propose(cells)
                 expected = f", not {columns.count} for {columns.settings['columns']}" if columns else ""
-                raise _NoSample(f"has {len(cells)} numbers{expected}")
+                raise _NoSample(f"has {len(cells)} numbers{expected}", "wrong_columns")
             return self._sample(columns, cells)
         line = text.decode("utf-8", "replace")
         named = {name: value for name, value in fields_of(line).items() if _NUMBER.fullmatch(value.encode())}
         if named and _is_name(line):
             record = self._records.add(named)
-            return None if record is None else self._record_sample(record)
+            lines, self._record_lines = self._record_lines, self._record_lines + 1
+            if record is None:
+                return None
+            self._record_lines = 1
+            return self._record_sample(record, lines)
         if text not in self._headers and not self._is_header(text, cells):
-            raise _NoSample(f"is {plain(text[: 4 * QUOTED].decode('latin-1'))[:QUOTED]!r}")
+            raise _NoSample(f"is {plain(text[: 4 * QUOTED].decode('latin-1'))[:QUOTED]!r}", "not_numbers")
+        self._ledger.add("header")
         return None
 
     def _is_header(self, text: bytes, cells: Sequence[bytes]) -> bool:
@@ -236,8 +267,19 @@ class LineDecoder:
             )
             self._unmatched = []
 
-    def _record_sample(self, record: Mapping[str, str]) -> _Row | None:
-        """Return the sample of numbers with names; raise `_NoSample` if they are not those of the columns."""
+    def _record_sample(self, record: Mapping[str, str], lines: int) -> _Row | None:
+        """Return the sample of some lines with names; raise `_NoSample` if they are not those of the columns."""
+        try:
+            sample = self._named_sample(record)
+        except _NoSample as fault:
+            # the line that is read begins the next record; its caller counts one of those that are no sample
+            self._ledger.add(fault.reason, lines - 1)
+            raise
+        self._ledger.add("part", lines - 1)
+        return sample
+
+    def _named_sample(self, record: Mapping[str, str]) -> _Row:
+        """Return the sample of numbers with names; raise `_NoSample` as above."""
         if not self._begun and not self._given and self._trials < MOST_TRIALS:
             self._trials += 1
             self.columns = header_columns(list(record)[:MOST_NAMES], self._settings) or self.columns
@@ -245,19 +287,20 @@ class LineDecoder:
         names = [] if columns is None else columns.settings["columns"].split(",")
         needed = [] if columns is None else [column.name for column in columns.used[: columns.inertial]]
         if columns is None or not all(name in record for name in needed):
-            raise _NoSample(f"has numbers with the names {', '.join(record)[:QUOTED]!r}")
+            text = f"has numbers with the names {', '.join(record)[:QUOTED]!r}"
+            raise _NoSample(text, "wrong_columns")
         return self._sample(columns, [record.get(name, "nan").encode() for name in names])
 
     def _sample(self, columns: LineColumns, cells: Sequence[bytes]) -> _Row:
         """Return the sample of a line of numbers."""
         values = [float(cells[column.index]) * column.factor - column.zero for column in columns.used]
         if not all(map(math.isfinite, values[: columns.inertial])):
-            raise _NoSample("has a value that is no finite number")
+            raise _NoSample("has a value that is no finite number", "not_finite")
         time_ns = 0
         if columns.time is not None:
             text, unit = cells[columns.time.index], columns.time.factor
             if not abs(float(text) * unit) < LONGEST_NS:
-                raise _NoSample("has a time that is no finite number")
+                raise _NoSample("has a time that is no finite number", "not_finite")
             # a float resolves 256 ns of the time since 1970: whole numbers stay whole
             time_ns = int(text) * int(unit) if text.isdigit() else round(float(text) * unit)
             self._resolution = unit / 10 ** len(text.partition(b".")[2])

@@ -14,6 +14,7 @@ from imumon.devices.lines.line_decoder import LINE_BYTES, LONGEST_LINE, LineDeco
 from imumon.devices.port_device import PortDevice, RateCheck, Session
 from imumon.devices.ports import STANDARD_INPUT
 from imumon.devices.serial_port import SerialPort
+from imumon.ledger import column_account
 from imumon.samples import DeviceInfo, SampleBlock
 
 CLOCK_S = 5.0
@@ -52,6 +53,7 @@ class LinesSession(Session):
             sample_rate_hz=self._url.rate_hz,
             data_settings=tuple(SENSORS),
             remarks=(*decoder.remarks, *self._doubts()),
+            columns=column_account(columns.account) if columns else (),
             **known,
         )
 
@@ -89,7 +91,12 @@ class LinesSession(Session):
         if not end and len(first) < self._longest:
             return b""
         # half a line begins with a digit, sign, comma or blank; a server sends its header once, at the connection
-        data, self._first = self._first if end and first[:1].isalpha() else rest, None
+        if end and first[:1].isalpha():
+            data = self._first
+        else:
+            data = rest
+            self._decoder.skip_line()
+        self._first = None
         return data
 
     def decode(self, data: bytes) -> list[SampleBlock]:

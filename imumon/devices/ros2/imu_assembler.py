@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from imumon.ledger import Ledger
 from imumon.ros2.node import QUEUE_MESSAGES, Received
 from imumon.ros2.ros_messages import (
     IMU,
@@ -111,6 +112,7 @@ class ImuAssembler:
         self.stream: Stream | None = None
         self.remarks: list[str] = []
         self.other_sender, self.other_heard_s = 0, -math.inf
+        self._ledger = Ledger()
         self.messages = self.bytes = self.invalid = self.invalid_bytes = self.lost = self.losses = 0
         self._url = url
         self._live = LiveStamps()
@@ -134,6 +136,13 @@ class ImuAssembler:
             self.stream, self._columns = before.stream, before._columns
             self._partners = {name: PartnerTopic(partner.topic) for name, partner in before._partners.items()}
             self._temperature = before._temperature
+
+    @property
+    def ledger(self) -> dict[str, int]:
+        """What became of all messages of the publisher but those that are samples, by reason."""
+        return self._ledger.counts(
+            pending=len(self._rows) + (0 if self._values is None else len(self._values))
+        )
 
     # ------------------------------------------------------------------ messages
 
@@ -178,16 +187,17 @@ class ImuAssembler:
             self.other_sender, self.other_heard_s = self.other_sender + 1, now_s
             self._reject(message)
             return
+        self._ledger.receive()
         if message.sequence is not None:
             if message.sequence == self._sequence:  # the same message again
-                self._reject(message)
+                self._reject(message, "repeated")
                 return
             self._count_lost(message.sequence)
         self._note_hash(message.hash)
         try:
             stamp, gyro, accel = imu_message(message.payload)
         except CdrError:
-            self._reject(message)
+            self._reject(message, "damaged")
             return
         numbers = (
             *(gyro or NONE),
@@ -229,7 +239,10 @@ class ImuAssembler:
             if text not in self.remarks:
                 self.remarks.append(text)
 
-    def _reject(self, message: Received) -> None:
+    def _reject(self, message: Received, reason: str | None = None) -> None:
+        """Count a message without a usable sample; the reason is that of the ledger, None: of another publisher."""
+        if reason is not None:
+            self._ledger.add(reason)
         self.invalid += 1
         self.invalid_bytes += len(message.payload)
 
@@ -240,13 +253,17 @@ class ImuAssembler:
         for message in received:
             self.messages += 1
             self.bytes += len(message.payload)
+            self._ledger.receive()
             try:
                 stamp, sample = _further_sample(name, message.payload)
             except CdrError:
-                sample = None
+                self._reject(message, "damaged")
+                continue
             if sample is None or not all(map(math.isfinite, sample)):
-                self._reject(message)
-            elif name == "temperature":
+                self._reject(message, "not_finite")
+                continue
+            self._ledger.add("part")
+            if name == "temperature":
                 self._temperature = sample[0]
             else:
                 stamps.append(stamp)
@@ -282,10 +299,12 @@ class ImuAssembler:
         rows, self._values = self._values[: len(placed)], self._values[len(placed) :]
         if self.stream is None:
             self.invalid += len(rows)
+            self._ledger.add("other_message", len(rows))
             return []
         rows = rows[:, self._columns]
         good = np.isfinite(rows).all(axis=1)
         self.invalid += int((~good).sum())
+        self._ledger.add("not_finite", int((~good).sum()))
         rows, placed = rows[good], placed[good]
         return [SampleBlock(self.stream, rows, placed, np.zeros(len(rows), np.int64))] if len(rows) else []
 

@@ -20,6 +20,7 @@ from imumon.devices.base import (
     InvalidOption,
 )
 from imumon.devices.ros2.imu_assembler import TYPES, ImuAssembler
+from imumon.ledger import merged
 from imumon.ros2.node import RosError, RosNode, Subscription
 from imumon.ros2.ros_messages import IMU
 from imumon.ros2.topic_url import absent_topic, open_node, parse_url
@@ -178,4 +179,5 @@ class Ros2Device(Device):
             bad_checksums=earlier.bad_checksums + assembler.invalid,
             overruns=earlier.overruns + assembler.losses,
             other_sender=earlier.other_sender + assembler.other_sender,
+            ledger=merged(earlier.ledger, assembler.ledger),
         )

@@ -145,7 +145,7 @@ class Vn100Decoder(FrameDecoder[Response | SensorError]):
         if count == 0:
             # FA and a possible header occur in payloads: only a known one is a packet that was damaged
             if self._losses.has_seen(layout.header) or not self._seen_packet:
-                self.bad_checksums += 1
+                self._count_damaged()
             self._losses.add_damaged(layout.header)
             return 0
         self._seen_packet = True
@@ -155,6 +155,8 @@ class Vn100Decoder(FrameDecoder[Response | SensorError]):
             packets = layout.decode(data, begin, count)
             block, valid = layout.converter.convert(partial(layout.quantity, packets), count)
             self._emit(layout.header, block, valid, lost)
+        else:
+            self.leave_out("other_message", count)
         return layout.length * count
 
     def _sentence(self, data: bytes, begin: int) -> int | None:
@@ -168,7 +170,7 @@ class Vn100Decoder(FrameDecoder[Response | SensorError]):
             return 0
         body, check = match.groups()
         if not ascii.intact(body, check):
-            self.bad_checksums += 1
+            self._count_damaged()
             self._losses.add_damaged(body[:5])
             return 0
         size = match.end() - begin
@@ -180,6 +182,7 @@ class Vn100Decoder(FrameDecoder[Response | SensorError]):
         self._items += items
         self._losses.end_gap()
         self._count(size)
+        self.leave_out("other_message")
         return size
 
     @staticmethod
@@ -209,6 +212,8 @@ class Vn100Decoder(FrameDecoder[Response | SensorError]):
             values = sentence_format.read(data, begin, size, count)
             block, valid = converter.convert(partial(sentence_format.quantity, values), count)
             self._emit(name, block, valid, lost)
+        else:
+            self.leave_out("other_message", count)
         return size * count
 
     def _emit(self, name: bytes, block: SampleBlock, valid: Bools | None, lost: int) -> None:
@@ -216,6 +221,7 @@ class Vn100Decoder(FrameDecoder[Response | SensorError]):
         if valid is not None:
             total, rows = len(block), np.flatnonzero(valid)
             self.nonfinite += total - len(rows)
+            self.leave_out("not_finite", total - len(rows))
             if len(rows) == 0:
                 self._losses.add_lost(name, lost + total)
                 return

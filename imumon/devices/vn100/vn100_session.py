@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from imumon.devices.base import RESTART_NS, DeviceNotFound, DeviceOptions
+from imumon.devices.base import RESTART_NS, DeviceNotFound, DeviceOptions, sample_blocks
 from imumon.devices.port_device import QUIET_UNKNOWN_S, PortDevice, RateCheck, Session
 from imumon.devices.ports import BAUD_RATES
 from imumon.devices.serial_port import SerialPort
@@ -324,7 +324,9 @@ class Vn100Session(Session):
 
     def _reconnect(self, kind: str, text: str) -> None:
         """Connect and configure again; if that fails, a later check tries again."""
-        self.decoder.finish()  # what is pending will not be completed: the scan takes the bytes behind it
+        # what is pending will not be completed: the scan takes the bytes behind it
+        for block in sample_blocks(self.decoder.finish()):
+            self.decoder.leave_out("start", len(block))
         self._unread = b""
         before = self._silences, self._restarted
         try:

@@ -99,33 +99,41 @@ class MtDecoder(FrameDecoder[Message]):
         size, header = frame
         if not size or sum(data[begin + 1 : begin + size]) & 0xFF:
             # before the first valid message, FA FF may be in the middle of one
-            self.bad_checksums += self.messages > 0 and size > 0
+            if self.messages > 0 and size > 0:
+                self._count_damaged()
             return 0
         self._count(size)
         message = Message(data[begin + 2], data[begin + header : begin + size - 1])
-        item = self._sample(message.data) if message.id == MessageId.DATA else message
-        self._items += [] if item is None else [item]
+        if message.id != MessageId.DATA:
+            self.leave_out("other_message")
+            self._items.append(message)
+            return size
+        sample = self._sample(message.data)
+        if isinstance(sample, SampleBlock):
+            self._items.append(sample)
+        else:
+            self.leave_out(sample)
         return size
 
-    def _sample(self, data: bytes) -> SampleBlock | None:
-        """Return the sample of MTData2; None: it is none."""
+    def _sample(self, data: bytes) -> SampleBlock | str:
+        """Return the sample of MTData2, or why it is none, as in the ledger."""
         try:
             numbers = fields(data)
         except ValueError:
-            return None
+            return "damaged"
         deltas = numbers.keys() >= {*DELTAS}
         if not deltas and not numbers.keys() >= {*POINTS}:
-            return None
+            return "other_message"
         names = DELTAS if deltas else POINTS
         # a checksum says that the sensor has sent it: a filter that has failed in it sends NaN. The counters are not
         # noted, so that the next sample shows this one as lost.
         if not all(abs(number) < LARGEST for name in names for number in numbers[name]):
             self.bad_checksums += 1
-            return None
+            return "not_finite"
         lost, interval_s = self._step(numbers)
         if deltas:
             if interval_s is None:
-                return None  # the first one: its interval is not known
+                return "start"  # its interval is not known
             values = mean_rates(numbers, interval_s)
         else:
             values = [*numbers[DataId.RATE_OF_TURN], *numbers[DataId.ACCELERATION]]

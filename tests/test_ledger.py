@@ -1,0 +1,247 @@
+"""What was received is the sum of what became of it, to the row: files, lines, messages, live and recorded.
+
+`conftest` holds every report that a test makes to this law; here are inputs whose counts are known.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import forked
+import numpy as np
+import pytest
+from bags import BAGS, messages
+from daemons import free_endpoint
+from logs import SENSOR, ulog
+from paths import ROOT
+from tables import csv, replayed, sentences, truth
+from vn100_wire import frame
+
+from imumon.devices.lines.line_decoder import LineDecoder
+from imumon.ledger import REASONS, RECEIVED, Ledger, imbalance, merged, with_received
+from imumon.pipeline import Monitor
+from imumon.report import Report, SessionCounters, from_json
+from imumon.report_json import to_json
+
+NAMES = ["t [s]", *(f"gyro_{a} [rad/s]" for a in "xyz"), *(f"accel_{a} [m/s2]" for a in "xyz")]
+
+
+def table(path: Path, n: int = 300) -> list[str]:
+    """Write a table; return its lines."""
+    t, gyro, accel = truth(n)
+    csv(path, NAMES, t, gyro, accel)
+    return path.read_text().splitlines()
+
+
+def ledger(path: Path, **more: object) -> dict[str, int]:
+    report, _ = replayed(path, **more)
+    assert imbalance(report.session.ledger) == 0
+    assert report.session.ledger.get("samples") == report.session.samples
+    return dict(report.session.ledger)
+
+
+def test_a_ledger_knows_its_reasons_and_counts_both_sides() -> None:
+    counts = Ledger()
+    with pytest.raises(KeyError):
+        counts.add("lost")
+    counts.receive(3)
+    counts.add("samples", 2)
+    assert imbalance(counts.counts()) == 1
+    assert imbalance(merged(counts.counts(), counts.counts(), {"repeated": 2})) == 0
+    assert with_received({"samples": 2, "header": 1}) == {"received": 3, "samples": 2, "header": 1}
+    assert RECEIVED not in REASONS
+
+
+def test_every_line_of_a_table_is_in_its_ledger(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    header, *rows = table(path)
+    rows[20] = rows[20].rpartition(",")[0] + ","  # an empty cell
+    rows[30] = "garbage," + rows[30].partition(",")[2]
+    rows[40] = "1,2"
+    rows[50:50] = ["# a comment", "", header, rows[49]]  # the row before again
+    lines = ["% export", "logger 7", "", header, *rows, rows[-1][:17]]
+    path.write_text("\n".join(lines))
+    assert ledger(path) == {
+        "received": len(lines),
+        "samples": 297,
+        "header": 3,
+        "comment": 2,
+        "blank": 2,
+        "not_numbers": 2,
+        "wrong_columns": 1,
+        "repeated": 1,
+        "pending": 1,
+    }
+
+
+def test_rows_that_the_reader_of_blocks_takes_are_counted_alike(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    lines = table(path, 40_000)  # more than a block
+    lines[35_000:35_000] = ["", ""]
+    path.write_text("\n".join(lines) + "\n")
+    assert ledger(path) == {"received": 40_003, "samples": 40_000, "header": 1, "blank": 2}
+
+
+def test_rows_that_no_choice_takes_are_of_another_sensor(tmp_path: Path) -> None:
+    t, gyro, accel = truth(200)
+    rows = [f"{s},{x[0]:.9g},{x[1]:.9g},{x[2]:.9g},{time:.9g}"
+            for time, g, a in zip(t, gyro, accel, strict=True) for s, x in (("gyro", g), ("accel", a))]  # fmt: skip
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["sensor,x,y,z,t [s]", *rows]) + "\n")
+    assert ledger(path, where={"sensor": "gyro"}) == {
+        "received": 401, "samples": 200, "header": 1, "other_sensor": 200,
+    }  # fmt: skip
+
+
+def test_stamps_that_their_neighbours_refute_are_counted_live_and_recorded(tmp_path: Path) -> None:
+    """Of 2,000 lines, every second one has a time that is far off: no sample is lost without a count."""
+    rng = np.random.default_rng(1)
+    rows = [
+        f"{10 * k if k % 2 == 0 else 10**8 + 7 * k},{','.join(f'{x:.6f}' for x in rng.normal(0.0, 1e-3, 3))}"
+        for k in range(2000)
+    ]
+    text = "\n".join(["t_ms,gx,gy,gz", *rows, ""])
+    decoder, monitor = LineDecoder({}), Monitor()
+    for k in range(0, len(text), 777):
+        for block in decoder.feed(text[k : k + 777].encode()):
+            monitor.feed(block)
+    for block in decoder.finish():
+        monitor.feed(block)
+    monitor.flush()
+    total = merged(decoder.ledger, monitor.left_out(), {"samples": monitor.samples})
+    assert imbalance(total) == 0
+    assert total["received"] == 2001
+    assert total["samples"] + total.get("wrong_time", 0) + total.get("out_of_order", 0) == 2000
+    done = forked.run(
+        *("run", "--port", "lines:-", "--state", str(tmp_path), "--listen", free_endpoint(), "--json"),
+        text=text.encode(),
+    )
+    live = from_json(Report, done.stdout).session.ledger
+    assert live == total
+
+
+def test_stamps_that_repeat_are_repeats(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    stamps = np.sort(np.append(np.arange(500) * 10, [1230, 2450, 2450]))
+    rows = [f"{t},{','.join(f'{x:.6f}' for x in rng.normal(0.0, 1e-3, 3))}" for t in stamps]
+    decoder, monitor = LineDecoder({"columns": "t_ms,gx,gy,gz"}), Monitor()
+    for block in [*decoder.feed("\n".join([*rows, ""]).encode()), *decoder.finish()]:
+        monitor.feed(block)
+    monitor.flush()
+    assert merged(decoder.ledger, monitor.left_out()) == {"received": 503, "repeated": 3}
+
+
+def test_lines_of_every_kind_are_counted() -> None:
+    text = b"MPU ready\n\n# hello\nt_ms,gx,gy,gz\n0,1,2,3\n10,1,nan,3\n20,1,2\n30,1,x,3\n40,1,2,3\n50,1"
+    decoder = LineDecoder({})
+    samples = sum(len(block) for block in [*decoder.feed(text), *decoder.finish()])
+    assert samples == 2
+    assert decoder.ledger == {
+        "received": 10, "header": 1, "comment": 1, "blank": 1, "not_numbers": 1, "wrong_columns": 1,
+        "not_finite": 1, "start": 1, "pending": 1,
+    }  # fmt: skip
+
+
+def test_a_sample_of_several_lines_has_parts() -> None:
+    text = b"".join(b"gx: 0.1, gy: 0.2, gz: 0.3\nax: 0.1, ay: 0.2, az: 9.8\n" for _ in range(50))
+    decoder = LineDecoder({}, needs_header=True)
+    samples = sum(len(block) for block in [*decoder.feed(text), *decoder.finish()])
+    assert imbalance(merged(decoder.ledger, {"samples": samples})) == 0
+    assert decoder.ledger["part"] == samples == 50
+
+
+@pytest.mark.parametrize("kind", ["npz", "json", *BAGS, "ulog"])
+def test_rows_of_other_forms_are_counted(kind: str, tmp_path: Path) -> None:
+    t, gyro, accel = truth(300)
+    gyro[40, 1] = np.nan
+    path = tmp_path / f"a.{kind}"
+    if kind == "npz":
+        np.savez(path, t_s=t, gyro=gyro, accel=accel)
+    elif kind == "json":
+        rows = [
+            {"t": time, "gyro": list(map(float, g)), "acc": list(map(float, a))}
+            for time, g, a in zip(t, gyro, accel, strict=True)
+        ]
+        rows[40]["gyro"][1] = None
+        text = "\n".join(map(json.dumps, rows))
+        path.write_text(f"{text[:40]}\n{text}\nSENSOR RESET\n{text.splitlines()[-1][:30]}")
+        assert ledger(path)["samples"] == 299
+        return
+    elif kind == "ulog":
+        times = np.rint(t * 1e6).astype(int)
+        rows = [(int(u), int(u), *map(float, x), 20.0) for u, x in zip(times, gyro, strict=True)]
+        ulog(path, [("sensor_gyro", 0, SENSOR, rows)])
+    else:
+        path = BAGS[kind](path, [(s, g, a) for (s, _, a), g in zip(messages(300), gyro, strict=True)])
+    assert ledger(path) == {"received": 300, "samples": 299, "not_finite": 1}
+
+
+def test_messages_that_fail_their_check_are_damaged(tmp_path: Path) -> None:
+    _, texts = sentences(400)
+    texts[100] = texts[100].replace("5", "6")  # the check is that of another number
+    other = [frame("VNRRG,07,40").decode().strip()] * 3
+    path = tmp_path / "a.log"
+    path.write_text("\r\n".join([*texts[:50], *other, *texts[50:]]) + "\r\n")
+    assert ledger(path, rate_hz=100.0) == {
+        "received": 403, "samples": 399, "damaged": 1, "other_message": 3,
+    }  # fmt: skip
+
+
+def test_samples_of_an_earlier_record_and_of_a_better_stream_are_counted() -> None:
+    monitor = Monitor(rate_hz=100.0)
+    decoder = LineDecoder({"columns": "gx,gy,gz"})
+    [block] = decoder.feed(b"".join(b"%d,2,3\n" % k for k in range(200)))
+    better = LineDecoder({"columns": "gx,gy,gz,ax,ay,az"})
+    [more] = better.feed(b"".join(b"%d,2,3,4,5,6\n" % k for k in range(100)))
+    for part in (block, more, block):
+        monitor.feed(part)
+    assert monitor.left_out() == {"received": 0, "other_message": 200, "earlier_record": 200}
+    assert monitor.samples == 100
+
+
+def test_a_rest_that_is_no_table_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    lines = table(path)
+    for rest in (b"\0" * 300, b"\0" * 300_000, bytes(range(14, 256)) * 4):
+        path.write_bytes("\n".join([*lines, ""]).encode() + rest)
+        recording_problem = _problem(path)
+        assert f"{len(rest):,} bytes behind its last line that are no row" in (recording_problem or "")
+    path.write_bytes("\n".join([*lines, lines[-1][:20]]).encode())
+    assert _problem(path) is None
+
+
+def _problem(path: Path) -> str | None:
+    from imumon.replay import ReplayOptions
+
+    recording = ReplayOptions(path=str(path)).open()
+    for _ in recording:
+        pass
+    return recording.problem
+
+
+def test_each_column_has_a_use_or_a_reason(tmp_path: Path) -> None:
+    t, gyro, accel = truth(300)
+    names = ["n", "t [s]", "gx [rad/s]", "gy [rad/s]", "gz [rad/s]", "q_x", "q_y", "q_z", "clock [s]"]
+    path = csv(tmp_path / "a.csv", names, np.arange(300), t, gyro, accel, t + 1e-3)
+    report, remarks = replayed(path)
+    assert report.recording is not None
+    uses = {column.name: column.use or column.reason for column in report.recording.columns}
+    assert list(uses) == names
+    assert [uses[name] for name in names[1:5]] == ["time", "gyro/x", "gyro/y", "gyro/z"]
+    assert all(c.use or c.reason for c in report.recording.columns)
+    assert "q_x, q_y, q_z" in remarks
+    assert from_json(Report, to_json(report)).recording == report.recording
+
+
+def test_a_device_that_counts_nothing_has_delivered_what_arrived() -> None:
+    monitor = Monitor(rate_hz=100.0)
+    [block] = LineDecoder({"columns": "gx,gy,gz"}).feed(b"".join(b"%d,2,3\n" % k for k in range(200)))
+    monitor.feed(block)
+    assert monitor._counted(SessionCounters()).ledger == {"received": 200, "samples": 200}
+
+
+def test_the_documentation_lists_every_reason() -> None:
+    rows = (ROOT / "docs" / "REPORTS.md").read_text().splitlines()
+    assert [row for row in rows if row.split("|")[1:2] == [" `samples` "]]
+    assert all(f"| `{code}` | {text} |" in rows for code, text in REASONS.items())
