@@ -76,6 +76,11 @@ class RecordingDescription:
 
     columns: tuple[ColumnUse, ...] = ()  # each with its use, or why it is not used; at most 256
 
+    @property
+    def times(self) -> tuple[str, ...]:
+        """Names of the columns that are the time."""
+        return tuple(column.name for column in self.columns if column.use == "time")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionCounters:

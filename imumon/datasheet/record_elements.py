@@ -23,12 +23,10 @@ def record_elements(report: Report) -> Iterator[Element]:
     invalid = counted(session.bad_checksums, invalid_noun(device))
     discarded = counted(session.discarded_bytes, "byte")
     length = f"{duration(session.elapsed_s)} ({session.elapsed_s:,.0f} s)"
-    columns = report.recording.columns if report.recording is not None else ()
-    time = [f"column {column.name}" for column in columns if column.use == "time"]
     rows = [
         ("Stream", _stream_text(device)),
         ("Rate", f"{device.sample_rate_hz:.6g} Hz" if device.sample_rate_hz else "unknown"),
-        ("Time from", ", ".join([CLOCKS.get(device.clock or "", "unknown"), *time])),
+        ("Time from", _time_text(report)),
         ("Alias factor of N", f"{device.alias_factor:.3g}" if device.alias_factor else "unknown"),
         ("Start", session.started or "unknown"),
         ("Length", f"{length}, {counted(session.samples, 'sample')}"),
@@ -45,12 +43,24 @@ def record_elements(report: Report) -> Iterator[Element]:
     for name, value in device.settings.items():
         text = device.setting_texts.get(name)
         rows.append((f"Setting {name}", f"{text} ({value})" if text else value))
-    rows += [(f"Column {c.name}", c.use or f"not used: {c.reason}") for c in columns]
+    rows += _column_rows(report)
     rows += [("Remark", text) for text in device.remarks]
     yield Heading("The record")
     yield DataTable(("", ""), tuple(rows))
     if rows := list(event_rows(_without_traced(report))):
         yield DataTable(("at", "event"), tuple(rows))
+
+
+def _time_text(report: Report) -> str:
+    columns = report.recording.times if report.recording is not None else ()
+    clock = CLOCKS.get(report.device.clock or "", "unknown")
+    return ", ".join([clock, *(f"column {name}" for name in columns)])
+
+
+def _column_rows(report: Report) -> list[tuple[str, str]]:
+    """Return what became of each column of a file or of lines."""
+    columns = report.recording.columns if report.recording is not None else ()
+    return [(f"Column {c.name}", c.use or f"not used: {c.reason}") for c in columns]
 
 
 def _without_traced(report: Report) -> Report:

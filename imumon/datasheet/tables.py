@@ -230,8 +230,8 @@ def account_lines(report: Report, *, verbose: bool = False) -> Iterator[str]:
     verbose : with every column, and the ledger in any case.
     """
     columns = report.recording.columns if report.recording is not None else ()
-    if not verbose:
-        yield from (f"time from {column.name}" for column in columns if column.use == "time")
+    if report.recording is not None and not verbose:
+        yield from (f"time from {name}" for name in report.recording.times)
     ledger = report.session.ledger
     if verbose or ledger.keys() - EXPECTED:
         yield from filter(None, [ledger_text(ledger)])
