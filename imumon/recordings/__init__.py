@@ -5,6 +5,7 @@ base              contract of recordings, options for reading, errors
 raw_capture       raw bytes of a device, read back
 capture_writer    raw bytes of a device, written to disk
 csv               tables as text
+date_reader       dates and times of day in them
 array_file        arrays of NumPy, MATLAB and Parquet
 memory_table      arrays in memory
 array_table       named arrays, of a file or in memory

@@ -36,7 +36,6 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime, time, timedelta
 from functools import cache
 from typing import Any
 
@@ -56,13 +55,13 @@ from imumon.recordings.base import (
     RowSource,
 )
 from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout
+from imumon.recordings.date_reader import DateReader
 from imumon.recordings.raw_capture import RawCapture
 from imumon.recordings.sensor_column import RowChoice, check_one_sensor, row_choices, sensor_of_value
 from imumon.recordings.table import Table
 from imumon.recordings.text_records import INVALID_RECORD, RecordText
 from imumon.report_json import plain
 from imumon.samples import AXES, Floats, SampleBlock
-from imumon.units import DAY
 
 HEAD_ROWS = 500
 """Rows whose numbers show what their columns are."""
@@ -471,68 +470,6 @@ def is_number(text: str, read: Callable[[str], float] = float) -> bool:
     except ValueError:
         return False
     return True
-
-
-_LOOSE_DATE = re.compile(
-    r"(?:(?P<year>\d{4})[-/.](?P<month>\d{1,2})[-/.](?P<day>\d{1,2})[T ]\s*)?"
-    r"(?P<hour>\d{1,2})(?P<sign>[:.])(?P<minute>\d{1,2})(?P=sign)(?P<second>\d{1,2})[:.,](?P<fraction>\d{1,9})"
-)
-"""Date or time of day of a logger: without zeros in front, with dots for colons, a colon before the milliseconds."""
-
-
-def _iso(match: re.Match[str]) -> str:
-    """Return a date of a logger in the form of ISO 8601.
-
-    >>> _iso(_LOOSE_DATE.fullmatch("2024-3-19 9:44:16:689")), _iso(_LOOSE_DATE.fullmatch("9:44:16.7"))
-    ('2024-03-19T09:44:16.689', '09:44:16.7')
-    """
-    hour, minute, second = (int(match[part]) for part in ("hour", "minute", "second"))
-    of_day = f"{hour:02}:{minute:02}:{second:02}.{match['fraction']}"
-    if match["year"] is None:
-        return of_day
-    return f"{match['year']}-{int(match['month']):02}-{int(match['day']):02}T{of_day}"
-
-
-class DateReader:
-    """Reads a column of dates or times of day, in any order, as seconds.
-
-    It reads ISO 8601, ``2026-01-31T12:00:00.025Z`` or with a blank, and a time of day, ``12:00:00.025``, which
-    continues over midnight. Seconds count from the first one, so that no digit is lost to the years since 1970.
-    Digits beyond microseconds are ignored.
-    """
-
-    def __init__(self) -> None:
-        self._first: datetime | None = None
-        self._last = 0.0
-
-    def seconds(self, text: str) -> float:
-        """Return the seconds since the first date that was read; raise ValueError if it is no date.
-
-        >>> dates = DateReader()
-        >>> [dates.seconds(text) for text in ("23:59:59.5", "00:00:00.25", "23:59:59.75")]
-        [0.0, 0.75, 0.25]
-        """
-        text = text.strip()
-        if (loose := _LOOSE_DATE.fullmatch(text)) is not None:
-            text = _iso(loose)
-        if ":" not in text:  # a number, such as 20260131, is no date
-            raise ValueError(text)
-        try:
-            of_day = datetime.combine(datetime(1970, 1, 1), time.fromisoformat(text))
-        except ValueError:
-            return self._since_first(datetime.fromisoformat(text))
-        seconds = self._since_first(of_day)
-        # the day that is nearest to the last time: rows out of order around midnight do not add a day each
-        self._last = seconds + DAY * round((self._last - seconds) / DAY)
-        return self._last
-
-    def _since_first(self, moment: datetime) -> float:
-        if self._first is None:
-            self._first = moment
-        try:
-            return (moment - self._first) / timedelta(seconds=1)
-        except TypeError:  # one has a time zone, the other has none
-            raise ValueError(str(moment)) from None
 
 
 @cache
