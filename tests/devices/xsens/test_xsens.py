@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from daemons import Daemon
+from faulty_senders import ImpossibleMt
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from waiting import until
@@ -26,6 +27,7 @@ from imumon.devices.registry import driver
 from imumon.devices.xsens.mt_decoder import MtDecoder, rotation
 from imumon.devices.xsens.mt_emulator import ACCEL_N, FACTORY, GYRO_N, MtEmulator
 from imumon.devices.xsens.mt_messages import DataId, Message, MessageId, encode, fields, outputs
+from imumon.report import Report, from_json
 from imumon.samples import Notice
 
 GOLDEN = bytes.fromhex(
@@ -317,6 +319,30 @@ def test_a_port_without_an_mti_is_not_found(tmp_path: Path, monkeypatch: pytest.
     assert missing.value.code == "not_an_mti"
     os.close(slave)
     os.close(master)
+
+
+def test_impossible_numbers_of_an_mti_are_missing_samples_of_a_daemon(tmp_path: Path) -> None:
+    """On a terminal, with valid checksums: none of them is in a sum, and each is counted twice, as bad and missing."""
+    with (
+        ImpossibleMt(tmp_path / "mti") as sensor,
+        Daemon(f"xsens:{sensor.path}", tmp_path / "state", "--json") as daemon,
+    ):
+        before = daemon.samples(100)
+        sensor.failing = True
+        daemon.wait(lambda made: made.session.bad_checksums > before.session.bad_checksums + 20)
+        sensor.failing = False
+        daemon.samples(daemon.samples().session.samples + 50)
+        _, out, _ = daemon.stop(signal.SIGTERM)
+        final = from_json(Report, out)
+    bad = final.session.bad_checksums - before.session.bad_checksums
+    assert bad == sensor.impossible
+    assert final.session.missing - before.session.missing == bad
+    for name in ("gyro/x", "gyro/y", "gyro/z", "accel/x", "accel/y", "accel/z"):
+        channel = final.channels[name]
+        assert channel.count == final.session.samples
+        assert channel.min is not None
+        assert channel.max is not None
+        assert -11.0 < channel.min < channel.max < 11.0
 
 
 def test_a_daemon_measures_an_mti_and_replays_its_recording(tmp_path: Path) -> None:
