@@ -13,6 +13,9 @@ from pathlib import Path
 import pytest
 from laws import Fault
 from scene import ID, scene
+from test_07_history import kept
+
+from imumon.history.store import SUFFIX
 
 pytestmark = pytest.mark.slow
 
@@ -42,8 +45,9 @@ def test_06_sensor_is_silent_for_a_while(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="a C compiler makes the wrong calendar; install gcc")
-def test_07_calendar_of_the_host_steps_by_a_day(tmp_path: Path) -> None:
-    """A day forward, two back, one forward again: nothing but the stamps of the reports may notice."""
+@pytest.mark.parametrize("step_s", [3600, DAY_S, 20 * 365 * DAY_S], ids=["hour", "day", "years"])
+def test_07_calendar_of_the_host_steps(tmp_path: Path, step_s: int) -> None:
+    """Forward, twice as far back, forward again: nothing but the stamps of the reports may notice."""
     library, off = tmp_path / "calendar.so", tmp_path / "off"
     source = Path(__file__).with_name("calendar.c")
     subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", library, source, "-ldl"], check=True)
@@ -53,21 +57,22 @@ def test_07_calendar_of_the_host_steps_by_a_day(tmp_path: Path) -> None:
         play.start(environment=world)
         before = play.calm()
         stepped = []
-        for days in (1, -1):
+        for steps in (1, -1):
             with open(off, "r+b") as file:
-                file.write(struct.pack("q", days * DAY_S))
+                file.write(struct.pack("q", steps * step_s))
             report = play.calm().report
             stamp = datetime.fromisoformat(report.time).timestamp()
-            stepped.append(round((stamp - time.time()) / DAY_S, 2))
+            stepped.append(round((stamp - time.time()) / step_s, 1))
         assert stepped == [1.0, -1.0]
         middle = play.calm()
         assert middle.report.session.missing == 0
         play.stop()
         off.write_bytes(struct.pack("q", 0))
-        play.start(environment=world)  # of a state that was saved yesterday
+        play.start(environment=world)  # of a state that was saved at the other time
         after = play.calm()
         assert after.report.session.gaps == 1
-        play.end(before, after, Fault(restarts=1))
+        final = play.end(before, after, Fault(restarts=1))
+        assert kept(play.state / f"{ID}{SUFFIX}") == final.session.samples
 
 
 @pytest.mark.parametrize("seconds", [1.5, pytest.param(60.0, marks=pytest.mark.slow)])
