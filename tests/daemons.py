@@ -47,7 +47,9 @@ class Daemon:
         (out, out_end), (err, err_end) = os.pipe(), os.pipe()
         self.process: Forked | subprocess.Popen[bytes]
         with open(os.devnull) as nothing:
-            if before or "LD_PRELOAD" in (environment or {}):  # a copy of this process has its libraries already
+            if before or "LD_PRELOAD" in (
+                environment or {}
+            ):  # a copy of this process has its libraries already
                 self.process = subprocess.Popen(
                     [*before, sys.executable, "-m", "imumon", *words],
                     env={**os.environ, **(environment or {})},
