@@ -323,7 +323,7 @@ def test_wait_keeps_its_timeout_among_3000_devices(router: str) -> None:
     assert (done.returncode, length_s < 10.0) == (4, True), (done.stderr, length_s)
 
 
-def test_of_two_programs_with_one_name_the_first_is_shown_until_it_ends(
+def test_of_two_programs_with_one_name_the_first_is_shown(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(device_states, "GONE_S", 1.0)
