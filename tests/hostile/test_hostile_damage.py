@@ -124,7 +124,7 @@ def test_messages_that_a_bag_does_not_have_any_more_are_remarked(tmp_path: Path)
     assert "32 of its 40 messages" in recording.problem
 
 
-def test_a_changed_number_of_a_bag_is_an_error_by_its_checksum_or_the_bag_has_a_remark(
+def test_a_changed_number_of_a_bag_is_an_error_or_has_a_remark(
     tmp_path: Path,
 ) -> None:
     """MCAP: rosbags checks the CRC of a chunk that has one."""
