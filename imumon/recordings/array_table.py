@@ -116,6 +116,8 @@ class ArrayTable(Table):
 
 def columns_of(array: str, shape: Shape, fields: Sequence[str]) -> list[ArrayColumn]:
     """Return the columns of an array; raise `RecordingError` if it is that of a sensor, but transposed."""
+    if not shape:  # a single number, such as a rate, or a single structure
+        return []
     bare, unit = _name_and_unit(plain(array))
     shape = (max(shape),) if len(shape) == 2 and 1 in shape else shape
     if fields:

@@ -96,12 +96,14 @@ class RowSource:
         memory), ``bag``, ``px4``, ``ardupilot``. How a unit is given and what a row is called depend on it.
     column_names : of all columns, also of those that are not used.
     title : what the samples are taken from, for people; empty: the form.
+    stated_hz : Hz, rate that a comment before the table states; None: none does.
     """
 
     name: str
     form: str
     column_names: Sequence[str] = ()
     title: str = ""
+    stated_hz: float | None = None
 
     @property
     def row(self) -> str:

@@ -232,7 +232,7 @@ class CsvFile(TextTable):
             raise error.of(self.path) from None
         # before the rows are read: a column of texts would make every row invalid
         table_layout = self._with_readable_times(table_layout, seen[begin:], separator)
-        source = RowSource(self.path, self._form, names)
+        source = RowSource(self.path, self._form, names, stated_hz=_stated_rate(seen[:begin]))
         columns = self._begin(source, table_layout, self._options)
         self._parser = RowParser(self.path, header, separator, columns, self._dates)
         for line in seen[:begin]:
@@ -299,6 +299,26 @@ class CsvFile(TextTable):
 
     def no_samples(self) -> RecordingError:
         return RecordingError("no_rows", f"{self.path} has a header and no row of numbers after it", COMPLETE)
+
+
+_STATED_RATE = re.compile(
+    r"(?:rate|frequency|odr)\b[^\d\n]{0,20}?(?P<number>\d+(?:\.\d+)?)\s*(?P<kilo>k?)hz\b", re.IGNORECASE
+)
+"""Sample rate in words before a table, such as ``// Update Rate: 100.0Hz``."""
+
+
+def _stated_rate(lines: Sequence[str]) -> float | None:
+    """Return the only rate that the lines before a table state, Hz; None: none, or several.
+
+    >>> _stated_rate(["// Update Rate: 100.0Hz"]), _stated_rate(["# gyro rate 1 kHz, accel rate 100 Hz"])
+    (100.0, None)
+    """
+    rates = {
+        float(match["number"]) * (1e3 if match["kilo"] else 1.0)
+        for line in lines
+        for match in _STATED_RATE.finditer(line)
+    }
+    return rates.pop() if len(rates) == 1 and min(rates) > 0.0 else None
 
 
 def _may_be_row(rest: bytes) -> bool:

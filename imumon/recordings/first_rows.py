@@ -30,9 +30,17 @@ from imumon.noise.validity_groups import LARGEST
 from imumon.recordings.base import RecordingError, RowSource
 from imumon.recordings.columns import INERTIAL, LISTED, READ_ALONE, ColumnLayout
 from imumon.recordings.row_selection import COPIED, HeldNumbers, are_doubled, copies
-from imumon.recordings.unit_checks import POSSIBLE_HZ, SINCE_1970_S, check_magnitudes, time_unit, unit_remarks
+from imumon.recordings.unit_checks import (
+    POSSIBLE_HZ,
+    SINCE_1970_S,
+    check_magnitudes,
+    column_text,
+    time_unit,
+    unit_remarks,
+)
 from imumon.report import stamp
 from imumon.samples import AXES, LONGEST_NS, Bools, Clock, Floats, Ints, Stream, sensor_of
+from imumon.timebase.counter_wraps import CounterWraps
 from imumon.timebase.interval import RATE_TOLERANCE
 from imumon.timebase.stamp_kinds import StampCandidate, decide, shows_rate, stamp_interval, typical_step
 from imumon.timebase.stamp_placement import StampPlacer
@@ -56,6 +64,15 @@ HELD_EXCESS = 3.0
 FEWEST_HELD = 100
 """Rows that show whether samples are held."""
 
+WRAPPING_NS = (1e6, 1e3)
+"""ns in a unit of counters that wrap: ms and us, as for lines."""
+
+UNSET_ROWS, UNSET_STEPS = 2, 1e6
+"""Rows with a time of 0 that are those of a clock that was not set, and steps by which its other times are beyond."""
+
+STATED_TOLERANCE = 0.02
+"""Share by which the rate of a time may differ from one that a comment states: those are nominal."""
+
 RATE_CURE = f"give the sample rate with {OPTIONS['rate_hz']}"
 
 NO_RATE: dict[str, tuple[str, str]] = {
@@ -77,11 +94,13 @@ class TableTimes:
     origin : (1 or 2,) the times of the first row, as in the table.
     scales : ns in a unit of each column of time.
     placer : places the rows.
+    wraps : of a counter.
     """
 
     origin: Floats
     scales: tuple[float, ...]
     placer: StampPlacer
+    wraps: CounterWraps
 
     @property
     def origin_ns(self) -> float:
@@ -100,7 +119,7 @@ class TableTimes:
 
     def nanoseconds(self, times: Floats) -> Ints:
         """Return (n,) ns since the first row of (n, 1 or 2) times as in the table."""
-        return _nanoseconds(times, self.origin, self.scales)
+        return _continued(_nanoseconds(times, self.origin, self.scales), self.wraps, self.origin_ns)
 
 
 def _nanoseconds(times: Floats, origin: Floats, scales: tuple[float, ...]) -> Ints:
@@ -110,6 +129,13 @@ def _nanoseconds(times: Floats, origin: Floats, scales: tuple[float, ...]) -> In
     # a wrong stamp of 1e300 must not become any integer, but a step that the clock refuses
     nanoseconds: Ints = np.rint(np.clip(total, -LONGEST_NS, LONGEST_NS)).astype(np.int64)
     return nanoseconds
+
+
+def _continued(nanoseconds: Ints, wraps: CounterWraps, origin_ns: float) -> Ints:
+    """Return (n,) ns since the first row with the wraps of a counter undone, which counts from its own zero."""
+    # ns of a float since 1970 are rounded, but those of a counter of 32 bits are not
+    zero = round(origin_ns) if abs(origin_ns) < LONGEST_NS else 0
+    return wraps.continued(nanoseconds + zero) - zero
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,13 +295,54 @@ class FirstRows:
         stamps = {k: rows[present(rows[:, k]), k] for k in times}
         usable = [k for k in times if shows_rate(stamps[k]) and _has_possible_rate(columns[k], stamps[k])]
         steady = [k for k in usable if stamp_interval(stamps[k])[1]]
-        best = (*steady, *usable, *times)[0]
+        stated = [k for k in usable if self._has_stated_rate(columns[k], stamps[k])]
+        best = (*[k for k in steady if k in stated], *stated, *steady, *usable, *times)[0]
         if best != times[0]:
-            text = f"the time is {columns[best].name}, which is even"
+            other = columns[times[0]]
+            why = "which has the rate that a comment states" if best in stated else "which is even"
+            fault = "" if times[0] in usable else ", which shows no rate of a sensor"
+            cure = option_text(columns={"t": self._reference(other)})
             self.remarks.append(
-                f"{text}, and not {columns[times[0]].name}; {option_text(columns={'t': 'COLUMN:UNIT'})} names another"
+                f"the time is {columns[best].name}, {why}, and not {other.name}{fault}; {cure} uses it"
             )
         return [best]
+
+    def _reference(self, column: Column) -> str:
+        """Return how ``--map`` names a column of time."""
+        name = column_text(self._source, column)
+        return name if column.unit is None else f"{name}:{column.unit}"
+
+    def _has_stated_rate(self, column: Column, stamps: Floats) -> bool:
+        """Return whether a time has the rate that a comment states, in the unit of its name or in any."""
+        stated_hz = self._source.stated_hz
+        if stated_hz is None:
+            return False
+        units = [column.unit] if column.unit is not None else list(UNITS["t"])
+        rates = [1e9 / (typical_step(stamps) * UNITS["t"][unit]) for unit in units]
+        return any(abs(rate / stated_hz - 1.0) < STATED_TOLERANCE for rate in rates)
+
+    def note_unset_times(self, rows: Floats) -> bool:
+        """Return whether the time is 0 in rows for which the clock was not set, and note it.
+
+        Parameters
+        ----------
+        rows : the first ones, with the columns that are used.
+        """
+        if len(self.layout.times) != 1:
+            return False
+        times = rows[:, len(self.layout.columns)]
+        unset = times == 0.0
+        steps = np.diff(times[~unset & present(times)])
+        if unset.sum() < UNSET_ROWS or not (steps > 0.0).any():
+            return False
+        # a time that counts from zero is 0 once, and near it then
+        if float(np.abs(times[~unset & present(times)]).min()) < UNSET_STEPS * float(
+            np.median(steps[steps > 0.0])
+        ):
+            return False
+        name = self.layout.times[0].name
+        self.remarks.append(f"the time in {name} is 0 in rows before its clock was set: they count as lost")
+        return True
 
     def complete(self, rows: Floats) -> Bools:
         """Return which rows have the numbers that a sample needs: those of a temperature may be unknown."""
@@ -330,6 +397,10 @@ class FirstRows:
         elif stream_layout.interval is not None:
             clock, interval = "dt", None
             self._compare(float(np.median(whole[:, -1])) * stream_layout.interval.factor, keeps_stamps=True)
+        elif interval is None and source.stated_hz is not None:
+            interval = 1.0 / source.stated_hz
+            cure = option_text(rate_hz=source.stated_hz)
+            self.remarks.append(f"a comment states {source.stated_hz:g} Hz, which is used as if by {cure}")
         elif interval is None:
             raise self._rate_required()
         if stream_layout.has_increments:
@@ -375,6 +446,12 @@ class FirstRows:
         scales, unit_remark = self._scales(times)
         origin = times[0].copy()
         nanoseconds = _nanoseconds(times, origin, scales)
+        unit_ns = int(scales[0]) if len(scales) == 1 and scales[0] in WRAPPING_NS else 0
+        origin_ns, wraps = float(origin @ np.array(scales)), CounterWraps(unit_ns)
+        nanoseconds = _continued(nanoseconds, wraps, origin_ns)
+        if wraps.count:
+            name = self.layout.times[0].name
+            self.remarks.append(f"the counter {name} wraps: its time is continued")
         decision = decide([StampCandidate(nanoseconds)])
         if self.repeated and decision.interval is not None:
             return "none", self._mean_interval(nanoseconds), None
@@ -382,8 +459,15 @@ class FirstRows:
             return "none", self._rate_instead(decision.kind.name), None
         self.remarks += unit_remark
         placer, interval_s = decision.placer(nanoseconds), decision.interval * 1e-9
+        stated_hz = self._source.stated_hz
+        if stated_hz is not None and abs(stated_hz * interval_s - 1.0) > STATED_TOLERANCE:
+            name = self.layout.times[0].name
+            text = (
+                f"a comment states {stated_hz:g} Hz, and the time in {name} shows {1.0 / interval_s:.6g} Hz"
+            )
+            self.remarks.append(f"{text}: check its unit")
         self._compare(interval_s, keeps_stamps=decision.kind.keeps_stamps)
-        used = TableTimes(origin, scales, placer)
+        used = TableTimes(origin, scales, placer, CounterWraps(unit_ns))
         if decision.kind.keeps_stamps:
             return "startup", interval_s, used
         # a stream without a clock: the placer turns the stamps of the host into lost samples
@@ -411,7 +495,7 @@ class FirstRows:
         # seconds and nanoseconds have their units; times that show no rate show no unit, and any does for the error
         if len(columns) > 1 or not shows_rate(times[:, 0]):
             return scales, []
-        unit, remark = time_unit(self._source, columns[0], times[:, 0], self._rate)
+        unit, remark = time_unit(self._source, columns[0], times[:, 0], self._rate or self._source.stated_hz)
         return (UNITS["t"][unit],), [remark] if remark else []
 
     def _rate_instead(self, code: str) -> float:

@@ -84,6 +84,7 @@ class RowDecoder:
         self._order: RowOrder | None = None  # of a table with times
         self._waiting: Floats | None = None  # values until their stamps have been placed
         self._beyond = 0  # numbers that no sensor has
+        self._unset_times = False  # a time of 0 is none
         self._lacking, self._first_lacking = 0, ""  # incomplete rows for the remark, and where the first is
         self._back, self._first_back = 0, ""  # steps back of a clock, and where the first is
         self._last: Ints | None = None  # ns, the last two times
@@ -216,9 +217,13 @@ class RowDecoder:
             return
         if self._used is None:
             self._used = self._first.choose_columns(rows)
+            self._unset_times = self._first.note_unset_times(rows[:, self._used])
             if self._layout.times:
                 self._order = RowOrder(self._source.name, self._layout.times[0].name)
         rows = rows[:, self._used]
+        if self._unset_times:
+            times = rows[:, len(self._layout.columns)]
+            times[times == 0.0] = np.nan
         if self._order is not None:
             rows, places = self._order.sort(rows, self._sort_times(rows), places)
         yield from self._sorted_blocks(rows, places)

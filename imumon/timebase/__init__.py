@@ -7,6 +7,7 @@ interval         the interval of a grid, from the steps between stamps
 sample_clock     steps of the grid, from the clock of a stream
 stamp_kinds      what the stamps of a stream or of a recording are: the table of kinds, and the decision
 stamp_placement  steps of the grid, from stamps that are late
+counter_wraps    times of a counter, continued over its wraps
 live_stamps      the same for rows that arrive one after the other
 
 

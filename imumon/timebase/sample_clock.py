@@ -422,6 +422,7 @@ class SampleClock:
             # a sample that covers n intervals counts as n ticks, of which it is the last
             intervals = np.rint(block.time_ns * (1e-9 / self.interval_s)).astype(np.int64)
             steps += np.maximum(0, intervals - 1)
+        steps[steps > LONGEST_GAP_S / self.interval_s] = BREAK
         if self._last is None:
             steps[0] = 1
         elif self._unknown_gap:

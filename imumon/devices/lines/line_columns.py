@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from imumon.column_names import UNITS, Column, parse_names, unit_of
@@ -41,7 +41,7 @@ class LineColumns:
     stream : stream of the samples.
     settings : what `columns_of` makes the same from.
     inertial : number of leading channels of gyroscope and accelerometer: a sample has all of them.
-    account : what became of each column.
+    account : what became of each column; two layouts do not differ by it.
     """
 
     count: int
@@ -50,7 +50,7 @@ class LineColumns:
     stream: Stream
     settings: Mapping[str, str]
     inertial: int
-    account: tuple[ColumnUse, ...] = ()
+    account: tuple[ColumnUse, ...] = field(default=(), compare=False)
 
     @property
     def wrapping_ns(self) -> int:

@@ -41,7 +41,7 @@ from imumon.report_json import plain
 from imumon.rest_sizes import sample_noise, too_noisy
 from imumon.samples import LONGEST_NS, SampleBlock
 from imumon.text_fields import RecordAssembler, fields_of
-from imumon.timebase.interval import CLOCK_SLACK_S
+from imumon.timebase.counter_wraps import wrap_ns
 from imumon.timebase.live_stamps import LiveStamps
 from imumon.units import STANDARD_GRAVITY
 
@@ -56,8 +56,6 @@ MOST_HEADERS = 16
 MOST_TRIALS = 1000
 """Lines of two words or more, other than a header that is known, that are tried as a header. A board that starts
 prints some hundred at most."""
-WRAPS = (1 << 30, 1 << 32)
-"""Periods of counters, in their units: MicroPython ``ticks_ms`` and ``ticks_us``; Arduino ``millis`` and ``micros``."""
 GRAVITY_SAMPLES = 100
 """Samples whose acceleration is compared with gravity."""
 PROPOSED_ROWS = 25
@@ -321,12 +319,9 @@ class LineDecoder:
         if last is None or row.time_ns > last - RESTART_NS:
             return False
         unit = self.columns.wrapping_ns if self.columns else 0
-        for period in (unit * count for count in WRAPS):
-            # a wrap is a short step if the period is added; a restart near the end of a period is taken for one
-            if last < period and row.time_ns + period - last < CLOCK_SLACK_S * 1e9:
-                self._offset += period
-                return False
-        return True
+        period = wrap_ns(last, row.time_ns, unit) if unit else 0
+        self._offset += period
+        return not period
 
     def _blocks(self, rows: list[_Row], *, final: bool) -> list[SampleBlock]:
         """Return the samples whose time is decided."""
