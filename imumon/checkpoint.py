@@ -410,11 +410,24 @@ class Checkpoint:
         message = error.strerror if isinstance(error, OSError) else str(error)
         return f"{self.path.parent}: {message or type(error).__name__}: {cure_of_writing(error)}"
 
+    def _keep_previous(self) -> None:
+        """Give the present state the name of the previous one, too: at each moment a state has its own name."""
+        link = self.previous.with_suffix(".link")
+        try:
+            link.unlink(missing_ok=True)
+            os.link(self.path, link, follow_symlinks=False)
+        except OSError:  # a file system without links, such as that of a memory card, or no regular file
+            os.replace(self.path, self.previous)
+            return
+        os.replace(link, self.previous)
+        # where both names are links to one file already, to rename one over the other does nothing
+        link.unlink(missing_ok=True)
+
     def _write(self, data: bytes) -> None:
         new = self.path.with_suffix(".state.new")
         write_new(new, data)
         if os.path.lexists(self.path):
-            os.replace(self.path, self.previous)
+            self._keep_previous()
         os.replace(new, self.path)
         with granted():
             directory = os.open(self.path.parent, os.O_RDONLY)

@@ -41,6 +41,31 @@ def test_load_returns_what_was_saved(tmp_path: Path) -> None:
     assert messages == []
 
 
+@pytest.mark.parametrize("links", [True, False], ids=["links", "no-links"])
+def test_a_state_has_its_name_at_each_moment_of_a_save(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool
+) -> None:
+    """A program that reads it during a save, or after a kill within one, finds the old state or the new one."""
+    path, present = tmp_path / "d.state", []
+    Checkpoint(tmp_path, "d").close(STATE)
+    replace = os.replace
+
+    def watched(source: Path, target: Path) -> None:
+        replace(source, target)
+        present.append(path.exists())
+
+    def refused(*_: object, **__: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "replace", watched)
+    if not links:
+        monkeypatch.setattr(os, "link", refused)
+    for _ in range(2):
+        Checkpoint(tmp_path, "d").close(STATE)
+    assert present == [links, True] * 2
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["d.lock", "d.state", "d.state.1"]
+
+
 def test_a_missing_state_is_not_an_error(tmp_path: Path) -> None:
     assert Checkpoint(tmp_path / "new", "vn100-1").load() == (None, [])
 
