@@ -388,21 +388,7 @@ class FirstRows:
             names = ", ".join(column.name for column in stream_layout.columns)
             text = f"{source.name}: no row has numbers in all of {names}"
             raise RecordingError("no_complete_row", text, "check that it is complete")
-        interval: float | None = None if self._rate is None else 1.0 / self._rate
-        clock: Clock = "none"
-        times = None
-        # a time shows what was lost; intervals of samples do not, and a rate least of all
-        if stream_layout.times:
-            clock, interval, times = self._clock(whole[:, width : width + len(stream_layout.times)])
-        elif stream_layout.interval is not None:
-            clock, interval = "dt", None
-            self._compare(float(np.median(whole[:, -1])) * stream_layout.interval.factor, keeps_stamps=True)
-        elif interval is None and source.stated_hz is not None:
-            interval = 1.0 / source.stated_hz
-            cure = option_text(rate_hz=source.stated_hz)
-            self.remarks.append(f"a comment states {source.stated_hz:g} Hz, which is used as if by {cure}")
-        elif interval is None:
-            raise self._rate_required()
+        clock, interval, times = self._clock_of_stream(whole)
         if stream_layout.has_increments:
             known_s = interval
             if stream_layout.interval is not None:
@@ -421,6 +407,25 @@ class FirstRows:
             stream_layout.accel,
         )
         return TableStart(stream, times, doubled, (assumed or [""])[0])
+
+    def _clock_of_stream(self, whole: Floats) -> tuple[Clock, float | None, TableTimes | None]:
+        """Return clock, interval, s, and the times that are used, of (n, k) complete rows; errors as `start`."""
+        interval: float | None = None if self._rate is None else 1.0 / self._rate
+        # a time shows what was lost; intervals of samples do not, and a rate least of all
+        if self.layout.times:
+            width = len(self.layout.columns)
+            return self._clock(whole[:, width : width + len(self.layout.times)])
+        if self.layout.interval is not None:
+            self._compare(float(np.median(whole[:, -1])) * self.layout.interval.factor, keeps_stamps=True)
+            return "dt", None, None
+        stated_hz = self._source.stated_hz
+        if interval is None and stated_hz is not None:
+            interval = 1.0 / stated_hz
+            cure = option_text(rate_hz=stated_hz)
+            self.remarks.append(f"a comment states {stated_hz:g} Hz, which is used as if by {cure}")
+        elif interval is None:
+            raise self._rate_required()
+        return "none", interval, None
 
     def _rate_required(self) -> RateRequired:
         """Return the error that lists the columns that may be a time."""

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 
 from imumon.column_names import parse_names, triples
-from imumon.cures import OPTIONS
+from imumon.cures import OPTIONS, option_text
 from imumon.devices.base import DeviceError, sample_blocks
 from imumon.devices.registry import DEFAULT_SCHEME, driver, scheme_of_bytes
 from imumon.files import open_regular
@@ -36,7 +36,8 @@ from imumon.recordings.log_file import LogFile, log_kind
 from imumon.recordings.raw_capture import RawCapture
 from imumon.recordings.sentence_table import sentence_table
 from imumon.recordings.text_records import record_text
-from imumon.samples import Gap, SampleBlock
+from imumon.recordings.unit_checks import SINCE_1970_S
+from imumon.samples import AXES, Gap, SampleBlock
 
 
 class DecodedCapture(Recording):
@@ -144,6 +145,8 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     if isinstance(opened, ArrayFile):
         _refuse_where(path, options)
         return opened
+    if opened.header is None and is_telemetry(opened.head):
+        raise RecordingError("format_tlog", f"{path} is a telemetry log of MAVLink (.tlog)", TLOG_CURE)
     text_file = _text_file(opened, options) if opened.header is None else None
     if text_file is not None:
         return text_file
@@ -155,6 +158,32 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     if opened.header is None and (advice := _text_cure(opened.head[:HEAD_BYTES])) is not None:
         raise RecordingError("no_messages", f"{path} is {advice[0]}", advice[1])
     return DecodedCapture(opened, options.block_bytes)
+
+
+MAVLINK = (0xFD, 0xFE)
+"""First bytes of messages of MAVLink 2 and 1."""
+
+TLOG_CURE = (
+    "write one of its messages as CSV, mavlogdump.py --types SCALED_IMU2 --format csv FILE > imu.csv, then "
+    + option_text(
+        columns={
+            "t": "SCALED_IMU2.time_boot_ms:ms",
+            **{f"gyro/{axis}": f"SCALED_IMU2.{axis}gyro:mrad/s" for axis in AXES},
+            **{f"accel/{axis}": f"SCALED_IMU2.{axis}acc:mg" for axis in AXES},
+        }
+    )
+)
+"""The program is a part of pymavlink (extra ``ardupilot``); SCALED_IMU2 has mrad/s and mg (MAVLink common.xml)."""
+
+
+def is_telemetry(head: bytes) -> bool:
+    """Return whether bytes begin as a telemetry log: us since 1970, big-endian, before each message of MAVLink.
+
+    >>> is_telemetry((1_700_000_000_000_000).to_bytes(8, "big") + bytes([0xFD])), is_telemetry(b"$VNYMR,+1")
+    (True, False)
+    """
+    seconds = int.from_bytes(head[:8], "big") * 1e-6
+    return len(head) > 8 and head[8] in MAVLINK and SINCE_1970_S[0] < seconds < SINCE_1970_S[1]
 
 
 def _refuse_where(path: str, options: ReadOptions) -> None:

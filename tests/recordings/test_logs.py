@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import re
+import struct
+import subprocess
 import sys
 import threading
 from multiprocessing.connection import Connection
@@ -514,3 +516,28 @@ def test_an_accelerometer_in_g_can_be_corrected(tmp_path: Path) -> None:
     assert error.value.code == "wrong_unit"
     cure = error.value.cure.partition("--map ")[2]
     np.testing.assert_allclose(read(path, columns=parse_map(cure)).values[:, 3:], FORCE[:200], rtol=1e-9)
+
+
+def test_a_telemetry_log_is_named_with_a_conversion_that_works(tmp_path: Path) -> None:
+    mavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
+    rng = np.random.default_rng(1)
+    sender, path = mavlink.MAVLink(None, srcSystem=1), tmp_path / "a.tlog"
+    with path.open("wb") as file:
+        for k in range(600):
+            gyro, accel = rng.normal(0.0, 30.0, 3), rng.normal((0.0, 0.0, -1000.0), 20.0, 3)
+            numbers = (round(x) for x in (*accel, *gyro, 0.0, 0.0, 0.0))
+            message = mavlink.MAVLink_scaled_imu2_message(10 * k, *numbers)
+            file.write(struct.pack(">Q", 1_700_000_000_000_000 + 10_000 * k) + message.pack(sender))
+    with pytest.raises(RecordingError) as error:
+        replayed(path)
+    assert error.value.code == "format_tlog"
+    options = error.value.cure.partition("--map ")[2]
+    dump = Path(sys.executable).parent / "mavlogdump.py"
+    if not dump.exists():
+        pytest.skip("the programs of pymavlink are not installed")
+    words = [sys.executable, str(dump), "--types", "SCALED_IMU2", "--format", "csv", str(path)]
+    table = tmp_path / "imu.csv"
+    table.write_bytes(subprocess.run(words, capture_output=True, check=True).stdout)
+    report, _ = replayed(table, columns=parse_map(options))
+    assert report.session.samples >= 599
+    assert report.channels["gyro/x"].coefficients["N"].value == pytest.approx(0.030 * 0.1, rel=0.15)

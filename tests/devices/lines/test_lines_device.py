@@ -188,6 +188,27 @@ def test_standard_input_without_a_sample_is_an_error(text: bytes, tmp_path: Path
     assert error_of(done) == "stream_without_samples"
 
 
+@pytest.mark.parametrize("sent", [b"", b"no numbers\n"])
+def test_a_run_without_a_sample_in_its_time_is_an_error(sent: bytes, tmp_path: Path) -> None:
+    """Nobody ends the stream: the time does, whether nothing arrives or nothing that is a sample."""
+    port = free_port()
+    ending = threading.Event()
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            while sent and not ending.wait(0.05):
+                sender.sendto(sent, ("127.0.0.1", port))
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        done = run(tmp_path, "--port", f"lines:udp://:{port}", "--duration", "2", text=b"")
+    finally:
+        ending.set()
+        thread.join()
+    assert (done.returncode, error_of(done)) == (4, "no_samples_in_time")
+
+
 def test_lines_that_are_no_samples_are_an_error_that_proposes_their_columns(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     rows = rng.normal((0.0, 0.0, 1.0, 25.0), 1e-3, (60, 4))
