@@ -340,11 +340,12 @@ def _coefficients(
         float(v) for v in grid_mean(surface, surface.scored[WHITE], surface.scored_variances[WHITE])
     )
     error = math.hypot(error, mean * math.sqrt(max(kurtosis_of_mean, 0.0)), mean * model.upper_error)
-    # N is that of the sensor. The limits hold it with the errors of its rounding, too: a filter before or behind the
-    # rounding takes a part of them that the record does not show.
-    before = max(mean - rounding, 0.0)
+    # N is that of the samples as they are, which is what a filter sees. The limits hold that of the sensor before its
+    # rounding, too, which only the lower one shows.
+    before, rounded = max(mean - rounding, 0.0), _of_power(mean, error)
     unrounded = _of_power(before, math.hypot(error, _rounding_error(before, rounding)))
-    estimates: dict[NoiseTerm, Estimate] = {WHITE: replace(unrounded, high=_of_power(mean, error).high)}
+    white = replace(rounded, low=unrounded.low) if unrounded.value else replace(unrounded, high=rounded.high)
+    estimates: dict[NoiseTerm, Estimate] = {WHITE: white}
     if samples * tau0 < LEAST_B_K_S:
         estimates |= dict.fromkeys(GRIDDED, Estimate(reason=TOO_SHORT))
     else:
