@@ -174,8 +174,8 @@ _INTERVALS = ({"dt"}, {"delta", "time"}, {"delta", "t"})
 _FINE_TIMES = {"sample", "time", "fine"}
 """Words of SampleTimeFine of Xsens, which counts 100 us (MT Low-Level Communication Protocol, Xsens MT0101P)."""
 
-_NO_UNIT = re.compile(r"(0x|x)?[0-9a-f]{3,}|[+-]?\d*|txt|text|utc", re.IGNORECASE)
-"""What brackets at the end of a name hold that is no unit: code of a field, time zone, kind of cell, nothing."""
+_NO_UNIT = re.compile(r"(0x|x)?[0-9a-f]{3,}|[+-]?\d*|txt|text|utc|lsb|counts?|raw|digits?", re.IGNORECASE)
+"""What brackets at the end of a name hold that is no unit: code of a field, time zone, kind of cell, counts."""
 
 _AXIS_NUMBERS = {"0", "1", "2", "3"}
 
@@ -374,12 +374,12 @@ def unit_of(text: str, quantity: str) -> str | None:
 
     >>> unit_of("rad s^-1", "gyro"), unit_of("m/s²", "accel"), unit_of("furlong", "accel")
     ('rad/s', 'm/s2', None)
-    >>> unit_of("℃", "temperature"), unit_of("m/(s^2)", "accel")
-    ('degc', 'm/s2')
+    >>> unit_of("℃", "temperature"), unit_of("m/(s^2)", "accel"), unit_of("deg.s^-1", "gyro")
+    ('degc', 'm/s2', 'deg/s')
     """
     # NFKC: the sign for degrees Celsius is a degree and a C, a raised 2 is a 2
     unit = unicodedata.normalize("NFKC", text).lower().replace("μ", "u").replace("°", "deg")
-    unit = re.sub(r"[\s^*·_()]+|sqrt", "", unit)
+    unit = re.sub(r"[\s^*·._()]+|sqrt", "", unit)
     unit = _SPELLINGS.get(unit, unit)
     unit = _PER_SENSOR.get((quantity, unit), unit)
     return unit if unit in UNITS[quantity] else None

@@ -235,8 +235,10 @@ class CsvFile(TextTable):
         source = RowSource(self.path, self._form, names, stated_hz=_stated_rate(seen[:begin]))
         columns = self._begin(source, table_layout, self._options)
         self._parser = RowParser(self.path, header, separator, columns, self._dates)
-        for line in seen[:begin]:
-            self._lines.add(_kind_without_cells(line) or "header")
+        for place, line in enumerate(seen[:begin]):
+            # names behind a # are a header, and no comment
+            kind = None if place == header_place else _kind_without_cells(line)
+            self._lines.add(kind or "header")
         return head.split(b"\n", begin)[begin], begin
 
     def _chosen_layout(

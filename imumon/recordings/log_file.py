@@ -197,7 +197,13 @@ class LogFile(Table):
         names = list(map(plain, topic.columns))
         known = {channel: plain(text) for channel, text in topic.map.items()}
         if not given and self._topic_index not in self._imus():
-            fields = ", ".join(names) or "none that can be read"
+            if not names:
+                # rosbag2 before Iron keeps none in a .db3, and messages in JSON or protobuf have none of ROS
+                text = f"{self.path} has no definition of {topic.type}, the messages of {topic.name}"
+                cure = "record it to MCAP, which keeps definitions: ros2 bag record -s mcap, or ros2 bag convert where "
+                cure += "the package of the type is installed"
+                raise RecordingError("no_definition", text, cure)
+            fields = ", ".join(names)
             text = f"the topic {topic.name} of {self.path} ({topic.type}) is not known as an IMU"
             cure = f"name its fields with --map gyro/x=FIELD:UNIT,...; there are {fields}"
             raise RecordingError("unknown_fields", text, cure)

@@ -541,3 +541,29 @@ def test_a_telemetry_log_is_named_with_a_conversion_that_works(tmp_path: Path) -
     report, _ = replayed(table, columns=parse_map(options))
     assert report.session.samples >= 599
     assert report.channels["gyro/x"].coefficients["N"].value == pytest.approx(0.030 * 0.1, rel=0.15)
+
+
+def test_a_bag_without_the_definition_of_its_messages_says_so(tmp_path: Path) -> None:
+    import sqlite3
+
+    from rosbags import rosbag2
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg("float64 x\nfloat64 y\nfloat64 z\n", "my_msgs/msg/Rates"))
+    path = tmp_path / "bag"
+    plugin = rosbag2.StoragePlugin.SQLITE3
+    with rosbag2.Writer(path, version=9, storage_plugin=plugin) as bag:
+        connection = bag.add_connection("/rates", "my_msgs/msg/Rates", typestore=store)
+        for k in range(20):
+            message = store.types["my_msgs/msg/Rates"](*map(float, RATE_RAD[k]))
+            data = store.serialize_cdr(message, "my_msgs/msg/Rates")
+            bag.write(connection, 1_700_000_000_000_000_000 + k * 10_000_000, bytes(data))
+    database = sqlite3.connect(next(path.glob("*.db3")))
+    database.execute("delete from message_definitions")
+    database.commit()
+    database.close()
+    with pytest.raises(RecordingError) as error:
+        read(path, topic="/rates")
+    assert error.value.code == "no_definition"
+    assert "my_msgs/msg/Rates" in error.value.message

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from tables import csv, replayed, truth
 
+from imumon.recordings import RecordingError
+
 NAMES = [*(f"g{a} [rad/s]" for a in "xyz"), *(f"a{a} [m/s2]" for a in "xyz")]
 N = 2000
 STATED = "// Update Rate: 100.0Hz\n"
@@ -67,6 +69,36 @@ def test_stamps_before_the_clock_is_set_are_no_years_of_missing_samples(tmp_path
     report, remarks = replayed(table(tmp_path / "a.csv", ["t [ms]"], times))
     assert (report.session.samples, report.session.missing) == (N - 500, 0)
     assert "is 0 in rows before its clock was set" in remarks
+
+
+def test_counts_in_brackets_are_no_unit_and_a_unit_may_have_dots(tmp_path: Path) -> None:
+    t, gyro, accel = truth(N)
+    counts = [f"{s}_{a}(LSB)" for s in ("GYR", "ACC") for a in "XYZ"]
+    numbers = np.rint(gyro / np.radians(1.0) * 131.0), np.rint(accel / 9.80665 * 16384.0)
+    with pytest.raises(RecordingError) as error:
+        replayed(csv(tmp_path / "a.csv", ["t [s]", *counts], t, *numbers))
+    assert "ACC_X/16384:g" in error.value.cure
+    dotted = [*(f"g{a} (deg.s^-1)" for a in "xyz"), *(f"a{a} (m.s-2)" for a in "xyz")]
+    report, _ = replayed(csv(tmp_path / "b.csv", ["t [s]", *dotted], t, np.degrees(gyro), accel))
+    assert report.channels["gyro/x"].std == pytest.approx(gyro[:, 0].std(ddof=1))
+
+
+def test_the_table_of_rostopic_is_read(tmp_path: Path) -> None:
+    stamps = 1_700_000_000_000_000_000 + np.arange(N) * 10_000_000
+    names = [
+        "%time", "field.header.seq", "field.header.stamp",
+        *(f"field.angular_velocity.{a}" for a in "xyz"), *(f"field.linear_acceleration.{a}" for a in "xyz"),
+    ]  # fmt: skip
+    _, gyro, accel = truth(N)
+    rows = [
+        ",".join(map(repr, (int(s) + 70, k, int(s), *map(float, (*gyro[k], *accel[k])))))
+        for k, s in enumerate(stamps)
+    ]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([",".join(names), *rows, ""]))
+    report, _ = replayed(path)
+    assert (report.session.samples, report.device.sample_rate_hz) == (N, 100.0)
+    assert report.session.ledger["header"] == 1
 
 
 def test_t_in_degrees_is_a_temperature(tmp_path: Path) -> None:
