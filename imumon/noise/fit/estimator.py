@@ -29,7 +29,7 @@ Example: half a minute of white noise.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -37,11 +37,13 @@ import numpy as np
 
 from imumon.coefficients import NOISE, default_precision
 from imumon.noise.allan import AllanCurve
+from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit.bias_curve import BiasFit, bias_curve
 from imumon.noise.fit.curve_statement import with_curve
 from imumon.noise.fit.fit_rules import COUNTED_FALL, LEAST_VARIANCE, RENEWAL_GROWTH
-from imumon.noise.fit.observations import block_series
+from imumon.noise.fit.observations import BlockSeries, block_series
 from imumon.noise.fit.search import ModelChoice, ModelSearch
+from imumon.noise.fit.slow_terms import SlowTermSearch
 from imumon.noise.fit.statement import (
     TOO_SHORT,
     ChannelFit,
@@ -54,6 +56,7 @@ from imumon.noise.spectrum.level_sums import SUB_BAND
 from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES
 from imumon.noise.validity_groups import DITHERED, ROUNDING, ROUNDING_VARIANCE
 from imumon.samples import Floats
+from imumon.units import DAY
 
 CUT = "gaps of unknown length cut the record into parts that are too short"
 CONSTANT = "the channel is constant", "constant"
@@ -244,16 +247,9 @@ class Estimator:
         whole : the sums are those of which `known` is an earlier state, and settling, steps and bends are sought;
             False: a part of them that shares its model.
         """
-        series = block_series(sums.blocks, channel, degrees)
-        if series is None:
-            # one gap of unknown length may lie in any short record; more of them are the cause
-            return Pending(TOO_SHORT if len(np.unique(sums.blocks.segment)) <= 2 else CUT)
-        if not np.var(series.series) > LEAST_VARIANCE:
-            return Pending(*CONSTANT)
-        # a simulator without noise, or a counter: what is left of the line is rounding
-        steps = np.diff(series.series, 2)
-        if not steps.size or float(steps @ steps) <= ROUNDING**2 * float(series.series @ series.series):
-            return Pending("a straight line without noise")
+        series = _noisy_series(sums.blocks, channel, degrees)
+        if isinstance(series, Pending):
+            return series
         previous: ModelChoice | None = None
         if known is not None and isinstance(known.fitted, FittedModel):
             choice = known.fitted.model.choice
@@ -269,6 +265,36 @@ class Estimator:
             return Pending(model)
         precision = {letter: self.precision[letter] for letter in NOISE} if self._time_to else None
         return state_model(sums, channel, model, kurtosis, precision, step, counted=counted)
+
+
+def settling_times_s(blocks: BlockMeans) -> Iterator[float]:
+    """Yield the time constants of the channels that settle along an exponential, s.
+
+    They are those of a fit: the slow terms are the first thing that it searches, in the block means alone. What
+    follows the temperature of a warm-up is a part of the warm-up here. With the temperature as a regressor, no
+    exponential would be left to find.
+    """
+    for channel in range(blocks.means.shape[1]):
+        series = _noisy_series(blocks, channel, None)
+        if not isinstance(series, Pending):
+            terms = SlowTermSearch(series, None, whole=True, markov={}, day=DAY / blocks.interval_s).result()
+            settling = (column for column in terms.regressors if column.name == "settling")
+            yield from (column.place * series.length * blocks.interval_s for column in settling)
+
+
+def _noisy_series(blocks: BlockMeans, channel: int, degrees: Floats | None) -> BlockSeries | Pending:
+    """Return the block means of a channel, or why they show no noise."""
+    series = block_series(blocks, channel, degrees)
+    if series is None:
+        # one gap of unknown length may lie in any short record; more of them are the cause
+        return Pending(TOO_SHORT if len(np.unique(blocks.segment)) <= 2 else CUT)
+    if not np.var(series.series) > LEAST_VARIANCE:
+        return Pending(*CONSTANT)
+    # a simulator without noise, or a counter: what is left of the line is rounding
+    steps = np.diff(series.series, 2)
+    if not steps.size or float(steps @ steps) <= ROUNDING**2 * float(series.series @ series.series):
+        return Pending("a straight line without noise")
+    return series
 
 
 def fit_curve(

@@ -303,9 +303,13 @@ class RecordParts:
     def sums(self, begin: int, end: int | None = None) -> NoiseSums:
         """Return the sums of the noise between two marked places, by sub-band; None: now."""
         first, last = self._marks[begin], None if end is None else self._marks[end]
-        stop = self.cascade.blocks.position if last is None else last.block_position
-        blocks = self.cascade.blocks.result().part(first.block_position, stop)
-        return self._noise_sums(first, last, blocks)
+        return self._noise_sums(first, last, self.blocks(begin, end))
+
+    def blocks(self, begin: int, end: int | None = None) -> BlockMeans:
+        """Return the means over blocks between two marked places; None: now."""
+        first = self._marks[begin].block_position
+        stop = self.cascade.blocks.position if end is None else self._marks[end].block_position
+        return self.cascade.blocks.result().part(first, stop)
 
     def finer_sums(self, begin: int) -> NoiseSums:
         """Return the sums of the noise since a place that is marked for it, with its finer blocks."""

@@ -24,7 +24,7 @@ import numpy as np
 
 from imumon.noise.allan import AllanCurve
 from imumon.noise.array_state import subset
-from imumon.noise.fit import Estimator
+from imumon.noise.fit import Estimator, settling_times_s
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.state_schema import Range, Rule, Saved, Schema, count_field, float_field
 from imumon.noise.statistics.moments import MomentsResult
@@ -232,13 +232,8 @@ class RecordStatistics:
 
     def _decide(self, candidate: int) -> None:
         """Decide whether a warm-up ended at a candidate."""
-        curve = self.curve().select(self.warmup_channels)
-        # what follows the temperature of a warm-up is a part of the warm-up: with the temperature as a regressor, no
-        # exponential would be left to find
-        unknown = None if curve.sums is None else np.full(len(curve.sums.blocks.means), np.nan)
-        averaged = [self._averaged[channel] for channel in self.warmup_channels]
-        fits = Estimator(averaged=averaged, time_to=False).fit(curve, degrees=unknown)
-        if is_over(fits, (candidate - self._start) * self._interval):
+        blocks = self._parts.blocks(self._start).select(list(self.warmup_channels))
+        if is_over(settling_times_s(blocks), (candidate - self._start) * self._interval):
             self._start = candidate
             self._quarters.discard_before(candidate)
             self.warmup_s = self._warmup_length_s()

@@ -30,24 +30,16 @@ HIGHEST_SHARE = 0.1
 temperature is no warm-up."""
 
 
-def is_over(fits: Iterable[ChannelFit], candidate_s: float) -> bool:
-    """Return whether some channel settles along an exponential that is over at a candidate, s."""
-    return any(time_s <= STILL * DECISION_LENGTH * candidate_s for time_s in _time_constants_s(fits))
+def is_over(time_constants_s: Iterable[float], candidate_s: float) -> bool:
+    """Return whether one of some exponentials is over at a candidate, s."""
+    return any(time_s <= STILL * DECISION_LENGTH * candidate_s for time_s in time_constants_s)
 
 
 def still_settles(fits: Iterable[ChannelFit], length_s: float) -> bool:
     """Return whether some channel settles along an exponential that is not over after a record of this length, s."""
-    return any(time_s > STILL * length_s for time_s in _time_constants_s(fits))
-
-
-def _time_constants_s(fits: Iterable[ChannelFit]) -> list[float]:
-    """Return the time constants of the channels that settle."""
     columns = [fit.column("settling") for fit in fits]
-    return [
-        column.time_constant_s
-        for column in columns
-        if column is not None and column.time_constant_s is not None
-    ]
+    times_s = [column.time_constant_s for column in columns if column is not None]
+    return any(time_s is not None and time_s > STILL * length_s for time_s in times_s)
 
 
 def is_warming_up(degrees: Floats, block_s: float) -> bool:
