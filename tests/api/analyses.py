@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
+from imumon.ledger import with_received
 from imumon.report import Report
+
+
+def _of_rows(ledger: Mapping[str, int]) -> dict[str, int]:
+    """Return a ledger without the lines that only a text has: a header is no row of an array."""
+    rows = {name: count for name, count in ledger.items() if name not in ("header", "comment", "blank")}
+    return with_received(rows)
 
 
 def comparable(report: Report) -> Report:
@@ -13,7 +21,7 @@ def comparable(report: Report) -> Report:
         report,
         time="",
         device=replace(report.device, port=None, source=None, remarks=()),
-        session=replace(report.session, received_bytes=0),
+        session=replace(report.session, received_bytes=0, ledger=_of_rows(report.session.ledger)),
         events=tuple(replace(event, time="") for event in report.events),
         evaluation=None if report.evaluation is None else replace(report.evaluation, provenance=None),
     )
