@@ -11,6 +11,8 @@ A kind follows from what the stamps show (`StampEvidence`):
   steps, refined over longer and longer windows. Of a host, single steps say nothing, but a window of rows has about the
   same delay at both ends: the mode of (s(i + w) - s(i)) / w is the interval, because windows with a lost sample lie an
   interval above it. The mode is the half-sample mode (Bickel and Frühwirth 2006, Comput. Stat. Data Anal. 50:3500).
+  Where samples are so often lost that most windows have one, single steps do: the line through the stamps, counted from
+  the mode of the steps on, is another candidate (`interval.regression_interval`).
   The candidate that leaves the smallest delay on the grid, and loses the fewest samples, is used.
 - The resolution to which the stamps are rounded.
 
@@ -44,9 +46,11 @@ from imumon.samples import FASTEST_HZ, SLOWEST_HZ, Floats, Ints
 from imumon.timebase.interval import (
     AMBIGUOUS,
     RATE_PRECISION,
+    RATE_TOLERANCE,
     SINGLE_EXCESS,
     WHOLE,
     are_steady,
+    regression_interval,
     round_to_hertz,
 )
 from imumon.timebase.stamp_placement import (
@@ -67,6 +71,9 @@ the next. The estimate that fits better is used."""
 LONG_WINDOW = 256
 """Rows of the other first estimate, for long delays, and among which the smallest delay is searched: more than arrive
 at once."""
+
+LINE_STEPS = 4096
+"""Steps that are counted one by one for an estimate of the rate where samples are often lost."""
 
 BURST_RATIO = 30.0
 """Ratio of the time in gaps to the time in single steps above which rows come in bursts and the stamps are
@@ -306,6 +313,11 @@ def stamp_interval(times: Floats, resolution: float = 0.0) -> tuple[float, bool]
     if are_steady(counts) and not _is_coarse(interval, resolution) and not _in_bursts(counts):
         return _near_hertz(_refined(times, interval, 1)), True
     candidates = []
+    # where every window has a lost sample, single steps show the interval: most of them are one
+    single = _half_sample_mode(forward)
+    slope, error = regression_interval(steps[:LINE_STEPS], single)
+    if error < RATE_TOLERANCE:
+        candidates.append(_near_hertz(_refined(times, slope, SHORT_WINDOW)))
     for window in {min(window, len(times) - 1) for window in (SHORT_WINDOW, LONG_WINDOW)}:
         interval = _half_sample_mode(times[window:] - times[:-window]) / window
         if interval > 0.0:

@@ -39,6 +39,19 @@ def test_quantised_noise_has_a_ratio_of_one(steps: float) -> None:
     assert accumulated(x).result([0.1 * steps / 2.0]) == [None]
 
 
+@pytest.mark.parametrize("share", [0.05, 0.2])
+def test_repeated_values_are_no_outliers(share: float) -> None:
+    """A sensor that is read more often than it has a value: one in five is that before it."""
+    rng = np.random.default_rng(6)
+    repeated = rng.random(100_000) < share
+    repeated[0] = False
+    newest = np.maximum.accumulate(np.where(repeated, 0, np.arange(100_000)))
+    (robust,) = accumulated(rng.standard_normal((100_000, 1))[newest]).result([0.0])
+    assert robust is not None
+    assert robust.ratio == pytest.approx(1.0, abs=0.02)
+    assert not robust.disagrees
+
+
 def test_contaminated_noise_disagrees() -> None:
     """The core is 1, the deviation 2.44; a tenth of the differences raises their median by 12 %."""
     rng = np.random.default_rng(3)

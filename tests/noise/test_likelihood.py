@@ -13,7 +13,8 @@ import pytest
 
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, fit_curve, synthesise
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit.model import powers_of
+from imumon.noise.fit.likelihood import Surface, quantiles, upper_limit
+from imumon.noise.fit.model import FLICKER, WALK, powers_of
 from imumon.noise.fit.time_to_precision import relative_errors
 from imumon.noise.stretches.parts import RecordParts
 from imumon.samples import Floats
@@ -81,6 +82,19 @@ def test_limits_without_a_random_walk_hold_the_truth(
     assert held(quiet_fits, name, truth) >= 40
     # in 48 records, Gauss–Markov noise is as likely as flicker in one or two
     assert sum(fit.B.status != "measured" for fit in quiet_fits) <= 3
+
+
+def test_the_upper_limit_of_k_holds_without_flicker() -> None:
+    """What counts as B is missing from K: where B may be absent, the limit is that without it, if that is greater."""
+    b, k = np.linspace(0.0, 3.0, 40), np.linspace(0.0, 4.0, 50)
+    together = k[None] + 0.5 * b[:, None]  # the data know the sum
+    log = (-0.5 * ((together - 2.0) / 0.4) ** 2 - 0.5 * b[:, None] ** 2).ravel()
+    none = np.zeros(log.size)
+    surface = Surface({FLICKER: b, WALK: k}, log, {}, {}, none, none[:, None], none[:, None])
+    assert quantiles(surface, WALK, np.array([0.975]))[0] < 2.6
+    assert upper_limit(surface, WALK, 0.975, FLICKER) == pytest.approx(2.0 + 1.96 * 0.4, rel=0.01)
+    shown = replace(surface, grids={FLICKER: b + 0.1, WALK: k})
+    assert upper_limit(shown, WALK, 0.975, FLICKER) == quantiles(shown, WALK, np.array([0.975]))[0]
 
 
 def test_k_is_rarely_measured_without_a_random_walk(quiet_fits: tuple[ChannelFit, ...]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy
+import scipy.signal
 
 from imumon.noise import ChannelFit, OctaveCascade, fit_curve, markov_law, synthesise
 from imumon.noise.fit.likelihood import Surface, quantiles
@@ -127,3 +128,21 @@ def surface(grids: dict[NoiseTerm, Floats]) -> Surface:
     m = np.size(log)
     none = np.zeros((m, 0))
     return Surface(grids, np.ravel(log), {WHITE: np.ones(m)}, {WHITE: np.ones(m)}, np.zeros(m), none, none)
+
+
+def test_slow_markov_noise_is_no_walk() -> None:
+    """A time constant of a 36th of the record: where M explains it better than K, K is not measured."""
+    rng = np.random.default_rng(12)
+    rate, sigma, time_s, n, records = 5.0, 4.8e-5, 200.0, 36_000, 24
+    a = np.exp(-1.0 / rate / time_s)
+    drive = sigma * np.sqrt(1.0 - a * a) * rng.standard_normal((n, records))
+    drive[0] = sigma * rng.standard_normal(records)
+    values = scipy.signal.lfilter([1.0], [1.0, -a], drive, axis=0)
+    values += synthesise(n, rate, N=[6.1e-5] * records, B=2.4e-5, seed=rng, averaged=False)
+    cascade = OctaveCascade(records, tau0=1.0 / rate)
+    cascade.update(values)
+    fits = fit_curve(cascade.result(), averaged=False, time_to=False)
+    assert sum(fit.K.status == "measured" for fit in fits) <= 2
+    reasons = {fit.K.reason for fit in fits if fit.K.status == "indistinct"}
+    assert "the record does not distinguish it from M" in reasons
+    assert all(fit.K.low == 0.0 for fit in fits if fit.K.status == "indistinct")

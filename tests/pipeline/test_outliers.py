@@ -81,6 +81,19 @@ def test_heavy_tails_are_noise_from_the_beginning(columns: list[int]) -> None:
     assert valid.mean() > 0.95
 
 
+def test_the_end_of_heavy_tails_is_noise_and_stays() -> None:
+    """Student's t(3): below 1 % of the samples are outliers, but they hold a fifth of the variance."""
+    values = quiet(60_000)
+    values[:, 0] = SIGMA[0] * np.random.default_rng(4).standard_t(3.0, 60_000) / np.sqrt(3.0)
+    values[50_000, 0] += 200.0 * SIGMA[0]
+    values[50_010, 1] += 200.0 * SIGMA[1]
+    guard, valid = guarded(values)
+    assert np.flatnonzero(guard.noisy_outliers).tolist() == [0]
+    assert values[20_000:, 0][valid[20_000:, 0]].std() > 0.93 * values[20_000:50_000, 0].std()
+    assert not valid[50_000, 0]  # no tail reaches as far
+    assert not valid[50_010, 0]  # the other axis has no tails
+
+
 def test_outliers_become_rare_again() -> None:
     values = np.concatenate((with_spikes(60_000, 0.03, [1]), quiet(240_000, 5)))
     values[250_000, 1] += 1.0

@@ -112,6 +112,23 @@ def test_a_gap_in_bunched_stamps_is_missing_samples() -> None:
     assert session.missing == pytest.approx(200, abs=3)
 
 
+@pytest.mark.parametrize("share", [0.07, 0.15, 0.3])
+@pytest.mark.parametrize("jitter", [0.04, 0.2])
+def test_losses_in_every_window_do_not_change_the_rate(share: float, jitter: float) -> None:
+    """Of a host, with samples that are often lost: no second is complete, and single steps show the interval."""
+    random, true = np.random.default_rng(8), grid()
+    late = jitter * 1e9 / RATE_HZ * random.uniform(0.0, 1.0, len(true))
+    received = random.random(len(true)) >= share
+    received[[0, -1]] = True
+    total, rate, live = measure((true + np.rint(late).astype(np.int64))[received])
+    assert rate == pytest.approx(RATE_HZ, rel=2e-4)
+    # the rows of the last second have none behind them that could say whether they are late
+    last_second = 2.0 * share * RATE_HZ
+    assert total.missing == pytest.approx(int((~received).sum()), abs=last_second)
+    assert total.restarts == 0
+    assert live.decided
+
+
 def test_messages_that_are_known_to_be_lost_show_in_bunched_stamps() -> None:
     """One lost message in a batch does not show in its stamp; the sequence number tells."""
     all_stamps = -(-grid() // 40_000_000) * 40_000_000

@@ -297,6 +297,42 @@ OUTLIER_NOISE_SHARE = RULES.add(
     origin="chosen: an error of the transmission is rarer; 1 % of ten sigma doubles N^2",
     benchmark="test_outliers.py",
 )
+TAIL_BEGIN = RULES.add(
+    "TAIL_BEGIN",
+    6.0 / UNUSUAL_SIGMA,
+    unit="of the limit of an outlier",
+    decides="a frame whose largest sample is between here and the limit counts as one with a tail",
+    without="nearer to the noise, Gaussian samples count: 6e-7 of them exceed 5 standard deviations",
+    origin="6 standard deviations: in a day at 800 Hz, Gaussian noise has 0.1 such samples",
+    benchmark="tails.py",
+)
+TAIL_SHARE = RULES.add(
+    "TAIL_SHARE",
+    0.3,
+    unit="of the frames with an outlier",
+    decides="from here on, frames with a tail show that the outliers of the channel are its noise, and they stay",
+    without="N of noise with the tails of Student's t(3) is 11 % low, and no limit holds",
+    origin="t(3) has 0.6, t(4) 0.9; half a per cent of ten deviations has 0.13, bit errors of any size 0",
+    benchmark="tails.py",
+)
+LEAST_TAIL_FRAMES = RULES.add(
+    "LEAST_TAIL_FRAMES",
+    10,
+    unit="frames",
+    decides="frames with a tail, and frames with an outlier, that a channel with heavy tails has at least",
+    without="bit errors of nine deviations, of which a tenth falls short of the limit, count as noise by chance",
+    origin="with a share of a tenth, 33 outliers have ten such frames in 0.2 % of records",
+    benchmark="tails.py",
+)
+TAIL_REACH = RULES.add(
+    "TAIL_REACH",
+    5.0,
+    unit="limits of an outlier",
+    decides="farther samples are excluded also where the tails are heavy",
+    without="one bit error of 1 rad/s triples N of a sensor with heavy tails",
+    origin="35 standard deviations: beyond, t(4) has 0.3 % of its variance; t(3), whose N no record shows, has 12 %",
+    benchmark="tails.py",
+)
 KNOCK_RUN = RULES.add(
     "KNOCK_RUN",
     3,

@@ -80,6 +80,7 @@ from imumon.noise.detection.detection_rules import (
     REST_FRAMES,
     RETURN_FRAMES,
     SEVERAL_AXES,
+    TAIL_REACH,
     WINDOW_FRAMES,
 )
 from imumon.noise.detection.outliers import OutlierDetector, limit_of_samples
@@ -464,12 +465,16 @@ class DisturbanceDetector(ArrayState):
     def _learn(self, frames: FrameStatistics, codes: Codes, outliers: Bools | None = None) -> None:
         """Learn from quiet frames."""
         self.outliers.count(outliers, len(frames.mean))
+        baseline = self.baseline
+        # the steps of a coarse channel end anywhere: its peaks say nothing of a tail
+        limit = np.where(baseline.peak_limit > baseline.usual_sample, np.inf, baseline.usual_sample)
+        self.outliers.count_tails(frames.peak, limit, outliers)
         self.baseline.add(frames)
         if not self._still_rests():
             codes[-1:] = ReasonCode.MOTION  # the scales change with the last frame that is learned
 
     def _exclude_outliers(self, values: Floats, outliers: Bools, place: int) -> None:
-        """Exclude outliers (c, k, PARTS, part) of channels in which they are not noise.
+        """Exclude outliers (c, k, PARTS, part) of channels in which they are not noise, and those beyond heavy tails.
 
         Parameters
         ----------
@@ -477,6 +482,10 @@ class DisturbanceDetector(ArrayState):
         place : on the grid, of the first sample.
         """
         excluded = outliers & ~self.outliers.noise[:, None, None, None]
+        if self.outliers.tails.any():
+            distance = np.abs(values - self.baseline.level[:, None, None, None])
+            reach = np.where(self.outliers.tails, TAIL_REACH * self.baseline.usual_sample, 0.0)
+            excluded &= distance > reach[:, None, None, None]
         by_channel = excluded.reshape(len(excluded), -1)
         for row in np.flatnonzero(by_channel.any(axis=0)).tolist():
             distance = np.abs(values.reshape(len(values), -1)[:, row] - self.baseline.level)

@@ -67,7 +67,7 @@ What passes unassessed
     less than 7 sigma, or 1.5 times the noise         noise does the same; a knock of 3 sigma shows in the mean of 0.1 s
     slow motion                                       the level follows over 8 s; noise of 1.5e-3 rad/s or 0.03 m/s^2 at
                                                       1 s is rest whatever it is, and so is a turn below 0.1 rad/s
-    single samples of an axis with heavy tails        above 1 % they are its noise
+    single samples of an axis with heavy tails        above 1 %, or where the tail reaches them, they are its noise
     anything on an axis that was never live           constant from the beginning, or held for eight samples and more
                                                       (`baseline`); one that dies later is stuck, and excludes all axes
     the first repeats of a stuck output               a sample repeats four times, an axis for 2 s, before it is stuck;
@@ -241,7 +241,7 @@ class Guard(ArrayState):
         """(c,) Channels whose outliers are noise and are not excluded."""
         noisy = np.zeros(len(self.groups), dtype=bool)
         for detector in self._detectors:
-            noisy[detector.channels] = detector.outliers.noise
+            noisy[detector.channels] = detector.outliers.noise | detector.outliers.tails
         return noisy
 
     @property

@@ -24,6 +24,11 @@ Which channels have outliers as noise
     state    event                                                               next state
     rare     more than 1 % of its samples, and three standard errors of it, are outliers    noise
     noise    they are fewer again                                                rare
+    any      as many frames end just short of far as have an outlier             tails, for the record
+
+Tails are the other sign of noise. A bit error has any size, but noise with heavy tails has the more samples the nearer
+they are: where the largest sample of a frame is often just short of far, the far ones are the continuation of the same
+noise, and without them N would be that of a sensor with other noise. They stay up to `TAIL_REACH` times the limit.
 
 Outliers of a channel are excluded while they are rare. If they are its noise they stay, and the statistics
 then describe what the sensor really gives. Counts fade: they halve when they are of 128 frames, which is after the
@@ -60,9 +65,12 @@ from imumon.noise.detection.detection_rules import (
     COINCIDENCE_SAMPLES,
     ERROR_MARGIN,
     KNOCK_RUN,
+    LEAST_TAIL_FRAMES,
     MEMORY_FRAMES,
     OUTLIER_NOISE_SHARE,
     PARTS,
+    TAIL_BEGIN,
+    TAIL_SHARE,
     UNUSUAL_CHANCE,
     UNUSUAL_SIGMA,
 )
@@ -109,7 +117,8 @@ class OutlierDetector(ArrayState):
 
     Attributes
     ----------
-    noise : (c,) channels whose outliers are noise.
+    noise : (c,) channels whose outliers are noise, because there are many.
+    tails : (c,) channels whose outliers are the end of heavy tails.
     """
 
     _STATE: ClassVar = {
@@ -119,6 +128,8 @@ class OutlierDetector(ArrayState):
             0, MEMORY_FRAMES - 1
         ),  # they halve at `MEMORY_FRAMES`: with more, `count` would never end
         "noise": FLAG,
+        "_tail_frames": COUNT,
+        "tails": FLAG,
     }
 
     def __init__(self, groups: list[int], frame_samples: int) -> None:
@@ -129,6 +140,9 @@ class OutlierDetector(ArrayState):
         self._sensor_counts = np.zeros(len(names))  # samples of each sensor with an outlier
         self._frames = np.zeros(1, dtype=np.int64)  # frames in which they were counted
         self.noise = np.zeros(len(groups), dtype=bool)
+        # frames whose largest sample is just short of far, and frames with an outlier
+        self._tail_frames = np.zeros((2, len(groups)), dtype=np.int64)
+        self.tails = np.zeros(len(groups), dtype=bool)
 
     def schema(self) -> Schema:
         """Return what a saved state of these sensors consists of."""
@@ -201,6 +215,22 @@ class OutlierDetector(ArrayState):
                 self._channel_counts *= 0.5
                 self._sensor_counts *= 0.5
         self._decide_noise()
+
+    def count_tails(self, peaks: Floats, limit: Floats, outliers: Bools | None) -> None:
+        """Count frames at the end of the usual noise and beyond, and decide which channels have heavy tails.
+
+        Parameters
+        ----------
+        peaks : (k, c) channel unit, largest distance of a sample in each frame, without its outliers.
+        limit : (c,) channel unit, from where on a sample is far.
+        outliers : (c, k, PARTS, part) of the frames; None: there are none.
+        """
+        self._tail_frames[0] += ((peaks > TAIL_BEGIN * limit) & (peaks <= limit)).sum(axis=0)
+        if outliers is not None:
+            self._tail_frames[1] += outliers.any(axis=(2, 3)).sum(axis=1)
+            short, beyond = self._tail_frames
+            enough = np.minimum(short, beyond) >= LEAST_TAIL_FRAMES
+            self.tails |= enough & (short >= TAIL_SHARE * beyond)
 
     def _decide_noise(self) -> None:
         """Decide which channels have outliers as noise: the transitions between rare and noise."""

@@ -482,6 +482,41 @@ def quantiles(surface: Surface, term: NoiseTerm, probabilities: Floats) -> Float
     return density_quantiles(grid, p, probabilities)
 
 
+def without(surface: Surface, absent: NoiseTerm) -> Surface | None:
+    """Return the part of a surface without a gridded term; None where its grid is far from zero.
+
+    The prior of an amplitude gives zero no share. Summed over B, N and K are always smaller than without B, because
+    some of both counts as B. Where the data do not show B, both descriptions are open.
+    """
+    if surface.grids[absent][0] > 0.0:
+        return None
+    axis = list(surface.grids).index(absent)
+
+    def at_zero(values: Floats) -> Floats:
+        """Return the values (m, ...) at the first point of the axis, which is zero."""
+        rest = values.shape[1:]
+        return np.asarray(np.take(values.reshape(*surface.shape, *rest), 0, axis=axis).reshape(-1, *rest))
+
+    return replace(
+        surface,
+        grids={term: grid[:1] if term is absent else grid for term, grid in surface.grids.items()},
+        log=at_zero(surface.log),
+        scored={term: at_zero(power) for term, power in surface.scored.items()},
+        scored_variances={term: at_zero(variance) for term, variance in surface.scored_variances.items()},
+        corner=at_zero(surface.corner),
+        beta=at_zero(surface.beta),
+        beta_variances=at_zero(surface.beta_variances),
+        likeliest=None,
+    )
+
+
+def upper_limit(surface: Surface, term: NoiseTerm, probability: float, absent: NoiseTerm) -> float:
+    """Return a quantile of the amplitude of a gridded term: the greater one of those with and without another term."""
+    parts = [surface, without(surface, absent)]
+    quantile = np.array([probability])
+    return max(float(quantiles(part, term, quantile)[0]) for part in parts if part is not None)
+
+
 def density_quantiles(grid: Floats, p: Floats, probabilities: Floats) -> Floats:
     """Return quantiles of a probability density p (g,) at even points of a grid (g,).
 

@@ -55,6 +55,24 @@ CERTAIN_ODDS = RULES.add(
     origin="19 to 1 is 95 %, as of all limits",
     benchmark="markov.py",
 )
+INSTEAD_GAIN = RULES.add(
+    "INSTEAD_GAIN",
+    1.0,
+    unit="log likelihood",
+    decides="a walk that Gauss–Markov noise in its place explains better by as much is `indistinct`",
+    without="M of a 36th of the record is measured as K in one record in five",
+    origin="one parameter more (Akaike 1974); of a true walk, 3 to 10 % of the records are `indistinct` by it",
+    benchmark="markov.py",
+)
+SLOW_TIMES = RULES.add(
+    "SLOW_TIMES",
+    6,
+    unit="time constants",
+    decides="number of time constants, up to the longest, that are tried in the place of a walk",
+    without="with those of the odds, two of which are a factor of 2.7 apart in 2 h at 40 Hz, M loses gain between them",
+    origin="chosen: two of them are a factor of 1.6 apart",
+    benchmark="markov.py",
+)
 END_SHARE = RULES.add(
     "END_SHARE",
     0.2,

@@ -12,6 +12,9 @@ So the data decide, by odds:
    likeliest one (flat prior in log T), so that it holds what the record does not show of T.
 3. *Mixture*. The likelihoods with and without the term count in these odds.
 
+K is measured only where it describes the record as well as M in its place, which has one parameter more, so that its
+likelihood must be e times as great (Akaike 1974). In a record of few time constants M and a walk look alike.
+
 Time constants are on a lattice (`LATTICE`), so that expectations are computed once for all channels and fits.
 """
 
@@ -50,6 +53,7 @@ from imumon.noise.fit.markov_rules import (
     PENALTY,
     SCORE_ODDS,
     SHORTEST,
+    SLOW_TIMES,
 )
 from imumon.noise.fit.model import FLICKER, WALK, GaussMarkov, NoiseTerm
 from imumon.noise.validity_groups import ROUNDING
@@ -125,6 +129,36 @@ def peaks(observed: Observed, surface: Surface, times: Sequence[float]) -> Peaks
     return Peaks(terms, logs[1:] - without, {term: p[1:] for term, p in by_term.items()}, power[1:, -1])
 
 
+def gain_instead(observed: Observed, surface: Surface, times: Sequence[float], absent: NoiseTerm) -> float:
+    """Return the gain in log likelihood by Gauss–Markov noise in the place of another term, which is then zero.
+
+    Parameters
+    ----------
+    observed, times : see `peaks`.
+    surface : with the other term, and without Gauss–Markov noise.
+    """
+    terms = tuple(GaussMarkov("M", time) for time in times)
+    likelihood = observed(terms)
+    others = [term for term in (*likelihood.scored, *surface.grids) if term is not absent]
+    squares = likelihood.as_squares(surface)
+    unit = np.stack([squares.expected[term] for term in others])
+    markov = np.stack([squares.expected[term] for term in terms])
+    units = np.zeros((len(terms), len(others) + 1, unit.shape[1]))
+    units[:, :-1], units[:, -1] = unit, markov
+    likeliest = np.array([surface.powers[term] for term in others])
+    model = surface.powers[absent] * squares.expected[absent] + likeliest @ unit
+    least = LEAST_SHARE * np.append((model / np.maximum(unit, 1e-300)).min(axis=1), (model / markov).min())
+    # the other term leaves its power where it shows most: there the first Gauss–Markov noise has as much
+    start = np.column_stack((np.tile(likeliest, (len(terms), 1)), (model / markov).min(axis=1)))
+    power = np.exp(_scored(squares, units, np.log(np.maximum(start, 10.0 * least)), np.log(least)))
+    by_term = {term: power[:, i] for i, term in enumerate(others)}
+    each: dict[NoiseTerm, Floats] = {
+        term: np.where(np.arange(len(terms)) == i, power[:, -1], 0.0) for i, term in enumerate(terms)
+    }
+    logs = likelihood.at_powers({**by_term, absent: np.zeros(len(terms))}, surface, each)
+    return float(logs.max() - surface.log.max())
+
+
 def _score_gains(squares: Squares, others: Floats, markov: Floats, model: Floats) -> Floats:
     """Return (t,) the gains in log likelihood by a small power of each of t terms, to second order (Rao 1948).
 
@@ -180,6 +214,11 @@ def tried_times(samples: float) -> list[float]:
     if LONGEST * samples <= SHORTEST:
         return []
     return lattice(np.geomspace(SHORTEST, LONGEST * samples, MARKOV_TIMES))
+
+
+def slow_times(samples: float) -> list[float]:
+    """Return the time constants of noise that a walk may be, samples: the last decade of those that are tried."""
+    return lattice(LONGEST * samples * np.geomspace(0.1, 1.0, SLOW_TIMES))
 
 
 def odds_of(gains: Floats) -> float:

@@ -38,13 +38,15 @@ from scipy.special import gammaincc
 
 from imumon.noise.fit import markov_search
 from imumon.noise.fit.fit_rules import (
+    EVIDENCE,
     MOST_ERROR,
     REJECT_P,
     TOLERANCE,
     WINDOW_BANDS,
     WINDOWS,
 )
-from imumon.noise.fit.likelihood import Grids, Likelihood, Surface, mixed
+from imumon.noise.fit.likelihood import Grids, Likelihood, Surface, evidence, mixed
+from imumon.noise.fit.markov_rules import INSTEAD_GAIN
 from imumon.noise.fit.markov_search import MarkovSurface, Peaks
 from imumon.noise.fit.model import (
     GRIDDED,
@@ -106,6 +108,7 @@ class Model:
     choice : for the next fit.
     markov : likelihood with Gauss–Markov noise; None: the data do not ask for it.
     upper_error : relative standard deviation of N^2 between choices of the highest frequency, beyond their statistics.
+    is_markov_instead : whether Gauss–Markov noise describes the record better than the walk that shows.
     """
 
     surface: Surface
@@ -120,6 +123,7 @@ class Model:
     choice: ModelChoice
     markov: MarkovSurface | None = None
     upper_error: float = 0.0
+    is_markov_instead: bool = False
 
     @property
     def noise_powers(self) -> dict[NoiseTerm, float]:
@@ -359,6 +363,7 @@ class ModelSearch:
             choice,
             markov,
             self._upper_error(upper_end),
+            (markov is None or not markov.is_certain) and self._is_markov_instead(upper_end, error, surface),
         )
 
     def _without_markov(self, upper_end: UpperEnd, error: float) -> _Alternatives:
@@ -425,6 +430,18 @@ class ModelSearch:
             lambda more: self._likelihood(upper_end, error, more=more), surface, times
         )
         return peaks if markov_search.odds_of(peaks.gains) >= 1.0 else None
+
+    def _is_markov_instead(self, upper_end: UpperEnd, error: float, surface: Surface) -> bool:
+        """Return whether Gauss–Markov noise in the place of a walk that shows describes the record better."""
+        if not self._tried_markov or evidence(surface, WALK) <= EVIDENCE:
+            return False
+        gain = markov_search.gain_instead(
+            lambda more: self._likelihood(upper_end, error, more=more),
+            self._fit(upper_end, error)[1],
+            markov_search.slow_times(self._samples),
+            WALK,
+        )
+        return gain > INSTEAD_GAIN
 
     def _with_markov_peak(self, upper_end: UpperEnd, peaks: Peaks) -> tuple[Likelihood, Surface]:
         """Return likelihood and surface with the likeliest Gauss–Markov noise, whose power is fixed."""

@@ -13,10 +13,15 @@ A model (`search.Model`) is a likelihood of powers in units of tau0. Three thing
   | pending | – | in the first `LEAST_B_K_S` seconds |
 
   M is measured where its odds exceed `CERTAIN_ODDS` and the record bounds its time constant. Where B, K and M are
-  needed together but none of them alone, each is ``indistinct``, with the 97.5 % quantile as its bound. Where the drawn
+  needed together but none of them alone, each is ``indistinct``, with the 97.5 % quantile as its bound; so is K where M
+  in its place describes the record better. Where the drawn
   model leaves the limits of the curve (`curve_statement`), those of them that decide it there become bounds.
 
   Q is measured as N is, at the likeliest point of the grid and with normal limits of its power, or absent.
+
+  Where the record does not show one of B and K, the upper limit of the other is the greater one of those with it and
+  without it (`likelihood.without`): a flat prior gives zero no share, and takes from the other what it counts there. So
+  it is with N where the record does not show B.
 
   A bound is the 97.5 % quantile and not the 95 % one: a flat prior pulls towards zero, and the 95 % quantile is below
   the truth in up to 15 % of records where B just begins to show.
@@ -53,8 +58,17 @@ from imumon.noise.fit.fit_rules import (
     SAME_PERIOD,
     VISIBLE,
 )
-from imumon.noise.fit.likelihood import evidence, grid_mean, joint_evidence, normal_matrix, quantiles
-from imumon.noise.fit.model import GRIDDED, QUANTISATION, WHITE, NoiseTerm, total
+from imumon.noise.fit.likelihood import (
+    Surface,
+    evidence,
+    grid_mean,
+    joint_evidence,
+    normal_matrix,
+    quantiles,
+    upper_limit,
+    without,
+)
+from imumon.noise.fit.model import FLICKER, GRIDDED, QUANTISATION, WALK, WHITE, NoiseTerm, total
 from imumon.noise.fit.model_curve import (
     moved_variances,
 )
@@ -336,13 +350,21 @@ def _coefficients(
     rounding : (channel unit)^2, variance of the errors of rounding.
     """
     surface = model.surface
-    mean, error = (
-        float(v) for v in grid_mean(surface, surface.scored[WHITE], surface.scored_variances[WHITE])
-    )
-    error = math.hypot(error, mean * math.sqrt(max(kurtosis_of_mean, 0.0)), mean * model.upper_error)
+
+    def white_power(part: Surface) -> tuple[float, float]:
+        """Return the power of white noise, with its error."""
+        mean, error = grid_mean(part, part.scored[WHITE], part.scored_variances[WHITE])
+        relative = math.hypot(math.sqrt(max(kurtosis_of_mean, 0.0)), model.upper_error)
+        return float(mean), math.hypot(float(error), float(mean) * relative)
+
+    mean, error = white_power(surface)
     # N is that of the samples as they are, which is what a filter sees. The limits hold that of the sensor before its
     # rounding, too, which only the lower one shows.
     before, rounded = max(mean - rounding, 0.0), _of_power(mean, error)
+    unflickering = without(surface, FLICKER) if evidence(surface, FLICKER) <= EVIDENCE else None
+    if rounded.high is not None and unflickering is not None:
+        high = _of_power(*white_power(unflickering)).high
+        rounded = replace(rounded, high=max(rounded.high, high or 0.0))
     unrounded = _of_power(before, math.hypot(error, _rounding_error(before, rounding)))
     white = replace(rounded, low=unrounded.low) if unrounded.value else replace(unrounded, high=rounded.high)
     estimates: dict[NoiseTerm, Estimate] = {WHITE: white}
@@ -406,9 +428,7 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
     """
     surface, markov = model.surface, model.markov
     shown: dict[NoiseTerm, bool] = {term: evidence(surface, term) > EVIDENCE for term in GRIDDED}
-    limits: dict[NoiseTerm, tuple[float, float, float]] = {
-        term: tuple(quantiles(surface, term, LIMITS).tolist()) for term in GRIDDED
-    }
+    limits = _limits_of_gridded(surface, shown)
     open_terms: list[NoiseTerm] = [term for term in GRIDDED if not shown[term]]
     if markov is not None:
         shown[markov.term] = markov.is_certain
@@ -420,6 +440,9 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
         (markov is not None and not markov.is_certain) or joint_evidence(surface, open_terms) > EVIDENCE
     )
     estimates: dict[NoiseTerm, Estimate] = {}
+    if model.is_markov_instead:
+        reason = "the record does not distinguish it from M"
+        estimates[WALK] = Estimate(low=0.0, high=limits.pop(WALK)[2], status="indistinct", reason=reason)
     for term, (low, value, high) in limits.items():
         others = [other.letter for other in open_terms if other is not term]
         if shown[term] and low < value < high:
@@ -430,6 +453,19 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
         else:
             estimates[term] = _bound(high)
     return estimates
+
+
+def _limits_of_gridded(
+    surface: Surface, shown: Mapping[NoiseTerm, bool]
+) -> dict[NoiseTerm, tuple[float, float, float]]:
+    """Return lower limit, value and upper limit of B and K; the upper one holds also without what does not show."""
+    limits: dict[NoiseTerm, tuple[float, float, float]] = {}
+    for term, other in zip(GRIDDED, reversed(GRIDDED), strict=True):
+        low, value, high = quantiles(surface, term, LIMITS).tolist()
+        if not shown[other]:
+            high = upper_limit(surface, term, float(LIMITS[-1]), other)
+        limits[term] = low, value, high
+    return limits
 
 
 def _markov(model: Model, sigma: Estimate | None, tau0: float) -> MarkovEstimate | None:

@@ -175,7 +175,14 @@ class DifferenceAccumulator:
             return None
         if self._counts[c, 0] > REPEATED * n:  # the first bin has the differences of zero
             return None
-        below = np.concatenate(([0], np.cumsum(self._counts[c]))) / n  # at the edges of the bins
+        # A repeated value is no difference of the noise: without them, sigma grows as the median does. Zeros by
+        # rounding are differences like others: step times the density of a difference at zero.
+        rounded = step / (2.0 * math.sqrt(math.pi) * sigma)
+        repeats = max(int(self._counts[c, 0] - rounded * n), 0)
+        n, sigma = n - repeats, sigma * math.sqrt(n / (n - repeats))
+        counts = self._counts[c].copy()
+        counts[0] -= repeats
+        below = np.concatenate(([0], np.cumsum(counts))) / n  # at the edges of the bins
         edges = _edges()
         if 0.0 < sigma < FEW_LEVELS * step:  # at the edges next to the middle between two levels
             levels = np.arange(0.5, 4.0 * FEW_LEVELS) * step
