@@ -70,6 +70,10 @@ CAVEATS: Mapping[str, CaveatText] = {
         "the drawn model leaves the limits of the measured curve",
         "B, K and M that decide it there are bounds: the noise is of a kind that the model does not have.",
     ),
+    "halves": CaveatText(
+        "K of the halves of the record contradict each other",
+        "Something moved the mean in a part of the record only: a warm-up, a hand or a draught. K is a bound.",
+    ),
     "popcorn": CaveatText(
         "the mean jumps between two levels (popcorn noise)",
         "M has its size and its time constant. B and K are without it.",

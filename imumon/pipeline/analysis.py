@@ -19,7 +19,7 @@ from imumon.noise.fit import BiasFit, ChannelFit, Estimator
 from imumon.noise.grading import LIMITS, Headline, grade_sensor
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.distribution_shape import DistributionShape
-from imumon.noise.stretches.quarters import excess
+from imumon.noise.stretches.quarters import contradict, excess
 from imumon.noise.stretches.warmup import still_settles
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
@@ -31,7 +31,8 @@ from imumon.units import counted, duration
 GROWTH = 0.1
 """Growth of a record, as a share, after which it is analysed again: each result changes visibly."""
 SCATTER_GROWTH = 1.5
-"""Growth of the record, as a factor, after which the scatter between its quarters is computed again."""
+"""Growth of the record, as a factor, after which its quarters and halves are fitted again."""
+HALVES = "the halves of the record contradict each other"
 LONGEST_PAUSE_S = 60.0
 """s, longest pause, so that the end of the curve moves every minute."""
 
@@ -74,7 +75,8 @@ class Analysis:
         self._quarters = Estimator(averaged=averaged, time_to=False)
         self._scatter: dict[int, dict[str, tuple[float, Excess]]] = {}  # by column and letter
         self._bias_curves: dict[int, BiasFit] = {}  # by column
-        self._slow_due_s = 0.0
+        self._slow_due_s = self._halves_due_s = 0.0
+        self._contradictions: dict[int, float] = {}  # by column, greatest upper limit of K in the halves
         self.warming_up = self.heats_up = False
         self.convergence = StatementLog(record.allan_channels)
         self._due_s = 0.0
@@ -96,7 +98,7 @@ class Analysis:
         if early or current == self._analysed:
             return
         if record.warmup_s != self._analysed[2]:
-            self._slow_due_s = 0.0
+            self._slow_due_s = self._halves_due_s = 0.0
         self._analysed, self._due_s = current, elapsed + pause_s(elapsed)
         curve, kurtosis, fits = self._fit(force=force)
         robust = record.robust_deviations(self.resolution or ())
@@ -130,6 +132,11 @@ class Analysis:
         """Return the fits, as far as the state of the record lets them count; decide whether it warms up."""
         record, noise = self._record, self._record.statistics.noise
         fits = self._estimator.fit(curve, renew=force or None, resolution=steps, kurtosis=kurtosis)
+        self._compare_halves(steps, kurtosis, force=force)
+        fits = tuple(
+            _with_contradiction(fit, self._contradictions[c]) if c in self._contradictions else fit
+            for c, fit in enumerate(fits)
+        )
         inertial = [fits[c] for c in noise.warmup_channels if c < len(fits)]
         settles = still_settles(inertial, record.elapsed_s - noise.begin_s)
         self.heats_up = record.guarded and noise.is_warming_up(curve)
@@ -140,6 +147,22 @@ class Analysis:
         if (why := _why_pending(record)) is not None:
             fits = tuple(_with_reason(fit, why) for fit in fits)
         return fits
+
+    def _compare_halves(self, steps: list[float], kurtosis: list[float], *, force: bool) -> None:
+        """Find the channels whose K in the halves contradict each other, when the record has grown enough."""
+        record = self._record
+        if not force and record.elapsed_s < self._halves_due_s:
+            return
+        self._halves_due_s = SCATTER_GROWTH * record.elapsed_s
+        halves = [
+            self._quarters.fit_sums(sums, span, steps, kurtosis, like=self._estimator)
+            for sums, span in record.statistics.noise.halves() or ()
+        ]
+        self._contradictions = {
+            column: max(first.K.high or 0.0, second.K.high or 0.0)
+            for column, (first, second) in enumerate(zip(*halves, strict=True) if halves else ())
+            if contradict(first.K, second.K)
+        }
 
     def _channel(self, curve: AllanCurve, column: int, name: str) -> Channel:
         """Return the fields of a channel that come from the analysis."""
@@ -198,6 +221,14 @@ def _between(quarters: Sequence[Estimate]) -> tuple[float, Excess] | None:
         return None
     values, low, high = np.array(known, dtype=np.float64).T
     return float(np.std(values, ddof=1)), excess(values, np.log(high / low) / (2.0 * LIMIT_95))
+
+
+def _with_contradiction(fit: ChannelFit, high: float) -> ChannelFit:
+    """Return the fit with K as a bound that holds that of both halves, which contradict each other."""
+    if fit.K.high is None:
+        return fit
+    walk = Estimate(low=0.0, high=max(fit.K.high, high), status="upper_bound", reason=HALVES)
+    return replace(fit, coefficients={**fit.coefficients, "K": walk}, caveats=(*fit.caveats, "halves"))
 
 
 def _without_slow_values(fit: ChannelFit) -> ChannelFit:

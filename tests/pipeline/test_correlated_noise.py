@@ -287,3 +287,28 @@ def test_popcorn_noise_is_named_by_its_levels() -> None:
     assert dwell_s / 2.0 < jumps.low_s < 2.0 * dwell_s
     assert dwell_s / 2.0 < jumps.high_s < 2.0 * dwell_s
     assert any(note.startswith("jumps between -") for note in _notes("gyro/x", channel))
+
+
+# ---------------------------------------------------------------------- halves
+
+
+def test_k_is_a_bound_where_the_halves_contradict_each_other() -> None:
+    """A mean that walks in the first third and rests then: the walk is no property of the sensor."""
+    rate, n = 5.0, 36_000
+    values = synthesise(n, rate, N=[6.1e-5] * 3, B=2.4e-5, seed=3, averaged=False)
+    steps = np.random.default_rng(3).standard_normal(n // 3)
+    values[:, 0] += np.pad(1e-5 / np.sqrt(rate) * np.cumsum(steps), (0, n - n // 3), mode="edge")
+    values[:, 1] += synthesise(n, rate, K=1e-5, seed=4, averaged=False)[:, 0]  # a walk that goes on
+    measurement = analyse(gyro=values, rate_hz=rate)
+    moved, walks, rests = (measurement.report.channels[f"gyro/{axis}"] for axis in "xyz")
+    assert "halves" in moved.caveats
+    assert moved.K is not None
+    assert (moved.K.status, moved.K.reason) == (
+        "upper_bound",
+        "the halves of the record contradict each other",
+    )
+    assert moved.K.high is not None
+    assert moved.K.high > 8e-6
+    assert "halves" not in walks.caveats + rests.caveats
+    assert walks.K is not None
+    assert walks.K.status == "measured"

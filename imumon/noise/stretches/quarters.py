@@ -4,6 +4,9 @@ The limits of a fit say how far chance may have moved a coefficient in this reco
 Real sensors are not: N moves by 0.5 to 1 % within an hour, a multiple of its limits. The standard deviation
 between the quarters shows that; `excess` says which part of it statistics do not explain.
 
+K is another case. What moves the mean without being noise, a sensor that warms or a hand beside it, looks like a walk
+and happens once. Then one half of the record has it and the other does not: `contradict` says so by their limits.
+
 The length of a record is not known in advance, so the places between its quarters cannot be marked at once. Marks lie
 at equal distances instead. The ninth one makes every second one drop, and the distance doubles. So once the record is
 long enough there are 5 to 8 marks, hence 4 to 7 equal lengths between them, and a quarter is one or two of these.
@@ -17,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
-from imumon.coefficients import QUARTERS, Excess
+from imumon.coefficients import QUARTERS, Estimate, Excess
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.fit.fit_rules import NEGLECTED_P
 from imumon.noise.noise_sums import NoiseSums
@@ -79,6 +82,19 @@ def excess(values: Floats, errors: Floats) -> Excess:
     return Excess(value=value, low=low, high=high, p_value=p_value)
 
 
+def contradict(one: Estimate, two: Estimate) -> bool:
+    """Return whether the limits of a coefficient in two parts of a record exclude each other.
+
+    By chance 95 % limits of equal width do so in one of 180 pairs.
+
+    >>> contradict(Estimate(low=0.0, high=1.0, status="upper_bound"), Estimate(value=2.0, low=1.5, high=3.0))
+    True
+    """
+    if one.low is None or one.high is None or two.low is None or two.high is None:
+        return False
+    return one.low > two.high or two.low > one.high
+
+
 class Quarters:
     """Marks at equal distances in a record.
 
@@ -114,12 +130,12 @@ class Quarters:
         """Forget the lengths that begin before a position, samples of the grid."""
         self.places = [place for place in self.places if place >= position] or [self._parts.mark()]
 
-    def result(self) -> list[tuple[NoiseSums, int]] | None:
-        """Return the sums of the four quarters and their lengths, samples; None while the record is too short."""
+    def result(self, parts: int = QUARTERS) -> list[tuple[NoiseSums, int]] | None:
+        """Return the sums of the quarters, or halves, and their lengths, samples; None: the record is too short."""
         lengths = len(self.places) - 1
         if lengths < QUARTERS:
             return None
-        borders = np.linspace(0, lengths, QUARTERS + 1).round().astype(int).tolist()
+        borders = np.linspace(0, lengths, parts + 1).round().astype(int).tolist()
         return [
             (self._parts.sums(begin, end), end - begin)
             for begin, end in pairwise(self.places[border] for border in borders)

@@ -22,6 +22,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from imumon.coefficients import QUARTERS
 from imumon.noise.allan import AllanCurve
 from imumon.noise.array_state import subset
 from imumon.noise.fit import Estimator, settling_times_s
@@ -163,8 +164,15 @@ class RecordStatistics:
 
     def quarters(self) -> list[tuple[NoiseSums, int]] | None:
         """Return the sums of the four quarters after the warm-up, and their lengths, samples; None: too short."""
-        quarters = self._quarters.result()
-        return None if quarters is None else [(self._without_temperature(sums), n) for sums, n in quarters]
+        return self._equal_parts(QUARTERS)
+
+    def halves(self) -> list[tuple[NoiseSums, int]] | None:
+        """Return the sums of the halves after the warm-up, and their lengths, samples; None: too short."""
+        return self._equal_parts(2)
+
+    def _equal_parts(self, count: int) -> list[tuple[NoiseSums, int]] | None:
+        parts = self._quarters.result(count)
+        return None if parts is None else [(self._without_temperature(sums), n) for sums, n in parts]
 
     def stretch_in_progress(self, length_s: int) -> Stretch | None:
         """Return the stretch in progress of a length of `LENGTHS_S`; None without a sample in it."""
