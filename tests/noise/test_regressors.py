@@ -115,9 +115,15 @@ def test_noise_has_no_significant_drift(quiet: Floats, walk: Floats) -> None:
 
 
 def test_a_random_walk_beside_a_drift_is_measured(quiet: Floats, walk: Floats) -> None:
+    """Or it is `indistinct`, with a bound, where Gauss–Markov noise describes a record better by chance."""
     fits = fitted(quiet + walk + 1e-6 * AT_S)
-    assert walks(fits) == CHANNELS
-    assert missed(fits, "K", 2e-6) <= MOST_MISSED
+    others = [fit.K for fit in fits if fit.K.status == "indistinct"]
+    assert walks(fits) + len(others) == CHANNELS
+    assert (
+        len(others) <= 2
+    )  # of a true walk, 3 to 10 % (`INSTEAD_GAIN`): of eight, more than two in 4 % of runs
+    assert all(estimate.high is not None and estimate.high > 2e-6 for estimate in others)
+    assert missed([fit for fit in fits if fit.K.status == "measured"], "K", 2e-6) <= MOST_MISSED
 
 
 # --- temperature -------------------------------------------------------------------------------------------
@@ -145,8 +151,10 @@ def test_noise_beside_a_temperature_is_that_without_one(quiet: Floats) -> None:
     values = quiet[:, :4]
     for plain, warm in zip(fitted(values, DEGREES), fitted(values + 1e-3 * DEGREES, DEGREES), strict=True):
         assert warm.N.value == pytest.approx(plain.N.value, rel=1e-3)
-        assert warm.B.high == pytest.approx(plain.B.high, rel=0.02)
-        assert warm.K.high == pytest.approx(plain.K.high, rel=0.05)
+        # Neither B nor K shows: the bound of each is that without the other, at one edge of the grid. There a grid of
+        # 20 points that is made for both of them gives it to some per cent, and the two fits have different grids.
+        assert warm.B.high == pytest.approx(plain.B.high, rel=0.05)
+        assert warm.K.high == pytest.approx(plain.K.high, rel=0.1)
 
 
 def test_temperatures_that_say_nothing_have_a_reason(quiet: Floats) -> None:
