@@ -6,6 +6,7 @@ import argparse
 import fcntl
 import os
 import time
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
@@ -279,10 +280,31 @@ def own_devices(arguments: argparse.Namespace) -> list[str]:
     return own
 
 
-def only_own_device(arguments: argparse.Namespace) -> str | None:
-    """Return the device of the only daemon of this user; None if there is none, or several."""
+def only_own_device(arguments: argparse.Namespace, subscriber: Any) -> str | None:
+    """Return the device of the only daemon of this user, or the only one at the configured port; None: not one."""
     own = own_devices(arguments)
+    end_s = time.monotonic() + ANSWER_S
+    if len(own) > 1 and settings(arguments).device.port:  # the reports have the ports
+        while not {*own} <= {*subscriber.reports()} and time.monotonic() < end_s:
+            time.sleep(POLL_S)
+        own = own_among(arguments, subscriber, own)
     return own[0] if len(own) == 1 else None
+
+
+def own_among(arguments: argparse.Namespace, subscriber: Any, names: Iterable[str]) -> list[str]:
+    """Return which of these devices belong to daemons of this user, and of them those at the configured port."""
+    own = [name for name in own_devices(arguments) if name in names]
+    port = settings(arguments).device.port
+    at_port = [name for name in own if port and _is_same_port(subscriber.report(name), port)]
+    return at_port or own
+
+
+def _is_same_port(newest: Any, port: str) -> bool:
+    """Return whether a report is about the sensor at a port; a link in /dev/serial/by-id is the port it points to."""
+    published = newest[0].device.port if newest is not None else None
+    return published is not None and (
+        published == port or os.path.realpath(published) == os.path.realpath(port)
+    )
 
 
 def first_report(
@@ -293,7 +315,8 @@ def first_report(
     Parameters
     ----------
     cure : what to do if no daemon answers, beside starting one.
-    arguments : of the command: of several daemons, it means the only one of this user; None: it must be named.
+    arguments : of the command: of several daemons, it means the only one of this user, or of this user at the
+        configured port; None: it must be named.
     """
     return report_of(subscriber, id, answering(subscriber, id, timeout_s, cure), arguments)
 
@@ -303,7 +326,7 @@ def report_of(
 ) -> Any:
     """Return the newest report of the only one of these devices, as `first_report` does."""
     if len(names) > 1 and not id and arguments is not None:
-        own = [name for name in own_devices(arguments) if name in names]
+        own = own_among(arguments, subscriber, names)
         if len(own) == 1:
             others = ", ".join(name for name in names if name != own[0])
             print_message_once(f"this is {own[0]}, your own; --id chooses another one: {others}")

@@ -89,9 +89,9 @@ def tui(
 
     baseline = options.baseline(arguments.baseline)
     program = options.settings(arguments).report.program
-    if arguments.id is None and not arguments.connect:
-        arguments.id = options.only_own_device(arguments)
     with options.subscriber(arguments) as subscriber:
+        if arguments.id is None and not arguments.connect:
+            arguments.id = options.only_own_device(arguments, subscriber)
         endpoint = ", ".join(subscriber.endpoints) if len(subscriber.endpoints) < 3 else None
         shown = {name: getattr(arguments, name) for name in ("id", "ascii", "theme")}
         shown |= {"program": program, "letters": letters_for(program)}

@@ -18,6 +18,7 @@ from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.containers import Container
 from textual.events import Click
+from textual.filter import LineFilter
 from textual.screen import Screen
 
 from imumon.coefficients import NOISE
@@ -44,7 +45,7 @@ from imumon.tui.views import (
     help_lines,
     keys_of,
 )
-from imumon.tui.widgets import THEMES, DrawnPanel, RoleStyles
+from imumon.tui.widgets import THEMES, DrawnPanel, Nearest256, RoleStyles
 
 if TYPE_CHECKING:
     from imumon.bus.subscriber import HistoryAnswer, Subscriber
@@ -163,6 +164,11 @@ class ImumonApp(App[int]):
             ):
                 yield view(id=view.title)
         yield DrawnPanel(footer, id="footer")
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """Return the filters of what is drawn: those of Textual, and the colours of a terminal with 256."""
+        filters = super().get_line_filters()
+        return [*filters, Nearest256()] if self.console.color_system == "256" else filters
 
     def on_mount(self) -> None:
         self._built = True

@@ -36,13 +36,14 @@ def letters_of(*reports: Report | None) -> tuple[str, ...]:
 def columns(width: int, letters: Sequence[str] = NOISE, *, times: bool = False) -> list[str]:
     """Return the columns that fit; `times`: those of the time to each precision, which M and T do not have."""
     left_out = {"mean", "std", *MARKOV} if times else {*MARKOV} - {*letters}
-    kept = {name: cells for name, cells in COLUMNS.items() if name not in left_out}
-    # N, the first one, is kept on any screen; M is more than the mean
-    for name in ("std", MARKOV.time_constant_s, "mean", MARKOV.sigma, "grade", *reversed(NOISE[1:])):
-        if LABEL + sum(kept.values()) <= width:
-            break
-        kept.pop(name, None)
-    return list(kept)
+    kept: set[str] = set()
+    # N, the first one, is kept on any screen; M is more than the mean, which may fit where M does not
+    for name in (*NOISE, "grade", MARKOV.sigma, "mean", MARKOV.time_constant_s, "std"):
+        needed = LABEL + COLUMNS[name] + sum(COLUMNS[other] for other in kept)
+        alone = name == MARKOV.time_constant_s and MARKOV.sigma not in kept
+        if name not in left_out and not alone and (needed <= width or not kept):
+            kept.add(name)
+    return [name for name in COLUMNS if name in kept]
 
 
 def table(state: ViewState, width: int, height: int) -> list[Line]:
@@ -72,7 +73,7 @@ def rows_of(state: ViewState, width: int = TABLE, *, spaced: bool = False) -> li
     last = None
     for name, channel in report.channels.items():
         group = sensor_of(name) if "/" in name else "surroundings"
-        if state.compact and group not in (*INERTIAL, sensor_of(state.channel or "")):
+        if state.folded and group not in (*INERTIAL, sensor_of(state.channel or "")):
             continue  # folded, until one of its channels is selected
         if group != last:
             if spaced and rows:

@@ -15,7 +15,7 @@ import numpy as np
 from imumon.coefficients import COEFFICIENTS, MARKOV, NOISE, Estimate
 from imumon.report import Allan, Channel, Histogram, Spectrum, Strip
 from imumon.samples import sensor_of
-from imumon.tui.braille_canvas import AxisScale, Canvas, Floats, PlotFrame, linear, logarithmic
+from imumon.tui.braille_canvas import TAKEN, AxisScale, Canvas, Floats, PlotFrame, linear, logarithmic
 from imumon.tui.formatting import Line, Notation, approximate_duration, fitted, length, padded
 from imumon.tui.panels import precision_goal
 from imumon.tui.view_state import ViewState
@@ -93,7 +93,8 @@ def _title_inside(canvas: Canvas, title: Line) -> None:
     for end in (0, -1):  # the gutter, and the rest of the line
         while spans and not spans[end][0].strip() and "/" not in spans[end][1]:
             spans.pop(end)
-    column = canvas.width - sum(len(text) for text, _ in spans) - 1
+    # a title as wide as the frame, with the way back at its end, must not touch the label of the first row
+    column = max(canvas.width - sum(len(text) for text, _ in spans) - 1, GUTTER)
     for text, role in spans:
         canvas.text(column, 0, text, role)
         column += len(text)
@@ -244,7 +245,10 @@ def _axis(frame: PlotFrame, state: ViewState, name: str, factor: float) -> None:
     frame.points(tau, sigma, f"axis-{name[-1]}")
     cell = frame.cell(float(tau[-1]), float(sigma[-1]))
     if cell is not None:
-        frame.canvas.text(min(cell[0] + 1, frame.canvas.width - 1), cell[1], name[-1], f"axis-{name[-1]}")
+        column, row = min(cell[0] + 1, frame.canvas.width - 1), cell[1]
+        # axes that end in one row have their names in rows of their own
+        free = [r for r in (row, row - 1, row + 1) if frame.canvas.overlap(column, r, 1) < TAKEN]
+        frame.canvas.text(column, free[0] if free else row, name[-1], f"axis-{name[-1]}")
 
 
 def _curve(frame: PlotFrame, notation: Notation, channel: Channel, sensor: str, factor: float) -> None:
@@ -319,7 +323,7 @@ def _envelope(envelope: Strip, factor: float, end: str, width: int, height: int)
     ticks = y.ticks(max(frame.height // 2, 2))
     times = _times(span)
     frame.grid([-t for t in times], ticks)
-    frame.y_labels([(t, _tick(t, ticks)) for t in ticks])
+    frame.y_labels([(t, tick_text(t, ticks)) for t in ticks])
     # x labels are placed from the left, and one that would touch its neighbour is left out: `end` is the last
     labels = [(-t, f"−{approximate_duration(t)}" if t else end) for t in reversed(times)]
     frame.x_labels(labels, canvas.height - 1)
@@ -356,7 +360,7 @@ def _times(span: float) -> list[float]:
     return [float(k * step) for k in range(int(span / step + 1e-9) + 1)]
 
 
-def _tick(value: float, ticks: Sequence[float]) -> str:
+def tick_text(value: float, ticks: Sequence[float]) -> str:
     """Return the label of a tick, with as many decimals as its neighbours require, in at most 8 cells."""
     step = ticks[1] - ticks[0] if len(ticks) > 1 else abs(value) or 1.0
     decimals = max(-math.floor(math.log10(step) + 1e-9), 0)
@@ -389,7 +393,7 @@ def histogram_chart(state: ViewState, width: int, height: int) -> list[Line]:
     centres = start + bin_width * (np.arange(len(counts)) + 0.5)
     frame.curve(np.asarray(centres, dtype=np.float64), numbers(histogram.gaussian), "N")
     ticks = edges.ticks(max(width // 14, 2))
-    frame.x_labels([(t, _tick(t, ticks)) for t in ticks], canvas.height - 1)
+    frame.x_labels([(t, tick_text(t, ticks)) for t in ticks], canvas.height - 1)
     return [title, *canvas.rows()]
 
 

@@ -20,7 +20,7 @@ from imumon.tui.channel_table import SYMBOLS
 from imumon.tui.charts import EXTREME_VALUES, centred_text, numbers
 from imumon.tui.formatting import Line, approximate_duration, fitted, padded
 from imumon.tui.view_state import ViewState
-from imumon.units import MINUTE, number
+from imumon.units import MINUTE, duration, number
 
 GUTTER = 9
 """Cells to the left of a chart, for its labels."""
@@ -111,7 +111,9 @@ def _ticks(y: AxisScale, rows: int) -> list[float]:
     whole = math.floor(math.log10(y.low))
     round_numbers = [m * 10.0**e for e in (whole, whole + 1) for m in (1, 2, 5)]
     inside = [tick for tick in round_numbers if y.low <= tick <= y.high]
-    return inside if len(inside) > 1 else [y.low * ROOM, y.high / ROOM]
+    # a decade has a line, so it has a label too
+    between = [tick for tick in inside if y.low * ROOM**2 < tick < y.high / ROOM**2]
+    return inside if len(inside) > 1 else [y.low * ROOM, *between, y.high / ROOM]
 
 
 def _panel_title(state: ViewState, channel: Channel, letter: str, series: StatedSeries, width: int) -> Line:
@@ -137,6 +139,6 @@ def _length_axis(stated: Convergence, width: int) -> Line:
     # the last label, which must not be left out, has room
     last = (frame.across(np.array([x.high / 1.001]))[0] - 2 * LAST_LABEL) if frame.width > LAST_LABEL else 0.0
     inside = [length for length in LENGTHS_S if frame.across(np.array([length]))[0] < last]
-    labels = [(length, approximate_duration(length)) for length in inside]
+    labels = [(length, duration(length)) for length in inside]
     frame.x_labels([*labels, (stated.elapsed_s[-1], "now")], 0)
     return canvas.rows()[0]

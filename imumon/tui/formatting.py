@@ -27,7 +27,7 @@ _ASCII = str.maketrans(
         "●": "*", "○": "o", "◌": "o", "◐": "o", "■": "#", "▌": ">", "✕": "x", "◆": "#", "◇": "o", "│": "|",
         "─": "-", "┼": "+", "└": "+", "┴": "+", "├": "+", "┤": "+", "┌": "+", "┐": "+", "·": "-", "…": "~",
         "×": "x", "▪": "#", "▒": "#", "━": "-", "┄": "-", "╌": "-", "•": "*", "−": "-", "–": "-", "▁": " ",
-        "✓": "*", "↓": "v", "↗": "/",
+        "✓": "*", "↓": "v", "↗": "/", "▏": "|",
         "▂": " ", "▃": " ", "▄": " ", "▅": " ", "▆": " ", "▇": " ", "█": "#", "▀": "#",
     }
 )  # fmt: skip
@@ -139,8 +139,9 @@ class Notation:
         value, low, high = self.limits(part)
         if part.status == "measured" and value is not None:
             text = measured(value, low, high, self.symbol("±"), self.symbol("×÷"))
-            # Blanks go first: a number without its last sign is another number.
-            forms = (text, text.replace(" ", "", 1), text.replace(" ", ""), number(value, 3))
+            # Blanks go first, the one before % before the one that parts two numbers: a number without its last
+            # sign is another number.
+            forms = (text, text.replace(" %", "%"), text.replace(" ", ""), number(value, 3))
             return next(form for form in forms if len(form) <= CELL), "text"
         if part.is_bound and high is not None:
             text = f"< {number(high, 2)}"

@@ -20,16 +20,18 @@ from imumon.coefficients import CONVERGING, Estimate
 from imumon.history_report import HistoryRow, history_rows, objects
 from imumon.samples import Floats, sensor_of
 from imumon.tui.braille_canvas import AxisScale, Canvas, PlotFrame, linear
-from imumon.tui.charts import EXTREME_VALUES, centred_text
+from imumon.tui.charts import EXTREME_VALUES, centred_text, tick_text
 from imumon.tui.formatting import Line, fitted, padded
 from imumon.tui.view_state import SPANS, HistorySeries, ViewState
-from imumon.units import duration, number
+from imumon.units import duration
 
 MARKED = ("change", "restart", "connect", "disconnect", "warmup", "grade", "disturbance", "constant", "state")
 """Kinds of events that are marked."""
 QUANTITIES = (*CONVERGING, "mean", "temperature")
 MOST_ROOM = 0.5
 """Share of a value by which limits widen the scale."""
+MOST_TICKS = 10
+"""Ticks of a scale up to which a second one is searched for: 1, 2 and 5 have one within twice the first count."""
 GUTTER = 9
 """Cells to the left of a chart, for its labels."""
 _ROLES = {"mean": "signal", "temperature": "point"}
@@ -114,9 +116,9 @@ def _panel(
     scale = linear(np.concatenate((y, *_edges(y, low, high))))
     area = (GUTTER, 1, max(width - GUTTER - 2, 4), max(height - 1, 1))
     frame = PlotFrame(canvas, area, AxisScale(*times), scale)
-    ticks = scale.ticks(max(frame.height // 2, 2))
+    ticks = _ticks(scale, frame.height)
     frame.grid([], ticks)
-    frame.y_labels([(tick, number(tick, 4)) for tick in ticks])
+    frame.y_labels([(tick, tick_text(tick, ticks)) for tick in ticks])
     for when, kind in series.events:
         cell = frame.cell(when, 0.5 * (scale.low + scale.high))
         for row in range(frame.top, frame.top + frame.height) if cell is not None else ():
@@ -131,6 +133,15 @@ def _panel(
     frame.points(series.time[inside], y, _ROLES.get(name, name), "o" if state.notation.ascii else None)
     canvas.text(GUTTER, 0, f"{name} [{unit}]", "muted")
     return canvas.rows()
+
+
+def _ticks(scale: AxisScale, rows: int) -> list[float]:
+    """Return round values for about every second row; two at least, as one alone is no scale."""
+    ticks: list[float] = []
+    for count in range(max(rows // 2, 2), MOST_TICKS):
+        if len(ticks := scale.ticks(count)) > 1:
+            break
+    return ticks
 
 
 def _is_known(series: HistorySeries, name: str) -> bool:
@@ -165,10 +176,9 @@ def _time_axis(times: tuple[float, float], width: int) -> Line:
     count = max(2, min(7, inner // 12))
     form = "%H:%M" if span < 2 * 86400.0 else "%d %b" if span < 90 * 86400.0 else "%b %Y"
     form += ":%S" if span < 60.0 * count else ""  # two labels of one minute would be equal
-    text = [" "] * width
-    for k in range(count):
-        share = k / (count - 1)
-        shown = f"{datetime.fromtimestamp(times[0] + share * span, UTC):{form}}"
-        column = min(max(GUTTER + round(share * inner) - len(shown) // 2, 0), width - len(shown))
-        text[column : column + len(shown)] = shown
-    return padded([("".join(text)[:width], "muted")], width)
+    moments = [times[0] + k / (count - 1) * span for k in range(count)]
+    canvas = Canvas(width, 1)
+    # in the frame of the charts: a label stands below what it names
+    frame = PlotFrame(canvas, (GUTTER, 0, max(inner, 4), 1), AxisScale(*times), AxisScale(0.0, 1.0))
+    frame.x_labels([(moment, f"{datetime.fromtimestamp(moment, UTC):{form}}") for moment in moments], 0)
+    return canvas.rows()[0]

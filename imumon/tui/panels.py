@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from imumon.alarms import known
-from imumon.coefficients import Estimate
-from imumon.messages import GRADE_MEANING, caveat_lines, caveats, grade_text
+from imumon.coefficients import INDISTINCT_WORD, Estimate
+from imumon.messages import GRADE_MEANING, NOT_APART, caveat_lines, caveats, grade_text
 from imumon.readiness import ready_text
 from imumon.report import Channel, Report, SensorGrade
 from imumon.samples import INERTIAL, sensor_of
@@ -74,10 +74,15 @@ def _facts(report: Report, state: ViewState) -> list[Line]:
 # ---------------------------------------------------------------------------- footer
 
 
-WIDE_FOOTER, NAMED_FOOTER = 140, 112
-"""Widths in cells from which views and keys are two blanks apart, and from which all views are named."""
 VIEW_KEYS = {
-    "overview": (("c", "copy"), ("z", "chart"), ("o", "axes"), ("p", "times")),
+    "overview": (
+        ("c", "copy"),
+        ("z", "chart"),
+        ("o", "axes"),
+        ("p", "times"),
+        ("g", "grades"),
+        ("b", "keep"),
+    ),
     "signal": (("w", "window"),),
     "events": (("/", "filter"),),
     "sensors": (("c", "compare"),),
@@ -87,12 +92,36 @@ VIEW_KEYS = {
 """The keys of each view that a user has to know of."""
 
 
+FIRST_KEYS = (("?", "help"), ("q", "quit"))
+LAST_KEYS = (("s", "save"), ("u", "units"), ("f", "freeze"), ("^p", "palette"))
+"""Keys that are everywhere: before those of the view, and behind them."""
+
+
+def _footer_keys(state: ViewState, *, wide: bool) -> list[Line]:
+    """Return the keys of the footer, the most important first; `wide`: two blanks before each."""
+    keys = (*FIRST_KEYS, *VIEW_KEYS.get(state.view, ()), *LAST_KEYS)
+    return [[(f"  {key} " if wide else f" {key} ", "key"), (name, "muted")] for key, name in keys]
+
+
+def _footer_form(state: ViewState, width: int) -> tuple[Line, list[Line]]:
+    """Return views and keys in the widest form that has room for all: the keys matter more than names of views."""
+    for named, wide in ((True, True), (True, False), (False, False)):
+        line, keys = _views(state, named=named, wide=wide), _footer_keys(state, wide=wide)
+        if length(line) + sum(map(length, keys)) < width:
+            break
+    return line, keys
+
+
 def tabs(state: ViewState, width: int) -> Line:
-    """Return the views by name, the visible one highlighted."""
+    """Return the views of the footer, the visible one highlighted."""
+    return _footer_form(state, width)[0]
+
+
+def _views(state: ViewState, *, named: bool, wide: bool) -> Line:
+    """Return the views: `named`, all by name, else the visible one; `wide`: two blanks apart."""
     roles = ["tab" if name == state.view else "muted" for name in VIEWS]
-    named = width >= NAMED_FOOTER
     names = [f"{k} {name}" if named or name == state.view else str(k) for k, name in enumerate(VIEWS, 1)]
-    if width >= WIDE_FOOTER:
+    if wide:
         return [(f" {name} ", role) for name, role in zip(names, roles, strict=True)]
     before = ["muted", *roles]
     return [
@@ -103,12 +132,9 @@ def tabs(state: ViewState, width: int) -> Line:
 
 def footer(state: ViewState, width: int, height: int = 1) -> list[Line]:
     """Return the views and the most important keys, those of the view before those that are everywhere."""
-    line = tabs(state, width)
-    everywhere = (("s", "save"), ("u", "units"), ("f", "freeze"), ("^p", "palette"))
-    keys = (("?", "help"), ("q", "quit"), *VIEW_KEYS.get(state.view, ()), *everywhere)
+    line, keys = _footer_form(state, width)
     right: Line = []
-    for key, name in keys:
-        item: Line = [(f"  {key} " if width >= WIDE_FOOTER else f" {key} ", "key"), (name, "muted")]
+    for item in keys:
         if length(line) + length(right) + length(item) < width:
             right += item
     return [
@@ -244,7 +270,7 @@ def _limits(notation: Notation, sensor: str, name: str, part: Estimate) -> Line:
             line += [("95 % ", "faint"), (f"{number(low, 3)} to {number(high, 3)}", "muted")]
     elif part.is_bound and high is not None:
         text = f"{'< ' + number(high, 2):>9} {unit:<12}"
-        why = part.reason if part.status == "indistinct" else "not visible yet"
+        why = f"{INDISTINCT_WORD}: {NOT_APART}" if part.status == "indistinct" else "not visible yet"
         line += [(text, "bound"), (f"95 % upper bound; {why}", "muted")]
     else:
         line += [(f"{'–':>9} {unit:<12}", "faint"), (part.reason or "the record is too short", "muted")]

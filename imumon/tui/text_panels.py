@@ -204,7 +204,7 @@ def sensors(state: ViewState, width: int, height: int = 0) -> list[Line]:
         lines.append(with_background(padded(line, width), "selected") if name == state.id else line)
         for sensor in INERTIAL:
             grade = report.grade.get(sensor, SensorGrade())
-            role = f"grade-{grade.nearest}" if grade.nearest else "faint"
+            role = f"grade-{grade.meets}" if grade.meets else "faint"
             lines.append([(f"{'':<{STATUS}}{sensor:<6}", "muted"), (grade_text(grade), role)])
     keys = "c: the next one, then none" if state.compared_id else "c compares the selected one with the next"
     several = len(state.reports) > 1

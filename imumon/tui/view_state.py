@@ -84,7 +84,8 @@ class ViewState:
     id, channel : selected device and channel.
     show_times : show the time to each precision instead of the values.
     detailed : the selected channel is shown in full beside the chart.
-    compact : there is little room: sensors without a grade are folded, and the grades are in the table.
+    compact : there is little room: the grades are in the table.
+    folded : sensors without a grade are left out of the table, until one of their channels is selected.
     program, letters : program that the numbers are for, and the coefficients that it needs.
     compared_id : device that is compared with the selected one.
     starting : message while a daemon is known to start and does not answer yet.
@@ -109,6 +110,7 @@ class ViewState:
     show_times: bool = False
     detailed: bool = True
     compact: bool = False
+    folded: bool = False
     program: str = "kalibr"
     letters: tuple[str, ...] = NOISE
     overlay: bool = False

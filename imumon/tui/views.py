@@ -57,6 +57,10 @@ class ChannelView(View):
     ]
 
 
+UNFOLDED_ROWS = 46
+"""Rows of a terminal from which the table has every sensor above a chart, which still has 20 rows."""
+
+
 class Overview(ChannelView):
     """All numbers and the Allan deviation of one channel."""
 
@@ -84,7 +88,10 @@ class Overview(ChannelView):
         """Draw a state; the table gets the height it needs, as far as the chart permits."""
         size = self.app.size
         spaced = size.height >= 38
-        state = state.updated(compact=size.width < 132 and size.height < 34)
+        beside = size.width >= 132  # the chart has its own column
+        state = state.updated(
+            compact=not beside and size.height < 34, folded=not beside and size.height < UNFOLDED_ROWS
+        )
         rows = len(channel_table.rows_of(state, spaced=spaced))
         self.query_one("#table", DrawnPanel).styles.height = max(rows, 1)
         self.set_class(state.zoomed, "zoomed")

@@ -7,12 +7,15 @@ variables, so every theme works. Text is never parsed as markup: a unit such as 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache, lru_cache
 from itertools import zip_longest
 from typing import Any, ClassVar
 
 from rich.color import Color
 from rich.segment import Segment
 from rich.style import Style
+from textual.color import Color as TextualColor
+from textual.filter import LineFilter
 from textual.geometry import Region, Size
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
@@ -72,6 +75,51 @@ ROLES = (
     *(f"grade-{grade}{strong}" for grade in GRADES for strong in ("", "-strong")),
 )
 BACKGROUNDS = ("band", "bar", "selected", "status", "alarm", "footer")
+
+
+_STEPS = (0, 95, 135, 175, 215, 255)
+"""Values of a component in the cube of 6 x 6 x 6 colours of a terminal with 256; 24 greys follow it."""
+
+
+@cache
+def nearest_of_256(red: int, green: int, blue: int) -> int:
+    """Return the number of the nearest of the 240 colours that a terminal with 256 does not redefine.
+
+    >>> nearest_of_256(38, 55, 79), nearest_of_256(255, 0, 0)
+    (237, 196)
+    """
+    wanted = (red, green, blue)
+    places = [min(range(6), key=lambda k: abs(_STEPS[k] - part)) for part in wanted]
+    cube = tuple(_STEPS[k] for k in places)
+    shade = min(max(round((sum(wanted) / 3 - 8) / 10), 0), 23)
+
+    def distance(colour: tuple[int, ...]) -> int:
+        return sum((a - b) ** 2 for a, b in zip(colour, wanted, strict=True))
+
+    if distance((8 + 10 * shade,) * 3) <= distance(cube):
+        return 232 + shade
+    return 16 + 36 * places[0] + 6 * places[1] + places[2]
+
+
+class Nearest256(LineFilter):
+    """Filter that sends the nearest colour to a terminal with 256.
+
+    Rich rounds each component to the cube on its own: the dark blue of a band became teal, and the page black.
+    """
+
+    def apply(self, segments: list[Segment], background: TextualColor) -> list[Segment]:
+        return [Segment(text, style and _with_256(style), control) for text, style, control in segments]
+
+
+@lru_cache(1024)
+def _with_256(style: Style) -> Style:
+    """Return the style in colours of a terminal with 256."""
+    colours = (style.color, style.bgcolor)
+    front, back = (
+        Color.from_ansi(nearest_of_256(*colour.triplet)) if colour is not None and colour.triplet else None
+        for colour in colours
+    )
+    return style + Style(color=front, bgcolor=back)
 
 
 class RoleStyles(Widget):

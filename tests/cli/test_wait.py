@@ -15,13 +15,13 @@ import pytest
 import reports
 from commands import run_inside
 from daemons import Daemon, free_endpoint
-from reports import with_coefficients
+from reports import FakeSource, with_coefficients
 from test_check import measured, published
 from waiting import until
 
 from imumon.cli.daemon_state import current_trouble
 from imumon.cli.main import parsers
-from imumon.cli.options import only_own_device, seconds, share
+from imumon.cli.options import only_own_device, report_of, seconds, share
 from imumon.cli.wait_condition import WaitCondition
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.report import Event, Report, SensorGrade, SessionCounters
@@ -118,8 +118,30 @@ def test_only_a_daemon_with_a_locked_state_is_the_own_one(
         (tmp_path / f"{name}.lock").touch()
     with (tmp_path / "mine.lock").open() as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        assert only_own_device(arguments) == "mine"
-    assert only_own_device(arguments) is None
+        assert only_own_device(arguments, None) == "mine"
+    assert only_own_device(arguments, None) is None
+
+
+def test_of_several_own_daemons_the_one_at_the_configured_port_is_meant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long: Report, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    (tmp_path / "config.toml").write_text('[device]\nport = "/dev/ttyUSB1"\n')
+    arguments = parsers()[1]["status"].parse_args(["--config", str(tmp_path / "config.toml")])
+    ports = {"first": "/dev/ttyUSB0", "second": "/dev/ttyUSB1", "foreign": "/dev/ttyUSB1"}
+    published = [
+        replace(long, device=replace(long.device, id=name, port=port)) for name, port in ports.items()
+    ]
+    source = FakeSource(*published)
+    monkeypatch.setattr(FakeSource, "report", lambda self, id: self.reports().get(id), raising=False)
+    with (tmp_path / "first.lock").open("w") as first, (tmp_path / "second.lock").open("w") as second:
+        for lock in (first, second):
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        assert only_own_device(arguments, source) == "second"
+        assert report_of(source, None, list(ports), arguments).device.id == "second"
+    said = capsys.readouterr().err
+    assert "this is second, your own" in said
+    assert "first, foreign" in said
 
 
 def test_the_description_names_what_the_condition_asks_for(long: Report) -> None:

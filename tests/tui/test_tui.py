@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import csv
+import itertools
+import math
 import sys
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
@@ -13,6 +15,7 @@ import numpy as np
 import pytest
 import reports
 from pictures import SOURCES, SwitchableSource
+from rich.color import Color as RichColor
 from rich.style import Style
 from textual.app import App
 from textual.pilot import Pilot
@@ -22,10 +25,10 @@ from imumon.report import BiasCurve, Drift, ModelColumn, Report, from_json
 from imumon.tui import export, text_panels
 from imumon.tui.app import ImumonApp
 from imumon.tui.formatting import Notation, length
-from imumon.tui.panels import footer, welcome
+from imumon.tui.panels import FIRST_KEYS, LAST_KEYS, VIEW_KEYS, footer, welcome
 from imumon.tui.view_state import VIEWS, ViewState
 from imumon.tui.views import View, keys_of
-from imumon.tui.widgets import ROLES, THEMES, DrawnPanel, RoleStyles, ScrolledPanel
+from imumon.tui.widgets import ROLES, THEMES, DrawnPanel, RoleStyles, ScrolledPanel, nearest_of_256
 
 Script = Callable[[ImumonApp, Pilot[int]], Awaitable[None]]
 OTHER = "vn100-0100056799"
@@ -242,7 +245,7 @@ async def test_the_screen_waits_for_the_requested_device(app: ImumonApp, pilot: 
 async def test_a_click_selects_a_row_and_a_view(app: ImumonApp, pilot: Pilot[int]) -> None:
     await pilot.click("#table", offset=(8, 2))
     assert app.view_state.channel == "gyro/y"
-    await pilot.click("#footer", offset=(16, 0))
+    await pilot.click("#footer", offset=(12, 0))
     assert app.view_state.view == "signal"
 
 
@@ -409,16 +412,19 @@ async def test_every_view_shows_the_status(app: ImumonApp, pilot: Pilot[int]) ->
                 assert app.query_one("#body").has_class("stale") is not now.live, (name, view)
 
 
-@pytest.mark.parametrize("width", [44, 66, 80, 99, 112, 150])
-def test_the_footer_names_the_views_and_the_keys_that_fit(width: int) -> None:
-    text = "".join(text for text, _ in footer(ViewState(view="device"), width)[0])
+@pytest.mark.parametrize("width", [44, 66, 80, 99, 112, 150, 200])
+@pytest.mark.parametrize("view", VIEWS)
+def test_the_footer_has_the_keys_first_and_the_names_of_views_where_all_fit(view: str, width: int) -> None:
+    text = "".join(text for text, _ in footer(ViewState(view=view), width)[0])
     assert len(text) == width
-    assert "3 device" in text
+    assert f"{VIEWS.index(view) + 1} {view}" in text
     assert "? help" in text
-    for name in VIEWS if width >= 112 else ():
+    for key, name in (*FIRST_KEYS, *VIEW_KEYS.get(view, ())) if width >= 99 else FIRST_KEYS:
+        assert f" {key} {name}" in text
+    for key, name in LAST_KEYS if width >= 112 else ():
+        assert f" {key} {name}" in text
+    for name in VIEWS if width >= 200 else ():
         assert name in text
-    for key in ("q quit", "s save") if width >= 80 else ():
-        assert key in text
     assert "…" not in text
 
 
@@ -776,3 +782,12 @@ def test_a_saved_picture_contains_no_notification(tmp_path: Path, monkeypatch: p
     drive(reports.FakeSource(reports.report()), script)
     (picture,) = tmp_path.glob("*.svg")
     assert "saved" not in picture.read_text()
+
+
+def test_a_terminal_with_256_colours_gets_the_nearest_one_of_each() -> None:
+    """Rounded component by component, the dark blue of the band was teal."""
+    for red, green, blue in itertools.product(range(0, 256, 15), repeat=3):
+        nearest = RichColor.from_ansi(nearest_of_256(red, green, blue)).get_truecolor()
+        every = (RichColor.from_ansi(number).get_truecolor() for number in range(16, 256))
+        best = min(math.dist(colour, (red, green, blue)) for colour in every)
+        assert math.dist(nearest, (red, green, blue)) <= 1.1 * best + 1.0
