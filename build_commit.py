@@ -1,10 +1,11 @@
-"""Build command: what setuptools does, the manual page, and the revision of the source as package data.
+"""Build command: what setuptools does, the manual page, and table of errors and revision of the source as package data.
 
 `imumon/commit.txt` is only in built distributions. In a source checkout imumon asks git.
 """
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -13,10 +14,12 @@ from setuptools.command.sdist import sdist as Sdist
 
 
 class build_py(BuildWithManual):  # type: ignore[misc, valid-type]
-    """Build the package and record the revision; without git, that of the source archive stays."""
+    """Build the package with the table of errors, and record the revision; without git, that of the archive stays."""
 
     def run(self) -> None:
         super().run()
+        if not self.editable_mode:  # a checkout has the table itself
+            shutil.copy(Path(__file__).parent / "docs" / "ERRORS.md", Path(self.build_lib) / "imumon")
         revision = git_revision(Path(__file__).parent)
         if not self.editable_mode and revision is not None:
             target = Path(self.build_lib) / "imumon" / "commit.txt"

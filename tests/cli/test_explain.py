@@ -8,6 +8,7 @@ import pytest
 from paths import ROOT
 
 from imumon.cli.exit_codes import SUCCESS, USAGE
+from imumon.cli.explain_command import errors_listed
 from imumon.cli.main import main
 from imumon.coefficients import COEFFICIENTS, STATUSES
 from imumon.glossary import explain, explanations
@@ -35,3 +36,16 @@ def test_the_command_prints_a_word_or_names_a_close_one(capsys: pytest.CaptureFi
     assert "did you mean misfit?" in capsys.readouterr().err
     assert main(["explain"]) == SUCCESS
     assert "walk" in capsys.readouterr().out
+
+
+def test_the_code_of_each_error_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", "port_busy"]) == SUCCESS
+    text = capsys.readouterr().out
+    assert "port_busy" in text
+    assert "What to do:" in text
+    assert "docs/ERRORS.md" in text
+    assert main(["explain", "port_buzy"]) == USAGE
+    assert "did you mean port_busy?" in capsys.readouterr().err
+    listed = list(errors_listed())
+    assert len({code for codes, _, _ in listed for code in codes}) > 150
+    assert all(codes and cause and cure for codes, cause, cure in listed)
