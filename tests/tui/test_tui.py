@@ -412,7 +412,7 @@ async def test_every_view_shows_the_status(app: ImumonApp, pilot: Pilot[int]) ->
                 assert app.query_one("#body").has_class("stale") is not now.live, (name, view)
 
 
-@pytest.mark.parametrize("width", [44, 66, 80, 99, 112, 150, 200])
+@pytest.mark.parametrize("width", [44, 66, 80, 99, 120, 150, 200])
 @pytest.mark.parametrize("view", VIEWS)
 def test_the_footer_has_the_keys_first_and_the_names_of_views_where_all_fit(view: str, width: int) -> None:
     text = "".join(text for text, _ in footer(ViewState(view=view), width)[0])
@@ -421,7 +421,7 @@ def test_the_footer_has_the_keys_first_and_the_names_of_views_where_all_fit(view
     assert "? help" in text
     for key, name in (*FIRST_KEYS, *VIEW_KEYS.get(view, ())) if width >= 99 else FIRST_KEYS:
         assert f" {key} {name}" in text
-    for key, name in LAST_KEYS if width >= 112 else ():
+    for key, name in LAST_KEYS if width >= 120 else ():
         assert f" {key} {name}" in text
     for name in VIEWS if width >= 200 else ():
         assert name in text
