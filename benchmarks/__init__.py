@@ -18,6 +18,9 @@
 | **the estimator** | | |
 | `real_effects` | limits of N, B and K on records with what real sensors add | docs/ACCURACY.md |
 | `holes` | what holes in a record do to N and K | docs/ACCURACY.md |
+| `stamps` | rate and losses of host stamps that jitter | docs/ACCURACY.md |
+| `tails` | N of noise with heavy tails behind the guards | docs/ACCURACY.md |
+| `threshold` | limits of short records in which B or K just shows | docs/ACCURACY.md |
 | `markov` | what is stated of Gauss–Markov, popcorn and other noise | docs/ACCURACY.md |
 | `model_law` | octaves whose limits do not hold the drawn model | exit code |
 | `temperature` | limits of the bias against the temperature | docs/TEMPERATURE.md |

@@ -127,14 +127,14 @@ def fits_beside(effect: Floats, degrees: Floats) -> tuple[ChannelFit, ...]:
 
 
 def test_the_noise_beside_a_bent_effect_is_that_without_one() -> None:
-    """Within 5 %: a cubic effect is no random walk."""
+    """N within 1 %, the bound of B, which takes the low coefficients alone, within 10 %: a cubic effect is no walk."""
     degrees = 20.0 + 40.0 * WARMING
     bent = fits_beside(polynomial(degrees, (1e-5, 1e-6, 2e-7)), degrees)
     for plain, warm in zip(fits_beside(0.0 * degrees, degrees), bent, strict=True):
         assert warm.column("temperature_3") is not None
         assert warm.no_slope == ""  # its limits say how uncertain a slope is beside them
         assert warm.N.value == pytest.approx(plain.N.value, rel=0.01)
-        assert warm.B.high == pytest.approx(plain.B.high, rel=0.05)
+        assert warm.B.high == pytest.approx(plain.B.high, rel=0.1)
         assert warm.K.high < 2.0 * plain.K.high
 
 
