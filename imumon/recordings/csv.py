@@ -130,7 +130,7 @@ class TextTable(Table):
     def _line_blocks(self) -> Iterator[bytes]:
         """Yield the lines that end in each chunk of the file, in a time that is linear in its size."""
         rest, skipping = b"", False  # the line that has begun; whether it is too long, and waits for its end
-        begun = 0  # bytes up to the line that has begun
+        begun = lines = 0  # bytes up to the line that has begun, and the lines before it
         carriage = b""  # at the end of a chunk: its line feed may follow
         for chunk in self._capture:
             self.fed += len(chunk)
@@ -150,12 +150,18 @@ class TextTable(Table):
                 continue
             whole = more.rfind(b"\n") + 1
             block = (TOO_LONG_BYTES if skipping else rest) + b"\n" + more[:whole]
+            lines += block.count(b"\n")
             self._lines.receive(block.count(b"\n"))
             begun = self.fed - len(more) + whole
             yield block
             rest, skipping = more[whole:], False
         self.problem = self._capture.problem
-        if skipping or not _may_be_row(rest):
+        if (
+            skipping and lines <= HEAD_LINES
+        ):  # there is no table before it: the head says that the line is too long
+            self._lines.receive()
+            yield TOO_LONG_BYTES + b"\n"
+        elif skipping or not _may_be_row(rest):
             # a file that was made longer than its rows, a disk that was not written, data of another kind
             text = f"{self.path} has {self.fed - begun:,} bytes behind its last line that are no row"
             self.problem = self.problem or f"{text}: only the part before is used"

@@ -33,7 +33,7 @@ def reading() -> bool:
 
 
 def test_everything_comes_in_order_with_its_progress() -> None:
-    found = [(items[0], share) for items, share in read_ahead(Counting(50))]
+    found = [(items[0], share) for items, share, _ in read_ahead(Counting(50))]
     assert found == [(Gap(float(k)), float(k)) for k in range(1, 51)]
 
 
@@ -45,7 +45,7 @@ def test_an_error_comes_behind_what_was_read_before() -> None:
 
 
 def test_the_thread_ends_when_the_reader_stops_early() -> None:
-    for items, _ in read_ahead(Counting(1000)):
+    for items, _, _ in read_ahead(Counting(1000)):
         assert items == [Gap(1.0)]
         break
     end = time.monotonic() + 60.0
