@@ -119,7 +119,7 @@ def test_a_command_runs(block: Block, place: Place, tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=170,  # of the 180 s of a test: commands take seconds, on a machine that has time
+        timeout=290,  # of the 300 s of a test: commands take seconds, on a machine that has time
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "Traceback" not in done.stderr

@@ -156,12 +156,14 @@ class TextTable(Table):
             yield block
             rest, skipping = more[whole:], False
         self.problem = self._capture.problem
-        if (
-            skipping and lines <= HEAD_LINES
-        ):  # there is no table before it: the head says that the line is too long
-            self._lines.receive()
-            yield TOO_LONG_BYTES + b"\n"
-        elif skipping or not _may_be_row(rest):
+        # within the head no table is before it: the head says that the line is too long
+        of_head = skipping and lines <= HEAD_LINES
+        is_row = of_head or (not skipping and _may_be_row(rest))
+        yield from self._last_line(TOO_LONG_BYTES if of_head else rest, begun, is_row=is_row)
+
+    def _last_line(self, rest: bytes, begun: int, *, is_row: bool) -> Iterator[bytes]:
+        """Yield what is behind the last end of a line, `begun` bytes from the beginning, if it may be a row."""
+        if not is_row:
             # a file that was made longer than its rows, a disk that was not written, data of another kind
             text = f"{self.path} has {self.fed - begun:,} bytes behind its last line that are no row"
             self.problem = self.problem or f"{text}: only the part before is used"
