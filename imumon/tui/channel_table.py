@@ -40,8 +40,9 @@ def columns(width: int, letters: Sequence[str] = NOISE, *, times: bool = False) 
     # N, the first one, is kept on any screen; M is more than the mean, which may fit where M does not
     for name in (*NOISE, "grade", MARKOV.sigma, "mean", MARKOV.time_constant_s, "std"):
         needed = LABEL + COLUMNS[name] + sum(COLUMNS[other] for other in kept)
-        alone = name == MARKOV.time_constant_s and MARKOV.sigma not in kept
-        if name not in left_out and not alone and (needed <= width or not kept):
+        # what says little alone: a time constant without its sigma, a deviation without its mean
+        partner = {MARKOV.time_constant_s: MARKOV.sigma, "std": "mean"}.get(name)
+        if name not in left_out and partner in (None, *kept) and (needed <= width or not kept):
             kept.add(name)
     return [name for name in COLUMNS if name in kept]
 
