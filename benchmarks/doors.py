@@ -53,7 +53,7 @@ MOST = {
 }  # fmt: skip
 """A save that is due takes its time; the rest is what the project promises."""
 ANSWER_S, TIMES = 2.0, 3.0
-"""Most time of an answer on a quiet machine, s; on a busy one, so many times that without an attack."""
+"""Most time of an answer, s; on a busy machine, its most factor over an answer without an attack."""
 HEAD = ("lost", "save, s", "quiet answer, s", "answer, s", "memory, MB", "descriptors", "log lines", "end, s")
 WEB_END_S = 5.0
 BOMB_MB = 10_000
@@ -223,7 +223,7 @@ def played(kind: str, attack: Callable[[Door, float], object], seconds: float, f
         final = from_json(Report, out)
         figures.lost = final.session.missing - calm.session.missing
         if isinstance(sensor, ResettingServer):
-            figures.lost = 0  # what it does not send is missing, and nobody knows how much that is
+            figures.lost = 0  # what it does not send is missing, and the amount is unknown
         elif isinstance(sensor, ImpossibleMt):
             figures.lost = max(
                 0, figures.lost - sensor.impossible

@@ -252,7 +252,7 @@ class Triple:
     ----------
     indices : places of the axes x, y, z in the table.
     names : of the axes, as in the table.
-    stems : what stands before and behind the axis in each name, without a unit in brackets.
+    stems : the text before and behind the axis in each name, without a unit in brackets.
     """
 
     indices: tuple[int, ...]
@@ -283,7 +283,7 @@ def triples(names: Sequence[str]) -> list[Triple]:
 def _names_without_axis(names: Sequence[str]) -> dict[tuple[str, str, str], dict[str, tuple[int, str, str]]]:
     """Return the columns whose names differ only by a letter of an axis, or by a fourth one beside these.
 
-    The key is the first of the letters of `_LETTERS`, and what stands before and behind the letter, in lower case. The
+    The key is the first of the letters of `_LETTERS`, and the text before and behind the letter, in lower case. The
     value has, by each letter, the place of its column, and both stems as in the table.
     """
     places: dict[tuple[str, str, str], dict[str, tuple[int, str, str]]] = {}
@@ -320,7 +320,7 @@ def _contradicts(column: Column) -> bool:
 
 
 def _column_of_triple(index: int, name: str, axis: str, before: str, behind: str) -> Column:
-    """Return an axis of a triple, which stands between two parts of its name."""
+    """Return an axis of a triple, which is between two parts of its name."""
     words, suffix = _suffix([*words_of(before), axis, *words_of(behind)])
     words = [word for word in words if word != axis]
     unit = split_unit(name)[1] or suffix

@@ -3,7 +3,7 @@
 A state file outlives the program that wrote it. It may be damaged, forged, or of a defect of an earlier version. What
 it holds becomes indices of rings, counts under square roots and sums that later samples are added to. So a wrong number
 shows hours later, as an error in the loop or as a coefficient that looks like any other. Therefore a state is checked
-as a whole before any of it is used, against a description that stands beside the code that saves it.
+as a whole before any of it is used, against a description beside the code that saves it.
 
 A `Schema` describes one object:
 

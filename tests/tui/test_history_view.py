@@ -59,7 +59,7 @@ def test_the_minutes_of_a_very_young_record_have_seconds() -> None:
 
 
 def test_plus_and_minus_change_the_span() -> None:
-    from test_tui import drive
+    from screen_driver import drive
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("6")
@@ -106,7 +106,7 @@ def test_a_value_that_is_none(value: object) -> None:
 
 
 def test_the_view_asks_for_what_it_shows() -> None:
-    from test_tui import drive, visible_text
+    from screen_driver import drive, visible_text
 
     source = reports.FakeSource(reports.warming_up())
 

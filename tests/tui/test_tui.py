@@ -2,76 +2,25 @@
 
 from __future__ import annotations
 
-import asyncio
-import csv
-import itertools
-import math
-import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
-import numpy as np
 import pytest
 import reports
 from pictures import SOURCES, SwitchableSource
-from rich.color import Color as RichColor
-from rich.style import Style
-from textual.app import App
+from screen_driver import drive, driven, status, table_number, visible_text
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from imumon.report import BiasCurve, Drift, ModelColumn, Report, from_json
-from imumon.tui import export, text_panels
+from imumon.report import BiasCurve, Drift, ModelColumn, Report
+from imumon.tui import text_panels
 from imumon.tui.app import ImumonApp
-from imumon.tui.formatting import Notation, length
 from imumon.tui.panels import FIRST_KEYS, LAST_KEYS, VIEW_KEYS, footer, welcome
 from imumon.tui.view_state import VIEWS, ViewState
 from imumon.tui.views import View, keys_of
-from imumon.tui.widgets import ROLES, THEMES, DrawnPanel, RoleStyles, ScrolledPanel, nearest_of_256
+from imumon.tui.widgets import THEMES, ScrolledPanel
 
-Script = Callable[[ImumonApp, Pilot[int]], Awaitable[None]]
 OTHER = "vn100-0100056799"
-
-
-def drive(
-    source: reports.FakeSource, script: Script, size: tuple[int, int] = (150, 40), **options: object
-) -> ImumonApp:
-    """Run the screen without a terminal and let the script use it."""
-
-    async def go() -> ImumonApp:
-        app = ImumonApp(source, clock=source.clock, **options)
-        async with app.run_test(size=size) as pilot:
-            await pilot.pause()
-            await script(app, pilot)
-        return app
-
-    return asyncio.run(go())
-
-
-def driven(
-    source: Callable[[], reports.FakeSource] = lambda: reports.FakeSource(reports.report()),
-    size: tuple[int, int] = (150, 40),
-    **options: object,
-) -> Callable[[Script], Callable[[], None]]:
-    """Make a test of a script that uses the screen of a source."""
-    return lambda script: lambda: drive(source(), script, size, **options) and None
-
-
-def visible_text(app: App[int]) -> str:
-    """Return the text of the visible panels."""
-    parts = [*app.screen_stack[0].query(DrawnPanel), *app.screen.query(ScrolledPanel)]
-    shown = [p for p in parts if p.display and p.size.area and p.is_on_screen]
-    return "\n".join("".join(text for text, _ in line) for p in shown for line in p.lines())
-
-
-def status(app: ImumonApp) -> str:
-    return "".join(text for line in app.query_one("#status", DrawnPanel).lines() for text, _ in line)
-
-
-def _number(report: Report, channel: str, letter: str) -> str:
-    """Return N, B or K as the table shows it."""
-    return Notation().coefficient(report.channels[channel].coefficients.get(letter), None)[0]
 
 
 # ---------------------------------------------------------------------------- keys
@@ -202,7 +151,7 @@ async def test_several_sensors_are_listed_switched_and_compared(app: ImumonApp, 
     await pilot.press("c")
     assert app.view_state.compared_id == OTHER
     assert "compared" in visible_text(app)
-    assert _number(reports.report(900.0, id=OTHER, scale=2.0), "gyro/x", "N") in visible_text(app)
+    assert table_number(reports.report(900.0, id=OTHER, scale=2.0), "gyro/x", "N") in visible_text(app)
     await pilot.press("c")
     assert app.view_state.compared_id is None
     await pilot.press("down", "enter")
@@ -374,7 +323,7 @@ async def test_the_screen_survives_loss_and_return_of_the_daemon(app: ImumonApp,
         app.poll()
     assert "no report for 37 s; reconnecting" in status(app)
     assert app.query_one("#body").has_class("stale")
-    assert _number(reports.report(), "gyro/x", "N") in visible_text(app)
+    assert table_number(reports.report(), "gyro/x", "N") in visible_text(app)
     app.source.arrive(reports.report())
     app.poll()
     assert "● live" in status(app)
@@ -519,275 +468,9 @@ def test_the_view_of_the_convergence_shows_each_coefficient_as_it_is_now(size: t
         await pilot.pause()
         text = visible_text(app)
         for letter in "NBK":
-            assert _number(reports.report(), "accel/y", letter) in text
+            assert table_number(reports.report(), "accel/y", letter) in text
         assert "ready" in text
         assert "only a bound" in text
         assert "now" in text
 
     drive(reports.FakeSource(reports.report()), script, size)
-
-
-# ---------------------------------------------------------------------------- robustness
-
-
-@pytest.mark.parametrize("size", [(20, 6), (40, 12), (80, 24), (131, 33), (132, 34), (220, 60)])
-def test_every_view_draws_at_every_size(size: tuple[int, int]) -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for key in "12345":
-            await pilot.press(key)
-            await pilot.pause()
-            for panel in app.query(DrawnPanel):
-                if panel.display and panel.size.area:
-                    assert all(length(line) <= panel.content_size.width for line in panel.lines())
-
-    drive(reports.FakeSource(reports.report()), script, size)
-
-
-@pytest.mark.parametrize("size", [(80, 24), (150, 40), (220, 60)])
-def test_no_number_is_truncated(size: tuple[int, int]) -> None:
-    """Each coefficient is shown in full, also after rows without values."""
-    source = reports.FakeSource(reports.report(0.05))
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        source.arrive(reports.report())
-        app.poll()
-        await pilot.pause()
-        text = visible_text(app)
-        report = reports.report()
-        whole = [_number(report, name, letter) for name in reports.GYRO + reports.ACCEL for letter in "NBK"]
-        # where a channel has correlated noise, its column takes the place of the mean
-        mean = ["-9.807"] if "mean m/s²" in text else []
-        for number in (*whole, *mean, "consumer"):
-            assert number in text, number
-
-    drive(source, script, size)
-
-
-@pytest.mark.parametrize("theme", [*(t.name for t in THEMES), "ansi-dark"])
-def test_no_colour_and_every_theme_draw(theme: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("NO_COLOR", "1")
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        assert app.no_color
-        await pilot.press(*"12345", "1", "question_mark")
-        await pilot.pause()
-
-    drive(reports.FakeSource(reports.report(), age=14.0), script, (80, 24), theme=theme)
-
-
-@driven()
-async def test_a_new_theme_redraws_everything(app: ImumonApp, pilot: Pilot[int]) -> None:
-    dark = app.export_screenshot()
-    await pilot.press("t")
-    await pilot.pause()
-    light = app.export_screenshot()
-    assert "#d5dae3" in dark
-    assert "#d5dae3" not in light
-
-
-def _contrast(style: Style) -> float:
-    """Return the contrast ratio of WCAG 2.2."""
-    parts = np.array([style.color.get_truecolor(), style.bgcolor.get_truecolor()]) / 255.0
-    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
-    dark, light = sorted(linear @ [0.2126, 0.7152, 0.0722])
-    return float((light + 0.05) / (dark + 0.05))
-
-
-@pytest.mark.parametrize("theme", [theme.name for theme in THEMES])
-def test_text_and_marks_are_readable(theme: str) -> None:
-    """WCAG 2.2: 4.5 for text, 3 for what a chart consists of. Areas and the grid lie behind."""
-    marks, behind = {"axis", "unused", "baseline"}, {"page", "band", "bandkey", "bar", "grid"}
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        roles, page = app.query_one(RoleStyles), app.screen.rich_style.bgcolor
-        found = {role: _contrast(roles.style(role, page)) for role in {*ROLES} - behind}
-        assert not {role: each for role, each in found.items() if each < (3.0 if role in marks else 4.5)}
-
-    drive(reports.FakeSource(reports.report()), script, (60, 20), theme=theme)
-
-
-@driven(lambda: reports.FakeSource(reports.report(caveats=("aliased",))), size=(60, 20))
-async def test_no_text_is_cut_at_60_columns(app: ImumonApp, pilot: Pilot[int]) -> None:
-    for key in "12346":
-        await pilot.press(key)
-        await pilot.pause()
-        assert "…" not in visible_text(app), key
-
-
-def test_colours_are_only_theme_variables() -> None:
-    style = (Path(export.__file__).parent / "app.tcss").read_text()
-    assert "#" not in "".join(line.partition("{")[2] for line in style.splitlines())
-
-
-@driven(size=(80, 24), ascii=True)
-async def test_ascii_mode_draws_only_ascii(app: ImumonApp, pilot: Pilot[int]) -> None:
-    for key in "12345":
-        await pilot.press(key)
-        await pilot.pause()
-        for y in range(app.size.height):
-            assert _row(app, y).isascii(), _row(app, y)
-
-
-def _row(app: ImumonApp, y: int) -> str:
-    return "".join(
-        app.screen.get_widget_at(0, y)[0].render_line(y - app.screen.get_widget_at(0, y)[1].y).text
-        for _ in range(1)
-    )
-
-
-@driven()
-async def test_a_dialog_window_does_not_hide_the_view_below(app: ImumonApp, pilot: Pilot[int]) -> None:
-    await pilot.press("question_mark")
-    await pilot.pause()
-    assert "vn100-0100056785" in app.export_screenshot()
-
-
-def test_names_that_look_like_markup_are_shown_unchanged() -> None:
-    name = "[red]x[/red] [/] ]["
-    report = reports.report()
-    source = reports.FakeSource(replace(report, device=replace(report.device, id=name, port="[b]")))
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for key in "12345":
-            await pilot.press(key)
-            await pilot.pause()
-            assert name in status(app)
-
-    drive(source, script)
-
-
-# ---------------------------------------------------------------------------- saving
-
-
-def test_an_unknown_grade_is_shown_by_its_name() -> None:
-    report = reports.report()
-    grade = {name: replace(one, nearest="survey", meets="survey") for name, one in report.grade.items()}
-    channels = {
-        name: replace(c, grade=replace(c.grade, nearest="survey", meets="survey")) if c.grade else c
-        for name, c in report.channels.items()
-    }
-    source = reports.FakeSource(replace(report, grade=grade, channels=channels))
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for key in ("1", "2", "3", "4", "5"):
-            await pilot.press(key)
-            await pilot.pause()
-            assert key != "1" or "survey" in visible_text(app).lower()
-
-    drive(source, script)
-
-
-def test_every_view_can_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    source = reports.FakeSource(reports.report())
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for form in "vcj":
-            await pilot.press("s")
-            await pilot.pause()
-            await pilot.press(form)
-        for view in "23457":
-            await pilot.press(view)
-            app.save_view(tmp_path, "csv")
-
-    drive(source, script)
-    files = {path.name for path in tmp_path.iterdir()}
-    assert len(files) == 3 + 5
-    start = f"imumon-{reports.ID}-"
-    svg = (tmp_path / f"{start}overview-20260301T100000.svg").read_text()
-    assert svg.startswith("<svg")
-    assert "http" not in svg.replace("http://www.w3.org/2000/svg", "").replace(
-        "https://www.textualize.io", ""
-    )
-    table = next(tmp_path.glob("*overview*.csv"))
-    rows = list(csv.reader(table.open()))
-    allan = source.reports()[reports.ID][0].channels["gyro/x"].allan
-    assert float(rows[1][3]) == allan.sigma[0]
-    heads = [
-        row[0]
-        for row in csv.reader(next(tmp_path.glob("*signal*.csv")).open())
-        if row and row[0].isidentifier()
-    ]
-    assert heads == ["time_s", "bin_start", "frequency_hz"]
-    saved = from_json(Report, next(tmp_path.glob("*.json")).read_bytes())
-    assert saved == source.reports()[reports.ID][0]
-
-
-def test_the_notification_names_the_saved_file(tmp_path: Path) -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for form in ("json", "csv", "svg"):
-            app.clear_notifications()
-            app.save_view(tmp_path, form)
-            await pilot.pause()
-            (note,) = app._notifications
-            assert note.message == f"saved {next(tmp_path.glob(f'*.{form}'))}"
-
-    drive(reports.FakeSource(reports.report()), script)
-
-
-def test_an_unwritable_directory_gives_a_notification(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        app.save_view(Path("/proc/[nowhere]"), "csv")
-        await pilot.pause()
-        (note,) = app._notifications
-        assert note.message.startswith("not saved: ")
-
-    drive(reports.FakeSource(reports.report()), script)
-
-
-def test_without_a_converter_the_picture_is_kept_as_svg(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "resvg_py", None)
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        app.save_view(tmp_path, "png")
-        await pilot.pause()
-        (note,) = app._notifications
-        assert "pip install '.[png]'" in note.message
-
-    drive(reports.FakeSource(reports.report()), script)
-    (only,) = tmp_path.iterdir()
-    assert only.suffix == ".svg"
-
-
-def test_an_empty_state_exports_nothing() -> None:
-    for view in VIEWS:
-        assert list(export.table_rows(ViewState(view=view))) == []
-
-
-@driven(size=(150, 40))
-async def test_the_headline_keeps_its_limit_and_the_chart_its_units_in_si(
-    app: ImumonApp, pilot: Pilot[int]
-) -> None:
-    assert "nearest limit: industrial, 0.2" in visible_text(app)
-    await pilot.press("u")
-    await pilot.pause()
-    shown = visible_text(app)
-    assert "N of y, 1.12e-04 rad/s/√Hz, nearest limit: industrial, 5.82e-05" in shown
-    assert "N 8.84e-05 rad/s/√Hz" in shown
-
-
-def test_a_saved_picture_contains_no_notification(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for _ in range(2):
-            await pilot.press("s")
-            await pilot.pause()
-            await pilot.press("v")
-            await pilot.pause()
-        assert len(app._notifications) == 1
-
-    drive(reports.FakeSource(reports.report()), script)
-    (picture,) = tmp_path.glob("*.svg")
-    assert "saved" not in picture.read_text()
-
-
-def test_a_terminal_with_256_colours_gets_the_nearest_one_of_each() -> None:
-    """Rounded component by component, the dark blue of the band was teal."""
-    for red, green, blue in itertools.product(range(0, 256, 15), repeat=3):
-        nearest = RichColor.from_ansi(nearest_of_256(red, green, blue)).get_truecolor()
-        every = (RichColor.from_ansi(number).get_truecolor() for number in range(16, 256))
-        best = min(math.dist(colour, (red, green, blue)) for colour in every)
-        assert math.dist(nearest, (red, green, blue)) <= 1.1 * best + 1.0

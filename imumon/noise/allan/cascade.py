@@ -385,7 +385,7 @@ class OctaveCascade:
             weights = None
         else:
             self._valid += known.sum(axis=1)
-            # after the subtraction: a missing sample is the offset, whatever number stands in its place
+            # after the subtraction: a missing sample is the offset, whatever number is in its place
             np.copyto(samples, 0.0, where=~known[self.groups.of])
             weights = known.astype(np.float64)
         self.spectrum.update(samples, weights)

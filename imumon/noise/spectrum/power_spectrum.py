@@ -76,7 +76,7 @@ def displayed(sums: list[tuple[Floats, Ints]], rate_hz: float, channels: int) ->
     lines: list[list[SpectralLine]] = [[] for _ in range(channels)]
     bands: list[list[NarrowBand]] = [[] for _ in range(channels)]
     masks: list[Bools] = []
-    # (channel unit)^2/Hz: beside a strong line a channel without noise has rounding only, in which any bin stands out
+    # (channel unit)^2/Hz: beside a strong line a channel without noise has rounding only, where any bin may be a peak
     rounding = ROUNDING**2 * np.nansum(levels[0][1], axis=1)
     for s, (rate, power, count) in reversed(list(enumerate(levels))):
         low, high = _shown(s, len(levels))

@@ -1,0 +1,158 @@
+"""The screen is readable at every size, in every theme and in every terminal."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import reports
+from rich.color import Color as RichColor
+from rich.style import Style
+from screen_driver import drive, driven, status, table_number, visible_text
+from textual.pilot import Pilot
+
+from imumon.tui import export
+from imumon.tui.app import ImumonApp
+from imumon.tui.formatting import length
+from imumon.tui.widgets import ROLES, THEMES, DrawnPanel, RoleStyles, nearest_of_256
+
+
+@pytest.mark.parametrize("size", [(20, 6), (40, 12), (80, 24), (131, 33), (132, 34), (220, 60)])
+def test_every_view_draws_at_every_size(size: tuple[int, int]) -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        for key in "12345":
+            await pilot.press(key)
+            await pilot.pause()
+            for panel in app.query(DrawnPanel):
+                if panel.display and panel.size.area:
+                    assert all(length(line) <= panel.content_size.width for line in panel.lines())
+
+    drive(reports.FakeSource(reports.report()), script, size)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (150, 40), (220, 60)])
+def test_no_number_is_truncated(size: tuple[int, int]) -> None:
+    """Each coefficient is shown in full, also after rows without values."""
+    source = reports.FakeSource(reports.report(0.05))
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        source.arrive(reports.report())
+        app.poll()
+        await pilot.pause()
+        text = visible_text(app)
+        report = reports.report()
+        whole = [
+            table_number(report, name, letter) for name in reports.GYRO + reports.ACCEL for letter in "NBK"
+        ]
+        # where a channel has correlated noise, its column takes the place of the mean
+        mean = ["-9.807"] if "mean m/s²" in text else []
+        for number in (*whole, *mean, "consumer"):
+            assert number in text, number
+
+    drive(source, script, size)
+
+
+@pytest.mark.parametrize("theme", [*(t.name for t in THEMES), "ansi-dark"])
+def test_no_colour_and_every_theme_draw(theme: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        assert app.no_color
+        await pilot.press(*"12345", "1", "question_mark")
+        await pilot.pause()
+
+    drive(reports.FakeSource(reports.report(), age=14.0), script, (80, 24), theme=theme)
+
+
+@driven()
+async def test_a_new_theme_redraws_everything(app: ImumonApp, pilot: Pilot[int]) -> None:
+    dark = app.export_screenshot()
+    await pilot.press("t")
+    await pilot.pause()
+    light = app.export_screenshot()
+    assert "#d5dae3" in dark
+    assert "#d5dae3" not in light
+
+
+def _contrast(style: Style) -> float:
+    """Return the contrast ratio of WCAG 2.2."""
+    parts = np.array([style.color.get_truecolor(), style.bgcolor.get_truecolor()]) / 255.0
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    dark, light = sorted(linear @ [0.2126, 0.7152, 0.0722])
+    return float((light + 0.05) / (dark + 0.05))
+
+
+@pytest.mark.parametrize("theme", [theme.name for theme in THEMES])
+def test_text_and_marks_are_readable(theme: str) -> None:
+    """WCAG 2.2: 4.5 for text, 3 for what a chart consists of. Areas and the grid lie behind."""
+    marks, behind = {"axis", "unused", "baseline"}, {"page", "band", "bandkey", "bar", "grid"}
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        roles, page = app.query_one(RoleStyles), app.screen.rich_style.bgcolor
+        found = {role: _contrast(roles.style(role, page)) for role in {*ROLES} - behind}
+        assert not {role: each for role, each in found.items() if each < (3.0 if role in marks else 4.5)}
+
+    drive(reports.FakeSource(reports.report()), script, (60, 20), theme=theme)
+
+
+@driven(lambda: reports.FakeSource(reports.report(caveats=("aliased",))), size=(60, 20))
+async def test_no_text_is_cut_at_60_columns(app: ImumonApp, pilot: Pilot[int]) -> None:
+    for key in "12346":
+        await pilot.press(key)
+        await pilot.pause()
+        assert "…" not in visible_text(app), key
+
+
+def test_colours_are_only_theme_variables() -> None:
+    style = (Path(export.__file__).parent / "app.tcss").read_text()
+    assert "#" not in "".join(line.partition("{")[2] for line in style.splitlines())
+
+
+@driven(size=(80, 24), ascii=True)
+async def test_ascii_mode_draws_only_ascii(app: ImumonApp, pilot: Pilot[int]) -> None:
+    for key in "12345":
+        await pilot.press(key)
+        await pilot.pause()
+        for y in range(app.size.height):
+            assert _row(app, y).isascii(), _row(app, y)
+
+
+def _row(app: ImumonApp, y: int) -> str:
+    return "".join(
+        app.screen.get_widget_at(0, y)[0].render_line(y - app.screen.get_widget_at(0, y)[1].y).text
+        for _ in range(1)
+    )
+
+
+@driven()
+async def test_a_dialog_window_does_not_hide_the_view_below(app: ImumonApp, pilot: Pilot[int]) -> None:
+    await pilot.press("question_mark")
+    await pilot.pause()
+    assert "vn100-0100056785" in app.export_screenshot()
+
+
+def test_names_that_look_like_markup_are_shown_unchanged() -> None:
+    name = "[red]x[/red] [/] ]["
+    report = reports.report()
+    source = reports.FakeSource(replace(report, device=replace(report.device, id=name, port="[b]")))
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        for key in "12345":
+            await pilot.press(key)
+            await pilot.pause()
+            assert name in status(app)
+
+    drive(source, script)
+
+
+def test_a_terminal_with_256_colours_gets_the_nearest_one_of_each() -> None:
+    """Rounded component by component, the dark blue of the band was teal."""
+    for red, green, blue in itertools.product(range(0, 256, 15), repeat=3):
+        nearest = RichColor.from_ansi(nearest_of_256(red, green, blue)).get_truecolor()
+        every = (RichColor.from_ansi(number).get_truecolor() for number in range(16, 256))
+        best = min(math.dist(colour, (red, green, blue)) for colour in every)
+        assert math.dist(nearest, (red, green, blue)) <= 1.1 * best + 1.0
