@@ -77,6 +77,7 @@ class Analysis:
         self._bias_curves: dict[int, BiasFit] = {}  # by column
         self._slow_due_s = self._halves_due_s = 0.0
         self._contradictions: dict[int, float] = {}  # by column, greatest upper limit of K in the halves
+        self._compared: set[int] = set()  # columns whose halves have been compared since they were due
         self.warming_up = self.heats_up = False
         self.convergence = StatementLog(record.allan_channels)
         self._due_s = 0.0
@@ -132,7 +133,7 @@ class Analysis:
         """Return the fits, as far as the state of the record lets them count; decide whether it warms up."""
         record, noise = self._record, self._record.statistics.noise
         fits = self._estimator.fit(curve, renew=force or None, resolution=steps, kurtosis=kurtosis)
-        self._compare_halves(steps, kurtosis, force=force)
+        self._compare_halves(fits, steps, kurtosis, force=force)
         fits = tuple(
             _with_contradiction(fit, self._contradictions[c]) if c in self._contradictions else fit
             for c, fit in enumerate(fits)
@@ -148,21 +149,32 @@ class Analysis:
             fits = tuple(_with_reason(fit, why) for fit in fits)
         return fits
 
-    def _compare_halves(self, steps: list[float], kurtosis: list[float], *, force: bool) -> None:
-        """Find the channels whose K in the halves contradict each other, when the record has grown enough."""
+    def _compare_halves(
+        self, fits: Sequence[ChannelFit], steps: list[float], kurtosis: list[float], *, force: bool
+    ) -> None:
+        """Find the channels whose K in the halves contradict each other, when the record has grown enough.
+
+        Not where the whole record shows nothing slow beside N, and so has no more than a bound of K: parts of it show
+        less, and two fits of each such channel are saved.
+        """
         record = self._record
-        if not force and record.elapsed_s < self._halves_due_s:
+        if force or record.elapsed_s >= self._halves_due_s:
+            self._halves_due_s = SCATTER_GROWTH * record.elapsed_s
+            self._compared.clear()
+        slow = {c for c, fit in enumerate(fits) if fit.K.status in ("measured", "indistinct")}
+        columns = sorted(slow - self._compared)
+        self._compared |= slow
+        self._contradictions = {c: high for c, high in self._contradictions.items() if c in self._compared}
+        if not columns or (halves := record.statistics.noise.halves()) is None:
             return
-        self._halves_due_s = SCATTER_GROWTH * record.elapsed_s
-        halves = [
-            self._quarters.fit_sums(sums, span, steps, kurtosis, like=self._estimator)
-            for sums, span in record.statistics.noise.halves() or ()
-        ]
-        self._contradictions = {
-            column: max(first.K.high or 0.0, second.K.high or 0.0)
-            for column, (first, second) in enumerate(zip(*halves, strict=True) if halves else ())
-            if contradict(first.K, second.K)
-        }
+        first, second = (
+            self._quarters.fit_sums(sums, span, steps, kurtosis, like=self._estimator, channels=columns)
+            for sums, span in halves
+        )
+        for column, one, two in zip(columns, first, second, strict=True):
+            self._contradictions.pop(column, None)
+            if contradict(one.K, two.K):
+                self._contradictions[column] = max(one.K.high or 0.0, two.K.high or 0.0)
 
     def _channel(self, curve: AllanCurve, column: int, name: str) -> Channel:
         """Return the fields of a channel that come from the analysis."""

@@ -180,8 +180,9 @@ class Estimator:
         resolution: Sequence[float] | None = None,
         kurtosis: Sequence[float] | None = None,
         like: Estimator | None = None,
+        channels: Sequence[int] | None = None,
     ) -> tuple[ChannelFit, ...]:
-        """Fit every channel of the sums of a part of a record, without a curve.
+        """Fit channels of the sums of a part of a record, without a curve.
 
         Parameters
         ----------
@@ -190,9 +191,10 @@ class Estimator:
         like : estimator of the whole record, whose models the parts share, because a part shows
             less of the upper end than the whole; None: each part has its own, which
             is kept while the part grows.
+        channels : which ones, in the order of the results; None: all.
         """
         out = []
-        for channel in range(len(sums.group)):
+        for channel in range(len(sums.group)) if channels is None else channels:
             step = 0.0 if resolution is None else float(resolution[channel])
             if (reason := _hidden(sums, channel, step)) is not None:
                 out.append(pending_fit(0, *reason))

@@ -37,6 +37,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -272,17 +273,53 @@ def _level_bands(
     The last row of the expectations is what a low-pass bends; see `spectral_powers`.
     """
     level, group = sums.levels[s], int(sums.group[column])
-    count = float(level.averages[group])
-    bins = np.arange(FIRST_BIN, last_bin(s))
     mask = _line_bins(sums, s, column)
-    expected = _expected_bins(level, s, group, averaged=averaged, window=window, terms=terms)
     # sums of a part of a record have sub-bands instead of bins: a line in one leaves out all of it
     pool = SUB_BAND if sums.pooled else 1
+    keep = ~np.logical_or.reduceat(mask, np.arange(0, mask.size, pool))
+    layout = _band_layout(level, s, group, pool, keep.tobytes(), averaged, window, tuple(terms))
+    power = np.add.reduceat(level.power[column] * keep, layout.starts // pool)
+    # per sample of level 0
+    power = power[layout.counts] / layout.number / float(level.averages[group]) * 2.0**s
+    return power, layout.dof, layout.top, layout.mean
+
+
+class _BandLayout(NamedTuple):
+    """What the bands of a level are, whatever their power.
+
+    Attributes
+    ----------
+    starts : first bin of each band, from the first bin in use.
+    counts : which bands have enough bins.
+    number, dof, top : of those bands, bins that count, degrees of freedom, upper end in cycles per sample.
+    mean : (terms + 1, b) expectations of those bands, and what a low-pass bends.
+    """
+
+    starts: Ints
+    counts: Bools
+    number: Floats
+    dof: Floats
+    top: Floats
+    mean: Floats
+
+
+@lru_cache(maxsize=64)  # the channels of a sensor have the same bands unless they have lines
+def _band_layout(
+    level: LevelSums,
+    s: int,
+    group: int,
+    pool: int,
+    kept_pools: bytes,
+    averaged: bool,
+    window: int,
+    terms: tuple[NoiseTerm, ...],
+) -> _BandLayout:
+    """Return the bands of level s of which some bins, or pools of bins, are kept."""
+    count = float(level.averages[group])
+    bins = np.arange(FIRST_BIN, last_bin(s))
+    keep = np.repeat(np.frombuffer(kept_pools, dtype=bool), pool)[: bins.size]
+    expected = _expected_bins(level, s, group, averaged=averaged, window=window, terms=terms)
     starts = np.array([low for low in BAND_EDGES[:-1] if low < bins[-1]]) - FIRST_BIN
-    firsts = np.arange(0, bins.size, pool)
-    keep = ~np.logical_or.reduceat(mask, firsts)
-    power = np.add.reduceat(level.power[column] * keep, starts // pool)
-    keep = np.repeat(keep, pool)[: bins.size]
     number = np.add.reduceat(keep.astype(np.float64), starts)
     mean = np.add.reduceat(expected * keep, starts, axis=1) / np.maximum(number, 1.0)
     mean[-1] = 1.0 / np.maximum(mean[-1], 1e-300)  # the harmonic mean of 4 sin^2
@@ -293,9 +330,8 @@ def _level_bands(
     ]
     # a level below the first ends within its last band: the level above has the bins beyond
     top = np.minimum(BAND_EDGES[1 : 1 + starts.size], last_bin(s)) / SEGMENT / 2.0**s
-    power = power / np.maximum(number, 1.0) / count * 2.0**s  # per sample of level 0
     counts = number >= LEAST_BINS
-    return power[counts], np.array(dof)[counts], top[counts], mean[:, counts]
+    return _BandLayout(starts, counts, number[counts], np.array(dof)[counts], top[counts], mean[:, counts])
 
 
 def _line_bins(sums: NoiseSums, s: int, column: int) -> Bools:
