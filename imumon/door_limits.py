@@ -119,6 +119,18 @@ class Pace:
         self._next = begin + count * self._step_s
         return max(0.0, begin - now)
 
+    def admits(self, now: float) -> bool:
+        """Count one that comes now and return True, or return False: it does not wait, and does not count.
+
+        >>> pace = Pace(10.0, burst=2)
+        >>> [pace.admits(now) for now in (0.0, 0.0, 0.0, 0.11, 0.11)]
+        [True, True, False, True, False]
+        """
+        if self._next > now:
+            return False
+        self.wait_s(now)
+        return True
+
 
 class LinePace:
     """The rate at which lines of a network are read. A line costs as much as `LINE_BYTES` do, if it is shorter.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import socket
 import struct
@@ -22,12 +23,14 @@ class ResettingServer:
 
     Attributes
     ----------
+    failing : whether it resets; until then it sends without end.
     url : value of ``--port`` that reads it.
     connections : accepted so far.
     """
 
     def __init__(self, lines: int, rate_hz: float = 200.0) -> None:
         self._lines, self._rate_hz, self.connections = lines, rate_hz, 0
+        self.failing = True
         self._server = socket.create_server(("127.0.0.1", 0))
         self._server.settimeout(0.1)
         self.url = f"lines:tcp://127.0.0.1:{self._server.getsockname()[1]}{URL_PARAMETERS}"
@@ -47,7 +50,9 @@ class ResettingServer:
             client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             with client:
                 first = int((time.monotonic() - begin) * self._rate_hz) + 1
-                for k in range(first, first + self._lines):
+                for k in itertools.count(first):
+                    if self.failing and k >= first + self._lines:
+                        break
                     if self._ending.wait(max(0.0, begin + k / self._rate_hz - time.monotonic())):
                         return
                     values = ",".join(f"{1e-3 * math.sin(k * (axis + 1)):.6f}" for axis in range(6))

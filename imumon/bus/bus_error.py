@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import socket
 from collections.abc import Sequence
 
 import zenoh
@@ -32,6 +33,7 @@ _CERTIFICATE_INVALID = "zenoh.certificate or zenoh.ca is not a certificate in PE
 _PRIVILEGE = "choose a port above 1023, or a directory that you may write to"
 _ANOTHER = "choose another with --listen"
 _UNREACHABLE = "check that a daemon or router listens there, and the password or certificate"
+_NO_HOST = "failed to lookup address"
 _KNOWN_ERRORS = (
     (
         "unable to connect to any",
@@ -43,7 +45,7 @@ _KNOWN_ERRORS = (
     ("cannot assign requested address", "address_not_local", "not an address of this machine", _ANOTHER),
     ("permission denied", "permission_denied", "no permission", _PRIVILEGE),
     ("no such file or directory", "path_not_found", "no such directory", "create the directory {directory}"),
-    ("failed to lookup address", "host_unknown", "no such host", "check the name of the host"),
+    (_NO_HOST, "host_unknown", "no such host", "check the name of the host"),
     (
         "usrpwd",
         "users_file_invalid",
@@ -57,13 +59,13 @@ _KNOWN_ERRORS = (
 """Text in an error of Zenoh (lower case), code, message and cure. The first match counts."""
 
 
-def classify(error: zenoh.ZError, endpoints: Sequence[str], users_file: str = "") -> BusError:
-    """Return an error of Zenoh as a `BusError`; code ``session_failed`` if it is unknown.
+def classify(error: zenoh.ZError | OSError, endpoints: Sequence[str], users_file: str = "") -> BusError:
+    """Return an error of Zenoh, or of a socket, as a `BusError`; code ``session_failed`` if it is unknown.
 
     This is the only place where the text of an error decides: `zenoh.ZError` has one type and no code for all
     causes. An unknown text, also one that a new release of Zenoh changes, is shown as it is.
     """
-    text = str(error)
+    text = _NO_HOST if isinstance(error, socket.gaierror) else str(error)
     where = next((e for e in endpoints if e in text), None) or (endpoints[0] if endpoints else "Zenoh")
     for pattern, code, message, cure in _KNOWN_ERRORS:
         if pattern in text.lower():

@@ -13,6 +13,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -138,8 +139,8 @@ def sessions(endpoint: str, id: str, seconds: float) -> int:
     return count
 
 
-def half_open(endpoint: str, id: str, seconds: float) -> int:
-    """1,500 connections that send nothing; those that the daemon closes are opened again."""
+def half_open(endpoint: str, id: str, seconds: float, said: bytes = b"") -> int:
+    """1,500 connections that send nothing; they are closed and opened again each second."""
     host, port = endpoint.removeprefix("tcp/").split(":")
     end, count, opened = time.monotonic() + seconds, 0, []
     while time.monotonic() < end:
@@ -149,9 +150,34 @@ def half_open(endpoint: str, id: str, seconds: float) -> int:
         for connection in opened:
             connection.setblocking(False)
             connection.connect_ex((host, int(port)))
+        for connection in opened if said else ():
+            with suppress(OSError):
+                connection.send(said)
         count += len(opened)
         time.sleep(1.0)
     return count
+
+
+def half_said(endpoint: str, id: str, seconds: float) -> int:
+    """1,500 connections that send the first byte of a message."""
+    return half_open(endpoint, id, seconds, b"\x22")
+
+
+def greeted(endpoint: str, id: str, seconds: float) -> int:
+    """1,500 connections that send a whole first message, and nothing after it."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        listening = f"tcp/127.0.0.1:{server.getsockname()[1]}"
+        asking = threading.Thread(target=refused, args=(listening,), daemon=True)
+        asking.start()
+        client, _ = server.accept()
+        with client:
+            first = client.recv(4096)
+    return half_open(endpoint, id, seconds, first)
+
+
+def refused(endpoint: str) -> None:
+    with suppress(zenoh.ZError):
+        session(endpoint, **{"connect/timeout_ms": 300})
 
 
 def stopped(endpoint: str, id: str, seconds: float) -> int:
@@ -187,6 +213,8 @@ WAYS = (
     forge,
     sessions,
     half_open,
+    half_said,
+    greeted,
     stopped,
 )
 
