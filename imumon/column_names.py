@@ -63,16 +63,25 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 _SPELLINGS = {
     spelling: unit
     for unit, spellings in (
-        ("rad/s", "rads-1 rads radps rad/sec r/s rps"),
-        ("deg/s", "degs-1 degs degps deg/sec dps"),
+        (
+            "rad/s",
+            "rads-1 rads radps rad/sec r/s rps radpersec radpersecond rad/second radians/s radians/sec "
+            "radians/second",
+        ),
+        (
+            "deg/s",
+            "degs-1 degs degps deg/sec dps d/s degpersec degpersecond deg/second degree/s degree/sec "
+            "degree/second degrees/s degrees/sec degrees/second",
+        ),
         ("mdeg/s", "mdps mdegs mdegps"),
         ("mrad/s", "mradps mrads"),
         ("deg/h", "deg/hr dph"),
-        ("m/s2", "ms-2 m/s/s mps2 mss mpss ms2"),
+        ("m/s2", "ms-2 m/s/s mps2 mss mpss ms2 m/sec2 m/sec/sec meter/s2 meters/s2 meters/sec2"),
         ("mm/s2", "mms-2 mm/s/s mmps2"),
         ("cm/s2", "cms-2 gal"),
-        ("g", "gn"),
+        ("g", "gn gee gforce g-force"),
         ("t", "tesla"),
+        ("ut", "microt"),
         ("degc", "c celsius"),
         ("k", "kelvin"),
         ("s", "sec secs second seconds sek sekunden secondes"),
@@ -97,7 +106,20 @@ _PER_SENSOR = {
 }
 
 _SENSORS = {
-    "gyro": {"gyro", "gyr", "gyros", "gyroscope", "omega", "w", "rate", "rates", "rotation", "angvel", "omg"},
+    "gyro": {
+        "gyro",
+        "gyr",
+        "gyros",
+        "gyroscope",
+        "omega",
+        "w",
+        "rate",
+        "rates",
+        "rotation",
+        "angvel",
+        "omg",
+        "pqr",
+    },
     "accel": {
         "accel",
         "acc",
@@ -160,7 +182,7 @@ _NO_TIME_RANK = 9
 """Rank of a column that is the nanoseconds of a stamp: the last choice of a time."""
 
 _TIMES = {"t": 0, "time": 0, "timestamp": 0, "stamp": 1, "startup": -2, "sec": 2, "secs": 2, "seconds": 2,
-          "ts": 0, "elapsed": 1, "epoch": 1, "epoc": 1, "tow": 1, "uptime": 1}  # fmt: skip
+          "ts": 0, "utime": 1, "datetime": 1, "elapsed": 1, "epoch": 1, "epoc": 1, "tow": 1, "uptime": 1}  # fmt: skip
 """Words of a time, with their rank: the lower is preferred."""
 
 _TICKS = {"ms", "us", "msec", "usec", "millis", "micros", "milliseconds", "microseconds"}
@@ -179,10 +201,20 @@ _NO_UNIT = re.compile(r"(0x|x)?[0-9a-f]{3,}|[+-]?\d*|txt|text|utc|lsb|counts?|ra
 
 _AXIS_NUMBERS = {"0", "1", "2", "3"}
 
-_LETTERS = (AXES, ("0", "1", "2"), ("1", "2", "3"), ("roll", "pitch", "yaw"))
-"""Names of three axes in columns."""
+_RATES = ("p", "q", "r")
+"""Rates about x, y, z where each letter is a word: the names of flight mechanics (ISO 1151-1)."""
 
-_FOURTH = {"x": ("w",), "0": ("3",), "1": ("0", "4"), "roll": ()}
+_LETTERS = (
+    AXES,
+    ("0", "1", "2"),
+    ("1", "2", "3"),
+    ("roll", "pitch", "yaw"),
+    ("beta", "gamma", "alpha"),
+    _RATES,
+)
+"""Names of three axes in columns; beta, gamma, alpha are x, y, z of a browser (W3C Device Orientation)."""
+
+_FOURTH = {"x": ("w",), "0": ("3",), "1": ("0", "4"), "roll": (), "beta": (), "p": ()}
 """Names beside those of three axes that make a quaternion or a list of them, by the first of the three."""
 
 _GLUED = {
@@ -192,7 +224,9 @@ _GLUED = {
 }
 """Sensors in words without a boundary, such as ``gyroadc``."""
 
-_AXIS_NAMES = re.compile(r"roll|pitch|yaw|[wxyz]|(?<!\d)\d(?!\d)", re.IGNORECASE)
+_AXIS_NAMES = re.compile(
+    r"roll|pitch|yaw|alpha|beta|gamma|[wxyz]|(?<![a-z])[pqr](?![a-z])|(?<!\d)\d(?!\d)", re.IGNORECASE
+)
 _WITH_AXES = ("gyro", "accel", "mag", "angle", "velocity")
 
 
@@ -332,6 +366,8 @@ def _column_of_triple(index: int, name: str, axis: str, before: str, behind: str
     # rollspeed of MAVLink is a rate of rotation
     if quantity is None and set(words) & {"speed", "velocity"}:
         quantity = "gyro" if _is_turn(name) else None
+    if quantity is None and split_unit(name)[0].lower() in _RATES:
+        quantity = "gyro"
     if quantity is None:
         return Column(index, name.strip())
     known = None if unit is None else unit_of(unit, quantity)
@@ -374,9 +410,11 @@ def unit_of(text: str, quantity: str) -> str | None:
 
     >>> unit_of("rad s^-1", "gyro"), unit_of("m/s²", "accel"), unit_of("furlong", "accel")
     ('rad/s', 'm/s2', None)
-    >>> unit_of("℃", "temperature"), unit_of("m/(s^2)", "accel"), unit_of("deg.s^-1", "gyro")
-    ('degc', 'm/s2', 'deg/s')
+    >>> unit_of("℃", "temperature"), unit_of("m/(s^2)", "accel"), unit_of("deg.s^-1", "gyro"), unit_of("º/s", "gyro")
+    ('degc', 'm/s2', 'deg/s', 'deg/s')
     """
+    # a raised o and a ring are written for the sign of degrees
+    text = text.replace("º", "°").replace("˚", "°")
     # NFKC: the sign for degrees Celsius is a degree and a C, a raised 2 is a 2
     unit = unicodedata.normalize("NFKC", text).lower().replace("μ", "u").replace("°", "deg")
     unit = re.sub(r"[\s^*·._()]+|sqrt", "", unit)

@@ -39,6 +39,21 @@ CAVEATS: Mapping[str, CaveatText] = {
         "The sensor's Kalman filter subtracts the gyroscope bias from this stream, which also changes the mean. "
         "N is not affected. Use deltas or the uncompensated fields.",
     ),
+    "assumed_unit": CaveatText(
+        "the recording names no unit of a sensor: SI is assumed",
+        "The numbers do not show the unit of a quiet gyroscope: in another unit, all coefficients differ by a "
+        "factor. The remarks name the columns. State the unit, with --map or in the header.",
+    ),
+    "doubtful_unit": CaveatText(
+        "the size of the samples contradicts the unit of a sensor",
+        "A gyroscope has more noise than any at rest, or an acceleration is not one g. In a wrong unit, all "
+        "coefficients differ by a factor. The remarks name the columns.",
+    ),
+    "doubtful_rate": CaveatText(
+        "two times of the recording show different sample rates",
+        "A wrong rate changes N by the root of its factor, and all times. The remarks name both: choose the right "
+        "one with --map, or give --rate.",
+    ),
     "warming_up": CaveatText(
         "still warming up: K is an upper bound",
         "The temperature still rises, or the mean still settles. At the end of the warm-up, the part that shows "

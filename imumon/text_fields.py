@@ -6,6 +6,8 @@ Programs print a sample for people or for other programs, and the names are besi
     Acceleration X: 0.117, Y: -0.190, Z: 9.799 m/s^2
     10:23:45.123 -> Gyro: 0.0050, 0.0005, 0.0020
     {"ts": 0, "gyro": [0.0050, 0.0005, 0.0020], "acc": {"x": 0.117}}
+    >gx:1627551892437:0.0050§rad/s                               (Teleplot)
+    imu,host=a gx=0.0050,gy=0.0005 1700000000000000000           (line protocol of InfluxDB: the stamp is last)
 
 `fields_of` returns the names and values of a line. A record may have several lines: it ends where a name comes again
 (`RecordAssembler`). Files and live lines share both; what a name means is for `column_names`.
@@ -18,6 +20,8 @@ Programs print a sample for people or for other programs, and the names are besi
 {}
 >>> fields_of("gx:0.1 gy:0.2"), fields_of("ready"), fields_of("Gyro: 1, 2, 3")
 ({'gx': '0.1', 'gy': '0.2'}, {}, {'Gyro x': '1', 'Gyro y': '2', 'Gyro z': '3'})
+>>> fields_of(">gx:1627551892437:0.5§rad/s"), fields_of("imu,host=a gx=0.5,gy=1 1700000000000000000")
+({'time': '1627551892437', 'gx [rad/s]': '0.5'}, {'gx': '0.5', 'gy': '1', 'time': '1700000000000000000'})
 """
 
 from __future__ import annotations
@@ -40,9 +44,14 @@ LONGEST_LIST = 9
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _VALUE = re.compile(rf"[:=]\s*(?P<number>{_NUMBER})(?![\w.]|:\d)")
 _TWO_MORE = re.compile(rf"[\s,;]+({_NUMBER})[\s,;]+({_NUMBER})(?![\w.:=])")
+_FIVE_MORE = re.compile(rf"[\s,;]+({_NUMBER})" * 5 + r"(?![\w.:=])")
+"""Numbers of two sensors behind a label such as ``a/g:``."""
 _TIME_OF_DAY = re.compile(r"\s*\[?(\d{1,2}:\d\d:\d\d[.,]\d+)\]?\s*(?:->|\||,|:|-)?\s*")
 """Time that a terminal program writes before each line."""
 _SEPARATORS = re.compile(r"[,;|\t]")
+_TELEPLOT = re.compile(rf">([^:|§]+):(?:(\d+(?:\.\d*)?):)?({_NUMBER})(?:§([^|]*))?(?:\|.*)?")
+_LAST_STAMP = re.compile(r"\s(\d{10,19})$")
+"""Whole seconds since 1970 or a finer unit of them, behind the last value of a line."""
 
 
 def fields_of(text: str) -> dict[str, str]:
@@ -53,11 +62,18 @@ def fields_of(text: str) -> dict[str, str]:
             return json_fields(json.loads(text))
         except (ValueError, RecursionError):
             return {}
+    if (plotted := _TELEPLOT.fullmatch(text)) is not None:
+        name, stamp, number, unit = plotted.groups()
+        value = {_plain(f"{name} [{unit}]" if unit else name): number}
+        return {"time": stamp} | value if stamp else value
     fields: dict[str, str] = {}
     if clock := _TIME_OF_DAY.match(text):
         fields["time"] = clock[1].replace(",", ".")
         text = text[clock.end() :]
     named = _labelled(text)
+    if named and not fields and (last := _LAST_STAMP.search(text)) is not None and "time" not in named:
+        fields["time"] = last[1]
+        return named | fields
     return fields | named if named else {}
 
 
@@ -103,7 +119,11 @@ def _labelled(text: str) -> dict[str, str]:
             return {}
         label, prefix = _with_prefix(label, prefix)
         end = match.end()
-        if more := _TWO_MORE.match(text, end):  # Gyro: 0.1, 0.2, 0.3
+        both = [part.strip() for part in label.split("/")]
+        if len(both) == 2 and all(both) and (more := _FIVE_MORE.match(text, end)):
+            end, texts = more.end(), (match["number"], *more.groups())
+            numbers += [*_numbers_of_axes(both[0], texts[:3]), *_numbers_of_axes(both[1], texts[3:])]
+        elif more := _TWO_MORE.match(text, end):  # Gyro: 0.1, 0.2, 0.3
             end = more.end()
             numbers += _numbers_of_axes(label, (match["number"], more[1], more[2]))
         else:
@@ -143,7 +163,8 @@ def _unit_and_label(between: str, *, first: bool) -> tuple[str, str]:
     parts = [part.strip() for part in _SEPARATORS.split(between) if part.strip()]
     if not parts:
         return "", ""
-    label = " ".join(re.sub(r"[:=]", " ", parts[-1]).split())
+    # host=a gx: a word is the value of a name before the label
+    label = " ".join(re.sub(r"[:=]", " ", re.sub(r".*=\S+\s+", "", parts[-1])).split())
     if first:
         return "", label
     if len(parts) > 1:
@@ -176,7 +197,11 @@ class RecordAssembler:
     def add(self, fields: Mapping[str, str]) -> dict[str, str] | None:
         """Return the record that ends before the fields of a line; None: it continues."""
         ended = None
-        if self._fields.keys() & fields.keys() or len(self._fields) > MOST_FIELDS:
+        again = self._fields.keys() & fields.keys()
+        # each value of a sample may have the stamp of the sample
+        if again == {"time"} and self._fields["time"] == fields["time"]:
+            again = set()
+        if again or len(self._fields) > MOST_FIELDS:
             ended, self._fields = self._fields, {}
         self._fields.update(fields)
         return ended

@@ -5,6 +5,8 @@ base              contract of recordings, options for reading, errors
 raw_capture       raw bytes of a device, read back
 capture_writer    raw bytes of a device, written to disk
 csv               tables as text
+table_header      the line that names their columns, and what the lines around it say
+text_records      text with names beside the numbers, as a table
 date_reader       dates and times of day in them
 array_file        arrays of NumPy, MATLAB and Parquet
 memory_table      arrays in memory
@@ -16,7 +18,9 @@ table             rows of numbers as samples, from a file or from memory
 columns           columns of a table that form a stream
 column_meaning    units and meaning of samples that the user states
 first_rows        units, clock and interval by the first rows
+unit_checks       whether numbers can have their units
 row_selection     rows that are samples, in the order of their time
+sensor_column     column that says of which sensor a row is
 """
 
 from imumon.recordings.base import OptionNotApplicable, ReadOptions, Recording, RecordingError

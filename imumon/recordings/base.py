@@ -122,6 +122,7 @@ class Recording:
     topic : of a bag, that is read; None: it has no topics of ROS.
     problem : why reading ended early, or None.
     remarks : what was left out or is doubtful, one line each.
+    caveats : what limits the meaning of all numbers, codes of `imumon.messages.CAVEATS`.
     assumed_unit : which unit was assumed, and how to give another; empty: none that matters.
     fed, discarded, bad_checksums : bytes read, bytes of no message, messages or rows that were invalid.
     ledger : what became of all rows or messages but those that are samples (`imumon.ledger`).
@@ -135,6 +136,7 @@ class Recording:
     topic: str | None = None
     problem: str | None = None
     remarks: Sequence[str] = ()
+    caveats: Sequence[str] = ()
     assumed_unit = ""
     fed = discarded = bad_checksums = 0
     ledger: Mapping[str, int] = {}

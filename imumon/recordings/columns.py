@@ -58,6 +58,9 @@ MOST_COLUMNS = 2000
 LISTED = 8
 """Column names that a message lists."""
 
+UNIT_QUATERNION = 1e-3
+"""Difference of the size of a quaternion from one, with the digits that programs write."""
+
 NOUNS = {"t": "time", "dt": "interval"}
 """Nouns for quantities of columns that are no channels."""
 
@@ -76,6 +79,7 @@ class ColumnLayout:
     interval : length of each sample's own interval, for deltas.
     remarks : which columns of a sensor are not used, and why.
     gyro, accel : kind of the numbers of a sensor where it is not `kind`.
+    time_option : how to use a column without the name of a time whose numbers are even; empty: there is none.
     unused : why a column that is in none of these is not used, by its place in the table.
     """
 
@@ -88,6 +92,7 @@ class ColumnLayout:
     remarks: tuple[str, ...] = ()
     gyro: Kind | None = None
     accel: Kind | None = None
+    time_option: str = ""
     unused: Mapping[int, str] = field(default_factory=dict)
 
     @property
@@ -135,7 +140,7 @@ def layout(
     # an axis of a gyroscope or accelerometer that the user names is of point samples, not of deltas
     for candidate in (kind,) if kind else KINDS[pointwise:]:
         if (stream := _stream(columns, candidate)) is not None:
-            _check_units(stream)
+            _check_units(names, stream, head)
             # with --sensor the other sensor is left out on purpose, even if --map names it
             _check_complete(stream, {} if sensor else assigned)
             stream = _with_one_time(stream, head)
@@ -143,6 +148,7 @@ def layout(
                 stream,
                 remarks=(*by_size, *_unused(columns, stream), *_unused_triples(names, stream, head)),
                 unused=_reasons(names, columns, stream, sensor),
+                time_option="" if stream.times else _time_option(names, stream, head),
             )
             # the search takes names without a kind for uncompensated; a report must not claim that
             return stream if kind or _names_kind(stream) else replace(stream, kind="unknown")
@@ -295,12 +301,22 @@ def _unused_triples(names: Sequence[str], table_layout: ColumnLayout, head: Floa
     known |= {column.index for column in table_layout.columns}
     unknown = [triple for triple in _number_triples(names, head) if not known & set(triple)]
     if unknown:
-        first = {
-            f"gyro/{axis}": f"{reference(k, names)}:UNIT" for axis, k in zip(AXES, unknown[0], strict=True)
-        }
+        first = _unused_proposal(names, unknown[0], set(map(sensor_of, table_layout.channels)), head)
         text = "; ".join(_list(names[k].strip() for k in triple) for triple in unknown[:LISTED])
         more = f" and {len(unknown) - LISTED} more" if len(unknown) > LISTED else ""
         yield f"{text}{more} not used: no name or unit of a sensor; if they are one, {option_text(columns=first)}"
+
+
+def _unused_proposal(
+    names: Sequence[str], three: Sequence[int], sensors: set[str], head: Floats | None
+) -> dict[str, str]:
+    """Return how ``--map`` names a triple: as the sensor that is missing if it may be it, else as an example."""
+    proposal = _proposal(names, three, "accel", head)
+    has_unit = any(split_unit(names[k])[1] for k in three)
+    of_gravity = head is not None and not has_unit and _unit_of_gravity(head[:, three]) is not None
+    if "accel" not in sensors and (of_gravity or proposal["accel/x"].endswith("m/s")):
+        return proposal
+    return {f"gyro/{axis}": f"{reference(k, names)}:UNIT" for axis, k in zip(AXES, three, strict=True)}
 
 
 def _number_triples(names: Sequence[str], head: Floats | None) -> list[tuple[int, ...]]:
@@ -325,7 +341,9 @@ def _sized(
             of_rows = [
                 Column(k, names[k].strip(), row_sensor, axis) for axis, k in zip(AXES, three, strict=True)
             ]
-            return [*columns, *of_rows], []
+            listed = _list(names[k].strip() for k in three)
+            text = f"{listed} have no name of a sensor: the name of the rows or of the file is that of {row_sensor}"
+            return [*columns, *of_rows], [text]
         excluded = any(words & NO_SENSOR for words in (set(words_of(names[k])) for k in three))
         unit = _unit_of_gravity(head[:, three])
         if unit is not None and not excluded:
@@ -355,12 +373,19 @@ def _same(one: Column, other: Column) -> bool:
     return axis and (one.quantity == "mag" or one.kind == other.kind)
 
 
-def _check_units(table_layout: ColumnLayout) -> None:
+def _check_units(names: Sequence[str], table_layout: ColumnLayout, head: Floats | None) -> None:
     """Check that all units are known."""
     for column in (*table_layout.columns, table_layout.interval):
         if column is not None and column.unknown_unit and column.quantity:
             text = f"the unit {column.unknown_unit!r} of column {column.name!r} is unknown"
-            raise RecordingError("unknown_unit", text, f"use one of {_list(UNITS[column.quantity])}")
+            units = f"one of {_list(UNITS[column.quantity])}"
+            axes = [c for c in table_layout.columns if c.quantity == column.quantity]
+            if column.quantity not in INERTIAL or len(axes) < len(AXES):
+                raise RecordingError("unknown_unit", text, f"use {units}")
+            option = option_text(
+                columns=_proposal(names, tuple(c.index for c in axes), column.quantity, head)
+            )
+            raise RecordingError("unknown_unit", text, f"{option}, with the unit that it has, {units}")
 
 
 def _stream(columns: Sequence[Column], kind: Kind) -> ColumnLayout | None:
@@ -555,15 +580,80 @@ def _no_stream(
     unknown = _number_triples(names, head)
     if not unknown:
         return RecordingError("no_sensor", text, f"name them with {MAP_EXAMPLE}")
-    # the unit that the size allows; the names leave the sensor open
-    numbers = None if head is None else head[:, unknown[0]]
-    unit = "rad/s" if numbers is None or not too_noisy(numbers) else "deg/s"
-    first = {
-        f"gyro/{axis}": f"{reference(k, names)}:{unit}" for axis, k in zip(AXES, unknown[0], strict=True)
-    }
+    first = _proposal(names, unknown[0], "gyro", head)
     listed = _list(names[k].strip() for k in unknown[0])
     cure = f"if {listed} are a gyroscope, {option_text(columns=first)}, with their unit"
     return RecordingError("no_sensor", text, cure)
+
+
+def _proposal(names: Sequence[str], three: Sequence[int], sensor: str, head: Floats | None) -> dict[str, str]:
+    """Return the columns of a sensor as ``--map`` has them, with the unit that its names or numbers allow."""
+    numbers = None if head is None else head[:, three]
+    unit = "rad/s" if numbers is None or not too_noisy(numbers) else "deg/s"
+    words = {word for k in three for word in words_of(names[k])}
+    if sensor == "gyro" and words & {"theta", "angle", "dtheta", "dang"} and not words & {"rate", "speed"}:
+        unit = "rad"  # an increment
+    if sensor == "accel":
+        increments = bool(words & {"vel", "velocity", "dv", "dvel"})
+        of_size = None if numbers is None else _unit_of_gravity(numbers)
+        unit = "m/s" if increments else of_size or "m/s2"
+    return {f"{sensor}/{axis}": f"{reference(k, names)}:{unit}" for axis, k in zip(AXES, three, strict=True)}
+
+
+def _time_option(names: Sequence[str], table_layout: ColumnLayout, head: Floats | None) -> str:
+    """Return how to use a column as a time whose numbers rise evenly, as those of a clock; empty: there is none."""
+    if head is None:
+        return ""
+    used = {column.index for column in table_layout.columns}
+    for k in range(len(names)):
+        # steps of one, in any column, are those of a counter
+        if k not in used and _rises_evenly(head[:, k]) and float(head[1, k] - head[0, k]) != 1.0:
+            unit = split_unit(names[k])[1]
+            known = None if unit is None else unit_of(unit, "t")
+            return option_text(columns={"t": reference(k, names) + (f":{known}" if known else "")})
+    return ""
+
+
+def _rises_evenly(numbers: Floats) -> bool:
+    """Return whether numbers rise in steps of about one size."""
+    steps = np.diff(numbers)
+    return (
+        len(steps) > LISTED and bool((steps > 0.0).all()) and float(np.ptp(steps)) < float(np.median(steps))
+    )
+
+
+def proposed_map(numbers: Floats) -> dict[str, str]:
+    """Return what columns without names may be, as ``--map`` has them; empty: their sizes do not show it.
+
+    Three columns of one g are the accelerometer. If three others are behind or before it that move around a constant,
+    they are the gyroscope; and a first column that rises evenly is the time.
+
+    Parameters
+    ----------
+    numbers : (n, k) of the first rows.
+    """
+    width = numbers.shape[1]
+    if len(numbers) <= LISTED:
+        return {}
+    vary = [bool(np.ptp(column) > 0.0) and not _rises_evenly(column) for column in numbers.T]
+    threes = [(k, k + 1, k + 2) for k in range(width - 2) if all(vary[k : k + 3])]
+    units = {three: unit for three in threes if (unit := _unit_of_gravity(numbers[:, three]))}
+    # a quaternion has the size of one g in g, so that m/s2 come first
+    accel = min(units, key=lambda three: (units[three] != "m/s2", three), default=None)
+    if accel is None or _in_quaternion(numbers, accel):
+        return {}
+    names = [str(k + 1) for k in range(width)]
+    gyro = [three for k in (accel[2] + 1, accel[0] - 3) if (three := (k, k + 1, k + 2)) in threes]
+    proposed = {"t": "1"} if accel[0] and _rises_evenly(numbers[:, 0]) else {}
+    for three in gyro[:1]:
+        proposed |= _proposal(names, three, "gyro", numbers)
+    return proposed | _proposal(names, accel, "accel", numbers)
+
+
+def _in_quaternion(numbers: Floats, three: Sequence[int]) -> bool:
+    """Return whether three columns and one beside them are a quaternion: four numbers of size one."""
+    fours = [numbers[:, k : k + 4] for k in (three[0] - 1, three[0]) if 0 <= k <= numbers.shape[1] - 4]
+    return any(np.nanmax(np.abs(np.linalg.norm(four, axis=1) - 1.0)) < UNIT_QUATERNION for four in fours)
 
 
 def without_unit(name: str) -> str:

@@ -13,10 +13,9 @@ them. An example that has most of what occurs::
     0.02;0.013;-0.004;0.002
     0.03;0.012;-0.003;0.001
 
-1. *Header.* The line that names the columns is the first one in which most cells are no numbers and which has as many
-   cells as the first row of numbers, or one more or less (`header_line`). Lines before it are ignored. A table without
+1. *Header.* `table_header` finds the line that names the columns, and what the lines around it say. A table without
    such a line needs ``--map`` with the numbers of columns, unless it is what ``ros2 topic echo --csv`` prints.
-2. *Units.* A row of units below the header is a part of the names (`with_units`).
+2. *Sensors by row.* A column may say of which sensor a row is: one of them is read (`sensor_column`).
 3. *Separator.* That of the header: ``;``, ``,``, tab, ``|``, else blanks. Where it is no comma, a comma in a number is
    the decimal sign.
 4. *Time.* A number, a date or a time of day (`DateReader`); a column of other texts is no time.
@@ -33,7 +32,6 @@ from __future__ import annotations
 
 import io
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -41,7 +39,6 @@ from typing import Any
 
 import numpy as np
 
-from imumon.column_names import UNITS, unit_of
 from imumon.cures import option_text
 from imumon.errors import QUOTED
 from imumon.ledger import Ledger, merged
@@ -54,14 +51,34 @@ from imumon.recordings.base import (
     RecordingError,
     RowSource,
 )
-from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout
+from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout, proposed_map
 from imumon.recordings.date_reader import DateReader
 from imumon.recordings.raw_capture import RawCapture
-from imumon.recordings.sensor_column import RowChoice, check_one_sensor, row_choices, sensor_of_value
+from imumon.recordings.sensor_column import (
+    RowChoice,
+    check_one_sensor,
+    chosen_tag,
+    row_choices,
+    sensor_of_file,
+    sensor_of_value,
+    sensor_rows,
+)
 from imumon.recordings.table import Table
+from imumon.recordings.table_header import (
+    ECHOED,
+    below_header,
+    has_cells,
+    header_line,
+    is_echoed,
+    is_number,
+    preamble_scales,
+    separator_of,
+    split,
+    stated_rate,
+    tagged_headers,
+)
 from imumon.recordings.text_records import INVALID_RECORD, RecordText
-from imumon.report_json import plain
-from imumon.samples import AXES, Floats, SampleBlock
+from imumon.samples import Floats, SampleBlock
 
 HEAD_ROWS = 500
 """Rows whose numbers show what their columns are."""
@@ -86,13 +103,6 @@ MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 
 COMPLETE = "check that it is complete"
 """Cure for a table without rows."""
-
-ECHOED = (
-    "sec", "nanosec", "frame_id", *("orientation",) * 13,
-    *(f"angular_velocity.{axis} [rad/s]" for axis in AXES), *("covariance",) * 9,
-    *(f"linear_acceleration.{axis}" for axis in AXES), *("covariance",) * 9,
-)  # fmt: skip
-"""Columns that ``ros2 topic echo --csv`` prints of `sensor_msgs/Imu`, without a header."""
 
 
 class TextTable(Table):
@@ -182,7 +192,8 @@ class CsvFile(TextTable):
         self._capture, self._options = capture, options
         self._form = "records" if isinstance(capture, RecordText) else "csv"
         self._choices: list[RowChoice] = []
-        self._other_rows = 0
+        self._names: Sequence[str] = ()
+        self._other_rows, self._other_value = 0, ""
         self.path = capture.path
         self._dates: dict[int, DateReader] = {}  # by column, of those with dates instead of numbers
 
@@ -199,9 +210,11 @@ class CsvFile(TextTable):
         kept, numbers = [], []
         for line, place in zip(block.split(b"\n"), places, strict=False):
             text = decoded(line)
-            cells = split(text, self._parser.separator) if has_cells(text) else []
+            is_row = has_cells(text) and not self._parser.is_header(text)
+            cells = split(text, self._parser.separator) if is_row else []
             if cells and not all(choice.holds(cells) for choice in self._choices):
                 self._other_rows += 1
+                self._other_value = self._other_value or cells[self._choices[0].column][:QUOTED]
                 self._lines.add("other_sensor")
             else:
                 kept.append(line)
@@ -209,9 +222,15 @@ class CsvFile(TextTable):
         return b"".join(line + b"\n" for line in kept), numbers
 
     def _line_remarks(self) -> Sequence[str]:
-        where = option_text(where=self._options.where or {})
-        others = f"{self._other_rows:,} rows are of other sensors: {where} does not choose them"
-        return [*self._parser.remarks, *([others] if self._other_rows else [])]
+        if not self._other_rows:
+            return self._parser.remarks
+        if self._options.where:
+            where = f"{option_text(where=self._options.where)} does not choose them"
+        else:
+            choice = self._choices[0]
+            other = option_text(where={self._names[choice.column]: self._other_value})
+            where = f"only those with {choice.value} are read; {other} reads others"
+        return [*self._parser.remarks, f"{self._other_rows:,} rows are of other sensors: {where}"]
 
     def _line_ledger(self) -> Mapping[str, int]:
         of_records = self._capture.ledger if isinstance(self._capture, RecordText) else {}
@@ -228,19 +247,17 @@ class CsvFile(TextTable):
         if TOO_LONG in seen[:HEAD_LINES]:
             text = f"{self.path} line {seen.index(TOO_LONG) + 1} is longer than {LONGEST_LINE:,} bytes"
             raise RecordingError("line_too_long", text, "check that it is a table with one row per line")
-        header_place = header_line(seen)
-        if header_place is None:
-            header, (names, begin, separator) = "", self._without_header(seen)
-        else:
-            header, (names, begin, separator) = seen[header_place], _below_header(seen, header_place)
-        cells = [split(line, separator) for line in seen[begin : begin + HEAD_ROWS] if has_cells(line)]
         try:
-            table_layout = self._chosen_layout(names, cells, separator)
+            header, names, begin, separator = self._names_of_columns(seen)
+            cells = [split(line, separator) for line in seen[begin : begin + HEAD_ROWS] if has_cells(line)]
+            table_layout = self._chosen_layout(names, cells, separator, preamble_scales(seen[:begin], names))
         except RecordingError as error:
             raise error.of(self.path) from None
+        header_place = seen.index(header) if header else None
+        self._names = names
         # before the rows are read: a column of texts would make every row invalid
-        table_layout = self._with_readable_times(table_layout, seen[begin:], separator)
-        source = RowSource(self.path, self._form, names, stated_hz=_stated_rate(seen[:begin]))
+        table_layout = self._with_readable_times(table_layout, cells)
+        source = RowSource(self.path, self._form, names, stated_hz=stated_rate(seen[:begin]))
         columns = self._begin(source, table_layout, self._options)
         self._parser = RowParser(self.path, header, separator, columns, self._dates)
         for place, line in enumerate(seen[:begin]):
@@ -249,30 +266,50 @@ class CsvFile(TextTable):
             self._lines.add(kind or "header")
         return head.split(b"\n", begin)[begin], begin
 
+    def _names_of_columns(self, seen: Sequence[str]) -> tuple[str, list[str], int, str | None]:
+        """Return the line that names the columns (empty: none), the names, the first row, and the separator."""
+        if tags := tagged_headers(seen):
+            tag = chosen_tag(tags, self._options.where or {})
+            self._choices = [RowChoice(0, tag)]
+            begin = next(k for k, line in enumerate(seen) if has_cells(line) and not line.startswith("sep="))
+            return "", tags[tag], begin, separator_of(seen[begin])
+        place = header_line(seen)
+        if place is None:
+            return ("", *self._without_header(seen))
+        return (seen[place], *below_header(seen, place))
+
     def _chosen_layout(
-        self, names: Sequence[str], cells: Sequence[Sequence[str]], separator: str | None
+        self,
+        names: Sequence[str],
+        cells: Sequence[Sequence[str]],
+        separator: str | None,
+        scales: Mapping[str, str],
     ) -> ColumnLayout:
-        """Choose the rows; return the columns that the names and the first of these rows, as cells, show."""
-        self._choices = row_choices(names, self._options.where or {}, cells)
+        """Choose the rows; return the columns that the names and the first of these rows, as cells, show.
+
+        Parameters
+        ----------
+        scales : columns that the lines before the names give, as ``--map`` has them.
+        """
+        options = self._options
+        if not self._choices:
+            self._choices = row_choices(names, options.where or {}, cells)
+        implied = [] if self._choices or options.columns else sensor_rows(names, cells)
+        self._choices += implied
         cells = [row for row in cells if all(choice.holds(row) for choice in self._choices)]
         numbers = head_numbers(cells, separator, len(names))
-        if not self._options.columns or not self._choices:
+        if not options.columns or not self._choices:
             check_one_sensor(names, cells, numbers)
         values = [sensor for choice in self._choices if (sensor := sensor_of_value(choice.value)) is not None]
-        return layout(
-            names,
-            self._options.kind,
-            self._options.columns,
-            self._options.sensor,
-            numbers,
-            next(iter(values), None),
-        )
+        row_sensor = next(iter(values), None) or sensor_of_file(self.path)
+        given = {**scales, **(options.columns or {})}
+        return layout(names, options.kind, given, options.sensor, numbers, row_sensor)
 
     def _without_header(self, seen: Sequence[str]) -> tuple[list[str], int, str | None]:
         """Return the names of columns that no line names, the first row, and the separator."""
         begin = next((k for k, line in enumerate(seen) if has_cells(line)), None)
         if begin is None:
-            raise RecordingError("no_rows", f"{self.path} has no rows", COMPLETE)
+            raise RecordingError("no_rows", "it has no rows", COMPLETE)
         separator = separator_of(seen[begin])
         count = len(split(seen[begin], separator))
         if self._options.columns:
@@ -281,14 +318,20 @@ class CsvFile(TextTable):
         if echoed is not None:
             return list(ECHOED), echoed, ","
         unnamed, first = ("column", 1) if count == 1 else (f"{count} columns", 2)
+        rows = [split(line, separator) for line in seen[begin : begin + HEAD_ROWS] if has_cells(line)]
+        proposed = proposed_map(head_numbers(rows, separator, count))
         cure = f"add one, or --map gyro/x={first}:rad/s,... by number"
-        raise RecordingError("no_header", f"{self.path} has no line that names its {unnamed}", cure)
+        if proposed:
+            cure = (
+                f"by the size of their numbers, {option_text(columns=proposed)}; check it, or add such a line"
+            )
+        raise RecordingError("no_header", f"it has no line that names its {unnamed}", cure)
 
     def _with_readable_times(
-        self, table_layout: ColumnLayout, lines: Sequence[str], separator: str | None
+        self, table_layout: ColumnLayout, cells: Sequence[Sequence[str]]
     ) -> ColumnLayout:
         """Return the columns without the times that cannot be read; dates are read as seconds."""
-        cells = [split(line, separator) for line in lines if has_cells(line)]
+        cells = [row for row in cells if all(choice.holds(row) for choice in self._choices)]
         times, unreadable = [], ""
         for column in table_layout.times:
             texts = [row[column.index] for row in cells if len(row) > column.index]
@@ -311,26 +354,6 @@ class CsvFile(TextTable):
         return RecordingError("no_rows", f"{self.path} has a header and no row of numbers after it", COMPLETE)
 
 
-_STATED_RATE = re.compile(
-    r"(?:rate|frequency|odr)\b[^\d\n]{0,20}?(?P<number>\d+(?:\.\d+)?)\s*(?P<kilo>k?)hz\b", re.IGNORECASE
-)
-"""Sample rate in words before a table, such as ``// Update Rate: 100.0Hz``."""
-
-
-def _stated_rate(lines: Sequence[str]) -> float | None:
-    """Return the only rate that the lines before a table state, Hz; None: none, or several.
-
-    >>> _stated_rate(["// Update Rate: 100.0Hz"]), _stated_rate(["# gyro rate 1 kHz, accel rate 100 Hz"])
-    (100.0, None)
-    """
-    rates = {
-        float(match["number"]) * (1e3 if match["kilo"] else 1.0)
-        for line in lines
-        for match in _STATED_RATE.finditer(line)
-    }
-    return rates.pop() if len(rates) == 1 and min(rates) > 0.0 else None
-
-
 def _may_be_row(rest: bytes) -> bool:
     """Return whether the bytes behind the last end of a line may be a line, or the begin of one."""
     text = decoded(rest)
@@ -342,74 +365,6 @@ def _kind_without_cells(line: str) -> str | None:
     if not line.strip():
         return "blank"
     return None if has_cells(line) else "comment"
-
-
-def is_echoed(line: str) -> bool:
-    """Return whether a line is a message that ``ros2 topic echo --csv`` prints of an IMU."""
-    cells = split(line, ",")
-    return len(cells) == len(ECHOED) and all(map(is_number, (*cells[:2], *cells[3:])))
-
-
-def _below_header(lines: Sequence[str], place: int) -> tuple[list[str], int, str | None]:
-    """Return the names of columns with their units, the first line of rows, and the separator, by a header's place."""
-    header, begin, separator = lines[place], place + 1, separator_of(lines[place])
-    names = [plain(name) for name in header_cells(header, separator)]
-    # a table of one column: blanks in its header, as in "gyro z", do not separate anything
-    if _is_one_number("".join(lines[begin : begin + 1])):
-        names, separator = [plain(header.strip())], None
-    if begin < len(lines) and (united := with_units(names, lines[begin], separator)) is not None:
-        names, begin = united, begin + 1
-    return names, begin, separator
-
-
-def _is_one_number(line: str) -> bool:
-    return len(line.split()) == 1 and is_number(line)
-
-
-def _names_one_column(line: str) -> bool:
-    return bool(line.strip()) and not is_number(line)
-
-
-def header_line(lines: Sequence[str]) -> int | None:
-    """Return which of the first lines names the columns.
-
-    Most of its cells are no numbers, and it has as many as the first row of numbers. A table of one column has it
-    before the first three numbers.
-
-    >>> header_line(["t,gx", "0,1"]), header_line(["10", "gyro_z", "1", "2", "3"]), header_line(["1", "2"])
-    (0, 1, None)
-    """
-    candidates: list[int] = []
-    for k, line in enumerate(lines[:HEAD_LINES]):
-        # three numbers: a single one in a line may be a setting in the preamble
-        if k and _names_one_column(lines[k - 1]) and all(map(_is_one_number, lines[k : k + 3])):
-            return k - 1
-        cells = split(line, separator_of(line))
-        if len(cells) > 1 and sum(not is_number(cell) for cell in cells if cell) > len(cells) / 2:
-            candidates.append(k)
-        elif len(cells) > 1 and sum(is_number(cell) for cell in cells) > len(cells) / 2:
-            excess = {place: _excess_cells(lines[place], line) for place in candidates}
-            best = min(excess, key=excess.__getitem__, default=None)
-            # one more or less: many programs end their rows, or their header, with a separator
-            return best if best is not None and excess[best] <= 1 else None
-    return candidates[0] if candidates else None
-
-
-def _excess_cells(names: str, row: str) -> int:
-    """Return by how many cells a line of names and a row differ."""
-    separator = separator_of(names)
-    return abs(len(header_cells(names, separator)) - len(split(row, separator)))
-
-
-def header_cells(line: str, separator: str | None) -> list[str]:
-    """Return the names in a header; of names apart by blanks, a unit in brackets belongs to the name before it.
-
-    >>> header_cells("t [ms] A_X [m / s2] B", None)
-    ['t [ms]', 'A_X [m / s2]', 'B']
-    """
-    if separator is not None:
-        return split(line, separator)
-    return [cell.strip() for cell in re.findall(r"\S+(?:\s+[\[(][^\])]*[\])])?", line)]
 
 
 def head_numbers(rows: Sequence[Sequence[str]], separator: str | None, width: int) -> Floats:
@@ -429,36 +384,6 @@ def _number_or_nan(text: str) -> float:
         return math.nan
 
 
-def with_units(names: Sequence[str], row: str, separator: str | None) -> list[str] | None:
-    """Return the names with the units of a row below them; None if it is no row of units.
-
-    >>> with_units(["t", "wx", "wy [deg/s]"], "s,rad/s,", ",")
-    ['t [s]', 'wx [rad/s]', 'wy [deg/s]']
-    >>> with_units(["t", "wx"], "0.0,n/a", ",") is None
-    True
-    """
-    cells = [plain(_bare_unit(cell)) for cell in split(row, separator)]
-    known = [any(unit_of(cell, quantity) for quantity in UNITS) for cell in cells if cell]
-    # half: columns of other quantities have units that are not known here, such as V or %
-    if 2 * sum(known) <= len(known):
-        return None
-    cells += [""] * (len(names) - len(cells))
-    return [
-        f"{name} [{cell}]" if cell and not name.rstrip().endswith(("]", ")")) else name
-        for name, cell in zip(names, cells, strict=False)
-    ]
-
-
-def _bare_unit(cell: str) -> str:
-    """Return a unit without brackets around it.
-
-    >>> _bare_unit("[deg/s]"), _bare_unit("m/(s^2)")
-    ('deg/s', 'm/(s^2)')
-    """
-    match = re.fullmatch(r"\[([^\]]*)\]|\(([^()]*)\)", cell)
-    return cell if match is None else match[1] or match[2] or ""
-
-
 # ---------------------------------------------------------------- lines and cells
 
 
@@ -475,31 +400,6 @@ def decoded(line: bytes) -> str:
         return line.decode("utf-8-sig")  # spreadsheets begin a file with a mark of the byte order
     except UnicodeDecodeError:
         return line.decode("latin-1")
-
-
-def has_cells(line: str) -> bool:
-    """Return whether a line is neither blank nor a comment."""
-    return bool(line.strip()) and line.lstrip()[0] not in "#%"
-
-
-def separator_of(line: str) -> str | None:
-    """Return the character between the cells; None: blanks."""
-    # ask a header: a row of numbers may have more decimal commas than separators
-    separator = max((";", ",", "\t", "|"), key=line.count)
-    return separator if line.count(separator) else None
-
-
-def split(line: str, separator: str | None) -> list[str]:
-    """Return the cells of a line, without quotes."""
-    return [cell.strip().strip('"').strip() for cell in line.split(separator)]
-
-
-def is_number(text: str, read: Callable[[str], float] = float) -> bool:
-    try:
-        read(text)
-    except ValueError:
-        return False
-    return True
 
 
 @cache
@@ -549,6 +449,10 @@ class RowParser:
     def ledger(self) -> dict[str, int]:
         """What became of the lines that are no rows of numbers, by reason."""
         return self._ledger.counts()
+
+    def is_header(self, line: str) -> bool:
+        """Return whether a line is the header, again."""
+        return bool(self._header) and line == self._header
 
     def numbers(self, block: bytes, places: Sequence[int], *, last: bool) -> tuple[Floats, Sequence[int]]:
         """Return (n, k) numbers of the columns of some lines, and (n,) the line number of each row.
@@ -626,7 +530,7 @@ class RowParser:
 
     def _row(self, line: str, number: int, last: bool) -> tuple[list[float], int]:
         """Return the numbers of an irregular line; none for a line that is no sample."""
-        if (no_row := _kind_without_cells(line) or ("header" if line == self._header else None)) is not None:
+        if (no_row := _kind_without_cells(line) or ("header" if self.is_header(line) else None)) is not None:
             self._ledger.add(no_row)
             return [], number
         cells = split(line, self.separator)

@@ -17,7 +17,7 @@ error that names both and how to choose.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
@@ -36,6 +36,7 @@ from imumon.recordings.unit_checks import (
     check_magnitudes,
     column_text,
     time_unit,
+    unit_cure,
     unit_remarks,
 )
 from imumon.report import stamp
@@ -72,6 +73,10 @@ UNSET_ROWS, UNSET_STEPS = 2, 1e6
 
 STATED_TOLERANCE = 0.02
 """Share by which the rate of a time may differ from one that a comment states: those are nominal."""
+
+INTERVAL_SPAN = 30.0
+"""Ratio of the interval of a sample and the step of its stamps up to which both may be right, chosen: units differ by
+1000, and a program that writes one sample in ten has a tenth of the step as its interval."""
 
 RATE_CURE = f"give the sample rate with {OPTIONS['rate_hz']}"
 
@@ -172,6 +177,7 @@ class FirstRows:
     held : by such an index, numbers of those that some rows lack.
     remarks : what is left out or assumed.
     unused : why a column is not used, by its place in the table.
+    caveats : what limits the meaning of the numbers, as in `Recording`.
     no_time : why the time of the layout is not used; empty: it is, or there is none.
     """
 
@@ -182,6 +188,7 @@ class FirstRows:
         self.no_time = ""
         self.unused: dict[int, str] = dict(table_layout.unused)
         self.repeated: list[int] = []
+        self.caveats: list[str] = []
         self._source, self._rate = source, rate_hz
 
     @property
@@ -295,8 +302,9 @@ class FirstRows:
         stamps = {k: rows[present(rows[:, k]), k] for k in times}
         usable = [k for k in times if shows_rate(stamps[k]) and _has_possible_rate(columns[k], stamps[k])]
         steady = [k for k in usable if stamp_interval(stamps[k])[1]]
-        stated = [k for k in usable if self._has_stated_rate(columns[k], stamps[k])]
+        stated = [k for k in usable if self._has_stated_rate(k, stamps[k])]
         best = (*[k for k in steady if k in stated], *stated, *steady, *usable, *times)[0]
+        self._compare_clocks(best, {k: stamps[k] for k in steady})
         if best != times[0]:
             other = columns[times[0]]
             why = "which has the rate that a comment states" if best in stated else "which is even"
@@ -307,18 +315,44 @@ class FirstRows:
             )
         return [best]
 
+    def _compare_clocks(self, best: int, stamps: Mapping[int, Floats]) -> None:
+        """Note the times that are even and show another rate than the one that is used, in any unit.
+
+        Parameters
+        ----------
+        best : index of the time that is used.
+        stamps : (n,) as in the table, of the times that are even, by their indices.
+        """
+        if best not in stamps:
+            return
+        used = self._possible_rates(best, stamps[best])
+        for k in stamps:
+            rates = self._possible_rates(k, stamps[k])
+            if k != best and not any(abs(r / u - 1.0) < STATED_TOLERANCE for r in rates for u in used):
+                column, other = self.columns[best], self.columns[k]
+                cure = option_text(columns={"t": self._reference(other)})
+                names = f"{column.name} and {other.name}"
+                text = f"{names} show different rates: {column.name} is used; {cure} uses the other"
+                self.remarks.append(text)
+                self.caveats.append("doubtful_rate")
+
+    def _possible_rates(self, k: int, stamps: Floats) -> list[float]:
+        """Return the rates that a time shows, Hz, in the unit of its name or in each."""
+        column = self.columns[k]
+        units = [column.unit] if column.unit is not None else list(UNITS["t"])
+        return [1e9 / (column.scale * typical_step(stamps) * UNITS["t"][unit]) for unit in units]
+
     def _reference(self, column: Column) -> str:
         """Return how ``--map`` names a column of time."""
         name = column_text(self._source, column)
         return name if column.unit is None else f"{name}:{column.unit}"
 
-    def _has_stated_rate(self, column: Column, stamps: Floats) -> bool:
+    def _has_stated_rate(self, k: int, stamps: Floats) -> bool:
         """Return whether a time has the rate that a comment states, in the unit of its name or in any."""
         stated_hz = self._source.stated_hz
         if stated_hz is None:
             return False
-        units = [column.unit] if column.unit is not None else list(UNITS["t"])
-        rates = [1e9 / (typical_step(stamps) * UNITS["t"][unit]) for unit in units]
+        rates = self._possible_rates(k, stamps)
         return any(abs(rate / stated_hz - 1.0) < STATED_TOLERANCE for rate in rates)
 
     def note_unset_times(self, rows: Floats) -> bool:
@@ -375,6 +409,7 @@ class FirstRows:
         doubts = check_magnitudes(source, stream_layout, finite)
         assumed = unit_remarks(source, stream_layout.columns)
         self.remarks += [*assumed, *doubts]
+        self.caveats += [*["assumed_unit"] * bool(assumed), *["doubtful_unit"] * bool(doubts)]
         doubled = bool(stream_layout.times) and are_doubled(
             rows, slice(width, width + len(stream_layout.times))
         )
@@ -393,7 +428,9 @@ class FirstRows:
             known_s = interval
             if stream_layout.interval is not None:
                 known_s = float(np.median(whole[:, -1])) * stream_layout.interval.factor
-            check_magnitudes(source, stream_layout, finite, known_s)
+            doubts = check_magnitudes(source, stream_layout, finite, known_s)
+            self.remarks += doubts
+            self.caveats += ["doubtful_unit"] * bool(doubts)
         self.remarks += list(_repeating(stream_layout, whole))
         sensors = ", ".join(dict.fromkeys(sensor_of(channel) for channel in stream_layout.channels))
         title = f"{source.title or source.form} ({sensors})"
@@ -414,9 +451,17 @@ class FirstRows:
         # a time shows what was lost; intervals of samples do not, and a rate least of all
         if self.layout.times:
             width = len(self.layout.columns)
-            return self._clock(whole[:, width : width + len(self.layout.times)])
-        if self.layout.interval is not None:
-            self._compare(float(np.median(whole[:, -1])) * self.layout.interval.factor, keeps_stamps=True)
+            clock = self._clock(whole[:, width : width + len(self.layout.times)])
+            if self.layout.interval is not None:
+                self._check_interval(self.layout.interval, float(np.median(whole[:, -1])), clock[1])
+            return clock
+        if (column := self.layout.interval) is not None:
+            unit, remark = time_unit(self._source, column, np.cumsum(whole[:, -1]), self._rate)
+            self.layout = replace(self.layout, interval=replace(column, unit=unit))
+            self.remarks += [remark] if remark else []
+            self._compare(
+                float(np.median(whole[:, -1])) * column.scale * UNITS["dt"][unit], keeps_stamps=True
+            )
             return "dt", None, None
         stated_hz = self._source.stated_hz
         if interval is None and stated_hz is not None:
@@ -427,6 +472,38 @@ class FirstRows:
             raise self._rate_required()
         return "none", interval, None
 
+    def _check_interval(self, column: Column, typical: float, interval_s: float) -> None:
+        """Find the unit of the intervals of samples by that of their stamps.
+
+        Parameters
+        ----------
+        column : of the intervals.
+        typical : interval of a sample, as in the table.
+        interval_s : s, between samples by their stamps.
+
+        Raises
+        ------
+        RecordingError : the intervals are of another size than the stamps show, in their unit or in any.
+        """
+        sizes = {unit: typical * column.scale * UNITS["dt"][unit] / interval_s for unit in UNITS["dt"]}
+        fitting = {unit: size for unit, size in sizes.items() if 1.0 / INTERVAL_SPAN < size < INTERVAL_SPAN}
+        if column.unit in fitting:
+            return
+        if column.unit is None and fitting:
+            unit = min(fitting)
+            self.layout = replace(self.layout, interval=replace(column, unit=unit))
+            if unit != "s":
+                self.remarks.append(f"{column.name} without a unit: it is in {unit}, by the time of the rows")
+            return
+        text = f"{self._source.name}: {column.name} has intervals of {typical:.3g}{column.unit or ''}, "
+        text += f"and the time of the rows steps by {interval_s:.3g} s"
+        cure = (
+            unit_cure(self._source, [column], next(iter(fitting)))
+            if fitting
+            else f"delete the column {column.name}"
+        )
+        raise RecordingError("wrong_interval", text, cure)
+
     def _rate_required(self) -> RateRequired:
         """Return the error that lists the columns that may be a time."""
         used = {column.index for column in self.layout.columns}
@@ -435,7 +512,8 @@ class FirstRows:
         ]
         hint = f" (other columns: {', '.join(others[:LISTED])})" if others else ""
         text = f"{self._source.name} has no clock: no column with numbers has the name of a time{hint}"
-        cure = f"name one with --map t=COLUMN:UNIT, or {RATE_CURE}" if others else RATE_CURE
+        option = self.layout.time_option
+        cure = f"if it is the time, {option}, or {RATE_CURE}" if option else RATE_CURE
         return RateRequired("rate_required", text, cure)
 
     def _compare(self, interval_s: float, *, keeps_stamps: bool) -> None:
@@ -471,6 +549,7 @@ class FirstRows:
                 f"a comment states {stated_hz:g} Hz, and the time in {name} shows {1.0 / interval_s:.6g} Hz"
             )
             self.remarks.append(f"{text}: check its unit")
+            self.caveats.append("doubtful_rate")
         self._compare(interval_s, keeps_stamps=decision.kind.keeps_stamps)
         used = TableTimes(origin, scales, placer, CounterWraps(unit_ns))
         if decision.kind.keeps_stamps:
@@ -496,12 +575,12 @@ class FirstRows:
     def _scales(self, times: Floats) -> tuple[tuple[float, ...], list[str]]:
         """Return the ns in a unit of each column of time, and a remark on a unit that is assumed."""
         columns = self.layout.times
-        scales = tuple(UNITS["t"][column.unit or "ns"] for column in columns)
+        scales = tuple(column.scale * UNITS["t"][column.unit or "ns"] for column in columns)
         # seconds and nanoseconds have their units; times that show no rate show no unit, and any does for the error
         if len(columns) > 1 or not shows_rate(times[:, 0]):
             return scales, []
         unit, remark = time_unit(self._source, columns[0], times[:, 0], self._rate or self._source.stated_hz)
-        return (UNITS["t"][unit],), [remark] if remark else []
+        return (columns[0].scale * UNITS["t"][unit],), [remark] if remark else []
 
     def _rate_instead(self, code: str) -> float:
         """Return the configured interval, s, for times that show none; raise `RecordingError` if there is none."""

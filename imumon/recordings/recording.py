@@ -23,18 +23,19 @@ from imumon.recordings.base import (
 )
 from imumon.recordings.column_meaning import check_nothing_stated
 from imumon.recordings.columns import SENSORS
-from imumon.recordings.csv import (
-    CsvFile,
-    header_cells,
+from imumon.recordings.csv import CsvFile
+from imumon.recordings.log_file import LogFile, log_kind
+from imumon.recordings.raw_capture import RawCapture
+from imumon.recordings.sentence_table import sentence_table
+from imumon.recordings.table_header import (
+    below_header,
     header_line,
     is_echoed,
     is_number,
     separator_of,
     split,
+    tagged_headers,
 )
-from imumon.recordings.log_file import LogFile, log_kind
-from imumon.recordings.raw_capture import RawCapture
-from imumon.recordings.sentence_table import sentence_table
 from imumon.recordings.text_records import record_text
 from imumon.recordings.unit_checks import SINCE_1970_S
 from imumon.samples import AXES, Gap, SampleBlock
@@ -208,13 +209,35 @@ def _text_file(capture: RawCapture, options: ReadOptions) -> Recording | None:
     return CsvFile(capture, options) if _is_csv(capture, options) else None
 
 
+NOVATEL = "a log of NovAtel in ASCII, whose increments have the scales of the IMU"
+
+
+def _novatel_cure(log: str, time: int) -> str:
+    """Return how to convert a log of NovAtel, by the number of its field with the seconds of the week.
+
+    Behind it are a status, and the increments in the order z, -y, x of accelerometer and gyroscope (OEM7 Commands and
+    Logs Reference Manual, RAWIMU, RAWIMUSX).
+    """
+    axes = {"accel": ("z=2*", "y=3*-", "x=4*"), "gyro": ("z=5*", "y=6*-", "x=7*")}
+    scaled = [
+        f"{sensor}/{axis}{sensor.upper()}_SCALE:{unit}"
+        for (sensor, of_sensor), unit in zip(axes.items(), ("m/s", "rad"), strict=True)
+        for axis in of_sensor
+    ]
+    return (
+        f"write its numbers as CSV: grep {log} FILE | cut -d ';' -f 2 | tr '*' ',' | cut -d , -f "
+        f"{time},{time + 2}-{time + 7} > imu.csv, then --stream deltas --map t=1:s,{','.join(scaled)}"
+        "; the scales of the IMU are in the manual"
+    )
+
+
 KNOWN_TEXTS: tuple[tuple[re.Pattern[str], str, str], ...] = (
+    (re.compile(r"^[#%]RAWIMUS?XA?,", re.MULTILINE), NOVATEL, _novatel_cure("'^[#%]RAWIMUS*X'", 4)),
+    (re.compile(r"^[#%]RAWIMUS?A?,", re.MULTILINE), NOVATEL, _novatel_cure("'^[#%]RAWIMU'", 2)),
     (
-        re.compile(r"^[#%](RAWIMU|IMURATE|INSPVA|CORRIMU)\w*,", re.MULTILINE),
-        "a log of NovAtel in ASCII, whose increments have the scale of the IMU",
-        "write week seconds, accelerations and rates as CSV, with the scale of its manual: "
-        "tr ';*' ',,' < FILE | cut -d, -f 7,9-14 > imu.csv, then --stream deltas --map t=1:s,accel/z=2*SCALE:m/s,"
-        "accel/y=3*-SCALE:m/s,accel/x=4*SCALE:m/s,gyro/z=5*SCALE:rad,gyro/y=6*-SCALE:rad,gyro/x=7*SCALE:rad",
+        re.compile(r"^[#%](IMURATE|INSPVA|CORRIMU)\w*,", re.MULTILINE),
+        "a log of NovAtel in ASCII that has no raw increments",
+        "log RAWIMUSXA instead",
     ),
 )
 """Texts of known programs that are not read: how one begins, what it is, and how to convert it."""
@@ -251,13 +274,16 @@ def _is_csv(capture: RawCapture, options: ReadOptions) -> bool:
     if b"\0" in capture.head:
         return False
     lines = head.decode("utf-8-sig", "replace").splitlines()
+    if tagged_headers(lines):
+        return True
     header = header_line(lines)
     if header is None:
         return _is_numbers(lines) or any(map(is_echoed, lines))
     # text between numbers, or JSON, is no header
     if re.search(r"[:=]\s*[-+]?[\d.\[{]", lines[header]):
         return False
-    return _may_have_sensor(lines[header], lines[header + 1 : HEAD_LINES])
+    names, begin, separator = below_header(lines, header)
+    return _may_have_sensor(names, lines[begin:HEAD_LINES], separator)
 
 
 def _has_messages(head: bytes) -> bool:
@@ -268,12 +294,11 @@ def _has_messages(head: bytes) -> bool:
     return bool(decoder.messages)
 
 
-def _may_have_sensor(header: str, lines: Sequence[str]) -> bool:
+def _may_have_sensor(names: Sequence[str], lines: Sequence[str], separator: str | None) -> bool:
     """Return whether a header names a sensor, or three columns of the lines behind it have numbers and may be one."""
-    names = header_cells(header, separator_of(header))
     if any(column.quantity in SENSORS for column in parse_names(names)):
         return True
-    rows = [split(row, separator_of(header)) for row in lines if row.strip()]
+    rows = [split(row, separator) for row in lines if row.strip()]
     rows = [row for row in rows[:-1] if len(row) >= len(names) - 1]
     threes = [triple.indices for triple in triples(names)]
     return bool(rows) and any(all(is_number(row[k]) for row in rows for k in three) for three in threes)

@@ -9,23 +9,29 @@ A logger of events writes a row whenever a sensor has a sample, and one column n
 Read as one sensor, such rows give a noise that none has. A column divides the rows if it has few values that alternate,
 and if the numbers of three columns differ by them: by far, or significantly if the name of the column is that of a
 sensor or of a device. A flag or a coarse number alternates, too, and nothing differs by it. Which rows are read is the
-choice of the user, ``--where COLUMN=VALUE``.
+choice of the user, ``--where COLUMN=VALUE``. Without a choice, the rows of the only sensor in the first rows are read
+(`sensor_rows`).
+
+Where rows begin with a word and comments name the columns of each word (`table_header.tagged_headers`), the words are
+the values of such a column (`chosen_tag`). At last, the name of a file may be that of its sensor (`sensor_of_file`).
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from imumon.column_names import UNITS, parse_names, triples, words_of
+from imumon.column_names import NO_SENSOR, UNITS, parse_names, triples, words_of
 from imumon.cures import OPTIONS, option_text
 from imumon.recordings.base import OptionError, RecordingError
 from imumon.recordings.columns import SENSORS, reference
+from imumon.recordings.table_header import TAG, is_number
 from imumon.rest_sizes import is_one_g, median_size, too_noisy
-from imumon.samples import AXES, Floats
+from imumon.samples import AXES, INERTIAL, Floats
 
 MOST_VALUES = 12
 """Values of a column that divides the rows: a table has no more sensors."""
@@ -40,7 +46,7 @@ FAR = 6.0
 """Standard deviations by which numbers differ that are not of one sensor."""
 
 DEVICE_WORDS = {"sensor", "sensors", "id", "device", "type", "name", "imu", "topic", "source", "addr", "address",
-                "node", "instance", "kind", "channel", "event", "stream", "unit", "label", "sensorid"}  # fmt: skip
+                "node", "instance", "kind", "channel", "event", "stream", "unit", "label", "sensorid", "i"}  # fmt: skip
 """Words of columns that name a sensor or a device."""
 
 
@@ -106,6 +112,59 @@ def row_choices(
     return choices
 
 
+def chosen_tag(tags: Mapping[str, Sequence[str]], where: Mapping[str, str]) -> str:
+    """Return the word of the rows that are read, by the names of the columns of each.
+
+    Raises
+    ------
+    RecordingError : several of them are of an inertial sensor and none is chosen, or the chosen one is none of them.
+    """
+    given = next(iter(where.values()), None)
+    if given is not None:
+        chosen = next((tag for tag in tags if same_value(tag, given)), None)
+        if chosen is None:
+            raise RecordingError(
+                "no_such_rows",
+                f"no comment names the columns of rows {given}",
+                f"there are {', '.join(tags)}",
+            )
+        return chosen
+    inertial = [tag for tag, names in tags.items() if any(c.quantity in INERTIAL for c in parse_names(names))]
+    if len(inertial) == 1:
+        return inertial[0]
+    if not inertial:
+        text = f"the comments name the columns of {', '.join(tags)}: none is a gyroscope or accelerometer"
+        raise RecordingError("no_sensor", text, "check that it has one")
+    choices = " or ".join(option_text(where={TAG: tag}) for tag in inertial)
+    text = f"the rows are of several sensors, by their first cell: {', '.join(inertial)}"
+    raise RecordingError("several_sensors", text, f"choose one: {choices}")
+
+
+def sensor_rows(names: Sequence[str], rows: Sequence[Sequence[str]]) -> list[RowChoice]:
+    """Return the rows of the only sensor that a column of words names in the first rows; empty: none does.
+
+    The names of the other columns must not show a sensor: then such a word may be anything.
+    """
+    if any(column.quantity in INERTIAL and column.axis for column in parse_names(names)):
+        return []
+    for k in range(len(names)):
+        values = {row[k] for row in rows if k < len(row)}
+        if len(values) == 1 and (value := values.pop()) and sensor_of_value(value) and not is_number(value):
+            return [RowChoice(k, value)]
+    return []
+
+
+def sensor_of_file(path: str) -> str | None:
+    """Return the inertial sensor that the name of a file is that of; None: of none, or of several.
+
+    >>> sensor_of_file("a/Gyroscope.csv"), sensor_of_file("accel_gyro.csv"), sensor_of_file("accel_bias.csv")
+    ('gyro', None, None)
+    """
+    stem = os.path.basename(path).lower().split(".")[0]
+    named = [sensor for sensor in INERTIAL if sensor in stem]
+    return named[0] if len(named) == 1 and not set(words_of(stem)) & NO_SENSOR else None
+
+
 def check_one_sensor(names: Sequence[str], rows: Sequence[Sequence[str]], numbers: Floats) -> None:
     """Raise `RecordingError`, with the choice, if a column divides the first rows by sensors.
 
@@ -136,7 +195,9 @@ def _rows_by_value(values: Sequence[str]) -> dict[str, np.ndarray]:
     """Return which rows have each value of a column, without rare and empty ones; empty: no few values alternate."""
     distinct = list(dict.fromkeys(values))
     changes = sum(one != other for one, other in pairwise(values))
-    if not 2 <= len(distinct) <= MOST_VALUES or changes < ALTERNATING * len(values):
+    # rows of sensors that have names may also be in sections, one behind the other
+    in_sections = all(map(sensor_of_value, distinct))
+    if not 2 <= len(distinct) <= MOST_VALUES or not (in_sections or changes >= ALTERNATING * len(values)):
         return {}
     member = {value: np.array([v == value for v in values]) for value in distinct}
     return {value: rows_of for value, rows_of in member.items() if rows_of.sum() >= 3 and value}

@@ -21,9 +21,10 @@ from imumon.ledger import ColumnUse
 from imumon.recordings.base import HEAD_BYTES, HEAD_LINES, ReadOptions, RecordingError, RowSource
 from imumon.recordings.column_meaning import check_nothing_stated
 from imumon.recordings.columns import ColumnLayout
-from imumon.recordings.csv import TextTable, decoded, separator_of, split
+from imumon.recordings.csv import TextTable, decoded
 from imumon.recordings.date_reader import DateReader
 from imumon.recordings.raw_capture import RawCapture
+from imumon.recordings.table_header import separator_of, split
 from imumon.report_json import plain
 from imumon.samples import SampleBlock, Stream, sensor_of
 

@@ -109,6 +109,11 @@ class RowDecoder:
         return "" if self._start is None else self._start.assumed_unit
 
     @property
+    def caveats(self) -> tuple[str, ...]:
+        """What limits the meaning of the numbers, as in `Recording`."""
+        return tuple(self._first.caveats)
+
+    @property
     def ledger(self) -> dict[str, int]:
         """What became of the rows that are no samples, by reason."""
         waiting = 0 if self._waiting is None else len(self._waiting)
@@ -428,6 +433,7 @@ class Table(Recording):
         self.ledger = merged(self._line_ledger(), self._rows.ledger)
         self.remarks = [*self._line_remarks(), *self._rows.remarks]
         self.assumed_unit, self.started = self._rows.assumed_unit, self._rows.started
+        self.caveats = self._rows.caveats
         return blocks
 
     def _line_ledger(self) -> Mapping[str, int]:

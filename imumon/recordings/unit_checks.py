@@ -59,6 +59,10 @@ INFERRED = ("s", "ms", "us", "ns")
 POSSIBLE_HZ = (1e-3, 2e4)
 """Hz, rates that are possible if the unit is given."""
 
+FINE_UNIT, SLOWEST_FINE_HZ = "100us", 2.0
+"""Unit of SampleTimeFine of an Xsens MTi, and rate below which it is that of a Movella DOT, which counts us and has at
+most 120 Hz: 1.2 Hz if its numbers were multiples of 100 us."""
+
 SINCE_1970_S = (1e9, 4.1e9)
 """s, times that count from 1970: the years 2001 to 2099."""
 
@@ -71,6 +75,10 @@ GRAVITY_UNITS = {"accel": ("g", "mg", "m/s2", "mm/s2", "cm/s2"), "velocity": ("g
 
 ARRAY_SUFFIXES = {"deg/s": "dps", "rad/s": "rads"}
 """Units as suffixes of the name of an array, where they differ."""
+
+WHOLE_SIZE = 0.1
+"""Share by which whole numbers may differ from one g in a unit, chosen: 800 counts per g are 18 % from one g in cm/s2,
+and are no unit."""
 
 WHOLE_POWER = 0.03
 """Share by which one g in counts may differ from a power of two and be meant to be it: ranges of digital
@@ -181,7 +189,11 @@ def check_magnitudes(
         if isinstance(found, _WrongUnit):
             wrong.append(found)
         elif found is not None:
-            remarks.append(f"{found}; if it is deg/s, {unit_cure(source, columns, 'deg/s')}")
+            remarks.append(
+                f"{found}; if it is deg/s, {unit_cure(source, columns, 'deg/s')}"
+                if quantity == "gyro"
+                else found
+            )
     if wrong:
         raise _impossible(source, stream_layout, wrong)
     return remarks
@@ -209,8 +221,10 @@ def _wrong_rate(columns: tuple[Column, ...], values: Floats) -> _WrongUnit | str
     return f"{fault}: its unit may be wrong" if columns[0].unit == "rad/s" else None
 
 
-def _wrong_acceleration(columns: tuple[Column, ...], values: Floats, interval_s: float) -> _WrongUnit | None:
-    """Return why the numbers of an accelerometer cannot have their unit."""
+def _wrong_acceleration(
+    columns: tuple[Column, ...], values: Floats, interval_s: float
+) -> _WrongUnit | str | None:
+    """Return why the numbers of an accelerometer cannot have their unit, or a remark that they are one g in none."""
     factors = np.array([column.factor for column in columns]) / interval_s
     size = median_size(values * factors) or 0.0
     bare = tuple(column for column in columns if column.unit is None)
@@ -223,10 +237,15 @@ def _wrong_acceleration(columns: tuple[Column, ...], values: Floats, interval_s:
     scaled = any(column.scale != 1.0 for column in columns)
     doubtful = bare or columns
     subject = f"{_subject(doubtful)}, but its size is {number:.3g}"
-    if (unit := _unit_of_gravity(quantity, number, interval_s)) is not None and not scaled:
+    whole = are_counts(values)
+    unit = _unit_of_gravity(
+        quantity, number, interval_s, *((1.0 - WHOLE_SIZE, 1.0 + WHOLE_SIZE) if whole else ())
+    )
+    if unit is not None and not scaled:
         return _WrongUnit("wrong_unit", doubtful, subject, unit)
-    if size <= MAX_AT_REST["accel"][0] and not (bare and are_counts(values)):
-        return None
+    if size <= MAX_AT_REST["accel"][0] and not (bare and whole):
+        text = f"{subject}, which is one g in no unit: its unit may be wrong, or gravity has been removed"
+        return text if len(columns) == len(AXES) else None
     return _raw_counts(doubtful, quantity, subject, number)
 
 
@@ -239,9 +258,12 @@ def _raw_counts(columns: tuple[Column, ...], quantity: str, subject: str, number
     return _WrongUnit("raw_counts", columns, fault, unit, f"/{_counts_per_g(number):g}")
 
 
-def _unit_of_gravity(quantity: str, number: float, interval_s: float) -> str | None:
-    """Return the unit in which a size, as in the table, is one g; None: it is in none."""
-    units = (u for u in GRAVITY_UNITS[quantity] if is_one_g(number * UNITS[quantity][u] / interval_s))
+def _unit_of_gravity(
+    quantity: str, number: float, interval_s: float, low: float = 0.0, high: float = math.inf
+) -> str | None:
+    """Return the unit in which a size, as in the table, is one g, within narrower limits in g; None: it is in none."""
+    sizes = {u: number * UNITS[quantity][u] / interval_s for u in GRAVITY_UNITS[quantity]}
+    units = (u for u, size in sizes.items() if is_one_g(size) and low <= size / UNITS["accel"]["g"] <= high)
     return next(units, None)
 
 
@@ -320,10 +342,15 @@ def time_unit(
     ------
     RecordingError : the given unit is not possible, or two are equally plausible.
     """
-    step = typical_step(times)
+    step = column.scale * typical_step(times)
     # ticks of 100 us are no unit that is inferred: only the name of a column shows them
     rates = {u: 1e9 / (step * ns) for u, ns in UNITS["t"].items() if u in INFERRED or u == column.unit}
     usual = [unit for unit, rate in rates.items() if _within(rate, USUAL_HZ)]
+    if column.unit == FINE_UNIT and column.rank >= 0 and rates[FINE_UNIT] < SLOWEST_FINE_HZ:
+        if rate_hz is not None and abs(math.log(rates[FINE_UNIT] / rate_hz)) < math.log(10.0):
+            return FINE_UNIT, None
+        text = f"{column.name} counts us, {rates['us']:.4g} Hz: 100 us would be {rates[FINE_UNIT]:.4g} Hz"
+        return "us", f"{text}; if it counts these, {option_text(columns={'t': f'{column.name}:{FINE_UNIT}'})}"
     if column.unit is not None:
         # loggers write "ms" above seconds: a rate that no sensor has refutes the header
         if _within(rates[column.unit], POSSIBLE_HZ):

@@ -127,7 +127,7 @@ class ReplayedRecord:
         compensated = (caveat for caveat in stream_caveats if caveat == "compensated")
         device, remark = self._filtered()
         aliased = ("aliased",) if device is not self.device and (device.alias_factor or 1.0) > ALIASED else ()
-        caveats = tuple(dict.fromkeys((*noted, *compensated, *aliased, *truncated)))
+        caveats = tuple(dict.fromkeys((*noted, *compensated, *aliased, *self.recording.caveats, *truncated)))
         now = datetime.now(UTC)
         current = self.monitor.report(now, device, state, session, device_caveats=caveats)
         for event in self.monitor.events():

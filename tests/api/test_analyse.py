@@ -92,7 +92,9 @@ def test_a_table_with_time_is_the_same_as_text_and_as_a_frame(tmp_path: Path) ->
     by_sensor = {
         s: np.column_stack([v for k, v in columns.items() if k.startswith(s)]) for s in ("gyro", "accel")
     }
-    of_arrays = imumon.analyse(**by_sensor, time_s=columns["t [s]"])
+    # the file states its units
+    units = {"gyro": "rad/s", "accel": "m/s2"}
+    of_arrays = imumon.analyse(**by_sensor, time_s=columns["t [s]"], units=units)
     assert comparable(of_arrays.report) == of_file
 
 

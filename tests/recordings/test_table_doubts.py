@@ -388,7 +388,7 @@ def test_the_source_names_the_sensors_and_an_error_the_other_columns(tmp_path: P
     with pytest.raises(RateRequired, match=r"Hora \(s\)") as error:
         replayed(path)
     assert error.value.code == "rate_required"
-    assert "--map t=COLUMN:UNIT" in error.value.cure
+    assert "--map t=Hora:s" in error.value.cure
     report, _ = replayed(path, columns={"t": "Hora (s)"})
     assert report.device.source == "csv (gyro, accel)"
     assert report.device.sample_rate_hz == pytest.approx(RATE)

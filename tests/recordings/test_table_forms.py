@@ -148,6 +148,8 @@ def test_one_axis_alone_is_read(tmp_path: Path, names: str, option: str | None, 
 
 # ---------------------------------------------------------------- no header
 
+SIX_AXES = [(f"{sensor}/{a}", unit) for sensor, unit in (("gyro", "rad/s"), ("accel", "m/s2")) for a in "xyz"]
+
 
 @pytest.mark.parametrize(("name", "sep"), [("a.csv", ","), ("a.txt", " "), ("a.dat", ";")])
 def test_numbers_without_a_header_are_an_error_with_a_map_that_works(
@@ -159,9 +161,9 @@ def test_numbers_without_a_header_are_an_error_with_a_map_that_works(
     with pytest.raises(RecordingError, match="no line that names its 7 columns") as error:
         read(path)
     assert error.value.code == "no_header"
-    assert "--map gyro/x=2:rad/s,..." in error.value.cure
-    axes = ",".join(f"gyro/{a}={k + 2}:rad/s,accel/{a}={k + 5}:m/s2" for k, a in enumerate("xyz"))
-    shown = json.loads(imumon("replay", path, "--map", f"t=1:s,{axes}", "--json"))
+    axes = ",".join(f"{s}={k + 2}:{u}" for k, (s, u) in enumerate(SIX_AXES))
+    assert f"--map t=1,{axes}; check it" in error.value.cure
+    shown = json.loads(imumon("replay", path, "--map", f"t=1,{axes}", "--json"))
     assert shown["session"]["samples"] == len(t)
 
 

@@ -269,7 +269,7 @@ def test_deltas_of_a_bare_file_may_be_compensated(tmp_path: Path) -> None:
     np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="")
     report = json.loads(imumon("replay", path, "--rate", "100", "--json"))
     assert report["device"]["stream"] == "deltas"
-    assert report["caveats"] == ["unknown_compensation"]
+    assert report["caveats"] == ["unknown_compensation", "assumed_unit"]
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped"])
