@@ -13,6 +13,7 @@ from typing import Any
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
+from imumon.cli.output import print_message_once
 from imumon.coefficients import BIAS_TERMS, COEFFICIENTS, NOISE, Estimate
 from imumon.errors import ImumonError
 from imumon.history_report import LEAST_DAYS, STEPS, HistoryRow, history_rows, objects
@@ -124,6 +125,8 @@ def _file_rows(file: Path, chosen: Any) -> Iterator[dict[str, Any]]:
     with HistoryStore(file) as store:
         for timed in store.periods(chosen):
             yield from rows(timed, file.name.removesuffix(SUFFIX), chosen)
+        if store.damage:
+            print_message_once(store.damage)
 
 
 SHEET_STEPS = (("1d", 366.0), ("1h", 10.0))

@@ -71,6 +71,7 @@ class History:
         self._save = self._closing = False
         self._failed: str | None = None
         self._reported: str | None = None
+        self._damage_noted = False
         self._notes: list[tuple[str, Level]] = []
         self._days = DayChanges(clock)
         self._reported_changes: set[tuple[str, str]] = set()  # channel and coefficient
@@ -217,6 +218,7 @@ class History:
                 with HistoryStore(self.path) as store:
                     for timed in store.periods(chosen):
                         yield pending.pop((timed.period.step_s, timed.record, timed.period.number), timed)
+                    self._note_damage(store)
             except HistoryError as error:
                 if error.code != "no_history" and not pending:
                     raise
@@ -228,6 +230,7 @@ class History:
         try:
             with HistoryStore(self.path) as store:
                 known = store.events(chosen.since, chosen.until)
+                self._note_damage(store)
         except HistoryError:
             known = []
         with self._changed:
@@ -281,7 +284,15 @@ class History:
             if self._sensor_clock is not None:
                 known.update(*self._sensor_clock)
             self._power_ups = known
+            self._note_damage(store)
         return store
+
+    def _note_damage(self, store: HistoryStore) -> None:
+        """Report rows that were left out, once for this run of the daemon."""
+        if store.damage and not self._damage_noted:
+            self._damage_noted = True
+            with self._changed:
+                self._notes.append((store.damage, "warning"))
 
     def _load_days(self, store: HistoryStore) -> None:
         """Judge the days of the file; a change that has an event already is not reported again."""

@@ -5,6 +5,10 @@ channels take 80 MB in a year. The file is in WAL mode: readers never wait for t
 a whole file. A file that is damaged, foreign or of another version is renamed to a name with the reason, like a state
 (`imumon.checkpoint`), and a new one begins.
 
+SQLite notices damage to its own structure only: a changed digit would be another number. Each row therefore has a
+checksum of what it holds (`checksum`). A row with a wrong one is left out and counted, and the others are read: one bad
+sector must not take a year. Rows of a file that is older than the checksums have none.
+
 One process writes: the daemon that holds the lock of the state. A period is identified by its record and its number
 in it, so one that is written again, as after a crash, replaces itself.
 """
@@ -16,6 +20,7 @@ import os
 import re
 import sqlite3
 import stat
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
@@ -25,7 +30,7 @@ from typing import Any
 from imumon.coefficients import GRADES, Estimate, GradeName, Status
 from imumon.errors import ImumonError, why
 from imumon.files import rename_aside
-from imumon.history.schema import ESTIMATE_COLUMNS, SCHEMA, VERSION
+from imumon.history.schema import CHECKED, ESTIMATE_COLUMNS, SCHEMA, VERSION
 from imumon.history.selection import Selection
 from imumon.history_report import STEPS, HistoryPeriod, PeriodChannel
 from imumon.report import Event
@@ -111,6 +116,17 @@ class PowerUp:
     means: Mapping[str, float]
 
 
+def checksum(*values: object) -> int:
+    """Return the checksum of a row; a number counts as it is read again, whatever its type.
+
+    >>> checksum(1, "a", None) == checksum(1.0, "a", None), checksum(1) == checksum(2)
+    (True, False)
+    """
+    # SQLite stores no negative zero
+    plain = [float(value) + 0.0 if isinstance(value, int | float) else value for value in values]
+    return zlib.crc32(repr(plain).encode("utf-8", "surrogateescape"))
+
+
 class HistoryStore:
     """Open history file.
 
@@ -119,6 +135,10 @@ class HistoryStore:
     path : of the file.
     write : create it; else it must exist.
 
+    Attributes
+    ----------
+    damaged_rows : that were left out so far: their checksum is wrong.
+
     Raises
     ------
     HistoryError : ``history_unreadable``, ``history_damaged``, ``history_version`` or ``no_history``.
@@ -126,7 +146,7 @@ class HistoryStore:
     """
 
     def __init__(self, path: Path, *, write: bool = False) -> None:
-        self.path, self._write = path, write
+        self.path, self._write, self.damaged_rows = path, write, 0
         check_file(path, write)
         name = str(path.absolute()).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
         reason = ""
@@ -169,13 +189,33 @@ class HistoryStore:
         connection.execute("PRAGMA journal_size_limit = 4194304")
         if version == 0:
             connection.executescript(f"BEGIN; {SCHEMA} PRAGMA user_version = {VERSION}; COMMIT;")
-        for name in sorted(set(itertools.chain(*ESTIMATE_COLUMNS.values())) - self._noise_columns()):
+        for name in sorted(set(itertools.chain(*ESTIMATE_COLUMNS.values())) - set(self._columns("noise"))):
             connection.execute(f"ALTER TABLE noise ADD COLUMN {name}")
+        for table in CHECKED:
+            if "checksum" not in self._columns(table):
+                connection.execute(f"ALTER TABLE {table} ADD COLUMN checksum INTEGER")
         if connection.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok":
             raise damaged(self.path)
 
-    def _noise_columns(self) -> set[str]:
-        return {name for _, name, *_ in self._connection.execute("PRAGMA table_info(noise)")}
+    @property
+    def damage(self) -> str | None:
+        """What to say of the rows that were left out; None: there are none."""
+        if not self.damaged_rows:
+            return None
+        rows = "1 row is" if self.damaged_rows == 1 else f"{self.damaged_rows:,} rows are"
+        return f"history {self.path}: {rows} damaged and left out"
+
+    def _columns(self, table: str) -> list[str]:
+        return [name for _, name, *_ in self._connection.execute(f"PRAGMA table_info({table})")]
+
+    def _checksum_column(self, table: str, prefix: str = "") -> str:
+        return f"{prefix}checksum" if "checksum" in self._columns(table) else "NULL"
+
+    def _whole(self, known: int | None, *values: object) -> bool:
+        """Return whether a row has the checksum of these values, or none; count it if it is damaged."""
+        whole = known is None or known == checksum(*values)
+        self.damaged_rows += not whole
+        return whole
 
     def close(self) -> None:
         with suppress(sqlite3.Error, AttributeError):  # without a connection: it could not be opened
@@ -218,19 +258,19 @@ class HistoryStore:
             "UPDATE period SET complete = 1 WHERE complete = 0 AND step = ? AND NOT (record = ? AND number = ?)",
             (period.step_s, timed.record, period.number),
         )
+        ends = period.step_s, timed.record, period.number, timed.begin, timed.end
+        contents = period.samples, period.missing, period.excluded_s, period.temperature, period.warming_up
         (row,) = cursor.execute(
             """INSERT INTO period (step, record, number, begin, end, complete, samples, missing, excluded_s,
-                                   temperature, warming_up)
-               VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+                                   temperature, warming_up, checksum)
+               VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
                ON CONFLICT (step, record, number) DO UPDATE SET
                    begin = excluded.begin, end = excluded.end, complete = excluded.complete,
                    samples = excluded.samples, missing = excluded.missing, excluded_s = excluded.excluded_s,
-                   temperature = excluded.temperature, warming_up = excluded.warming_up
+                   temperature = excluded.temperature, warming_up = excluded.warming_up,
+                   checksum = excluded.checksum
                RETURNING id""",
-            (
-                *(period.step_s, timed.record, period.number, timed.begin, timed.end, period.complete),
-                *(period.samples, period.missing, period.excluded_s, period.temperature, period.warming_up),
-            ),
+            (*ends, period.complete, *contents, checksum(*ends, *contents)),
         ).fetchone()
         for name, channel in period.channels.items():
             values = {
@@ -244,6 +284,7 @@ class HistoryStore:
                 status = _STATUSES.index(estimate.status)
                 row_part = (estimate.value, estimate.low, estimate.high, status)
                 values |= dict(zip(ESTIMATE_COLUMNS[letter], row_part, strict=True))
+            values["checksum"] = checksum(*_noise_values(row, name, values))
             marks = ", ".join("?" * len(values))
             cursor.execute(
                 f"INSERT OR REPLACE INTO noise ({', '.join(values)}) VALUES ({marks})", tuple(values.values())
@@ -258,37 +299,36 @@ class HistoryStore:
         with self._connection as cursor:
             for time, event in events:
                 known = cursor.execute(
-                    "SELECT id FROM event WHERE kind = ? AND channel IS ? AND time > ? AND time <= ?"
+                    "SELECT id, time, text, count FROM event WHERE kind = ? AND channel IS ? AND time > ? AND time <= ?"
                     " ORDER BY time DESC",
                     (event.kind, event.channel, time - STEPS["10m"], time),
                 ).fetchone()
-                if known:
-                    cursor.execute("UPDATE event SET count = count + 1 WHERE id = ?", known)
-                else:
-                    cursor.execute(
-                        "INSERT INTO event (time, kind, channel, text, count) VALUES (?, ?, ?, ?, 1)",
-                        (time, event.kind, event.channel, event.text),
-                    )
+                number, first, text, count = known or (None, time, event.text, 0)
+                row = first, event.kind, event.channel, text, count + 1
+                cursor.execute(
+                    "INSERT OR REPLACE INTO event (id, time, kind, channel, text, count, checksum)"
+                    " VALUES (?, ?, ?, ?, ?, ?, ?)",
+                    (number, *row, checksum(*row)),
+                )
 
     def set_power_up(self, power_up: PowerUp) -> None:
         """Write a power-up; the newest one is replaced if it is the same."""
         with self._connection as cursor:
             newest = cursor.execute("SELECT id, time FROM power_up ORDER BY id DESC LIMIT 1").fetchone()
             settled = bool(power_up.means)
-            if newest and newest[1] == power_up.time:
-                row = newest[0]
-                cursor.execute(
-                    "UPDATE power_up SET clock_s = ?, seen = ?, settled = ? WHERE id = ?",
-                    (power_up.clock_s, power_up.seen, settled, row),
-                )
-            else:
-                row = cursor.execute(
-                    "INSERT INTO power_up (time, clock_s, seen, settled) VALUES (?, ?, ?, ?)",
-                    (power_up.time, power_up.clock_s, power_up.seen, settled),
-                ).lastrowid
+            row = newest[0] if newest and newest[1] == power_up.time else None
+            times = power_up.time, power_up.clock_s, power_up.seen
+            row = cursor.execute(
+                "INSERT OR REPLACE INTO power_up (id, time, clock_s, seen, settled, checksum)"
+                " VALUES (?, ?, ?, ?, ?, ?)",
+                (row, *times, settled, checksum(*times)),
+            ).lastrowid
             for name, mean in power_up.means.items():
                 channel = self._channel(cursor, name)
-                cursor.execute("INSERT OR REPLACE INTO turn_on VALUES (?, ?, ?)", (row, channel, mean))
+                cursor.execute(
+                    "INSERT OR REPLACE INTO turn_on (power_up, channel, mean, checksum) VALUES (?, ?, ?, ?)",
+                    (row, channel, mean, checksum(row, name, mean)),
+                )
 
     def delete_before(self, time: float) -> None:
         """Delete periods and events that ended before a time, s since 1970; their space is used again."""
@@ -305,15 +345,16 @@ class HistoryStore:
             names = dict(self._connection.execute("SELECT id, name FROM channel"))
             wanted = [number for number, name in names.items() if selected.wants(name)]
             marks = ", ".join("?" * len(wanted))
-            known = self._noise_columns()
+            columns = self._columns("noise")
             estimates = {
-                letter: names for letter, names in ESTIMATE_COLUMNS.items() if known.issuperset(names)
+                letter: names for letter, names in ESTIMATE_COLUMNS.items() if set(columns).issuperset(names)
             }
-            columns = ("channel", "mean", "std", "grade", *itertools.chain(*estimates.values()))
+            checked = self._checksum_column("period", "p.")
             with closing(
                 self._connection.execute(
                     f"""SELECT p.id, p.step, p.record, p.number, p.begin, p.end, p.complete, p.samples, p.missing,
-                               p.excluded_s, p.temperature, p.warming_up, {", ".join(f"n.{name}" for name in columns)}
+                               p.excluded_s, p.temperature, p.warming_up, {checked},
+                               {", ".join(f"n.{name}" for name in columns)}
                         FROM period p JOIN noise n ON n.period = p.id
                         WHERE p.step = ? AND p.begin <= ? AND p.begin > ? AND p.end >= ? AND n.channel IN ({marks})
                         ORDER BY p.begin, p.id, n.channel""",
@@ -327,32 +368,53 @@ class HistoryStore:
                     ),
                 )
             ) as cursor:
-                for _, group in itertools.groupby(cursor, key=lambda row: row[0]):
-                    yield _timed_period(list(group), names, tuple(estimates))
+                for (number, *period, known), group in itertools.groupby(cursor, key=lambda row: row[:13]):
+                    channels = [dict(zip(columns, row[13:], strict=True)) for row in group]
+                    whole = [
+                        channel
+                        for channel in channels
+                        if self._whole(
+                            channel.get("checksum"),
+                            *_noise_values(number, names[channel["channel"]], channel),
+                        )
+                    ]
+                    step, record, place, begin, end, _, *contents = period
+                    if self._whole(known, step, record, place, begin, end, *contents) and whole:
+                        yield _timed_period(period, whole, names, tuple(estimates))
 
     def events(self, since: float, until: float) -> list[dict[str, Any]]:
         """Return events, oldest first: time (s since 1970), kind, channel, text and count."""
         with self._reading():
+            checked = self._checksum_column("event")
             rows = self._connection.execute(
-                "SELECT time, kind, channel, text, count FROM event WHERE time BETWEEN ? AND ? ORDER BY time",
+                f"SELECT time, kind, channel, text, count, {checked} FROM event"
+                " WHERE time BETWEEN ? AND ? ORDER BY time",
                 (since, until),
             )
-            return [dict(zip(("time", "kind", "channel", "text", "count"), row, strict=True)) for row in rows]
+            return [
+                dict(zip(("time", "kind", "channel", "text", "count"), row, strict=True))
+                for *row, known in rows
+                if self._whole(known, *row)
+            ]
 
     def power_ups(self) -> list[PowerUp]:
         """Return the power-ups, oldest first."""
         with self._reading():
             means: dict[int, dict[str, float]] = {}
+            checked = self._checksum_column("turn_on", "t.")
             rows = self._connection.execute(
-                "SELECT t.power_up, c.name, t.mean FROM turn_on t JOIN channel c ON c.id = t.channel"
+                f"SELECT t.power_up, c.name, t.mean, {checked} FROM turn_on t JOIN channel c ON c.id = t.channel"
             )
-            for number, name, mean in rows:
-                means.setdefault(number, {})[name] = mean
+            for number, name, mean, known in rows:
+                if self._whole(known, number, name, mean):
+                    means.setdefault(number, {})[name] = mean
+            checked = self._checksum_column("power_up")
             return [
                 PowerUp(time=time, clock_s=clock_s, seen=seen, means=means.get(number, {}))
-                for number, time, clock_s, seen in self._connection.execute(
-                    "SELECT id, time, clock_s, seen FROM power_up ORDER BY id"
+                for number, time, clock_s, seen, known in self._connection.execute(
+                    f"SELECT id, time, clock_s, seen, {checked} FROM power_up ORDER BY id"
                 )
+                if self._whole(known, time, clock_s, seen)
             ]
 
 
@@ -367,33 +429,38 @@ def _grade_number(period: HistoryPeriod, channel: str) -> int | None:
     return None if grade is None else GRADES.index(grade)
 
 
-def _check_numbers(rows: Sequence[Sequence[Any]]) -> None:
-    """Raise ValueError unless all columns but the record are numbers or unknown: SQLite takes anything in each."""
-    for row in rows:
-        if not all(value is None or isinstance(value, int | float) for value in (*row[:2], *row[3:])):
-            raise ValueError("a number is none")
+def _noise_values(period: int, name: str, row: Mapping[str, Any]) -> Iterator[object]:
+    """Yield what the checksum of a row of ``noise`` covers: also columns that this version does not know."""
+    yield from (period, name)
+    for column in sorted(row.keys() - {"period", "channel", "checksum"}):
+        if row[column] is not None:
+            yield from (column, row[column])
+
+
+def _check_numbers(*values: object) -> None:
+    """Raise ValueError unless all values are numbers or unknown: SQLite takes anything in each."""
+    if not all(value is None or isinstance(value, int | float) for value in values):
+        raise ValueError("a number is none")
 
 
 def _timed_period(
-    rows: Sequence[Sequence[Any]], names: Mapping[int, str], letters: Sequence[str]
+    values: Sequence[Any], rows: Sequence[Mapping[str, Any]], names: Mapping[int, str], letters: Sequence[str]
 ) -> TimedPeriod:
-    _, step, record, number, begin, end, complete, samples, missing, excluded_s, temperature, warming = rows[
-        0
-    ][:12]
-    _check_numbers(rows)
+    step, record, number, begin, end, complete, samples, missing, excluded_s, temperature, warming = values
+    _check_numbers(step, *values[2:])
     channels: dict[str, PeriodChannel] = {}
     grades: dict[str, GradeName] = {}
     for row in rows:
-        channel, mean, std, grade, *numbers = row[12:]
-        name = names[channel]
+        _check_numbers(*row.values())
+        name = names[row["channel"]]
         known = {}
-        for k, letter in enumerate(letters):
-            value, low, high, status = numbers[4 * k : 4 * k + 4]
+        for letter in letters:
+            value, low, high, status = (row[column] for column in ESTIMATE_COLUMNS[letter])
             if status is not None:
                 known[letter] = Estimate(value=value, low=low, high=high, status=_STATUSES[status])
-        channels[name] = PeriodChannel(coefficients=known, mean=mean, std=std)
-        if grade is not None:
-            grades[name.partition("/")[0]] = GRADES[grade]
+        channels[name] = PeriodChannel(coefficients=known, mean=row["mean"], std=row["std"])
+        if row["grade"] is not None:
+            grades[name.partition("/")[0]] = GRADES[row["grade"]]
     period = HistoryPeriod(
         step_s=step,
         number=number,

@@ -21,11 +21,12 @@ from paths import TESTS
 from waiting import until
 
 from imumon.cli.history_command import _readable
+from imumon.cli.main import main
 from imumon.coefficients import Estimate
 from imumon.history import HistoryStore
 from imumon.history.history import MOST_PENDING, History
 from imumon.history.rows import csv_pieces, json_pieces, rows
-from imumon.history.schema import ESTIMATE_COLUMNS, VERSION
+from imumon.history.schema import CHECKED, ESTIMATE_COLUMNS, VERSION
 from imumon.history.selection import Selection, SelectionError, moment, of_parameters, selection
 from imumon.history.store import devices, set_aside
 from imumon.report import Event
@@ -136,6 +137,56 @@ def test_a_file_that_cannot_be_used_is_set_aside(tmp_path: Path, damage: str) ->
     assert (tmp_path / f"imu.{reason}-1.history.sqlite").read_bytes() == before
     assert "a new history begins" in notes[0]
     assert len(read(path)) == len(NAMES) + 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE noise SET n = 2 * n WHERE period = 2 AND channel = 1",
+        "UPDATE noise SET grade = 1 WHERE period = 2 AND channel = 1",
+        "UPDATE noise SET k_status = NULL WHERE period = 2 AND channel = 1",
+        "UPDATE noise SET channel = 77 WHERE period = 2 AND channel = 1; INSERT INTO channel VALUES (77, 'gyro/w')",
+        "UPDATE noise SET checksum = 'x' WHERE period = 2 AND channel = 1",
+    ],
+)
+def test_a_damaged_row_is_left_out_with_one_line(
+    tmp_path: Path, change: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path, "imu", [period(k) for k in range(3)])
+    before = read(path)
+    with sqlite3.connect(path) as other:
+        other.executescript(change)
+    other.close()
+    after = read(path)
+    assert len(after) == len(before) - 1
+    assert all(row in before for row in after)
+    words = ("--id", "imu", "--since", "2026-01-01", "--step", "10m", "--json")
+    assert main(["history", "--state", str(tmp_path), *words]) == 0
+    out, said = capsys.readouterr()
+    assert len(json.loads(out)) == len(after)
+    assert said == f"imumon: history {path}: 1 row is damaged and left out\n"
+    history = History(tmp_path, "imu", keep_days=4000)
+    until(lambda: history._power_ups is not None)
+    asked = "_time=[2026-01-01T00:00:00Z..2026-01-03T00:00:00Z];step=10m"
+    history.answer("", asked)
+    history.answer("", asked)
+    assert [text for text, _ in history.problems() if "damaged and left out" in text] == [
+        f"history {path}: 1 row is damaged and left out"
+    ]
+    history.close()
+
+
+def test_rows_of_a_file_without_checksums_are_read_and_get_none(tmp_path: Path) -> None:
+    path = write(tmp_path, "imu", [period(0)])
+    before = read(path)
+    with sqlite3.connect(path) as other:
+        for table in CHECKED:
+            other.execute(f"ALTER TABLE {table} DROP COLUMN checksum")
+    other.close()
+    assert read(path) == before
+    with HistoryStore(path, write=True) as store:
+        store.add([period(1)])
+    assert len(read(path)) == 2 * len(before)
 
 
 def test_setting_aside_takes_the_journal_along(tmp_path: Path) -> None:
