@@ -123,8 +123,9 @@ CAVEATS: Mapping[str, CaveatText] = {
     "saturated": CaveatText("a range was exceeded"),
     "outliers": CaveatText(
         "outliers raise N; they are kept as noise",
-        "N counts them, but for single samples beyond 35 standard deviations, which are excluded. Without them it "
-        "would be lower by about the ratio that is shown as robust.",
+        "N counts them, but not those that came before they were known to be noise, and not single samples beyond 35 "
+        "standard deviations: they are excluded, and only the upper limit of N counts them. Without outliers N would "
+        "be lower by about the ratio that is shown as robust.",
     ),
     "quantised": CaveatText("the resolution of the values shows in the curve"),
     "temperature": CaveatText(

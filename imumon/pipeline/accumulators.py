@@ -256,6 +256,10 @@ class Accumulators:
         """Share of the received samples that the guard excluded, 0 to 1."""
         return self.guard.excluded_samples / max(self.samples, 1)
 
+    def excluded_noise(self) -> Floats:
+        """Return (c,) (channel unit)^2, what the excluded outliers would add to the variance where they are noise."""
+        return self.guard.excluded_noise / max(self.samples - self.guard.excluded_samples, 1)
+
     @property
     def excluded_by(self) -> dict[str, float]:
         """s excluded by reason."""

@@ -8,6 +8,7 @@ is cheap belong to the moment of the report.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -133,6 +134,8 @@ class Analysis:
         """Return the fits, as far as the state of the record lets them count; decide whether it warms up."""
         record, noise = self._record, self._record.statistics.noise
         fits = self._estimator.fit(curve, renew=force or None, resolution=steps, kurtosis=kurtosis)
+        excluded = (record.excluded_noise() * record.interval_s).tolist()
+        fits = tuple(_with_tails(fit, power) for fit, power in zip(fits, excluded, strict=False))
         self._compare_halves(fits, steps, kurtosis, force=force)
         fits = tuple(
             _with_contradiction(fit, self._contradictions[c]) if c in self._contradictions else fit
@@ -233,6 +236,19 @@ def _between(quarters: Sequence[Estimate]) -> tuple[float, Excess] | None:
         return None
     values, low, high = np.array(known, dtype=np.float64).T
     return float(np.std(values, ddof=1)), excess(values, np.log(high / low) / (2.0 * LIMIT_95))
+
+
+def _with_tails(fit: ChannelFit, power: float) -> ChannelFit:
+    """Return the fit with an upper limit of N that holds the excluded end of its own tails, too.
+
+    Parameters
+    ----------
+    power : SI, N^2 of the excluded samples by themselves; 0.0 where outliers are no noise.
+    """
+    if not power or fit.N.high is None:
+        return fit
+    white = replace(fit.N, high=math.hypot(fit.N.high, math.sqrt(power)))
+    return replace(fit, coefficients={**fit.coefficients, "N": white})
 
 
 def _with_contradiction(fit: ChannelFit, high: float) -> ChannelFit:

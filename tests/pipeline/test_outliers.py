@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from paths import RECORDINGS
 
+import imumon
 from imumon.datasheet.tables import report_table
 from imumon.messages import caveat_lines
 from imumon.noise.detection import Guard
@@ -92,6 +93,23 @@ def test_the_end_of_heavy_tails_is_noise_and_stays() -> None:
     assert values[20_000:, 0][valid[20_000:, 0]].std() > 0.93 * values[20_000:50_000, 0].std()
     assert not valid[50_000, 0]  # no tail reaches as far
     assert not valid[50_010, 0]  # the other axis has no tails
+
+
+def test_the_upper_limit_of_n_holds_the_excluded_end_of_heavy_tails() -> None:
+    """What the guards take from noise before they know it is noise of the sensor; glitches are not."""
+    random = np.random.default_rng(4)
+    tails = 1e-3 * random.standard_t(3.0, (48_000, 3)) / np.sqrt(3.0)
+    errors = 1e-3 * random.standard_normal((48_000, 3))
+    errors[random.random(48_000) < 1e-3, 1] += 0.02
+    for gyro, kept_as_noise in ((tails, True), (errors, False)):
+        record = imumon.analyse(gyro=gyro, rate_hz=40.0)
+        white = record.report.channels["gyro/y"].N
+        assert record.report.session.excluded_s > 0.0
+        assert white is not None
+        assert white.high is not None
+        of_all_samples = float(gyro[:, 1].std()) / np.sqrt(40.0)
+        assert (white.high > of_all_samples) == kept_as_noise
+        assert white.high < 1.1 * of_all_samples
 
 
 def test_outliers_become_rare_again() -> None:

@@ -487,11 +487,16 @@ class DisturbanceDetector(ArrayState):
             reach = np.where(self.outliers.tails, TAIL_REACH * self.baseline.usual_sample, 0.0)
             excluded &= distance > reach[:, None, None, None]
         by_channel = excluded.reshape(len(excluded), -1)
+        if not by_channel.any():
+            return
+        distances = np.abs(values.reshape(len(values), -1) - self.baseline.level[:, None])
+        # one bit error of any size counts as no more than the farthest sample that a tail may have
+        reached = np.minimum(distances, TAIL_REACH * self.baseline.usual_sample[:, None])
+        self.outliers.excluded_squares += np.square(reached).sum(axis=1, where=by_channel)
         for row in np.flatnonzero(by_channel.any(axis=0)).tolist():
-            distance = np.abs(values.reshape(len(values), -1)[:, row] - self.baseline.level)
             farthest: dict[int, Outlier] = {}  # by group: a sample of a sensor is excluded once
             for c in np.flatnonzero(by_channel[:, row]).tolist():
-                group, size = self.group_of[c], float(distance[c])
+                group, size = self.group_of[c], float(distances[c, row])
                 if group not in farthest or size > farthest[group].size:
                     farthest[group] = Outlier(place + row, group, self.channels[c], size)
             self.single_samples += farthest.values()

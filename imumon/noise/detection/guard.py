@@ -245,6 +245,18 @@ class Guard(ArrayState):
         return noisy
 
     @property
+    def excluded_noise(self) -> Floats:
+        """(c,) (channel unit)^2, sum of the squares of excluded outliers of the channels whose outliers are noise.
+
+        They are those that came before this was known, and those beyond the reach of a tail, which count as at its end.
+        """
+        squares = np.zeros(len(self.groups))
+        for detector in self._detectors if self._excludes else ():
+            noisy = detector.outliers.noise | detector.outliers.tails
+            squares[detector.channels] = np.where(noisy, detector.outliers.excluded_squares, 0.0)
+        return squares
+
+    @property
     def stuck(self) -> bool:
         """Whether gyroscope or accelerometer, or an axis of them, repeats its values now."""
         return self._stuck_watch.stuck

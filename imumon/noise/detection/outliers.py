@@ -34,7 +34,8 @@ Outliers of a channel are excluded while they are rare. If they are its noise th
 then describe what the sensor really gives. Counts fade: they halve when they are of 128 frames, which is after the
 first 128 and every 64 from there on, so that they rest on 64 to 128 frames. They are compared after every frame, so
 that the decision is a function of the samples alone and not of their division into blocks. Before it, at most 1 % and
-three standard errors of the counted samples are excluded; they stay excluded.
+three standard errors of the counted samples are excluded; they stay excluded. Where outliers are noise, N may be as
+large as with them, so that the sum of their squares is kept (`excluded_squares`).
 
 Example: ten parts of ten samples; one bit error is single, five in a row are a knock.
 
@@ -75,7 +76,7 @@ from imumon.noise.detection.detection_rules import (
     UNUSUAL_SIGMA,
 )
 from imumon.noise.detection.stuck import run_beyond_chance
-from imumon.noise.state_schema import COUNT, FLAG, Range, Rule, Schema
+from imumon.noise.state_schema import COUNT, FLAG, SQUARE, Range, Rule, Schema
 from imumon.samples import Bools, Floats, Ints
 
 
@@ -119,6 +120,7 @@ class OutlierDetector(ArrayState):
     ----------
     noise : (c,) channels whose outliers are noise, because there are many.
     tails : (c,) channels whose outliers are the end of heavy tails.
+    excluded_squares : (c,) (channel unit)^2, sum over the outliers that were excluded, none beyond the reach of a tail.
     """
 
     _STATE: ClassVar = {
@@ -130,6 +132,7 @@ class OutlierDetector(ArrayState):
         "noise": FLAG,
         "_tail_frames": COUNT,
         "tails": FLAG,
+        "excluded_squares": SQUARE,
     }
 
     def __init__(self, groups: list[int], frame_samples: int) -> None:
@@ -143,6 +146,7 @@ class OutlierDetector(ArrayState):
         # frames whose largest sample is just short of far, and frames with an outlier
         self._tail_frames = np.zeros((2, len(groups)), dtype=np.int64)
         self.tails = np.zeros(len(groups), dtype=bool)
+        self.excluded_squares = np.zeros(len(groups))
 
     def schema(self) -> Schema:
         """Return what a saved state of these sensors consists of."""
