@@ -5,10 +5,11 @@ Caveats have the texts of `messages`. Everything else that a user may meet witho
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Collection, Iterator, Mapping
 from typing import NamedTuple
 
-from imumon.coefficients import COEFFICIENTS
+from imumon.coefficients import COEFFICIENTS, GRADES
 from imumon.messages import CAVEATS, GRADE_WORDS, NOT_APART
 from imumon.units import sentence
 
@@ -27,6 +28,17 @@ class Explanation(NamedTuple):
     text: str
     page: str
 
+    @property
+    def sentence(self) -> str:
+        """The word and its meaning in one text.
+
+        >>> explain("K").sentence[:12], explain("gap").sentence[:12]
+        ('K is random ', 'gap: Samples')
+        """
+        if self.text.startswith(f"{self.word} "):
+            return self.text
+        return f"{self.word.replace('_', ' ')}: {self.text}"
+
 
 THEORY, FILTERS, REPORTS, VN100 = "docs/THEORY.md", "docs/FILTERS.md", "docs/REPORTS.md", "docs/VN100.md"
 
@@ -43,7 +55,15 @@ _COEFFICIENTS: Mapping[str, str] = {
     "R": "The mean moves steadily, by R per second. It is the drift of the model, and no noise.",
 }
 _WORDS: Mapping[str, tuple[str, str]] = {
-    "measured": ("The record shows this coefficient: it has a value with 95 % limits.", REPORTS),
+    "measured": (
+        "A coefficient that the record shows: it has a value with 95 % limits. In a chart, the points of the Allan "
+        "deviation.",
+        REPORTS,
+    ),
+    "growing": (
+        "The record shows this coefficient, and its limits are still wider than the configured precision.",
+        REPORTS,
+    ),
     "upper_bound": (
         "The record does not show this coefficient: with 95 % it is smaller than the bound, which is printed with <. "
         "A longer record lowers the bound, or shows a value.",
@@ -107,6 +127,47 @@ _WORDS: Mapping[str, tuple[str, str]] = {
         "kind of noise has its own slope in it.",
         THEORY,
     ),
+    "model": (
+        "The curve that N, B, K and M make together. The fit finds those whose curve agrees with the points.",
+        THEORY,
+    ),
+    "octave": ("The Allan deviation has a point per octave: at twice the time of the point before.", THEORY),
+    "χ²/dof": (
+        "Squared distance of the points from the model, per degree of freedom: about 1 where the model is right.",
+        THEORY,
+    ),
+    "p": (
+        "How probable such a distance from the model is by chance. A small p speaks against the model.",
+        THEORY,
+    ),
+    "spectrum": (
+        "The amplitude of the noise by frequency. Its flat part is N; a narrow peak is a vibration.",
+        THEORY,
+    ),
+    "skewness": ("Asymmetry of the distribution: 0 for Gaussian noise.", THEORY),
+    "kurtosis": (
+        "Weight of the tails of the distribution beyond that of Gaussian noise, which has 0.",
+        THEORY,
+    ),
+    "drift": ("How much the mean moves in an hour, with 95 % limits.", THEORY),
+    "bias": (
+        "The mean of the channel; of an accelerometer, as far as it is known apart from gravity.",
+        THEORY,
+    ),
+    "std": ("Standard deviation of the samples.", THEORY),
+    "uncompensated": ("Samples before the sensor subtracts the bias that its own filter estimates.", VN100),
+    "stream": ("Which values the sensor sends: deltas, uncompensated or compensated samples.", VN100),
+    "overrun": ("The computer was too slow, and bytes of the sensor were lost.", "docs/SERVICE.md"),
+    "checksum": ("A message whose checksum failed was damaged on the way and is not used.", REPORTS),
+    "discarded": ("Bytes that belong to no valid message.", REPORTS),
+    "duplicate": ("A sample that arrived twice; it counts once.", REPORTS),
+    "restart": ("The daemon was started again and continued its record.", "docs/SERVICE.md"),
+    "warm-up": (
+        "The time in which temperature and mean come to rest. What shows of it is excluded at its end.",
+        THEORY,
+    ),
+    "differs": ("The ratio of two sensors is not 1 within its 95 % limits.", REPORTS),
+    "event": ("A moment that may explain a change of the numbers: view 4 lists them.", "docs/ZENOH.md"),
     "time_lapse": (
         "The emulated sensor runs faster than the clock on the wall. Times are those of the sensor.",
         "docs/README.md",
@@ -115,11 +176,13 @@ _WORDS: Mapping[str, tuple[str, str]] = {
     "disturbance": ("A knock or a motion that is excluded from the statistics.", THEORY),
     "gap": ("Samples that the clock of the sensor shows to exist and that did not arrive.", REPORTS),
 }
-_OTHER_NAMES = {
+_OTHER_NAMES: Mapping[str, str] = {
     "open": "indistinct", "bound": "upper_bound", "<": "upper_bound", "meets": "grade", "nearest": "grade",
     "x/": "×÷", "+-": "±", "random_walk": "K", "noise_density": "N", "arw": "N", "vrw": "N", "rrw": "K",
-    "bias_instability": "B", "delta": "deltas", "time_lapse_factor": "time_lapse", "precision": "ready",
-}  # fmt: skip
+    "✓": "ready", "↗": "growing", "↓": "upper_bound", "chi2/dof": "χ²/dof", "warm_up": "warm-up",
+    "σ(τ)": "allan_deviation", "sigma(tau)": "allan_deviation", "bias_instability": "B", "delta": "deltas",
+    "time_lapse_factor": "time_lapse", "precision": "ready",
+} | dict.fromkeys(GRADES, "grade")  # fmt: skip
 
 
 def explanations() -> Iterator[Explanation]:
@@ -131,6 +194,38 @@ def explanations() -> Iterator[Explanation]:
         yield Explanation(caveat, f"{sentence(meaning.line)}.{details}", REPORTS)
     for word, (text, page) in _WORDS.items():
         yield Explanation(word, text, page)
+
+
+def words_in(text: str, caveats: Collection[str] = ()) -> list[Explanation]:
+    """Return the explanations of the words of a text, in its order, by the names that the text has.
+
+    Parameters
+    ----------
+    caveats : those that are known to hold. The words of others mean something else: "3 gaps" is no caveat.
+
+    >>> [entry.word for entry in words_in("N 0.3 ±1 %   < 5.6 open ↓   3 gaps", ["aliased"])]
+    ['N', 'aliased', '<, ↓', 'open', '±', 'gap']
+    """
+    names: dict[str, list[str]] = {}
+    for name, word in _OTHER_NAMES.items():
+        names.setdefault(word, []).append(name)
+    out = []
+    for entry in explanations():
+        if entry.word in CAVEATS:
+            out += [entry] if entry.word in caveats else []
+        elif shown := [name for name in (entry.word, *names.get(entry.word, ())) if _is_in(name, text)]:
+            out.append(entry._replace(word=", ".join(shown)))
+    return out
+
+
+def _is_in(word: str, text: str) -> bool:
+    """Return whether a word, its plural or a sign is in a text; a letter has its case."""
+    if not any(character.isalpha() for character in word):
+        return word in text
+    pattern = re.escape(word).replace("_", "[ _-]")
+    end = r"s?(?!\w)" if word[-1].isalpha() and len(word) > 1 else r"(?!\w)" if word[-1].isalpha() else ""
+    flags = re.IGNORECASE if len(word) > 1 else re.NOFLAG
+    return re.search(rf"(?<!\w){pattern}{end}", text, flags) is not None
 
 
 def explain(word: str) -> Explanation | None:

@@ -45,7 +45,7 @@ def explain(arguments: argparse.Namespace) -> int:
         close = difflib.get_close_matches(word.lower().replace(" ", "_"), words, 1, 0.6)
         cure = f"did you mean {close[0]}?" if close else "imumon explain lists the words"
         raise CommandError("unknown_word", f"{word!r} is no word of the glossary", cure, USAGE)
-    print(textwrap.fill(f"{entry.word}: {entry.text}", _width()))
+    print(textwrap.fill(entry.sentence, _width()))
     print(f"More: {entry.page}")
     return SUCCESS
 

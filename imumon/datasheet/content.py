@@ -121,9 +121,13 @@ def _convergence(report: Report, sensors: Sequence[str]) -> Iterator[Element]:
     if known:
         yield Heading("Convergence")
     for sensor in known:
+        first = sensor == known[0]
+        rest = (
+            "what was stated when the record was shorter: values with their 95 % limits of statistics; ▼ and <: 95 % "
+            "upper bounds."
+        )
         yield Figure(
-            f"What was stated of the {sensor} when the record was shorter: values with their 95 % limits of "
-            "statistics; ▼ and <: 95 % upper bounds",
+            f"{SENSOR_TITLES[sensor]}{f', {rest}' if first else '; marks as above.'}",
             convergence_table(report, sensor),
             partial(convergence_svg, report, sensor),
         )
@@ -148,7 +152,7 @@ def _signatures(report: Report) -> Iterator[Element]:
         (role, name or "", "", "")
         for role, name in (("Measured", operator), ("Checked", ""), ("Approved", ""))
     ]
-    yield Heading("Signatures")
+    yield Heading("Signatures", joined=True)  # a page with signatures alone could be signed for anything
     yield DataTable(("", "name", "date", "signature"), tuple(rows), tall=True)
 
 
@@ -163,18 +167,8 @@ def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> It
         yield Paragraph("Nothing is known yet: the record is too short.")
     for sensor in sensors:
         yield _coefficient_table(report, sensor)
-    if report.channels:
-        yield Paragraph(
-            "Each value with its 95 % limits, those of the uncertainty budget. < is a 95 % upper bound of what "
-            "this record does not show; a longer record may measure it."
-        )
-    if has_indistinct(report):
-        yield Paragraph(
-            f"{INDISTINCT_WORD} after a bound: the record shows correlated noise, and does not show whether it is B, "
-            "K or M. Each of them is then at most its bound; a longer record may decide."
-        )
-    if report.grade:
-        yield Paragraph(GRADE_WORDS)
+    yield from _notes(report)
+    yield from _grade_limits(report)
     if sensors:
         yield Heading("Allan deviation")
         yield from _curve_figures(report, sensors)
@@ -182,7 +176,6 @@ def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> It
         yield from exact_elements(report)
         yield from conformity_elements(report)
         yield from budget_elements(report)
-    yield from _grade_limits(report)
     yield from _history(history)
     yield from record_elements(report)
     yield from value_elements(report)
@@ -197,6 +190,22 @@ def _elements(report: Report, filters: FilterReport, history: HistoryRows) -> It
         )
         yield Listing("yaml", settings_document("kalibr", report, filters).rstrip("\n"))
     yield from traceability_elements(report)
+
+
+def _notes(report: Report) -> Iterator[Element]:
+    """Yield what the numbers of the tables mean."""
+    if report.channels:
+        yield Paragraph(
+            "Each value with its 95 % limits, those of the uncertainty budget. < is a 95 % upper bound of what "
+            "this record does not show; a longer record may measure it."
+        )
+    if has_indistinct(report):
+        yield Paragraph(
+            f"{INDISTINCT_WORD} after a bound: the record shows correlated noise, and does not show whether it is B, "
+            "K or M. Each of them is then at most its bound; a longer record may decide."
+        )
+    if report.grade:
+        yield Paragraph(GRADE_WORDS)
 
 
 def _item(report: Report) -> Iterator[Element]:
@@ -400,13 +409,12 @@ def _filters(filters: FilterReport) -> Iterator[Element]:
         f"For at most {filters.horizon_s:g} s without a fix (--horizon). {FIX_WORDS} The table has the worst NEES "
         "within that time. Gauss–Markov terms, which are better still: imumon report --format filter."
     )
+    lines = ", root mean square: solid or first, what a filter has; dashed or second, what it states."
     for sensor in QUANTITIES:
         if (shown := shown_axis(filters, sensor)) is not None:
             axis, parameters = shown
-            caption = (
-                f"{SENSOR_TITLES[sensor]} {axis}, predicted error of the {QUANTITIES[sensor][0]} since the last "
-                "fix, root mean square: solid or first, what a filter has; dashed or second, what it states."
-            )
+            error = f"predicted error of the {QUANTITIES[sensor][0]} since the last fix"
+            caption, lines = f"{SENSOR_TITLES[sensor]} {axis}, {error}{lines}", "; lines as above."
             yield Figure(
                 caption, filter_table(sensor, axis, parameters), partial(filter_svg, sensor, parameters)
             )

@@ -13,6 +13,7 @@ from typing import TypeAlias
 @dataclass(frozen=True, slots=True)
 class Heading:
     text: str
+    joined: bool = False  # whether no page begins with it
 
 
 @dataclass(frozen=True, slots=True)

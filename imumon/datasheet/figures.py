@@ -43,10 +43,14 @@ if TYPE_CHECKING:
 
 TEXT_INCHES = 0.55
 """Height of the values below a panel of a file: a page of A4 holds three sensors."""
+PAGE_HEIGHT = 0.85
+"""Share of the usual height of a figure of the page: the first one fits below the tables."""
 MARGIN_DECADES = 0.06  # decades between the data and the frame
 WIDEST_LIMIT = 2.0  # factor beyond the points that the frame shows of their limits, which may span decades
 ROOM = 1.35
 """Factor of averaging time or deviation in which a mark or a letter has room."""
+BESIDE_POINTS = 10.0
+"""Points to the right of a letter at which the next one stands beside it."""
 RISING_SHARE = 0.4
 """Where a coefficient is marked whose asymptote rises, as a share of the longest averaging time."""
 
@@ -135,7 +139,7 @@ def svg(report: Report, sensor: str) -> str:
     if not _drawable(readable_curves(report, sensor)):
         return ""
     label = f"Allan deviation of the {SENSOR_TITLES[sensor].lower()}"
-    return page_svg(lambda panel: _draw(panel, report, sensor), sensor, label)
+    return page_svg(lambda panel: _draw(panel, report, sensor), sensor, label, height=PAGE_HEIGHT)
 
 
 def draw_allan(report: Report, sensor: str, ax: Axes | None = None) -> Axes:
@@ -275,8 +279,8 @@ def _marks(report: Report, sensor: str, curves: Mapping[str, Allan]) -> Iterator
             place = RISING_SHARE * last if row.slope > 0.0 else row.mark_s(lowest, _time_constant_s(channel))
             if place is None:
                 continue
-            # beside one another: the axes of a sensor are often equal
-            tau = min(max(place * ROOM ** (k - 1), first * ROOM), last / ROOM)
+            # beside one another, also at the end of the curve: the axes of a sensor are often equal
+            tau = min(max(place, first * ROOM**2), last / ROOM**2) * ROOM ** (k - 1)
             scale = factor * row.deviation(tau, _time_constant_s(channel))
             value = part.value * scale if part.value is not None and part.status == "measured" else None
             yield _Mark(axis, letter, tau, value, (part.low or 0.0) * scale, part.high * scale)
@@ -310,9 +314,10 @@ def _draw_marks(panel: Axes, marks: Sequence[_Mark]) -> None:
     marks = [mark for mark in marks if bottom < mark.level and mark.high < top]
     for mark in marks:
         _draw_mark(panel, mark)
+    places: list[tuple[float, float]] = []
     for letter in COEFFICIENTS:
         if shown := [mark for mark in marks if mark.letter == letter]:
-            _draw_letter(panel, letter, shown)
+            places.append(_draw_letter(panel, letter, shown, places))
 
 
 def _draw_mark(panel: Axes, mark: _Mark) -> None:
@@ -329,17 +334,33 @@ def _draw_mark(panel: Axes, mark: _Mark) -> None:
     )  # fmt: skip
 
 
-def _draw_letter(panel: Axes, letter: str, marks: Sequence[_Mark]) -> None:
-    """Write the letter of a coefficient once, at the outermost of the marks of its axes."""
+def _draw_letter(
+    panel: Axes, letter: str, marks: Sequence[_Mark], places: Sequence[tuple[float, float]]
+) -> tuple[float, float]:
+    """Write the letter of a coefficient once, at the outermost of the marks of its axes, and beside other letters.
+
+    Parameters
+    ----------
+    places : of the letters before, as time and height.
+
+    Returns
+    -------
+    time and height at which the letter stands.
+    """
     bottom, _ = panel.get_ylim()
     # the floor is below the curve, others on it
     mark = min(marks, key=lambda m: m.low) if letter == "B" else max(marks, key=lambda m: m.high)
     below = letter == "B" and mark.value is not None
+    place = (mark.tau_s, max(mark.low, bottom) if below else mark.high)
+    close = [
+        p for p in places if all(abs(math.log(a / b)) < math.log(ROOM) for a, b in zip(p, place, strict=True))
+    ]
     panel.annotate(
-        letter, (mark.tau_s, max(mark.low, bottom) if below else mark.high), (0, -3 if below else 3),
+        letter, place, (BESIDE_POINTS * len(close), -3 if below else 3),
         textcoords="offset points", ha="center", va="top" if below else "bottom", fontsize=9,
         fontweight="bold", zorder=3.3,
     )  # fmt: skip
+    return place
 
 
 def _draw_legend(panel: Axes, axes: Sequence[str], *, exact: bool) -> None:

@@ -67,11 +67,12 @@ table.tall { table-layout: fixed; } table.tall td, table.tall tbody th { height:
 @media print { body { padding: 0; max-width: none; font-size: 9pt; } h1 { font-size: 15pt; }
   h2 { break-after: avoid; margin-top: 1.4rem; font-size: 11pt; }
   figure { margin: .5rem 0; text-align: center; }
-  svg.allan { width: 82%; margin: 0 auto; } th, td { padding: .18rem .36rem .18rem 0; }
-  .short, figure, pre, tr, .caution, .grade, .note { break-inside: avoid; }
+  svg.allan { width: 78%; margin: 0 auto; } th, td { padding: .18rem .36rem .18rem 0; }
+  .short, figure, tr, .caution, .grade, .note { break-inside: avoid; }
+  .joined { break-before: avoid; }
   .wide { overflow: visible; margin: .5rem 0; }
   table { font-size: 7.8pt; } .note, figcaption, .caution, .grade span { font-size: 8pt; }
-  pre { white-space: pre-wrap; font-size: 7.4pt; } .note:has(+ pre) { break-after: avoid; }
+  pre { white-space: pre-wrap; font-size: 7.4pt; orphans: 6; widows: 6; } .note:has(+ pre) { break-after: avoid; }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 """
 
@@ -112,8 +113,8 @@ def _css_text(text: str) -> str:
 def _element(element: Element) -> str:
     """Return an element as HTML; empty if there is nothing to draw."""
     match element:
-        case Heading(text):
-            return f"<h2>{html.escape(text)}</h2>"
+        case Heading(text, joined):
+            return f"<h2{' class=joined' if joined else ''}>{html.escape(text)}</h2>"
         case Paragraph(text):
             return f'<p class="note">{html.escape(text)}</p>'
         case Caution(name, text):

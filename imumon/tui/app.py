@@ -20,9 +20,12 @@ from textual.containers import Container
 from textual.events import Click
 from textual.filter import LineFilter
 from textual.screen import Screen
+from textual.widget import Widget
 
 from imumon.coefficients import NOISE
 from imumon.files import replace_file
+from imumon.glossary import words_in
+from imumon.messages import caveats
 from imumon.report import Report
 from imumon.tui import export, terminal
 from imumon.tui.formatting import Line, Notation, wrap
@@ -36,6 +39,7 @@ from imumon.tui.views import (
     DeviceView,
     DialogWindow,
     EventsView,
+    HelpWindow,
     HistoryView,
     Overview,
     SaveDialog,
@@ -44,8 +48,9 @@ from imumon.tui.views import (
     View,
     help_lines,
     keys_of,
+    word_lines,
 )
-from imumon.tui.widgets import THEMES, DrawnPanel, Nearest256, RoleStyles
+from imumon.tui.widgets import THEMES, DrawnPanel, FewColours, RoleStyles, ScrolledPanel
 
 if TYPE_CHECKING:
     from imumon.bus.subscriber import HistoryAnswer, Subscriber
@@ -139,7 +144,7 @@ class ImumonApp(App[int]):
             letters=letters,
         )
         self._ended = ended
-        self._built = False
+        self._built = self._has_all_colours = False
         self._watched: tuple[str, str | None] | None = None
         # version of the source and everything else that a poll has shown: while both are the same, nothing is drawn
         self._seen: tuple[int, tuple[object, ...]] | None = None
@@ -166,9 +171,10 @@ class ImumonApp(App[int]):
         yield DrawnPanel(footer, id="footer")
 
     def get_line_filters(self) -> Sequence[LineFilter]:
-        """Return the filters of what is drawn: those of Textual, and the colours of a terminal with 256."""
-        filters = super().get_line_filters()
-        return [*filters, Nearest256()] if self.console.color_system == "256" else filters
+        """Return the filters of what is drawn: those of Textual, and the colours of a terminal with 256 or 16."""
+        filters, colours = super().get_line_filters(), {"256": 256, "standard": 16}
+        few = colours.get(self.console.color_system or "")
+        return filters if few is None or self._has_all_colours else [*filters, FewColours(few)]
 
     def on_mount(self) -> None:
         self._built = True
@@ -361,8 +367,18 @@ class ImumonApp(App[int]):
 
     def action_help(self) -> None:
         view = self.screen_stack[0].query_one(f"#{self.view_state.view}", View)
-        lines = help_lines(view, list(self.BINDINGS), self.view_state.notation.ascii)
-        self.push_screen(DialogWindow(f"{view.title}: keys", lines, self.view_state.notation))
+        keys = help_lines(view, list(self.BINDINGS), self.view_state.notation.ascii)
+        report = self.view_state.report
+        shown = list(caveats(report)) if report is not None and view.names_caveats else []
+        words = word_lines(words_in(self._text_of(view), shown))
+        self.push_screen(HelpWindow(f"{view.title}: keys and words", keys, words, self.view_state.notation))
+
+    def _text_of(self, view: View) -> str:
+        """Return the text of the status line and of a view."""
+        status_line = self.screen_stack[0].query_one("#status", DrawnPanel)
+        panels = [status_line, *view.query(DrawnPanel), *view.query(ScrolledPanel)]
+        lines = [line for panel in panels if panel.display for line in panel.lines()]
+        return "\n".join("".join(text for text, _ in line) for line in lines)
 
     def action_copy(self) -> None:
         """Copy the numbers for other programs through the terminal (OSC 52), and show them: not all terminals copy."""
@@ -407,8 +423,20 @@ class ImumonApp(App[int]):
             self.notify(f"not saved: {error}", severity="error", markup=False)
 
     def export_screenshot(self, *, title: str | None = None, simplify: bool = True) -> str:
-        """Return a screenshot as SVG."""
-        return portable_svg(super().export_screenshot(title=title or "imumon", simplify=simplify))
+        """Return a screenshot as SVG, in the colours of the theme whatever the terminal has."""
+        self._has_all_colours = True
+        try:
+            self._forget_drawn()
+            return portable_svg(super().export_screenshot(title=title or "imumon", simplify=simplify))
+        finally:
+            self._has_all_colours = False
+            self._forget_drawn()
+
+    def _forget_drawn(self) -> None:
+        """Draw every widget again: its lines are kept after the filters."""
+        for screen in self.screen_stack:
+            for widget in (screen, *screen.walk_children(Widget)):
+                widget.refresh()
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         for k, name in enumerate(VIEWS, 1):

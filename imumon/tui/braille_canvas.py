@@ -188,10 +188,10 @@ class AxisScale:
         step = (self.high - self.low) / max(count, 1)
         if not step > RESOLUTION * max(abs(self.low), abs(self.high)):
             return []
-        power = 10.0 ** math.floor(math.log10(step))
-        # 0.999 and 1e-9: a step or an end that is round but for rounding counts as round
-        step = next((m * power for m in (1.0, 2.0, 5.0) if m * power >= step * 0.999), 10.0 * power)
-        first = math.ceil(self.low / step - 1e-9)
+        step = _round_up(step)
+        first = math.ceil(
+            self.low / step - 1e-9
+        )  # 1e-9: an end that is round but for rounding counts as round
         return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
 
 
@@ -234,6 +234,83 @@ def linear(values: Floats) -> AxisScale:
     # values that are all the same still need an axis with a length
     extra = (high - low) * MARGIN or max(abs(high), 1e-12) * 1e-3
     return AxisScale(low - extra, high + extra)
+
+
+ROW_DOTS = 4
+"""Dots of a row of cells."""
+FEWEST_EVEN_ROWS = 5
+"""Rows from which a linear scale is moved so that its ticks are whole rows apart: with fewer, that costs a third."""
+MOST_TICKS = 10
+"""Ticks of a vertical axis, at most."""
+ROOM_FOR_ROWS = 1.2
+"""Factor by which a scale may grow so that its decades are whole rows apart."""
+
+
+def even(values: Floats, rows: int, floor: float | None = None) -> tuple[AxisScale, list[float]]:
+    """Return a linear scale around some values and its ticks, which are whole rows of cells apart.
+
+    Parameters
+    ----------
+    values : (n,) any unit.
+    rows : height of the frame, cells.
+    floor : lower end of the scale; None: as the values need it.
+    """
+    known, dots = values[np.isfinite(values)], ROW_DOTS * rows - 1
+    least_value = floor if floor is not None else float(known.min(initial=np.inf))
+    greatest = float(known.max(initial=-np.inf))
+    span = greatest - least_value
+    # infinite without values
+    resolved = math.isfinite(span) and span > RESOLUTION * max(abs(least_value), abs(greatest))
+    if rows < FEWEST_EVEN_ROWS or not resolved:
+        scale = linear(values) if floor is None else AxisScale(floor, linear(values).high)
+        return scale, _some_ticks(scale, rows)
+    least = span / (
+        dots - 1
+    )  # a dot of room: no tick may lie at the edge of a row, where rounding would move it
+    # two ticks at least
+    choices = range(max(2, -(-rows // MOST_TICKS)), dots // (2 * ROW_DOTS) + 1)
+    # of equal scales the one with more ticks
+    step, apart = min(
+        ((_round_up(least * ROW_DOTS * n), n) for n in choices), key=lambda choice: choice[0] / choice[1]
+    )
+    dot = step / (ROW_DOTS * apart)
+    if floor is not None:
+        high = floor + dots * dot
+        return AxisScale(floor, high), [floor + k * step for k in range((rows - 1) // apart + 1)]
+    centred = 0.5 * (least_value + greatest) + 0.5 * dots * dot
+    high = (math.floor(centred / dot) + 0.5) * dot
+    low = high - dots * dot
+    first = math.ceil(low / step - 1e-9)
+    return AxisScale(low, high), [k * step for k in range(first, math.floor(high / step + 1e-9) + 1)]
+
+
+def _round_up(step: float) -> float:
+    """Return the least of 1, 2 and 5 times a power of ten that is not below a step."""
+    power = 10.0 ** math.floor(math.log10(step))
+    # 0.999: a step that is round but for rounding counts as round
+    return next((m * power for m in (1.0, 2.0, 5.0) if m * power >= step * 0.999), 10.0 * power)
+
+
+def _some_ticks(scale: AxisScale, rows: int) -> list[float]:
+    """Return round values for about every second row; two at least, as one alone is no scale."""
+    ticks: list[float] = []
+    for count in range(max(rows // 2, 2), MOST_TICKS):
+        if len(ticks := scale.ticks(count)) > 1:
+            break
+    return ticks
+
+
+def whole_rows(scale: AxisScale, rows: int) -> AxisScale:
+    """Return a logarithmic scale whose decades are whole rows apart, where little room is lost by it."""
+    low, high = math.log10(scale.low), math.log10(scale.high)
+    dots = ROW_DOTS * rows - 1
+    apart = int((dots - 1) / (ROW_DOTS * (high - low)))  # a dot of room, as above
+    wide = dots / (ROW_DOTS * apart) if apart else math.inf
+    if wide > ROOM_FOR_ROWS * (high - low):
+        return scale
+    dot = 1.0 / (ROW_DOTS * apart)  # decades
+    top = (math.floor(0.5 * (low + high + wide) / dot) + 0.5) * dot
+    return AxisScale(10.0 ** (top - wide), 10.0**top, log=True)
 
 
 def _inside(share: Floats) -> Floats:
@@ -320,25 +397,40 @@ class PlotFrame:
         columns = (np.arange(self.width) + 0.5) / self.width
         half = 0.5 / self.width
         outside = (columns < share[0] - half) | (columns > share[-1] + half)
-        a = np.interp(columns, share, lower)
-        b = np.interp(columns, share, upper)
-        top = self.top + (1 - np.clip(b, 0, 1)) * self.height
-        bottom = self.top + (1 - np.clip(a, 0, 1)) * self.height
-        thin = bottom - top < 0.5  # cells; the points cover a thinner band
-        self.canvas.fill(self.left, np.where(outside | thin, np.nan, top), bottom, role)
+        lower, upper = np.interp(columns, share, lower), np.interp(columns, share, upper)
+        self._fill(np.where(outside, np.nan, lower), upper, role)
 
-    def columns(self, low: Floats, high: Floats, role: str) -> None:
-        """Draw a vertical line from `low` to `high` in each column of dots.
+    def bars(self, x: Floats, low: Floats, high: Floats, wide: float, role: str) -> None:
+        """Fill a bar between two values around each point, at least a column of cells wide.
 
         Parameters
         ----------
-        low, high : (2 width,) data; a column is empty for NaN.
+        x, low, high : (n,) data; without a bar where one is NaN.
+        wide : data, along the x axis.
         """
-        top, bottom = np.rint(self.down(high)), np.rint(self.down(low))
-        rows = np.arange(4 * self.canvas.height)[:, None]
-        y, x = np.nonzero((rows >= top) & (rows <= bottom))
-        across: Floats = np.asarray(2.0 * self.left + x, dtype=np.float64)
-        self.canvas.dots(across, y.astype(np.float64), role)
+        first, last = (self.x.share(x + sign * 0.5 * wide) * self.width for sign in (-1.0, 1.0))
+        lower, upper = self.y.share(low), self.y.share(high)
+        good = (
+            np.isfinite(first) & np.isfinite(lower) & np.isfinite(upper) & (last >= 0) & (first < self.width)
+        )
+        least, greatest = np.full(self.width, np.nan), np.full(self.width, np.nan)
+        for k in np.flatnonzero(good).tolist():
+            # a column belongs to the bar that covers its middle; a bar that covers none has the one of its own middle
+            begin, end = math.ceil(first[k] - 0.5), math.ceil(last[k] - 0.5)
+            if end <= begin:
+                begin = int(0.5 * (first[k] + last[k]))
+                end = begin + 1
+            columns = slice(max(begin, 0), max(end, 0))
+            least[columns] = np.fmin(least[columns], lower[k])
+            greatest[columns] = np.fmax(greatest[columns], upper[k])
+        self._fill(least, greatest, role)
+
+    def _fill(self, low: Floats, high: Floats, role: str) -> None:
+        """Fill columns of cells between two fractions (width,) of the y axis; NaN leaves a column empty."""
+        top = self.top + (1 - np.clip(high, 0, 1)) * self.height
+        bottom = self.top + (1 - np.clip(low, 0, 1)) * self.height
+        thin = ~(bottom - top >= 0.5)  # cells; the points cover a thinner band
+        self.canvas.fill(self.left, np.where(thin, np.nan, top), bottom, role)
 
     def label(self, x: float, y: float, text: str, role: str, mark: str = "◆") -> None:
         """Draw a mark at a point, with its text where it covers least."""

@@ -15,11 +15,20 @@ import numpy as np
 from imumon.coefficients import COEFFICIENTS, MARKOV, NOISE, Estimate
 from imumon.report import Allan, Channel, Histogram, Spectrum, Strip
 from imumon.samples import sensor_of
-from imumon.tui.braille_canvas import TAKEN, AxisScale, Canvas, Floats, PlotFrame, linear, logarithmic
+from imumon.tui.braille_canvas import (
+    TAKEN,
+    AxisScale,
+    Canvas,
+    Floats,
+    PlotFrame,
+    even,
+    logarithmic,
+    whole_rows,
+)
 from imumon.tui.formatting import Line, Notation, approximate_duration, fitted, length, padded
 from imumon.tui.panels import precision_goal
-from imumon.tui.view_state import ViewState
-from imumon.units import number
+from imumon.tui.view_state import WINDOWS, ViewState
+from imumon.units import MINUTE, duration, number
 
 EXTREME_VALUES = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 """A value that a chart cannot place becomes infinite or NaN and is not drawn; a warning would end up on the screen."""
@@ -32,6 +41,9 @@ GUTTER = 7
 
 CURVE_POINTS = 96
 """Points of the line of correlated noise: about one per column of cells."""
+
+DECIMALS = 4
+"""Decimals of a label at most; beyond them, it has an exponent: 2e-05, not 0.00002."""
 
 NUMBERED = 48
 """Cells of a frame from which the marks of coefficients have their values beside them."""
@@ -161,7 +173,7 @@ def _allan_frame(state: ViewState, canvas: Canvas, factor: float) -> PlotFrame:
     x = logarithmic(np.concatenate((tau, [1.0, 3.0])))  # s, where N and K are marked
     bottom = 2 if canvas.height >= 14 else 1
     area = (GUTTER, 0, max(canvas.width - GUTTER - 2, 4), max(canvas.height - bottom, 2))
-    return PlotFrame(canvas, area, x, logarithmic(sigma))
+    return PlotFrame(canvas, area, x, whole_rows(logarithmic(sigma), area[3]))
 
 
 def _marks(channel: Channel | None) -> list[float]:
@@ -201,9 +213,15 @@ def _decades(frame: PlotFrame, notation: Notation, x_unit: str) -> None:
     fits = [c + len(text) < available for c, text in zip(columns, texts, strict=True)]
     frame.x_labels([(10.0**e, text) for e, text, fit in zip(x, texts, fits, strict=True) if fit], row)
     if frame.top + frame.height < row:
-        frame.canvas.text(frame.left, row - 1, "─" * frame.width, "axis")
-        for column in columns:
-            frame.canvas.text(int(column), row - 1, "┴", "axis")
+        _axis_line(frame, row - 1, [10.0**e for e in x])
+
+
+def _axis_line(frame: PlotFrame, row: int, ticks: Sequence[float]) -> None:
+    """Draw the horizontal axis in a row of cells, with a mark at each tick."""
+    frame.canvas.text(frame.left, row, "─" * frame.width, "axis")
+    for across in frame.across(np.array(ticks, dtype=np.float64)):
+        if math.isfinite(across):
+            frame.canvas.text(int(across) // 2, row, "┴", "axis")
 
 
 def _labels(axis: AxisScale, notation: Notation) -> list[tuple[float, str]]:
@@ -302,33 +320,39 @@ def signal_chart(state: ViewState, width: int, height: int) -> list[Line]:
     factor, unit = state.notation.scale(channel)
     envelope: Strip | None = getattr(state.signal, state.window) if state.signal is not None else None
     title: Line = [(" " * GUTTER, "text"), (channel.replace("/", " "), "title"), (f"  [{unit}]   ", "muted")]
-    for name in ("minute", "hour", "everything"):
+    for name in WINDOWS:
         title.append((f" {name} ", "tab" if name == state.window else "muted"))
-    title = padded(title, width)
     if envelope is None or not any(v is not None for v in envelope.low):
         text = "no signal yet" if state.signal else "waiting for the signal"
-        return [title, *centred_text([text], width, height - 1)]
+        return [padded(title, width), *centred_text([text], width, height - 1)]
+    column = f"{envelope.column_s:.2g} s" if envelope.column_s < MINUTE else duration(envelope.column_s)
+    legend: list[Line] = [[("   ", "text"), ("  ", "text/band"), (" minimum to maximum", "muted")]]
+    legend.append([(f" of each {column}", "muted")])
     end = "now" if state.connection_status().live else "end"
-    return [title, *_envelope(envelope, factor, end, width, height - 1)]
+    chart = _envelope(envelope, factor, end, width, height - 1)
+    return [padded(fitted([title, *legend], width), width), *chart]
 
 
 def _envelope(envelope: Strip, factor: float, end: str, width: int, height: int) -> list[Line]:
-    """Return the chart of minimum and maximum over the time before `end`."""
+    """Return the chart of minimum and maximum over the time before `end`: two lines and what lies between them."""
     low, high = numbers(envelope.low, factor), numbers(envelope.high, factor)
     canvas = Canvas(width, height)
     span = envelope.column_s * len(low)
-    y = linear(np.concatenate((low, high)))
     area = (GUTTER + 2, 0, max(width - GUTTER - 4, 4), max(height - 1, 2))
+    y, ticks = even(np.concatenate((low, high)), area[3])
     frame = PlotFrame(canvas, area, AxisScale(-span, 0.0), y)
-    ticks = y.ticks(max(frame.height // 2, 2))
     times = _times(span)
     frame.grid([-t for t in times], ticks)
     frame.y_labels([(t, tick_text(t, ticks)) for t in ticks])
     # x labels are placed from the left, and one that would touch its neighbour is left out: `end` is the last
     labels = [(-t, f"−{approximate_duration(t)}" if t else end) for t in reversed(times)]
     frame.x_labels(labels, canvas.height - 1)
-    top, bottom = _extremes(low, high, 2 * frame.width)
-    frame.columns(bottom, top, "signal")
+    # of a terminal with less columns than the envelope, each shows the extremes of several
+    top, bottom = _extremes(low, high, min(2 * frame.width, len(low)))
+    moments: Floats = np.asarray((np.arange(len(top)) + 0.5) / len(top) * span - span, dtype=np.float64)
+    frame.bars(moments, bottom, top, span / len(top), "band")
+    for edge in (bottom, top):
+        frame.curve(moments, edge, "point")
     return canvas.rows()
 
 
@@ -361,11 +385,20 @@ def _times(span: float) -> list[float]:
 
 
 def tick_text(value: float, ticks: Sequence[float]) -> str:
-    """Return the label of a tick, with as many decimals as its neighbours require, in at most 8 cells."""
+    """Return the label of a tick, with as many digits as its neighbours require, in at most 8 cells where they do.
+
+    >>> tick_text(0.2, [0.0, 0.2, 0.4]), tick_text(1.05e-5, [1e-5, 1.05e-5]), tick_text(0.0, [0.0, 1e-5])
+    ('0.2', '1.05e-05', '0')
+    """
     step = ticks[1] - ticks[0] if len(ticks) > 1 else abs(value) or 1.0
     decimals = max(-math.floor(math.log10(step) + 1e-9), 0)
-    text = f"{value + 0.0:.{decimals}f}"  # + 0.0: no "-0"
-    return text if len(text) <= GUTTER + 1 and decimals < 7 else f"{value:.1e}"
+    if abs(value) < 0.5 * step:
+        return "0"
+    text = f"{value:.{decimals}f}"
+    if len(text) <= GUTTER + 1 and decimals <= DECIMALS:
+        return text
+    digits = math.floor(math.log10(abs(value)) + 1e-9) - math.floor(math.log10(step) + 1e-9)
+    return f"{value:.{max(digits, 0)}e}"
 
 
 @EXTREME_VALUES
@@ -374,26 +407,39 @@ def histogram_chart(state: ViewState, width: int, height: int) -> list[Line]:
     channel = state.channel or ""
     histogram: Histogram | None = state.selected.histogram if state.selected is not None else None
     factor, unit = state.notation.scale(channel)
-    name: Line = [(" ", "text"), ("distribution", "title"), (f"  [{unit}]", "muted")]
+    name: Line = [(" ", "text"), ("distribution", "title"), ("  [% per bin]", "muted")]
     title = padded(fitted([name, [("   ━ ", "N"), ("Gaussian", "muted")]], width), width)
     if histogram is None or not histogram.counts:
         return [title, *centred_text(["no distribution yet"], width, height - 1)]
     canvas = Canvas(width, height - 1)
     counts = np.array(histogram.counts, dtype=np.float64)
+    share = 100.0 / max(float(counts.sum()), 1.0)  # % of a sample
     start, bin_width = histogram.start * factor, histogram.width * factor
     edges = AxisScale(start, start + bin_width * len(counts))
-    top = max(float(counts.max()), max(histogram.gaussian, default=0.0)) * 1.05
-    frame = PlotFrame(canvas, (1, 0, max(width - 2, 4), max(height - 2, 2)), edges, AxisScale(0.0, top))
+    area = (GUTTER, 0, max(width - GUTTER - 2, 4), max(height - 3, 2))
+    expected = numbers(histogram.gaussian, share)
+    y, heights_shown = even(np.concatenate((counts * share, expected)), area[3], floor=0.0)
+    frame = PlotFrame(canvas, area, edges, y)
     # bins to columns: the mean of the bins of a column, or one bin in several columns
     first = np.arange(frame.width) * len(counts) // frame.width
     until = np.maximum(np.arange(1, frame.width + 1) * len(counts) // frame.width, first + 1)
-    heights = np.array([counts[a:b].mean() for a, b in zip(first, until, strict=True)]) / top * frame.height
+    heights = np.array([counts[a:b].mean() for a, b in zip(first, until, strict=True)])
+    heights = heights * (share / y.high) * frame.height
     heights = np.where(heights > 0, np.maximum(heights, 0.125), np.nan)  # at least an eighth of a cell
-    canvas.fill(1, frame.height - heights, np.full(frame.width, float(frame.height)), "bar")
+    ticks = edges.ticks(max(frame.width // 14, 2))
+    for height_shown in heights_shown:
+        text, row = tick_text(height_shown, heights_shown), int(frame.down(np.array([height_shown]))[0]) // 4
+        # 0 is the lower edge of the last row, which is the row of the axis: the others are one row below, too
+        canvas.text(frame.left - 1 - len(text), row + 1, text, "muted")
+    canvas.fill(frame.left, frame.height - heights, np.full(frame.width, float(frame.height)), "bar")
     centres = start + bin_width * (np.arange(len(counts)) + 0.5)
-    frame.curve(np.asarray(centres, dtype=np.float64), numbers(histogram.gaussian), "N")
-    ticks = edges.ticks(max(width // 14, 2))
-    frame.x_labels([(t, tick_text(t, ticks)) for t in ticks], canvas.height - 1)
+    frame.curve(np.asarray(centres, dtype=np.float64), expected, "N")
+    _axis_line(frame, canvas.height - 2, ticks)
+    canvas.text(width - len(unit) - 2, canvas.height - 1, f"[{unit}]", "text")
+    last = width - len(unit) - 3
+    labels = [(t, tick_text(t, ticks)) for t in ticks]
+    clear = [(t, text) for t, text in labels if frame.across(np.array([t]))[0] // 2 + len(text) < last]
+    frame.x_labels(clear, canvas.height - 1)
     return [title, *canvas.rows()]
 
 
@@ -414,7 +460,7 @@ def spectrum_chart(state: ViewState, width: int, height: int) -> list[Line]:
     canvas = Canvas(width, height - 1)
     x = AxisScale(float(frequency.min()), float(frequency.max()) * 1.02, log=True)
     area = (GUTTER, 0, max(width - GUTTER - 1, 4), max(height - 2, 2))
-    frame = PlotFrame(canvas, area, x, logarithmic(density))
+    frame = PlotFrame(canvas, area, x, whole_rows(logarithmic(density), area[3]))
     _decades(frame, state.notation, "[Hz]")
     frame.curve(frequency, density, "signal")
     for line in spectrum.lines:

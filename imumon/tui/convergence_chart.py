@@ -15,7 +15,7 @@ from imumon.coefficients import CONVERGING
 from imumon.readiness import state_of
 from imumon.report import Channel, Convergence, StatedSeries
 from imumon.samples import Floats, sensor_of
-from imumon.tui.braille_canvas import AxisScale, Canvas, PlotFrame, logarithmic
+from imumon.tui.braille_canvas import MOST_TICKS, AxisScale, Canvas, PlotFrame, logarithmic
 from imumon.tui.channel_table import SYMBOLS
 from imumon.tui.charts import EXTREME_VALUES, centred_text, numbers
 from imumon.tui.formatting import Line, approximate_duration, fitted, padded
@@ -47,10 +47,10 @@ def convergence_chart(state: ViewState, width: int, height: int) -> list[Line]:
         text = ["what was stated of a shorter record appears here", "after the first seconds of a record"]
         return [padded(title, width), *centred_text(text, width, height - 1)]
     legend: list[Line] = [
-        [("   what was stated when the record was shorter", "muted")],
+        [("   by the length of the record", "muted")],
         [("   ", "text"), ("  ", "text/band"), (" 95 %", "muted")],
         [("   ↓", "bound"), (" 95 % upper bound", "muted")],
-        [("   ╌", "good"), (" precision", "muted")],
+        [("   ╌", "good"), (" to be within", "muted")],
     ]
     letters = [letter for letter in CONVERGING if letter in stated.coefficients]
     letters = letters[: max((height - 2) // LEAST_ROWS, 1)]
@@ -78,7 +78,9 @@ def _panel(
     x = AxisScale(stated.elapsed_s[0], stated.elapsed_s[-1] * 1.001, log=True)
     frame = PlotFrame(canvas, (GUTTER, 0, max(width - GUTTER - 2, 4), canvas.height), x, y)
     frame.grid([], [10.0**e for e in y.decades()])
-    frame.y_labels([(tick, number(tick, 2)) for tick in _ticks(y, canvas.height)])
+    ticks = _ticks(y, canvas.height)
+    digits = 1 if len(ticks) > 1 and ticks[1] >= 1.9 * ticks[0] else 2
+    frame.y_labels([(tick, number(tick, digits)) for tick in ticks])
     lengths = np.array(stated.elapsed_s)
     frame.band(lengths, np.where(measured, low, np.nan), np.where(measured, high, np.nan), "band")
     ends = np.array([x.low, x.high])
@@ -104,16 +106,18 @@ def _scale(sizes: Floats, limits: Floats) -> AxisScale:
 
 
 def _ticks(y: AxisScale, rows: int) -> list[float]:
-    """Return the decades of the axis, or 1, 2 and 5 times them where it has less than two."""
+    """Return the decades of the axis, or round values between them where it has less than two."""
     decades = [10.0**e for e in y.decades()]
     if len(decades) > 1:
         return decades[:: math.ceil(len(decades) / rows)]
     whole = math.floor(math.log10(y.low))
     round_numbers = [m * 10.0**e for e in (whole, whole + 1) for m in (1, 2, 5)]
     inside = [tick for tick in round_numbers if y.low <= tick <= y.high]
-    # a decade has a line, so it has a label too
-    between = [tick for tick in inside if y.low * ROOM**2 < tick < y.high / ROOM**2]
-    return inside if len(inside) > 1 else [y.low * ROOM, *between, y.high / ROOM]
+    if len(inside) > 2:
+        return inside
+    # less than a factor of 10: equal steps lie nearly even on this scale
+    steps = (AxisScale(y.low, y.high).ticks(count) for count in range(max(rows // 2, 2), MOST_TICKS))
+    return next((ticks for ticks in steps if len(ticks) > 1), [y.low * ROOM, y.high / ROOM])
 
 
 def _panel_title(state: ViewState, channel: Channel, letter: str, series: StatedSeries, width: int) -> Line:

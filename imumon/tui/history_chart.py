@@ -1,7 +1,7 @@
 """Charts of the history of one channel: coefficients, mean and temperature over a day, a month or a year, with events.
 
 A coefficient belongs to its row alone, 10 minutes, an hour or a day, so its limits do not narrow from row to row. They
-are bars, and an arrow is the upper bound of a row that does not show it.
+are bars as wide as the row, and an arrow is the upper bound of a row that does not show it.
 
 The rows come from the daemon as JSON (docs/HISTORY.md).
 """
@@ -19,19 +19,25 @@ import numpy as np
 from imumon.coefficients import CONVERGING, Estimate
 from imumon.history_report import HistoryRow, history_rows, objects
 from imumon.samples import Floats, sensor_of
-from imumon.tui.braille_canvas import AxisScale, Canvas, PlotFrame, linear
+from imumon.tui.braille_canvas import AxisScale, Canvas, PlotFrame, even
 from imumon.tui.charts import EXTREME_VALUES, centred_text, tick_text
 from imumon.tui.formatting import Line, fitted, padded
 from imumon.tui.view_state import SPANS, HistorySeries, ViewState
-from imumon.units import duration
+from imumon.units import MINUTE, duration
 
 MARKED = ("change", "restart", "connect", "disconnect", "warmup", "grade", "disturbance", "constant", "state")
 """Kinds of events that are marked."""
 QUANTITIES = (*CONVERGING, "mean", "temperature")
 MOST_ROOM = 0.5
 """Share of a value by which limits widen the scale."""
-MOST_TICKS = 10
-"""Ticks of a scale up to which a second one is searched for: 1, 2 and 5 have one within twice the first count."""
+STEPS_S = (
+    *(1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 60.0, 120.0, 300.0, 600.0, 900.0, 1800.0, 3600.0, 7200.0, 10_800.0),
+    *(14_400.0, 21_600.0, 43_200.0, 86_400.0, 172_800.0, 345_600.0, 604_800.0, 1_209_600.0, 2_592_000.0),
+    5_184_000.0,
+)
+"""s between two labels of the time axis, of which the first that leaves enough room is used."""
+LABEL_CELLS = 14
+"""Cells of a label of the time axis, with its gap: a date and a clock time."""
 GUTTER = 9
 """Cells to the left of a chart, for its labels."""
 _ROLES = {"mean": "signal", "temperature": "point"}
@@ -77,10 +83,9 @@ def _marks(events: Iterable[Any]) -> Iterator[tuple[float, str]]:
 def history_chart(state: ViewState, width: int, height: int) -> list[Line]:
     """Return the charts of the selected channel, one below the other."""
     channel, series = state.channel or "", state.history
-    title: Line = [(" " * GUTTER, "text"), (channel.replace("/", " "), "title"), ("   ", "text")]
+    title: Line = [(" ", "text"), (channel.replace("/", " "), "title"), ("   ", "text")]
     for name in SPANS:
         title.append((f" {name} ", "tab" if name == state.span else "muted"))
-    title += [("   + -", "key"), (" span", "muted")]
     if series is None or series.channel != channel:
         text = [
             "no history yet",
@@ -88,12 +93,17 @@ def history_chart(state: ViewState, width: int, height: int) -> list[Line]:
             "if history.enabled is true",
         ]
         return [padded(title, width), *centred_text(text, width, height - 1)]
-    period: Line = [(f"  {duration(series.period_s)} each, 95 %", "muted")]
-    events: Line = [("   ▏", "warn"), ("event", "muted")] if series.events else []
+    mark = "o " if state.notation.ascii else "⠶ "
+    legend: list[Line] = [
+        [(f"   {mark}", "text"), (f"each {duration(series.period_s)}, UTC", "muted")],
+        [("   ", "text"), ("  ", "text/band"), (" 95 %", "muted")],
+        [("   ↓", "bound"), (" 95 % upper bound", "muted")],
+        *([[("   ▏", "warn"), ("event", "muted")]] if series.events else []),
+    ]
     drawn = [name for name in QUANTITIES if _is_known(series, name)]
     drawn = drawn[: max((height - 2) // 3, 1)]  # three lines each at least: fewer show no curve
     times = max(series.begin, series.end - SPANS[state.span][0]), series.end
-    lines = [padded(fitted([title, period, events], width), width)]
+    lines = [padded(fitted([title, *legend], width), width)]
     left = height - 2  # lines below the title and above the time
     for k, name in enumerate(drawn):
         rows = left // (len(drawn) - k)
@@ -113,10 +123,9 @@ def _panel(
     unknown = np.full(len(series.time), math.nan)
     low, high = (limits.get(name, unknown)[inside] * factor for limits in (series.low, series.high))
     measured, bound = np.isfinite(y), ~np.isfinite(y) & np.isfinite(high)
-    scale = linear(np.concatenate((y, *_edges(y, low, high))))
     area = (GUTTER, 1, max(width - GUTTER - 2, 4), max(height - 1, 1))
+    scale, ticks = even(np.concatenate((y, *_edges(y, low, high))), area[3])
     frame = PlotFrame(canvas, area, AxisScale(*times), scale)
-    ticks = _ticks(scale, frame.height)
     frame.grid([], ticks)
     frame.y_labels([(tick, tick_text(tick, ticks)) for tick in ticks])
     for when, kind in series.events:
@@ -124,24 +133,13 @@ def _panel(
         for row in range(frame.top, frame.top + frame.height) if cell is not None else ():
             canvas.put(cell[0], row, "▏", "bad" if kind == "change" else "warn")  # type: ignore[index]
     times_s = series.time[inside]
-    for when, least, greatest in zip(times_s[measured], low[measured], high[measured], strict=True):
-        ends = np.clip([least, greatest], scale.low, scale.high)
-        frame.curve(np.full(2, when), ends, _ROLES.get(name, name), (1, 2))
+    frame.bars(times_s[measured], low[measured], high[measured], series.period_s, "band")
     for when, size in zip(times_s[bound], high[bound], strict=True):
         if (cell := frame.cell(float(when), float(size))) is not None:
             canvas.text(*cell, "↓", "bound")
-    frame.points(series.time[inside], y, _ROLES.get(name, name), "o" if state.notation.ascii else None)
+    frame.points(times_s, y, _ROLES.get(name, name), "o" if state.notation.ascii else None)
     canvas.text(GUTTER, 0, f"{name} [{unit}]", "muted")
     return canvas.rows()
-
-
-def _ticks(scale: AxisScale, rows: int) -> list[float]:
-    """Return round values for about every second row; two at least, as one alone is no scale."""
-    ticks: list[float] = []
-    for count in range(max(rows // 2, 2), MOST_TICKS):
-        if len(ticks := scale.ticks(count)) > 1:
-            break
-    return ticks
 
 
 def _is_known(series: HistorySeries, name: str) -> bool:
@@ -172,13 +170,21 @@ def _scale(state: ViewState, channel: str, name: str) -> tuple[float, str]:
 
 def _time_axis(times: tuple[float, float], width: int) -> Line:
     """Return the labels of the time axis: clock times of a day, else dates."""
-    inner, span = width - GUTTER - 2, times[1] - times[0]
-    count = max(2, min(7, inner // 12))
-    form = "%H:%M" if span < 2 * 86400.0 else "%d %b" if span < 90 * 86400.0 else "%b %Y"
-    form += ":%S" if span < 60.0 * count else ""  # two labels of one minute would be equal
-    moments = [times[0] + k / (count - 1) * span for k in range(count)]
+    inner, span = max(width - GUTTER - 2, 4), times[1] - times[0]
+    step = next((s for s in STEPS_S if span / s <= max(inner / LABEL_CELLS, 1.0)), STEPS_S[-1])
+    first = math.ceil(times[0] / step - 1e-9)  # 1e-9: a begin that is round but for rounding
+    dates = [
+        datetime.fromtimestamp(k * step, UTC) for k in range(first, math.floor(times[1] / step + 1e-9) + 1)
+    ]
+    form = "%d %b" if step >= 86400.0 else "%H:%M" if step >= MINUTE else "%H:%M:%S"
+    # a clock time has its date where it is another one than that of the label before
+    days = [None, *(date.date() for date in dates)]
+    labels = [
+        f"{date:%d %b} {date:{form}}" if step < 86400.0 and date.date() != day else f"{date:{form}}"
+        for date, day in zip(dates, days, strict=False)
+    ]
     canvas = Canvas(width, 1)
     # in the frame of the charts: a label stands below what it names
-    frame = PlotFrame(canvas, (GUTTER, 0, max(inner, 4), 1), AxisScale(*times), AxisScale(0.0, 1.0))
-    frame.x_labels([(moment, f"{datetime.fromtimestamp(moment, UTC):{form}}") for moment in moments], 0)
+    frame = PlotFrame(canvas, (GUTTER, 0, inner, 1), AxisScale(*times), AxisScale(0.0, 1.0))
+    frame.x_labels([(date.timestamp(), text) for date, text in zip(dates, labels, strict=True)], 0)
     return canvas.rows()[0]

@@ -6,6 +6,7 @@ own bindings, so it cannot be out of date.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -16,6 +17,7 @@ from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
+from imumon.glossary import Explanation
 from imumon.messages import uncertainty
 from imumon.tui import channel_table, charts, convergence_chart, history_chart, panels, text_panels
 from imumon.tui.formatting import Line, Notation, padded, wrap
@@ -27,6 +29,7 @@ class View(Container, can_focus=True):
     """One view: passes the state to its panels."""
 
     title = ""
+    names_caveats: ClassVar[bool] = False
 
     class Changed(Message):
         """The user changed fields of the state in a view."""
@@ -65,6 +68,7 @@ class Overview(ChannelView):
     """All numbers and the Allan deviation of one channel."""
 
     title = "overview"
+    names_caveats = True
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("right,l", "app.sensor(1)", "next quantity: gyro, accel, mag"),
         Binding("left,h", "app.sensor(-1)", "previous quantity"),
@@ -176,6 +180,7 @@ class DeviceView(ScrolledView):
     """Identity and settings of the sensor, and the quality of its transmission."""
 
     title = "device"
+    names_caveats = True
     BINDINGS: ClassVar[list[BindingType]] = _LINE_KEYS
 
     def compose(self) -> ComposeResult:
@@ -268,6 +273,46 @@ class DialogWindow(ModalScreen[str | None]):
             self.dismiss(None)
 
 
+class HelpWindow(DialogWindow):
+    """The keys of a view, and below them its words.
+
+    Parameters
+    ----------
+    keys, words : lines; `words` begins with its title.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("question_mark,f1", "words", "words of this view"),
+        Binding("down,j", "scroll(1)", ""),
+        Binding("up,k", "scroll(-1)", ""),
+        Binding("pagedown,space", "scroll(10)", ""),
+        Binding("pageup", "scroll(-10)", ""),
+    ]
+
+    def __init__(self, title: str, keys: list[Line], words: list[Line], notation: Notation) -> None:
+        super().__init__(title, [*keys, [], *words] if words else keys, notation)
+        self._words_row = len(keys) + 1 if words else 0
+
+    def on_mount(self) -> None:
+        super().on_mount()
+        if self._words_row:
+            arrows = "up, down" if self._notation.ascii else "↑ ↓"
+            self.query_one(ScrolledPanel).border_subtitle = f"? words of this view · {arrows} · esc"
+
+    def action_scroll(self, step: int) -> None:
+        panel = self.query_one(ScrolledPanel)
+        panel.scroll_to(y=panel.scroll_offset.y + step, animate=False)
+
+    def action_words(self) -> None:
+        """Show the words; close the window where they are shown."""
+        panel = self.query_one(ScrolledPanel)
+        place = min(self._words_row, int(panel.max_scroll_y))
+        if panel.scroll_offset.y >= place:
+            self.dismiss(None)
+        else:
+            panel.scroll_to(y=place, animate=False)
+
+
 class SaveDialog(DialogWindow):
     """Asks for the format in which to save."""
 
@@ -314,6 +359,16 @@ def help_lines(view: View, everywhere: list[BindingType], ascii: bool) -> list[L
         if k + half < len(shown):
             line += [(f"{shown[k + half][0]:<7}", "key"), (shown[k + half][1], "text")]
         lines.append(line)
+    return lines
+
+
+def word_lines(entries: Sequence[Explanation]) -> list[Line]:
+    """Return the words of a view with their meanings, as the window shows them; empty without words."""
+    lines: list[Line] = [[("words of this view", "title")]] if entries else []
+    for entry in entries:
+        name = entry.word.replace("_", " ")
+        first, *rest = wrap(entry.sentence, WINDOW_WIDTH)
+        lines += [[(name, "key"), (first[len(name) :], "text")], *([(text, "text")] for text in rest)]
     return lines
 
 

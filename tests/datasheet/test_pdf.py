@@ -25,6 +25,8 @@ from imumon.report import Report
 
 MARGIN = 40.0
 """pt, of a page: 15 mm are 42.5."""
+FOOT, HEAD = 51.0, 785.0
+"""pt from below, between which a page of A4 has its text: margins of 18 and 20 mm."""
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 
 
@@ -79,6 +81,23 @@ def test_nothing_is_beyond_the_margins(pdf: pypdfium2.PdfDocument) -> None:
         boxes = [text.get_charbox(k) for k in range(text.count_chars())]
         assert min(box[0] for box in boxes) > MARGIN
         assert max(box[2] for box in boxes) < width - MARGIN
+
+
+def test_no_page_is_a_third_empty_and_none_has_signatures_alone(pdf: pypdfium2.PdfDocument) -> None:
+    for page in list(pdf)[:-1]:
+        text = page.get_textpage()
+        boxes = [text.get_charbox(k) for k in range(text.count_chars())]
+        lowest = min(box[1] for box in boxes if box[1] > FOOT)
+        assert HEAD - lowest > 2.0 / 3.0 * (HEAD - FOOT), page.get_textpage().get_text_range()[:200]
+    last = pdf[len(pdf) - 1].get_textpage().get_text_range()
+    assert "Signatures" in last
+    assert "Traceability" in last
+
+
+def test_no_sentence_is_there_twice(pdf: pypdfium2.PdfDocument) -> None:
+    lines = " ".join(" ".join(page.get_textpage().get_text_range().split()) for page in pdf)
+    sentences = [s.strip() for s in lines.split(". ") if len(s.split()) > 6 and not s.startswith("#")]
+    assert not [s for s in set(sentences) if sentences.count(s) > 1]
 
 
 @pytest.mark.slow

@@ -118,7 +118,10 @@ async def test_help_names_every_key_of_the_visible_view(app: ImumonApp, pilot: P
             assert what.removeprefix("next ").removeprefix("previous ") in text, what
         window = app.screen.query_one(ScrolledPanel)
         assert "…" not in "".join(t for line in window.lines() for t, _ in line)
-        assert (window.max_scroll_x, window.max_scroll_y) == (0, 0), (key, window.size, len(window.lines()))
+        assert window.max_scroll_x == 0
+        titles = ["".join(t for t, _ in line).strip() for line in window.lines()]
+        # every key is visible at once; only the words below them scroll
+        assert titles.index("words of this view") - 1 <= window.size.height, (key, window.size)
         await pilot.press("escape")
         await pilot.pause()
 

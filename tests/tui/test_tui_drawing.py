@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import reports
 from rich.color import Color as RichColor
+from rich.segment import Segment
 from rich.style import Style
 from screen_driver import drive, driven, status, table_number, visible_text
 from textual.pilot import Pilot
@@ -18,7 +19,7 @@ from textual.pilot import Pilot
 from imumon.tui import export
 from imumon.tui.app import ImumonApp
 from imumon.tui.formatting import length
-from imumon.tui.widgets import ROLES, THEMES, DrawnPanel, RoleStyles, nearest_of_256
+from imumon.tui.widgets import BACKGROUNDS, ROLES, THEMES, DrawnPanel, FewColours, RoleStyles, nearest_of_256
 
 
 @pytest.mark.parametrize("size", [(20, 6), (40, 12), (80, 24), (131, 33), (132, 34), (220, 60)])
@@ -156,3 +157,32 @@ def test_a_terminal_with_256_colours_gets_the_nearest_one_of_each() -> None:
         every = (RichColor.from_ansi(number).get_truecolor() for number in range(16, 256))
         best = min(math.dist(colour, (red, green, blue)) for colour in every)
         assert math.dist(nearest, (red, green, blue)) <= 1.1 * best + 1.0
+
+
+@pytest.mark.parametrize("theme", [theme.name for theme in THEMES])
+@pytest.mark.parametrize("colours", [16, 256])
+def test_few_colours_keep_text_and_areas_apart(theme: str, colours: int) -> None:
+    """A band is one colour, edges included, and differs from the page and from the text on it."""
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        roles, page, few = app.query_one(RoleStyles), app.screen.rich_style.bgcolor, FewColours(colours)
+
+        def shown(role: str) -> Style:
+            return few.apply([Segment("x", roles.style(role, page))], None)[0].style
+
+        plain = shown("text").bgcolor
+        for area in ("band", "bar"):
+            assert shown(f"text/{area}").bgcolor not in (plain, None)
+            assert shown(area).color == shown(f"text/{area}").bgcolor  # an upper edge is text
+        assert shown("page/band").color == plain  # a lower edge: the page on the band
+        assert shown("text/selected").bgcolor != plain
+        for role in {*ROLES} - {"page", "band", "bandkey", "bar", "grid"}:
+            for name in (role, f"{role}/band", f"{role}/selected"):
+                assert shown(name).color != shown(name).bgcolor, name
+        noise = [shown(letter).color for letter in "NBK"]
+        assert len(set(noise)) == 3
+        if colours == 16:
+            backgrounds = {shown(f"text/{area}").bgcolor.number for area in BACKGROUNDS}
+            assert max(backgrounds) < 8  # a Linux console has no others
+
+    drive(reports.FakeSource(reports.report()), script, (60, 20), theme=theme)

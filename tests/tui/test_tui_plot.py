@@ -280,3 +280,61 @@ def test_bars_below_the_canvas_are_clipped() -> None:
     canvas = braille_canvas.Canvas(4, 1)
     canvas.fill(0, np.array([1.9, 1.0, -1.0]), np.full(3, 2.0), "bar")
     assert canvas.height == 1
+
+
+spans = st.tuples(st.floats(-1e6, 1e6), st.floats(1e-6, 1e6))
+
+
+@given(span=spans, rows=st.integers(5, 60), from_zero=st.booleans())
+def test_ticks_of_a_linear_axis_are_whole_rows_apart(
+    span: tuple[float, float], rows: int, from_zero: bool
+) -> None:
+    values = np.array([span[0], span[0] + span[1]])
+    if from_zero:
+        values = np.array([0.0, span[1]])
+    scale, ticks = braille_canvas.even(values, rows, 0.0 if from_zero else None)
+    assert scale.low <= values.min()
+    assert scale.high >= values.max()
+    assert len(ticks) >= 2
+    frame = braille_canvas.PlotFrame(
+        braille_canvas.Canvas(20, rows), (8, 0, 12, rows), braille_canvas.AxisScale(0.0, 1.0), scale
+    )
+    cells = np.diff(frame.down(np.array(ticks)).astype(int) // 4)
+    assert len(set(cells.tolist())) == 1, cells
+
+
+@given(least=st.floats(1e-9, 1e6), decades=st.floats(0.1, 6.0), rows=st.integers(3, 60))
+def test_a_logarithmic_axis_of_whole_rows_contains_the_values(
+    least: float, decades: float, rows: int
+) -> None:
+    values = np.array([least, least * 10.0**decades])
+    plain = braille_canvas.logarithmic(values)
+    scale = braille_canvas.whole_rows(plain, rows)
+    assert scale.low <= values.min()
+    assert scale.high >= values.max()
+    assert scale.high / scale.low <= (plain.high / plain.low) ** (1.001 * braille_canvas.ROOM_FOR_ROWS)
+    if scale is not plain:
+        frame = braille_canvas.PlotFrame(
+            braille_canvas.Canvas(20, rows), (8, 0, 12, rows), braille_canvas.AxisScale(0.0, 1.0), scale
+        )
+        cells = np.diff(frame.down(10.0 ** np.array(scale.decades(), dtype=float)).astype(int) // 4)
+        assert len(set(cells.tolist())) <= 1, cells
+
+
+def test_the_distribution_has_two_axes() -> None:
+    lines = text_of(charts.histogram_chart(running(), 60, 14)).splitlines()
+    assert "% per bin" in lines[0]
+    labels = [int(line[:7]) for line in lines[1:] if line[:7].strip()]
+    assert labels[-1] == 0
+    assert len(labels) >= 3
+    assert "┴" in lines[-2]
+    assert lines[-1].rstrip().endswith("[°/s]")
+
+
+def test_the_signal_is_two_lines_and_not_a_solid_bar() -> None:
+    lines = text_of(charts.signal_chart(running(), 100, 20)).splitlines()
+    columns = list(zip(*(line[12:95] for line in lines[1:-1]), strict=True))
+    dotted = [sum("\u2801" <= cell <= "\u28ff" for cell in column) for column in columns]
+    assert "minimum to maximum of each 0.5 s" in lines[0]
+    assert np.median(dotted) <= len(lines[1:-1]) / 2
+    assert min(dotted) >= 1

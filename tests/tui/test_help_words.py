@@ -1,0 +1,79 @@
+"""The key `?`: the keys of a view, and below them what the words on it mean."""
+
+from __future__ import annotations
+
+import pytest
+import reports
+from screen_driver import drive, driven
+from textual.pilot import Pilot
+
+from imumon.glossary import explain, words_in
+from imumon.tui.app import ImumonApp
+from imumon.tui.widgets import ScrolledPanel
+
+
+def _words(app: ImumonApp) -> str:
+    lines = app.screen.query_one("#window", ScrolledPanel).lines()
+    text = "\n".join("".join(part for part, _ in line) for line in lines)
+    return " ".join(text.partition("words of this view")[2].split())
+
+
+EXPECTED = {
+    "1": ("K is random walk of the rate.", "open: ", "consumer: ", "aliased: "),
+    "2": ("kurtosis: ", "drift: "),
+    "3": ("alias factor: The factor by which N is too high", "overrun: "),
+    "6": ("upper bound, bound, ↓: ",),
+    "7": ("open: ", "ready, ✓: "),
+}
+"""Beginnings of explanations by the key of a view of 80 x 24 cells."""
+
+
+@driven(lambda: reports.FakeSource(reports.report(caveats=("aliased",))), size=(80, 24))
+async def test_it_explains_the_words_of_each_view(app: ImumonApp, pilot: Pilot[int]) -> None:
+    for key in "1234567":
+        await pilot.press(key)
+        await pilot.pause()
+        await pilot.press("question_mark")
+        await pilot.pause()
+        words = _words(app)
+        assert "gap: Samples that the clock of the sensor shows" in words  # of the status line
+        for beginning in EXPECTED.get(key, ()):
+            assert beginning in words, (key, beginning)
+        if key != "1":  # a view that names no caveat explains none
+            assert ("aliased: " in words) is (key == "3")
+        window = app.screen.query_one("#window", ScrolledPanel)
+        await pilot.press("question_mark")
+        await pilot.pause()
+        assert window.scroll_offset.y > 0
+        await pilot.press("question_mark")
+        await pilot.pause()
+        assert len(app.screen_stack) == 1
+
+
+def test_in_ascii_the_signs_are_those_on_the_screen() -> None:
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        await pilot.press("question_mark")
+        await pilot.pause()
+        assert "+-: Half of the 95 % limits" in _words(app)
+        assert "x/: The 95 % limits as a factor" in _words(app)
+
+    drive(reports.FakeSource(reports.report()), script, (80, 24), ascii=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("< 41 open ↓", "open"),
+        ("meets industrial", "industrial"),
+        ("3 gaps", "gap"),
+        ("warm-up 0 s", "warm-up"),
+    ],
+)
+def test_a_word_is_explained_by_the_name_that_the_screen_has(text: str, word: str) -> None:
+    entries = {name: entry for entry in words_in(text) for name in entry.word.split(", ")}
+    assert word in entries
+    assert entries[word].text == explain(word).text
+
+
+def test_a_letter_in_a_name_is_no_coefficient() -> None:
+    assert not {entry.word for entry in words_in("VN-100T-CR MTi-3 knock 5 k")} & {"N", "B", "K", "M", "T"}
