@@ -31,6 +31,7 @@ from imumon.api.record_analysis import (
     checked_precision,
     given_options,
     one_thread,
+    require_noise,
 )
 from imumon.api.sensor_arrays import checked_rate
 from imumon.api.traceability import evaluated, with_provenance
@@ -181,6 +182,7 @@ class Live:
         with python_wording(), one_thread():
             ended = copy.deepcopy(self)
             report = ended._ended()
+            require_noise(self._options, report)
             report = with_provenance(
                 report, None, given_options(self._options), self._options.guarded, "arrays of a program"
             )

@@ -148,6 +148,7 @@ def measured(
     """
     remarks: list[str] = []
     report = replay(options, progress=progress, bus=bus, remark=remarks.append)
+    require_noise(options, report)
     reason = "arrays of a program"
     report = with_provenance(report, options.path or None, given_options(options), options.guarded, reason)
     # those of the device are in the report; what is left says why the recording ended early
@@ -227,11 +228,15 @@ def _taus(taus: str | Sequence[float] | None) -> Taus | None:
 
 
 def array_remarks(options: ReplayOptions, report: Report) -> tuple[str, ...]:
-    """Return remarks on what a call leaves open; raise an error if the arrays hold no noise at all."""
-    if options.arrays is None:
-        return ()
+    """Return remarks on what a call leaves open."""
+    open_kind = options.arrays is not None and options.samples is None and report.device.stream == "unknown"
+    return (POINT_REMARK,) if open_kind else ()
+
+
+def require_noise(options: ReplayOptions, report: Report) -> None:
+    """Raise an error if no axis of a record has noise: it is not one of a sensor that is on."""
     axes = {name: c for name, c in report.channels.items() if sensor_of(name) in INERTIAL}
     if axes and all("constant" in c.caveats or (c.count > 1 and c.min == c.max) for c in axes.values()):
         text = f"every value of {', '.join(axes)} is the same: there is no noise"
+        text = f"{options.name}: {text}" if options.arrays is None else text
         raise ImumonError("all_constant", text, "pass samples of a sensor that is on, with all their digits")
-    return (POINT_REMARK,) if options.samples is None and report.device.stream == "unknown" else ()

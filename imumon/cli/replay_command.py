@@ -157,7 +157,8 @@ def replay(arguments: argparse.Namespace) -> int:
     noise = [channel.coefficients["N"] for channel in report.channels.values() if "N" in channel.coefficients]
     if all(estimate.status == "pending" for estimate in noise):  # scripts see nothing but empty cells
         reasons = "; ".join(dict.fromkeys(estimate.reason for estimate in noise if estimate.reason))
-        print_message(f"{wanted.name}: no value of N{f': {reasons}' if reasons else ''}")
+        name = arguments.files[0] if len(arguments.files) == 1 else f"{len(arguments.files)} recordings"
+        print_message(f"{name}: no value of N{f': {reasons}' if reasons else ''}")
     return SUCCESS
 
 
