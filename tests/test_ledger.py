@@ -132,6 +132,35 @@ def test_stamps_that_repeat_are_repeats(tmp_path: Path) -> None:
     assert merged(decoder.ledger, monitor.left_out()) == {"received": 503, "repeated": 3}
 
 
+@pytest.mark.parametrize("stuck", [slice(600, 1000), slice(1000, 2000), slice(0, 500)])
+@pytest.mark.parametrize("resumes", ["ahead", "where it stopped"])
+def test_a_clock_that_stands_still_is_counted_live_and_recorded(
+    tmp_path: Path, stuck: slice, resumes: str
+) -> None:
+    """The samples have no place, those with a running clock have the right N and rate, and the report says it."""
+    rng, t = np.random.default_rng(4), np.arange(2000) * 10
+    lost = t[stuck].copy()
+    t[stuck] = lost[0]
+    if resumes == "where it stopped":
+        t[stuck.stop :] -= lost[-1] - lost[0]
+    rows = [f"{k},{','.join(f'{x:.6f}' for x in rng.normal(0.0, 1e-3, 3))}" for k in t]
+    decoder, monitor = LineDecoder({"columns": "t_ms,gx,gy,gz"}), Monitor()
+    for block in [*decoder.feed("\n".join([*rows, ""]).encode()), *decoder.finish()]:
+        monitor.feed(block)
+    monitor.flush()
+    live = merged(decoder.ledger, monitor.left_out(), {"samples": monitor.samples})
+    assert live == {"received": 2000, "samples": 2001 - len(lost), "repeated": len(lost) - 1}
+    path = tmp_path / "a.csv"
+    names = "t [ms],gx [rad/s],gy [rad/s],gz [rad/s]"
+    path.write_text("\n".join([names, *rows, ""]))
+    report, remarks = replayed(path)
+    recorded = dict(report.session.ledger)
+    assert (recorded["samples"], recorded["repeated"]) == (live["samples"], live["repeated"])
+    assert f"{len(lost) - 1:,} samples have the time of the sample before" in remarks
+    assert report.device.sample_rate_hz == pytest.approx(100.0)
+    assert report.channels["gyro/y"].N.low < 1e-4 < report.channels["gyro/y"].N.high
+
+
 def test_lines_of_every_kind_are_counted() -> None:
     text = b"MPU ready\n\n# hello\nt_ms,gx,gy,gz\n0,1,2,3\n10,1,nan,3\n20,1,2\n30,1,x,3\n40,1,2,3\n50,1"
     decoder = LineDecoder({})

@@ -142,10 +142,22 @@ class ReplayedRecord:
         noted, assumed = list(self.recording.remarks), self.recording.assumed_unit
         if assumed in noted and current.session.mostly_excluded:
             noted[noted.index(assumed)] = f"most of it is excluded, as with a wrong unit: {assumed}"
-        remarks = tuple(map(plain, (*noted, *breaks, *remark)))
+        remarks = tuple(map(plain, (*noted, *self._wrong_times(), *breaks, *remark)))
         columns = report.RecordingDescription(columns=tuple(self.recording.columns))
         recording = columns if columns.columns else None
         return replace(current, device=replace(current.device, remarks=remarks), recording=recording)
+
+    def _wrong_times(self) -> tuple[str, ...]:
+        """Return a remark on the samples that have no place in time; none: there are no such samples."""
+        left_out, remarks = self.monitor.left_out(), []
+        for reason, fault in (
+            ("repeated", "the time of the sample before, as of a clock that stands still"),
+            ("wrong_time", "a time that their neighbours refute"),
+        ):
+            if count := left_out.get(reason, 0):
+                samples = "1 sample has" if count == 1 else f"{count:,} samples have"
+                remarks.append(f"{samples} {fault}: left out, because their place is not known")
+        return tuple(remarks)
 
     def final(self) -> Report:
         """Return the report of a recording that has ended, with its events.

@@ -7,7 +7,7 @@ a step is, in intervals since the last sample that was placed:
 |---|---|---|
 | 1 | the next sample | is placed |
 | 2 to `FAR_S` | a gap of known length: samples were lost | is placed |
-| 0 | a duplicate | is excluded and counted |
+| 0 | a duplicate, or the clock stood still | is excluded and counted |
 | below 0 | a wrong stamp if the next sample continues the old time, else a restart | is excluded, or behind a `BREAK` |
 | beyond `FAR_S` | a wrong stamp if the next sample continues the old time, else a gap | waits for the next sample |
 | longer than the host clock allows | a clock that was set, or a device that restarted | is placed behind a `BREAK` |
@@ -134,7 +134,7 @@ class SampleClock:
     Attributes
     ----------
     interval_s : s, or None while it is being learned; until then samples are held back.
-    duplicates : samples that arrived twice; excluded.
+    duplicates : samples with the time of the one before; excluded.
     wrong_times, out_of_order : samples whose time the next one refutes: beyond it, and before the time that continues;
         excluded.
     rest : samples from a change of the rate on, which belong to another grid; None: it has not changed.

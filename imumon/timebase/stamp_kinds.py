@@ -16,6 +16,8 @@ A kind follows from what the stamps show (`StampEvidence`):
   The candidate that leaves the smallest delay on the grid, and loses the fewest samples, is used.
 - The resolution to which the stamps are rounded.
 
+Rows whose stamps stood still for a part of the record (`stuck_rows`) are no evidence of any kind.
+
 This module reads no clock: times in, a decision out.
 
 Example: a sensor at 100 Hz, stamped by its clock, and in batches of ten rows by a host.
@@ -42,7 +44,7 @@ from functools import cached_property
 
 import numpy as np
 
-from imumon.samples import FASTEST_HZ, SLOWEST_HZ, Floats, Ints
+from imumon.samples import FASTEST_HZ, SLOWEST_HZ, Bools, Floats, Ints
 from imumon.timebase.interval import (
     AMBIGUOUS,
     RATE_PRECISION,
@@ -81,6 +83,10 @@ those of their arrival; a sensor that loses four of five samples has less."""
 
 BURST_GAPS = 3
 """Longest gaps that do not count for this ratio."""
+
+STUCK_RUNS = 4.0
+"""Ratio of the length of a run of rows with one stamp to that of most runs, above which the stamps were stuck, chosen:
+where rows arrive in batches, runs differ by less."""
 
 LOSS_DOUBTED = 0.01
 """Share of lost samples above which an estimate without losses is tried as well."""
@@ -234,7 +240,8 @@ class StampEvidence:
     def __init__(self, candidate: StampCandidate, resolution: float) -> None:
         times = candidate.times
         # before the conversion: floats of nanoseconds since 1970 would have steps of 256 ns
-        self._times = (times - times[0]).astype(np.float64) if len(times) else np.empty(0)
+        relative = (times - times[0]).astype(np.float64) if len(times) else np.empty(0)
+        self._times = relative[~stuck_rows(relative)]
         self._resolution = resolution
         self.rows, self.of_sensor = len(times), candidate.of_sensor
         steps = np.diff(self._times)
@@ -258,6 +265,36 @@ class StampEvidence:
     @cached_property
     def _estimate(self) -> tuple[float, bool]:
         return stamp_interval(self._times, self._resolution)
+
+
+def stuck_rows(times: Floats) -> Bools:
+    """Return (n,) which rows have the stamp of the row before because the clock stood still.
+
+    Such rows are many more than arrive at once elsewhere, and no long step is before them, as after a stall. What their
+    time was is not known: `SampleClock` places none of them.
+
+    Parameters
+    ----------
+    times : (n,) in any unit.
+
+    >>> ticks = np.arange(2000.0)
+    >>> ticks[600:1000] = 600.0
+    >>> int(stuck_rows(ticks).sum()), int(stuck_rows(np.ceil(np.arange(2000.0) / 300.0)).sum())
+    (399, 0)
+    """
+    steps = np.diff(times)
+    begins = np.concatenate([[0], np.flatnonzero(steps) + 1]) if len(times) else np.empty(0, np.int64)
+    lengths = np.diff(np.append(begins, len(times)))
+    stuck = np.zeros(len(times), dtype=bool)
+    if len(begins) <= FEW_STEPS or not (steps > 0.0).any():
+        return stuck
+    longest = max(float(LONG_WINDOW), STUCK_RUNS * float(np.median(lengths)))
+    step = float(np.median(steps[steps > 0.0])) / float(np.median(lengths))
+    for begin, length in zip(begins[lengths > longest], lengths[lengths > longest], strict=True):
+        before = float(steps[begin - 1]) if begin else 0.0
+        if before < 0.5 * length * step:
+            stuck[begin + 1 : begin + length] = True
+    return stuck
 
 
 def shows_rate(times: Floats) -> bool:
@@ -354,7 +391,10 @@ def _lossless_interval(times: Floats) -> float:
     interval = float(times[-1] - times[0]) / (len(times) - 1)
     for _ in range(4):  # which rows are the least delayed depends on the interval
         edge = sliding_minimum(times / interval - rows, min(LONG_WINDOW, max(1, half)))
-        interval *= 1.0 + float(np.median(edge[half:] - edge[: len(edge) - half])) / max(1, half)
+        scaled = interval * (1.0 + float(np.median(edge[half:] - edge[: len(edge) - half])) / max(1, half))
+        if scaled <= 0.0:  # one half does not step at all
+            break
+        interval = scaled
     return interval
 
 
