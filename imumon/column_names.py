@@ -218,7 +218,7 @@ _FOURTH = {"x": ("w",), "0": ("3",), "1": ("0", "4"), "roll": (), "beta": (), "p
 """Names beside those of three axes that make a quaternion or a list of them, by the first of the three."""
 
 _GLUED = {
-    "gyro": re.compile("gyro"),
+    "gyro": re.compile("gyro|angular(rate|vel)|angvel"),
     "accel": re.compile("accel|^acc(?![uo])"),
     "mag": re.compile("^mag(?!n?itude)"),
 }

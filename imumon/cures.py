@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 OPTIONS = {"kind": "--stream", "columns": "--map", "rate_hz": "--rate", "topic": "--topic", "sensor": "--sensor",
-           "where": "--where"}  # fmt: skip
+           "where": "--where", "definitions": "--msg"}  # fmt: skip
 """Option of the command line by field of `ReadOptions`: the parser takes these names, and cures have them."""
 
 

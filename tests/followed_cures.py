@@ -51,7 +51,7 @@ def follow(path: Path, given: ReplayOptions, arguments: list[str]) -> ReplayOpti
     cured = replay_options(parsers()[1]["replay"].parse_args([str(path), *arguments]), str(path))
     merged = {
         field: getattr(cured, field)
-        for field in ("kind", "rate_hz", "sensor", "topic")
+        for field in ("kind", "rate_hz", "sensor", "topic", "definitions")
         if getattr(cured, field)
     }
     return replace(
@@ -106,4 +106,6 @@ def _ways(
     assert alternatives or "--rate" in cure, error
     for arguments in alternatives:
         if "..." not in " ".join(arguments):
-            yield from outcomes(path, follow(path, options, arguments), steps - (not asked), known)
+            followed = follow(path, options, arguments)
+            assert followed != options, f"a cure that is followed already: {error}"
+            yield from outcomes(path, followed, steps - (not asked), known)

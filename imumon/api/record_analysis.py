@@ -63,6 +63,7 @@ def analyse(
     sensor: str | None = None,
     stream: str | None = None,
     where: Mapping[str, str] | None = None,
+    msg: str | os.PathLike[str] | None = None,
     guards: bool = True,
     filter: str | None = None,
     precision: Mapping[str, float] | None = None,
@@ -89,6 +90,7 @@ def analyse(
     columns : by channel, ``{"gyro/x": "wx:deg/s", "t": "stamp:ns"}``, of a table whose names do not say it.
     topic, sensor, stream : which topic of a log, which sensor of a table, and which of several streams.
     where : by column of a table, the value of the rows that are read, ``{"sensor": "4"}``.
+    msg : path of a ``.msg`` file, or of a directory of them, with types of messages that a bag does not define.
     guards : exclude disturbances, motion and warm-up.
     filter : of the sensor, where the record does not say: ``none``, ``factory``, ``8`` samples, ``8@1000`` Hz.
     precision : requested half-width of the 95 % limits by letter, as a share of the value.
@@ -118,6 +120,7 @@ def analyse(
             topic=topic,
             sensor=sensor,
             where=where,
+            definitions=None if msg is None else os.fspath(msg),
             filter=None if filter is None else SensorFilter.parse(filter),
             exact=_taus(taus) or ("octave" if exact else None),
             units=dict(units or {}),
@@ -165,6 +168,7 @@ def given_options(options: ReplayOptions) -> dict[str, str]:
         "--topic": options.topic,
         "--sensor": options.sensor,
         "--where": ",".join(f"{name}={value}" for name, value in (options.where or {}).items()) or None,
+        "--msg": options.definitions,
         "--taus": _taus_text(options.exact),
         "--filter": options.filter.text if options.filter else None,
         "--no-guards": None if options.guarded else "",

@@ -43,6 +43,8 @@ def add_read_options(parser: argparse._ActionsContainer) -> None:
     add(OPTIONS["sensor"], choices=("gyro", "accel"), help=text)
     text = "rows of a table that are read, where a column says which sensor they are of; repeatable"
     add(OPTIONS["where"], action=options.Joined, metavar="COLUMN=VALUE", help=text)
+    text = "definition of messages that a bag of ROS does not have: a .msg file, or a directory of them"
+    add(OPTIONS["definitions"], metavar="PATH", help=text)
     text = (
         "filter of the sensor, where the recording does not say: the samples that it averages, and their rate"
     )
@@ -101,6 +103,7 @@ def replay_options(arguments: argparse.Namespace, path: str, **more: Any) -> Any
         sensor=arguments.sensor,
         where=parse_where(arguments.where) if arguments.where else {},
         filter=arguments.filter,
+        definitions=arguments.msg,
         exact=(arguments.taus or "octave") if arguments.exact else None,
         **more,
     )

@@ -72,6 +72,7 @@ class ReadOptions:
     block_bytes : bytes of a raw capture that are decoded at once.
     units : unit by sensor, also of ``time``, of a table; others are found by the names.
     samples : ``point``, ``average`` or ``increment``, what a number of a table is; None: by the names.
+    definitions : path of a ``.msg`` file, or of a directory of them, for messages that a bag does not define.
     """
 
     kind: Kind | None = None
@@ -83,6 +84,7 @@ class ReadOptions:
     block_bytes: int = BLOCK_BYTES
     units: Mapping[str, str] = field(default_factory=dict)
     samples: Samples | None = None
+    definitions: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

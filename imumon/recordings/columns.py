@@ -547,6 +547,16 @@ def reference(index: int, names: Sequence[str]) -> str:
         return str(index + 1)
 
 
+def mapped(table_layout: ColumnLayout, names: Sequence[str]) -> dict[str, str]:
+    """Return the columns of sensors and the first time of a stream, as ``--map`` has them."""
+    columns = dict(zip(table_layout.channels, table_layout.columns, strict=True))
+    columns |= {"t": table_layout.times[0]} if table_layout.times and not table_layout.split_time else {}
+    return {
+        channel: reference(column.index, names) + (f":{column.unit}" if column.unit else "")
+        for channel, column in columns.items()
+    }
+
+
 def parse_map(text: str) -> dict[str, str]:
     """Return ``gyro/x=wx:deg/s,t=stamp:ns`` as a dict; raise `OptionError` if it has another form."""
     columns = {}

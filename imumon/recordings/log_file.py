@@ -23,8 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from imumon.recordings.base import ReadOptions, RecordingError, RowSource
-from imumon.recordings.columns import LISTED, ColumnLayout, layout
+from imumon.cures import OPTIONS, option_text
+from imumon.recordings.base import OptionError, OptionNotApplicable, ReadOptions, RecordingError, RowSource
+from imumon.recordings.columns import LISTED, ColumnLayout, layout, mapped
 from imumon.recordings.log_process.base import Topic
 from imumon.recordings.table import Table
 from imumon.report_json import plain
@@ -65,6 +66,19 @@ def log_kind(path: str, head: bytes) -> str | None:
     return next((kind for magic, kind in MAGIC.items() if head.startswith(magic)), None)
 
 
+def _definitions(options: ReadOptions, kind: str) -> list[str]:
+    """Return the path of definitions as an argument; raise `OptionError` if it cannot be used."""
+    path = options.definitions
+    if path is None:
+        return []
+    option = OPTIONS["definitions"]
+    if kind != "bag":
+        raise OptionNotApplicable("msg_not_applicable", f"{option} is for bags of ROS", "leave it out")
+    if not os.path.exists(path):
+        raise OptionError("no_such_file", f"no file or directory {path} for {option}", "check its name")
+    return [path]
+
+
 class LogFile(Table):
     """Messages of one topic as blocks of samples.
 
@@ -83,7 +97,7 @@ class LogFile(Table):
         self._pipe, other_end = Pipe()
         with other_end:
             self._process = Popen(
-                [*PROGRAM, kind, path, str(other_end.fileno())],
+                [*PROGRAM, kind, path, str(other_end.fileno()), *_definitions(options, kind)],
                 pass_fds=[other_end.fileno()],
                 stdin=DEVNULL,
                 stdout=DEVNULL,
@@ -198,15 +212,8 @@ class LogFile(Table):
         known = {channel: plain(text) for channel, text in topic.map.items()}
         if not given and self._topic_index not in self._imus():
             if not names:
-                # rosbag2 before Iron keeps none in a .db3, and messages in JSON or protobuf have none of ROS
-                text = f"{self.path} has no definition of {topic.type}, the messages of {topic.name}"
-                cure = "record it to MCAP, which keeps definitions: ros2 bag record -s mcap, or ros2 bag convert where "
-                cure += "the package of the type is installed"
-                raise RecordingError("no_definition", text, cure)
-            fields = ", ".join(names)
-            text = f"the topic {topic.name} of {self.path} ({topic.type}) is not known as an IMU"
-            cure = f"name its fields with --map gyro/x=FIELD:UNIT,...; there are {fields}"
-            raise RecordingError("unknown_fields", text, cure)
+                raise self._no_definition()
+            raise self._unknown_fields(names)
         if options.kind == "deltas" and not topic.averaged:
             text = f"{topic.name} of {self.path} has no averages over its interval"
             raise RecordingError("no_stream", text, "leave --stream out")
@@ -219,6 +226,34 @@ class LogFile(Table):
         except RecordingError as error:
             raise error.of(self.path) from None
         return replace(table_layout, kind="deltas" if topic.averaged else options.kind or "unknown")
+
+    def _no_definition(self) -> RecordingError:
+        """Return the error for messages whose fields are not known."""
+        topic = self._topic
+        text = f"{self.path} has no definition of {topic.type}, the messages of {topic.name}"
+        if " in " in topic.type:
+            return RecordingError(
+                "no_definition", text, "write it with messages in JSON, or as a bag of ROS 2"
+            )
+        # rosbag2 before Iron keeps none in a .db3
+        option = option_text(topic=topic.name, definitions=f"{topic.type.rpartition('/')[2]}.msg")
+        cure = f"{option} with the file of its package or the directory, or record it with ros2 bag record -s mcap"
+        return RecordingError("no_definition", text, cure)
+
+    def _unknown_fields(self, names: list[str]) -> RecordingError:
+        """Return the error for a topic of another type, with the fields whose names show a sensor."""
+        topic = self._topic
+        text = f"the topic {topic.name} of {self.path} ({topic.type}) is not known as an IMU"
+        fields = ", ".join(names)
+        try:
+            proposed = mapped(layout(names), names)
+        except RecordingError:
+            cure = f"name its fields with --map gyro/x=FIELD:UNIT,...; there are {fields}"
+            return RecordingError("unknown_fields", text, cure)
+        if "t" in topic.map and "t" not in proposed:
+            proposed["t"] = topic.map["t"]
+        option = option_text(topic=topic.name, columns=proposed)
+        return RecordingError("unknown_fields", text, f"by their names, {option}; there are {fields}")
 
     def _notes(self, options: ReadOptions, remarks: Any) -> list[str]:
         """Return remarks on the choice of the topic and on the log."""

@@ -138,6 +138,9 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     if (kind := log_kind(path, head)) is not None:
         _refuse_where(path, options)
         return LogFile(path, kind, options)
+    if options.definitions is not None:
+        text = f"{OPTIONS['definitions']} is for bags of ROS, and {path} is none"
+        raise OptionNotApplicable("msg_not_applicable", text, "leave it out")
     arrays = array_kind(path, head)
     opened = RawCapture(path) if arrays is None else ArrayFile(path, arrays, options)
     if options.topic is not None:

@@ -110,6 +110,7 @@ class ReplayOptions:
     filter : of the sensor; used where the recording does not say. None: not known.
     units : unit by sensor, also of ``time``; others are found by the names of columns.
     samples : ``point``, ``average`` or ``increment``; None: by the names of columns.
+    definitions : path of a ``.msg`` file, or of a directory of them, for messages that a bag does not define.
     exact : averaging times of the exact Allan deviation, which needs memory for all samples; None: leave it out.
     """
 
@@ -130,6 +131,7 @@ class ReplayOptions:
     exact: Taus | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     samples: Samples | None = None
+    definitions: str | None = None
 
     @property
     def name(self) -> str:
@@ -149,6 +151,7 @@ class ReplayOptions:
             BLOCK_BYTES if self.pace is None else PACED_BLOCK_BYTES,
             self.units,
             self.samples,
+            self.definitions,
         )
         if self.arrays is not None:
             return MemoryTable(self.arrays, options)

@@ -2,7 +2,8 @@
 
 __main__          limits, and the exchange with `log_file`
 base              topics of a log
-bag_reader        rosbag 1, rosbag 2, MCAP
+bag_reader        rosbag 1, rosbag 2, MCAP of ROS
+mcap_reader       JSON in other MCAP files
 message_fields    fields of serialised ROS messages
 ulog_reader       PX4 ULog
 dataflash_reader  ArduPilot DataFlash (.BIN)

@@ -38,8 +38,13 @@ def limit(path: Path) -> None:
         resource.setrlimit(name, (value, value))
 
 
-def opened(kind: str, path: Path) -> Log:
-    """Return the log of a kind: ``bag``, ``px4`` or ``ardupilot``."""
+def opened(kind: str, path: Path, definitions: Path | None) -> Log:
+    """Return the log of a kind: ``bag``, ``px4`` or ``ardupilot``.
+
+    Parameters
+    ----------
+    definitions : file or directory with definitions of messages that a bag lacks; None: none are given.
+    """
     if kind == "px4":
         from imumon.recordings.log_process.ulog_reader import ULogLog
 
@@ -48,12 +53,16 @@ def opened(kind: str, path: Path) -> Log:
         from imumon.recordings.log_process.dataflash_reader import DataFlashLog
 
         return DataFlashLog(path)
+    from imumon.recordings.log_process.mcap_reader import McapLog, is_without_ros
+
+    if is_without_ros(path):
+        return McapLog(path)
     from imumon.recordings.log_process.bag_reader import BagLog
 
-    return BagLog(path)
+    return BagLog(path, definitions)
 
 
-def serve(kind: str, path: Path, pipe: Connection) -> None:
+def serve(kind: str, path: Path, pipe: Connection, definitions: Path | None = None) -> None:
     """Send the topics of a log, receive which is wanted, and send its rows."""
 
     def send(fields: dict[str, Any]) -> None:
@@ -61,7 +70,7 @@ def serve(kind: str, path: Path, pipe: Connection) -> None:
 
     with suppress(EOFError, OSError):  # the parent has enough
         try:
-            log = opened(kind, path)
+            log = opened(kind, path, definitions)
             topics = [asdict(topic) for topic in log.topics]
             notes = {"unused": log.unused, "remarks": log.remarks, "problem": log.problem}
             send({"topics": topics, "facts": log.facts, **notes})
@@ -80,4 +89,4 @@ def serve(kind: str, path: Path, pipe: Connection) -> None:
 
 if __name__ == "__main__":
     limit(Path(sys.argv[2]))
-    serve(sys.argv[1], Path(sys.argv[2]), Connection(int(sys.argv[3])))
+    serve(sys.argv[1], Path(sys.argv[2]), Connection(int(sys.argv[3])), *map(Path, sys.argv[4:5]))

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,9 +40,10 @@ class BagLog(Log):
     Parameters
     ----------
     path : file, or directory with ``metadata.yaml``.
+    definitions : file ``.msg``, or directory of such files, with types that the bag does not define; None: none.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, definitions: Path | None = None) -> None:
         from rosbags import rosbag1, rosbag2
         from rosbags.typesys import Stores, get_typestore
 
@@ -51,10 +52,15 @@ class BagLog(Log):
         self._reader.open()
         store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
         self._cdr = not first
-        self._known = dict(store.fielddefs)
+        # types that came later are known beside those of the release
+        latest = {} if first else dict(get_typestore(Stores.LATEST).fielddefs)
+        self._known = {**latest, **store.fielddefs}
         self._digest = store.generate_msgdef(IMU)[1] if first else store.hash_rihs01(IMU)
         self._connections: list[list[Any]] = []  # of each topic
         self._fields: list[MessageFields | None] = []
+        if definitions is not None:
+            types = {connection.msgtype for connection in self._reader.connections}
+            self._known |= given_definitions(definitions, types)
         self.topics = self._topics()
         files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
         if any(map(has_unchecked_messages, files)):
@@ -152,6 +158,32 @@ def _definitions(connection: Any) -> dict[str, Any]:
     if form == MessageDefinitionFormat.MSG:
         return dict(get_types_from_msg(text, connection.msgtype))
     return dict(get_types_from_idl(text)) if form == MessageDefinitionFormat.IDL else {}
+
+
+MOST_DEFINITIONS = 5000
+"""Files of definitions that are read: a distribution of ROS has some 2,000 messages."""
+
+
+def given_definitions(path: Path, types: Collection[str]) -> dict[str, Any]:
+    """Return the types that a file ``.msg`` defines, or those of a directory, which may be that of a package.
+
+    The package is the directory above ``msg``; without one, it is that of a type of the bag with the name of the file.
+
+    Parameters
+    ----------
+    types : of the bag.
+    """
+    from rosbags.typesys import get_types_from_msg
+
+    files = sorted(path.rglob("*.msg"))[:MOST_DEFINITIONS] if path.is_dir() else [path]
+    defined: dict[str, Any] = {}
+    packages = {kind.rpartition("/")[2]: kind.split("/")[0] for kind in types}
+    alone = next(iter(packages.values())) if len(set(packages.values())) == 1 else "unknown"
+    for file in files:
+        folder = file.resolve().parent
+        package = folder.parent.name if folder.name == "msg" else packages.get(file.stem, alone)
+        defined |= get_types_from_msg(file.read_text("utf-8", "replace"), f"{package}/msg/{file.stem}")
+    return defined
 
 
 def _topic(name: str, kind: str, count: int, fields: MessageFields | None) -> Topic:
