@@ -256,6 +256,18 @@ def unit_of(sensor: str, letter: str, si: str = "") -> CoefficientUnit:
     return unknown if row is None else row.units.get(sensor, unknown)
 
 
+_MEANS: Mapping[str, tuple[float, str]] = {"gyro": (DEG, "deg/s"), "mag": (1000.0, "mG")}
+
+
+def mean_unit(sensor: str, si: str) -> tuple[float, str]:
+    """Return the factor from SI and the unit in which people read the values of a sensor.
+
+    >>> mean_unit("mag", "gauss"), mean_unit("accel", "m/s^2")
+    ((1000.0, 'mG'), (1.0, 'm/s^2'))
+    """
+    return _MEANS.get(sensor, (1.0, si))
+
+
 BIAS_TERMS = ("slope", "degree_2", "degree_3")
 """Terms of the bias against the temperature in the history, channel unit per degC, degC^2 and degC^3."""
 

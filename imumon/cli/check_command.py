@@ -62,7 +62,9 @@ def check(arguments: argparse.Namespace) -> int:
 
     baseline = options.baseline(arguments.baseline)
     with options.subscriber(arguments) as subscriber:
-        report = options.first_report(subscriber, arguments.id, options.ANSWER_S, "check its service")
+        report = options.first_report(
+            subscriber, arguments.id, options.ANSWER_S, "check its service", arguments
+        )
         ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
         stopped = current_trouble(subscriber, report, time.monotonic() + options.ANSWER_S)
         rivals = report.device.id in subscriber.rivals()

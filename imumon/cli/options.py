@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import fcntl
 import os
+import tempfile
 import time
 from collections.abc import Iterable
 from contextlib import suppress
@@ -19,6 +20,8 @@ from imumon.errors import why
 STREAMS = ("deltas", "uncompensated", "compensated")
 ANSWER_S = 2.0
 """How long to wait for a daemon, or for what it has cached, s."""
+TEMPORARY = "imumon-run-"
+"""Beginning of the name of a temporary directory: of the state of a daemon on an emulator."""
 POLL_S = 0.05
 """Time between two checks for a report, s."""
 
@@ -268,16 +271,29 @@ def _no_daemon(id: str | None, known: list[str], cure: str) -> CommandError:
 
 
 def own_devices(arguments: argparse.Namespace) -> list[str]:
-    """Return the devices whose daemons keep their record in the state directory of this user and run now."""
+    """Return the devices whose daemons run now and keep their record in a directory of this user.
+
+    That is the state directory; if none runs there, the temporary one of a daemon on an emulator.
+    """
     own = []
     with suppress(OSError):
         for lock in sorted(state_directory(settings(arguments)).glob("*.lock")):
-            with suppress(OSError), lock.open("rb") as file:
-                try:
-                    fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-                except BlockingIOError:  # a running daemon has locked it
-                    own.append(lock.stem)
+            own += [lock.stem] if _is_locked(lock) else []
+    for directory in [] if own else sorted(Path(tempfile.gettempdir()).glob(f"{TEMPORARY}*")):
+        with suppress(OSError):
+            if directory.lstat().st_uid == os.getuid():  # anybody may make one of this name
+                own += [lock.stem for lock in sorted(directory.glob("*.lock")) if _is_locked(lock)]
     return own
+
+
+def _is_locked(lock: Path) -> bool:
+    """Return whether a running daemon has locked a file."""
+    with suppress(OSError), lock.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
 
 
 def only_own_device(arguments: argparse.Namespace, subscriber: Any) -> str | None:

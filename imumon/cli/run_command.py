@@ -164,7 +164,7 @@ def _temporary(directory: str | None = None) -> Iterator[str]:
 
     ending = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) == signal.SIG_DFL]
     before = {number: signal.signal(number, terminate) for number in ending}
-    directory = directory or tempfile.mkdtemp(prefix="imumon-")
+    directory = directory or tempfile.mkdtemp(prefix=options.TEMPORARY)
     try:
         interruptible = True
         if not received:

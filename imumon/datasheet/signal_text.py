@@ -11,8 +11,8 @@ import math
 import textwrap
 from collections.abc import Iterator
 
-from imumon.coefficients import BIAS_TERMS, GRADED, SIGNIFICANT, unit_of
-from imumon.messages import drifts_with_temperature, follows_temperature
+from imumon.coefficients import BIAS_TERMS, GRADED, SIGNIFICANT, mean_unit, unit_of
+from imumon.messages import drifts_with_temperature, follows_temperature, joined
 from imumon.report import Change, Channel, Drift, Report
 from imumon.samples import sensor_of
 from imumon.units import duration, figures, pretty, share_text
@@ -31,49 +31,59 @@ def signal_lines(report: Report, width: int | None = None) -> list[str]:
     lines, before = [], ""
     for name, channel in report.channels.items():
         if channel.mean is not None:
-            lines += [_heading(channel)] if sensor_of(name) != before else []
+            lines += [_heading(sensor_of(name), channel)] if sensor_of(name) != before else []
             lines.append(_row(name, channel))
             before = sensor_of(name)
+    channels: dict[str, list[str]] = {}  # by sentence: one that is true of several is written once
     for name, channel in report.channels.items() if lines else ():
-        for text in (f"{name}: {note}" for note in (*_notes(name, channel), *_correlations(name, report))):
-            lines += textwrap.wrap(text, width or len(text), subsequent_indent="  ")
+        for note in (*_notes(name, channel), *_correlations(name, report)):
+            channels.setdefault(note, []).append(name)
+    for note, names in channels.items():
+        text = f"{names[0] if len(names) == 1 else joined(names)}: {note}"
+        lines += textwrap.wrap(text, width or len(text), subsequent_indent="  ")
     return lines
 
 
-def _heading(channel: Channel) -> str:
-    unit = f"in {pretty(channel.unit)}"
+def _heading(sensor: str, channel: Channel) -> str:
+    unit = f"in {pretty(mean_unit(sensor, channel.unit)[1])}"
     return f"{unit:<12}{'bias, 95 %':>24}{'last minute':>12}{'std':>10}{'drift per hour':>21}"
 
 
 def _row(name: str, channel: Channel) -> str:
     """Return bias, last minute and drift of a channel, below `_heading`."""
     shape, drift = channel.distribution, channel.drift
+    factor, _ = mean_unit(sensor_of(name), channel.unit)
     bias = minute = spread = slope = ""
     if shape is not None:
-        bias = with_half_width(shape.bias, shape.bias_low, shape.bias_high) or shape.bias_reason or ""
-        minute = "" if shape.recent_mean is None else f"{shape.recent_mean:.4e}"
-        spread = "" if shape.recent_std is None else f"{shape.recent_std:.2e}"
+        limits = (shape.bias, shape.bias_low, shape.bias_high)
+        bias = with_half_width(*limits, factor=factor) or shape.bias_reason or ""
+        minute = "" if shape.recent_mean is None else f"{factor * shape.recent_mean:.4e}"
+        spread = "" if shape.recent_std is None else f"{factor * shape.recent_std:.2e}"
     if drift is not None:
-        slope = with_half_width(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
+        slope = with_half_width(drift.per_hour, drift.per_hour_low, drift.per_hour_high, factor=factor)
     return f"{name:<12}{bias:>24}{minute:>12}{spread:>10}{slope:>21}".rstrip()
 
 
-def with_half_width(value: float | None, low: float | None, high: float | None, digits: int = 3) -> str:
-    """Return a value with some decimals and the half-width of its limits.
+def with_half_width(
+    value: float | None, low: float | None, high: float | None, digits: int = 3, factor: float = 1.0
+) -> str:
+    """Return a value with some decimals and the half-width of its limits, `factor` times as large.
 
     >>> with_half_width(1.2e-3, 1.1e-3, 1.3e-3), with_half_width(None, None, None)
     ('1.200e-03 ±1.0e-04', '')
     """
     if value is None:
         return ""
-    return f"{value:.{digits}e}" + ("" if low is None or high is None else f" ±{(high - low) / 2.0:.1e}")
+    half = "" if low is None or high is None else f" ±{factor * (high - low) / 2.0:.1e}"
+    return f"{factor * value:.{digits}e}{half}"
 
 
-def spectral_lines(channel: Channel, unit: str = "") -> list[str]:
-    """Return the strongest spectral lines with frequency and amplitude, and how many more there are."""
+def spectral_lines(channel: Channel, unit: str = "", factor: float = 1.0) -> list[str]:
+    """Return the strongest spectral lines with frequency and amplitude in a unit, and how many more there are."""
     lines = channel.spectrum.lines if channel.spectrum is not None else ()
     texts = [
-        f"{line.frequency_hz:.4g} Hz of {line.amplitude:.2g}{unit}" + (f" ({line.name})" if line.name else "")
+        f"{line.frequency_hz:.4g} Hz of {factor * line.amplitude:.2g}{unit}"
+        + (f" ({line.name})" if line.name else "")
         for line in lines[:MOST_LINES]
     ]
     return texts + ([f"{len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else [])
@@ -90,9 +100,9 @@ def turn_on_text(name: str, channel: Channel) -> str:
     return f"{std} {pretty(unit.unit)} (95 %: {low} to {high}, {shape.turn_on_count} power-ups)"
 
 
-def _slope(drift: Drift, unit: str) -> str:
+def _slope(drift: Drift, unit: str, factor: float) -> str:
     """Return how a mean follows the temperature, as a sentence."""
-    slope = with_half_width(drift.per_degC or 0.0, drift.per_degC_low, drift.per_degC_high, 2)
+    slope = with_half_width(drift.per_degC or 0.0, drift.per_degC_low, drift.per_degC_high, 2, factor)
     share = "" if drift.explained is None else f", {share_text(drift.explained)} of the slow variance"
     if drift.temperature_min is not None and drift.temperature_max is not None:
         share += f", from {drift.temperature_min:.1f} to {drift.temperature_max:.1f} {pretty('degC')}"
@@ -102,20 +112,21 @@ def _slope(drift: Drift, unit: str) -> str:
 
 def _notes(name: str, channel: Channel) -> Iterator[str]:
     """Yield the properties that only some channels have, one sentence each."""
-    unit, shape, drift = pretty(channel.unit), channel.distribution, channel.drift
+    factor, readable = mean_unit(sensor_of(name), channel.unit)
+    unit, shape, drift = pretty(readable), channel.distribution, channel.drift
     if shape is not None and shape.gaussian is False and shape.verdict:
         yield shape.verdict
-    if texts := spectral_lines(channel, f" {unit}"):
+    if texts := spectral_lines(channel, f" {unit}", factor):
         yield f"lines at {', '.join(texts)}"
     if channel.model is not None and channel.model.oscillations_s:
         periods = [duration(period) for period in channel.model.oscillations_s]
         yield f"oscillates with a period of {', '.join(periods)}"
     if channel.model is not None and (jumps := channel.model.jumps) is not None:
         times = f"for {duration(jumps.low_s)} and {duration(jumps.high_s)} on the average"
-        yield f"jumps between {jumps.low:.4g} and {jumps.high:.4g} {unit}, {times}"
+        yield f"jumps between {factor * jumps.low:.4g} and {factor * jumps.high:.4g} {unit}, {times}"
     if drift is not None and drift.significant:
         yield "the drift exceeds what the noise explains"
-    yield from _temperature_notes(channel, unit)
+    yield from _temperature_notes(channel, unit, factor)
     if turn_on := turn_on_text(name, channel):
         yield f"turn-on bias repeatability {turn_on}"
     yield from (_change_note(name, channel.unit, change) for change in channel.changes)
@@ -132,18 +143,19 @@ def _change_note(name: str, unit: str, change: Change) -> str:
     return f"{change.quantity} was {before}, is {now} {pretty(scale.unit)} ({against})"
 
 
-def _temperature_notes(channel: Channel, unit: str) -> Iterator[str]:
+def _temperature_notes(channel: Channel, unit: str, factor: float) -> Iterator[str]:
     """Yield how the bias of a channel follows the temperature, one sentence each."""
     drift, curve = channel.drift, channel.bias_curve
     if drifts_with_temperature(drift):
         yield "time and temperature are not separable: the drift includes the effect of the temperature"
     if drift is not None and follows_temperature(drift):
-        yield _slope(drift, unit)
+        yield _slope(drift, unit, factor)
     if curve is not None and curve.is_known and follows_temperature(drift):
         text = f"bias against the temperature of degree {len(curve.terms) - 1}, {curve.degC[0]:.1f} to "
-        text += f"{curve.degC[-1]:.1f} {pretty('degC')}: {with_half_width(*curve.terms[1].limits())} {unit} per degree"
+        slope = with_half_width(*curve.terms[1].limits(factor))
+        text += f"{curve.degC[-1]:.1f} {pretty('degC')}: {slope} {unit} per degree"
         if curve.hysteresis is not None:
-            text += f", hysteresis {with_half_width(*curve.hysteresis.limits())} {unit}"
+            text += f", hysteresis {with_half_width(*curve.hysteresis.limits(factor))} {unit}"
         yield text
 
 

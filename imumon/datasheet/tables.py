@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from imumon.alarms import known
-from imumon.coefficients import COEFFICIENTS, NOISE, Estimate
+from imumon.coefficients import COEFFICIENTS, NOISE, Estimate, mean_unit
 from imumon.devices import registry
 from imumon.ledger import RECEIVED, SAMPLES, ledger_text
 from imumon.messages import (
@@ -277,14 +277,15 @@ def _channel_cells(
     report: Report, letters: Sequence[str], *, limits: bool, std: bool
 ) -> Iterator[tuple[str, ...]]:
     """Yield the cells of each line of `channel_rows`: for each sensor its heads, then its channels."""
-    statistics, before = ("mean", "std")[: 1 + std], ""
+    statistics, before, factor = ("mean", "std")[: 1 + std], "", 1.0
     for name, channel in report.channels.items():
         if (sensor := sensor_of(name)) != before:
             before = sensor
-            heads = [f"in {pretty(channel.unit)}", *(f"{statistic:>{NUMBER}}" for statistic in statistics)]
+            factor, unit = mean_unit(sensor, channel.unit)
+            heads = [f"in {pretty(unit)}", *(f"{statistic:>{NUMBER}}" for statistic in statistics)]
             heads += _letter_heads(report, sensor, letters, limits=limits)
             yield (*heads, *(("grade", "nearest") if channel.grade else ("", ""))[: 1 + limits])
-        numbers = (_number(getattr(channel, statistic)) for statistic in statistics)
+        numbers = (_number(getattr(channel, statistic), factor) for statistic in statistics)
         noise = (coefficient_text(channel.estimates.get(letter), short=not limits) for letter in letters)
         yield (name, *numbers, *noise, *axis_grades(channel)[: 1 + limits])
 
@@ -298,8 +299,8 @@ def _letter_heads(report: Report, sensor: str, letters: Sequence[str], *, limits
         yield f"{letter}{unit}" if known else ""
 
 
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:>{NUMBER}.4e}"
+def _number(value: float | None, factor: float) -> str:
+    return "" if value is None else f"{factor * value:>{NUMBER}.4e}"
 
 
 def grade_lines(report: Report, *, reasons: bool = True) -> list[str]:

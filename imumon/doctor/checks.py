@@ -22,6 +22,7 @@ from imumon.devices.base import (
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
 from imumon.samples import ALIASED
 from imumon.timebase.interval import RATE_TOLERANCE
+from imumon.units import counted
 
 MAX_MISSING = 0.1  # share of missing samples, or relative deficit of the rate, above which a line is unusable
 MAX_PAUSE_S = 1.0  # s without data that need no warning
@@ -241,7 +242,7 @@ def _rate(observation: Observation) -> Check:
         share = missing / (missing + samples)
         cure = f"few gaps are harmless; a full line, a bad cable, a busy machine{OTHER_READER} loses samples"
         status: CheckStatus = "failed" if share > MAX_MISSING else "warning"
-        return Check("rate", status, f"{text}, {missing} samples missing", cure)
+        return Check("rate", status, f"{text}, {counted(missing, 'sample')} missing", cure)
     if nominal is None and observation.clock_ratio is not None:  # the samples have a clock
         return Check("rate", "ok", text)
     if nominal is None:

@@ -20,7 +20,7 @@ from imumon.pipeline.changes import hour_changes
 from imumon.report import WARM_S, Change, Event, Report, SensorGrade, stamp
 from imumon.samples import Ints, Level
 from imumon.timebase.sample_clock import BREAK
-from imumon.units import duration
+from imumon.units import counted, duration
 
 GAP_EVENT_S = 10.0
 """s of device time between two events about gaps, or about resets of the clock: a lossy link or a broken clock
@@ -192,7 +192,7 @@ class EventLog:
             return
         length = self._missing * record.interval_s
         plural = "gap" if self._gaps == 1 else f"{self._gaps} gaps"
-        text = f"{plural}: {self._missing:,} samples missing ({length:.4g} s)"
+        text = f"{plural}: {counted(self._missing, 'sample')} missing ({length:.4g} s)"
         self.add(DetectedEvent("gap", text, elapsed_s, length_s=length))
         self._gaps, self._missing, self._next_gap_s = 0, 0, elapsed_s + GAP_EVENT_S
 

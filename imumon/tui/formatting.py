@@ -10,10 +10,10 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from imumon.coefficients import BOUNDS, INDISTINCT_WORD, Estimate, unit_of
+from imumon.coefficients import BOUNDS, INDISTINCT_WORD, Estimate, mean_unit, unit_of
 from imumon.messages import no_value_text
 from imumon.samples import UNITS, sensor_of
-from imumon.units import DEG, measured, number, pretty
+from imumon.units import measured, number, pretty
 
 Span = tuple[str, str]
 """Text and its role; the widget knows the colour of the role."""
@@ -91,11 +91,9 @@ class Notation:
     def scale(self, channel: str) -> tuple[float, str]:
         """Return the factor from SI and the unit in which the values of a channel are shown."""
         sensor = sensor_of(channel)
-        if not self.si and sensor == "gyro":
-            return DEG, self.unit("deg/s")
-        if not self.si and sensor == "mag":
-            return 1000.0, "mG"
-        return 1.0, self.unit(UNITS.get(sensor, ""))
+        si = UNITS.get(sensor, "")
+        factor, unit = (1.0, si) if self.si else mean_unit(sensor, si)
+        return factor, self.unit(unit)
 
     def deviation(self, channel: str) -> tuple[float, str]:
         """Return the factor from SI and the unit in which an Allan deviation is shown: those of B."""

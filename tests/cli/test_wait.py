@@ -6,6 +6,7 @@ import fcntl
 import json
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import ExitStack
 from dataclasses import replace
@@ -21,7 +22,7 @@ from waiting import until
 
 from imumon.cli.daemon_state import current_trouble
 from imumon.cli.main import parsers
-from imumon.cli.options import only_own_device, report_of, seconds, share
+from imumon.cli.options import TEMPORARY, only_own_device, report_of, seconds, share
 from imumon.cli.wait_condition import WaitCondition
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.report import Event, Report, SensorGrade, SessionCounters
@@ -113,6 +114,7 @@ def test_only_a_daemon_with_a_locked_state_is_the_own_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))  # no daemon of another test on an emulator
     arguments = parsers()[1]["status"].parse_args([])
     for name in ("mine", "ended"):
         (tmp_path / f"{name}.lock").touch()
@@ -265,6 +267,26 @@ def test_of_several_daemons_status_lists_all_and_others_need_a_name() -> None:
         code, _, errors = run_inside(["status", *places, "--id", "carl"])
         assert code == 3
         assert "give one of these with --id: anna, anne, bert" in errors
+
+
+def test_a_daemon_on_an_emulator_is_the_own_one_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It keeps its record in a temporary directory of its user."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    lock = tmp_path / f"{TEMPORARY}run" / "bert.lock"
+    lock.parent.mkdir()
+    (lock.parent / "anna.lock").touch()  # of a daemon that has ended
+    with ExitStack() as both, lock.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        places = []
+        for name in ("anna", "bert"):
+            report = replace(measured(), device=replace(measured().device, id=name))
+            places += ["--connect", both.enter_context(published(report))]
+        until(lambda: len(run_inside(["status", *places])[1].splitlines()) == 2)
+        code, output, errors = run_inside(["status", "--values", *places])
+        assert code == 0
+        assert "this is bert, your own; --id chooses another one: anna" in errors
+        assert "gyro/x" in output
 
 
 def test_it_says_that_the_sensor_is_disconnected(tmp_path: Path) -> None:

@@ -269,7 +269,7 @@ def test_white_noise_has_as_many_effective_samples_as_samples_and_a_walk_few() -
 
 def test_both_tables_name_their_units() -> None:
     heads = [line for line in signal_lines(make_report(200.0)) if "drift per hour" in line]
-    assert [head.split("  ")[0] for head in heads] == ["in rad/s", "in m/s²", "in gauss", "in °C", "in kPa"]
+    assert [head.split("  ")[0] for head in heads] == ["in °/s", "in m/s²", "in mG", "in °C", "in kPa"]
 
 
 def test_wide_limits_are_a_factor() -> None:

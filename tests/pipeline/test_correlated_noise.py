@@ -139,7 +139,7 @@ def test_the_share_of_m_is_its_allan_deviation(report: Report) -> None:
 
 def test_the_tables_have_columns_for_both_and_a_word_for_what_is_open(report: Report) -> None:
     text = report_table(report)
-    head = next(line for line in text.splitlines() if line.startswith("in rad/s"))
+    head = next(line for line in text.splitlines() if line.startswith("in °/s"))
     assert head.index(" M in ") < head.index(" T in s")
     row = next(line for line in text.splitlines() if line.startswith("gyro/y"))
     assert row.count(" open") == 3
