@@ -43,7 +43,10 @@ def doctor(arguments: argparse.Namespace) -> int:
     state, connect = options.state_directory(settings), tuple(arguments.connect or ())
     width = 1 + max(map(len, NAMES))
     with emulator as port:
-        case = Case(settings=settings, faults=faults, port=port, state_directory=state, connect=connect)
+        own = tuple(options.own_devices(arguments)) if not faults else ()
+        case = Case(
+            settings=settings, faults=faults, port=port, state_directory=state, connect=connect, own=own
+        )
         checks = []
         for check in examine(case, print_status):
             print_status("")

@@ -14,7 +14,7 @@ from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message_once
-from imumon.coefficients import BIAS_TERMS, COEFFICIENTS, NOISE, Estimate
+from imumon.coefficients import BIAS_TERMS, COEFFICIENTS, NOISE, Estimate, mean_unit
 from imumon.errors import ImumonError
 from imumon.history_report import LEAST_DAYS, STEPS, HistoryRow, history_rows, objects
 
@@ -189,22 +189,23 @@ def _beside(path: Path) -> Path | None:
 
 def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
     """Yield lines for people: readable units, limits as half-widths."""
-    from imumon.samples import sensor_of
-    from imumon.units import duration, number
+    from imumon.samples import UNITS, sensor_of
+    from imumon.units import duration, number, pretty
 
     empty = True
     for row in history_rows(objects):
         if empty:
             empty = False
             names = "".join(f"{letter:<{ESTIMATE}}" for letter in NOISE)
-            head = f"{'time':<17}{'channel':<12}{names}{'mean':>12}{'°C':>7}{'missing':>10}"
+            head = f"{'time':<17}{'channel':<12}{names}{'mean':>18}{'°C':>7}{'missing':>10}"
             yield f"{head}  step {row.step}\n"
         sensor, known = sensor_of(row.channel), row.coefficients
         noise = "".join(f"{_readable(sensor, letter, known.get(letter)):<{ESTIMATE}}" for letter in NOISE)
-        mean = "–" if row.mean is None else number(row.mean, 5)
+        factor, unit = mean_unit(sensor, UNITS.get(sensor, ""))
+        mean = "–" if row.mean is None else f"{number(factor * row.mean, 5)} {pretty(unit)}"
         heat = "–" if row.temperature is None else f"{row.temperature:.1f}"
         missing = f"{row.missing:,}" if row.missing else "–"
-        line = f"{row.begin:%Y-%m-%d %H:%M} {row.channel:<12}{noise}{mean:>12}{heat:>7}{missing:>10}"
+        line = f"{row.begin:%Y-%m-%d %H:%M} {row.channel:<12}{noise}{mean:>18}{heat:>7}{missing:>10}"
         notes = ["in progress"] * (not row.complete)
         others = [letter for letter in COEFFICIENTS if letter not in NOISE and letter in known]
         notes += [f"{letter} {_readable(sensor, letter, known[letter])}" for letter in others]

@@ -13,7 +13,7 @@ reads is not opened. Checks that need knowledge of a kind of device come from it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +43,7 @@ class Case:
     port: str | None = None  # path or URL; None: of the settings, of a daemon, or the first with a device
     state_directory: Path  # of the daemon
     connect: tuple[str, ...] = ()  # endpoints of daemons; empty: those of the settings
+    own: tuple[str, ...] = ()  # devices of daemons of the same user
     seconds: float = OBSERVE_S  # s for which a device is observed
 
 
@@ -68,7 +69,7 @@ def _examine_ports(
 ) -> Iterator[Check]:
     """Yield the checks of the port and of its device; without a configured port, try one after the other."""
     configured = case.port or case.settings.device.port
-    paths = [configured] if configured else candidate_ports(zenoh)
+    paths = [configured] if configured else candidate_ports(zenoh, case.own)
     if not paths:
         yield checks.NO_PORT
     for path in paths:
@@ -80,10 +81,11 @@ def _examine_ports(
         yield checks.skipped_port(path, port_checks)
 
 
-def candidate_ports(zenoh: ZenohObservation) -> list[str]:
-    """Return the ports to try if none is configured: those of running daemons, else all serial ports."""
-    used = [report.device.port for report in zenoh.reports if report.device.port]
-    return used or [port.path for port in find_ports()]
+def candidate_ports(zenoh: ZenohObservation, own: Collection[str] = ()) -> list[str]:
+    """Return the ports to try if none is configured: of own daemons, else of any daemon, else all serial ports."""
+    used = {report.device.id: report.device.port for report in zenoh.reports if report.device.port}
+    mine = [port for name, port in used.items() if name in own]
+    return mine or list(used.values()) or [port.path for port in find_ports()]
 
 
 def _examine_port(

@@ -114,7 +114,9 @@ def test_only_a_daemon_with_a_locked_state_is_the_own_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))  # no daemon of another test on an emulator
+    monkeypatch.setattr(
+        tempfile, "tempdir", str(tmp_path / "none")
+    )  # no daemon of another test on an emulator
     arguments = parsers()[1]["status"].parse_args([])
     for name in ("mine", "ended"):
         (tmp_path / f"{name}.lock").touch()

@@ -384,6 +384,8 @@ def test_the_port_that_a_daemon_waits_for_is_examined() -> None:
     lost = reports.report(state="waiting")
     zenoh = ZenohObservation(reports=(lost,))
     assert candidate_ports(zenoh) == [lost.device.port]  # not the other ports
+    own = replace(lost, device=replace(lost.device, id="mine", port="/dev/mine"))
+    assert candidate_ports(replace(zenoh, reports=(lost, own)), ["mine"]) == ["/dev/mine"]
     text = f"the daemon {lost.device.id} waits for its sensor on {lost.device.port}"
     assert checks.zenoh(zenoh).text == text
     other = reports.report(id="other")
