@@ -170,13 +170,7 @@ class Monitor:
         """
         # The host clock bridges gaps of a stream without a clock: blocks of other streams took their part of the time.
         passed = None if host_s is None else self._other_streams_s + host_s
-        any_before, received = self._invalid.any, len(block)
-        block = self._invalid.remove(block)
-        self._ledger.add("not_finite", received - len(block))
-        if self._invalid.any and not any_before:
-            text = "a gyroscope or accelerometer value is no number: such samples count as missing"
-            elapsed_s = self._record.accumulators.elapsed_s if self._record else None
-            self._events.add(DetectedEvent("garbage", text, elapsed_s))
+        block = self._of_numbers(block)
         mismatch = self._choose(block.stream) if len(block) else None
         if not len(block) or self._source is None or self._source.stream != block.stream:
             self._other_streams_s = passed or 0.0
@@ -196,6 +190,17 @@ class Monitor:
             )
             mismatch = self.feed(rest) or mismatch
         return mismatch
+
+    def _of_numbers(self, block: SampleBlock) -> SampleBlock:
+        """Return the samples whose values are numbers, and count the others; the first one is an event."""
+        any_before, received = self._invalid.any, len(block)
+        block = self._invalid.remove(block)
+        self._ledger.add("not_finite", received - len(block))
+        if self._invalid.any and not any_before:
+            text = "a gyroscope or accelerometer value is no number: such samples count as missing"
+            elapsed_s = self._record.accumulators.elapsed_s if self._record else None
+            self._events.add(DetectedEvent("garbage", text, elapsed_s))
+        return block
 
     def gap(self, length_s: float | None = None) -> None:
         """Note that the connection was interrupted for `length_s` by the host clock; None: unknown."""

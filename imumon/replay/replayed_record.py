@@ -110,6 +110,28 @@ class ReplayedRecord:
             bus.event(replace(event, device=bus.id))
         self._events.clear()
 
+    def _caveats(self, device: report.DeviceDescription) -> tuple[str, ...]:
+        """Return the caveats of the stream and of the recording, each once."""
+        stream = self.monitor.stream
+        stream_caveats = stream.caveats if stream is not None else ()
+        # those that the daemon noted come first: it could ask the device
+        noted = (self.recording.header or {}).get("caveats", stream_caveats)
+        truncated = () if self.recording.problem is None else ("truncated",)
+        compensated = (caveat for caveat in stream_caveats if caveat == "compensated")
+        aliased = ("aliased",) if device is not self.device and (device.alias_factor or 1.0) > ALIASED else ()
+        return tuple(dict.fromkeys((*noted, *compensated, *aliased, *self.recording.caveats, *truncated)))
+
+    def _remarks(self, current: report.Report) -> list[str]:
+        """Return what the recording leaves open, and why the record began again."""
+        remarks, assumed = list(self.recording.remarks), self.recording.assumed_unit
+        if assumed in remarks and current.session.mostly_excluded:
+            remarks[remarks.index(assumed)] = f"most of it is excluded, as with a wrong unit: {assumed}"
+        breaks = [
+            f"{self._restart_texts[code]}{f' (the last of {n:,} such events)' if n > 1 else ''}"
+            for code, n in self._restarts.items()
+        ]
+        return [*remarks, *self._wrong_times(), *breaks]
+
     def report(self, state: report.State) -> report.Report:
         """Return a report of what has been read so far."""
         session = report.SessionCounters(
@@ -119,30 +141,15 @@ class ReplayedRecord:
             received_bytes=self.recording.fed,
             ledger=self.left_out(),
         )
-        stream = self.monitor.stream
-        stream_caveats = stream.caveats if stream is not None else ()
-        # those that the daemon noted come first: it could ask the device
-        noted = (self.recording.header or {}).get("caveats", stream_caveats)
-        truncated = () if self.recording.problem is None else ("truncated",)
-        compensated = (caveat for caveat in stream_caveats if caveat == "compensated")
         device, remark = self._filtered()
-        aliased = ("aliased",) if device is not self.device and (device.alias_factor or 1.0) > ALIASED else ()
-        caveats = tuple(dict.fromkeys((*noted, *compensated, *aliased, *self.recording.caveats, *truncated)))
         now = datetime.now(UTC)
-        current = self.monitor.report(now, device, state, session, device_caveats=caveats)
+        current = self.monitor.report(now, device, state, session, device_caveats=self._caveats(device))
         for event in self.monitor.events():
             self._note(event.stamped(now, self.device.id))
             if event.kind == "restart":
                 self._restarts[event.code] += 1
                 self._restart_texts[event.code] = event.text
-        breaks = [
-            f"{self._restart_texts[code]}{f' (the last of {n:,} such events)' if n > 1 else ''}"
-            for code, n in self._restarts.items()
-        ]
-        noted, assumed = list(self.recording.remarks), self.recording.assumed_unit
-        if assumed in noted and current.session.mostly_excluded:
-            noted[noted.index(assumed)] = f"most of it is excluded, as with a wrong unit: {assumed}"
-        remarks = tuple(map(plain, (*noted, *self._wrong_times(), *breaks, *remark)))
+        remarks = tuple(map(plain, (*self._remarks(current), *remark)))
         columns = report.RecordingDescription(columns=tuple(self.recording.columns))
         recording = columns if columns.columns else None
         return replace(current, device=replace(current.device, remarks=remarks), recording=recording)
