@@ -22,6 +22,7 @@
 | `tails` | N of noise with heavy tails behind the guards | docs/ACCURACY.md |
 | `threshold` | limits of short records in which B or K just shows | docs/ACCURACY.md |
 | `markov` | what is stated of Gauss–Markov, popcorn and other noise | docs/ACCURACY.md |
+| `growing` | what is drawn of a record at each length of two days, with a temperature | docs/ACCURACY.md |
 | `model_law` | octaves whose limits do not hold the drawn model | exit code |
 | `temperature` | limits of the bias against the temperature | docs/TEMPERATURE.md |
 | `wander` | combined limits of sensors whose N and B wander | docs/ACCURACY.md |
