@@ -22,6 +22,10 @@ from imumon.cli.options import Parser
 from imumon.cli.output import print_report
 from imumon.units import duration
 
+STACK_BYTES = 2 << 20
+"""Stack of each thread of the daemon. The 8 MB of Linux count as data of the process, used or not: with twenty threads
+they are most of what a service may have."""
+
 if TYPE_CHECKING:
     from imumon.daemon import RunResult
 
@@ -224,6 +228,7 @@ def _run_daemon(
     )
     close_log = configure_logging(settings.log.level, settings.log.format)
     try:
+        threading.stack_size(STACK_BYTES)
         with kept():
             result = Daemon(settings, run_options).run()
     except BusError as error:

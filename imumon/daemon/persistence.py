@@ -165,8 +165,8 @@ class Persistence:
         self._checkpoint.close(state)
 
     def problem(self) -> tuple[str, Level] | None:
-        """Return why the last save failed, or that saving works again: once per change."""
-        if self._checkpoint.failed == self._reported_problem:
+        """Return why the last save failed, or that saving works again: once, though the reason may change meanwhile."""
+        if (self._checkpoint.failed is None) == (self._reported_problem is None):
             return None
         self._reported_problem = self._checkpoint.failed
         if self._reported_problem is None:

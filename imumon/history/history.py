@@ -135,7 +135,8 @@ class History:
         """Return what is new: why nothing can be written, that it can be again, what was set aside."""
         with self._changed:
             notes, self._notes = self._notes, []
-            if self._failed != self._reported:
+            # once, though the reason may change: SQLite has several for a full disk
+            if (self._failed is None) != (self._reported is None):
                 self._reported = self._failed
                 if self._failed is None:
                     dropped = f"; {self._dropped:,} entries were dropped" if self._dropped else ""

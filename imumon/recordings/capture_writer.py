@@ -93,7 +93,8 @@ class CaptureWriter:
             self._begin_part()
         except OSError as error:
             text = f"cannot record to {path}: {why(error)}"
-            raise RecordingError("not_writable", text, "give another --record") from None
+            space = "free space, or " if error.errno == errno.ENOSPC else ""
+            raise RecordingError("not_writable", text, f"{space}give another --record") from None
         self._thread = threading.Thread(target=self._run, name=f"record {path}", daemon=True)
         self._thread.start()
 

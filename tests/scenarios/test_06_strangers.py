@@ -24,7 +24,7 @@ def test_20_random_messages_and_questions(tmp_path: Path, count: int) -> None:
             play.calm(more=1200)  # the record is no longer young: memory must stand still
         before = play.calm()
         stranger = start("foreign_client", connect=play.daemon.endpoint, id=ID, count=count, seed=20)
-        told = until(lambda: stranger.messages and stranger.messages[-1].get("put"), timeout=150)
+        told = until(lambda: stranger.messages and stranger.messages[-1].get("put"), within_s=150.0)
         assert told == count
         after = play.calm()
         assert after.report.session.missing == 0

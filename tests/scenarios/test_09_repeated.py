@@ -5,21 +5,30 @@ from __future__ import annotations
 import json
 import os
 import random
+import select
+import shutil
+import signal
+import socket
+import struct
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from daemons import Daemon
 from laws import ON_THE_WAY, Fault, adds_up, is_kept, nothing_invented
-from scene import ID, Scene, scene
-from test_03_disk import NAMESPACE, mounts
+from scene import CONFIG, ID, Scene, scene
+from test_03_disk import NAMESPACE, mounts, told
 from test_05_signals import first_samples, reconnecting, running, saving, shaking_hands, starting, stopping
-from test_07_history import kept
+from test_07_history import EVER, kept
+from waiting import until
 
-from imumon.checkpoint import decode
-from imumon.history.store import SUFFIX
+from imumon.checkpoint import Checkpoint, decode
+from imumon.history.store import SUFFIX, HistoryStore
 from imumon.report import Report, from_json
 from imumon.report_json import to_json
 
@@ -63,6 +72,11 @@ def test_26_killed_thirty_times(tmp_path: Path) -> None:
 
 PHASES = (starting, shaking_hands, first_samples, running, saving, reconnecting, stopping)
 UNSTARTED = (starting, shaking_hands)
+"""A machine that is free has started by then; it waits for the sensor."""
+
+
+def has_waited(play: Scene) -> bool:
+    return any(report.state == "waiting" for report, _ in play.daemon.viewer.reports().values())
 
 
 @pytest.mark.parametrize("phase", PHASES, ids=lambda phase: phase.__name__)
@@ -72,8 +86,9 @@ def test_27_unplugged_while(tmp_path: Path, phase: Callable[[Scene], None]) -> N
         phase(play)
         if phase is not reconnecting:
             play.sensor.ask("unplug")
-        time.sleep(2.0)
-        if phase in UNSTARTED or phase is stopping:
+        until(lambda: play.daemon.process.poll() is not None or has_waited(play))
+        if not has_waited(play):
+            assert phase in UNSTARTED or phase is stopping
             out, said = play.daemon.ended()
             assert "Traceback" not in said
             assert play.daemon.process.returncode in ((0,) if phase is stopping else (1, 3)), said
@@ -160,3 +175,191 @@ def test_29_documents_on_a_full_disk(tmp_path: Path) -> None:
         assert (line[2], line[3], line[5]) == ("1", "True", "[]"), done.stdout
     complaints = [line for line in done.stderr.splitlines() if "space" in line.lower()]
     assert len(complaints) == len(refused)
+
+
+CALLS_OF_A_SAVE, CALLS_OF_A_DAEMON = 24, 8
+"""Calls that write of one save of state and history, with some more; the log has a message ten times an hour."""
+ROOM = struct.Struct("qq")
+"""Calls that still succeed, and those that have failed, as `full_disk.c` has them."""
+PATIENCE_S = 30.0
+
+
+class FullDisk:
+    """The disk of a daemon, which is full after so many more calls that write, or has room."""
+
+    def __init__(self, folder: Path, directory: Path) -> None:
+        library, source = folder / "full_disk.so", Path(__file__).with_name("full_disk.c")
+        subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", library, source, "-ldl"], check=True)
+        self._room = folder / "room"
+        self._room.write_bytes(ROOM.pack(-1, 0))
+        self.world = {
+            "LD_PRELOAD": str(library), "FULL_DISK": str(directory), "FULL_DISK_ROOM": str(self._room)
+        }  # fmt: skip
+
+    def leave(self, calls: int) -> None:
+        with self._room.open("r+b") as file:
+            file.write(ROOM.pack(calls, 0))
+
+    @property
+    def failed(self) -> int:
+        return int(ROOM.unpack(self._room.read_bytes())[1])
+
+
+def readable(directory: Path, scratch: Path, least: int) -> int:
+    """Return the samples of the state that a daemon would continue; nothing is set aside, and the history is read."""
+    shutil.rmtree(scratch, ignore_errors=True)
+    shutil.copytree(directory, scratch)
+    loaded, messages = Checkpoint(scratch, ID).load()
+    assert loaded is not None
+    assert not messages
+    samples = loaded.meta["monitor"]["record"]["samples"]
+    assert samples >= least
+    with HistoryStore(scratch / f"{ID}{SUFFIX}") as store:
+        assert sum(timed.period.samples for timed in store.periods(EVER)) > 0
+    return int(samples)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="a C compiler makes the full disk; install gcc")
+@pytest.mark.parametrize("first", range(0, CALLS_OF_A_SAVE, CALLS_OF_A_DAEMON))
+def test_30_disk_is_full_at_each_write(tmp_path: Path, first: int) -> None:
+    """The first call of a save that fails is each in turn: the state before stays, one line each, and it recovers."""
+    with scene(tmp_path, seed=30, start=False) as play:
+        disk = FullDisk(tmp_path, play.state)
+        play.start(environment=disk.world)
+        play.daemon.wait(
+            lambda r: (play.state / f"{ID}.state.1").exists() and kept(play.state / f"{ID}{SUFFIX}") > 0
+        )
+        least = 0
+        for calls in range(first, first + CALLS_OF_A_DAEMON):
+            said = len(play.daemon.log.splitlines())
+            disk.leave(calls)
+            until(lambda: disk.failed > 0, PATIENCE_S)
+            until(lambda said=said: len(play.daemon.log.splitlines()) > said, PATIENCE_S)
+            time.sleep(1.5)  # a further save, which fails
+            least = readable(play.state, tmp_path / "copy", least)
+            lines = play.daemon.log.splitlines()[said:]
+            assert 1 <= len(lines) <= 2, (calls, lines)  # state, history
+            assert all(": free space " in line for line in lines), lines
+            disk.leave(-1)
+            end = said + 2 * len(lines)
+            until(lambda end=end: len(play.daemon.log.splitlines()) >= end, PATIENCE_S)
+            again = play.daemon.log.splitlines()[said + len(lines) :]
+            assert len(again) == len(lines), again
+            assert all("again" in line for line in again), again
+        final = play.stop()
+        adds_up(final)
+        told_by = play.sensor.ask("counters")
+        nothing_invented(final, told_by["sent"] - told_by["replies"])
+        assert final.session.missing == 0
+        assert 0 < kept(play.state / f"{ID}{SUFFIX}") <= final.session.samples
+        assert not [
+            path.name for path in play.state.iterdir() if "damaged" in path.name or ".new" in path.name
+        ]
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="a C compiler makes the full disk; install gcc")
+@pytest.mark.parametrize("calls", [0, 1, 2, 5])
+def test_31_disk_of_the_recording_is_full_at_a_write(tmp_path: Path, calls: int) -> None:
+    """One line, the daemon measures on, and what was written is read."""
+    with scene(tmp_path, seed=31, start=False) as play:
+        place = tmp_path / "recordings"
+        place.mkdir()
+        disk = FullDisk(tmp_path, place)
+        disk.leave(calls)
+        play.start("--record", str(place / "raw.bin"), environment=disk.world)
+        play.daemon.wait(lambda r: told(play, "recording", "space left on device"))
+        before = play.calm()
+        play.end(before, play.calm(), code=1)
+        assert play.said.count("error: ") == 1
+        if calls > 2:
+            done = subprocess.run(
+                [sys.executable, "-m", "imumon", "replay", str(place / "raw.bin"), "--json"],
+                capture_output=True, text=True, check=True,
+            )  # fmt: skip
+            assert from_json(Report, done.stdout).session.samples > 0
+
+
+DAYS, STEP_S = 30, 10
+SAMPLES = DAYS * 86400 // STEP_S
+
+
+class QuickSensor:
+    """A TCP server of lines with a sample every ten seconds, which it sends as fast as they are read.
+
+    Attributes
+    ----------
+    sent : lines so far.
+    until : so many lines, and no more before it is raised.
+    """
+
+    def __init__(self) -> None:
+        self.sent = self.until = 0
+        self._noise = random.Random(32)
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self._server.settimeout(0.1)
+        self.url = f"lines:tcp://127.0.0.1:{self._server.getsockname()[1]}?columns=t_us,gx,gy,gz,ax,ay,az"
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._ending.is_set():
+            with suppress(OSError):
+                client, _ = self._server.accept()
+                with client:
+                    self._send(client)
+
+    def _send(self, client: socket.socket) -> None:
+        draw = self._noise.gauss
+        client.setblocking(True)
+        while not self._ending.is_set():
+            count = min(self.until - self.sent, 500)
+            if not count:
+                self._ending.wait(0.02)
+                if select.select([client], [], [], 0.0)[0]:
+                    return  # the daemon is gone
+                continue
+            lines = (
+                f"{(self.sent + k) * STEP_S * 1_000_000},{draw(0, 1e-3):.6f},{draw(0, 1e-3):.6f},{draw(0, 1e-3):.6f},"
+                f"{draw(0, 1e-2):.5f},{draw(0, 1e-2):.5f},{draw(9.81, 1e-2):.5f}\n"
+                for k in range(count)
+            )
+            client.sendall("".join(lines).encode())
+            self.sent += count
+
+    def close(self) -> None:
+        self._ending.set()
+        self._thread.join(10)
+        self._server.close()
+
+
+@pytest.mark.timeout(2400)
+def test_32_a_month(tmp_path: Path) -> None:
+    """Killed after a third and stopped after two: samples, ledger and history add up at the end."""
+    config, state, third = tmp_path / "config.toml", tmp_path / "state", SAMPLES // 3
+    config.write_text(CONFIG + "[limits]\nlines_hz = 100000\n")
+    words, known = ("--config", str(config), "--id", ID, "--json"), 0
+    sensor = QuickSensor()
+    for how in (signal.SIGKILL, signal.SIGTERM, signal.SIGTERM):
+        sensor.until += third
+        with Daemon(sensor.url, state, *words) as daemon:
+            # the last one waits for what shows its time
+            daemon.wait(lambda r, least=known + third - 2: r.session.samples >= least, 900.0)
+            _, out, said = daemon.stop(how)
+        assert "Traceback" not in said
+        record = decode((state / f"{ID}.state").read_bytes()).meta["monitor"]["record"]
+        known = record["samples"]
+    sensor.close()
+    final = from_json(Report, out)
+    session, ledger = final.session, dict(final.session.ledger)
+    assert session.samples == known
+    assert (
+        round(session.elapsed_s * (final.device.sample_rate_hz or 0.0)) == session.samples + session.missing
+    )
+    assert ledger.pop("received") == sum(ledger.values())
+    assert ledger["samples"] == session.samples
+    # the kill takes what was read since the last save
+    assert 0.5 * sensor.sent < session.samples <= sensor.sent
+    assert session.restarts >= 2
+    in_history = kept(state / f"{ID}{SUFFIX}")
+    assert session.samples - 3 * 600 // STEP_S <= in_history <= session.samples
