@@ -297,7 +297,7 @@ class QuickSensor:
         self._noise = random.Random(32)
         self._server = socket.create_server(("127.0.0.1", 0))
         self._server.settimeout(0.1)
-        self.url = f"lines:tcp://127.0.0.1:{self._server.getsockname()[1]}?columns=t_us,gx,gy,gz,ax,ay,az"
+        self.url = f"lines:tcp://127.0.0.1:{self._server.getsockname()[1]}?columns=t_us,gx,gy,gz"
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -320,8 +320,7 @@ class QuickSensor:
                     return  # the daemon is gone
                 continue
             lines = (
-                f"{(self.sent + k) * STEP_S * 1_000_000},{draw(0, 1e-3):.6f},{draw(0, 1e-3):.6f},{draw(0, 1e-3):.6f},"
-                f"{draw(0, 1e-2):.5f},{draw(0, 1e-2):.5f},{draw(9.81, 1e-2):.5f}\n"
+                f"{(self.sent + k) * STEP_S * 1_000_000},{draw(0, 1e-3):.6f},{draw(0, 1e-3):.6f},{draw(0, 1e-3):.6f}\n"
                 for k in range(count)
             )
             client.sendall("".join(lines).encode())
