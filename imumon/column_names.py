@@ -362,12 +362,7 @@ def _column_of_triple(index: int, name: str, axis: str, before: str, behind: str
         return Column(index, name.strip())
     by_name, kind, rank = _meaning_in_triple(words, axis)
     by_unit = _quantity_of_unit(unit, by_name, set(words))
-    quantity = by_unit or by_name
-    # rollspeed of MAVLink is a rate of rotation
-    if quantity is None and set(words) & {"speed", "velocity"}:
-        quantity = "gyro" if _is_turn(name) else None
-    if quantity is None and split_unit(name)[0].lower() in _RATES:
-        quantity = "gyro"
+    quantity = by_unit or by_name or ("gyro" if _is_rate(name, set(words)) else None)
     if quantity is None:
         return Column(index, name.strip())
     known = None if unit is None else unit_of(unit, quantity)
@@ -388,8 +383,10 @@ def _meaning_in_triple(words: Sequence[str], axis: str) -> tuple[str | None, Kin
     return by_name, kind, rank
 
 
-def _is_turn(name: str) -> bool:
-    return bool(re.search("roll|pitch|yaw", name, re.IGNORECASE))
+def _is_rate(name: str, words: set[str]) -> bool:
+    """Return whether a name that says no sensor is that of a rate of rotation: rollspeed of MAVLink, or p, q, r."""
+    turns = re.search("roll|pitch|yaw", name, re.IGNORECASE) is not None
+    return (turns and bool(words & {"speed", "velocity"})) or split_unit(name)[0].lower() in _RATES
 
 
 def _quantity_of_unit(unit: str | None, by_name: str | None, words: set[str]) -> str | None:

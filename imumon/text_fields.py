@@ -119,19 +119,23 @@ def _labelled(text: str) -> dict[str, str]:
             return {}
         label, prefix = _with_prefix(label, prefix)
         end = match.end()
-        both = [part.strip() for part in label.split("/")]
-        if len(both) == 2 and all(both) and (more := _FIVE_MORE.match(text, end)):
-            end, texts = more.end(), (match["number"], *more.groups())
-            numbers += [*_numbers_of_axes(both[0], texts[:3]), *_numbers_of_axes(both[1], texts[3:])]
-        elif more := _TWO_MORE.match(text, end):  # Gyro: 0.1, 0.2, 0.3
-            end = more.end()
-            numbers += _numbers_of_axes(label, (match["number"], more[1], more[2]))
-        else:
-            numbers.append(_LabelledNumber(match["number"], label, prefix))
+        of_axes, end = _behind_one_label(label, match["number"], text, end)
+        numbers += of_axes or [_LabelledNumber(match["number"], label, prefix)]
     if numbers:
         numbers[-1].unit = _known_unit(text[end:].strip(" ,;|")) or numbers[-1].unit
     _share_units(numbers)
     return {_plain(f"{n.label} [{n.unit}]" if n.unit else n.label): n.text for n in numbers}
+
+
+def _behind_one_label(label: str, first: str, text: str, end: int) -> tuple[list[_LabelledNumber], int]:
+    """Return the axes of one or two sensors whose numbers follow one label, and where they end; none: one number."""
+    both = [part.strip() for part in label.split("/")]
+    if len(both) == 2 and all(both) and (more := _FIVE_MORE.match(text, end)):  # a/g: 1 2 3 4 5 6
+        texts = (first, *more.groups())
+        return [*_numbers_of_axes(both[0], texts[:3]), *_numbers_of_axes(both[1], texts[3:])], more.end()
+    if more := _TWO_MORE.match(text, end):  # Gyro: 0.1, 0.2, 0.3
+        return list(_numbers_of_axes(label, (first, *more.groups()))), more.end()
+    return [], end
 
 
 def _with_prefix(label: str, prefix: str) -> tuple[str, str]:

@@ -110,6 +110,9 @@ HUES = ((20, 1), (65, 3), (170, 2), (212, 6), (250, 4), (330, 5), (360, 1))
 """Degrees of hue up to which a colour is red, yellow, green, cyan, blue and magenta, as the themes use them."""
 BLACK, WHITE, GREY_TEXT, WHITE_TEXT, BRIGHT_TEXT = 0, 7, 8, 15, 8
 """Numbers of the greys of a terminal with 16 colours, and what makes one of the first 8 bright."""
+GREYS_ON_LIGHT = ((DIM, BLACK), (BRIGHT, GREY_TEXT), (1.0, WHITE))
+GREYS_ON_DARK = ((DARK, BLACK), (DIM, GREY_TEXT), (BRIGHT, WHITE), (1.0, WHITE_TEXT))
+"""Greatest value of a grey, and the number of its colour."""
 
 
 @cache
@@ -147,17 +150,8 @@ def text_of_16(red: int, green: int, blue: int, light: bool) -> int:
     if light and value > PAGE:
         return WHITE
     if saturation <= GREY or value <= DIM:
-        if light:
-            return BLACK if value <= DIM else GREY_TEXT if value <= BRIGHT else WHITE
-        return (
-            BLACK
-            if value <= DARK
-            else GREY_TEXT
-            if value <= DIM
-            else WHITE
-            if value <= BRIGHT
-            else WHITE_TEXT
-        )
+        greys = GREYS_ON_LIGHT if light else GREYS_ON_DARK
+        return next(number for most, number in greys if value <= most)
     colour = next(number for degrees, number in HUES if 360.0 * hue <= degrees)
     return colour if light or value <= BRIGHT - GREY else colour + BRIGHT_TEXT
 
