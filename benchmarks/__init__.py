@@ -10,6 +10,7 @@
 | `codec` | bytes of a VN-100 per second | docs/PERFORMANCE.md |
 | `daemon_cost` | pipeline of a running daemon: share of a core, time of a fit, state | docs/ACCURACY.md |
 | `memory` | a day of one channel beside allantools: time and memory | docs/PERFORMANCE.md |
+| `record_length` | length of a record until N, B and K are precise enough | README.md |
 | `remaining_time` | time that is promised until N, B and K are precise enough | `noise/fit/fit_rules.py` |
 | `replay` | whole `imumon replay` beside other readers of the same files | docs/PERFORMANCE.md |
 | `resolution` | how far limits move with coarser or finer grids and steps of the fit | `noise/fit/fit_rules.py` |

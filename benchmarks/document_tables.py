@@ -15,12 +15,12 @@ import argparse
 import csv
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 RESULTS = Path(__file__).parent / "results"
 NAMES = ("ACCURACY.md", "PERFORMANCE.md", "TEMPERATURE.md")
-DOCUMENTS = [Path(__file__).parents[1] / "docs" / name for name in NAMES]
+DOCUMENTS = [Path(__file__).parents[1] / name for name in ("README.md", *(f"docs/{name}" for name in NAMES))]
 _TABLE = re.compile(r"^<!-- table: ([\w-]+) -->\n((?:\|.*\n)*)", re.MULTILINE)
 
 
@@ -58,11 +58,58 @@ def written(document: str) -> str:
     """Return a document with the saved tables below their marks."""
 
     def table(match: re.Match[str]) -> str:
-        with (RESULTS / f"{match[1]}.csv").open(newline="", encoding="utf-8") as file:
-            columns, *rows = csv.reader(file)
+        columns, *rows = DERIVED[match[1]]() if match[1] in DERIVED else _saved(match[1])
         return "\n".join([head(match[1], *columns), *map(row, rows)]) + "\n"
 
     return _TABLE.sub(table, document)
+
+
+def _saved(name: str) -> list[list[str]]:
+    """Return the rows of a saved table, of which the first has the names of the columns."""
+    with (RESULTS / f"{name}.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.reader(file))
+
+
+def _peers() -> list[list[str]]:
+    """Return the errors of imumon and of other tools in records of 5 h, the bound, and errors over more records."""
+    _, *methods = _saved("accuracy-peers")
+    others = ["no", "no"]
+    rows = [["", "N", "B", "K", "uncertainty", "live, in bounded memory"]]
+    for method, *errors in methods:
+        rows.append([method, *errors[:3], *(["95 %", "yes"] if "imumon" in method else others)])
+    goals = [line for line in _saved("performance") if line[0].startswith("rms error of ")]
+    records = goals[0][0].rpartition(", ")[2]
+    found = [re.search(r"Cramér–Rao ([\d.]+)", line[2]) for line in goals]
+    rows.append(["Cramér–Rao bound", *(f"– / {match[1]}" if match else "–" for match in found), "", ""])
+    rows.append([f"imumon, {records}", *(f"– / {line[1].partition(' ')[0]}" for line in goals), "", ""])
+    return rows
+
+
+def _day() -> list[list[str]]:
+    """Return time and memory of a channel of a day in imumon and in allantools."""
+    time_row, memory_row = (
+        next(line for line in _saved("performance") if line[0] == f"one channel of 24 h at 100 Hz, {what}")
+        for what in ("time", "memory")
+    )
+
+    def other(line: list[str], name: str) -> str:
+        match = re.search(rf"{name} ([\d.]+ \w+)", line[2])
+        return match[1] if match else "–"
+
+    names = {
+        "allantools, offline": "offline",
+        "real-time class of allantools, ten octaves of tau": "realtime",
+    }
+    rows = [["", "time", "memory", "grows with the record"]]
+    rows += [[text, other(time_row, name), other(memory_row, name), "yes"] for text, name in names.items()]
+    return [
+        *rows,
+        ["**imumon**, all octaves, sample blocks as they arrive", time_row[1], memory_row[1], "no"],
+    ]
+
+
+DERIVED: Mapping[str, Callable[[], list[list[str]]]] = {"readme-peers": _peers, "readme-day": _day}
+"""Tables of a document that are parts of saved ones."""
 
 
 def main() -> None:
