@@ -50,9 +50,15 @@ CAVEATS: Mapping[str, CaveatText] = {
         "coefficients differ by a factor. The remarks name the columns.",
     ),
     "doubtful_rate": CaveatText(
-        "two times of the recording show different sample rates",
-        "A wrong rate changes N by the root of its factor, and all times. The remarks name both: choose the right "
-        "one with --map, or give --rate.",
+        "the sample rate of the recording is doubtful",
+        "Two times show different rates, a comment states another one, or the rate is that of no sensor. A wrong rate "
+        "changes N by the root of its factor, and all times. The remarks name the times: choose with --map, or give "
+        "--rate.",
+    ),
+    "mixed_rows": CaveatText(
+        "every second row differs: the rows may be of two sensors",
+        "The noise of rows of two sensors in turn is that of neither. Write a file for each sensor, or a column that "
+        "says which one a row is of, for --where.",
     ),
     "warming_up": CaveatText(
         "still warming up: K is an upper bound",

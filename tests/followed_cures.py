@@ -38,7 +38,7 @@ def printed_options(cure: str) -> Iterator[list[str]]:
 
 def converted(path: Path, cure: str, folder: Path) -> Path | None:
     """Return the file that the command of a cure writes; None: the cure has no command."""
-    command = re.search(r"(?:grep|cut|mavlogdump\.py) .*?FILE.*?> imu\.csv", cure)
+    command = re.search(r"(?:grep|cut|iconv|mavlogdump\.py) .*?FILE.*?> imu\.csv", cure)
     if command is None:
         return None
     shell = command[0].replace("FILE", shlex.quote(str(path)))
@@ -86,6 +86,9 @@ def outcomes(
     with tempfile.TemporaryDirectory() as folder:
         if (table := converted(path, cure, Path(folder))) is not None:
             path, options = table, replace(options, path=str(table))
+            if not list(printed_options(cure.partition("imu.csv")[2])):
+                yield from outcomes(path, options, steps - 1, known)
+                return
         yield from _ways(path, options, steps, known, error, cure)
 
 

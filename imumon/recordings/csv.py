@@ -32,6 +32,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -68,9 +69,12 @@ from imumon.recordings.table_header import (
     ECHOED,
     below_header,
     has_cells,
+    has_thousands,
+    header_cells,
     header_line,
     is_echoed,
     is_number,
+    names_sensor,
     preamble_scales,
     separator_of,
     split,
@@ -103,6 +107,15 @@ MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 
 COMPLETE = "check that it is complete"
 """Cure for a table without rows."""
+
+
+THOUSANDS = "it has separators of thousands"
+NO_THOUSANDS = (
+    "write the numbers without them: in a spreadsheet, choose Number without the separator for the cells"
+)
+
+_WORD = re.compile("[A-Za-z]{2}")
+"""What every line of names has, and few rows."""
 
 
 class TextTable(Table):
@@ -203,7 +216,9 @@ class CsvFile(TextTable):
             block, numbers = self._chosen(block, places)
             if not block:
                 return []
-        return self._blocks(*self._parser.numbers(block, numbers, last=last))
+        numbered = self._parser.numbers(block, numbers, last=last)
+        self.problem = self._parser.problem or self.problem
+        return self._blocks(*numbered)
 
     def _chosen(self, block: bytes, places: Sequence[int]) -> tuple[bytes, Sequence[int]]:
         """Return the lines of the rows that are read, and their numbers."""
@@ -317,6 +332,10 @@ class CsvFile(TextTable):
         echoed = next((k for k, line in enumerate(seen) if is_echoed(line)), None)
         if echoed is not None:
             return list(ECHOED), echoed, ","
+        if any(names_sensor(header_cells(line, separator_of(line))) for line in seen[:HEAD_LINES]):
+            text = "its rows have another number of cells than the line that names its columns"
+            cure = "a decimal comma needs another separator: export it with semicolons between the cells"
+            raise RecordingError("header_differs", text, cure)
         unnamed, first = ("column", 1) if count == 1 else (f"{count} columns", 2)
         rows = [split(line, separator) for line in seen[begin : begin + HEAD_ROWS] if has_cells(line)]
         proposed = proposed_map(head_numbers(rows, separator, count))
@@ -345,6 +364,12 @@ class CsvFile(TextTable):
                 times.append(replace(column, unit="s"))
             else:
                 unreadable = unreadable or f"the time in {column.name} is not readable, {texts[0][:QUOTED]!r}"
+        if (
+            unreadable
+            and not times
+            and any(has_thousands(row[c.index]) for row in cells[:1] for c in table_layout.times)
+        ):
+            raise RecordingError("thousands", f"{self.path}: {unreadable}: {THOUSANDS}", NO_THOUSANDS)
         if unreadable and not times:
             cure = f"write numbers or 2026-01-31T12:00:00.000, or omit it with {MAP_EXAMPLE} and --rate"
             raise RecordingError("time_not_readable", f"{self.path}: {unreadable}", cure)
@@ -434,6 +459,8 @@ class RowParser:
         self.read = self.invalid = 0
         self._ledger = Ledger()
         self._first_invalid = ""  # line and reason
+        self.problem = ""  # why the table ends before the file; empty: it does not
+        self._thousands = False  # an invalid number has separators of thousands
 
     @property
     def remarks(self) -> list[str]:
@@ -450,12 +477,21 @@ class RowParser:
         """What became of the lines that are no rows of numbers, by reason."""
         return self._ledger.counts()
 
+    def _ends_table(self, line: str) -> bool:
+        """Return whether a line names other columns of a sensor than the header."""
+        if not self._header or not _WORD.search(line) or self.is_header(line):
+            return False
+        names = header_cells(line, self.separator)
+        return not any(map(is_number, names)) and names_sensor(names)
+
     def is_header(self, line: str) -> bool:
         """Return whether a line is the header, again."""
         return bool(self._header) and line == self._header
 
     def numbers(self, block: bytes, places: Sequence[int], *, last: bool) -> tuple[Floats, Sequence[int]]:
         """Return (n, k) numbers of the columns of some lines, and (n,) the line number of each row.
+
+        Lines behind another header are none: `problem` says it.
 
         An invalid row is NaN, and its line 0. Too many invalid rows raise a `RecordingError`.
 
@@ -464,6 +500,9 @@ class RowParser:
         places : number of each line.
         last : they end the table.
         """
+        if self.problem:
+            self._ledger.add("other_message", len(places))
+            return np.empty((0, len(self._columns))), []
         rows = None if block.isspace() else self._regular(block)
         line_places = places
         if rows is not None and len(rows) < len(line_places):  # blank lines are no rows
@@ -473,6 +512,12 @@ class RowParser:
         if rows is None or len(rows) != len(places):
             whole = lines_of(block)
             end = len(whole) - 1 if last else -1
+            other = next((k for k, line in enumerate(whole) if self._ends_table(line)), None)
+            if other is not None:
+                where = f"{self._path} line {line_places[other]}"
+                self.problem = f"{where} names other columns: only the rows before are used"
+                self._ledger.add("other_message", len(whole) - other)
+                whole, end = whole[:other], -1
             parsed = [self._row(line, line_places[k], k == end) for k, line in enumerate(whole)]
             rows = np.array([row for row, _ in parsed if row]).reshape(-1, len(self._columns))
             places = [place for row, place in parsed if row]
@@ -481,6 +526,10 @@ class RowParser:
         self.read += len(rows)
         # here and not at the end: a file of another kind is refused within its first block
         if self.invalid > INVALID_ROWS and self.invalid > INVALID_SHARE * self.read:
+            if self._thousands:
+                raise RecordingError(
+                    "thousands", f"{self._path} {self._first_invalid}: {THOUSANDS}", NO_THOUSANDS
+                )
             text = f"{self._path} {self._first_invalid}; {self.invalid:,} of {self.read:,} rows are invalid"
             raise RecordingError("too_many_invalid_rows", text, "correct these rows, or delete them")
         return rows, places
@@ -545,6 +594,7 @@ class RowParser:
                 self._ledger.add(self._reason(line, cells, column))
                 fault = "is too long" if line == TOO_LONG else self._fault(cells, column)
                 self._first_invalid = self._first_invalid or f"line {number} {fault}"
+                self._thousands |= column < len(cells) and has_thousands(cells[column])
                 return [math.nan] * len(self._columns), 0
             row.append(value)
         return row, number

@@ -29,7 +29,15 @@ from imumon.errors import RateRequired
 from imumon.noise.validity_groups import LARGEST
 from imumon.recordings.base import RecordingError, RowSource
 from imumon.recordings.columns import INERTIAL, LISTED, READ_ALONE, ColumnLayout
-from imumon.recordings.row_selection import COPIED, HeldNumbers, are_doubled, copies
+from imumon.recordings.row_selection import (
+    COPIED,
+    FEWEST_HELD,
+    HeldNumbers,
+    alternate,
+    are_doubled,
+    copies,
+    repeats_by_chance,
+)
 from imumon.recordings.unit_checks import (
     POSSIBLE_HZ,
     SINCE_1970_S,
@@ -61,9 +69,6 @@ HELD_SHARE = 0.01
 
 HELD_EXCESS = 3.0
 """Ratio of this share to that of three axes that repeat by chance, each for itself, above which they are held."""
-
-FEWEST_HELD = 100
-"""Rows that show whether samples are held."""
 
 WRAPPING_NS = (1e6, 1e3)
 """ns in a unit of counters that wrap: ms and us, as for lines."""
@@ -275,8 +280,8 @@ class FirstRows:
             repeats = equal.all(axis=1)
             # a sensor that is stuck repeats its values, too, but for long: those are counted once
             begins = repeats & ~np.append(False, repeats[:-1])
-            by_chance = float(np.prod(equal.mean(axis=0)))
             share = float(repeats.mean())
+            by_chance = repeats_by_chance(float(equal.mean()), share)
             if float(begins.mean()) > HELD_SHARE and share < COPIED and share > HELD_EXCESS * by_chance:
                 held[sensor] = repeats
         shares = [f"{sensor} in {share_text(float(repeats.mean()))}" for sensor, repeats in held.items()]
@@ -432,6 +437,7 @@ class FirstRows:
             self.remarks += doubts
             self.caveats += ["doubtful_unit"] * bool(doubts)
         self.remarks += list(_repeating(stream_layout, whole))
+        self._note_alternating(whole)
         sensors = ", ".join(dict.fromkeys(sensor_of(channel) for channel in stream_layout.channels))
         title = f"{source.title or source.form} ({sensors})"
         stream = Stream(
@@ -444,6 +450,19 @@ class FirstRows:
             stream_layout.accel,
         )
         return TableStart(stream, times, doubled, (assumed or [""])[0])
+
+    def _note_alternating(self, whole: Floats) -> None:
+        """Note whether every second row is of another sensor, and no column says it."""
+        channels = self.layout.channels
+        for sensor in sorted(INERTIAL & set(map(sensor_of, channels))):
+            axes = [k for k, name in enumerate(channels) if sensor_of(name) == sensor]
+            if alternate(whole[:, axes]):
+                text = (
+                    f"every second row of {sensor} differs from those between: the rows may be of two sensors"
+                )
+                self.remarks.append(f"{text}; write a file for each")
+                self.caveats.append("mixed_rows")
+                return
 
     def _clock_of_stream(self, whole: Floats) -> tuple[Clock, float | None, TableTimes | None]:
         """Return clock, interval, s, and the times that are used, of (n, k) complete rows; errors as `start`."""
@@ -580,6 +599,8 @@ class FirstRows:
         if len(columns) > 1 or not shows_rate(times[:, 0]):
             return scales, []
         unit, remark = time_unit(self._source, columns[0], times[:, 0], self._rate or self._source.stated_hz)
+        if remark and columns[0].unit is not None and columns[0].rank >= 0:
+            self.caveats.append("doubtful_rate")
         return (columns[0].scale * UNITS["t"][unit],), [remark] if remark else []
 
     def _rate_instead(self, code: str) -> float:

@@ -199,8 +199,9 @@ def _refuse_where(path: str, options: ReadOptions) -> None:
 
 def _text_file(capture: RawCapture, options: ReadOptions) -> Recording | None:
     """Return the recording that the text of a file without a header of imumon is; None: it is no table."""
-    if capture.head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0" in capture.head[:HEAD_LINES]:
-        raise RecordingError("utf_16", f"{capture.path} is text in UTF-16", "save it as UTF-8")
+    if (encoding := _utf_16(capture.head)) is not None:
+        cure = f"save it as UTF-8: iconv -f {encoding} -t UTF-8 FILE > imu.csv"
+        raise RecordingError("utf_16", f"{capture.path} is text in UTF-16", cure)
     # one sentence has all sensors at one rate: there is nothing to select
     if options.sensor is None and (decoder := driver().decoder()) is not None:
         table = sentence_table(capture, options, decoder, DEFAULT_SCHEME)
@@ -232,6 +233,21 @@ def _novatel_cure(log: str, time: int) -> str:
         f"{time},{time + 2}-{time + 7} > imu.csv, then --stream deltas --map t=1:s,{','.join(scaled)}"
         "; the scales of the IMU are in the manual"
     )
+
+
+def _utf_16(head: bytes) -> str | None:
+    """Return the name of an encoding in which every second byte of a Latin text is 0; None: it is not so.
+
+    >>> _utf_16("t,gx,gy".encode("utf-16-le")), _utf_16(b"t,gx,gy"), _utf_16(bytes(40))
+    ('UTF-16LE', None, None)
+    """
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0" in head[:HEAD_LINES]:
+        return "UTF-16"
+    few = head[: 2 * HEAD_LINES]
+    even, odd = few[::2], few[1::2]
+    if not few or any(even) == any(odd):
+        return None
+    return "UTF-16LE" if any(even) and all(even) else "UTF-16BE" if all(odd) else None
 
 
 KNOWN_TEXTS: tuple[tuple[re.Pattern[str], str, str], ...] = (

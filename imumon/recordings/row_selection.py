@@ -8,11 +8,12 @@ A temperature may be known in some rows, or have rows of its own; the next sampl
 
 Rows of a log that several threads write may be swapped. `RowOrder` puts a row back that is late by less than a window.
 A time that falls further is a clock that restarts, and stays. Rows in no order at all are an error. A row may be
-written twice.
+written twice, a sensor may be held in some rows, and rows next to each other may be of two sensors.
 """
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 
 import numpy as np
@@ -36,6 +37,13 @@ UNSORTED = 0.05
 
 DEAD = 0.95
 """Share of the rows of a sensor with one number on all axes above which it has no samples at all."""
+
+FEWEST_HELD = 100
+"""Rows that show whether samples are held."""
+
+ALTERNATE_ERRORS = 8.0
+"""Standard errors by which rows in turn must differ to be of two sensors, chosen: one of 10^15 records of noise does by
+chance, and a vibration near half the sample rate has another phase within the first rows."""
 
 COPIED = 0.99
 """Share of the rows with the stamp of the row before that must be copies of it, for rows to be doubled."""
@@ -281,3 +289,41 @@ def are_doubled(rows: Floats, times: slice) -> bool:
     # a sensor that is stuck repeats its values with new stamps, too: its rows are no copies
     constant = (np.delete(rows[1:], times, axis=1) == np.delete(rows[:-1], times, axis=1)).all(axis=1)[~still]
     return bool(same[still].mean() >= COPIED and (not len(constant) or constant.mean() < 0.5))
+
+
+def repeats_by_chance(axis_share: float, share: float) -> float:
+    """Return the share of the rows in which all three axes repeat by chance, each for itself.
+
+    With p the chance that an axis repeats, and h the share of the rows that are held,
+
+        1 - axis_share = (1 - h) (1 - p),    1 - share = (1 - h) (1 - p^3)
+
+    so that their ratio is 1 + p + p^2, whatever h is.
+
+    Parameters
+    ----------
+    axis_share, share : of the rows in which an axis repeats, on average, and in which all do.
+
+    >>> round(repeats_by_chance(0.5, 0.125), 3), round(repeats_by_chance(0.75, 0.75), 3)
+    (0.125, 0.0)
+    """
+    if axis_share >= 1.0:
+        return 0.0
+    ratio = min(max((1.0 - share) / (1.0 - axis_share), 1.0), 3.0)
+    p = 0.5 * (math.sqrt(4.0 * ratio - 3.0) - 1.0)
+    held = 1.0 - (1.0 - axis_share) / (1.0 - p) if p < 1.0 else 0.0
+    return float((1.0 - max(held, 0.0)) * p**3)
+
+
+def alternate(rows: Floats) -> bool:
+    """Return whether (n, 3) rows next to each other differ significantly, as those of two sensors in turn.
+
+    >>> noise = np.random.default_rng(0).normal(size=(500, 3))
+    >>> alternate(noise), alternate(noise + 2.0 * (np.arange(500) % 2)[:, None])
+    (False, True)
+    """
+    # differences of neighbours: a drift, or the motion of a hand, is in both
+    steps = rows[1:] - rows[:-1]
+    signed = steps * np.where(np.arange(len(steps)) % 2, -1.0, 1.0)[:, None]
+    spread = signed.std(axis=0) / math.sqrt(max(len(signed), 1))
+    return len(rows) > FEWEST_HELD and bool((np.abs(signed.mean(axis=0)) > ALTERNATE_ERRORS * spread).any())

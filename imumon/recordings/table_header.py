@@ -93,6 +93,20 @@ def is_number(text: str, read: Callable[[str], float] = float) -> bool:
     return True
 
 
+_THOUSANDS = re.compile(
+    r"[-+]?\d{1,3}(?:(?:,\d{3})+\.\d*|(?:\.\d{3})+,\d*|(?:['’]\d{3})+(?:[.,]\d*)?|(?:,\d{3}){2,}|(?:\.\d{3}){2,})"
+)
+
+
+def has_thousands(text: str) -> bool:
+    """Return whether a number has separators of thousands, beyond doubt.
+
+    >>> [has_thousands(text) for text in ("12,000.5", "1.234,5", "12'000", "1,234,567", "1,234", "0.5")]
+    [True, True, True, True, False, False]
+    """
+    return _THOUSANDS.fullmatch(text) is not None
+
+
 # ---------------------------------------------------------------- the line of names
 
 
@@ -132,7 +146,7 @@ def _nearest(lines: Sequence[str], candidates: Sequence[int], row: str) -> int |
     # one more or less: many programs end their rows, or their header, with a separator
     fitting = [place for place in candidates if excess[place] <= 1]
     names = {place: header_cells(lines[place], separator_of(lines[place])) for place in fitting}
-    return min(fitting, key=lambda place: (not _name_sensor(names[place]), excess[place]), default=None)
+    return min(fitting, key=lambda place: (not names_sensor(names[place]), excess[place]), default=None)
 
 
 def _begin_rows(lines: Sequence[str], showing: int) -> bool:
@@ -198,17 +212,17 @@ def _of_two_lines(first: str, second: str, separator: str | None) -> list[str] |
     ['t', 'Acc x [g]', 'Acc y [g]', 'Acc z [g]']
     """
     spans, names = ([plain(cell) for cell in header_cells(line, separator)] for line in (first, second))
-    if len(spans) != len(names) or any(map(is_number, names)) or _name_sensor(spans) or _name_sensor(names):
+    if len(spans) != len(names) or any(map(is_number, names)) or names_sensor(spans) or names_sensor(names):
         return None
     above, joined = "", []
     for span, name in zip(spans, names, strict=True):
         above = span or above
         base, unit = split_unit(above)
         joined.append(f"{base} {name}{f' [{unit}]' if unit and name else ''}".strip())
-    return joined if _name_sensor(joined) else None
+    return joined if names_sensor(joined) else None
 
 
-def _name_sensor(names: Sequence[str]) -> bool:
+def names_sensor(names: Sequence[str]) -> bool:
     return any(column.quantity in INERTIAL and column.axis for column in parse_names(names))
 
 

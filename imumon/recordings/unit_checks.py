@@ -354,6 +354,11 @@ def time_unit(
     if column.unit is not None:
         # loggers write "ms" above seconds: a rate that no sensor has refutes the header
         if _within(rates[column.unit], POSSIBLE_HZ):
+            # a slower sensor than any, whose rate is usual in another unit: the header may be wrong
+            if rates[column.unit] < USUAL_HZ[0] and usual and column.rank >= 0:
+                text = f"{column.name} is in {column.unit}, which is {rates[column.unit]:.3g} Hz"
+                other = unit_cure(source, [column], usual[0])
+                return column.unit, f"{text}; if it is {usual[0]}, {rates[usual[0]]:.4g} Hz, {other}"
             return column.unit, None
         text = f"{source.name}: {column.name} is in {column.unit}, but its steps of {step:.3g} would then be "
         text += f"{rates[column.unit]:.3g} Hz"

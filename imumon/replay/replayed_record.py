@@ -130,7 +130,7 @@ class ReplayedRecord:
             f"{self._restart_texts[code]}{f' (the last of {n:,} such events)' if n > 1 else ''}"
             for code, n in self._restarts.items()
         ]
-        return [*remarks, *self._wrong_times(), *breaks]
+        return [*remarks, *self._without_time(), *breaks]
 
     def report(self, state: report.State) -> report.Report:
         """Return a report of what has been read so far."""
@@ -154,17 +154,14 @@ class ReplayedRecord:
         recording = columns if columns.columns else None
         return replace(current, device=replace(current.device, remarks=remarks), recording=recording)
 
-    def _wrong_times(self) -> tuple[str, ...]:
-        """Return a remark on the samples that have no place in time; none: there are no such samples."""
-        left_out, remarks = self.monitor.left_out(), []
-        for reason, fault in (
-            ("repeated", "the time of the sample before, as of a clock that stands still"),
-            ("wrong_time", "a time that their neighbours refute"),
-        ):
-            if count := left_out.get(reason, 0):
-                samples = "1 sample has" if count == 1 else f"{count:,} samples have"
-                remarks.append(f"{samples} {fault}: left out, because their place is not known")
-        return tuple(remarks)
+    def _without_time(self) -> tuple[str, ...]:
+        """Return a remark on the samples whose clock stood still; none: there are no such samples."""
+        count = self.monitor.left_out().get("repeated", 0)
+        if not count:
+            return ()
+        samples = "1 sample has" if count == 1 else f"{count:,} samples have"
+        fault = "the time of the sample before, as of a clock that stands still"
+        return (f"{samples} {fault}: left out, because their place is not known",)
 
     def final(self) -> Report:
         """Return the report of a recording that has ended, with its events.

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import imumon
+from followed_cures import outcomes
 from tables import DEG, G, csv, replayed, truth
 
 from imumon.recordings import RecordingError
+from imumon.replay import ReplayOptions, replay
 
 T, GYRO, ACCEL = truth(800)
 NAMES = ["t [s]", *(f"g{a} [rad/s]" for a in "xyz"), *(f"a{a} [m/s2]" for a in "xyz")]
@@ -85,3 +87,65 @@ def test_fine_times_of_both_kinds_of_xsens_are_known_by_the_rate(tmp_path: Path,
     names = ["PacketCounter", "SampleTimeFine", *NAMES[1:]]
     path = csv(tmp_path / "a.csv", names, np.arange(len(T)), np.rint(T * ticks), GYRO, ACCEL)
     assert replayed(path)[0].device.sample_rate_hz == pytest.approx(100.0)
+
+
+def test_a_time_that_is_far_too_slow_in_its_unit_is_a_caveat(tmp_path: Path) -> None:
+    report, remarks = replayed(csv(tmp_path / "a.csv", NAMES, T * 1e3, GYRO, ACCEL))
+    assert "doubtful_rate" in report.caveats
+    assert "--map t=t:ms" in remarks
+
+
+@pytest.mark.parametrize(
+    "names", [[*NAMES[:1], *NAMES[4:], *NAMES[1:4]], ["t [s]", "temp [degC]", *NAMES[1:]]]
+)
+def test_another_header_ends_the_table(tmp_path: Path, names: list[str]) -> None:
+    """Rows behind it would be read as other columns."""
+    first = csv(tmp_path / "a.csv", NAMES, T, GYRO, ACCEL).read_text()
+    columns = (ACCEL, GYRO) if len(names) == len(NAMES) else (np.full(len(T), 25.0), GYRO, ACCEL)
+    path = tmp_path / "c.csv"
+    path.write_text(first + csv(tmp_path / "b.csv", names, T + 8.0, *columns).read_text())
+    report = replay(ReplayOptions(path=str(path), guarded=False))
+    assert report.session.ledger == {"received": 1602, "samples": 800, "header": 1, "other_message": 801}
+    assert "truncated" in report.caveats
+    path.write_text(first + first.replace("\n1", "\n2"))
+    assert replayed(path)[0].session.ledger["header"] == 2
+
+
+def test_rows_of_two_sensors_in_turn_are_a_caveat(tmp_path: Path) -> None:
+    pairs = np.stack([np.hstack([GYRO, ACCEL]), np.hstack([GYRO[::-1] + 2e-4, ACCEL[::-1] + 0.02])], axis=1)
+    path = csv(tmp_path / "a.csv", NAMES, np.repeat(T, 2), pairs.reshape(-1, 6))
+    assert "mixed_rows" in replayed(path)[0].caveats
+    assert "mixed_rows" not in replayed(csv(tmp_path / "b.csv", NAMES, T, GYRO, ACCEL))[0].caveats
+
+
+@pytest.mark.parametrize("every", [2, 4])
+def test_held_samples_of_one_sensor_count_once(tmp_path: Path, every: int) -> None:
+    held = ACCEL[np.arange(len(T)) // every * every]
+    report, _ = replayed(csv(tmp_path / "a.csv", [NAMES[0], *NAMES[4:]], T, held))
+    assert report.device.sample_rate_hz == pytest.approx(100.0 / every, rel=1e-3)
+    assert report.session.ledger["repeated"] == len(T) - len(T) // every
+
+
+@pytest.mark.parametrize(
+    ("code", "lines"),
+    [
+        ("thousands", ["t [ms],gx,gy,gz", *(f'"{1e6 + k:,.3f}",1,2,3' for k in range(30))]),
+        ("thousands", ["t [ms];gx;gy;gz", *(f"{k};1;2;1.234,5" for k in range(30))]),
+        ("header_differs", ["t,gx,gy,gz", *(f"{k},5,0,1,0,2,0,3" for k in range(30))]),
+    ],
+)
+def test_numbers_of_a_spreadsheet_that_are_ambiguous_are_named(
+    tmp_path: Path, code: str, lines: list[str]
+) -> None:
+    (tmp_path / "a.csv").write_text("\n".join([*lines, ""]))
+    with pytest.raises(RecordingError) as error:
+        replayed(tmp_path / "a.csv")
+    assert error.value.code == code
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_text_in_utf_16_has_a_command_that_converts_it(tmp_path: Path, encoding: str) -> None:
+    path = csv(tmp_path / "a.csv", NAMES, T, GYRO, ACCEL)
+    path.write_bytes(path.read_text().encode(encoding))
+    reports = list(outcomes(path, ReplayOptions(path=str(path), guarded=False)))
+    assert [report.session.samples for report in reports] == [len(T)]
