@@ -245,7 +245,7 @@ def _utf_16(head: bytes) -> str | None:
         return "UTF-16"
     few = head[: 2 * HEAD_LINES]
     even, odd = few[::2], few[1::2]
-    if not few or any(even) == any(odd):
+    if len(few) < HEAD_LINES or any(even) == any(odd):
         return None
     return "UTF-16LE" if any(even) and all(even) else "UTF-16BE" if all(odd) else None
 
