@@ -189,7 +189,7 @@ def _basis(sensor: str, grade: SensorGrade, report: Report, notation: Notation) 
         parts.append([(f", {text} {notation.coefficient_scale(sensor, name)[1]}", "text")])
     limit = report.limits.get(sensor, {}).get(name, {}).get(grade.nearest)
     if limit is not None:
-        parts.append([(f", nearest limit: {grade.nearest}, {notation.limit(sensor, name, limit)}", "faint")])
+        parts.append([(f"; {grade.nearest} allows {notation.limit(sensor, name, limit)}", "faint")])
     return parts
 
 
