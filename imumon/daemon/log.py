@@ -7,8 +7,11 @@ fits is preceded by their number.
 
 What happens outside, such as a server that closes each connection, must not fill the disk: of one message, whatever
 its numbers are, `REPEATS` lines are written in an hour. The next one after it, or the end of the log, has the number of
-those that were not. Warnings and errors of libraries, and of threads that fail, are lines of this log, too: a
-library alone would print a traceback for each.
+those that were not. Where names from outside make ever more different messages, `MOST_MESSAGES` of them are written in
+an hour; errors are written beyond that.
+
+Warnings and errors of libraries, and of threads that fail, are lines of this log, too: a library alone would print a
+traceback for each.
 """
 
 from __future__ import annotations
@@ -55,7 +58,7 @@ REPEATS_S = 3600.0
 """s for which lines of one message are counted."""
 
 MOST_MESSAGES = 200
-"""Messages whose lines are counted; the one that began first is forgotten for a further one."""
+"""Different messages that are written in `REPEATS_S`: with `REPEATS` lines each, no more than a small file."""
 
 CLOSE_S = 1.0
 """How long to wait at the end until all records are written, s."""
@@ -134,17 +137,31 @@ class RepeatLimit:
     """
 
     def __init__(self) -> None:
-        self._counts: dict[str, tuple[float, int, str]] = {}  # begin of the hour, s; lines; the last one
+        # begin of the hour, s; lines; the last one. The oldest hour is the first
+        self._counts: dict[str, tuple[float, int, str]] = {}
+        self._others = 0  # lines of further messages, since the last one that was written
 
-    def suffix(self, text: str, now: float) -> str | None:
-        """Return what to append to a line; None: it is not written."""
+    def suffix(self, text: str, now: float, important: bool = False) -> str | None:
+        """Return what to append to a line; None: it is not written.
+
+        Parameters
+        ----------
+        important : it is written though there are too many different messages.
+        """
         message = re.sub(r"\d+", "0", text)
+        if message not in self._counts and len(self._counts) >= MOST_MESSAGES:
+            oldest, (begin, *_) = next(iter(self._counts.items()))
+            if now - begin <= REPEATS_S and not important:
+                self._others += 1
+                return None
+            del self._counts[oldest]
         begin, count, _ = self._counts.get(message, (now, 0, ""))
         if now - begin <= REPEATS_S:
             self._counts[message] = begin, count + 1, text
-            if len(self._counts) > MOST_MESSAGES:
-                del self._counts[next(iter(self._counts))]
-            return "" if count < REPEATS else None
+            if count >= REPEATS:
+                return None
+            others, self._others = self._others, 0
+            return f" (and {others:,} lines of other messages before)" if others else ""
         del self._counts[message]  # and to the end of the order
         self._counts[message] = now, 1, text
         more = count - REPEATS
@@ -154,7 +171,8 @@ class RepeatLimit:
         """Return a line for each message of which lines were not written."""
         counts, self._counts = self._counts, {}
         repeated = ((count - REPEATS, text) for _, count, text in counts.values())
-        return [f"repeated {more:,} times more: {text}" for more, text in repeated if more > 0]
+        lines = [f"repeated {more:,} times more: {text}" for more, text in repeated if more > 0]
+        return [*lines, *([f"{self._others:,} lines of other messages"] if self._others else [])]
 
 
 class _BoundedHandler(QueueHandler):
@@ -179,7 +197,8 @@ class _BoundedHandler(QueueHandler):
             record = self.prepare(record)
             # who asks for debug lines wants all of them
             if record.levelno >= logging.INFO:
-                if (suffix := self._repeats.suffix(record.msg, record.created)) is None:
+                important = record.levelno >= logging.ERROR
+                if (suffix := self._repeats.suffix(record.msg, record.created, important)) is None:
                     return
                 record.msg += suffix
             self.enqueue(record)

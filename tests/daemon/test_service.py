@@ -339,6 +339,22 @@ def test_a_message_that_repeats_is_written_ten_times_and_counted(
     assert len(lines) < 40
 
 
+def test_messages_with_ever_other_names_are_counted_and_errors_are_written(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with (tmp_path / "err").open("w") as file:
+        monkeypatch.setattr(sys, "stderr", file)
+        close = configure_logging(format="text")
+        for k in range(5000):
+            LOGGER.warning("%s", f"topic {chr(0x4E00 + k)} appeared")
+            time.sleep(0.0001)
+        LOGGER.error("the state cannot be saved")
+        close()
+    lines = (tmp_path / "err").read_text().splitlines()
+    assert len(lines) == 201
+    assert lines[-1].endswith("error: the state cannot be saved (and 4,800 lines of other messages before)")
+
+
 @pytest.mark.parametrize("form", ["auto", "journal", "json", "text"])
 def test_only_the_journal_gets_priorities(form: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     with (tmp_path / "err").open("w") as file:
