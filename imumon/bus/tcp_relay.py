@@ -39,7 +39,7 @@ from imumon.door_limits import OpenConnections, Pace
 
 MOST_FIRST_BYTES = 4096
 """Bytes of the first message of a connection; that of Zenoh 1.10 has 34."""
-GREETINGS_HZ, GREETINGS_AT_ONCE = 100.0, 32
+GREETINGS_HZ, GREETINGS_AT_ONCE = 200.0, 64
 """Connections that are passed on per second over a longer time, and at once; further ones are closed."""
 CHUNK_BYTES = 1 << 14
 """Bytes that are read at once, and wait for one client at most."""

@@ -280,6 +280,8 @@ def test_31_disk_of_the_recording_is_full_at_a_write(tmp_path: Path, calls: int)
 
 
 DAYS, STEP_S = 30, 10
+HISTORY_LAG_S = 3.0
+"""s of the host by which the history may be behind the state at each of the three ends."""
 SAMPLES = DAYS * 86400 // STEP_S
 
 
@@ -338,7 +340,7 @@ def test_32_a_month(tmp_path: Path) -> None:
     config, state, third = tmp_path / "config.toml", tmp_path / "state", SAMPLES // 3
     config.write_text(CONFIG + "[limits]\nlines_hz = 100000\n")
     words, known = ("--config", str(config), "--id", ID, "--json"), 0
-    sensor = QuickSensor()
+    sensor, begin = QuickSensor(), time.monotonic()
     for how in (signal.SIGKILL, signal.SIGTERM, signal.SIGTERM):
         sensor.until += third
         with Daemon(sensor.url, state, *words) as daemon:
@@ -348,10 +350,8 @@ def test_32_a_month(tmp_path: Path) -> None:
         assert "Traceback" not in said
         record = decode((state / f"{ID}.state").read_bytes()).meta["monitor"]["record"]
         known = record["samples"]
-        if how is signal.SIGKILL:
-            # an hour of the sensor is less than a second here: what the thread of the history had not written yet
-            unwritten = max(0, known - kept(state / f"{ID}{SUFFIX}"))
     sensor.close()
+    lines_hz = sensor.sent / (time.monotonic() - begin)
     final = from_json(Report, out)
     session, ledger = final.session, dict(final.session.ledger)
     assert session.samples == known
@@ -364,5 +364,5 @@ def test_32_a_month(tmp_path: Path) -> None:
     assert 0.5 * sensor.sent < session.samples <= sensor.sent
     assert session.restarts >= 2
     in_history = kept(state / f"{ID}{SUFFIX}")
-    assert unwritten < 0.1 * third
-    assert session.samples - unwritten - 3 * 600 // STEP_S <= in_history <= session.samples
+    # hours of this sensor are a second of the host, in which the history is written: of another, the period in progress
+    assert session.samples - 3 * HISTORY_LAG_S * lines_hz <= in_history <= session.samples
