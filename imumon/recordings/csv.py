@@ -36,7 +36,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -353,8 +353,7 @@ class CsvFile(TextTable):
         cells = [row for row in cells if all(choice.holds(row) for choice in self._choices)]
         times, unreadable = [], ""
         for column in table_layout.times:
-            texts = [row[column.index] for row in cells if len(row) > column.index]
-            texts = [text for text in texts if text.lower() not in MISSING]
+            texts = _present(cells, column.index)
             # any, not all: the first rows may have cells such as "?" before the clock is set
             if not texts or any(is_number(text.replace(",", ".")) for text in texts):
                 times.append(column)
@@ -364,19 +363,21 @@ class CsvFile(TextTable):
                 times.append(replace(column, unit="s"))
             else:
                 unreadable = unreadable or f"the time in {column.name} is not readable, {texts[0][:QUOTED]!r}"
-        if (
-            unreadable
-            and not times
-            and any(has_thousands(row[c.index]) for row in cells[:1] for c in table_layout.times)
-        ):
-            raise RecordingError("thousands", f"{self.path}: {unreadable}: {THOUSANDS}", NO_THOUSANDS)
         if unreadable and not times:
+            if any(has_thousands(row[column.index]) for row in cells[:1] for column in table_layout.times):
+                raise RecordingError("thousands", f"{self.path}: {unreadable}: {THOUSANDS}", NO_THOUSANDS)
             cure = f"write numbers or 2026-01-31T12:00:00.000, or omit it with {MAP_EXAMPLE} and --rate"
             raise RecordingError("time_not_readable", f"{self.path}: {unreadable}", cure)
         return replace(table_layout, times=tuple(times))
 
     def no_samples(self) -> RecordingError:
         return RecordingError("no_rows", f"{self.path} has a header and no row of numbers after it", COMPLETE)
+
+
+def _present(cells: Sequence[Sequence[str]], index: int) -> list[str]:
+    """Return the cells of a column that are there."""
+    texts = (row[index] for row in cells if len(row) > index)
+    return [text for text in texts if text.lower() not in MISSING]
 
 
 def _may_be_row(rest: bytes) -> bool:
@@ -510,29 +511,39 @@ class RowParser:
             places = [place for place, line in places_of_lines if line.strip()]
         # a fast reader that takes a line break in quotes for a part of a cell returns other rows: not used
         if rows is None or len(rows) != len(places):
-            whole = lines_of(block)
-            end = len(whole) - 1 if last else -1
-            other = next((k for k, line in enumerate(whole) if self._ends_table(line)), None)
-            if other is not None:
-                where = f"{self._path} line {line_places[other]}"
-                self.problem = f"{where} names other columns: only the rows before are used"
-                self._ledger.add("other_message", len(whole) - other)
-                whole, end = whole[:other], -1
-            parsed = [self._row(line, line_places[k], k == end) for k, line in enumerate(whole)]
-            rows = np.array([row for row, _ in parsed if row]).reshape(-1, len(self._columns))
-            places = [place for row, place in parsed if row]
+            rows, places = self._line_by_line(block, line_places, last=last)
         else:
             self._ledger.add("blank", len(line_places) - len(places))
         self.read += len(rows)
         # here and not at the end: a file of another kind is refused within its first block
         if self.invalid > INVALID_ROWS and self.invalid > INVALID_SHARE * self.read:
-            if self._thousands:
-                raise RecordingError(
-                    "thousands", f"{self._path} {self._first_invalid}: {THOUSANDS}", NO_THOUSANDS
-                )
-            text = f"{self._path} {self._first_invalid}; {self.invalid:,} of {self.read:,} rows are invalid"
-            raise RecordingError("too_many_invalid_rows", text, "correct these rows, or delete them")
+            self._refuse()
         return rows, places
+
+    def _line_by_line(
+        self, block: bytes, line_places: Sequence[int], *, last: bool
+    ) -> tuple[Floats, list[int]]:
+        """Return what `numbers` does, of lines that are not all rows of numbers."""
+        lines = lines_of(block)
+        end = len(lines) - 1 if last else -1
+        other = next((k for k, line in enumerate(lines) if self._ends_table(line)), None)
+        if other is not None:
+            where = f"{self._path} line {line_places[other]}"
+            self.problem = f"{where} names other columns: only the rows before are used"
+            self._ledger.add("other_message", len(lines) - other)
+            lines, end = lines[:other], -1
+        parsed = [self._row(line, line_places[k], k == end) for k, line in enumerate(lines)]
+        rows = np.array([row for row, _ in parsed if row]).reshape(-1, len(self._columns))
+        return rows, [place for row, place in parsed if row]
+
+    def _refuse(self) -> NoReturn:
+        """Raise the error of a table most of whose rows are none."""
+        if self._thousands:
+            raise RecordingError(
+                "thousands", f"{self._path} {self._first_invalid}: {THOUSANDS}", NO_THOUSANDS
+            )
+        text = f"{self._path} {self._first_invalid}; {self.invalid:,} of {self.read:,} rows are invalid"
+        raise RecordingError("too_many_invalid_rows", text, "correct these rows, or delete them")
 
     def _regular(self, block: bytes) -> Floats | None:
         """Return the numbers of lines that all are rows of numbers; None if one is not."""

@@ -347,22 +347,9 @@ def time_unit(
     rates = {u: 1e9 / (step * ns) for u, ns in UNITS["t"].items() if u in INFERRED or u == column.unit}
     usual = [unit for unit, rate in rates.items() if _within(rate, USUAL_HZ)]
     if column.unit == FINE_UNIT and column.rank >= 0 and rates[FINE_UNIT] < SLOWEST_FINE_HZ:
-        if rate_hz is not None and abs(math.log(rates[FINE_UNIT] / rate_hz)) < math.log(10.0):
-            return FINE_UNIT, None
-        text = f"{column.name} counts us, {rates['us']:.4g} Hz: 100 us would be {rates[FINE_UNIT]:.4g} Hz"
-        return "us", f"{text}; if it counts these, {option_text(columns={'t': f'{column.name}:{FINE_UNIT}'})}"
+        return _fine_unit(column, rates, rate_hz)
     if column.unit is not None:
-        # loggers write "ms" above seconds: a rate that no sensor has refutes the header
-        if _within(rates[column.unit], POSSIBLE_HZ):
-            # a slower sensor than any, whose rate is usual in another unit: the header may be wrong
-            if rates[column.unit] < USUAL_HZ[0] and usual and column.rank >= 0:
-                text = f"{column.name} is in {column.unit}, which is {rates[column.unit]:.3g} Hz"
-                other = unit_cure(source, [column], usual[0])
-                return column.unit, f"{text}; if it is {usual[0]}, {rates[usual[0]]:.4g} Hz, {other}"
-            return column.unit, None
-        text = f"{source.name}: {column.name} is in {column.unit}, but its steps of {step:.3g} would then be "
-        text += f"{rates[column.unit]:.3g} Hz"
-        raise RecordingError("wrong_time_unit", text, _choices(source, column, usual, rates))
+        return column.unit, _doubt_of_unit(source, column, column.unit, rates, usual)
     if rate_hz is not None:
         return min(rates, key=lambda unit: abs(math.log(rates[unit] / rate_hz))), None
     dated = [u for u in rates if _within(abs(float(times[0])) * UNITS["t"][u] * 1e-9, SINCE_1970_S)]
@@ -377,6 +364,30 @@ def time_unit(
         return unit, None
     text = f"{column.name} without a unit: {unit} is assumed, which is {rates[unit]:.4g} Hz"
     return unit, f"{text}; if it is another, {unit_cure(source, [column], 's')}"
+
+
+def _fine_unit(column: Column, rates: Mapping[str, float], rate_hz: float | None) -> tuple[str, str | None]:
+    """Return the unit of a counter whose name shows ticks of 100 us, at which it would be slow, and a remark."""
+    if rate_hz is not None and abs(math.log(rates[FINE_UNIT] / rate_hz)) < math.log(10.0):
+        return FINE_UNIT, None
+    text = f"{column.name} counts us, {rates['us']:.4g} Hz: 100 us would be {rates[FINE_UNIT]:.4g} Hz"
+    return "us", f"{text}; if it counts these, {option_text(columns={'t': f'{column.name}:{FINE_UNIT}'})}"
+
+
+def _doubt_of_unit(
+    source: RowSource, column: Column, unit: str, rates: dict[str, float], usual: Sequence[str]
+) -> str | None:
+    """Return a remark on the unit that a header gives; raise an error if no sensor has that rate."""
+    if not _within(rates[unit], POSSIBLE_HZ):
+        # loggers write "ms" above seconds: a rate that no sensor has refutes the header
+        text = f"{source.name}: {column.name} is in {unit}, but its steps would then be {rates[unit]:.3g} Hz"
+        raise RecordingError("wrong_time_unit", text, _choices(source, column, usual, rates))
+    # a slower sensor than any, whose rate is usual in another unit: the header may be wrong
+    if rates[unit] < USUAL_HZ[0] and usual and column.rank >= 0:
+        text = f"{column.name} is in {unit}, which is {rates[unit]:.3g} Hz"
+        other = unit_cure(source, [column], usual[0])
+        return f"{text}; if it is {usual[0]}, {rates[usual[0]]:.4g} Hz, {other}"
+    return None
 
 
 def _choices(source: RowSource, column: Column, units: Sequence[str], rates: dict[str, float]) -> str:

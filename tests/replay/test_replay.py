@@ -198,7 +198,7 @@ def test_signal_findings_are_reported(tmp_path: Path) -> None:
     assert "temperature" in channels["gyro/y"]["caveats"]
     assert channels["accel/x"]["distribution"]["correlation"]["accel/y"] > 0.5
     for text in (
-        f"gyro/y: follows the temperature by {drift['per_degC']:.2e}",
+        f"gyro/y: follows the temperature by {np.degrees(drift['per_degC']):.2e}",
         "accel/x: lines at 13.3 Hz of 0.0",
         "accel/x: moves together with accel/y (+0.5",
         "mag/x: lines at 10",
