@@ -119,6 +119,17 @@ def _in_blocks(items: Iterable[bytes | Gap], size: int) -> Iterator[bytes | Gap]
     yield b"".join(waiting)
 
 
+def _first_bytes(path: str) -> bytes:
+    """Return the first bytes of a file; none of standard input, and of a bag that is a directory."""
+    if os.path.isdir(path) and log_kind(path, b"") is None:
+        cure = "name a file in it, or let ros2 bag reindex make the metadata.yaml of a bag"
+        raise RecordingError("is_directory", f"{path} is a directory and no bag", cure)
+    if path != "-":  # a pipe can be read only once
+        with contextlib.suppress(OSError), open(open_regular(path, follow=True), "rb") as file:
+            return file.read(16)
+    return b""
+
+
 def open_recording(path: str, options: ReadOptions) -> Recording:
     """Open a recording of any format: its contents decide, and the name only where they do not.
 
@@ -127,13 +138,7 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     RecordingError : it cannot be read, or is something else.
     OptionNotApplicable : a topic was given, and it has no topics.
     """
-    head = b""
-    if os.path.isdir(path) and log_kind(path, head) is None:
-        cure = "name a file in it, or let ros2 bag reindex make the metadata.yaml of a bag"
-        raise RecordingError("is_directory", f"{path} is a directory and no bag", cure)
-    if path != "-":  # a pipe can be read only once
-        with contextlib.suppress(OSError), open(open_regular(path, follow=True), "rb") as file:
-            head = file.read(16)
+    head = _first_bytes(path)
     # the first bytes of logs and arrays are certain; text comes last, as everything may look like it
     if (kind := log_kind(path, head)) is not None:
         _refuse_where(path, options)

@@ -228,9 +228,9 @@ def _wrong_acceleration(
     factors = np.array([column.factor for column in columns]) / interval_s
     size = median_size(values * factors) or 0.0
     bare = tuple(column for column in columns if column.unit is None)
+    complete = len(columns) == len(AXES)
     # axes that are not all there may be horizontal: then any size is possible
-    partial = len(columns) < len(AXES) and not bare
-    if partial or is_one_g(size):
+    if is_one_g(size) or not (complete or bare):
         return None
     quantity = columns[0].quantity or ""
     number = size * interval_s / columns[0].factor  # as in the table
@@ -238,14 +238,13 @@ def _wrong_acceleration(
     doubtful = bare or columns
     subject = f"{_subject(doubtful)}, but its size is {number:.3g}"
     whole = are_counts(values)
-    unit = _unit_of_gravity(
-        quantity, number, interval_s, *((1.0 - WHOLE_SIZE, 1.0 + WHOLE_SIZE) if whole else ())
-    )
+    limits_g = (1.0 - WHOLE_SIZE, 1.0 + WHOLE_SIZE) if whole else (0.0, math.inf)
+    unit = _unit_of_gravity(quantity, number, interval_s, *limits_g)
     if unit is not None and not scaled:
         return _WrongUnit("wrong_unit", doubtful, subject, unit)
     if size <= MAX_AT_REST["accel"][0] and not (bare and whole):
         text = f"{subject}, which is one g in no unit: its unit may be wrong, or gravity has been removed"
-        return text if len(columns) == len(AXES) else None
+        return text if complete else None
     return _raw_counts(doubtful, quantity, subject, number)
 
 
@@ -353,9 +352,7 @@ def time_unit(
     if rate_hz is not None:
         return min(rates, key=lambda unit: abs(math.log(rates[unit] / rate_hz))), None
     dated = [u for u in rates if _within(abs(float(times[0])) * UNITS["t"][u] * 1e-9, SINCE_1970_S)]
-    likely = [unit for unit in usual if unit in dated] or usual
-    # beyond the usual rates only the units that people write without naming them
-    likely = likely or [unit for unit in ("s", "ns") if _within(rates[unit], POSSIBLE_HZ)]
+    likely = _likely_units(rates, usual, dated)
     if len(likely) != 1:
         text = f"{source.name}: {column.name} has no unit, and its steps are {step:.3g}"
         raise RecordingError("ambiguous_time_unit", text, _choices(source, column, likely, rates))
@@ -364,6 +361,13 @@ def time_unit(
         return unit, None
     text = f"{column.name} without a unit: {unit} is assumed, which is {rates[unit]:.4g} Hz"
     return unit, f"{text}; if it is another, {unit_cure(source, [column], 's')}"
+
+
+def _likely_units(rates: Mapping[str, float], usual: Sequence[str], dated: Sequence[str]) -> list[str]:
+    """Return the units that a time without one may have: those with a date first, of those with a usual rate."""
+    likely = [unit for unit in usual if unit in dated] or list(usual)
+    # beyond the usual rates only the units that people write without naming them
+    return likely or [unit for unit in ("s", "ns") if _within(rates[unit], POSSIBLE_HZ)]
 
 
 def _fine_unit(column: Column, rates: Mapping[str, float], rate_hz: float | None) -> tuple[str, str | None]:
