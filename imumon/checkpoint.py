@@ -22,7 +22,7 @@ import os
 import stat
 import threading
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from datetime import datetime
@@ -254,6 +254,7 @@ class Checkpoint:
             self.failed = self._reason(error)
         self._changed = threading.Condition()
         self._next: SavedState | None = None
+        self._before: Callable[[], None] | None = None  # of the next one
         self._writing = False
 
     def _acquire_lock(self) -> None:
@@ -338,10 +339,15 @@ class Checkpoint:
             self.previous.unlink(missing_ok=True)
         return aside
 
-    def save(self, state: SavedState) -> None:
-        """Write a state in the background; it replaces one that is not being written yet."""
+    def save(self, state: SavedState, before: Callable[[], None] | None = None) -> None:
+        """Write a state in the background; it replaces one that is not being written yet.
+
+        Parameters
+        ----------
+        before : returns when what belongs to the state is in its own files; None: there is nothing.
+        """
         with self._changed:
-            self._next = state
+            self._next, self._before = state, before
             if self._writing:
                 return
             self._writing = True
@@ -356,10 +362,10 @@ class Checkpoint:
         with self._changed:
             return self._changed.wait_for(lambda: not self._writing, timeout_s)
 
-    def close(self, state: SavedState | None = None) -> None:
-        """Write the last state, wait for the disk, release the lock."""
+    def close(self, state: SavedState | None = None, before: Callable[[], None] | None = None) -> None:
+        """Write the last state, wait for the disk, release the lock; `before` is as of `save`."""
         if state is not None:
-            self.save(state)
+            self.save(state, before)
         if self.flush():
             self._write_pending()  # if no thread could be started
         self._release_lock()
@@ -374,10 +380,12 @@ class Checkpoint:
         try:
             while True:
                 with self._changed:
-                    state, self._next = self._next, None
+                    state, before, self._next, self._before = self._next, self._before, None, None
                     if state is None:
                         self._finish_writing()
                         return
+                if before is not None:
+                    before()
                 self._write_state(state)
         except Exception:  # even the reason of a failure could not be formatted
             self.failed = _OUT_OF_MEMORY

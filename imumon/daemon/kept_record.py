@@ -6,7 +6,7 @@ recording, if the settings want them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from imumon import alarms
 from imumon.bus import Publisher
@@ -111,9 +111,9 @@ class KeptRecord:
 
     def close(self, counters: DeviceCounters) -> None:
         """Write everything, and wait for it."""
-        if self.persistence is not None:
-            self.persistence.close(self.session(counters))
         self.keep(in_progress=True)
+        if self.persistence is not None:
+            self.persistence.close(self.session(counters), self._history_barrier())
         if self.history is not None:
             self.history.close()
         self.recorder.close()
@@ -174,9 +174,12 @@ class KeptRecord:
 
     def keep(self, *, in_progress: bool = False) -> None:
         """Keep the periods that have ended, and with `in_progress` also the others."""
-        periods = self.monitor.periods()
-        if self.history is None or self.started is None:
+        if self.history is None:
+            self.monitor.periods()  # nobody wants them
             return
+        if self.started is None:
+            return  # those of the first block wait until the record has a name
+        periods = self.monitor.periods()
         if in_progress:
             periods += self.monitor.periods_in_progress()
         self.history.add(periods, self.started, self._clock.time_s())
@@ -197,9 +200,12 @@ class KeptRecord:
     def save(self, now: float, counters: DeviceCounters) -> None:
         """Let the state and the history be written, if that is due at `now`, s, monotonic."""
         if self.persistence is not None and self.monitor.samples and self._save_timer.is_due(now):
-            self.persistence.save(self.session(counters))
-            if self.history is not None:
-                self.history.save()
+            self.keep()
+            self.persistence.save(self.session(counters), self._history_barrier())
+
+    def _history_barrier(self) -> Callable[[], None] | None:
+        """Let the history be written; return what a state has to wait for, None: there is no history."""
+        return None if self.history is None else self.history.barrier()
 
     def session(self, counters: DeviceCounters) -> SessionCounters:
         """Return the counters of the device, with those of earlier runs."""

@@ -6,7 +6,7 @@ state of another one is never mixed in and never overwritten: it is renamed, and
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, replace
 from datetime import datetime
 from functools import cache
@@ -155,14 +155,14 @@ class Persistence:
         sums = {name: getattr(session, name) + getattr(self._before, name) for name in COUNTERS}
         return replace(session, **sums, ledger=merged(session.ledger, self._before.ledger))
 
-    def save(self, session: SessionCounters) -> None:
-        """Hand the state over to be written."""
-        self._checkpoint.save(self._state(session))
+    def save(self, session: SessionCounters, before: Callable[[], None] | None = None) -> None:
+        """Hand the state over to be written; `before` returns when the history that belongs to it is written."""
+        self._checkpoint.save(self._state(session), before)
 
-    def close(self, session: SessionCounters) -> None:
-        """Write the last state and wait for the disk."""
+    def close(self, session: SessionCounters, before: Callable[[], None] | None = None) -> None:
+        """Write the last state and wait for the disk; `before` is as of `save`."""
         state = self._state(session) if self._monitor.samples else None
-        self._checkpoint.close(state)
+        self._checkpoint.close(state, before)
 
     def problem(self) -> tuple[str, Level] | None:
         """Return why the last save failed, or that saving works again: once, though the reason may change meanwhile."""

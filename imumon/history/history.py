@@ -10,7 +10,7 @@ from __future__ import annotations
 import sqlite3
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
@@ -40,6 +40,8 @@ MOST_ROWS = 20_000
 """Rows of one answer on the bus, 8 MB. More need a longer step."""
 CLOSE_S = 3.0
 """s that the disk may take at the end."""
+BARRIER_S = 3.0
+"""s for which a state waits for the periods before it: a disk that hangs must not keep it from being saved."""
 EVENTS = "event"
 """Name of the key of the events below that of the history."""
 
@@ -69,6 +71,9 @@ class History:
         self._power_up: PowerUp | None = None  # to write
         self._dropped = 0
         self._save = self._closing = False
+        self._asked = self._tried = (
+            0  # numbers of barriers: the newest, and the newest that a write has passed
+        )
         self._failed: str | None = None
         self._reported: str | None = None
         self._damage_noted = False
@@ -107,7 +112,7 @@ class History:
                     self._dropped += 1
         with self._changed:
             if self._save:
-                self._changed.notify()
+                self._changed.notify_all()
 
     def event(self, event: Event) -> None:
         """Keep an event."""
@@ -129,7 +134,24 @@ class History:
         """Let the thread write what is new."""
         with self._changed:
             self._save = True
-            self._changed.notify()
+            self._changed.notify_all()
+
+    def barrier(self) -> Callable[[], None]:
+        """Return a function that waits until what is known now is written, or cannot be.
+
+        A state continues behind the periods that have ended: if it were written before them, a kill between both
+        would lose them.
+        """
+        with self._changed:
+            self._asked += 1
+            number, self._save = self._asked, True
+            self._changed.notify_all()
+
+        def wait() -> None:
+            with self._changed:
+                self._changed.wait_for(lambda: self._tried >= number, BARRIER_S)
+
+        return wait
 
     def problems(self) -> list[tuple[str, Level]]:
         """Return what is new: why nothing can be written, that it can be again, what was set aside."""
@@ -172,7 +194,7 @@ class History:
         """Write what is new, and wait for the disk."""
         with self._changed:
             self._closing = True
-            self._changed.notify()
+            self._changed.notify_all()
         self._thread.join(CLOSE_S)
 
     def _settle(self, timed: TimedPeriod, now: float) -> None:
@@ -248,7 +270,8 @@ class History:
     def _run(self) -> None:
         store: HistoryStore | None = None
         while True:
-            closing = self._closing  # before the write: what is added during it is written by the next
+            # before the write: what is added during it is written by the next
+            closing, asked = self._closing, self._asked
             try:
                 store = store or self._opened()
                 self._write(store)
@@ -269,6 +292,8 @@ class History:
                 reason = getattr(error, "strerror", None) or "out of memory"
                 self._failed = f"{self.path.parent}: {reason}: {cure_of_writing(error)}"
             with self._changed:
+                self._tried = asked
+                self._changed.notify_all()
                 if closing:
                     break
                 self._changed.wait_for(lambda: self._save or self._closing)

@@ -240,17 +240,21 @@ def _novatel_cure(log: str, time: int) -> str:
     )
 
 
+JUDGED_BYTES = 40
+"""Bytes by which UTF-16 is recognised; a file with less than half of them is not judged."""
+
+
 def _utf_16(head: bytes) -> str | None:
     """Return the name of an encoding in which every second byte of a Latin text is 0; None: it is not so.
 
-    >>> _utf_16("t,gx,gy".encode("utf-16-le")), _utf_16(b"t,gx,gy"), _utf_16(bytes(40))
+    >>> _utf_16("t,gx,gy,gz,ax,ay,az".encode("utf-16-le")), _utf_16(b"t,gx,gy"), _utf_16(bytes(40))
     ('UTF-16LE', None, None)
     """
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0" in head[:HEAD_LINES]:
+    few = head[:JUDGED_BYTES]
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0" in few:
         return "UTF-16"
-    few = head[: 2 * HEAD_LINES]
     even, odd = few[::2], few[1::2]
-    if len(few) < HEAD_LINES or any(even) == any(odd):
+    if len(few) < JUDGED_BYTES // 2 or any(even) == any(odd):
         return None
     return "UTF-16LE" if any(even) and all(even) else "UTF-16BE" if all(odd) else None
 
