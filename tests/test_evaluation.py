@@ -748,7 +748,8 @@ def _misfits_are_caveats(report: Report) -> int:
     """Check every channel; return how many have the caveat."""
     known = [c for c in report.channels.values() if c.fit is not None and c.fit.p_value is not None]
     for channel in known:
-        assert ("misfit" in channel.caveats) == (channel.fit.p_value < 0.01)
+        # one record in a hundred, whatever the number of its channels
+        assert ("misfit" in channel.caveats) == (channel.fit.p_value < 0.01 / len(known))
     return sum("misfit" in channel.caveats for channel in known)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from imumon.coefficients import LIMIT_95, NOISE, Estimate, Excess
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import BiasFit, ChannelFit, Estimator
+from imumon.noise.fit.fit_rules import CHANCE
 from imumon.noise.grading import LIMITS, Headline, grade_sensor
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.distribution_shape import DistributionShape
@@ -134,6 +135,7 @@ class Analysis:
         """Return the fits, as far as the state of the record lets them count; decide whether it warms up."""
         record, noise = self._record, self._record.statistics.noise
         fits = self._estimator.fit(curve, renew=force or None, resolution=steps, kurtosis=kurtosis)
+        fits = _judged_as_a_record(fits)
         excluded = (record.excluded_noise() * record.interval_s).tolist()
         fits = tuple(_with_tails(fit, power) for fit, power in zip(fits, excluded, strict=False))
         self._compare_halves(fits, steps, kurtosis, force=force)
@@ -236,6 +238,20 @@ def _between(quarters: Sequence[Estimate]) -> tuple[float, Excess] | None:
         return None
     values, low, high = np.array(known, dtype=np.float64).T
     return float(np.std(values, ddof=1)), excess(values, np.log(high / low) / (2.0 * LIMIT_95))
+
+
+def _judged_as_a_record(fits: Sequence[ChannelFit]) -> tuple[ChannelFit, ...]:
+    """Return the fits without the caveat `misfit` where it is one of several channels by chance (Bonferroni).
+
+    Judged one by one, nine channels of noise that is exactly the model have it in 9 % of the records.
+    """
+    chance = CHANCE / max(sum(fit.p_value is not None for fit in fits), 1)
+    return tuple(
+        fit
+        if fit.p_value is None or fit.p_value < chance
+        else replace(fit, caveats=tuple(caveat for caveat in fit.caveats if caveat != "misfit"))
+        for fit in fits
+    )
 
 
 def _with_tails(fit: ChannelFit, power: float) -> ChannelFit:
