@@ -175,7 +175,7 @@ class KeptRecord:
     def keep(self, *, in_progress: bool = False) -> None:
         """Keep the periods that have ended, and with `in_progress` also the others."""
         if self.history is None:
-            self.monitor.periods()  # nobody wants them
+            self.monitor.periods()  # without a history none is kept
             return
         if self.started is None:
             return  # those of the first block wait until the record has a name
