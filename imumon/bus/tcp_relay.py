@@ -187,7 +187,11 @@ class TcpRelay:
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             link = _Link(client)
             self._links.add(link)
-            self._register(link.client)
+            try:
+                self._register(link.client)
+            except OSError:  # the kernel has no place for it: the thread must go on for the others
+                self._close(link)
+                continue
             self._silent.add(link, time.monotonic())
             if link in self._links:
                 self._serve(link.client, selectors.EVENT_READ)  # a viewer has sent its first message by now

@@ -50,7 +50,7 @@ WIDEST_LIMIT = 2.0  # factor beyond the points that the frame shows of their lim
 ROOM = 1.35
 """Factor of averaging time or deviation in which a mark or a letter has room."""
 BESIDE_POINTS = 10.0
-"""Points to the right of a letter at which the next one stands beside it."""
+"""Points to the right of a letter from which the next one is beside it."""
 RISING_SHARE = 0.4
 """Where a coefficient is marked whose asymptote rises, as a share of the longest averaging time."""
 
@@ -345,7 +345,7 @@ def _draw_letter(
 
     Returns
     -------
-    time and height at which the letter stands.
+    time and height of the letter.
     """
     bottom, _ = panel.get_ylim()
     # the floor is below the curve, others on it

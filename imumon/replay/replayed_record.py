@@ -160,7 +160,7 @@ class ReplayedRecord:
         if not count:
             return ()
         samples = "1 sample has" if count == 1 else f"{count:,} samples have"
-        fault = "the time of the sample before, as of a clock that stands still"
+        fault = "the time of the sample before, as of a clock that stops"
         return (f"{samples} {fault}: left out, because their place is not known",)
 
     def final(self) -> Report:
