@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from imumon.noise import ChannelFit, OctaveCascade, fit_curve, synthesise
-from imumon.noise.fit import fit_rules, likelihood, regressors, search, time_to_precision
+from imumon.noise.fit import fit_rules, likelihood, regressors, scoring, search, time_to_precision
 
 RATE_HZ, N = 40.0, 6.1e-5
 RECORDS = (
@@ -32,7 +32,7 @@ TRIED: dict[str, tuple[float, ...]] = {
     "DROP": (4.5, 6.0, 13.0),
     "HELD_SHARE": (0.5, 0.9),
 }
-MODULES: tuple[ModuleType, ...] = (fit_rules, likelihood, search, regressors, time_to_precision)
+MODULES: tuple[ModuleType, ...] = (fit_rules, likelihood, scoring, search, regressors, time_to_precision)
 
 
 def fits() -> list[ChannelFit]:

@@ -28,8 +28,9 @@ from imumon.noise.fit.fit_rules import (
     POINTS,
     SPAN_PER_DEGREE_DEGC,
 )
-from imumon.noise.fit.likelihood import Likelihood, Surface, grid_mean, normal_matrix
+from imumon.noise.fit.likelihood import Likelihood, Surface, grid_mean
 from imumon.noise.fit.model import total
+from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import BlockSeries, block_series, meeting_frequency
 from imumon.noise.fit.regressors import Regressor
 from imumon.noise.fit.slow_terms import SlowTerms
@@ -150,7 +151,7 @@ def _fitted(
     mean, error = grid_mean(surface, surface.beta, surface.beta_variances)
     coefficients = likelihood.coefficients
     variance = total(surface.powers, lambda term: coefficients.variances[term])
-    inverse = np.linalg.inv(normal_matrix(1.0 / variance[None], coefficients.X)[0])
+    inverse = inverse_and_log(normal_matrix(1.0 / variance[:, None], coefficients.X))[0][:, :, 0]
     # the noise is not known exactly: the errors are those over all N, B and K, the correlations of the likeliest
     wider = error / np.sqrt(np.diagonal(inverse))
     scale = np.array([column.scale for column in regressors])

@@ -50,15 +50,15 @@ from imumon.noise.fit.fit_rules import (
     FINE,
     GRID,
     GRID_FALL,
-    LEAST_POWER,
     LEAST_VARIANCE,
     MOST_MOVES,
-    SCORING_STEPS,
     SLOW_DEGREES,
     SLOW_GROUPS,
 )
 from imumon.noise.fit.model import FLICKER, WALK, WHITE, NoiseTerm, combined, total
+from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import Bands, Coefficients
+from imumon.noise.fit.scoring import BandScoring, least_expected
 from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Floats
 
@@ -207,7 +207,7 @@ class Likelihood:
         ----------
         start : (free - 1,) first values of the profiled parameters but that of white noise; None: zeros.
         """
-        gridded = grid_powers(grids)
+        gridded = self._with_known(grid_powers(grids))
         scored, corner, log, variances = self._profile(gridded, start)
         restricted, beta, beta_variances = self._restricted({**scored, **gridded})
         # without any noise there is no likelihood; a finite number, so that a surface of it alone gives no NaN
@@ -215,21 +215,19 @@ class Likelihood:
         log = np.where(np.isfinite(log), log, np.finfo(np.float32).min)
         return Surface(grids, log, scored, variances, corner, beta, beta_variances, beside=self.beside)
 
-    def _beside(self, unit: Mapping[NoiseTerm, Floats]) -> Floats | float:
-        """Return (n,) what statistics expect of the terms whose power is known."""
-        return total(self.beside, lambda term: unit[term]) if self.beside else 0.0
+    def _with_known(self, powers: Mapping[NoiseTerm, Floats]) -> dict[NoiseTerm, Floats]:
+        """Return (m,) powers with those of the terms that are known."""
+        size = next(iter(powers.values())).size
+        return {**powers, **{term: np.full(size, power) for term, power in self.beside.items()}}
 
     def _profile(
         self, gridded: Mapping[NoiseTerm, Floats], start: Floats | None, *, only_white: bool = False
     ) -> tuple[dict[NoiseTerm, Floats], Floats, Floats, dict[NoiseTerm, Floats]]:
-        """Return what profiling gives at each of m points, by Fisher's scoring.
-
-        The model is linear in the scored powers, so that a few steps suffice (McCullagh and Nelder 1989, section 2.5):
-        the information about parameters i and j is sum nu/2 slope_i slope_j / S^2.
+        """Return what profiling gives at each of m points, by Fisher's scoring (`scoring`).
 
         Parameters
         ----------
-        gridded : (m,) powers of the gridded terms.
+        gridded : (m,) powers of the terms that are not profiled.
         start : (free - 1,) or (free - 1, m) first values of the other parameters.
         only_white : the other parameters stay as they are.
 
@@ -240,45 +238,26 @@ class Likelihood:
         log : (m,) logarithm of the likelihood of the powers.
         variances : (m,) of each scored power.
         """
-        P, half = self.bands.power, 0.5 * self.dof
-        unit = np.stack([self.bands.expected[term] for term in self.scored])
-        base = combined(gridded, self.bands.expected) + self._beside(self.bands.expected)
-        points, floor, bend = len(base), self._floor, self.bands.bend
-        values = np.zeros((self.free, points))
+        scoring = BandScoring(self.bands, self.dof, self.scored, gridded, low_pass=self.low_pass)
+        values = scoring.values[: self.free]
         values[0] = self._white
         if start is not None:
             values[1:] = start if start.ndim == 2 else start[:, None]
-        least = np.zeros(self.free)
-        least[0] = (
-            1e-6 * self._white
-        )  # white noise never vanishes: a model without it has no variance at high f
-        for step in range(SCORING_STEPS + 1):
-            model = values[: len(self.scored)].T @ unit + base
-            slopes = unit
-            if self.low_pass:
-                fall = 1.0 / (1.0 + np.multiply.outer(values[-1], bend))
-                model *= fall
-                slopes = np.stack((unit[0] * fall, -model * bend * fall))
-            np.maximum(model, floor, out=model)
-            weight = half / model**2
-            if step == SCORING_STEPS:
-                break
-            rest = weight * (P - model)
-            moved = slice(1) if only_white else slice(None)
-            values[moved] += _scoring_step(weight, rest, slopes[moved])
-            values = np.maximum(values, least[:, None])
-        log = -((P / model + np.log(model)) @ half)
-        inverse = np.linalg.inv(_information(weight, slopes))
-        scored: dict[NoiseTerm, Floats] = dict(zip(self.scored, values, strict=False))
-        variances = {term: np.asarray(inverse[:, i, i]) for i, term in enumerate(self.scored)}
-        corner: Floats = values[-1] if self.low_pass else np.zeros(points)
-        return scored, corner, log, variances
+        least = np.zeros((self.free, 1))
+        least[0] = 1e-6 * self._white  # never zero: a model without white noise has no variance at high f
+        scoring.ascend(least, 1 if only_white else self.free)
+        log, variances = scoring.likelihood()
+        return (
+            dict(zip(self.scored, values, strict=False)),
+            values[-1] if self.low_pass else np.zeros(log.size),
+            log,
+            dict(zip(self.scored, variances, strict=False)),
+        )
 
     @cached_property
     def _floor(self) -> Floats:
         """(r,) least power of a model."""
-        share = np.maximum(LEAST_POWER * self.bands.power, ROUNDING**2 * self.bands.power.max())
-        return np.asarray(np.maximum(share, LEAST_VARIANCE))
+        return least_expected(self.bands.power)
 
     @cached_property
     def _white(self) -> float:
@@ -303,23 +282,20 @@ class Likelihood:
         # six decades about the power of N, or about a corner at a sixth of the sampling rate; scoring does the rest
         tried = np.append(0.0, np.geomspace(1e-3, 1e3, 25)) * scale
         middle = {term: np.full(tried.size, float(np.median(grid)) ** 2) for term, grid in grids.items()}
-        log = self._profile(middle, tried[None], only_white=True)[2]
+        log = self._profile(self._with_known(middle), tried[None], only_white=True)[2]
         return tried[[log.argmax()]]
 
     def _restricted(self, powers: Mapping[NoiseTerm, Floats]) -> tuple[Floats, Floats, Floats]:
         """Return (m,) the restricted log likelihood of the coefficients, and (m, q) the regression with variances."""
         y, X = self.coefficients.y, self.coefficients.X
-        q = X.shape[1]
-        v = combined(powers, self.coefficients.variances) + self._beside(self.coefficients.variances)
+        v = combined(powers, self.coefficients.variances)
         w = 1.0 / v
-        log = -0.5 * (w @ y**2 + np.log(v).sum(axis=1))
-        if not q:
-            return log, np.zeros((len(v), 0)), np.zeros((len(v), 0))
-        XX, Xy = normal_matrix(w, X), w @ (X * y[:, None])
-        inverse = np.linalg.inv(XX)
-        beta = np.einsum("mij,mj->mi", inverse, Xy)
-        log += 0.5 * ((beta * Xy).sum(axis=1) - np.linalg.slogdet(XX)[1])
-        return log, beta, np.diagonal(inverse, axis1=1, axis2=2)
+        log = -0.5 * (y**2 @ w + np.log(v, out=v).sum(axis=0))
+        Xy = (X.T * y) @ w
+        inverse, log_information = inverse_and_log(normal_matrix(w, X))
+        beta = (inverse * Xy).sum(axis=1)
+        log += 0.5 * ((beta * Xy).sum(axis=0) - log_information)
+        return log, beta.T, np.einsum("iim->mi", inverse)
 
     def search(self, samples: float, start: Grids | None = None) -> Surface:
         """Return the likelihood on a grid that holds all of it, or the last one that was tried.
@@ -379,7 +355,7 @@ class Likelihood:
         """Return (n,) the single coefficients without the likeliest regression, and (n,) the share that it leaves."""
         y, X = self.coefficients.y, self.coefficients.X
         w = 1.0 / total(surface.powers, lambda term: self.coefficients.variances[term])
-        inverse = np.linalg.inv(normal_matrix(w[None], X)[0])
+        inverse = inverse_and_log(normal_matrix(w[:, None], X))[0][:, :, 0]
         left = 1.0 - w * np.einsum("nq,qr,nr->n", X, inverse, X)
         return y - X @ surface.beta[surface.best], np.asarray(left)
 
@@ -392,8 +368,8 @@ class Likelihood:
         ----------
         more : (m,) powers of terms that are neither scored nor on the grid.
         """
-        every = {**powers, **more}
-        model = combined(every, self.bands.expected) + self._beside(self.bands.expected)
+        every = self._with_known({**powers, **more})
+        model = combined(every, self.bands.expected).T
         model = np.maximum(model / (1.0 + surface.corner[surface.best] * self.bands.bend), self._floor)
         log = -((self.bands.power / model + np.log(model)) @ (0.5 * self.dof))
         return np.asarray(log + self._restricted(every)[0])
@@ -430,8 +406,7 @@ class Likelihood:
 
     def model(self, surface: Surface) -> Floats:
         """Return (r,) the expected powers at the greatest likelihood."""
-        powers = {term: np.array([power]) for term, power in surface.powers.items()}
-        model = combined(powers, self.bands.expected)[0]
+        model = total(surface.powers, lambda term: self.bands.expected[term])
         model = model / (1.0 + surface.corner[surface.best] * self.bands.bend)
         return np.asarray(np.maximum(model, self._floor))
 
@@ -566,44 +541,11 @@ def grid_mean(surface: Surface, value: Floats, variance: Floats) -> tuple[Floats
     return mean, np.sqrt(p @ (variance + (value - mean) ** 2))
 
 
-def normal_matrix(w: Floats, X: Floats) -> Floats:
-    """Return (m, q, q) X^T W X for weights (m, n), invertible also where columns are alike."""
-    n, q = X.shape
-    XX = (w @ (X[:, :, None] * X[:, None, :]).reshape(n, -1)).reshape(-1, q, q)
-    ridge = ROUNDING * np.einsum("mii->m", XX) + LEAST_VARIANCE
-    return np.asarray(XX + ridge[:, None, None] * np.eye(q))
-
-
 def grid_powers(grids: Grids) -> dict[NoiseTerm, Floats]:
     """Return (m,) the power of each gridded term at all points of a grid."""
-    axes = np.meshgrid(*grids.values(), indexing="ij")
-    return {term: axis.ravel() ** 2 for term, axis in zip(grids, axes, strict=True)}
-
-
-def _scoring_step(weight: Floats, rest: Floats, slopes: Floats) -> Floats:
-    """Return (p, m) the step of Fisher's scoring for p parameters.
-
-    Parameters
-    ----------
-    weight, rest : (m, r) information of each band, and its weighted residual.
-    slopes : (p, r) or (p, m, r) derivatives of the model.
-    """
-    if slopes.ndim == 2 and len(slopes) == 1:  # N alone, the usual case: two products instead of m inversions
-        return np.asarray((rest @ slopes[0]) / (weight @ slopes[0] ** 2))[None]
-    gradient = (rest * (slopes if slopes.ndim == 3 else slopes[:, None])).sum(axis=2)
-    return np.asarray(np.einsum("mij,jm->im", np.linalg.inv(_information(weight, slopes)), gradient))
-
-
-def _information(weight: Floats, slopes: Floats) -> Floats:
-    """Return (m, p, p) the information about p parameters, invertible also where their slopes are alike."""
-    if slopes.ndim == 2:
-        pairs = (slopes[:, None] * slopes[None]).reshape(-1, slopes.shape[1])
-        information = (weight @ pairs.T).reshape(-1, len(slopes), len(slopes))
-    else:
-        information = np.einsum("mr,imr,jmr->mij", weight, slopes, slopes)
-    diagonal = np.einsum("mii->mi", information)
-    ridge = ROUNDING * diagonal + np.maximum(LEAST_VARIANCE, 1e-300)
-    return np.asarray(information + ridge[:, :, None] * np.eye(len(slopes)))
+    axes = np.ix_(*(grid**2 for grid in grids.values()))
+    shape = tuple(grid.size for grid in grids.values())
+    return {term: np.broadcast_to(axis, shape).ravel() for term, axis in zip(grids, axes, strict=True)}
 
 
 def near(surface: Surface, term: NoiseTerm, size: int = GRID) -> Floats:

@@ -347,14 +347,14 @@ def total(powers: Mapping[NoiseTerm, float], unit: Callable[[NoiseTerm], Floats]
 
 
 def combined(powers: Mapping[NoiseTerm, Floats], unit: Mapping[NoiseTerm, Floats]) -> Floats:
-    """Return (m, n) the expectations of n statistics for m sets of powers, in one product of matrices.
+    """Return (n, m) the expectations of n statistics for m sets of powers, in one product of matrices.
 
     Parameters
     ----------
     powers : (m,) of each term.
     unit : (n,) unit expectations of at least these terms.
     """
-    return np.asarray(np.stack(list(powers.values()), axis=1) @ np.stack([unit[term] for term in powers]))
+    return np.asarray(np.stack([unit[term] for term in powers], axis=1) @ np.stack(list(powers.values())))
 
 
 class UpperShape(Enum):

@@ -44,8 +44,9 @@ from imumon.noise.fit.fit_rules import (
     TEMPERATURE_SNR,
     THERMOMETER_SIGMA,
 )
-from imumon.noise.fit.likelihood import Surface, normal_matrix
+from imumon.noise.fit.likelihood import Surface
 from imumon.noise.fit.model import combined
+from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import BlockSeries, Coefficients
 from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Floats, Ints
@@ -352,18 +353,16 @@ def gains(coefficients: Coefficients, surface: Surface, more: Floats, starts: In
     """
     y, X = coefficients.y, coefficients.X
     w = 1.0 / combined(surface.noise_powers, coefficients.variances)
-    q, t = X.shape[1], more.shape[1]
-    with_y, with_self = w @ (more * y[:, None]), w @ more**2
-    if q:
-        cross = (w @ (X[:, :, None] * more[:, None, :]).reshape(y.size, -1)).reshape(-1, q, t)
-        XX, Xy = normal_matrix(w, X), w @ (X * y[:, None])
-        solved = np.linalg.solve(XX, np.concatenate((cross, Xy[:, :, None]), axis=2))
-        with_y = with_y - np.einsum("mqt,mq->mt", cross, solved[:, :, -1])
-        with_self = with_self - np.einsum("mqt,mqt->mt", cross, solved[:, :, :-1])
-    log = -0.5 * (w @ y**2 - np.log(w).sum(axis=1))
-    if q:
-        log += 0.5 * ((solved[:, :, -1] * Xy).sum(axis=1) - np.linalg.slogdet(XX)[1])
+    (n, q), t = X.shape, more.shape[1]
+    inverse, log_information = inverse_and_log(normal_matrix(w, X))
+    Xy = (X.T * y) @ w
+    beta = (inverse * Xy).sum(axis=1)
+    log = -0.5 * (y**2 @ w - np.log(w).sum(axis=0) - (beta * Xy).sum(axis=0) + log_information)
+    cross = ((X[:, :, None] * more[:, None, :]).reshape(n, q * t).T @ w).reshape(q, t, -1)
+    with_self = (more**2).T @ w
     # a column that X explains already has nothing of its own left: rounding must not make a gain of it
-    gain = with_y**2 / np.maximum(with_self, ROUNDING * (w @ more**2) + 1e-300)
-    gain = np.add.reduceat(gain, starts, axis=1)
-    return np.asarray((2.0 * log[:, None] + gain).max(axis=0) - 2.0 * log.max())
+    least = ROUNDING * with_self + 1e-300
+    with_y = (more.T * y) @ w - (cross * beta[:, None]).sum(axis=0)
+    with_self -= (cross * np.einsum("qrm,rtm->qtm", inverse, cross)).sum(axis=0)
+    gain = np.add.reduceat(with_y**2 / np.maximum(with_self, least), starts, axis=0)
+    return np.asarray((2.0 * log + gain).max(axis=1) - 2.0 * log.max())

@@ -63,7 +63,6 @@ from imumon.noise.fit.likelihood import (
     evidence,
     grid_mean,
     joint_evidence,
-    normal_matrix,
     quantiles,
     upper_limit,
     without,
@@ -72,6 +71,7 @@ from imumon.noise.fit.model import FLICKER, GRIDDED, QUANTISATION, WALK, WHITE, 
 from imumon.noise.fit.model_curve import (
     moved_variances,
 )
+from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.popcorn import TwoLevels, two_levels
 from imumon.noise.fit.regressors import BENT, OSCILLATION
 from imumon.noise.fit.search import Model
@@ -545,7 +545,7 @@ def _is_collinear(model: Model) -> bool:
     straight = [column.name not in BENT for column in model.slow.regressors]
     coefficients = model.likelihood.coefficients
     v = total(model.surface.powers, lambda term: coefficients.variances[term])
-    inverse = np.linalg.inv(normal_matrix(1.0 / v[None], coefficients.X[:, straight])[0])
+    inverse = inverse_and_log(normal_matrix(1.0 / v[:, None], coefficients.X[:, straight]))[0][:, :, 0]
     # the drift that is stated is that of the last segment
     one, two = len(names) - 1 - names[::-1].index("drift"), names.index("temperature")
     return bool(abs(inverse[one, two]) > COLLINEAR * math.sqrt(inverse[one, one] * inverse[two, two]))

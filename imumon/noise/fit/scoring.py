@@ -1,0 +1,122 @@
+"""Fisher's scoring: the likeliest powers of some terms in the bands, at all points of a grid.
+
+The likelihood of the bands is that of gamma variables (`likelihood`). Their expectation is linear in the powers, so
+that a few steps suffice (McCullagh and Nelder 1989, section 2.5): the information about parameters i and j is
+sum nu/2 slope_i slope_j / S^2. Only the corner of a low-pass is not linear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from imumon.noise.fit.fit_rules import LEAST_POWER, LEAST_VARIANCE, SCORING_STEPS
+from imumon.noise.fit.model import NoiseTerm
+from imumon.noise.fit.normal_equations import inverse_and_log, invertible, normal_matrix
+from imumon.noise.fit.observations import Bands
+from imumon.noise.validity_groups import ROUNDING
+from imumon.samples import Floats
+
+LEAST_MOVE = 1e-4
+"""Of a power: scoring ends where none moves by more. In 359 fits of simulated and real records, the steps beyond moved
+no number by more than 5e-8 of itself."""
+
+
+def least_expected(power: Floats) -> Floats:
+    """Return (r,) the least expectations of a model of powers (r,)."""
+    share = np.maximum(LEAST_POWER * power, ROUNDING**2 * power.max())
+    return np.asarray(np.maximum(share, LEAST_VARIANCE))
+
+
+class BandScoring:
+    """Scoring at m points of a grid.
+
+    Parameters
+    ----------
+    dof : (r,) degrees of freedom of the bands.
+    scored : terms whose powers are sought.
+    gridded : (m,) powers of all other terms.
+    low_pass : whether the corner of a low-pass of first order is sought, too.
+
+    Attributes
+    ----------
+    values : (p + terms, m) p parameters that are sought, the corner last; then the powers of the other terms.
+    free : p.
+    """
+
+    def __init__(
+        self,
+        bands: Bands,
+        dof: Floats,
+        scored: Sequence[NoiseTerm],
+        gridded: Mapping[NoiseTerm, Floats],
+        *,
+        low_pass: bool,
+    ) -> None:
+        self._power, self._half, self._bend = bands.power, 0.5 * dof, bands.bend
+        self._floor = least_expected(bands.power)[:, None]
+        # the corner is a power that no band expects anything of
+        corner = [np.zeros(bands.power.size)] * low_pass
+        units = [bands.expected[term] for term in scored], [bands.expected[term] for term in gridded]
+        self._unit = np.stack([*units[0], *corner, *units[1]], axis=1)
+        self._low_pass, self.free = low_pass, len(scored) + low_pass
+        powers = np.stack(list(gridded.values()))
+        self.values = np.concatenate((np.zeros((self.free, powers.shape[1])), powers))
+        # one allocation for all steps, with a row of memory for each band
+        self._model, self._work = np.empty((2, bands.power.size, powers.shape[1]))
+
+    def ascend(self, least: Floats, moved: int) -> None:
+        """Seek the likeliest values from the present ones.
+
+        Parameters
+        ----------
+        least : (p, 1) least values.
+        moved : how many of the parameters are sought; the others stay as they are.
+        """
+        values = self.values[: self.free]
+        for _ in range(SCORING_STEPS):
+            gradient, information = self._derivatives()
+            step = _step(gradient[:moved], information[:moved, :moved])
+            values[:moved] += step
+            np.maximum(values, least, out=values)
+            if (np.abs(step) <= LEAST_MOVE * values[:moved]).all():
+                break
+
+    def likelihood(self) -> tuple[Floats, Floats]:
+        """Return (m,) the log likelihood at the present values, and (p, m) the variances of their estimates."""
+        information = self._derivatives()[1]
+        log = (self._half * self._power) @ np.divide(1.0, self._model, out=self._work)
+        log += self._half @ np.log(self._model, out=self._model)
+        return -log, np.einsum("iim->im", inverse_and_log(information)[0])
+
+    def _derivatives(self) -> tuple[Floats, Floats]:
+        """Return (p, m) the gradient of the log likelihood, and (p, p, m) its information."""
+        model = np.matmul(self._unit, self.values, out=self._model)
+        if self._low_pass:
+            return self._behind_low_pass(model)
+        np.maximum(model, self._floor, out=model)
+        inverse = np.divide(1.0, model, out=self._work)
+        slopes = self._unit[:, : self.free]
+        weighted = slopes.T * self._half
+        gradient = -(weighted @ inverse)
+        square = np.square(inverse, out=inverse)
+        gradient += (weighted * self._power) @ square
+        return gradient, normal_matrix(square, slopes * np.sqrt(self._half)[:, None])
+
+    def _behind_low_pass(self, model: Floats) -> tuple[Floats, Floats]:
+        """Return the derivatives of the bands behind a low-pass, without which they are `model`; writes into it."""
+        fall = 1.0 / (1.0 + np.multiply.outer(self._bend, self.values[self.free - 1]))
+        model *= fall
+        slopes = np.stack((self._unit[:, :1] * fall, -model * self._bend[:, None] * fall))
+        np.maximum(model, self._floor, out=model)
+        weighted = slopes * (self._half[:, None] / model**2)
+        gradient = np.einsum("irm,rm->im", weighted, self._power[:, None] - model)
+        return gradient, invertible(np.einsum("irm,jrm->ijm", weighted, slopes))
+
+
+def _step(gradient: Floats, information: Floats) -> Floats:
+    """Return (p, m) the step of scoring for a gradient (p, m) and an information (p, p, m)."""
+    if len(gradient) == 1:  # N alone, the usual case
+        return np.asarray(gradient / information[0])
+    return np.asarray((inverse_and_log(information)[0] * gradient).sum(axis=1))
