@@ -43,7 +43,9 @@ def test_it_tends_to_a_walk_and_to_white_noise(level: int, time: float, other: o
     expected = power * other.bin_expectation(level, averaged=True, window=1)  # type: ignore[attr-defined]
     assert markov.bin_expectation(level, averaged=True, window=1) == pytest.approx(expected, rel=0.02)
     if other is WALK:
-        assert markov.leak(level) == pytest.approx(power * WALK.leak(level), rel=1e-3)
+        for averaged in (True, False):
+            leak = markov.leak(level, averaged=averaged)
+            assert leak == pytest.approx(power * WALK.leak(level, averaged=averaged), rel=1e-3)
 
 
 def records(

@@ -304,7 +304,7 @@ TAIL_BEGIN = RULES.add(
     decides="a frame whose largest sample is between here and the limit counts as one with a tail",
     without="nearer to the noise, Gaussian samples count: 6e-7 of them exceed 5 standard deviations",
     origin="6 standard deviations: in a day at 800 Hz, Gaussian noise has 0.1 such samples",
-    benchmark="tails.py",
+    benchmark="sample_errors.py",
 )
 TAIL_SHARE = RULES.add(
     "TAIL_SHARE",
@@ -313,7 +313,7 @@ TAIL_SHARE = RULES.add(
     decides="from here on, frames with a tail show that the outliers of the channel are its noise, and they stay",
     without="N of noise with the tails of Student's t(3) is 11 % low, and no limit holds",
     origin="t(3) has 0.6, t(4) 0.9; half a per cent of ten deviations has 0.13, bit errors of any size 0",
-    benchmark="tails.py",
+    benchmark="sample_errors.py",
 )
 LEAST_TAIL_FRAMES = RULES.add(
     "LEAST_TAIL_FRAMES",
@@ -322,7 +322,7 @@ LEAST_TAIL_FRAMES = RULES.add(
     decides="frames with a tail, and frames with an outlier, that a channel with heavy tails has at least",
     without="bit errors of nine deviations, of which a tenth falls short of the limit, count as noise by chance",
     origin="with a share of a tenth, 33 outliers have ten such frames in 0.2 % of records",
-    benchmark="tails.py",
+    benchmark="sample_errors.py",
 )
 TAIL_REACH = RULES.add(
     "TAIL_REACH",
@@ -331,7 +331,7 @@ TAIL_REACH = RULES.add(
     decides="farther samples are excluded also where the tails are heavy",
     without="one bit error of 1 rad/s triples N of a sensor with heavy tails",
     origin="35 standard deviations: beyond, t(4) has 0.3 % of its variance; t(3), whose N no record shows, has 12 %",
-    benchmark="tails.py",
+    benchmark="sample_errors.py",
 )
 KNOCK_RUN = RULES.add(
     "KNOCK_RUN",

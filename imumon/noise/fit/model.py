@@ -122,11 +122,12 @@ class NoiseTerm(ABC):
         """
 
     @abstractmethod
-    def leak(self, level: int) -> float:
+    def leak(self, level: int, *, averaged: bool) -> float:
         """Return the variance of the term within a segment, in units of the density of a level.
 
-        Times the density of the share of valid samples (`LevelSums.holes`), it is what missing samples let leak out of
-        the term (Parzen 1963). White noise times any pattern of missing samples is white, so that only slow terms leak.
+        Times the density of the share of valid samples (`LevelSums.holes`), it is what missing samples let leak
+        out of the term (Parzen 1963). White noise times any pattern of missing samples is white, so that only
+        slow terms leak; what is subtracted from a segment with missing samples takes a little of it.
         """
 
     @abstractmethod
@@ -169,10 +170,12 @@ class PowerLaw(NoiseTerm):
         """Return (n,) the density of each bin in use of a level."""
         return np.asarray(bin_expectation(level, averaged=averaged, window=window)[self.exponent])
 
-    def leak(self, level: int) -> float:
+    def leak(self, level: int, *, averaged: bool) -> float:
         """Return the variance of the term within a segment, in units of the density of a level."""
         # the variance is per interval of the level, 2^level samples; the density again per sample of level 0
-        return float(segment_variances(level)[self.exponent]) * 2.0 ** (level * self.exponent)
+        return float(segment_variances(level, averaged=averaged)[self.exponent]) * 2.0 ** (
+            level * self.exponent
+        )
 
     def coefficient_variances(self, count: int, length: int) -> Floats:
         """Return (count - 1,) the variances of the cosine coefficients."""
@@ -230,7 +233,7 @@ class Quantisation(NoiseTerm):
         """Return (n,) the density of each bin in use of a level; rounding comes after any filter in the sensor."""
         return short_term_density(level)
 
-    def leak(self, level: int) -> float:
+    def leak(self, level: int, *, averaged: bool) -> float:
         """Return 0: differences of independent errors have no slow part that could leak."""
         return 0.0
 
@@ -285,14 +288,14 @@ class GaussMarkov(NoiseTerm):
         """Return (n,) the density of each bin in use of a level."""
         return seen_by_bins(lambda f: self.density(f, averaged=averaged), level, window)
 
-    def leak(self, level: int) -> float:
+    def leak(self, level: int, *, averaged: bool) -> float:
         """Return the variance of the term within a segment, in units of the density of a level."""
         interval = 2.0**level
         zero, one, ratio = markov_law.average_autocovariance(self.time / interval)
         by_lag = np.concatenate(([zero], one * ratio ** np.arange(SEGMENT - 1.0)))
         # the samples that are missing are those of level 0, which vary more than their averages
-        within = markov_law.average_autocovariance(self.time)[0] - zero
-        return (within_segment(by_lag) + within) * interval
+        within = (markov_law.average_autocovariance(self.time)[0] if averaged else 1.0) - zero
+        return (within_segment(by_lag, level) + within) * interval
 
     def coefficient_variances(self, count: int, length: int) -> Floats:
         """Return (count - 1,) the variances of the cosine coefficients."""

@@ -125,6 +125,7 @@ class BlockSeries:
     variances : (m,) of each term, the variance of power 1.
     f : (m,) cycles per sample.
     order : (m,) numbers of the coefficients, lowest frequency first.
+    left : (m,) share of the variance of slow noise that interpolation across holes leaves.
     """
 
     length: int
@@ -136,6 +137,7 @@ class BlockSeries:
     variances: Mapping[NoiseTerm, Floats]
     f: Floats
     order: Ints
+    left: Floats
 
     @property
     def samples(self) -> float:
@@ -145,7 +147,8 @@ class BlockSeries:
     def with_terms(self, more: Sequence[NoiseTerm]) -> BlockSeries:
         """Return the same with the variances of some more terms, none of which is white noise."""
         added = {
-            term: np.concatenate([term.coefficient_variances(int(n), self.length) for n in self.count])
+            term: self.left
+            * np.concatenate([term.coefficient_variances(int(n), self.length) for n in self.count])
             for term in more
         }
         return replace(self, variances={**self.variances, **added})
@@ -190,7 +193,7 @@ def block_series(
             pairs = degrees[: degrees.size // 2 * 2].reshape(-1, 2)
             degrees = np.where(np.isnan(pairs[:, 0]), pairs[:, 1], pairs[:, 0])
     length, borders = blocks.length, np.flatnonzero(apart) + 1
-    rows, begin, count, series, f = [], [], [], [], []
+    rows, begin, count, series, f, left = [], [], [], [], [], []
     variances: dict[NoiseTerm, list[Floats]] = {term: [] for term in terms}
     first = 0
     for part in np.split(present, borders):
@@ -200,14 +203,16 @@ def block_series(
         every = np.arange(part[0], part[-1] + 1)
         # a mean of a share of its samples has more white noise, an interpolated one has none
         white = float(np.mean(1.0 / share[part])) * len(part) / n
+        slow = _left_by_interpolation(np.diff(part), n)
         begin.append(first)
         count.append(n)
         rows.append(every)
         series.append(np.interp(every, part, means[part]))
         for term in terms:
             variance = term.coefficient_variances(n, length)
-            variances[term].append(variance * white if term is WHITE else variance)
+            variances[term].append(variance * (white if term is WHITE else slow))
         f.append(np.arange(1, n) / (2.0 * n * length))
+        left.append(slow)
         first += n
     if not rows:
         return None
@@ -222,8 +227,25 @@ def block_series(
         {term: np.concatenate(parts) for term, parts in variances.items()},
         frequency,
         np.argsort(frequency, kind="stable"),
+        np.concatenate(left),
     )
     return replace(without_transform, y=without_transform.transform(without_transform.series))
+
+
+def _left_by_interpolation(steps: Ints, count: int) -> Floats:
+    """Return (count - 1,) the share of the variance of slow noise that interpolation leaves in each coefficient.
+
+    A random walk between two known values is their straight line and a Brownian bridge, independent of each other. The
+    line takes the place of both. Of the walk, a bridge over T blocks has the share T (1 - sinc^2(f T)) / count at f
+    cycles per block: its increments are those of the walk less their mean, whose transform is a sinc.
+
+    Parameters
+    ----------
+    steps : blocks from each one that is present to the next.
+    """
+    bridges = steps[steps > 1, None].astype(np.float64)
+    f = np.arange(1, count) / (2.0 * count)
+    return np.asarray(1.0 - (bridges * (1.0 - np.sinc(f * bridges) ** 2)).sum(axis=0) / count)
 
 
 @lru_cache(maxsize=512)
@@ -353,7 +375,7 @@ def _expected_bins(
     expected = np.stack((*of_terms, 1.0 / short_term_density(s)))
     if level.holes[group].any():
         holes = np.repeat(level.holes[group] / count, SUB_BAND)[: expected.shape[1]]
-        expected[:-1] += holes * np.array([[term.leak(s)] for term in terms])
+        expected[:-1] += holes * np.array([[term.leak(s, averaged=averaged)] for term in terms])
     return np.asarray(expected)
 
 

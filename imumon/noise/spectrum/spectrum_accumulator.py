@@ -25,16 +25,17 @@ Density is one-sided for people (`PowerSpectrum`), two-sided in the fit.
 Missing samples
 ---------------
 They need no model. With w = 1 for a valid sample and 0 for a missing one, both w x and w pass the filters. A segment
-transforms w x - mean w, where mean is the sum of w x over the sum of w, and divides by the mean share of w. White noise
-of density N^2 then has this density times mean(h^2 w) / mean(h^2) / mean(w)^2, whatever the pattern of the losses,
-because w x stays white. Of slow noise of density S, a bin k expects the sum over d of S(k - d) |F(h w)[d]|^2 over
-sum h^2 and the square of the mean share. Two parts of it matter:
+transforms w x - w c, where c is the likeliest sum of slow waves (`level_sums.SLOW_WAVES`; without missing samples, the
+mean alone), and divides by the mean share of w. White noise of density N^2 then has this density times mean(h^2 w) /
+mean(h^2) / mean(w)^2, whatever the pattern of the losses, because w x stays white. Of slow noise of density S, a bin k
+expects the sum over d of S(k - d) |F(h w)[d]|^2 over sum h^2 and the square of the mean share. Two parts of it matter:
 
 - d near 0, where S is that of the bin: S times the power of h w there. It is 1 for scattered losses, and the inverse of
   the mean share for a hole.
-- d near k, where S is that of the lowest frequencies: their variance within the segment
+- d near k, where S is that of the lowest frequencies: their variance that the waves leave within the segment
   (`expectation.segment_variances`) times |F(h w)[k]|^2. For scattered losses that is white; for a hole of L samples it
-  falls beyond a frequency of 1/L, so it is summed by frequency.
+  falls beyond a frequency of 1/L, so it is summed by frequency. With the mean alone subtracted, the leak of a walk
+  exceeds its density in the segments about a hole, and a few numbers decide what the bands say.
 
 Segments in which w varies much do not count: with few losses every level has segments, with many only the levels whose
 samples are sums over several.
@@ -61,6 +62,7 @@ from imumon.noise.spectrum.level_sums import (
     HANN_POWER,
     HOP,
     SEGMENT,
+    SLOW_WAVES,
     Level,
     LevelSums,
     last_bin,
@@ -482,7 +484,18 @@ class SpectrumAccumulator:
         # the mean is subtracted where samples are, so that holes stay zero and add no step
         means = segments.sum(axis=2) / (safe[of] * SEGMENT)
         segments -= means[:, :, None] * shares[of]
+        self._subtract_slow_waves(segments, shares, enough & (variation > ROUNDING))
         return np.asarray((enough / safe**2)[of])
+
+    def _subtract_slow_waves(self, segments: Floats, shares: Floats, with_holes: Bools) -> None:
+        """Subtract the likeliest slow waves of segments (c, n, SEGMENT) with missing samples, where samples are."""
+        for group in np.flatnonzero(with_holes.any(axis=1)).tolist():
+            rows = np.ix_(np.flatnonzero(self._groups == group), np.flatnonzero(with_holes[group]))
+            # a sample of a level is the sum of its share of valid samples, and so is the variance of its noise
+            waves = SLOW_WAVES * shares[group, rows[1][0], None]
+            moments = SLOW_WAVES @ segments[rows].transpose(1, 2, 0)
+            amplitudes = np.linalg.solve(waves @ SLOW_WAVES.T, moments)
+            segments[rows] -= (amplitudes.transpose(0, 2, 1) @ waves).transpose(1, 0, 2)
 
     def _add_holes(self, s: int, shares: Floats, weights: Floats, with_holes: Bools) -> None:
         """Add the densities of the shares (g, n, SEGMENT) of segments with missing samples.
