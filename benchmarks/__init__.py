@@ -18,9 +18,9 @@
 | `soak` | a daemon for minutes at 800 Hz, or for days in time-lapse: memory, counters | docs/SERVICE.md |
 | **the estimator** | | |
 | `real_effects` | limits of N, B and K on records with what real sensors add | docs/ACCURACY.md |
-| `holes` | what holes in a record do to N and K | docs/ACCURACY.md |
-| `stamps` | rate and losses of host stamps that jitter | docs/ACCURACY.md |
-| `tails` | N of noise with heavy tails behind the guards | docs/ACCURACY.md |
+| `holes` | what holes in a record do to limits of N, B and K | docs/ACCURACY.md |
+| `stamps` | rate, losses and limits with host stamps that jitter | docs/ACCURACY.md |
+| `sample_errors` | limits where samples are outliers, clipped, rounded, counts or a walk | docs/ACCURACY.md |
 | `threshold` | limits of short records in which B or K just shows | docs/ACCURACY.md |
 | `markov` | what is stated of Gauss–Markov, popcorn and other noise | docs/ACCURACY.md |
 | `growing` | what is drawn of a record at each length of two days, with a temperature | docs/ACCURACY.md |

@@ -1,58 +1,63 @@
-"""What holes in a record do to N and K.
+"""What holes in a record do to the limits of N, B and K.
 
-    python -m benchmarks.holes                        100 records a cell, half an hour
-    python -m benchmarks.holes --records 24
+    python benchmarks/holes.py | python benchmarks/document_tables.py -         100 records a cell, ten minutes
+    python benchmarks/holes.py --records 400 --first 1000 --only 0.01           other seeds of one row
 
-Truth: N = 6e-5 rad/s/sqrt(Hz) and K, an hour at 40 Hz, point samples. Holes lie at random places. A row has the mean
-error of K with its standard deviation between records, and the records in which a 95 % limit misses the truth below and
-above.
+Truth: N = 6e-5 rad/s/sqrt(Hz), K and no B, an hour at 40 Hz, point samples. K / (2 pi N) is the frequency at which the
+walk has the density of the white noise. Holes lie at random places; each cell has noise of its own. A cell has the
+records whose 95 % limits miss N below and above, those that measure a B, those whose limits miss K below and above,
+and the mean error of K, as N / B / K (error).
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
+from document_tables import head, row
+from threshold import missed
 
-from imumon.coefficients import Estimate
 from imumon.noise import ChannelFit, OctaveCascade, fit_curve, synthesise
 
-N, RATE, LENGTH = 6e-5, 40.0, 144_000
-WALKS = (1e-4, 3e-5, 1e-3, 3e-6)
-HOLES = ((0, 0), (440, 1), (440, 20), (40, 20), (1200, 5), (4000, 1))
+N, RATE, LENGTH, BATCH = 6e-5, 40.0, 144_000, 10
+CROSSINGS_HZ = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+HOLES = ((0, 0), *((round(seconds * RATE), count) for seconds in (1, 11, 30, 100) for count in (1, 20)))
 """Samples of a hole, and number of them."""
 
 
-def record(K: float, length: int, count: int, seed: int) -> ChannelFit:
-    values = synthesise(LENGTH, RATE, N=[N], K=[K], seed=1000 + seed, averaged=False)
-    rng = np.random.default_rng(seed)
-    for begin in rng.integers(0, LENGTH - length if length else 1, count):
-        values[begin : begin + length] = np.nan
-    cascade = OctaveCascade(1, tau0=1.0 / RATE)
-    cascade.update(values)
-    (fit,) = fit_curve(cascade.result(), averaged=False, time_to=False)
-    return fit
+def fits_of(K: float, holes: tuple[int, int], seeds: range) -> list[ChannelFit]:
+    """Fit records of some seeds, each with its own holes."""
+    length, count = holes
+    values = np.concatenate(
+        [
+            synthesise(LENGTH, RATE, N=N, K=K, seed=np.random.default_rng([*holes, seed]), averaged=False)
+            for seed in seeds
+        ],
+        axis=1,
+    )
+    valid = np.ones(values.shape, dtype=bool)
+    for column, seed in enumerate(seeds):
+        for begin in np.random.default_rng(seed).integers(0, LENGTH - length, count).tolist():
+            valid[begin : begin + length, column] = False
+    cascade = OctaveCascade(len(seeds), tau0=1.0 / RATE, groups=range(len(seeds)))
+    cascade.update(values, valid)
+    return list(fit_curve(cascade.result(), averaged=False, time_to=False))
 
 
-def missed(estimates: list[Estimate], truth: float) -> tuple[int, int]:
-    """Return in how many records the truth lies below the lower limit, and above the upper one."""
-    below = sum(estimate.low is not None and truth < estimate.low for estimate in estimates)
-    above = sum(estimate.high is not None and truth > estimate.high for estimate in estimates)
-    return below, above
-
-
-def row(K: float, length: int, count: int, records: int) -> str:
-    fits = [record(K, length, count, seed) for seed in range(records)]
-    errors = [fit.K.value / K - 1.0 for fit in fits if fit.K.value is not None]
-    size = f"{np.mean(errors):+.1%} ± {np.std(errors):.1%} of {len(errors)}"
-    apart = [
-        ", ".join(map(str, missed([getattr(fit, c) for fit in fits], t))) for c, t in (("N", N), ("K", K))
+def cell(K: float, holes: tuple[int, int], first: int, records: int) -> str:
+    fits = [
+        fit
+        for begin in range(first, first + records, BATCH)
+        for fit in fits_of(K, holes, range(begin, min(begin + BATCH, first + records)))
     ]
-    holes = f"{count} of {length / RATE:g} s" if count else "none"
-    return f"| {K:g} | {holes} | {size} | {apart[0]} | {apart[1]} |"
+    errors = [fit.K.value / K - 1.0 for fit in fits if fit.K.value is not None]
+    n, k = missed([fit.N for fit in fits], N), missed([fit.K for fit in fits], K)
+    measured = sum(fit.B.status == "measured" for fit in fits)
+    return f"{n} / {measured} / {k} ({np.mean(errors):+.1%})"
 
 
 def main() -> None:
@@ -60,12 +65,16 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--records", type=int, default=100)
-    records = parser.parse_args().records
-    print(f"Of {records} records:\n")
-    print("| K | holes | error of K | N misses below, above | K misses below, above |\n|---|---|---|---|---|")
-    for K in WALKS:
-        for length, count in HOLES:
-            print(row(K, length, count, records), flush=True)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--only", type=float, help="Hz, one row")
+    options = parser.parse_args()
+    names = [f"{count} of {length / RATE:g} s" if count else "no hole" for length, count in HOLES]
+    print(head("holes", "K / (2πN), Hz", *names), flush=True)
+    for crossing in CROSSINGS_HZ:
+        if options.only in (None, crossing):
+            K = crossing * 2.0 * math.pi * N
+            cells = [cell(K, holes, options.first, options.records) for holes in HOLES]
+            print(row([f"{crossing:g}", *cells]), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,256 @@
+"""Limits of N, B and K where samples are wrong: outliers, heavy tails, bursts, clipping, rounding and counts.
+
+    python benchmarks/sample_errors.py | python benchmarks/document_tables.py -       102 records a cell, an hour
+    python benchmarks/sample_errors.py --only "t(3)" --records 402 --first 1000       other seeds of some cells
+
+Each record goes through the whole pipeline with guards, three channels a run. Truth, unless the row says another one:
+N = 6.1e-5 rad/s/sqrt(Hz), B = 2.4e-5 rad/s, K = 1e-5 rad/s sqrt(Hz), half an hour at 40 Hz, point samples. What a row
+counts:
+
+- excused: records that have a caveat about their samples and no grade, or no value; the other columns are without them
+- off: records whose 95 % limits miss the truth below and above. Of rounded values, N of the sensor and that of the
+  samples as they are differ: the lower limit has to be below the one, the upper limit above the other
+- N off by, mean, and the share of samples that is excluded
+- caveats: records with one about the samples
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import zlib
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+from document_tables import head, row
+
+import imumon
+from imumon.api import Measurement
+from imumon.coefficients import Estimate
+from imumon.noise import synthesise
+from imumon.report import Channel
+
+N, B, K, RATE, LENGTH = 6.1e-5, 2.4e-5, 1e-5, 40.0, 72_000
+SIGMA = N * math.sqrt(RATE)
+ABOUT_SAMPLES = (
+    "outliers",
+    "clipped",
+    "quantised",
+    "misfit",
+    "model_misses",
+    "correlated",
+    "disturbed",
+    "gaps",
+)
+"""Caveats that a row counts; those about the unit and the compensation of an array are in every record."""
+
+Change = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Records of a kind.
+
+    Attributes
+    ----------
+    change : takes samples (n, 3) of the sensor and a generator, returns those that arrive.
+    truth : N, B and K of the sensor.
+    white : N of the white noise that `change` does not add; None: all of it.
+    largest_n : N of the samples as they are, where it is not that of the sensor.
+    rate, length : Hz, and samples of a record.
+    averaged : the samples are means over their intervals.
+    options : of `imumon.analyse`.
+    """
+
+    change: Change
+    truth: tuple[float, float, float] = (N, B, K)
+    white: float | None = None
+    largest_n: float = 0.0
+    rate: float = RATE
+    length: int = LENGTH
+    averaged: bool = False
+    options: Mapping[str, Any] | None = None
+
+    def analyse(self, seed: int) -> Measurement:
+        """Return the analysis of three channels."""
+        rng = np.random.default_rng([48, seed])
+        _, b, k = self.truth
+        n = [self.truth[0] if self.white is None else self.white] * 3
+        clean = synthesise(self.length, self.rate, N=n, B=b, K=k, seed=rng, averaged=self.averaged)
+        return imumon.analyse(gyro=self.change(clean, rng), rate_hz=self.rate, **(self.options or {}))
+
+
+class Tally:
+    """Channels of the records of one cell."""
+
+    def __init__(self, truth: tuple[float, float, float], largest_n: float = 0.0) -> None:
+        self._lower_truth = truth
+        self._upper_truth = (max(largest_n, truth[0]), *truth[1:])
+        self._records = self._excused = 0
+        self._below, self._above, self._caveats = Counter[str](), Counter[str](), Counter[str]()
+        self._errors: list[float] = []
+        self._excluded: list[float] = []
+
+    def add(self, measurement: Measurement) -> None:
+        """Count the channels of a run."""
+        report = measurement.report
+        graded = report.grade["gyro"].nearest is not None
+        total = report.session.samples + report.session.missing
+        self._excluded.append(
+            report.session.excluded_s * (report.device.sample_rate_hz or 0.0) / max(total, 1)
+        )
+        for axis in "xyz":
+            self._add_channel(report.channels[f"gyro/{axis}"], graded=graded)
+
+    def _add_channel(self, channel: Channel, *, graded: bool) -> None:
+        self._records += 1
+        caveats = [caveat for caveat in ABOUT_SAMPLES if caveat in channel.caveats]
+        self._caveats.update(caveats)
+        estimates = {letter: channel.coefficients.get(letter, Estimate()) for letter in "NBK"}
+        if (caveats and not graded) or estimates["N"].status == "pending":
+            self._excused += 1
+            return
+        if estimates["N"].value is not None:
+            self._errors.append(estimates["N"].value / self._upper_truth[0] - 1.0)
+        for letter, lower, upper in zip("NBK", self._lower_truth, self._upper_truth, strict=True):
+            part = estimates[letter]
+            self._below[letter] += part.low is not None and part.low > lower
+            self._above[letter] += part.high is not None and part.high < upper
+
+    def cells(self) -> list[str]:
+        """Return the cells of a row behind its name."""
+        off = [f"{self._below[letter]}, {self._above[letter]}" for letter in "NBK"]
+        error = f"{np.mean(self._errors):+.1%}" if self._errors else "–"
+        caveats = ", ".join(f"{name} {count}" for name, count in self._caveats.most_common()) or "–"
+        return [
+            f"{self._records}",
+            f"{self._excused}",
+            *off,
+            error,
+            f"{np.mean(self._excluded):.2%}",
+            caveats,
+        ]
+
+
+COLUMNS = ("records", "excused", "N off", "B off", "K off", "N off by", "excluded", "caveats")
+
+
+def student(degrees: float) -> Cell:
+    """Return white noise with the tails of Student's t and the variance of the sensor."""
+
+    def change(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        tails = rng.standard_t(degrees, y.shape) * math.sqrt((degrees - 2.0) / degrees)
+        return y + SIGMA * tails
+
+    return Cell(change, white=0.0)
+
+
+def outliers(share: float, least: float, most: float) -> Cell:
+    """Return noise of which a share of the samples is off by some standard deviations."""
+
+    def change(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        hit = rng.random(y.shape) < share
+        size = rng.uniform(least, most, int(hit.sum())) * rng.choice([-1.0, 1.0], int(hit.sum()))
+        y[hit] += SIGMA * size
+        return y
+
+    return Cell(change)
+
+
+def bursts(axes: int, least_s: float, most_s: float) -> Cell:
+    """Return noise that has five times its deviation for a while, once a minute, on some of the axes."""
+
+    def change(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        for begin in np.flatnonzero(rng.random(LENGTH) < 1.0 / (60.0 * RATE)).tolist():
+            part = y[begin : begin + max(round(rng.uniform(least_s, most_s) * RATE), 1), :axes]
+            part += math.sqrt(24.0) * SIGMA * rng.standard_normal(part.shape)
+        return y
+
+    return Cell(change)
+
+
+def clipped(limit: float) -> Cell:
+    """Return noise in a range of some standard deviations, whose middle is off by up to half of one."""
+
+    def change(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return np.clip(y + SIGMA * rng.uniform(-0.5, 0.5, 3), -limit * SIGMA, limit * SIGMA)
+
+    return Cell(change)
+
+
+def rounded(step: float) -> Cell:
+    """Return values in steps of some standard deviations of a sample, at any place between two of them."""
+
+    def change(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return np.round((y + step * SIGMA * rng.uniform(0.0, 1.0, 3)) / (step * SIGMA)) * step * SIGMA
+
+    return Cell(change, largest_n=N * math.sqrt(1.0 + step**2 / 12.0))
+
+
+def counted(ratio: float, kind: str) -> Cell:
+    """Return a gyroscope that counts its angle, Q = ratio N sqrt(tau0), at any rate up to that of the earth."""
+    white, rate = 1e-6, 100.0
+    count = ratio * white / math.sqrt(rate) * math.sqrt(12.0)
+
+    def change(y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        angle = np.cumsum(y + rng.uniform(-7.3e-5, 7.3e-5, 3), axis=0) / rate + count * rng.uniform(
+            0.0, 1.0, 3
+        )
+        counts = np.diff(np.round(angle / count), axis=0, prepend=0.0) * count
+        return counts if kind == "increment" else counts * rate
+
+    return Cell(change, (white, 5e-8, 1e-8), rate=rate, length=180_000, averaged=True, options={"kind": kind})
+
+
+def walking(crossing: float) -> Cell:
+    """Return a walk that exceeds the white noise below a frequency, Hz, without B: the guards see knocks in it."""
+    return Cell(lambda y, _: y, (N, 0.0, crossing * 2.0 * math.pi * N), length=144_000)
+
+
+CELLS: dict[str, Cell] = {
+    "Gaussian": Cell(lambda y, _: y),
+    **{f"t({degrees})": student(degrees) for degrees in (8, 5, 4, 3)},
+    "0.1 % of 8 to 20 sigma": outliers(1e-3, 8.0, 20.0),
+    "0.1 % of 9 sigma": outliers(1e-3, 9.0, 9.0),
+    "0.1 % of 20 sigma": outliers(1e-3, 20.0, 20.0),
+    "one in 20,000 of 1,000 sigma": outliers(5e-5, 1000.0, 1000.0),
+    "bursts of 5 sigma, 0.1 to 1 s, all axes": bursts(3, 0.1, 1.0),
+    "bursts of 5 sigma, 0.1 to 1 s, one axis": bursts(1, 0.1, 1.0),
+    "bursts of 5 sigma, 1 to 4 samples": bursts(3, 0.025, 0.1),
+    "bursts of 5 sigma, 1 to 10 s": bursts(3, 1.0, 10.0),
+    **{f"clipped at {limit:g} sigma": clipped(limit) for limit in (0.5, 0.67, 1.0, 2.0, 3.0, 4.0)},
+    **{f"rounded to {step:g} sigma": rounded(step) for step in (1.0, 2.0, 3.0, 4.0, 5.0)},
+    **{
+        f"counts as {name}, Q / (N√τ₀) = {ratio:g}": counted(ratio, kind)
+        for name, kind in (("rate", "average"), ("angle", "increment"))
+        for ratio in (0.2, 0.5, 1.0, 3.0, 5.6, 10.0, 30.0)
+    },
+    **{f"walk, K / (2πN) = {hz:g} Hz": walking(hz) for hz in (0.1, 0.3, 1.0, 3.0)},
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--records", type=int, default=102)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--only", default=[""], nargs="+", help="parts of the names of cells")
+    options = parser.parse_args()
+    print(head("sample-errors", "samples", *COLUMNS), flush=True)
+    for name, cell in CELLS.items():
+        if any(part in name for part in options.only):
+            tally = Tally(cell.truth, cell.largest_n)
+            for seed in range(options.first, options.first + options.records // 3):
+                tally.add(cell.analyse(seed + 10_000 * zlib.crc32(name.encode())))
+            print(row([name, *tally.cells()]), flush=True)
+
+
+if __name__ == "__main__":
+    main()
