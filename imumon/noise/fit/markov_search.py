@@ -91,16 +91,15 @@ class Peaks:
         return np.array([term.time for term in self.terms])
 
 
-def peaks(observed: Observed, surface: Surface, times: Sequence[float]) -> Peaks:
-    """Return the likeliest models with Gauss–Markov noise of some time constants, samples.
+def peaks(likelihood: Likelihood, surface: Surface, terms: Sequence[GaussMarkov]) -> Peaks:
+    """Return the likeliest models with Gauss–Markov noise of some time constants.
 
     Parameters
     ----------
-    observed : gives the likelihood.
-    surface : without the term.
+    likelihood : with expectations of the terms.
+    surface : without the terms.
     """
-    terms = tuple(GaussMarkov("M", time) for time in times)
-    likelihood = observed(terms)
+    terms = tuple(terms)
     others = [*likelihood.scored, *surface.grids]
     squares = likelihood.as_squares(surface)
     unit = np.stack([squares.expected[term] for term in others])
@@ -129,16 +128,16 @@ def peaks(observed: Observed, surface: Surface, times: Sequence[float]) -> Peaks
     return Peaks(terms, logs[1:] - without, {term: p[1:] for term, p in by_term.items()}, power[1:, -1])
 
 
-def gain_instead(observed: Observed, surface: Surface, times: Sequence[float], absent: NoiseTerm) -> float:
+def gain_instead(
+    likelihood: Likelihood, surface: Surface, terms: Sequence[GaussMarkov], absent: NoiseTerm
+) -> float:
     """Return the gain in log likelihood by Gauss–Markov noise in the place of another term, which is then zero.
 
     Parameters
     ----------
-    observed, times : see `peaks`.
+    likelihood, terms : see `peaks`.
     surface : with the other term, and without Gauss–Markov noise.
     """
-    terms = tuple(GaussMarkov("M", time) for time in times)
-    likelihood = observed(terms)
     others = [term for term in (*likelihood.scored, *surface.grids) if term is not absent]
     squares = likelihood.as_squares(surface)
     unit = np.stack([squares.expected[term] for term in others])
@@ -273,7 +272,9 @@ def markov_surface(observed: Observed, surface: Surface, samples: float, coarse:
     around = float(coarse.times[coarse.best]) * 2.0 ** np.linspace(-1.5, 1.5, 13)
     # somewhat beyond what is tried, so that a time constant at an end is no end of its own likelihood
     around = around[(around >= 0.5 * SHORTEST) & (around <= 2.0 * LONGEST * samples)]
-    finer = peaks(observed, surface, lattice(around))
+    finer_terms = [GaussMarkov("M", time) for time in lattice(around)]
+    finer_likelihood = observed(finer_terms)
+    finer = peaks(finer_likelihood, surface, finer_terms)
     times = np.concatenate((coarse.times, finer.times))
     gains = np.concatenate((coarse.gains, finer.gains))
     # those that are not negligible, and a step of the finer ones beyond
@@ -294,7 +295,7 @@ def markov_surface(observed: Observed, surface: Surface, samples: float, coarse:
         center: np.linspace(0.0, 2.0 * sigma, MARKOV_GRID),
     }
     # first the grid of the likeliest time constant alone, which is nearly that of all, then of the ends beside it
-    first = observed([center]).at_values_of(surface, grids)
+    first = finer_likelihood.at_values_of(surface, grids)
     grids = {term: near(first, term, MARKOV_GRID) for term in grids}
     ends = [terms[0], terms[len(terms) // 2], terms[-1]]
     wider, _ = _summed(likelihood, surface, ends, center, grids)

@@ -37,7 +37,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -274,86 +273,114 @@ def spectral_powers(
     window : samples of a moving average in the sensor; 1: none.
     terms : whose expectations are needed.
     """
-    bands = [
-        _level_bands(sums, s, column, averaged=averaged, window=window, terms=terms)
-        for s, level in enumerate(sums.levels)
-        if level.averages[int(sums.group[column])] >= LEAST_AVERAGES
-    ]
-    if not bands:
+    layouts = _layouts(sums, column)
+    if not layouts:
         empty = np.zeros(0)
         return Bands(empty, empty, dict.fromkeys(terms, empty), empty, empty)
-    power, dof_, top = (np.concatenate([band[i] for band in bands]) for i in range(3))
-    *expectations, bend = np.concatenate([mean for *_, mean in bands], axis=1)
-    return Bands(power, dof_, dict(zip(terms, expectations, strict=True)), bend, top)
+    group = int(sums.group[column])
+    powers = []
+    for layout in layouts:
+        level = sums.levels[layout.s]
+        kept = layout.kept[:: layout.pool]
+        power = np.add.reduceat(level.power[column] * kept, layout.starts // layout.pool)
+        # per sample of level 0
+        powers.append(power[layout.counts] / layout.number / float(level.averages[group]) * 2.0**layout.s)
+    dof, bend, top = (
+        np.concatenate([getattr(layout, part) for layout in layouts]) for part in ("dof", "bend", "top")
+    )
+    expected = spectral_expectations(sums, column, averaged=averaged, window=window, terms=terms)
+    return Bands(np.concatenate(powers), dof, expected, bend, top)
 
 
-def _level_bands(
-    sums: NoiseSums, s: int, column: int, *, averaged: bool, window: int, terms: Sequence[NoiseTerm]
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return power (b,), degrees of freedom (b,), top (b,) and expectations (terms + 1, b) of the bands of level s.
-
-    The last row of the expectations is what a low-pass bends; see `spectral_powers`.
-    """
-    level, group = sums.levels[s], int(sums.group[column])
-    mask = _line_bins(sums, s, column)
-    # sums of a part of a record have sub-bands instead of bins: a line in one leaves out all of it
-    pool = SUB_BAND if sums.pooled else 1
-    keep = ~np.logical_or.reduceat(mask, np.arange(0, mask.size, pool))
-    layout = _band_layout(level, s, group, pool, keep.tobytes(), averaged, window, tuple(terms))
-    power = np.add.reduceat(level.power[column] * keep, layout.starts // pool)
-    # per sample of level 0
-    power = power[layout.counts] / layout.number / float(level.averages[group]) * 2.0**s
-    return power, layout.dof, layout.top, layout.mean
+def spectral_expectations(
+    sums: NoiseSums, column: int, *, averaged: bool, window: int, terms: Sequence[NoiseTerm]
+) -> dict[NoiseTerm, Floats]:
+    """Return (r,) of each term, the expectation of power 1 of the bands of `spectral_powers`."""
+    group = int(sums.group[column])
+    means = [
+        _band_means(layout, sums.levels[layout.s], group, averaged, window, tuple(terms))
+        for layout in _layouts(sums, column)
+    ]
+    return dict(zip(terms, np.concatenate(means, axis=1), strict=True))
 
 
-class _BandLayout(NamedTuple):
-    """What the bands of a level are, whatever their power.
+def _layouts(sums: NoiseSums, column: int) -> list[_BandLayout]:
+    """Return the bands of each level that counts."""
+    group, pool = int(sums.group[column]), SUB_BAND if sums.pooled else 1
+    out = []
+    for s, level in enumerate(sums.levels):
+        count = float(level.averages[group])
+        if count >= LEAST_AVERAGES:
+            mask = _line_bins(sums, s, column)
+            # sums of a part of a record have sub-bands instead of bins: a line in one leaves out all of it
+            kept = ~np.logical_or.reduceat(mask, np.arange(0, mask.size, pool))
+            out.append(_band_layout(s, count, pool, kept.tobytes()))
+    return out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _BandLayout:
+    """What the bands of a level are, whatever their power and its expectations.
 
     Attributes
     ----------
+    s : number of the level.
+    pool : bins of a sub-band, or 1.
+    kept : (n,) bins in use that hold no line.
     starts : first bin of each band, from the first bin in use.
     counts : which bands have enough bins.
     number, dof, top : of those bands, bins that count, degrees of freedom, upper end in cycles per sample.
-    mean : (terms + 1, b) expectations of those bands, and what a low-pass bends.
+    bend : of those bands, the harmonic mean of 4 sin^2(pi f).
     """
 
+    s: int
+    pool: int
+    kept: Bools
     starts: Ints
     counts: Bools
     number: Floats
     dof: Floats
     top: Floats
-    mean: Floats
+    bend: Floats
+
+    def mean(self, of_bins: Floats) -> Floats:
+        """Return (..., b) the means of (..., n) values of the bins in use."""
+        sums = np.add.reduceat(of_bins * self.kept, self.starts, axis=-1)
+        return np.asarray(sums[..., self.counts] / self.number)
 
 
 @lru_cache(maxsize=64)  # the channels of a sensor have the same bands unless they have lines
-def _band_layout(
-    level: LevelSums,
-    s: int,
-    group: int,
-    pool: int,
-    kept_pools: bytes,
-    averaged: bool,
-    window: int,
-    terms: tuple[NoiseTerm, ...],
-) -> _BandLayout:
-    """Return the bands of level s of which some bins, or pools of bins, are kept."""
-    count = float(level.averages[group])
+def _band_layout(s: int, count: float, pool: int, kept_pools: bytes) -> _BandLayout:
+    """Return the bands of level s, of `count` averages, of which some bins, or pools of bins, are kept."""
     bins = np.arange(FIRST_BIN, last_bin(s))
-    keep = np.repeat(np.frombuffer(kept_pools, dtype=bool), pool)[: bins.size]
-    expected = _expected_bins(level, s, group, averaged=averaged, window=window, terms=terms)
+    kept = np.repeat(np.frombuffer(kept_pools, dtype=bool), pool)[: bins.size]
     starts = np.array([low for low in BAND_EDGES[:-1] if low < bins[-1]]) - FIRST_BIN
-    number = np.add.reduceat(keep.astype(np.float64), starts)
-    mean = np.add.reduceat(expected * keep, starts, axis=1) / np.maximum(number, 1.0)
-    mean[-1] = 1.0 / np.maximum(mean[-1], 1e-300)  # the harmonic mean of 4 sin^2
-    kept = np.split(np.arange(bins.size), starts[1:])
+    number = np.add.reduceat(kept.astype(np.float64), starts)
+    rows_of = np.split(np.arange(bins.size), starts[1:])
     dof = [
-        _band_dof(bins[rows[keep[rows]]].tobytes(), count) if size >= LEAST_BINS else 0.0
-        for rows, size in zip(kept, number.tolist(), strict=True)
+        _band_dof(bins[rows[kept[rows]]].tobytes(), count) if size >= LEAST_BINS else 0.0
+        for rows, size in zip(rows_of, number.tolist(), strict=True)
     ]
     # a level below the first ends within its last band: the level above has the bins beyond
     top = np.minimum(BAND_EDGES[1 : 1 + starts.size], last_bin(s)) / SEGMENT / 2.0**s
     counts = number >= LEAST_BINS
-    return _BandLayout(starts, counts, number[counts], np.array(dof)[counts], top[counts], mean[:, counts])
+    bend = np.maximum(number, 1.0) / np.maximum(np.add.reduceat(kept / short_term_density(s), starts), 1e-300)
+    return _BandLayout(
+        s, pool, kept, starts, counts, number[counts], np.array(dof)[counts], top[counts], bend[counts]
+    )
+
+
+@lru_cache(maxsize=64)  # most channels of a sensor ask for the same terms
+def _band_means(
+    layout: _BandLayout,
+    level: LevelSums,
+    group: int,
+    averaged: bool,
+    window: int,
+    terms: tuple[NoiseTerm, ...],
+) -> Floats:
+    """Return (terms, b) what each band of a level expects of each term."""
+    return layout.mean(_expected_bins(level, layout.s, group, averaged=averaged, window=window, terms=terms))
 
 
 def _line_bins(sums: NoiseSums, s: int, column: int) -> Bools:
@@ -366,16 +393,15 @@ def _line_bins(sums: NoiseSums, s: int, column: int) -> Bools:
 def _expected_bins(
     level: LevelSums, s: int, group: int, *, averaged: bool, window: int, terms: Sequence[NoiseTerm]
 ) -> Floats:
-    """Return (terms + 1, n) what each bin in use of level s expects of each term, and the inverse of 4 sin^2(pi f)."""
+    """Return (terms, n) what each bin in use of level s expects of each term."""
     count = float(level.averages[group])
     # missing samples make noise larger, white noise by more: its density follows from their number
     missing = [(level.white if term is WHITE else level.slow)[group] / count for term in terms]
     unit = [_bin_expectation(term, s, averaged, window) for term in terms]
-    of_terms = (factor * of_term for factor, of_term in zip(missing, unit, strict=True))
-    expected = np.stack((*of_terms, 1.0 / short_term_density(s)))
+    expected = np.stack([factor * of_term for factor, of_term in zip(missing, unit, strict=True)])
     if level.holes[group].any():
         holes = np.repeat(level.holes[group] / count, SUB_BAND)[: expected.shape[1]]
-        expected[:-1] += holes * np.array([[term.leak(s, averaged=averaged)] for term in terms])
+        expected += holes * np.array([[term.leak(s, averaged=averaged)] for term in terms])
     return np.asarray(expected)
 
 

@@ -64,11 +64,12 @@ from imumon.noise.fit.observations import (
     Bands,
     BlockSeries,
     meeting_frequency,
+    spectral_expectations,
     spectral_powers,
 )
 from imumon.noise.fit.slow_terms import SlowTerms, SlowTermSearch
 from imumon.noise.noise_sums import NoiseSums
-from imumon.samples import Floats
+from imumon.samples import Bools, Floats
 from imumon.units import DAY
 
 
@@ -167,16 +168,17 @@ class ModelSearch:
         search = SlowTermSearch(
             series, slow_grids, whole=whole, markov=self._known_markov, day=DAY / sums.tau0
         )
-        self._slow = search.result()
+        times = markov_search.tried_times(int(series.samples)) if whole else []
+        self._tried_markov = [GaussMarkov("M", time) for time in times]
+        # with the terms that are tried in every fit: to form observations costs more than to expect them
+        self._slow = search.result().with_terms(self._tried_markov)
         self._slow_grids = search.surface.grids
         # the block means show B and K already: their grid is a good first one of the whole likelihood
         self._grids = previous.grids if previous is not None and previous.grids else self._slow_grids
         self._step_power = self._slow.step_power(search.surface)
         self._chosen_samples = self._samples = int(series.samples)
         self._meeting = meeting_frequency(series)
-        self._spectral: dict[int, Bands] = {}  # by window
-        times = markov_search.tried_times(self._samples) if whole else []
-        self._tried_markov = [GaussMarkov("M", time) for time in times]
+        self._spectral: dict[int, tuple[Bands, Bools]] = {}  # by window, with which of all bands they are
         self._fits: dict[tuple[UpperEnd, float], tuple[Likelihood, Surface]] = {}  # by upper end and error
 
     def result(self) -> Model | str:
@@ -241,25 +243,25 @@ class ModelSearch:
         ----------
         more : terms whose expectations are needed beside those of `TERMS`.
         """
-        present = self._spectral.get(window)
-        if present is not None and all(term in present.expected for term in more):
-            return present
-        # the terms that are tried in every fit come with the first bands: to form bands costs more than to expect them
-        tried = self._tried_markov if window == 1 and present is None else []
-        powers = spectral_powers(
-            self._sums,
-            self._column,
-            averaged=self._averaged,
-            window=window,
-            terms=(*TERMS, *self._known_markov, *tried, *more),
+        if window not in self._spectral:
+            tried = self._tried_markov if window == 1 else []
+            terms = (*TERMS, *self._known_markov, *tried)
+            powers = spectral_powers(
+                self._sums, self._column, averaged=self._averaged, window=window, terms=terms
+            )
+            counts = powers.top > self._meeting * (1.0 + 1e-6)
+            # steps are columns of the block means only: a band that they reach is left out
+            counts &= self._step_power * powers.expected[WALK] <= TOLERANCE * powers.power
+            self._spectral[window] = powers.take(counts), counts
+        powers, counts = self._spectral[window]
+        missing = [term for term in more if term not in powers.expected]
+        if not missing:
+            return powers
+        units = spectral_expectations(
+            self._sums, self._column, averaged=self._averaged, window=window, terms=missing
         )
-        counts = powers.top > self._meeting * (1.0 + 1e-6)
-        # steps are columns of the block means only: a band that they reach is left out
-        counts &= self._step_power * powers.expected[WALK] <= TOLERANCE * powers.power
-        powers = powers.take(counts)
-        if present is None and not more:
-            self._spectral[window] = powers
-        return powers
+        added = {term: unit[counts] for term, unit in units.items()}
+        return replace(powers, expected={**powers.expected, **added})
 
     def _bands(self, upper_end: UpperEnd) -> int:
         """Return the number of bands, of both parts, with some octaves left out."""
@@ -318,6 +320,14 @@ class ModelSearch:
             error=error,
             beside=self._known_markov,
         )
+
+    def _observed(self, upper_end: UpperEnd, error: float, more: Sequence[NoiseTerm]) -> Likelihood:
+        """Return the likelihood of a description, with expectations of at least some more terms."""
+        likelihood = self._fit(upper_end, error)[0]
+        present = likelihood.bands.expected
+        if all(term in present for term in more):
+            return likelihood
+        return self._likelihood(upper_end, error, more=more)
 
     def _fit(self, upper_end: UpperEnd, error: float = 0.0) -> tuple[Likelihood, Surface]:
         """Return likelihood and surface of a description; each is computed once."""
@@ -384,11 +394,10 @@ class ModelSearch:
     ) -> tuple[MarkovSurface, Surface]:
         """Return the likelihood with Gauss–Markov noise, and that of both, with and without it."""
 
-        def observed(more: Sequence[NoiseTerm]) -> Likelihood:
-            return self._likelihood(upper_end, error, more=more)
-
         surface = without.mixed
-        markov = markov_search.markov_surface(observed, surface, self._samples, peaks)
+        markov = markov_search.markov_surface(
+            lambda more: self._observed(upper_end, error, more), surface, self._samples, peaks
+        )
         # the models without the term on a grid that holds those with it, too
         grids = {
             term: np.linspace(0.0, max(grid[-1], markov.surface.grids[term][-1]), grid.size)
@@ -424,29 +433,23 @@ class ModelSearch:
         """Return the likeliest models with Gauss–Markov noise; None where its odds are below even."""
         if not self._tried_markov:
             return None
-        times = [term.time for term in self._tried_markov]
-        surface = self._fit(upper_end, error)[1]
-        peaks = markov_search.peaks(
-            lambda more: self._likelihood(upper_end, error, more=more), surface, times
-        )
+        likelihood = self._observed(upper_end, error, self._tried_markov)
+        peaks = markov_search.peaks(likelihood, self._fit(upper_end, error)[1], self._tried_markov)
         return peaks if markov_search.odds_of(peaks.gains) >= 1.0 else None
 
     def _is_markov_instead(self, upper_end: UpperEnd, error: float, surface: Surface) -> bool:
         """Return whether Gauss–Markov noise in the place of a walk that shows describes the record better."""
         if not self._tried_markov or evidence(surface, WALK) <= EVIDENCE:
             return False
-        gain = markov_search.gain_instead(
-            lambda more: self._likelihood(upper_end, error, more=more),
-            self._fit(upper_end, error)[1],
-            markov_search.slow_times(self._samples),
-            WALK,
-        )
+        terms = [GaussMarkov("M", time) for time in markov_search.slow_times(self._samples)]
+        likelihood = self._observed(upper_end, error, terms)
+        gain = markov_search.gain_instead(likelihood, self._fit(upper_end, error)[1], terms, WALK)
         return gain > INSTEAD_GAIN
 
     def _with_markov_peak(self, upper_end: UpperEnd, peaks: Peaks) -> tuple[Likelihood, Surface]:
         """Return likelihood and surface with the likeliest Gauss–Markov noise, whose power is fixed."""
         term, power = peaks.terms[peaks.best], float(peaks.markov[peaks.best])
-        likelihood = replace(self._likelihood(upper_end, 0.0, more=[term]), beside={term: power})
+        likelihood = replace(self._observed(upper_end, 0.0, [term]), beside={term: power})
         # one point, the maximum: a misfit asks for no limits
         peak = {gridded: np.sqrt(peaks.powers[gridded][[peaks.best]]) for gridded in GRIDDED}
         return likelihood, likelihood.at_values_of(self._fit(upper_end)[1], peak)

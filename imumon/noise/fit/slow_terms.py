@@ -52,6 +52,7 @@ from imumon.noise.fit.likelihood import Grids, Likelihood, Surface
 from imumon.noise.fit.model import (
     FLICKER,
     WALK,
+    GaussMarkov,
     NoiseTerm,
     total,
 )
@@ -228,7 +229,8 @@ class SlowTermSearch:
         times = markov_search.tried_times(self._series.samples)
         if not self._whole or self.terms.markov or not times:
             return False
-        peaks = markov_search.peaks(self._observed, self.surface, times)
+        tried = [GaussMarkov("M", time) for time in times]
+        peaks = markov_search.peaks(self._observed(tried), self.surface, tried)
         if markov_search.odds_of(peaks.gains) < 1.0 or 2.0 * float(peaks.gains.max()) <= gain:
             return False
         term, power = peaks.terms[peaks.best], float(peaks.markov[peaks.best])
