@@ -13,7 +13,7 @@ import numpy as np
 
 from imumon.noise.fit.fit_rules import LEAST_POWER, LEAST_VARIANCE, SCORING_STEPS
 from imumon.noise.fit.model import NoiseTerm
-from imumon.noise.fit.normal_equations import inverse_and_log, invertible, normal_matrix
+from imumon.noise.fit.normal_equations import inverse_and_log, invertible
 from imumon.noise.fit.observations import Bands
 from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Floats
@@ -63,6 +63,12 @@ class BandScoring:
         self._low_pass, self.free = low_pass, len(scored) + low_pass
         powers = np.stack(list(gridded.values()))
         self.values = np.concatenate((np.zeros((self.free, powers.shape[1])), powers))
+        slopes = self._unit[:, : self.free].T
+        weighted = slopes * self._half
+        # what sums over the bands take of the inverse of the model, and of its square
+        self._of_inverse = np.concatenate((weighted, [self._half * bands.power]))
+        pairs = (weighted[:, None] * slopes).reshape(-1, bands.power.size)
+        self._of_square = np.concatenate((weighted * bands.power, pairs))
         # one allocation for all steps, with a row of memory for each band
         self._model, self._work = np.empty((2, bands.power.size, powers.shape[1]))
 
@@ -76,7 +82,7 @@ class BandScoring:
         """
         values = self.values[: self.free]
         for _ in range(SCORING_STEPS):
-            gradient, information = self._derivatives()
+            gradient, information, _ = self._derivatives()
             step = _step(gradient[:moved], information[:moved, :moved])
             values[:moved] += step
             np.maximum(values, least, out=values)
@@ -85,34 +91,32 @@ class BandScoring:
 
     def likelihood(self) -> tuple[Floats, Floats]:
         """Return (m,) the log likelihood at the present values, and (p, m) the variances of their estimates."""
-        information = self._derivatives()[1]
-        log = (self._half * self._power) @ np.divide(1.0, self._model, out=self._work)
-        log += self._half @ np.log(self._model, out=self._model)
+        information, misfit = self._derivatives()[1:]
+        log = misfit + self._half @ np.log(self._model, out=self._model)
         return -log, np.einsum("iim->im", inverse_and_log(information)[0])
 
-    def _derivatives(self) -> tuple[Floats, Floats]:
-        """Return (p, m) the gradient of the log likelihood, and (p, p, m) its information."""
+    def _derivatives(self) -> tuple[Floats, Floats, Floats]:
+        """Return (p, m) the gradient of the log likelihood, (p, p, m) its information, (m,) sum of nu/2 P/S."""
         model = np.matmul(self._unit, self.values, out=self._model)
         if self._low_pass:
             return self._behind_low_pass(model)
         np.maximum(model, self._floor, out=model)
         inverse = np.divide(1.0, model, out=self._work)
-        slopes = self._unit[:, : self.free]
-        weighted = slopes.T * self._half
-        gradient = -(weighted @ inverse)
-        square = np.square(inverse, out=inverse)
-        gradient += (weighted * self._power) @ square
-        return gradient, normal_matrix(square, slopes * np.sqrt(self._half)[:, None])
+        *of_inverse, misfit = self._of_inverse @ inverse
+        of_square = self._of_square @ np.square(inverse, out=inverse)
+        information = of_square[self.free :].reshape(self.free, self.free, -1)
+        return of_square[: self.free] - of_inverse, invertible(information), misfit
 
-    def _behind_low_pass(self, model: Floats) -> tuple[Floats, Floats]:
-        """Return the derivatives of the bands behind a low-pass, without which they are `model`; writes into it."""
+    def _behind_low_pass(self, model: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the same of the bands behind a low-pass, without which they are `model`; writes into it."""
         fall = 1.0 / (1.0 + np.multiply.outer(self._bend, self.values[self.free - 1]))
         model *= fall
         slopes = np.stack((self._unit[:, :1] * fall, -model * self._bend[:, None] * fall))
         np.maximum(model, self._floor, out=model)
         weighted = slopes * (self._half[:, None] / model**2)
         gradient = np.einsum("irm,rm->im", weighted, self._power[:, None] - model)
-        return gradient, invertible(np.einsum("irm,jrm->ijm", weighted, slopes))
+        information = invertible(np.einsum("irm,jrm->ijm", weighted, slopes))
+        return gradient, information, (self._half * self._power) @ np.divide(1.0, model, out=self._work)
 
 
 def _step(gradient: Floats, information: Floats) -> Floats:
