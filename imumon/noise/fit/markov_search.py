@@ -170,8 +170,12 @@ def _score_gains(squares: Squares, others: Floats, markov: Floats, model: Floats
     within = (others * squares.half) @ others.T
     within += ROUNDING * np.diag(np.diag(within))
     # what a change of the other powers explains of it is no gain
-    information = (markov**2) @ squares.half - np.einsum("tp,pt->t", cross, np.linalg.solve(within, cross.T))
-    return np.asarray(0.5 * np.maximum(gradient, 0.0) ** 2 / np.maximum(information, 1e-300))
+    alone = (markov**2) @ squares.half
+    information = alone - np.einsum("tp,pt->t", cross, np.linalg.solve(within, cross.T))
+    # where nothing is left, rounding must not make a gain of it
+    return np.asarray(
+        0.5 * np.maximum(gradient, 0.0) ** 2 / np.maximum(information, ROUNDING * alone + 1e-300)
+    )
 
 
 def _scored(squares: Squares, units: Floats, log: Floats, least: Floats) -> Floats:

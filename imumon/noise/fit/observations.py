@@ -301,7 +301,8 @@ def spectral_expectations(
         _band_means(layout, sums.levels[layout.s], group, averaged, window, tuple(terms))
         for layout in _layouts(sums, column)
     ]
-    return dict(zip(terms, np.concatenate(means, axis=1), strict=True))
+    none = np.zeros((len(terms), 0))  # a short record has no level that counts
+    return dict(zip(terms, np.concatenate((none, *means), axis=1), strict=True))
 
 
 def _layouts(sums: NoiseSums, column: int) -> list[_BandLayout]:
