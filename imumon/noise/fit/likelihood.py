@@ -50,6 +50,7 @@ from imumon.noise.fit.fit_rules import (
     FINE,
     GRID,
     GRID_FALL,
+    LEAST_POWER,
     LEAST_VARIANCE,
     MOST_MOVES,
     SLOW_DEGREES,
@@ -58,7 +59,7 @@ from imumon.noise.fit.fit_rules import (
 from imumon.noise.fit.model import FLICKER, WALK, WHITE, NoiseTerm, combined, total
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import Bands, Coefficients
-from imumon.noise.fit.scoring import BandScoring, least_expected
+from imumon.noise.fit.scoring import BandScoring
 from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Floats
 
@@ -238,7 +239,7 @@ class Likelihood:
         log : (m,) logarithm of the likelihood of the powers.
         variances : (m,) of each scored power.
         """
-        scoring = BandScoring(self.bands, self.dof, self.scored, gridded, low_pass=self.low_pass)
+        scoring = BandScoring(self.bands, self.dof, self.scored, gridded, self._floor, low_pass=self.low_pass)
         values = scoring.values[: self.free]
         values[0] = self._white
         if start is not None:
@@ -257,7 +258,8 @@ class Likelihood:
     @cached_property
     def _floor(self) -> Floats:
         """(r,) least power of a model."""
-        return least_expected(self.bands.power)
+        share = np.maximum(LEAST_POWER * self.bands.power, ROUNDING**2 * self.bands.power.max())
+        return np.asarray(np.maximum(share, LEAST_VARIANCE))
 
     @cached_property
     def _white(self) -> float:

@@ -197,10 +197,11 @@ def _scored(squares: Squares, units: Floats, log: Floats, least: Floats) -> Floa
         weighted = share * squares.half
         gradient = weighted @ (squares.power / model - 1.0)[:, :, None]
         information = weighted @ share.transpose(0, 2, 1)
-        diagonal = 0.05 * np.einsum("mii->mi", information) + 1e-6
-        information += diagonal[:, :, None] * np.eye(least.size)
+        diagonal = np.einsum("mii->mi", information)
+        diagonal += 0.05 * diagonal + 1e-6
         steps = np.linalg.solve(information, gradient)[:, :, 0]
-        before, log = log, np.maximum(log + np.clip(steps, -LONGEST_STEP, LONGEST_STEP), least)
+        steps = np.minimum(np.maximum(steps, -LONGEST_STEP), LONGEST_STEP)
+        before, log = log, np.maximum(log + steps, least)
         if np.abs(log - before).max() < CONVERGED:
             break
     return log
@@ -302,59 +303,66 @@ def markov_surface(observed: Observed, surface: Surface, samples: float, coarse:
     first = finer_likelihood.at_values_of(surface, grids)
     grids = {term: near(first, term, MARKOV_GRID) for term in grids}
     ends = [terms[0], terms[len(terms) // 2], terms[-1]]
-    wider, _ = _summed(likelihood, surface, ends, center, grids)
+    wider = _summed(_of_each(likelihood, surface, ends, center, grids), ends, grids)
     grids = {term: near(wider, term, MARKOV_GRID) for term in grids}
     for _ in range(MOST_MOVES):
-        total, weights = _summed(likelihood, surface, terms, center, grids)
+        parts = _of_each(likelihood, surface, terms, center, grids)
+        total = _summed(parts, terms, grids)
         if holds(total):
             break
         grids = {term: near(total, term, MARKOV_GRID) for term in total.grids}
     else:
         total = replace(total, holds=ends_fall(total))
+    logs = np.stack([part.log for part in parts])
+    weights = np.exp(logs - logs.max()) @ total.cells.ravel()
     peak[center] = sigma**2
-    return MarkovSurface(total, center, np.array(nodes), weights, odds_of(coarse.gains), peak)
+    averaged = _averaged(total, parts, terms)
+    return MarkovSurface(averaged, center, np.array(nodes), weights, odds_of(coarse.gains), peak)
 
 
-def _summed(
+def _of_each(
     likelihood: Likelihood, surface: Surface, terms: Sequence[GaussMarkov], center: GaussMarkov, grids: Grids
-) -> tuple[Surface, Floats]:
-    """Return the likelihood on a grid, summed over time constants, and (t,) the share of each of them."""
-    surfaces = [
+) -> list[Surface]:
+    """Return the likelihoods of t time constants on a grid."""
+    return [
         likelihood.at_values_of(
             surface, {(term if key is center else key): grid for key, grid in grids.items()}
         )
         for term in terms
     ]
-    logs = np.stack([one.log for one in surfaces])
+
+
+def _summed(parts: Sequence[Surface], terms: Sequence[GaussMarkov], grids: Grids) -> Surface:
+    """Return the likelihood summed over time constants; all else is that of the first one."""
+    logs = np.stack([part.log for part in parts])
     top = logs.max()
-    p = np.exp(logs - top)
-    weighted = p * _cells(np.log([term.time for term in terms]))[:, None]
-    summed = np.maximum(weighted.sum(axis=0), 1e-300)
-    share = weighted / summed
+    summed = _cells(terms) @ np.exp(logs - top)
+    return replace(parts[0], grids=grids, log=np.log(np.maximum(summed, 1e-300)) + top)
+
+
+def _averaged(total: Surface, parts: Sequence[Surface], terms: Sequence[GaussMarkov]) -> Surface:
+    """Return a sum over time constants with the means of what each of them has at a point."""
+    share = np.exp(np.stack([part.log for part in parts]) - total.log) * _cells(terms)[:, None]
 
     def mean(values: Iterable[Floats]) -> Floats:
         """Return (m, ...) the mean of (t, m, ...) values over the time constants."""
         return np.asarray(np.einsum("tm,tm...->m...", share, np.stack(list(values))))
 
-    scored = surfaces[0].scored
-    total = Surface(
-        grids,
-        np.log(summed) + top,
-        {term: mean(one.scored[term] for one in surfaces) for term in scored},
-        {term: mean(one.scored_variances[term] for one in surfaces) for term in scored},
-        mean(one.corner for one in surfaces),
-        mean(one.beta for one in surfaces),
-        mean(one.beta_variances for one in surfaces),
-        beside=surfaces[0].beside,
+    return replace(
+        total,
+        scored={term: mean(part.scored[term] for part in parts) for term in total.scored},
+        scored_variances={term: mean(part.scored_variances[term] for part in parts) for term in total.scored},
+        corner=mean(part.corner for part in parts),
+        beta=mean(part.beta for part in parts),
+        beta_variances=mean(part.beta_variances for part in parts),
     )
-    return total, p @ total.cells.ravel()
 
 
-def _cells(points: Floats) -> Floats:
-    """Return (t,) the part of a line that each of t points in order has, half of it at both ends."""
-    if points.size == 1:
+def _cells(terms: Sequence[GaussMarkov]) -> Floats:
+    """Return (t,) the part of the line of log T that each of t terms in order has, half of it at both ends."""
+    if len(terms) == 1:
         return np.ones(1)
-    cells = np.gradient(points)
+    cells = np.gradient(np.log([term.time for term in terms]))
     cells[[0, -1]] *= 0.5
     return np.asarray(cells)
 

@@ -11,22 +11,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from imumon.noise.fit.fit_rules import LEAST_POWER, LEAST_VARIANCE, SCORING_STEPS
+from imumon.noise.fit.fit_rules import SCORING_STEPS
 from imumon.noise.fit.model import NoiseTerm
 from imumon.noise.fit.normal_equations import inverse_and_log, invertible
 from imumon.noise.fit.observations import Bands
-from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Floats
 
 LEAST_MOVE = 1e-4
 """Of a power: scoring ends where none moves by more. In 359 fits of simulated and real records, the steps beyond moved
 no number by more than 5e-8 of itself."""
-
-
-def least_expected(power: Floats) -> Floats:
-    """Return (r,) the least expectations of a model of powers (r,)."""
-    share = np.maximum(LEAST_POWER * power, ROUNDING**2 * power.max())
-    return np.asarray(np.maximum(share, LEAST_VARIANCE))
 
 
 class BandScoring:
@@ -37,6 +30,7 @@ class BandScoring:
     dof : (r,) degrees of freedom of the bands.
     scored : terms whose powers are sought.
     gridded : (m,) powers of all other terms.
+    floor : (r,) least expectation of each band.
     low_pass : whether the corner of a low-pass of first order is sought, too.
 
     Attributes
@@ -51,11 +45,12 @@ class BandScoring:
         dof: Floats,
         scored: Sequence[NoiseTerm],
         gridded: Mapping[NoiseTerm, Floats],
+        floor: Floats,
         *,
         low_pass: bool,
     ) -> None:
         self._power, self._half, self._bend = bands.power, 0.5 * dof, bands.bend
-        self._floor = least_expected(bands.power)[:, None]
+        self._floor = floor[:, None]
         # the corner is a power that no band expects anything of
         corner = [np.zeros(bands.power.size)] * low_pass
         units = [bands.expected[term] for term in scored], [bands.expected[term] for term in gridded]
