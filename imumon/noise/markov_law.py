@@ -98,7 +98,7 @@ def allan_variances(m: Ints, time: float, *, averaged: bool) -> Floats:
 
 
 def phase_autocovariance(lag: Floats, time: float) -> Floats:
-    """Return (k,) the generalised autocovariance of the integral at a lag, without terms that differences remove.
+    """Return (...) the generalised autocovariance of the integral at lags, without terms that differences remove.
 
     The variance of the integral over -2, plus t^2 / 2: second differences remove a constant and a square.
     """

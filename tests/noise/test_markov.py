@@ -28,7 +28,7 @@ def test_the_formulas_are_those_of_the_autocovariance(time: float) -> None:
     of_doubles = [covariance[:k, :k].sum() for k in (2, 8, 100)]
     expected = (4.0 * np.array(of_sums) - of_doubles) / (2.0 * m**2)
     assert markov_law.allan_variances(m, time, averaged=True) == pytest.approx(expected, rel=1e-9)
-    differences = GaussMarkov("M", time).difference_covariance(64)
+    differences = GaussMarkov("M", time).difference_covariances(np.array([64]))[0]
     assert differences[0] == pytest.approx(
         2.0 * markov_law.allan_variances(np.array([64]), time, averaged=True)[0], rel=1e-6
     )

@@ -27,7 +27,7 @@ and a term is the object that knows these unit expectations:
 | what missing samples let leak into a bin | bands of the likelihood | `leak` |
 | cosine coefficient of block means | single coefficients of the likelihood | `coefficient_variances` |
 | Allan variance | drawn model | `allan_variances` |
-| covariance of the differences of the Allan variance | limits of the curve | `difference_covariance` |
+| covariance of the differences of the Allan variance | limits of the curve | `difference_covariances` |
 | information about it in a longer record | `time_to` | `rate_density` |
 
 Likelihood, search, statement and curve go through tuples of terms; none of them knows a term by its position in an
@@ -139,8 +139,11 @@ class NoiseTerm(ABC):
         """Return (k,) the Allan variance at clusters of m (k,) samples."""
 
     @abstractmethod
-    def difference_covariance(self, cluster: int) -> Floats:
-        """Return (l,) the autocovariance of the differences at a cluster, by lag in strides of cluster/`RATIO`."""
+    def difference_covariances(self, m: Ints) -> Floats:
+        """Return (k, l) the autocovariances of the differences at clusters of m (k,) samples.
+
+        They are by lag, in strides of a cluster over `RATIO`.
+        """
 
     @abstractmethod
     def coefficient_scale(self, tau0: float) -> float:
@@ -202,11 +205,10 @@ class PowerLaw(NoiseTerm):
             flicker[short] = (phase[2 * m[short]] - 4.0 * phase[m[short]]) / clusters[short] ** 2
         return flicker
 
-    def difference_covariance(self, cluster: int) -> Floats:
-        """Return (l,) the autocovariance of the differences at a cluster."""
-        return np.asarray(
-            _unit_difference_covariances()[self.exponent] * float(cluster) ** (self.exponent - 1)
-        )
+    def difference_covariances(self, m: Ints) -> Floats:
+        """Return (k, l) the autocovariances of the differences."""
+        unit = _unit_difference_covariances()[self.exponent]
+        return np.asarray(np.multiply.outer(m.astype(np.float64) ** (self.exponent - 1), unit))
 
     def coefficient_scale(self, tau0: float) -> float:
         """Return the coefficient in SI of power 1."""
@@ -248,14 +250,14 @@ class Quantisation(NoiseTerm):
         """Return (k,) the Allan variance, 3 / m^2."""
         return np.asarray(3.0 / m.astype(np.float64) ** 2)
 
-    def difference_covariance(self, cluster: int) -> Floats:
-        """Return (l,) the autocovariance of the differences: the error of a phase is alone at its lag."""
+    def difference_covariances(self, m: Ints) -> Floats:
+        """Return (k, l) the autocovariances of the differences: the error of a phase is alone at its lag."""
         # second differences of independent phases: 6, -4, 1 at lags of 0, 1 and 2 clusters, nothing between
-        covariance = np.zeros(LAGS * RATIO + 1)
+        unit = np.zeros(LAGS * RATIO + 1)
         for lag, weight in SECOND_DIFFERENCE.items():
             if lag >= 0:
-                covariance[lag * RATIO] = weight / float(cluster) ** 2
-        return covariance
+                unit[lag * RATIO] = weight
+        return np.asarray(np.multiply.outer(m.astype(np.float64) ** -2.0, unit))
 
     def coefficient_scale(self, tau0: float) -> float:
         """Return the coefficient in SI of power 1."""
@@ -305,14 +307,16 @@ class GaussMarkov(NoiseTerm):
         """Return (k,) the Allan variance."""
         return markov_law.allan_variances(m, self.time, averaged=averaged)
 
-    def difference_covariance(self, cluster: int) -> Floats:
-        """Return (l,) the autocovariance of the differences at a cluster."""
+    def difference_covariances(self, m: Ints) -> Floats:
+        """Return (k, l) the autocovariances of the differences."""
         # the shifts are whole strides, and the autocovariance is even: one table serves all of them
         lag = np.arange(LAGS * RATIO + 1)
         strides = np.arange(float(lag.size + max(SECOND_DIFFERENCE) * RATIO))
-        phase = markov_law.phase_autocovariance(strides * (cluster / RATIO), self.time)
-        shifted = (weight * phase[np.abs(lag + shift * RATIO)] for shift, weight in SECOND_DIFFERENCE.items())
-        return np.asarray(sum(shifted)) / float(cluster) ** 2
+        phase = markov_law.phase_autocovariance(np.multiply.outer(m / RATIO, strides), self.time)
+        shifted = (
+            weight * phase[:, np.abs(lag + shift * RATIO)] for shift, weight in SECOND_DIFFERENCE.items()
+        )
+        return np.asarray(sum(shifted)) / m[:, None].astype(np.float64) ** 2
 
     def coefficient_scale(self, tau0: float) -> float:
         """Return 1: the standard deviation has the unit of the channel, whatever the unit of time."""

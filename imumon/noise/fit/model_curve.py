@@ -55,10 +55,11 @@ def degrees_of_freedom(m: Ints, differences: Ints, span: int, powers: TermPowers
     powers : of the terms.
     """
     out = np.zeros(m.size)
+    covariances = total(powers, lambda term: term.difference_covariances(m))
     for octave, (cluster, count) in enumerate(zip(m.tolist(), differences.tolist(), strict=True)):
         if not count:
             continue
-        r = total(powers, lambda term, size=cluster: term.difference_covariance(size))  # type: ignore[misc]
+        r = covariances[octave]
         stride = max(1, cluster // RATIO)
         if cluster < RATIO:  # one difference per sample: fewer strides in a cluster than the table has
             r = r[:: RATIO * stride // cluster]
