@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -213,11 +214,13 @@ def lattice(times: Floats) -> list[float]:
     return [float(2.0 ** (step / LATTICE)) for step in steps]
 
 
-def tried_times(samples: float) -> list[float]:
-    """Return the time constants whose gains make the odds, samples; none in records that are too short."""
+@lru_cache(maxsize=4)  # the channels of a record have the same
+def tried_terms(samples: float) -> tuple[GaussMarkov, ...]:
+    """Return the terms whose gains make the odds; none in records that are too short."""
     if LONGEST * samples <= SHORTEST:
-        return []
-    return lattice(np.geomspace(SHORTEST, LONGEST * samples, MARKOV_TIMES))
+        return ()
+    times = np.geomspace(SHORTEST, LONGEST * samples, MARKOV_TIMES)
+    return tuple(GaussMarkov("M", time) for time in lattice(times))
 
 
 def slow_times(samples: float) -> list[float]:

@@ -168,8 +168,7 @@ class ModelSearch:
         search = SlowTermSearch(
             series, slow_grids, whole=whole, markov=self._known_markov, day=DAY / sums.tau0
         )
-        times = markov_search.tried_times(int(series.samples)) if whole else []
-        self._tried_markov = [GaussMarkov("M", time) for time in times]
+        self._tried_markov = markov_search.tried_terms(series.samples) if whole else ()
         # with the terms that are tried in every fit: to form observations costs more than to expect them
         self._slow = search.result().with_terms(self._tried_markov)
         self._slow_grids = search.surface.grids

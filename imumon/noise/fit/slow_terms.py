@@ -52,7 +52,6 @@ from imumon.noise.fit.likelihood import Grids, Likelihood, Surface
 from imumon.noise.fit.model import (
     FLICKER,
     WALK,
-    GaussMarkov,
     NoiseTerm,
     total,
 )
@@ -65,6 +64,10 @@ from imumon.noise.fit.observations import (
 )
 from imumon.noise.fit.regressors import Regressor
 from imumon.samples import Bools, Floats, Ints
+
+EVEN = np.linspace(0.0, 1.0, GRID // 2 - 1)
+FALLING = np.append(0.0, np.geomspace(0.01, 1.0, GRID // 2 - 2))
+"""Shares of the likeliest B and K at which columns are tried."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -226,10 +229,9 @@ class SlowTermSearch:
 
         What looks like a column, or like oscillations, may be noise of another kind: columns are sought beside it.
         """
-        times = markov_search.tried_times(self._series.samples)
-        if not self._whole or self.terms.markov or not times:
+        tried = markov_search.tried_terms(self._series.samples)
+        if not self._whole or self.terms.markov or not tried:
             return False
-        tried = [GaussMarkov("M", time) for time in times]
         peaks = markov_search.peaks(self._observed(tried), self.surface, tried)
         if markov_search.odds_of(peaks.gains) < 1.0 or 2.0 * float(peaks.gains.max()) <= gain:
             return False
@@ -360,11 +362,9 @@ class SlowTermSearch:
         # ratios: a column leaves any share of it.
         ends = {term: grid[-1] for term, grid in surface.grids.items()}
         best = {term: np.sqrt(surface.powers[term]) or ends[term] for term in ends}
-        even = np.linspace(0.0, 1.0, GRID // 2 - 1)
-        falling = np.append(0.0, np.geomspace(0.01, 1.0, GRID // 2 - 2))
         grids: Grids = {
-            FLICKER: np.append(best[FLICKER] * even, ends[FLICKER]),
-            WALK: np.append(best[WALK] * falling, ends[WALK]),
+            FLICKER: np.append(best[FLICKER] * EVEN, ends[FLICKER]),
+            WALK: np.append(best[WALK] * FALLING, ends[WALK]),
         }
         return columns_of.gains(coefficients, self._likelihood.surface(grids), columns[rows], starts)
 
