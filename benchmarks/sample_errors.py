@@ -228,8 +228,11 @@ CELLS: dict[str, Cell] = {
     **{f"rounded to {step:g} sigma": rounded(step) for step in (1.0, 2.0, 3.0, 4.0, 5.0)},
     **{
         f"counts as {name}, Q / (N√τ₀) = {ratio:g}": counted(ratio, kind)
-        for name, kind in (("rate", "average"), ("angle", "increment"))
-        for ratio in (0.2, 0.5, 1.0, 3.0, 5.6, 10.0, 30.0)
+        for name, kind, ratios in (
+            ("rate", "average", (0.2, 0.5, 1.0, 3.0, 5.6, 10.0, 30.0)),
+            ("angle", "increment", (0.5, 5.6, 30.0)),
+        )
+        for ratio in ratios
     },
     **{f"walk, K / (2πN) = {hz:g} Hz": walking(hz) for hz in (0.1, 0.3, 1.0, 3.0)},
 }

@@ -23,7 +23,7 @@ from imumon.timebase.stamp_kinds import StampCandidate, decide
 
 RATE, LENGTH, DRIFT = 40.0, 48_000, 3e-5
 JITTER = (("even", 0.0), ("even", 0.1), ("even", 0.25), ("normal", 0.04), ("normal", 0.12), ("normal", 0.25))
-LOSSES = (0.0, 0.01, 0.07, 0.15, 0.3)
+LOSSES = (0.01, 0.07, 0.15, 0.3)
 
 
 class Placing:
@@ -77,7 +77,7 @@ def main() -> None:
                 for seed in range(options.first, options.first + options.records // 3):
                     add_run(name, width, share, seed, placing, tally)
                 found, *others = placing.cells()
-                cells = [f"{name} {width:g}", f"{share:.0%}", found if share else "–", *others]
+                cells = [f"{name} {width:g}", f"{share:.0%}", found, *others]
                 print(row([*cells, *tally.cells()]), flush=True)
 
 

@@ -8,7 +8,7 @@ import pytest
 from imumon.noise import OctaveCascade, synthesise
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit.fit_rules import BAND_EDGES
-from imumon.noise.fit.model import TERMS, WALK
+from imumon.noise.fit.model import NOISE_TERMS, TERMS, NoiseTerm
 from imumon.noise.fit.observations import block_series, meeting_frequency, spectral_powers
 
 
@@ -40,20 +40,23 @@ def test_every_term_has_a_positive_expectation_of_every_observation() -> None:
 
 
 @pytest.mark.parametrize("length", [1, 4])
-def test_what_is_interpolated_across_holes_is_expected(length: int) -> None:
-    """A twentieth of the blocks of walks is missing; without the bridges, the upper half is 6 % too low."""
-    count, walks = 256, 400
-    means = synthesise(count, 1.0, K=[1.0] * walks, seed=5)
+@pytest.mark.parametrize("term", NOISE_TERMS)
+def test_what_is_interpolated_across_holes_is_expected(term: NoiseTerm, length: int) -> None:
+    """A twentieth of the blocks is missing: white noise is 15 % more in the lowest tenth, a walk 6 % less in the half."""
+    count, records = 256, 400
+    strengths = {"N": 0.0, "B": 0.0, "K": 0.0, term.letter: 1.0}
+    means = synthesise(count, 1.0, **{name: [size] * records for name, size in strengths.items()}, seed=5)
     for begin in range(10, count - 12, count * length // 12):
         means[begin : begin + length] = np.nan
     share, segment = np.isfinite(means).astype(np.float64), np.zeros(count, dtype=np.int64)
-    blocks = BlockMeans(means, share, segment, 1, 1.0, np.zeros(walks))
+    blocks = BlockMeans(means, share, segment, 1, 1.0, np.zeros(records))
     ratios = []
-    for column in range(walks):
+    for column in range(records):
         series = block_series(blocks, column)
         assert series is not None
         assert series.count.tolist() == [count]
-        ratios.append(series.y**2 / series.variances[WALK])
-    low, high = np.split(np.mean(ratios, axis=0), [count // 2])
-    assert low.mean() == pytest.approx(1.0, abs=0.02)  # 51,000 squares: a standard error of 0.6 %
-    assert high.mean() == pytest.approx(1.0, abs=0.03)  # of means, a bridge over one block is a little lower
+        ratios.append(series.y**2 / series.variances[term])
+    mean = np.mean(ratios, axis=0)
+    assert mean[:24].mean() == pytest.approx(1.0, abs=0.05)  # 9,600 squares: a standard error of 1.4 %
+    assert mean[24 : count // 2].mean() == pytest.approx(1.0, abs=0.025)
+    assert mean[count // 2 :].mean() == pytest.approx(1.0, abs=0.03)
