@@ -42,7 +42,7 @@ def test_every_term_has_a_positive_expectation_of_every_observation() -> None:
 @pytest.mark.parametrize("length", [1, 4])
 @pytest.mark.parametrize("term", NOISE_TERMS)
 def test_what_is_interpolated_across_holes_is_expected(term: NoiseTerm, length: int) -> None:
-    """A twentieth of the blocks is missing: white noise is 15 % more in the lowest tenth, a walk 6 % less in the half."""
+    """A twentieth is missing: white noise is 15 % more in the lowest tenth, a walk 6 % less in the upper half."""
     count, records = 256, 400
     strengths = {"N": 0.0, "B": 0.0, "K": 0.0, term.letter: 1.0}
     means = synthesise(count, 1.0, **{name: [size] * records for name, size in strengths.items()}, seed=5)

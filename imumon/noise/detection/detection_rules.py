@@ -297,6 +297,16 @@ OUTLIER_NOISE_SHARE = RULES.add(
     origin="chosen: an error of the transmission is rarer; 1 % of ten sigma doubles N^2",
     benchmark="test_outliers.py",
 )
+NOISY_CHANCE = RULES.add(
+    "NOISY_CHANCE",
+    3e-4,
+    unit="probability",
+    decides="a far sample is a knock, and no outlier, if chance makes as much noise beside it in this share of frames",
+    without="of a burst only the tallest samples are excluded: N is 0.3 % too high with one of five sigma a minute",
+    origin="a quarter of what stays of bursts of 0.1 to 1 s without it stays; with 1e-3 a twentieth, but one single "
+    "outlier of a hundred of a coarse axis is a knock",
+    benchmark="sample_errors.py",
+)
 TAIL_BEGIN = RULES.add(
     "TAIL_BEGIN",
     6.0 / UNUSUAL_SIGMA,

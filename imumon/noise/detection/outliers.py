@@ -18,6 +18,7 @@ Let q be the share of samples of a sensor with an outlier so far. What chance al
     a run           r outliers within 2 r - 1 samples, with q^r < 1.3e-12, and r = 3 where outliers are rare
     a coincidence   outliers of gyroscope and accelerometer beside each other: independent faults of two sensors
                     rarely meet, but a knock shows in both
+    a burst         more noise beside a far sample than in the rest of its frame
 
 Which channels have outliers as noise
 -------------------------------------
@@ -58,6 +59,7 @@ from enum import Enum
 from typing import ClassVar
 
 import numpy as np
+from scipy.special import fdtri
 
 from imumon.noise.array_state import ArrayState
 from imumon.noise.detection.baseline import gaussian_deviation
@@ -68,6 +70,7 @@ from imumon.noise.detection.detection_rules import (
     KNOCK_RUN,
     LEAST_TAIL_FRAMES,
     MEMORY_FRAMES,
+    NOISY_CHANCE,
     OUTLIER_NOISE_SHARE,
     PARTS,
     TAIL_BEGIN,
@@ -86,6 +89,7 @@ class FarSamples(Enum):
     NONE = "no sample is far"
     SINGLE = "outliers"
     RUN = "too many in a row for chance: a knock"
+    NOISY = "among samples with more noise than the others: a knock"
     COINCIDENCE = "in both sensors at once: a knock"
 
 
@@ -166,10 +170,15 @@ class OutlierDetector(ArrayState):
         usable : (k, PARTS, part) samples that may be assessed; None: all.
         limit : (c,) channel unit, from where on a sample is far from the middle of its frame.
         """
-        far = np.abs(distance - _middle(distance, usable)[:, :, None, None]) > limit[:, None, None, None]
+        size = np.abs(distance - _middle(distance, usable)[:, :, None, None])
+        far = size > limit[:, None, None, None]
         if usable is not None:
             far &= usable
-        return OutlierSearch(self._kind(far), far)
+        kind = self._kind(far)
+        rare = ~(self.noise | self.tails)  # where outliers are noise, so is what is just short of them
+        if kind is FarSamples.SINGLE and _noisy_beside(size[rare], usable, far[rare]):
+            kind = FarSamples.NOISY
+        return OutlierSearch(kind, far)
 
     def _kind(self, far: Bools) -> FarSamples:
         """Return what far samples (c, k, PARTS, part) are."""
@@ -256,6 +265,37 @@ def _middle(distance: Floats, usable: Bools | None) -> Floats:
     low, high = np.maximum(filled - 1, 0) // 2, np.minimum(filled // 2, PARTS - 1)
     middle = 0.5 * (ordered[:, frames, low] + ordered[:, frames, high])
     return np.where(np.isfinite(middle), middle, 0.0)  # a frame without any sample has no outlier either
+
+
+def _noisy_beside(size: Floats, usable: Bools | None, far: Bools) -> bool:
+    """Return whether the samples beside a far one have more noise than the others of their frame.
+
+    A burst of noise is far at its tallest samples only. Beside is what lies in the same part and in the parts next to
+    it. Of normal noise, the ratio of the mean squares has an F distribution, and the square of that of the mean sizes
+    nearly the same. Both count: tails widen the one, coarse steps the other.
+
+    Parameters
+    ----------
+    size, usable, far : (c, k, PARTS, part) channel unit, distance from the middle; see `OutlierDetector.search`.
+    """
+    channels = np.flatnonzero(far.any(axis=(1, 2, 3)))
+    near = ~far[channels] if usable is None else ~far[channels] & usable
+    count, sizes = near.sum(axis=3), np.where(near, size[channels], 0.0)
+    number, others = _beside_and_rest(count)
+    judged = far[channels].any(axis=3) & (number > 0.0) & (others > 0.0)
+    most = fdtri(number[judged], others[judged], 1.0 - NOISY_CHANCE)
+    noisy = np.ones(most.size, dtype=bool)
+    for power in (1, 2):
+        beside, rest = (total[judged] for total in _beside_and_rest((sizes**power).sum(axis=3)))
+        noisy &= (beside * others[judged]) ** (2 / power) > most * (rest * number[judged]) ** (2 / power)
+    return bool(noisy.any())
+
+
+def _beside_and_rest(parts: Floats | Ints) -> tuple[Floats, Floats]:
+    """Return (c, k, PARTS) the sums of each part and the parts beside it, and those of the rest of the frame."""
+    padded = np.pad(parts.astype(np.float64), ((0, 0), (0, 0), (1, 1)))
+    beside = padded[:, :, :-2] + padded[:, :, 1:-1] + padded[:, :, 2:]
+    return beside, padded.sum(axis=2, keepdims=True) - beside
 
 
 def limit_of_samples(distance: Floats, usable: Bools | None) -> Floats:
