@@ -205,7 +205,7 @@ def counted(ratio: float, kind: str) -> Cell:
         counts = np.diff(np.round(angle / count), axis=0, prepend=0.0) * count
         return counts if kind == "increment" else counts * rate
 
-    return Cell(change, (white, 5e-8, 1e-8), rate=rate, length=180_000, averaged=True, options={"kind": kind})
+    return Cell(change, (white, 5e-8, 1e-8), rate=rate, length=90_000, averaged=True, options={"kind": kind})
 
 
 def walking(crossing: float) -> Cell:

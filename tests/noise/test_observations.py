@@ -60,3 +60,17 @@ def test_what_is_interpolated_across_holes_is_expected(term: NoiseTerm, length: 
     assert mean[:24].mean() == pytest.approx(1.0, abs=0.05)  # 9,600 squares: a standard error of 1.4 %
     assert mean[24 : count // 2].mean() == pytest.approx(1.0, abs=0.025)
     assert mean[count // 2 :].mean() == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("window", [1, 2, 8])
+def test_expectations_are_positive_beside_missing_samples(window: int) -> None:
+    """A moving average of two samples has no white noise at half the sampling rate."""
+    values = np.random.default_rng(1).standard_normal((20_000, 1))
+    valid = np.random.default_rng(2).random((20_000, 1)) >= 0.3
+    cascade = OctaveCascade(1, tau0=1.0)
+    cascade.update(values, valid)
+    sums = cascade.result().sums
+    assert sums is not None
+    bands = spectral_powers(sums, 0, averaged=False, window=window)
+    for term in TERMS:
+        assert (bands.expected[term] > 0.0).all(), term.letter

@@ -85,7 +85,8 @@ def test_sums_agree_with_their_expectation(kind: str, averaged: bool, pattern: s
         leak = sums.holes[0] / segments * variance * 2.0 ** (level * term)
         of_mask = (sums.white if kind == "white" else sums.slow)[0] / segments
         expected = bin_expectation(level, averaged=averaged)[term] * of_mask
-        expected = expected + np.repeat(leak, SUB_BAND)[: expected.size]
+        leak = np.repeat(leak, SUB_BAND)[: expected.size]
+        expected = expected + (leak * expected if kind == "white" else leak)
         ratio = (sums.power * 2.0**level / segments / expected).mean(axis=1)
         error = np.sqrt(2.0 / degrees_of_freedom(np.arange(FIRST_BIN, last_bin(level)), segments))
         scatter = float(ratio.std(ddof=1)) / error

@@ -421,7 +421,10 @@ def _expected_bins(
     expected = np.stack([factor * of_term for factor, of_term in zip(missing, unit, strict=True)])
     if level.holes[group].any():
         holes = np.repeat(level.holes[group] / count, SUB_BAND)[: expected.shape[1]]
-        expected += holes * np.array([[term.leak(s, averaged=averaged)] for term in terms])
+        for row, term in enumerate(terms):
+            leak = holes * term.leak(s, averaged=averaged)
+            # of white noise the waves take a share, the more the fewer samples they are fitted to
+            expected[row] += leak * expected[row] if term is WHITE else leak
     return np.asarray(expected)
 
 

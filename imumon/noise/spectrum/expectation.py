@@ -113,8 +113,9 @@ def segment_variances(level: int = 0, *, averaged: bool = True) -> Floats:
     """Return (3,) what missing samples leak of N = B = K = 1, times the density of their share: a variance.
 
     In units of the interval of the level. White noise stays white whatever is missing, but for the waves that are
-    subtracted: of each, one degree of freedom. Of the others it is the variance within a segment that the waves leave.
-    The samples that are missing are those of level 0, which vary more than their averages.
+    subtracted: of each, one degree of freedom, and so a share of its density. Of the others it is the variance within a
+    segment that the waves leave. The samples that are missing are those of level 0, which vary more than their
+    averages.
 
     Parameters
     ----------
