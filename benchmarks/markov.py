@@ -61,6 +61,26 @@ def cycle(size: float, period_s: float) -> Added:
     return lambda rng, n: size * np.sin(2.0 * np.pi * (np.arange(n) / RATE / period_s + rng.random()))
 
 
+def bump(size: float) -> Added:
+    """A mean that rises and falls once, as that of a room in which somebody works."""
+
+    def added(rng: np.random.Generator, n: int) -> np.ndarray:
+        place, width = rng.uniform(0.25, 0.75), rng.uniform(0.08, 0.2)
+        return size * np.exp(-0.5 * ((np.arange(n) / n - place) / width) ** 2)
+
+    return added
+
+
+def passage(size: float) -> Added:
+    """A mean that moves from one level to another, `size` above and below, in a tenth to four tenths of the record."""
+
+    def added(rng: np.random.Generator, n: int) -> np.ndarray:
+        place, width = rng.uniform(0.25, 0.75), rng.uniform(0.05, 0.2)
+        return size * np.tanh((np.arange(n) / n - place) / width)
+
+    return added
+
+
 def power_law(exponent: float, size: float) -> Added:
     """Density 1/f^exponent, that of N at `size` Hz."""
 
@@ -114,6 +134,15 @@ CELLS = (
     Cell("step 2 floors", step(2 * FLOOR)),
     Cell("cycle of a day, 2 h", cycle(20 * FLOOR, 86_400.0)),
     Cell("cycle of a day, 12 h", cycle(20 * FLOOR, 86_400.0), length=6 * LENGTH),
+    Cell("rise and fall of 10 floors", bump(10 * FLOOR)),
+    Cell("rise and fall of 20 floors", bump(20 * FLOOR)),
+    Cell("rise and fall of 50 floors", bump(50 * FLOOR)),
+    Cell("passage of 10 floors", passage(10 * FLOOR)),
+    Cell("passage of 30 floors", passage(30 * FLOOR)),
+    Cell("clean B, K = 1.7e-6", K=1.7e-6),
+    Cell("clean B, K = 2.55e-6", K=2.55e-6),
+    Cell("clean B, K = 3e-6", K=3e-6),
+    Cell("clean B, K = 1e-5", K=1e-5),
     Cell("clean K, 12 h", K=3e-7, length=6 * LENGTH),
     Cell("1/f^0.5", power_law(0.5, 0.1), B=0.0),
 )

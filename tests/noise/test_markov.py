@@ -132,6 +132,28 @@ def surface(grids: dict[NoiseTerm, Floats]) -> Surface:
     return Surface(grids, np.ravel(log), {WHITE: np.ones(m)}, {WHITE: np.ones(m)}, np.zeros(m), none, none)
 
 
+def test_a_mean_that_moves_once_is_no_walk() -> None:
+    """It has power in the lowest coefficients only: K is a bound, B keeps its limits, and the drawn model its curve."""
+    rng = np.random.default_rng(5)
+    rate, n, records = 5.0, 36_000, 16
+    t = np.linspace(0.0, 1.0, n)[:, None]
+    place = rng.uniform(0.25, 0.75, records)
+    rise_and_fall = np.exp(-0.5 * ((t - place) / rng.uniform(0.08, 0.2, records)) ** 2)
+    passage = np.tanh((t - place) / rng.uniform(0.08, 0.2, records))
+    noise = synthesise(n, rate, N=[6.1e-5] * records, B=2.4e-5, seed=rng, averaged=False)
+    for moved in (3e-4 * rise_and_fall, 2e-4 * passage):
+        cascade = OctaveCascade(records, tau0=1.0 / rate)
+        cascade.update(noise + moved)
+        fits = fit_curve(cascade.result(), averaged=False, time_to=False)
+        assert sum(fit.K.status == "measured" for fit in fits) <= 2
+        assert "a mean that moves slowly explains it" in {fit.K.reason for fit in fits}
+        assert sum(not fit.B.low <= 2.4e-5 <= fit.B.high for fit in fits if fit.B.low is not None) <= 2
+        assert not any(fit.oscillations_s for fit in fits)
+        assert sum("model_misses" in fit.caveats for fit in fits) <= 1
+        for fit in fits:  # what moved the mean is drawn, and the parts add up
+            np.testing.assert_allclose(sum(fit.shares.values()), fit.model**2, rtol=1e-9, atol=1e-30)
+
+
 def test_slow_markov_noise_is_no_walk() -> None:
     """A time constant of a 36th of the record: where M explains it better than K, K is not measured."""
     rng = np.random.default_rng(12)

@@ -63,6 +63,8 @@ from imumon.noise.fit.scoring import BandScoring
 from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Floats
 
+LIMITS = np.array([0.025, 0.5, 0.975])
+"""Quantiles of the 95 % limits and of the value between them."""
 Grids: TypeAlias = Mapping[NoiseTerm, Floats]
 """Amplitudes (not powers) of each gridded term, channel unit in units of tau0."""
 

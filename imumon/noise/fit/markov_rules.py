@@ -1,6 +1,7 @@
-"""Rules of Gauss–Markov and popcorn noise: what decides whether they are in the model, and what is stated of them.
+"""Rules of Gauss–Markov and popcorn noise, and of a walk that looks like other slow noise.
 
-They are the thresholds of `markov_search` and `popcorn`; docs/THEORY.md prints this table after that of `fit_rules`.
+They decide whether these terms are in the model, and what is stated of them: the thresholds of `markov_search`,
+`popcorn` and `search`. docs/THEORY.md prints this table after that of `fit_rules`.
 """
 
 from __future__ import annotations
@@ -62,6 +63,35 @@ INSTEAD_GAIN = RULES.add(
     decides="a walk that Gauss–Markov noise in its place explains better by as much is `indistinct`",
     without="M of a 36th of the record is measured as K in one record in five",
     origin="one parameter more (Akaike 1974); of a true walk, 3 to 10 % of the records are `indistinct` by it",
+    benchmark="markov.py",
+)
+SLOWEST = RULES.add(
+    "SLOWEST",
+    4,
+    unit="coefficients",
+    decides="a walk that does not show without these lowest coefficients is a mean that moves slowly, and they are "
+    "left out; then twice and four times as many, up to half of those that stay single",
+    without="a mean that rises and falls once by 20 floors is measured as K in four records of five, and B is too "
+    "small in one of four; with 6, K of three times the smallest is lost in 15 % of the records, with 4 in 12 %",
+    origin="two cycles of the record: the least that is an oscillation",
+    benchmark="markov.py",
+)
+BEYOND_EVIDENCE = RULES.add(
+    "BEYOND_EVIDENCE",
+    2.7,
+    unit="twice the log likelihood ratio",
+    decides="a walk shows without the lowest coefficients",
+    without="at 1, a mean that moves from one level to another is measured as K in 10 of 100 records instead of 7",
+    origin="5 % by chance (Chernoff 1954)",
+    benchmark="markov.py",
+)
+CONSISTENT = RULES.add(
+    "CONSISTENT",
+    0.7,
+    unit="probability",
+    decides="a walk is as large without the lowest coefficients as with them if this quantile of K is above its value",
+    without="at 0.9, a mean that moves from one level to another is measured as K in 23 of 100 records instead of 7",
+    origin="half a standard error: where K is seen without the lowest coefficients, leaving them out costs little",
     benchmark="markov.py",
 )
 SLOW_TIMES = RULES.add(

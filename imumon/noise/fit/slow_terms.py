@@ -34,6 +34,7 @@ from imumon.noise.fit.fit_rules import (
     CERTAIN,
     CHANCE,
     CYCLE_PENALTY,
+    EVIDENCE,
     FEW_CYCLES,
     FEWEST_CYCLES,
     GRID,
@@ -48,7 +49,15 @@ from imumon.noise.fit.fit_rules import (
     SETTLING_SHARES,
     SINGLE,
 )
-from imumon.noise.fit.likelihood import Grids, Likelihood, Surface
+from imumon.noise.fit.likelihood import (
+    LIMITS,
+    Grids,
+    Likelihood,
+    Surface,
+    evidence,
+    quantiles,
+)
+from imumon.noise.fit.markov_rules import BEYOND_EVIDENCE, CONSISTENT, SLOWEST
 from imumon.noise.fit.model import (
     FLICKER,
     WALK,
@@ -83,6 +92,7 @@ class SlowTerms:
     odds : likelihood of this column against none.
     no_temperature : why the temperature is no column: "", ``no_temperature``, ``small_range`` or ``collinear``.
     markov : power of a Gauss–Markov term beside B and K; empty without one.
+    slowest : numbers of the lowest coefficients, also in `masked`: they hold a mean that moves slowly, and no walk.
     complete : whether chance explains the rest; False: the search ended after `MOST_TERMS` rounds, or asked for a
         column again that is there already.
     """
@@ -94,6 +104,7 @@ class SlowTerms:
     odds: float
     no_temperature: str
     complete: bool = True
+    slowest: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     markov: Mapping[NoiseTerm, float] = field(default_factory=dict)
 
     def with_terms(self, more: Sequence[NoiseTerm]) -> SlowTerms:
@@ -206,7 +217,7 @@ class SlowTermSearch:
     def result(self) -> SlowTerms:
         """Return the terms beside which chance explains what is left."""
         for _ in range(MOST_TERMS):
-            if not self._add_strongest() and not self._mask_oscillations():
+            if not (self._add_strongest() or self._mask_oscillations() or self._mask_slowest()):
                 return self.terms
             self.surface = self._searched()
         self.terms = replace(self.terms, complete=False)
@@ -339,14 +350,10 @@ class SlowTermSearch:
     def _add(self, added: list[Regressor]) -> None:
         """Add regressors; what looked like an oscillation beside settling or a step is judged again."""
         terms = self.terms
-        wave = added[0].name in columns_of.OSCILLATION
-        self.terms = replace(
-            terms,
-            regressors=[*terms.regressors, *added],
-            masked=terms.masked if wave else np.zeros_like(terms.masked),
-            doubtful=[],
-            markov={},  # what looked like it may have been the column
-        )
+        if added[0].name not in columns_of.OSCILLATION:
+            terms = replace(terms, masked=np.zeros_like(terms.masked), slowest=terms.slowest[:0])
+        # what looked like Gauss–Markov noise may have been the column
+        self.terms = replace(terms, regressors=[*terms.regressors, *added], doubtful=[], markov={})
 
     def _gains(self, columns: Floats, starts: Ints) -> Floats:
         """Return twice the gain in log likelihood by columns (m, t) added from each start to the next."""
@@ -394,11 +401,48 @@ class SlowTermSearch:
                     left_out[max(k - reach - 1, 2 * FEWEST_CYCLES) : k + width + reach + 1] = True
         if masked[series.f <= self._top].mean() > MOST_MASKED:
             masked[:] = False
+            masked[self.terms.slowest] = True
         if not (masked & ~self.terms.masked).any():
             return False
         if not self._is_markov(0.0):
             self.terms = replace(self.terms, masked=masked)
         return True
+
+    def _mask_slowest(self) -> bool:
+        """Leave out the lowest coefficients, or more of them, if a walk shows in them only; return whether it does.
+
+        A walk has power at all frequencies below those of B. A mean that moves once, as by the temperature of a room,
+        has it in the lowest coefficients, and would be stated as K, at the cost of B.
+        """
+        series, terms = self._series, self.terms
+        count = 2 * terms.slowest.size or SLOWEST
+        most = min(SINGLE, series.y.size // 3) // 2
+        if not self._whole or count > most or evidence(self.surface, WALK) <= EVIDENCE:
+            return False
+        slowest = series.order[:count]
+        masked = terms.masked.copy()
+        masked[slowest] = True
+        self.terms = replace(terms, masked=masked, slowest=slowest)
+        if not _shows_walk(self._observed(list(terms.markov)), self.surface):
+            return True
+        self.terms = terms
+        return False
+
+
+def _shows_walk(beyond: Likelihood, surface: Surface) -> bool:
+    """Return whether a walk shows without the lowest coefficients, and may be as large as with them.
+
+    Parameters
+    ----------
+    beyond : of the observations without them.
+    surface : with them.
+    """
+    grids = {**surface.grids, WALK: np.linspace(0.0, surface.grids[WALK][-1], GRID)}
+    rest = beyond.at_values_of(surface, grids)
+    if evidence(rest, WALK) <= BEYOND_EVIDENCE:
+        return False
+    value = quantiles(surface, WALK, LIMITS)[1]
+    return bool(quantiles(rest, WALK, np.array([CONSISTENT]))[0] > value)
 
 
 def _squares_over_noise(terms: SlowTerms, surface: Surface) -> Floats:

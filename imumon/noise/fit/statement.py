@@ -59,6 +59,7 @@ from imumon.noise.fit.fit_rules import (
     VISIBLE,
 )
 from imumon.noise.fit.likelihood import (
+    LIMITS,
     Surface,
     evidence,
     grid_mean,
@@ -81,8 +82,7 @@ from imumon.noise.validity_groups import ROUNDING_VARIANCE
 from imumon.samples import Bools, Floats, Ints
 
 NOT_SHOWN = "the record does not show it"
-LIMITS = np.array([0.025, 0.5, 0.975])
-"""Quantiles of the 95 % limits and of the value between them."""
+MOVES_SLOWLY = "a mean that moves slowly explains it"
 TOO_SHORT = "the record is too short"
 
 # ------------------------------------------------------------------------------------------------ what is stated
@@ -451,7 +451,8 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
             reason = f"the record does not distinguish it from {' and '.join(others)}"
             estimates[term] = Estimate(low=0.0, high=high, status="indistinct", reason=reason)
         else:
-            estimates[term] = _bound(high)
+            slow = term is WALK and model.slow.slowest.size
+            estimates[term] = _bound(high, MOVES_SLOWLY if slow else NOT_SHOWN)
     return estimates
 
 
@@ -504,8 +505,8 @@ def _of_power(mean: float, error: float) -> Estimate:
     return _bound(math.sqrt(max(mean + LIMIT_95 * error, 0.0)))
 
 
-def _bound(high: float) -> Estimate:
-    return Estimate(low=0.0, high=high, status="upper_bound", reason=NOT_SHOWN)
+def _bound(high: float, reason: str = NOT_SHOWN) -> Estimate:
+    return Estimate(low=0.0, high=high, status="upper_bound", reason=reason)
 
 
 # ------------------------------------------------------------------------------------------------ regressors
@@ -614,18 +615,20 @@ def oscillations(model: Model, lines: Floats) -> list[Ints]:
     series, groups = model.slow.series, []
     f, width, power = lines.T
     noise = model.slow.noise_variances(model.surface)
+    oscillating = model.slow.masked.copy()
+    oscillating[model.slow.slowest] = False
     aliases = np.abs(f - np.round(f * series.length) / series.length)
     remains = power / (np.pi * f * series.length) ** 2  # sinc^2 of the block, at most
     for begin, count in zip(series.begin - np.arange(series.begin.size), series.count - 1, strict=True):
-        masked = np.flatnonzero(model.slow.masked[begin : begin + count])
+        masked = np.flatnonzero(oscillating[begin : begin + count])
         step = 0.5 / ((count + 1) * series.length)
         for neighbours in np.split(masked, np.flatnonzero(np.diff(masked) > 1) + 1):
             group = begin + neighbours
             if float((model.excess[group] / noise[group]).sum()) > CERTAIN:
                 low, high = series.f[group[[0, -1]]] + np.array([-step, step])
                 near = (low - ALIAS_WIDTHS * width <= aliases) & (aliases <= high + ALIAS_WIDTHS * width)
-                oscillating = float(model.excess[group].sum()) / (count + 1)
-                if not (near & (remains > ALIAS_SHARE * oscillating)).any():
+                variance = float(model.excess[group].sum()) / (count + 1)
+                if not (near & (remains > ALIAS_SHARE * variance)).any():
                     groups.append(group)
     return groups
 
@@ -647,7 +650,7 @@ def _periods(model: Model, lines: Floats, tau0: float) -> tuple[float, ...]:
 
 
 def moved(model: Model, lines: Floats) -> Floats:
-    """Return (n,) channel unit, what the regressors move at each block, and the oscillations as they are."""
+    """Return (n,) channel unit, what moves the mean at each block; oscillations and slow changes as they are."""
     import scipy.fft
 
     series, beta = model.slow.series, model.surface.beta[model.surface.best]
@@ -655,7 +658,7 @@ def moved(model: Model, lines: Floats) -> Floats:
     for column, value in zip(model.slow.regressors, beta.tolist(), strict=True):
         out = out + value * column.scale * column.series
     left_out = np.zeros(series.y.size)
-    for group in oscillations(model, lines):
+    for group in [*oscillations(model, lines), model.slow.slowest]:
         left_out[group] = np.sqrt(model.excess[group])
     if left_out.any():
         # of an oscillation the excess is known, and its sign in each coefficient is that of the data
