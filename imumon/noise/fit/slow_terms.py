@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammainccinv
 
+from imumon.coefficients import SIGNIFICANT
 from imumon.noise.fit import markov_search
 from imumon.noise.fit import regressors as columns_of
 from imumon.noise.fit.fit_rules import (
@@ -417,7 +418,12 @@ class SlowTermSearch:
         series, terms = self._series, self.terms
         count = 2 * terms.slowest.size or SLOWEST
         most = min(SINGLE, series.y.size // 3) // 2
-        if not self._whole or count > most or evidence(self.surface, WALK) <= EVIDENCE:
+        if (
+            not self._whole
+            or count > most
+            or evidence(self.surface, WALK) <= EVIDENCE
+            or self._is_described()
+        ):
             return False
         slowest = series.order[:count]
         masked = terms.masked.copy()
@@ -427,6 +433,15 @@ class SlowTermSearch:
             return True
         self.terms = terms
         return False
+
+    def _is_described(self) -> bool:
+        """Return whether a column beside the drifts describes what moves the mean: its own part would be left out."""
+        best = self.surface.best
+        squares = self.surface.beta[best] ** 2 / self.surface.beta_variances[best]
+        names = [column.name for column in self.terms.regressors]
+        return any(
+            square > SIGNIFICANT**2 for name, square in zip(names, squares, strict=True) if name != "drift"
+        )
 
 
 def _shows_walk(beyond: Likelihood, surface: Surface) -> bool:
