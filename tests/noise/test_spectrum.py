@@ -220,6 +220,16 @@ def test_white_noise_is_flat_at_twice_n_squared() -> None:
     np.testing.assert_allclose(result.white, 1e-3, rtol=0.01)
 
 
+def test_the_lowest_frequencies_are_shown_beside_missing_samples() -> None:
+    """The fit is without slow waves beside holes; the spectrum that people see has them."""
+    values = white(400 * 8 * HOP)
+    gapped = SpectrumAccumulator((0,), RATE)
+    feed(gapped, values, (np.arange(len(values)) % 4001 > 0)[:, None])
+    whole, shown = density(values), gapped.result()
+    lowest = whole.frequency_hz < 2.0 * whole.frequency_hz[0]
+    np.testing.assert_allclose(shown.density[lowest], whole.density[lowest], rtol=0.1)
+
+
 def test_flicker_and_random_walk_have_their_slopes() -> None:
     """Flicker: B^2 / (2 pi f) two-sided; random walk: K^2 / (2 pi f)^2."""
     n = 600_000

@@ -439,26 +439,26 @@ class SpectrumAccumulator:
         hops = x.reshape(len(x), -1, HOP)
         segments = np.concatenate((hops[:, :-1], hops[:, 1:]), axis=2)
         count = segments.shape[1]
+        weights = waves = None
         if share is None:
             segments -= segments.mean(axis=2, keepdims=True)
-            weights = None
             level.white += count
             level.slow += count
             level.averages += count
         else:
-            weights = self._add_shares(s, segments, share)
-        segments *= HANN
-        # the squares of real and imaginary parts, added: `abs` would take a root of each and square it again
-        parts = np.fft.rfft(segments, axis=2).view(np.float64)
-        parts *= parts
-        power = parts[:, :, ::2] + parts[:, :, 1::2]
+            weights, waves = self._add_shares(s, segments, share)
+        power = _windowed_squares(segments)
+        if waves is not None:
+            # the bins in use are without the slow waves; below them is what people see of the lowest frequencies
+            segments += waves
+            power[:, :, :FIRST_BIN] = _windowed_squares(segments)[:, :, :FIRST_BIN]
         if weights is not None:
             power *= weights[:, :, None]
         for number in range(count):  # one after the other: the same bits for any chunking
             level.power += power[:, number]
 
-    def _add_shares(self, s: int, segments: Floats, share: Floats) -> Floats:
-        """Count segments with missing samples, and subtract the mean of what is there.
+    def _add_shares(self, s: int, segments: Floats, share: Floats) -> tuple[Floats, Floats | None]:
+        """Count segments with missing samples, and subtract the mean of what is there, and slow waves beside holes.
 
         Parameters
         ----------
@@ -467,7 +467,8 @@ class SpectrumAccumulator:
 
         Returns
         -------
-        (c, n) weights of their squared transforms: 0 for a segment that does not count.
+        weights : (c, n) of their squared transforms: 0 for a segment that does not count.
+        waves : (c, n, SEGMENT) channel unit, the slow waves that are subtracted; None: there are none.
         """
         level, of = self._levels[s], self._groups
         hops = share.reshape(len(share), -1, HOP)
@@ -484,18 +485,24 @@ class SpectrumAccumulator:
         # the mean is subtracted where samples are, so that holes stay zero and add no step
         means = segments.sum(axis=2) / (safe[of] * SEGMENT)
         segments -= means[:, :, None] * shares[of]
-        self._subtract_slow_waves(segments, shares, enough & (variation > ROUNDING))
-        return np.asarray((enough / safe**2)[of])
+        waves = self._slow_waves(segments, shares, enough & (variation > ROUNDING))
+        if waves is not None:
+            segments -= waves
+        return np.asarray((enough / safe**2)[of]), waves
 
-    def _subtract_slow_waves(self, segments: Floats, shares: Floats, with_holes: Bools) -> None:
-        """Subtract the likeliest slow waves of segments (c, n, SEGMENT) with missing samples, where samples are."""
+    def _slow_waves(self, segments: Floats, shares: Floats, with_holes: Bools) -> Floats | None:
+        """Return the likeliest slow waves of segments (c, n, SEGMENT) with missing samples, where samples are."""
+        if not with_holes.any():
+            return None
+        out = np.zeros_like(segments)
         for group in np.flatnonzero(with_holes.any(axis=1)).tolist():
             rows = np.ix_(np.flatnonzero(self._groups == group), np.flatnonzero(with_holes[group]))
             # a sample of a level is the sum of its share of valid samples, and so is the variance of its noise
             waves = SLOW_WAVES * shares[group, rows[1][0], None]
             moments = SLOW_WAVES @ segments[rows].transpose(1, 2, 0)
             amplitudes = np.linalg.solve(waves @ SLOW_WAVES.T, moments)
-            segments[rows] -= (amplitudes.transpose(0, 2, 1) @ waves).transpose(1, 0, 2)
+            out[rows] = (amplitudes.transpose(0, 2, 1) @ waves).transpose(1, 0, 2)
+        return out
 
     def _add_holes(self, s: int, shares: Floats, weights: Floats, with_holes: Bools) -> None:
         """Add the densities of the shares (g, n, SEGMENT) of segments with missing samples.
@@ -635,6 +642,14 @@ class SpectrumAccumulator:
 def _sum(total: Floats, values: Floats) -> Floats:
     """Return (g,) the total and the values (g, n), added one after the other: the same bits for any chunking."""
     return np.asarray(np.add.accumulate(np.column_stack((total, values)), axis=1)[:, -1])
+
+
+def _windowed_squares(segments: Floats) -> Floats:
+    """Return (c, n, BINS) the squared transforms of segments (c, n, SEGMENT) times the window."""
+    # the squares of real and imaginary parts, added: `abs` would take a root of each and square it again
+    parts = np.fft.rfft(segments * HANN, axis=2).view(np.float64)
+    parts *= parts
+    return np.asarray(parts[:, :, ::2] + parts[:, :, 1::2])
 
 
 def _of_hops(share: Floats | None, begin: int, end: int) -> Floats | None:
