@@ -22,6 +22,7 @@ import numpy as np
 from bounds import cramer_rao
 from document_tables import head, row
 from figures import Figure, seconds
+from markov import FLOOR, markov
 from peers import peer_errors, realtime
 from real_effects import LEGEND, table
 from simulated import BATCH, LONGEST, B, Cell, N, cells, components, curve_of, strengths
@@ -283,16 +284,25 @@ def speed() -> None:
     values = np.column_stack([strengths(1e-6, 40.0) @ components(seed) for seed in range(9)])
     curve, known = curve_of(values, 40.0), Estimator(averaged=False)
     known.fit(curve)
+    slow = markov(3.0 * FLOOR, 57.0)
+    added = np.column_stack([slow(np.random.default_rng(seed), len(values)) for seed in range(9)])
+    correlated = curve_of(values + added, 40.0)
     work = (
         lambda: Estimator(averaged=False).fit(curve),
+        lambda: Estimator(averaged=False).fit(correlated),
         lambda: known.fit(curve, renew=True),
         lambda: known.fit(curve),
     )
     times = [1e3 * seconds(each, 7, 1) / values.shape[1] for each in work]
     say("Cost", "Processor time of a fit per channel, 5 h at 40 Hz.")
     print(head("accuracy-cost", "fit", "ms", "goal"))
-    names = ("first", "again", "between two fits, with the curve of the moment")
-    for name, spent, goal in zip(names, times, (5, 5, ""), strict=True):
+    names = (
+        "first",
+        "first, with Gauss–Markov noise",
+        "again",
+        "between two fits, with the curve of the moment",
+    )
+    for name, spent, goal in zip(names, times, (5, 20, 5, ""), strict=True):
         print(row([name, f"{spent:.1f}", goal]))
 
 
