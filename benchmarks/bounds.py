@@ -36,6 +36,25 @@ def cramer_rao(n: int, rate: float, N: float, B: float, K: float) -> np.ndarray:
     return out
 
 
+def markov_bound(
+    samples: int, rate: float, N: float, B: float, sigma: float, time_s: float
+) -> tuple[float, float]:
+    """Return the least relative deviations of M and of its time constant from point samples of unknown mean.
+
+    Beside unknown N, B and K = 0, from the periodogram, whose ordinates are independent and exponential (Whittle 1953).
+    """
+    edges = np.unique(np.geomspace(1, samples // 2, POINTS).round().astype(np.int64))
+    f, count = 0.5 * (edges[:-1] + edges[1:]) / samples * rate, np.diff(edges)
+    markov = 2.0 * sigma**2 * time_s / (1.0 + (2.0 * np.pi * f * time_s) ** 2)
+    by_time = markov * (2.0 / (1.0 + (2.0 * np.pi * f * time_s) ** 2) - 1.0)
+    parts = np.stack((markov, by_time, np.full(f.size, N**2), B**2 / (2.0 * np.pi * f), 1.0 / f**2))
+    share = parts / (markov + parts[2] + parts[3])
+    scale = np.sqrt((share**2) @ count)
+    share /= scale[:, None]
+    errors = np.sqrt(np.diag(np.linalg.inv((share * count) @ share.T))) / scale
+    return float(errors[0] / 2.0), float(errors[1])
+
+
 def unit_covariances(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return (n, n) covariances of means over n neighbouring blocks of unit length, for B = 1 and K = 1.
 

@@ -49,6 +49,7 @@ class Truth:
     K: float
     M: float = 0.0
     T: float = 1.0
+    jumps: bool = False  # M is popcorn noise: two levels, M from their mean, each held for 2 T on the average
 
     @property
     def sizes(self) -> tuple[float, float, float, float, float]:
@@ -73,6 +74,8 @@ TRUTHS = (
     Truth("Markov, 60 s", 6.1e-5, 0.0, 0.0, 3e-5, 60.0),
     Truth("Markov, 600 s", 6.1e-5, 0.0, 0.0, 3e-5, 600.0),
     Truth("Markov, 60 s, flicker", 6.1e-5, 1e-5, 0.0, 3e-5, 60.0),
+    Truth("popcorn, 30 s", 6.1e-5, 1e-5, 0.0, 3e-5, 15.0, jumps=True),
+    Truth("popcorn, 200 s", 6.1e-5, 1e-5, 0.0, 3e-5, 100.0, jumps=True),
 )
 
 
@@ -142,9 +145,19 @@ def simulated(truth: Truth, filters: int, runs: int, seed: int) -> tuple[np.ndar
     n, one = round((AIDED_S + HORIZONS[-1]) * RATE), np.ones(filters * runs)
     samples = synthesise(n, RATE, truth.N * one, truth.B * one, truth.K * one, seed=rng)
     if truth.M:
-        samples = samples + markov_rates(rng, n, len(one), RATE, truth.M, truth.T)
+        samples = samples + correlated_rates(truth, rng, n, len(one), RATE)
     fixes = FIX * rng.standard_normal((AIDED_S + 1, filters, runs))
     return samples.reshape(n, filters, runs), fixes
+
+
+def correlated_rates(
+    truth: Truth, rng: np.random.Generator, count: int, columns: int, rate: float
+) -> np.ndarray:
+    """Return Gauss–Markov or popcorn noise as mean rates, (count, columns)."""
+    if not truth.jumps:
+        return markov_rates(rng, count, columns, rate, truth.M, truth.T)
+    jumps = rng.random((count, columns)) < 1.0 / (2.0 * truth.T * rate)
+    return truth.M * np.where((np.cumsum(jumps, axis=0) + rng.integers(2, size=columns)) % 2, 1.0, -1.0)
 
 
 def markov_rates(
@@ -227,7 +240,7 @@ def fitted(truth: Truth, seed: int, records: int, rate: float = 10.0, hours: flo
         rng = np.random.default_rng([20_262, seed, index])
         record = synthesise(round(hours * 3600 * rate), rate, truth.N, truth.B, truth.K, seed=rng)
         if truth.M:
-            record = record + markov_rates(rng, len(record), 1, rate, truth.M, truth.T)
+            record = record + correlated_rates(truth, rng, len(record), 1, rate)
         cascade = OctaveCascade(1, tau0=1.0 / rate)
         cascade.update(record)
         found.append(assumed(Estimator(averaged=True).fit(cascade.result())[0]))

@@ -2,6 +2,7 @@
 
     python benchmarks/markov.py                       100 records a cell
     python benchmarks/markov.py --records 24 --only popcorn,markov
+    python benchmarks/markov.py --bounds              errors of M and T over their Cramér-Rao bounds
 
 Truth: N = 6.1e-5 rad/s/sqrt(Hz), records of 2 h at 40 Hz, point samples, in most cells with B = 2.4e-5 rad/s. Each cell
 adds a noise, in units of the floor 0.664 B. A row counts the records whose 95 % limits miss the truth at either side,
@@ -15,13 +16,14 @@ import argparse
 import os
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import scipy.fft
 import scipy.signal
+from bounds import markov_bound
 
 from imumon.coefficients import Estimate
 from imumon.noise import ChannelFit, OctaveCascade, fit_curve, synthesise
@@ -188,22 +190,79 @@ def counted(cell: Cell, fits: list[ChannelFit]) -> str:
     return "  ".join(words)
 
 
+SIZES = (
+    (20.0, 2.0, 1),
+    (20.0, 10.0, 1),
+    (57.0, 3.0, 1),
+    (57.0, 10.0, 1),
+    (200.0, 3.0, 6),
+    (200.0, 10.0, 6),
+    (600.0, 3.0, 6),
+    (600.0, 10.0, 6),
+    (1000.0, 10.0, 6),
+)
+"""Time constant, s, size in floors, and length of the record in 2 h, of the cells whose errors have a bound."""
+
+
+def print_bounds(count: int) -> None:
+    """Print errors of M and of its time constant beside N and B, over their Cramér-Rao bounds, as Markdown."""
+    head = (
+        "T, s",
+        "M, floors",
+        "record, h",
+        "bound of M, %",
+        "of T, %",
+        "measured",
+        "M over bound",
+        "T",
+        "M held",
+        "T held",
+    )
+    print(f"| {' | '.join(head)} |")
+    print("|" + "---|" * 10)
+    for time_s, floors, lengths in SIZES:
+        cell = replace(sized(f"bound {time_s:g} {floors:g}", floors * FLOOR, time_s), length=lengths * LENGTH)
+        bounds = markov_bound(cell.length, RATE, N, B, floors * FLOOR, time_s)
+        terms = [fit.markov for fit in fits_of(cell, count) if fit.markov is not None]
+        cells = [f"{time_s:g} | {floors:g} | {2 * lengths} | {100 * bounds[0]:.1f} | {100 * bounds[1]:.1f}"]
+        cells.append(f"{sum(term.sigma.status == 'measured' for term in terms)} of {count}")
+        parts = [(term.sigma, term.time_constant_s) for term in terms if term.sigma.status == "measured"]
+        truths = floors * FLOOR, time_s
+        held = []
+        for place in range(2):
+            estimates = [both[place] for both in parts]
+            errors = [np.log(part.value / truths[place]) for part in estimates if part.value]
+            cells.append(f"{np.sqrt(np.mean(np.square(errors))) / bounds[place]:.2f}" if errors else "–")
+            held.append(sum((part.low or 0.0) <= truths[place] <= (part.high or 0.0) for part in estimates))
+        cells += [f"{number} of {len(parts)}" for number in held]
+        print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def fits_of(cell: Cell, count: int) -> list[ChannelFit]:
+    """Return the fits of some records of a cell."""
+    fits: list[ChannelFit] = []
+    batch = max(1, BATCH * LENGTH // cell.length)
+    for begin in range(0, count, batch):
+        values = records(cell, begin, min(batch, count - begin))
+        cascade = OctaveCascade(values.shape[1], tau0=1.0 / RATE)
+        cascade.update(values)
+        fits += fit_curve(cascade.result(), averaged=False)
+    return fits
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--records", type=int, default=100)
     parser.add_argument("--only", default="")
+    parser.add_argument("--bounds", action="store_true", help="errors of M over their Cramér-Rao bounds")
     arguments = parser.parse_args()
+    if arguments.bounds:
+        print_bounds(arguments.records)
+        return
     for cell in CELLS:
         if arguments.only and not any(word in cell.name for word in arguments.only.split(",")):
             continue
-        fits: list[ChannelFit] = []
-        batch = max(1, BATCH * LENGTH // cell.length)
-        for begin in range(0, arguments.records, batch):
-            values = records(cell, begin, min(batch, arguments.records - begin))
-            cascade = OctaveCascade(values.shape[1], tau0=1.0 / RATE)
-            cascade.update(values)
-            fits += fit_curve(cascade.result(), averaged=False)
-        print(f"{cell.name:28s} {counted(cell, fits)}", flush=True)
+        print(f"{cell.name:28s} {counted(cell, fits_of(cell, arguments.records))}", flush=True)
 
 
 if __name__ == "__main__":

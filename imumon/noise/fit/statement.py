@@ -41,7 +41,7 @@ What follows for the curve is in `curve_statement`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -435,25 +435,41 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
         limits[markov.term] = tuple(quantiles(markov.surface, markov.term, LIMITS).tolist())
         if not markov.is_certain:
             open_terms.append(markov.term)
-    # without a measured M in the model, something is correlated: its odds are even or better
-    together = len(open_terms) > 1 and (
-        (markov is not None and not markov.is_certain) or joint_evidence(surface, open_terms) > EVIDENCE
-    )
-    estimates: dict[NoiseTerm, Estimate] = {}
+    confused = _confused(model, open_terms)
     if model.is_markov_instead:
-        reason = "the record does not distinguish it from M"
-        estimates[WALK] = Estimate(low=0.0, high=limits.pop(WALK)[2], status="indistinct", reason=reason)
+        shown[WALK], confused[WALK] = False, ["M"]
+    estimates: dict[NoiseTerm, Estimate] = {}
     for term, (low, value, high) in limits.items():
-        others = [other.letter for other in open_terms if other is not term]
         if shown[term] and low < value < high:
             estimates[term] = Estimate(value=value, low=low, high=high, status="measured")
-        elif together and term in open_terms:
-            reason = f"the record does not distinguish it from {' and '.join(others)}"
-            estimates[term] = Estimate(low=0.0, high=high, status="indistinct", reason=reason)
+        elif term in confused:
+            estimates[term] = _indistinct(high, confused[term])
         else:
-            slow = term is WALK and model.slow.slowest.size
-            estimates[term] = _bound(high, MOVES_SLOWLY if slow else NOT_SHOWN)
+            estimates[term] = _bound(high, _why_not_shown(model, term))
     return estimates
+
+
+def _confused(model: Model, open_terms: Sequence[NoiseTerm]) -> dict[NoiseTerm, list[str]]:
+    """Return the letters of the terms from which each open one is indistinct; empty where none of them is needed."""
+    markov = model.markov
+    # without a measured M in the model, something is correlated: its odds are even or better
+    together = len(open_terms) > 1 and (
+        (markov is not None and not markov.is_certain) or joint_evidence(model.surface, open_terms) > EVIDENCE
+    )
+    if not together:
+        return {}
+    return {term: [other.letter for other in open_terms if other is not term] for term in open_terms}
+
+
+def _indistinct(high: float, others: Sequence[str]) -> Estimate:
+    """Return the bound of a coefficient that the record does not distinguish from others, named by their letters."""
+    reason = f"the record does not distinguish it from {' and '.join(others)}"
+    return Estimate(low=0.0, high=high, status="indistinct", reason=reason)
+
+
+def _why_not_shown(model: Model, term: NoiseTerm) -> str:
+    """Return why a coefficient is a bound."""
+    return MOVES_SLOWLY if term is WALK and model.slow.slowest.size else NOT_SHOWN
 
 
 def _limits_of_gridded(
