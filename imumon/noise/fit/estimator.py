@@ -260,7 +260,13 @@ class Estimator:
         averaged = self._is_averaged(channel)
         counted = _counts_angle(sums, channel, step)
         search = ModelSearch(
-            sums, channel, series, averaged=averaged, previous=previous, whole=whole, counted=counted
+            sums,
+            channel,
+            series,
+            averaged=averaged,
+            previous=previous,
+            whole=whole,
+            count=step if counted else 0.0,
         )
         model = search.result()
         if isinstance(model, str):

@@ -36,9 +36,11 @@ from functools import cached_property
 import numpy as np
 from scipy.special import gammaincc
 
+from imumon.coefficients import LIMIT_95
 from imumon.noise.fit import markov_search
 from imumon.noise.fit.fit_rules import (
     EVIDENCE,
+    INDEPENDENT_COUNTS,
     MOST_ERROR,
     REJECT_P,
     TOLERANCE,
@@ -146,7 +148,7 @@ class ModelSearch:
     averaged : the samples are true averages over their interval, else point samples.
     previous : choice of an earlier length of the record; None: there was none.
     whole : look for slow terms and Gauss–Markov noise; see `SlowTermSearch`. A part of a record has that of `previous`.
-    counted : the samples are differences of an angle in counts that are coarser than its noise.
+    count : channel unit, of an angle whose differences the samples are, if it is coarser than its noise; 0.0: not so.
     """
 
     def __init__(
@@ -158,10 +160,10 @@ class ModelSearch:
         averaged: bool,
         previous: ModelChoice | None = None,
         whole: bool = True,
-        counted: bool = False,
+        count: float = 0.0,
     ) -> None:
         self._sums, self._column, self._averaged, self._previous = sums, column, averaged, previous
-        self._counted = counted
+        self._count = count
         self._known_markov = {} if whole or previous is None else dict(previous.markov)
         series = series.with_terms(list(self._known_markov))
         slow_grids = None if previous is None else previous.slow_grids
@@ -191,13 +193,15 @@ class ModelSearch:
         best, least = UpperEnd(), np.inf
         for upper_end in self._candidates():
             p_value, misfit = self._judged(upper_end)
-            if p_value > REJECT_P:
+            if p_value > REJECT_P and self._errors_are_independent(upper_end):
                 shorter = replace(upper_end, octaves_left_out=upper_end.octaves_left_out + 1)
                 if upper_end.octaves_left_out and self._shows_white(shorter):
                     return self._finished(shorter)
                 return self._finished(upper_end)
             if misfit < least:
                 best, least = upper_end, misfit
+        if self._count and not self._errors_are_independent(best):
+            return "the record is too short to show noise below its counts"
         return self._finished(best)
 
     # ------------------------------------------------------------------ candidates
@@ -205,7 +209,7 @@ class ModelSearch:
     def _candidates(self) -> Iterator[UpperEnd]:
         """Yield descriptions of the upper end in the order in which they are tried."""
         yield UpperEnd()
-        if self._counted:
+        if self._count:
             # neighbouring rounding errors are alike where the angle moves by less than a count: octaves are left out
             candidate = UpperEnd(shape=UpperShape.QUANTISED)
         else:
@@ -291,6 +295,19 @@ class ModelSearch:
                 p_value = tested.p_value(surface, rows)
         misfit, dof = tested.misfit(surface, rows)
         return p_value, misfit / dof
+
+    def _errors_are_independent(self, upper_end: UpperEnd) -> bool:
+        """Return whether rounding to counts is quantisation noise up to the highest frequency in use.
+
+        Errors s counts of noise apart have the correlation exp(-2 pi^2 s^2), up to a sign (Widrow and Kollar 2008).
+        """
+        if not self._count or upper_end.shape is not UpperShape.QUANTISED:
+            return True
+        surface = self._fit(upper_end)[1]
+        power, variance = (part[WHITE][surface.best] for part in (surface.scored, surface.scored_variances))
+        # as much as it may be: with few octaves left, N that is low by chance is no reason to state nothing
+        most = (float(power) + LIMIT_95 * float(np.sqrt(variance))) * 2.0**upper_end.octaves_left_out
+        return most >= (INDEPENDENT_COUNTS * self._count) ** 2
 
     def _shows_white(self, upper_end: UpperEnd) -> bool:
         """Return whether the white noise still shows with some octaves left out."""
