@@ -11,7 +11,7 @@ counts:
 - off: records whose 95 % limits miss the truth below and above. Of rounded values, N of the sensor and that of the
   samples as they are differ: the lower limit has to be below the one, the upper limit above the other
 - N off by, mean, and the share of samples that is excluded
-- caveats: records with one about the samples
+- caveats: records with one about the samples, of the two most frequent ones
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Tally:
     def __init__(self, truth: tuple[float, float, float], largest_n: float = 0.0) -> None:
         self._lower_truth = truth
         self._upper_truth = (max(largest_n, truth[0]), *truth[1:])
-        self._records = self._excused = 0
+        self._excused = 0
         self._below, self._above, self._caveats = Counter[str](), Counter[str](), Counter[str]()
         self._errors: list[float] = []
         self._excluded: list[float] = []
@@ -109,7 +109,6 @@ class Tally:
             self._add_channel(report.channels[f"gyro/{axis}"], graded=graded)
 
     def _add_channel(self, channel: Channel, *, graded: bool) -> None:
-        self._records += 1
         caveats = [caveat for caveat in ABOUT_SAMPLES if caveat in channel.caveats]
         self._caveats.update(caveats)
         estimates = {letter: channel.coefficients.get(letter, Estimate()) for letter in "NBK"}
@@ -127,9 +126,8 @@ class Tally:
         """Return the cells of a row behind its name."""
         off = [f"{self._below[letter]}, {self._above[letter]}" for letter in "NBK"]
         error = f"{np.mean(self._errors):+.1%}" if self._errors else "–"
-        caveats = ", ".join(f"{name} {count}" for name, count in self._caveats.most_common()) or "–"
+        caveats = ", ".join(f"{name} {count}" for name, count in self._caveats.most_common(2)) or "–"
         return [
-            f"{self._records}",
             f"{self._excused}",
             *off,
             error,
@@ -138,7 +136,7 @@ class Tally:
         ]
 
 
-COLUMNS = ("records", "excused", "N off", "B off", "K off", "N off by", "excluded", "caveats")
+COLUMNS = ("excused", "N off", "B off", "K off", "N off by", "excluded", "caveats")
 
 
 def student(degrees: float) -> Cell:

@@ -184,3 +184,13 @@ def test_the_report_gives_the_size_of_what_outliers_add() -> None:
     assert robust.ratio > 1.9
     assert any(f"{robust.ratio:.2f} times" in text for text in caveat_lines(report))
     assert any(f"{robust.ratio:.2f} times" in text for text in report_table(report).splitlines())
+
+
+def test_a_clipped_axis_is_named_with_its_range_and_its_sensor_has_no_grade() -> None:
+    gyro = quiet(30_000)[:, :3]
+    gyro[:, 1] = np.clip(gyro[:, 1], -8e-4, 8e-4)
+    report = imumon.analyse(gyro=gyro, rate_hz=RATE, guards=False).report
+    caveats = {axis: "clipped" in report.channels[f"gyro/{axis}"].caveats for axis in "xyz"}
+    assert caveats == {"x": False, "y": True, "z": False}
+    assert report.grade["gyro"].nearest is None
+    assert "y is clipped at -0.0008 and 0.0008 rad/s" in (report.grade["gyro"].reason or "")

@@ -81,15 +81,6 @@ COUNTED_FALL = RULES.add(
     origin="rounding adds a quarter of the squared count there: below half of it, noise moves half a count a sample",
     benchmark="",
 )
-INDEPENDENT_COUNTS = RULES.add(
-    "INDEPENDENT_COUNTS",
-    0.5,
-    unit="counts",
-    decides="octaves of a counting gyroscope are left out until its angle has this much noise between two samples",
-    without="errors of neighbours are alike: N is 0.3 % low with 0.29 counts, 7 % with 0.03, and no limit holds it",
-    origin="a correlation of 0.7 %, exp(-2 pi^2 s^2) (Widrow and Kollar 2008); with 0.4, upper limits miss in 8 %",
-    benchmark="sample_errors.py --only counts",
-)
 LEAST_VARIANCE = RULES.add(
     "LEAST_VARIANCE",
     1e-100,
