@@ -70,9 +70,9 @@ CAVEATS: Mapping[str, CaveatText] = {
         "The fit does not use the frequencies of a vibration or a spectral line.",
     ),
     "misfit": CaveatText(
-        "the curve is not that of the coefficients: the limits may be too narrow",
+        "the curve is not that of the coefficients: B, K and M are bounds",
         "Chance makes such a curve in less than one record of a hundred. Where the spectrum shows the difference, "
-        "the limits include it. The meaning of the figures is uncertain.",
+        "the limits of N include it.",
     ),
     "not_at_rest": CaveatText(
         "the sensor moves: motion is not noise",

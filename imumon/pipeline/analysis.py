@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from imumon.coefficients import LIMIT_95, NOISE, Estimate, Excess
+from imumon.coefficients import LIMIT_95, NOISE, Estimate, Excess, MarkovEstimate
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import BiasFit, ChannelFit, Estimator
 from imumon.noise.fit.fit_rules import CHANCE
@@ -243,14 +243,25 @@ def _between(quarters: Sequence[Estimate]) -> tuple[float, Excess] | None:
 def _judged_as_a_record(fits: Sequence[ChannelFit]) -> tuple[ChannelFit, ...]:
     """Return the fits without the caveat `misfit` where it is one of several channels by chance (Bonferroni).
 
-    Judged one by one, nine channels of noise that is exactly the model have it in 9 % of the records.
+    Judged one by one, nine channels of noise that is exactly the model have it in 9 % of the records. What is left is
+    noise of another kind: B, K and M, which say of which kind it is, are bounds.
     """
     chance = CHANCE / max(sum(fit.p_value is not None for fit in fits), 1)
-    return tuple(
-        fit
-        if fit.p_value is None or fit.p_value < chance
-        else replace(fit, caveats=tuple(caveat for caveat in fit.caveats if caveat != "misfit"))
-        for fit in fits
+    return tuple(_judged(fit, chance) for fit in fits)
+
+
+def _judged(fit: ChannelFit, chance: float) -> ChannelFit:
+    """Return the fit without its caveat `misfit`, or with bounds where it is less probable than `chance`."""
+    if fit.p_value is None:
+        return fit
+    if fit.p_value >= chance:
+        return replace(fit, caveats=tuple(caveat for caveat in fit.caveats if caveat != "misfit"))
+    reason = "the model does not explain the record"
+    return replace(
+        fit,
+        coefficients={**fit.coefficients, "B": _bounded(fit.B, reason), "K": _bounded(fit.K, reason)},
+        markov=_without_size(fit.markov, reason),
+        jumps=None,
     )
 
 
@@ -277,17 +288,21 @@ def _with_contradiction(fit: ChannelFit, high: float) -> ChannelFit:
 
 def _without_slow_values(fit: ChannelFit) -> ChannelFit:
     """Return the fit with K and M as upper bounds: what settles may look like them."""
-    markov = fit.markov
-    if markov is not None:
-        markov = replace(markov, sigma=_bounded(markov.sigma))
-    return replace(fit, coefficients={**fit.coefficients, "K": _bounded(fit.K)}, markov=markov)
+    reason = "the sensor is still warming up"
+    coefficients = {**fit.coefficients, "K": _bounded(fit.K, reason)}
+    return replace(fit, coefficients=coefficients, markov=_without_size(fit.markov, reason))
 
 
-def _bounded(part: Estimate) -> Estimate:
+def _without_size(markov: MarkovEstimate | None, reason: str) -> MarkovEstimate | None:
+    """Return Gauss–Markov noise with an upper bound of its standard deviation."""
+    return None if markov is None else replace(markov, sigma=_bounded(markov.sigma, reason))
+
+
+def _bounded(part: Estimate, reason: str) -> Estimate:
     """Return a measured value as an upper bound."""
     if part.status != "measured":
         return part
-    return Estimate(low=0.0, high=part.high, status="upper_bound", reason="the sensor is still warming up")
+    return Estimate(low=0.0, high=part.high, status="upper_bound", reason=reason)
 
 
 def _why_pending(record: Accumulators) -> Estimate | None:

@@ -41,7 +41,7 @@ What follows for the curve is in `curve_statement`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -152,8 +152,8 @@ class ChannelFit:
     time_to : s by letter, still to record until a coefficient is as precise as requested, from the time of the fit on;
         None: it is not measured, hardly known, not reached within a year, or not asked for (`time_to_precision`).
     readings : classical slope readings by letter; None: the curve has none.
-    caveats : ``misfit`` (chance explains what the model leaves in less than 1 % of records; the caveat widens nothing,
-        `search.ModelSearch` does where the bands alone reject the model), ``model_misses`` (the drawn model leaves the
+    caveats : ``misfit`` (chance explains what the model leaves in less than 1 % of records; limits are wider only
+        where the bands alone reject the model, see `search.ModelSearch`), ``model_misses`` (the drawn model leaves the
         limits of the curve), ``vibration`` (lines that bend the curve), ``correlated`` (a filter), ``quantised``,
         ``ramp``, ``oscillation``, ``popcorn`` (Gauss–Markov noise that jumps between two levels), ``unguarded``
         (`estimator.UNGUARDED`).
@@ -631,22 +631,28 @@ def oscillations(model: Model, lines: Floats) -> list[Ints]:
     series, groups = model.slow.series, []
     f, width, power = lines.T
     noise = model.slow.noise_variances(model.surface)
-    oscillating = model.slow.masked.copy()
-    oscillating[model.slow.slowest] = False
     aliases = np.abs(f - np.round(f * series.length) / series.length)
     remains = power / (np.pi * f * series.length) ** 2  # sinc^2 of the block, at most
-    for begin, count in zip(series.begin - np.arange(series.begin.size), series.count - 1, strict=True):
-        masked = np.flatnonzero(oscillating[begin : begin + count])
-        step = 0.5 / ((count + 1) * series.length)
-        for neighbours in np.split(masked, np.flatnonzero(np.diff(masked) > 1) + 1):
-            group = begin + neighbours
-            if float((model.excess[group] / noise[group]).sum()) > CERTAIN:
-                low, high = series.f[group[[0, -1]]] + np.array([-step, step])
-                near = (low - ALIAS_WIDTHS * width <= aliases) & (aliases <= high + ALIAS_WIDTHS * width)
-                variance = float(model.excess[group].sum()) / (count + 1)
-                if not (near & (remains > ALIAS_SHARE * variance)).any():
-                    groups.append(group)
+    for group, count in _left_out_runs(model):
+        if np.isin(group, model.slow.slowest).any():
+            continue  # the end of a slow change is no oscillation
+        step = 0.5 / (count * series.length)
+        if float((model.excess[group] / noise[group]).sum()) > CERTAIN:
+            low, high = series.f[group[[0, -1]]] + np.array([-step, step])
+            near = (low - ALIAS_WIDTHS * width <= aliases) & (aliases <= high + ALIAS_WIDTHS * width)
+            if not (near & (remains > ALIAS_SHARE * float(model.excess[group].sum()) / count)).any():
+                groups.append(group)
     return groups
+
+
+def _left_out_runs(model: Model) -> Iterator[tuple[Ints, int]]:
+    """Yield neighbouring coefficients that are left out, and the number of blocks of their segment."""
+    series = model.slow.series
+    for begin, count in zip(series.begin - np.arange(series.begin.size), series.count, strict=True):
+        left_out = np.flatnonzero(model.slow.masked[begin : begin + count - 1])
+        for neighbours in np.split(left_out, np.flatnonzero(np.diff(left_out) > 1) + 1):
+            if neighbours.size:
+                yield begin + neighbours, int(count)
 
 
 def _periods(model: Model, lines: Floats, tau0: float) -> tuple[float, ...]:
@@ -674,7 +680,8 @@ def moved(model: Model, lines: Floats) -> Floats:
     for column, value in zip(model.slow.regressors, beta.tolist(), strict=True):
         out = out + value * column.scale * column.series
     left_out = np.zeros(series.y.size)
-    for group in [*oscillations(model, lines), model.slow.slowest]:
+    slow = [run for run, _ in _left_out_runs(model) if np.isin(run, model.slow.slowest).any()]
+    for group in [*oscillations(model, lines), *slow]:
         left_out[group] = np.sqrt(model.excess[group])
     if left_out.any():
         # of an oscillation the excess is known, and its sign in each coefficient is that of the data
