@@ -37,7 +37,7 @@ from imumon.files import cure_of_writing, open_regular, read_bounded, rename_asi
 from imumon.report_json import JsonReader, check, plain
 from imumon.reserve import granted, with_memory
 
-FORMAT = 11
+FORMAT = 12
 """Version of what a state holds. Up to 3, it was another container, too."""
 PRESET = 0
 """Compression preset of xz. Preset 1 takes one and a half times the time for 1 % less."""
