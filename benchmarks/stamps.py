@@ -22,7 +22,7 @@ from imumon.noise import synthesise
 from imumon.timebase.stamp_kinds import StampCandidate, decide
 
 RATE, LENGTH, DRIFT = 40.0, 24_000, 3e-5
-JITTER = (("even", 0.25), ("normal", 0.04), ("normal", 0.12))
+JITTER = (("even", 0.0), ("even", 0.1), ("even", 0.25), ("normal", 0.04), ("normal", 0.12))
 LOSSES = (0.01, 0.07, 0.15, 0.3)
 
 

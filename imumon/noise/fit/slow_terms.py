@@ -94,6 +94,8 @@ class SlowTerms:
     no_temperature : why the temperature is no column: "", ``no_temperature``, ``small_range`` or ``collinear``.
     markov : power of a Gauss–Markov term beside B and K; empty without one.
     slowest : numbers of the lowest coefficients, also in `masked`: they hold a mean that moves slowly, and no walk.
+    walk_high : channel unit in units of tau0, upper limit of the walk that the slowest coefficients show; 0.0 without
+        them. It holds also if they are no slow change of the mean but a walk.
     complete : whether chance explains the rest; False: the search ended after `MOST_TERMS` rounds, or asked for a
         column again that is there already.
     """
@@ -106,6 +108,7 @@ class SlowTerms:
     no_temperature: str
     complete: bool = True
     slowest: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    walk_high: float = 0.0
     markov: Mapping[NoiseTerm, float] = field(default_factory=dict)
 
     def with_terms(self, more: Sequence[NoiseTerm]) -> SlowTerms:
@@ -352,7 +355,9 @@ class SlowTermSearch:
         """Add regressors; what looked like an oscillation beside settling or a step is judged again."""
         terms = self.terms
         if added[0].name not in columns_of.OSCILLATION:
-            terms = replace(terms, masked=np.zeros_like(terms.masked), slowest=terms.slowest[:0])
+            terms = replace(
+                terms, masked=np.zeros_like(terms.masked), slowest=terms.slowest[:0], walk_high=0.0
+            )
         # what looked like Gauss–Markov noise may have been the column
         self.terms = replace(terms, regressors=[*terms.regressors, *added], doubtful=[], markov={})
 
@@ -428,7 +433,8 @@ class SlowTermSearch:
         slowest = series.order[:count]
         masked = terms.masked.copy()
         masked[slowest] = True
-        self.terms = replace(terms, masked=masked, slowest=slowest)
+        walk_high = max(terms.walk_high, float(quantiles(self.surface, WALK, LIMITS)[-1]))
+        self.terms = replace(terms, masked=masked, slowest=slowest, walk_high=walk_high)
         if not _shows_walk(self._observed(list(terms.markov)), self.surface):
             return True
         self.terms = terms

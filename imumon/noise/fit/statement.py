@@ -429,6 +429,8 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
     surface, markov = model.surface, model.markov
     shown: dict[NoiseTerm, bool] = {term: evidence(surface, term) > EVIDENCE for term in GRIDDED}
     limits = _limits_of_gridded(surface, shown)
+    low, value, high = limits[WALK]
+    limits[WALK] = low, value, max(high, model.slow.walk_high)
     open_terms: list[NoiseTerm] = [term for term in GRIDDED if not shown[term]]
     if markov is not None:
         shown[markov.term] = markov.is_certain
