@@ -3,8 +3,8 @@
 The likelihood of the cosine coefficients says how much a column explains with the best B and K beside it. In each round
 the strongest of settling, step, bend of the effect of the temperature, cycle of a day and oscillation of few cycles
 becomes a column, if its gain exceeds its threshold and that of Gauss–Markov noise. Without one, the coefficients of
-other oscillations are left out: their period wanders, so that no column describes them. The search ends when chance
-explains the rest.
+other oscillations are left out: their period wanders, so that no column describes them. Last, the lowest coefficients
+are left out if they alone make a walk. The search ends when chance explains the rest.
 
 | candidate | counts where | threshold of twice the gain |
 |---|---|---|
@@ -15,6 +15,7 @@ explains the rest.
 | cycle of a day | without a temperature, up to `FEWEST_CYCLES` | `CERTAIN`; below, by its odds |
 | oscillation of `FEWEST_CYCLES` to `FEW_CYCLES` | last segment | chi-square, `CHANCE` over all places |
 | oscillation, left out | everywhere | chi-square, `CHANCE` over all places |
+| mean that moves slowly | a walk that shows in the lowest coefficients only, in whole records | `BEYOND_EVIDENCE` |
 """
 
 from __future__ import annotations
