@@ -294,8 +294,11 @@ def _without_slow_values(fit: ChannelFit) -> ChannelFit:
 
 
 def _without_size(markov: MarkovEstimate | None, reason: str) -> MarkovEstimate | None:
-    """Return Gauss–Markov noise with an upper bound of its standard deviation."""
-    return None if markov is None else replace(markov, sigma=_bounded(markov.sigma, reason))
+    """Return Gauss–Markov noise with an upper bound of its standard deviation, and no value of its time constant."""
+    if markov is None:
+        return None
+    time = replace(markov.time_constant_s, value=None, status="indistinct", reason=reason)
+    return MarkovEstimate(sigma=_bounded(markov.sigma, reason), time_constant_s=time)
 
 
 def _bounded(part: Estimate, reason: str) -> Estimate:

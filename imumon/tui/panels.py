@@ -270,7 +270,11 @@ def _limits(notation: Notation, sensor: str, name: str, part: Estimate) -> Line:
             line += [("95 % ", "faint"), (f"{number(low, 3)} to {number(high, 3)}", "muted")]
     elif part.is_bound and high is not None:
         text = f"{'< ' + number(high, 2):>9} {unit:<12}"
-        why = f"{INDISTINCT_WORD}: {NOT_APART}" if part.status == "indistinct" else part.reason
+        why = (
+            f"{INDISTINCT_WORD}: {NOT_APART}"
+            if part.status == "indistinct"
+            else part.reason or "not visible yet"
+        )
         line += [(text, "bound"), (f"95 % upper bound; {why}", "muted")]
     else:
         line += [(f"{'–':>9} {unit:<12}", "faint"), (part.reason or "the record is too short", "muted")]

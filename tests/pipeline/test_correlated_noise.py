@@ -289,6 +289,27 @@ def test_popcorn_noise_is_named_by_its_levels() -> None:
     assert any(note.startswith("jumps between -") for note in _notes("gyro/x", channel))
 
 
+# ---------------------------------------------------------------------- noise that the model does not have
+
+
+def test_what_the_model_does_not_explain_has_bounds() -> None:
+    """Density 1/f^0.5: no sum of N, B, K and M. With `misfit`, none of B, K and M has a value."""
+    n, columns = 144_000, 6
+    k = np.arange(1, n)
+    response = np.concatenate(([1.0], np.cumprod((k - 0.75) / k)))
+    white = np.random.default_rng(3).standard_normal((2 * n, columns))
+    transform = np.fft.rfft(response, 4 * n)[:, None] * np.fft.rfft(white, 4 * n, axis=0)
+    values = 1e-4 * np.fft.irfft(transform, 4 * n, axis=0)[n : 2 * n]
+    channels = analyse(gyro=values[:, :3], accel=values[:, 3:], rate_hz=40.0).report.channels.values()
+    misfits = [channel for channel in channels if "misfit" in channel.caveats]
+    assert misfits
+    for channel in misfits:
+        assert all(channel.estimates[letter].status != "measured" for letter in "BK")
+        if channel.M is not None:
+            assert channel.M.sigma.status != "measured"
+            assert channel.M.time_constant_s.status != "measured"
+
+
 # ---------------------------------------------------------------------- halves
 
 

@@ -148,7 +148,7 @@ class ModelSearch:
     averaged : the samples are true averages over their interval, else point samples.
     previous : choice of an earlier length of the record; None: there was none.
     whole : look for slow terms and Gauss–Markov noise; see `SlowTermSearch`. A part of a record has that of `previous`.
-    count : channel unit, of an angle whose differences the samples are, if it is coarser than its noise; 0.0: not so.
+    count : channel unit, size of a count of the angle whose differences the samples are; 0.0: finer than the noise.
     """
 
     def __init__(
