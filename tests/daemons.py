@@ -16,12 +16,18 @@ from forked import Forked
 from scraping import free_port, scraped, values
 
 from imumon.bus import Subscriber
-from imumon.report import Report
+from imumon.report import Channel, Report
 
 
 def free_endpoint() -> str:
     """Endpoint on loopback that nobody listens on."""
     return f"tcp/127.0.0.1:{free_port()}"
+
+
+def n_is_within_a_tenth(channel: Channel) -> bool:
+    """Whether the limits of N are close to it; a first report of half a second of samples has N within a quarter."""
+    n = channel.coefficients["N"]
+    return n.value is not None and n.high is not None and n.high < 1.1 * n.value
 
 
 class Daemon:
