@@ -71,7 +71,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         "docs",
         "daemon",
         "devices",
-        "evaluation",
+        "cautions",
         "tui",
         "monitor",
         "doctor",

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bags import BAGS, messages
-from corpus import MARK, table
+from corpus_recordings import MARK, table
 from logs import COMBINED, DataFlash, ulog
 from tables import truth
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from commands import imumon
-from corpus import FOREIGN, STATE, Hostile
+from corpus_states import FOREIGN, STATE
+from hostile_input import Hostile
 from hostile_reports import show_on_screen
 
 from imumon.checkpoint import Checkpoint, decode, encode

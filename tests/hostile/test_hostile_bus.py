@@ -1,6 +1,7 @@
 """Other programs on the bus: the daemon measures on in bounded memory, and viewers show what is from the daemon.
 
-Every attack was tried against an earlier version. `corpus.py` has the inputs, `attackers.py` the processes that attack.
+Every attack was tried against an earlier version. The inputs are in `corpus_bus.py`, and the processes that attack in
+`attackers.py`.
 """
 
 from __future__ import annotations
@@ -23,8 +24,10 @@ import pytest
 import zenoh
 from attackers import attacking, resident_mb
 from bus_actors import Actor, event, free_endpoint, free_port, report, stage
-from corpus import CRAFTED, Hostile, through
+from corpus import through
+from corpus_bus import CRAFTED
 from daemons import Daemon
+from hostile_input import Hostile
 from waiting import until
 from zenoh import ext
 

@@ -13,9 +13,11 @@ import time
 from pathlib import Path
 
 import pytest
-from corpus import HEAD, Hostile, capture, file, mcap_bomb, table, through
+from corpus import through
+from corpus_recordings import HEAD, capture, mcap_bomb, table
 from damage import OWN_PROCESS, SAMPLES, damaged, read_damaged
 from doors import go_through, little_memory, printable, recording
+from hostile_input import Hostile, file
 from paths import ROOT
 from tables import read
 

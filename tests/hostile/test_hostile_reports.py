@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from corpus import Hostile, changed, through
+from corpus import through
+from corpus_messages import changed
 from doors import go_through
+from hostile_input import Hostile
 from hostile_reports import Generator, mutated, show_everywhere
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st

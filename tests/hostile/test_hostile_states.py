@@ -12,9 +12,11 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
-from corpus import Hostile, bomb, through
+from corpus import through
+from corpus_states import bomb
 from damaged_states import STREAMS, damaged, outcome, saved_record
 from doors import go_through
+from hostile_input import Hostile
 
 from imumon.checkpoint import Checkpoint, StateError
 

@@ -1,0 +1,94 @@
+"""What a document says beside a number: words that it explains, caveats, and what is not measured."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evaluations import imumon, replayed, shown
+from paths import RECORDINGS, needs_recordings
+from reports import report as report_at
+
+from imumon.api.traceability import evaluated
+from imumon.report import Report
+
+
+def table_of(report: Report) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(shown(report, "csv"))))
+
+
+def test_each_row_of_the_table_has_its_device_caveats_and_origin(recording: Path) -> None:
+    report = replayed(recording, "--filter", "factory", "--no-guards")
+    rows = table_of(report)
+    digest = hashlib.sha256(recording.read_bytes()).hexdigest()
+    assert {row["sha256"] for row in rows} == {digest}
+    assert {row["device"] for row in rows} == {"rest.csv"}
+    assert all(row["unit"] for row in rows if row["value"])
+    n = report.channels["gyro/x"].coefficients["N"]
+    (own,) = (r for r in rows if (r["kind"], r["channel"], r["name"]) == ("coefficient", "gyro/x", "N"))
+    assert [float(own[key]) for key in ("low", "combined_low", "combined_high", "k")] == pytest.approx(
+        [n.low, n.combined_low, n.combined_high, report.evaluation.budgets["gyro/x"]["N"].coverage]
+    )
+    assert set(own["caveats"].split()) == set(report.channels["gyro/x"].caveats)
+    (corrected,) = (r for r in rows if (r["kind"], r["channel"]) == ("corrected", "gyro/x"))
+    assert float(own["value"]) / float(corrected["value"]) == pytest.approx(np.sqrt(5.0))
+
+
+def test_words_are_explained_where_they_are_printed(recording: Path, saved: Path) -> None:
+    for text in (imumon("replay", recording), imumon("report", saved)):
+        assert "best one whose limits all N and B allow" in " ".join(text.split())
+    for form in ("filter", "kalibr", "px4", "ros"):
+        text = " ".join(imumon("report", saved, "--format", form).replace("#", "").split())
+        assert ("A fix is a measurement" in text) == ("fix" in text.replace("prefix", "")), form
+    page = imumon("report", saved).partition("## For Kalibr")[0]
+    assert page.count("noise folds") == 1
+    assert "--filter names it" in page
+
+
+def test_readings_with_a_vibration_and_misfits_are_marked() -> None:
+    report = evaluated(report_at(7200.0))
+    page = shown(report)
+    (row,) = [line for line in page.partition("## The fit")[2].splitlines() if line.startswith("| accel/y")]
+    assert "\\*" in row
+    assert "has a line, a vibration or an oscillation in it" in page
+    worse = replace(report.channels["gyro/z"], caveats=("misfit",))
+    page = shown(replace(report, channels={**report.channels, "gyro/z": worse}))
+    assert "Caution: misfit (z); see above." in page
+
+
+def _misfits_are_caveats(report: Report) -> int:
+    """Check every channel; return how many have the caveat."""
+    known = [c for c in report.channels.values() if c.fit is not None and c.fit.p_value is not None]
+    for channel in known:
+        # one record in a hundred, whatever the number of its channels
+        assert ("misfit" in channel.caveats) == (channel.fit.p_value < 0.01 / len(known))
+    return sum("misfit" in channel.caveats for channel in known)
+
+
+@pytest.mark.parametrize("age", [200.0, 900.0, 7200.0])
+def test_a_model_that_does_not_fit_has_a_caveat(age: float) -> None:
+    _misfits_are_caveats(report_at(age))
+
+
+@needs_recordings
+@pytest.mark.parametrize("name", ["instinct_vn310_static.npz", "rob_static2.npz"])
+def test_a_real_record_that_does_not_fit_has_a_caveat(name: str) -> None:
+    # one of them at least: Gauss–Markov noise describes others
+    assert _misfits_are_caveats(replayed(RECORDINGS / name)) >= 1
+
+
+def test_strict_settings_rest_on_measured_numbers_only(saved: Path, tmp_path: Path) -> None:
+    out = tmp_path / "imu.yaml"
+    message = imumon("report", saved, "--strict", "-o", out, code=1)
+    assert message.startswith("imumon: --strict: not measured, but at most bounded: gyro/x B, gyro/x K")
+    assert not out.exists()
+    assert "--strict is for settings" in imumon(
+        "report", saved, "--strict", "-o", tmp_path / "x.html", code=2
+    )
+    assert "linear_acceleration_covariance" in imumon("report", saved, "--strict", "--format", "ros")
+    assert "# " in imumon("report", saved, "--format", "kalibr")

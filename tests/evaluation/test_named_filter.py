@@ -1,0 +1,77 @@
+"""The filter before the samples: named with ``--filter``, seen in the spectrum, or unknown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evaluations import HZ, imumon, replayed, shown
+from paths import RECORDINGS, needs_recordings
+
+from imumon.noise.synthesis import synthesise
+
+
+def test_a_named_filter_answers_what_the_recording_does_not_say(gyroscope: Path) -> None:
+    for words, factor in (
+        ((), None),
+        (("--filter", "factory"), np.sqrt(5.0)),
+        (("--filter", "20"), 1.0),
+        (("--filter", "10@1000"), np.sqrt(1000.0 / (10 * HZ))),
+    ):
+        device, caveats = (report := replayed(gyroscope, *words)).device, report.caveats
+        assert device.alias_factor == (factor if factor is None else pytest.approx(factor, rel=1e-6))
+        assert ("aliased" in caveats) == (factor is not None and factor > 1.0)
+        assert ("filter" in device.settings) == bool(words)
+    for wrong in ("boxcar", "0.5", "-4", "4@0", "factory@100", "@800"):
+        imumon("replay", gyroscope, f"--filter={wrong}", code=2)
+
+
+def test_what_a_filter_assumes_of_an_unknown_device_is_in_the_report(gyroscope: Path) -> None:
+    """The window of a VN-100 averages samples of 800 Hz; a table may be of another sensor."""
+    for words, assumed in (
+        ("4", "rate before the filter"),
+        ("factory", "filter"),
+        ("none", "rate before the filter"),
+    ):
+        text = imumon("report", gyroscope, "--filter", words)
+        stated = f"the recording names no device: its {assumed} is assumed to be "
+        assert f"{words}, as given with --filter; {stated}" in text
+        assert f"--filter {words}: {stated}" in text  # the remark, with what to do
+        assert "give window and rate, such as 8@1000" in text
+    assert "is assumed to be" not in imumon("report", gyroscope, "--filter", "8@1000")
+
+
+@needs_recordings
+def test_the_format_of_a_recording_names_the_device_for_the_filter() -> None:
+    report = replayed(RECORDINGS / "kiran_stat5min.vnymr.txt.gz", "--rate", "40", "--filter", "factory")
+    assert report.device.alias_factor == pytest.approx(np.sqrt(5.0))
+    assert report.device.settings["filter"] == "factory, as given with --filter"
+    assert not any("--filter" in remark for remark in report.device.remarks)
+
+
+def test_a_filter_is_not_used_for_deltas(tmp_path: Path) -> None:
+    noise = synthesise(2000, HZ, N=[6e-5] * 3 + [1.4e-3] * 3, seed=1)
+    np.savez(tmp_path / "d.npz", t=np.arange(2000) / HZ, dt=np.full(2000, 1 / HZ),
+             DeltaTheta=noise[:, :3] / HZ, DeltaVel=noise[:, 3:] / HZ)  # fmt: skip
+    report = replayed(tmp_path / "d.npz", "--filter", "none")
+    if report.device.stream == "deltas":
+        assert report.device.alias_factor == 1.0
+        assert any("--filter is not used" in remark for remark in report.device.remarks)
+        assert "--filter is not used" in shown(report)
+
+
+def test_n_without_aliasing_stands_beside_the_read_one(recording: Path) -> None:
+    page = imumon("report", recording, "--filter", "factory")
+    assert page.count("N without aliasing (read N / 2.24, nominal)") == 2
+    assert "without aliasing" not in imumon("report", recording, "--filter", "20")
+
+
+def test_a_table_whose_spectrum_shows_a_filter_has_no_warning_that_noise_folds(tmp_path: Path) -> None:
+    noise = synthesise(20_000, HZ, N=[6e-5] * 3 + [1.4e-3] * 3, seed=4)
+    smooth = sum(noise[k : k + 19_990] for k in range(8)) / 8.0
+    smooth[:, 5] += 9.8
+    np.savez(tmp_path / "s.npz", t=np.arange(len(smooth)) / HZ, gyro=smooth[:, :3], accel=smooth[:, 3:])
+    report = replayed(tmp_path / "s.npz")
+    assert all("correlated" in channel.caveats for channel in report.channels.values())
+    assert "noise folds" not in shown(report)

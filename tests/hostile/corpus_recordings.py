@@ -1,0 +1,271 @@
+"""Hostile recordings: tables, kinds of files, archives and bags that expand, raw captures."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import os
+import sqlite3
+import struct
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bags import BAGS, messages, write_bag2
+from hostile_input import ESCAPES, TITLE, Hostile, file, link
+from tables import csv, truth
+
+# ---------------------------------------------------------------------- tables
+
+NAMES = ["time [s]", *(f"gyro_{a} [rad/s]" for a in "xyz"), *(f"accel_{a} [m/s2]" for a in "xyz")]
+HEAD = (",".join(NAMES) + "\n").encode()
+
+
+def table(place: Path, name: str = "a.csv", rows: int = 300, header: list[str] = NAMES) -> Path:
+    """Write a valid table of a sensor at rest."""
+    t, gyro, accel = truth(rows)
+    columns = [t, *gyro.T, *accel.T, t]
+    return csv(place / name, header, *columns[: len(header)])
+
+
+def with_long_lines(place: Path) -> Path:
+    path = table(place, rows=400)
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join((*lines[:200], bytes(700_000), b"\n", *lines[200:], bytes(1_000_000))))
+    return path
+
+
+def wide(name: str) -> Callable[[Path], Path]:
+    """Return what writes a table of 7,000 columns, or of two with very long names."""
+    names = [f"{name}gyro_x"] * (7000 if len(name) < 99 else 2)
+    return file("wide.csv", lambda: ",".join(names) + "\n" + ",".join("1" * 7000) + "\n")
+
+
+def named_by_escapes(place: Path) -> Path:
+    np.savez(place / "d.npz", **{f"{ESCAPES}gyro_x": truth(300)[0]})
+    return place / "d.npz"
+
+
+TABLES = (
+    Hostile("recording", "line-without-an-end", file("a.csv", lambda: HEAD + b"1," * (4 << 20)), "line_too_long"),
+    Hostile("recording", "lines-that-are-too-long", with_long_lines, "400 samples", says="line 201 is too long"),
+    Hostile("recording", "header-of-7000-columns", wide(""), "too_many_columns", seconds=2.0),
+    Hostile("recording", "header-of-7000-escapes", wide(TITLE), "line_too_long", seconds=2.0),
+    Hostile("recording", "header-of-long-names", wide("x" * 70_000), "line_too_long", seconds=2.0),
+    Hostile(
+        "recording", "escapes-in-an-unused-column", lambda place: table(place, header=[*NAMES, "mag\x1b\x9b_x"]),
+        "300 samples", says="mag_x",
+    ),
+    Hostile(
+        "recording", "escapes-in-all-columns",
+        lambda place: table(place, header=[f"{ESCAPES}{n}" for n in ("a", "b", "c")]), "no_header",
+    ),
+    Hostile(
+        "recording", "escapes-in-a-unit", lambda place: table(place, header=[f"gyro_x [{ESCAPES}]", "b", "c"]),
+        "sensor_incomplete",
+    ),
+    Hostile(
+        "recording", "escapes-as-the-time", lambda place: table(place, header=[ESCAPES, *NAMES[1:]]), "rate_required"
+    ),
+    Hostile("recording", "escapes-in-an-archive", named_by_escapes, "no_sensor"),
+    Hostile(
+        "recording", "escapes-in-the-file-name",
+        lambda place: table(place, f"{ESCAPES}.csv", header=["a", "b"]), "no_sensor",
+    ),
+    Hostile("recording", "escapes-in-a-missing-file", lambda place: place / f"{ESCAPES}.csv", "not_readable"),
+)  # fmt: skip
+
+
+def capture(fields: bytes) -> Callable[[], bytes]:
+    """Return what makes a raw capture with this header and no message."""
+    return lambda: b"#imumon-recording " + fields + b"\nabc"
+
+
+def pipe_beside_a_capture(place: Path) -> Path:
+    """Lay a pipe where the second part of a capture would be: to open it would wait for a writer."""
+    os.mkfifo(place / "a.0001.bin")
+    return file("a.bin", capture(b'{"run": "r", "part": 0, "base": "a.bin"}'))(place)
+
+
+def pipe_in_a_bag(place: Path) -> Path:
+    bag = write_bag2(place / "bag", messages(3))
+    os.mkfifo(bag / "more")
+    return bag
+
+
+KINDS_OF_FILES = (
+    Hostile("recording", "endless-device", lambda place: Path("/dev/zero"), "not_readable"),
+    Hostile(
+        "recording", "link-to-an-endless-device", link("a.csv", lambda _: Path("/dev/zero")), "not_readable"
+    ),
+    Hostile("recording", "link-to-a-table", link("named.csv", table), "300 samples"),
+    Hostile("recording", "pipe-beside-a-capture", pipe_beside_a_capture, "no_messages"),
+    Hostile("recording", "pipe-in-a-bag", pipe_in_a_bag, "bag_corrupt"),
+)
+
+
+# ---------------------------------------------------------------------- more than a file holds
+
+
+def npz_header(shape: tuple[int, ...], kind: str = "<f8") -> bytes:
+    out = io.BytesIO()
+    np.lib.format.write_array_header_1_0(out, {"descr": kind, "fortran_order": False, "shape": shape})
+    return out.getvalue()
+
+
+def archive(content: Callable[[], bytes], compression: int = zipfile.ZIP_STORED) -> Callable[[Path], Path]:
+    """Return what writes an archive of NumPy whose only array is these bytes."""
+
+    def write(place: Path) -> Path:
+        with zipfile.ZipFile(place / "a.npz", "w", compression, compresslevel=1) as out:
+            out.writestr("gyro.npy", content())
+        return place / "a.npz"
+
+    return write
+
+
+def gzip_bomb(name: str, piece: Callable[[], bytes]) -> Callable[[Path], Path]:
+    """Return what writes 40 pieces of the same bytes, compressed."""
+
+    def write(place: Path) -> Path:
+        with gzip.open(place / name, "wb", 1) as out:
+            for _ in range(40):
+                out.write(piece())
+        return place / name
+
+    return write
+
+
+SHAPES = {"10^15": (10**15,), "3·10^10": (10**10, 3), "2^124": (2**62, 2**62), "3·10^8": (3 * 10**8,)}
+MORE_THAN_A_FILE_HOLDS = (
+    *(
+        Hostile(
+            "recording", f"archive-that-claims-{name}-numbers",
+            archive(lambda shape=shape: npz_header(shape) + bytes(24)), "npz_corrupt", says="is corrupt",
+        )
+        for name, shape in SHAPES.items()
+    ),
+    Hostile(
+        "recording", "archive-of-288-MB-of-zeros",
+        archive(lambda: npz_header((12 << 20, 3)) + bytes(288 << 20), zipfile.ZIP_DEFLATED), "npz_corrupt",
+        memory=400 << 20,
+    ),
+    Hostile(
+        "recording", "gzip-bomb-of-rows", gzip_bomb("a.csv.gz", lambda: b"1,1,1,1\n" * (1 << 17)), "no_header",
+        memory=32 << 20,
+    ),
+    Hostile(
+        "recording", "gzip-bomb-of-a-capture", gzip_bomb("b.bin.gz", lambda: bytes(1 << 20)), "no_messages",
+        memory=32 << 20,
+    ),
+    Hostile(
+        "recording", "gzip-bomb-of-one-line", gzip_bomb("c.csv.gz", lambda: bytes(1 << 20)), "line_too_long",
+        memory=32 << 20,
+    ),
+    Hostile(
+        "recording", "gzip-of-20000-empty-members",
+        file("a.csv.gz", lambda: gzip.compress(b"") * 20_000 + gzip.compress(b"a,b\n")), "no_sensor", seconds=2.5,
+    ),
+)  # fmt: skip
+
+
+# ---------------------------------------------------------------------- raw captures
+
+MARK = b"#imumon-recording "
+HEADERS = {
+    "part-of-4200-digits": b'{"part": %s, "base": "a.bin"}' % (b"9" * 4200),
+    "nested-60000-times": b"[" * 60_000,
+    "infinite-rate": b'{"rate_hz": 1e400, "alias_factor": NaN}',
+    "base-elsewhere": b'{"base": "/etc/passwd", "part": 0}',
+    "base-with-a-nul": b'{"base": "a\\u0000", "part": 0}',
+    "time-before-the-first-year": b'{"time": "0001-01-01T00:00+14:00"}',
+    "wrong-types": b'{"caveats": {"a": 1}, "settings": [1], "id": {}}',
+    "infinite-pause": b'{"away_s": 1e999}',
+    "no-text": b"\xff\xfe",
+}
+CAPTURES = (
+    Hostile(
+        "recording", "capture-of-an-unknown-driver", file("a.bin", capture(b'{"driver": "\\u001b]0;owned"}')),
+        "unknown_device_scheme",
+    ),
+    *(
+        Hostile("recording", f"capture-{name}", file("a.bin", capture(fields)), "no_messages")
+        for name, fields in HEADERS.items()
+    ),
+    *(
+        Hostile("recording", f"capture-{name}", file("a.bin", content), "no_messages", seconds=2.5)
+        for name, content in {
+            "60000-marks": lambda: MARK * 60_000,
+            "30000-headers": lambda: (MARK + b'{"run": "a"}\n') * 30_000,
+            "30000-pieces": lambda: (MARK + b'{"run": "a"}\nx') * 30_000,
+        }.items()
+    ),
+)  # fmt: skip
+
+
+# ---------------------------------------------------------------------- bags
+
+
+def mcap_bomb(place: Path) -> Path:
+    """Write an MCAP file of one chunk of zstd data that expands to 600 MB."""
+    zstd = (
+        pytest.importorskip("backports.zstd", reason="backports.zstd is not installed: it makes the bomb")
+        if sys.version_info < (3, 14)
+        else __import__("compression.zstd").zstd
+    )
+    size = 600 << 20
+    data = zstd.compress(bytes(size))
+
+    def record(op: int, body: bytes) -> bytes:
+        return struct.pack("<BQ", op, len(body)) + body
+
+    def text(value: bytes) -> bytes:
+        return struct.pack("<I", len(value)) + value
+
+    chunk = struct.pack("<QQQI", 0, 1, size, 0) + text(b"zstd") + struct.pack("<Q", len(data)) + data
+    magic = b"\x89MCAP0\r\n"
+    (place / "bag.mcap").write_bytes(
+        magic + record(1, text(b"ros2") + text(b"")) + record(6, chunk) + record(2, bytes(20)) + magic
+    )
+    return place / "bag.mcap"
+
+
+def yaml_bomb(place: Path) -> Path:
+    """Write a bag whose description expands to 9^11 entries."""
+    bag = write_bag2(place / "bag", messages(3))
+    lines = ["a0: &a0 {x: 1, y: 2}"]
+    lines += [f"a{k}: &a{k} {{<<: [{','.join([f'*a{k - 1}'] * 9)}]}}" for k in range(1, 12)]
+    (bag / "metadata.yaml").write_text("\n".join(lines))
+    return bag
+
+
+def endless_view(place: Path) -> Path:
+    """Write a bag whose table of definitions is a view without an end."""
+    path = next(write_bag2(place / "bag", messages(3)).glob("*.db3"))
+    with sqlite3.connect(path) as base:
+        base.execute("DROP TABLE message_definitions")
+        endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"
+        columns = "i AS id, 'a' AS topic_type, 'b' AS encoding, zeroblob(1000) AS encoded_message_definition"
+        base.execute(
+            f"CREATE VIEW message_definitions AS {endless} SELECT {columns}, '' AS type_description_hash FROM n"
+        )
+    return path
+
+
+def other_definition(place: Path) -> Path:
+    """Write a bag whose hash of the definition is not that of the type."""
+    path = BAGS["rosbag 1"](place / "bag", messages(3))
+    path.write_bytes(path.read_bytes().replace(b"6a62c6daae103f4ff57a132d6f95cec2", b"0" * 32))
+    return path
+
+
+EXPANDS = {"says": "cannot be read as a bag", "slow": True}
+IN_BAGS = (
+    Hostile("recording", "bag-of-another-definition", other_definition, "bag_corrupt"),
+    Hostile("recording", "bag-of-expanding-yaml", yaml_bomb, "bag_corrupt", **EXPANDS),
+    Hostile("recording", "bag-of-an-endless-view", endless_view, "bag_corrupt", **EXPANDS),
+    Hostile("recording", "bag-of-expanding-chunks", mcap_bomb, "bag_corrupt", **EXPANDS),
+)
