@@ -126,33 +126,46 @@ def layout(
     RecordingError : there is no complete gyroscope or accelerometer, or not the requested stream, each sensor has a
         time of its own, or one column is to serve two axes.
     """
-    if len(names) > MOST_COLUMNS:
-        text = f"it has {len(names):,} columns, more than {MOST_COLUMNS:,}"
-        raise RecordingError("too_many_columns", text, "write a table with those of the sensor only")
+    _check_number(names)
     assigned = {channel: _assigned(names, channel, text, kind) for channel, text in (given or {}).items()}
     _check_distinct(assigned)
     columns = _known_columns(names, assigned, sensor)
     by_size: list[str] = []
     if not any(SENSORS.get(column.quantity or "") in INERTIAL for column in columns):
         columns, by_size = _sized(names, columns, head, row_sensor)
+    candidates = (_stream(columns, candidate) for candidate in _candidates(kind, assigned))
+    stream = next((candidate for candidate in candidates if candidate is not None), None)
+    if stream is None:
+        raise _no_stream(names, columns, kind, head)
+    _check_units(names, stream, head)
+    # with --sensor the other sensor is left out on purpose, even if --map names it
+    _check_complete(stream, {} if sensor else assigned)
+    stream = _with_one_time(stream, head)
+    stream = replace(
+        stream,
+        remarks=(*by_size, *_unused(columns, stream), *_unused_triples(names, stream, head)),
+        unused=_reasons(names, columns, stream, sensor),
+        time_option="" if stream.times else _time_option(names, stream, head),
+    )
+    # the search takes names without a kind for uncompensated; a report must not claim that
+    return stream if kind or _names_kind(stream) else replace(stream, kind="unknown")
+
+
+def _check_number(names: Sequence[str]) -> None:
+    """Check that a table has not too many columns."""
+    if len(names) > MOST_COLUMNS:
+        text = f"it has {len(names):,} columns, more than {MOST_COLUMNS:,}"
+        raise RecordingError("too_many_columns", text, "write a table with those of the sensor only")
+
+
+def _candidates(kind: Kind | None, assigned: Mapping[str, Column]) -> Sequence[Kind]:
+    """Return the kinds of streams that the user asks for, the best first."""
+    if kind is not None:
+        return (kind,)
     quantities = {column.quantity for column in assigned.values()}
-    pointwise = bool(quantities & set(POINTS)) and not quantities & set(INCREMENTS)
     # an axis of a gyroscope or accelerometer that the user names is of point samples, not of deltas
-    for candidate in (kind,) if kind else KINDS[pointwise:]:
-        if (stream := _stream(columns, candidate)) is not None:
-            _check_units(names, stream, head)
-            # with --sensor the other sensor is left out on purpose, even if --map names it
-            _check_complete(stream, {} if sensor else assigned)
-            stream = _with_one_time(stream, head)
-            stream = replace(
-                stream,
-                remarks=(*by_size, *_unused(columns, stream), *_unused_triples(names, stream, head)),
-                unused=_reasons(names, columns, stream, sensor),
-                time_option="" if stream.times else _time_option(names, stream, head),
-            )
-            # the search takes names without a kind for uncompensated; a report must not claim that
-            return stream if kind or _names_kind(stream) else replace(stream, kind="unknown")
-    raise _no_stream(names, columns, kind, head)
+    pointwise = bool(quantities & set(POINTS)) and not quantities & set(INCREMENTS)
+    return KINDS[pointwise:]
 
 
 def _check_distinct(assigned: Mapping[str, Column]) -> None:

@@ -202,7 +202,7 @@ def check_magnitudes(
 def _wrong_rate(columns: tuple[Column, ...], values: Floats) -> _WrongUnit | str | None:
     """Return why the rates of a gyroscope cannot have their unit, or a remark why they hardly can."""
     rates = values * [column.factor for column in columns]
-    bare = tuple(column for column in columns if column.unit is None)
+    bare = _without_unit(columns)
     subject = _subject(bare or columns)
     size = median_size(rates) or 0.0
     number = size / columns[0].factor
@@ -227,25 +227,30 @@ def _wrong_acceleration(
     """Return why the numbers of an accelerometer cannot have their unit, or a remark that they are one g in none."""
     factors = np.array([column.factor for column in columns]) / interval_s
     size = median_size(values * factors) or 0.0
-    bare = tuple(column for column in columns if column.unit is None)
+    bare = _without_unit(columns)
     complete = len(columns) == len(AXES)
     # axes that are not all there may be horizontal: then any size is possible
     if is_one_g(size) or not (complete or bare):
         return None
     quantity = columns[0].quantity or ""
     number = size * interval_s / columns[0].factor  # as in the table
-    scaled = any(column.scale != 1.0 for column in columns)
     doubtful = bare or columns
     subject = f"{_subject(doubtful)}, but its size is {number:.3g}"
     whole = are_counts(values)
-    limits_g = (1.0 - WHOLE_SIZE, 1.0 + WHOLE_SIZE) if whole else (0.0, math.inf)
-    unit = _unit_of_gravity(quantity, number, interval_s, *limits_g)
+    unit = _unit_of_gravity(quantity, number, interval_s, whole)
+    scaled = any(column.scale != 1.0 for column in columns)
     if unit is not None and not scaled:
         return _WrongUnit("wrong_unit", doubtful, subject, unit)
-    if size <= MAX_AT_REST["accel"][0] and not (bare and whole):
-        text = f"{subject}, which is one g in no unit: its unit may be wrong, or gravity has been removed"
-        return text if complete else None
-    return _raw_counts(doubtful, quantity, subject, number)
+    if size > MAX_AT_REST["accel"][0] or (bare and whole):
+        return _raw_counts(doubtful, quantity, subject, number)
+    if complete:
+        return f"{subject}, which is one g in no unit: its unit may be wrong, or gravity has been removed"
+    return None
+
+
+def _without_unit(columns: tuple[Column, ...]) -> tuple[Column, ...]:
+    """Return the columns whose unit is not written."""
+    return tuple(column for column in columns if column.unit is None)
 
 
 def _raw_counts(columns: tuple[Column, ...], quantity: str, subject: str, number: float) -> _WrongUnit:
@@ -257,13 +262,16 @@ def _raw_counts(columns: tuple[Column, ...], quantity: str, subject: str, number
     return _WrongUnit("raw_counts", columns, fault, unit, f"/{_counts_per_g(number):g}")
 
 
-def _unit_of_gravity(
-    quantity: str, number: float, interval_s: float, low: float = 0.0, high: float = math.inf
-) -> str | None:
-    """Return the unit in which a size, as in the table, is one g, within narrower limits in g; None: it is in none."""
-    sizes = {u: number * UNITS[quantity][u] / interval_s for u in GRAVITY_UNITS[quantity]}
-    units = (u for u, size in sizes.items() if is_one_g(size) and low <= size / UNITS["accel"]["g"] <= high)
-    return next(units, None)
+def _unit_of_gravity(quantity: str, number: float, interval_s: float, whole: bool) -> str | None:
+    """Return the unit in which a size, as in the table, is one g; None: it is in none.
+
+    Whole numbers may be counts, so that they must be closer to one g.
+    """
+    for unit in GRAVITY_UNITS[quantity]:
+        size = number * UNITS[quantity][unit] / interval_s
+        if is_one_g(size) and not (whole and abs(size / UNITS["accel"]["g"] - 1.0) > WHOLE_SIZE):
+            return unit
+    return None
 
 
 def _counts_per_g(size: float) -> float:

@@ -391,28 +391,33 @@ class SampleClock:
         todo = doubtful.tolist()[::-1]
         while todo:
             i = todo.pop()
-            j = next((j for j in range(i - 1, -1, -1) if keep[j]), -1)
-            before = int(time[j]) if j >= 0 else self._last
+            placed = _last_true(keep[:i])
+            before = int(time[placed[-1]]) if len(placed) else self._last
             if before is None:
                 continue
-            placed = _last_true(keep[: j + 1])
             latest = np.append(recent, [time[placed], steps[placed]], axis=1)[:, -REFERENCE_SAMPLES:]
             steps[i] = step = round((int(time[i]) - before) * scale - phase(latest[0], latest[1], scale))
             if 1 <= step <= far:
                 continue  # the samples before show that it was jitter
             follows = i + 1 < n
-            if step == 0:
-                self.duplicates += 1
-            elif not (follows and 1 <= round((int(time[i + 1]) - before) * scale) <= far):
+            # then this stamp is wrong; else it is a gap, or a restart whose time is before the old one
+            continues = follows and 1 <= round((int(time[i + 1]) - before) * scale) <= far
+            if step != 0 and not continues:
                 steps[i] = BREAK if step < 0 and (follows or final) else step
-                continue  # else the next sample continues the old time: this stamp is wrong
-            elif step < 0:
-                self.out_of_order += 1
-            else:
-                self.wrong_times += 1
+                continue
+            self._count_misplaced(step)
             keep[i] = False
             if follows and todo[-1:] != [i + 1]:
                 todo.append(i + 1)  # its step counts from the last sample that is kept
+
+    def _count_misplaced(self, step: int) -> None:
+        """Count a sample that is not kept, by the step that its stamp claims."""
+        if step == 0:
+            self.duplicates += 1
+        elif step < 0:
+            self.out_of_order += 1
+        else:
+            self.wrong_times += 1
 
     def _relative(self, block: SampleBlock) -> PlacedSamples:
         """Place samples that know their own interval only, or nothing of time."""

@@ -56,6 +56,12 @@ const focus = setInterval(() => {
 """Lets the screen have the keys from the first moment: the page of textual-serve needs a click before."""
 
 
+Handler = Callable[[Any], Awaitable[Any]]
+"""Takes a request of aiohttp and returns its response."""
+Answer = Callable[[Any, Handler], Awaitable[Any]]
+"""Takes a request and the handler of its path, and returns the response."""
+
+
 class WebError(ImumonError):
     """The page cannot be served."""
 
@@ -75,6 +81,19 @@ def serve(
     ------
     WebError : ``web_not_installed``, or ``web_not_served``: the address is in use or not of this machine.
     """
+    page = _Page(host, port, limits)
+    command = shlex.join([sys.executable, "-P", "-m", "imumon", "tui", *arguments])
+    server = _server(f"exec {command}", host, port, page.answer)
+    try:
+        return _run(page.serve(server, ready))
+    except OSError as error:
+        reason = "in use" if error.errno == errno.EADDRINUSE else why(error)
+        cure = "choose another address with --listen"
+        raise WebError("web_not_served", f"{page.address}: {reason}", cure) from None
+
+
+def _server(command: str, host: str, port: int, answer: Answer) -> Any:
+    """Return the server of textual-serve, without its banner; each request passes through `answer`."""
     try:
         from aiohttp import web
         from textual_serve.server import Server
@@ -82,41 +101,11 @@ def serve(
         cure = "install imumon with the extra web: pip install '.[web]'"
         raise WebError("web_not_installed", "the package textual-serve is not installed", cure) from None
 
-    seats: dict[asyncio.Transport, _Seat] = {}
-    command = shlex.join([sys.executable, "-P", "-m", "imumon", "tui", *arguments])
-    shown = f"[{host}]" if ":" in host else host
-
     @web.middleware
-    async def guarded(request: Any, handler: Callable[[Any], Awaitable[Any]]) -> Any:
-        """Answer a request that is for this page, from a browser that is not one too many."""
-        if not allowed(host, request.headers.get("Host", ""), request.headers.get("Origin")):
-            raise web.HTTPForbidden(text="this page is for another address")
-        if request.path == "/ws":
-            if len(seats) >= limits.browsers:
-                raise web.HTTPServiceUnavailable(text="too many browsers")
-            return await _seated(request, handler)
-        response = await handler(request)
-        if request.path == "/":
-            response.text = response.text.replace("</body>", f"{FOCUS}</body>")
-        response.headers["Content-Security-Policy"] = POLICY
-        response.headers["Referrer-Policy"] = "no-referrer"
-        response.force_close()  # the deadline of a connection is that of its request
-        return response
-
-    async def _seated(request: Any, handler: Callable[[Any], Awaitable[Any]]) -> Any:
-        """Let a browser have its screen until it is gone."""
-        transport = request.transport
-        connections.discard(request.protocol)  # a screen may be shown for days
-        seats[transport] = _Seat(transport)
-        try:
-            return await handler(request)
-        finally:
-            del seats[transport]
-            transport.abort()  # a browser that does not take the end of the connection would keep it
+    async def guarded(request: Any, handler: Handler) -> Any:
+        return await answer(request, handler)
 
     class GuardedServer(Server):
-        """The server of textual-serve, without its banner, behind `guarded`."""
-
         async def _make_app(self) -> Any:
             app = await super()._make_app()
             app.middlewares.append(guarded)
@@ -125,63 +114,110 @@ def serve(
         async def on_startup(self, app: Any) -> None:
             """Print nothing."""
 
-    def disconnect(protocol: Any) -> None:
-        if protocol.transport is not None:
-            protocol.transport.abort()
+    # a relative address in the page: the browser may know this machine by another name, or through a proxy
+    return GuardedServer(command, host=host, port=port, title="imumon")
 
-    connections = OpenConnections[Any](within_files(limits.connections), limits.request_s, disconnect)
 
-    async def run() -> bool:
+class _Page:
+    """The page while it is served: its connections, and the browsers that have a seat."""
+
+    def __init__(self, host: str, port: int, limits: LimitSettings) -> None:
+        self._host, self._port = host, port
+        self._most_browsers = limits.browsers
+        self._most_connections = within_files(limits.connections)
+        self._connections = OpenConnections[Any](self._most_connections, limits.request_s, _disconnect)
+        self._seats: dict[asyncio.Transport, _Seat] = {}
+
+    @property
+    def address(self) -> str:
+        """Host and port as in a URL."""
+        return f"[{self._host}]:{self._port}" if ":" in self._host else f"{self._host}:{self._port}"
+
+    async def answer(self, request: Any, handler: Handler) -> Any:
+        """Answer a request that is for this page, from a browser that is not one too many."""
+        from aiohttp import web
+
+        if not allowed(self._host, request.headers.get("Host", ""), request.headers.get("Origin")):
+            raise web.HTTPForbidden(text="this page is for another address")
+        if request.path == "/ws":
+            if len(self._seats) >= self._most_browsers:
+                raise web.HTTPServiceUnavailable(text="too many browsers")
+            return await self._seated(request, handler)
+        response = await handler(request)
+        if request.path == "/":
+            response.text = response.text.replace("</body>", f"{FOCUS}</body>")
+        response.headers["Content-Security-Policy"] = POLICY
+        response.headers["Referrer-Policy"] = "no-referrer"
+        response.force_close()  # the deadline of a connection is that of its request
+        return response
+
+    async def _seated(self, request: Any, handler: Handler) -> Any:
+        """Let a browser have its screen until it is gone."""
+        transport = request.transport
+        self._connections.discard(request.protocol)  # a screen may be shown for days
+        self._seats[transport] = _Seat(transport)
+        try:
+            return await handler(request)
+        finally:
+            del self._seats[transport]
+            transport.abort()  # a browser that does not take the end of the connection would keep it
+
+    async def serve(self, server: Any, ready: Callable[[str], None]) -> bool:
         """Serve until a signal arrives; return whether it was SIGINT."""
+        from aiohttp import web
+
         loop, signals = asyncio.get_running_loop(), asyncio.Queue[int]()
         loop.set_exception_handler(_log_fault)
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, signals.put_nowait, number)
-        # a relative address in the page: the browser may know this machine by another name, or through a proxy
-        server = GuardedServer(f"exec {command}", host=host, port=port, title="imumon")
-        options: dict[str, Any] = {
-            "access_log": None,
-            "shutdown_timeout": END_S,
-            "handler_cancellation": True,
-        }
-        runner = web.AppRunner(await server._make_app(), **options)
+        runner = web.AppRunner(
+            await server._make_app(), access_log=None, shutdown_timeout=END_S, handler_cancellation=True
+        )
         await runner.setup()
-
-        def admit() -> asyncio.Protocol:
-            assert runner.server is not None
-            protocol = runner.server()
-            connections.add(protocol, loop.time())
-            return protocol
-
-        # asyncio accepts as many connections at each turn as the backlog, and reads from one some turns later: the
-        # others of these turns must not make it the oldest before its request is seen
-        most = within_files(limits.connections)
-        listener = await loop.create_server(admit, host, port, backlog=max(1, most // BATCHES))
-        for opened in listener.sockets:
-            with socket.fromfd(opened.fileno(), opened.family, opened.type) as same:
-                same.listen(QUEUED)  # in the kernel: a burst of others must not make a browser try again
-        ready(f"http://{shown}:{port}")
-        stopped_by: int | None = None
-        while stopped_by is None:
-            connections.expire(loop.time())
-            for seat in seats.values():
-                seat.look(loop.time())
-            with suppress(TimeoutError):
-                stopped_by = await asyncio.wait_for(signals.get(), POLL_S)
+        listener = await self._listen(runner.server)
+        ready(f"http://{self.address}")
+        stopped_by = await self._watch_until(signals)
         listener.close()
-        connections.close_all()
-        for transport in list(seats):
+        self._connections.close_all()
+        for transport in list(self._seats):
             transport.abort()
         with suppress(TimeoutError):
             await asyncio.wait_for(runner.cleanup(), END_S)
         return stopped_by == signal.SIGINT
 
-    try:
-        return _run(run())
-    except OSError as error:
-        reason = "in use" if error.errno == errno.EADDRINUSE else why(error)
-        cure = "choose another address with --listen"
-        raise WebError("web_not_served", f"{shown}:{port}: {reason}", cure) from None
+    async def _listen(self, protocols: Any) -> asyncio.Server:
+        """Listen at the address; each connection has a protocol and a deadline."""
+        loop = asyncio.get_running_loop()
+
+        def admit() -> asyncio.Protocol:
+            protocol: asyncio.Protocol = protocols()
+            self._connections.add(protocol, loop.time())
+            return protocol
+
+        # asyncio accepts as many connections at each turn as the backlog, and reads from one some turns later: the
+        # others of these turns must not make it the oldest before its request is seen
+        backlog = max(1, self._most_connections // BATCHES)
+        listener = await loop.create_server(admit, self._host, self._port, backlog=backlog)
+        for opened in listener.sockets:
+            with socket.fromfd(opened.fileno(), opened.family, opened.type) as same:
+                same.listen(QUEUED)  # in the kernel: a burst of others must not make a browser try again
+        return listener
+
+    async def _watch_until(self, signals: asyncio.Queue[int]) -> int:
+        """Abort connections that are late and browsers that read nothing, until a signal arrives; return it."""
+        loop = asyncio.get_running_loop()
+        while True:
+            self._connections.expire(loop.time())
+            for seat in self._seats.values():
+                seat.look(loop.time())
+            with suppress(TimeoutError):
+                return await asyncio.wait_for(signals.get(), POLL_S)
+
+
+def _disconnect(protocol: Any) -> None:
+    """Abort a connection that is open."""
+    if protocol.transport is not None:
+        protocol.transport.abort()
 
 
 class _Seat:
