@@ -102,7 +102,7 @@ def _value_of(node: ast.stmt) -> ast.expr | None:
 # ---------------------------------------------------------------------- one process: change, import, run
 
 
-class _Patch(MetaPathFinder):
+class ConstantPatch(MetaPathFinder):
     """Replaces one constant in the source of its module before that is executed."""
 
     def __init__(self, module: str, name: str, factor: float) -> None:
@@ -118,7 +118,7 @@ class _Patch(MetaPathFinder):
 
 
 class _Loader(SourceFileLoader, Loader):
-    def __init__(self, fullname: str, path: str, patch: _Patch) -> None:
+    def __init__(self, fullname: str, path: str, patch: ConstantPatch) -> None:
         super().__init__(fullname, path)
         self._patch = patch
 
@@ -268,7 +268,7 @@ def _numbers(tree: Any, path: str = "") -> dict[str, float | None]:
 def measure(constant: Constant, factor: float) -> dict[str, Any] | str:
     """Return what the records publish with a changed constant; the error if they fail. Runs in a new process."""
     if factor != 1.0:
-        sys.meta_path.insert(0, _Patch(constant.module, constant.name, factor))
+        sys.meta_path.insert(0, ConstantPatch(constant.module, constant.name, factor))
     try:
         return records()
     except Exception as error:

@@ -16,7 +16,8 @@ from imumon.clock import REAL_TIME, HostClock
 from imumon.coefficients import BIAS_TERMS, LIMIT_95
 from imumon.history.store import TimedPeriod
 from imumon.noise.stretches.change import LEAST_CHANGE
-from imumon.noise.stretches.day_change import DAYS_KEPT, find_day_change
+from imumon.noise.stretches.day_change import find_day_change
+from imumon.noise.stretches.stretch_rules import DAYS_KEPT
 from imumon.report import Against, Change, stamp
 from imumon.samples import sensor_of
 from imumon.units import DAY, HOUR

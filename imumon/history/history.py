@@ -28,7 +28,7 @@ from imumon.history.selection import Selection, SelectionError
 from imumon.history.store import SUFFIX, HistoryError, HistoryStore, PowerUp, TimedPeriod, damaged, set_aside
 from imumon.history_report import STEPS, HistoryPeriod
 from imumon.messages import change_text
-from imumon.noise.stretches.day_change import DAYS_KEPT
+from imumon.noise.stretches.stretch_rules import DAYS_KEPT
 from imumon.report import Event, Report
 from imumon.reserve import granted
 from imumon.samples import Level

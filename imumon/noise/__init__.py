@@ -51,7 +51,7 @@ restarts the estimator: it never returns limits of one record for another.
 | `validity_groups` | channels that miss the same samples |
 | `array_state` | state of an accumulator as arrays |
 | `state_schema` | what a saved state may hold, and whether it does |
-| `rule_table` | thresholds with their reasons, which `fit_rules` and `detection_rules` hold |
+| `rule_table` | thresholds with their reasons, which each `*_rules` holds |
 | `synthesis` | noise of given N, B, K |
 """
 

@@ -10,10 +10,18 @@ import pytest
 from imumon.noise.detection.detection_rules import RULES as DETECTION
 from imumon.noise.fit.fit_rules import RULES as FIT
 from imumon.noise.fit.markov_rules import RULES as MARKOV
+from imumon.noise.fit.temperature_rules import RULES as TEMPERATURE
 from imumon.noise.rule_table import RuleTable
+from imumon.noise.stretches.stretch_rules import RULES as STRETCHES
 
 PAGE = Path(__file__).parents[2] / "docs" / "THEORY.md"
-TABLES = {"fit": FIT, "Gauss–Markov noise": MARKOV, "detection": DETECTION}
+TABLES = {
+    "fit": FIT,
+    "the temperature": TEMPERATURE,
+    "Gauss–Markov noise": MARKOV,
+    "detection": DETECTION,
+    "stretches": STRETCHES,
+}
 
 
 def written(text: str, name: str, rules: RuleTable) -> str:
@@ -35,6 +43,14 @@ def test_every_rule_says_what_it_decides_and_what_goes_wrong_without_it(name: st
         assert len(rule.decides) > 15, rule.name
         assert len(rule.without) > 15, rule.name
         assert rule.origin, rule.name
+
+
+def test_the_resolutions_that_are_tried_are_rules(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
+    import resolution
+
+    for name, values in resolution.TRIED.items():
+        assert FIT[name].value not in values, name
 
 
 if __name__ == "__main__":

@@ -18,16 +18,7 @@ from scipy.special import ndtr
 from imumon.coefficients import BIAS_TERMS, LIMIT_95
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit import regressors as columns_of
-from imumon.noise.fit.fit_rules import (
-    COLLINEAR,
-    HIGHEST_DEGC,
-    JUMP_DEGC,
-    JUMP_SHARE,
-    LOWEST_DEGC,
-    NEGLECTED_P,
-    POINTS,
-    SPAN_PER_DEGREE_DEGC,
-)
+from imumon.noise.fit.fit_rules import NEGLECTED_P
 from imumon.noise.fit.likelihood import Likelihood, Surface, grid_mean
 from imumon.noise.fit.model import total
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
@@ -35,6 +26,15 @@ from imumon.noise.fit.observations import BlockSeries, block_series, meeting_fre
 from imumon.noise.fit.regressors import Regressor
 from imumon.noise.fit.slow_terms import SlowTerms
 from imumon.noise.fit.statement import RegressorEstimate
+from imumon.noise.fit.temperature_rules import (
+    COLLINEAR,
+    HIGHEST_DEGC,
+    JUMP_DEGC,
+    JUMP_SHARE,
+    LOWEST_DEGC,
+    POINTS,
+    SPAN_PER_DEGREE_DEGC,
+)
 from imumon.samples import Floats
 
 

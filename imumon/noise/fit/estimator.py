@@ -15,7 +15,7 @@ curve of today. `time_to` is that of the last fit and is not counted down in bet
 the last one (`search.ModelChoice`) until the data reject it or the record has doubled, so that a growing record does
 not alternate between two. Its numbers therefore depend, within their limits, on when it was fitted before. With
 `renew=True` they depend on the samples alone: so does the last report of a record, and a replay of it. Thresholds of
-decisions are in `fit_rules` and `markov_rules`; constants of a computation stand beside it.
+decisions are in `fit_rules`, `temperature_rules` and `markov_rules`; constants of a computation stand beside it.
 
 Example: half a minute of white noise.
 

@@ -215,11 +215,6 @@ class PowerLaw(NoiseTerm):
         return math.pow(tau0, -COEFFICIENTS[self.letter].slope)
 
 
-INDEPENDENT_COUNTS = 0.5
-"""Counts of noise between two samples from which on the errors of rounding are independent: errors s counts of noise
-apart have the correlation exp(-2 pi^2 s^2), 0.7 % here. With 0.4 counts, upper limits of N miss in 8 % of records."""
-
-
 @dataclass(frozen=True, slots=True)
 class Quantisation(NoiseTerm):
     """Rounding of an angle (or a velocity) to counts, of which the rate is the difference: density 4 sin^2(pi f).

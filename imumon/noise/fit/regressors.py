@@ -32,25 +32,23 @@ from itertools import pairwise
 import numpy as np
 
 from imumon.noise.fit.fit_rules import (
-    BOTH_WAYS,
-    CHI_SQUARE_MEDIAN,
     COEFFICIENTS_PER_COLUMN,
     LEAST_BLOCKS,
-    LEAST_SPAN_DEGC,
     SETTLING_SHARES,
     SINGLE,
     STEP_PLACES,
     STEP_WIDTHS,
-    TEMPERATURE_SNR,
-    THERMOMETER_SIGMA,
 )
 from imumon.noise.fit.likelihood import Surface
 from imumon.noise.fit.model import combined
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import BlockSeries, Coefficients
+from imumon.noise.fit.temperature_rules import BOTH_WAYS, LEAST_SPAN_DEGC, TEMPERATURE_SNR, THERMOMETER_SIGMA
 from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Floats, Ints
 
+CHI_SQUARE_MEDIAN = 0.455
+"""Median of a chi-square variable of one degree of freedom, over its mean."""
 OSCILLATION = ("oscillation", "oscillation_sine", "oscillation_growth", "oscillation_sine_growth")
 """Columns of an oscillation: two phases, and the same growing in time."""
 BENT = ("temperature_2", "temperature_3", "hysteresis")

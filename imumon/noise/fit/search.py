@@ -40,6 +40,7 @@ from imumon.coefficients import LIMIT_95
 from imumon.noise.fit import markov_search
 from imumon.noise.fit.fit_rules import (
     EVIDENCE,
+    INDEPENDENT_COUNTS,
     MOST_ERROR,
     REJECT_P,
     TOLERANCE,
@@ -51,7 +52,6 @@ from imumon.noise.fit.markov_rules import INSTEAD_GAIN
 from imumon.noise.fit.markov_search import MarkovSurface, Peaks
 from imumon.noise.fit.model import (
     GRIDDED,
-    INDEPENDENT_COUNTS,
     NOISE_TERMS,
     QUANTISATION,
     TERMS,

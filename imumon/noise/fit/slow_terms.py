@@ -31,7 +31,6 @@ from imumon.coefficients import SIGNIFICANT
 from imumon.noise.fit import markov_search
 from imumon.noise.fit import regressors as columns_of
 from imumon.noise.fit.fit_rules import (
-    BEND_CHANCE,
     BEYOND_SINGLE,
     CERTAIN,
     CHANCE,
@@ -74,6 +73,7 @@ from imumon.noise.fit.observations import (
     pooled_coefficients,
 )
 from imumon.noise.fit.regressors import Regressor
+from imumon.noise.fit.temperature_rules import BEND_CHANCE
 from imumon.samples import Bools, Floats, Ints
 
 EVEN = np.linspace(0.0, 1.0, GRID // 2 - 1)

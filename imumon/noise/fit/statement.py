@@ -52,7 +52,6 @@ from imumon.noise.fit.fit_rules import (
     ALIAS_WIDTHS,
     CERTAIN,
     CHANCE,
-    COLLINEAR,
     EVIDENCE,
     LEAST_B_K_S,
     SAME_PERIOD,
@@ -76,6 +75,7 @@ from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.popcorn import TwoLevels, two_levels
 from imumon.noise.fit.regressors import BENT, OSCILLATION
 from imumon.noise.fit.search import Model
+from imumon.noise.fit.temperature_rules import COLLINEAR
 from imumon.noise.fit.time_to_precision import seconds_to
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.validity_groups import ROUNDING_VARIANCE

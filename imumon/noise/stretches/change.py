@@ -19,11 +19,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from imumon.coefficients import LIMIT_95, Estimate
+from imumon.noise.stretches.stretch_rules import CHANGE_SIGMA, LEAST_CHANGE_B, LEAST_CHANGE_N
 
-CHANGE_SIGMA = 5.0
-"""Standard errors beyond which a change is reported: 6e-7, for 27 comparisons an hour over years."""
-LEAST_CHANGE = {"N": 0.05, "B": 0.5}
-"""Relative change below which it does not matter to a user: B of the same sensor varies by as much."""
+LEAST_CHANGE = {"N": LEAST_CHANGE_N, "B": LEAST_CHANGE_B}
+"""Relative changes of the coefficients that are compared, below which one does not matter."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,25 +17,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtr
 
+from imumon.noise.stretches.stretch_rules import (
+    ALARM,
+    DAYS_BEFORE,
+    LEAST_DAYS_SPAN_DEGC,
+    LEAST_DOF,
+    LEAST_SCATTER,
+    STRONGEST,
+)
 from imumon.samples import Floats
-
-DAYS_BEFORE = 7
-"""Days before a step, at least: the scatter must be known."""
-DAYS_KEPT = 90
-"""Days that are looked back."""
-ALARM = 1e-5
-"""Probability of a change by chance, over all days of a series, below which it is reported. Days that resemble each
-other more than the correlation of neighbours shows make chance steps likelier: of 30 days of a random walk, 2.6 % give
-one. A sensor with nine channels has 18 series; benchmarks/history_study.py measures its false alarms."""
-LEAST_SPAN_DEGC = 1.0
-"""degC, standard deviation of the daily temperatures above which they are a regressor."""
-STRONGEST = 0.9
-"""1, largest correlation of neighbouring days that is used: with a larger one, no step can be seen."""
-LEAST_SCATTER = 2e-3
-"""1, scatter of the logarithms that is assumed at least: a shorter record than the sensor's own variations would
-show less."""
-LEAST_DOF = 8.0
-"""1, degrees of freedom that remain at least, for strongly correlated days."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +81,7 @@ def find_day_change(
         (np.log(values), np.full(n, 1.0 / LEAST_SCATTER)) if errors is None else (values, 1.0 / errors)
     )
     base = [np.ones(n)]
-    if np.isfinite(temperatures).all() and float(np.std(temperatures)) > LEAST_SPAN_DEGC:
+    if np.isfinite(temperatures).all() and float(np.std(temperatures)) > LEAST_DAYS_SPAN_DEGC:
         base.append(temperatures - temperatures.mean())
     steps = (np.arange(n)[None, :] >= np.arange(DAYS_BEFORE, n)[:, None]).astype(np.float64)
     # Frisch-Waugh: the coefficient of the step from what the other regressors leave of it and of the values

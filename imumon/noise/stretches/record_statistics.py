@@ -5,7 +5,7 @@ and what happens there:
 
 | place | what happens |
 |---|---|
-| candidate end of a warm-up, c (`warmup.CANDIDATES_S`) | mark, until c is decided |
+| candidate end of a warm-up, c (`stretch_rules.CANDIDATES_S`) | mark, until c is decided |
 | 2.5 c | the fit of the record shows whether a warm-up ended at c; then the samples before c are excluded |
 | end of 10 minutes, hour, day | a stretch ends and the next one begins (`stretches`) |
 | end of an hour | its noise is compared with that of all hours before it (`change`) |
@@ -32,8 +32,9 @@ from imumon.noise.statistics.moments import MomentsResult
 from imumon.noise.stretches.change import LEAST_CHANGE, CoefficientChange, detect_changes
 from imumon.noise.stretches.parts import NEVER, RecordParts, saved_position
 from imumon.noise.stretches.quarters import Quarters
+from imumon.noise.stretches.stretch_rules import CANDIDATES_S, DECISION_LENGTH
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch, Stretches
-from imumon.noise.stretches.warmup import CANDIDATES_S, DECISION_LENGTH, is_over, is_warming_up
+from imumon.noise.stretches.warmup import is_over, is_warming_up
 from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats
 

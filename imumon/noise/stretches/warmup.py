@@ -14,20 +14,14 @@ from collections.abc import Iterable
 import numpy as np
 
 from imumon.noise.fit import ChannelFit
+from imumon.noise.stretches.stretch_rules import (
+    CANDIDATES_S,
+    DECISION_LENGTH,
+    HIGHEST_SHARE,
+    STILL,
+    WARMING_DEGC,
+)
 from imumon.samples import Floats
-
-CANDIDATES_S = (120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 5400.0)
-"""s, possible ends of a warm-up: a finer grid would exclude little less."""
-DECISION_LENGTH = 2.5
-"""Length of the record, as a multiple of a candidate, at which the candidate is decided."""
-STILL = 0.22
-"""Time constant of what still settles at the end of a record, as a share of its length: of a shorter one at most 1 %
-remains there, and a sixth at a candidate that is decided there."""
-WARMING_DEGC = 1.0
-"""degC, least rise of the temperature during a warm-up."""
-HIGHEST_SHARE = 0.1
-"""Share of the range of the temperature by which the last mean may be below the highest: a cycle of the ambient
-temperature is no warm-up."""
 
 
 def is_over(time_constants_s: Iterable[float], candidate_s: float) -> bool:
