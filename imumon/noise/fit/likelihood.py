@@ -26,7 +26,7 @@ Error of the model: where chance does not explain the misfit, a relative error e
 Example: two bands of white noise with 100 degrees of freedom each.
 
 >>> from imumon.noise.fit.model import NOISE_TERMS
->>> flat = {term: np.ones(2) if term is WHITE else np.full(2, 1e-6) for term in NOISE_TERMS}
+>>> flat = {term: np.ones(2) if term == WHITE else np.full(2, 1e-6) for term in NOISE_TERMS}
 >>> bands = Bands(np.array([3.9, 4.1]), np.full(2, 100.0), flat, np.zeros(2), np.array([0.25, 0.5]))
 >>> none = Coefficients(np.zeros(0), np.zeros((0, 0)), {term: np.zeros(0) for term in NOISE_TERMS})
 >>> surface = Likelihood(bands, none).surface({FLICKER: np.zeros(1), WALK: np.zeros(1)})
@@ -133,7 +133,7 @@ class Surface:
 
     def profile(self, term: NoiseTerm) -> Floats:
         """Return (g,) the greatest log likelihood at each amplitude of a gridded term."""
-        others = tuple(axis for axis, other in enumerate(self.grids) if other is not term)
+        others = tuple(axis for axis, other in enumerate(self.grids) if other != term)
         return np.asarray(self.log.reshape(self.shape).max(axis=others))
 
     def weights(self) -> Floats:
@@ -455,7 +455,7 @@ def mixed(one: Surface, two: Surface, weight: float) -> Surface:
 def quantiles(surface: Surface, term: NoiseTerm, probabilities: Floats) -> Floats:
     """Return quantiles of the amplitude of a gridded term."""
     grid = surface.grids[term]
-    others = tuple(axis for axis, other in enumerate(surface.grids) if other is not term)
+    others = tuple(axis for axis, other in enumerate(surface.grids) if other != term)
     p = surface.weights().sum(axis=others)
     p[0] *= 2.0 if grid[0] == 0.0 else 1.0  # a density here, not a share of a cell
     return density_quantiles(grid, p, probabilities)
@@ -478,7 +478,7 @@ def without(surface: Surface, absent: NoiseTerm) -> Surface | None:
 
     return replace(
         surface,
-        grids={term: grid[:1] if term is absent else grid for term, grid in surface.grids.items()},
+        grids={term: grid[:1] if term == absent else grid for term, grid in surface.grids.items()},
         log=at_zero(surface.log),
         scored={term: at_zero(power) for term, power in surface.scored.items()},
         scored_variances={term: at_zero(variance) for term, variance in surface.scored_variances.items()},

@@ -139,7 +139,7 @@ def gain_instead(
     likelihood, terms : see `peaks`.
     surface : with the other term, and without Gauss–Markov noise.
     """
-    others = [term for term in (*likelihood.scored, *surface.grids) if term is not absent]
+    others = [term for term in (*likelihood.scored, *surface.grids) if term != absent]
     squares = likelihood.as_squares(surface)
     unit = np.stack([squares.expected[term] for term in others])
     markov = np.stack([squares.expected[term] for term in terms])
@@ -329,7 +329,7 @@ def _of_each(
     """Return the likelihoods of t time constants on a grid."""
     return [
         likelihood.at_values_of(
-            surface, {(term if key is center else key): grid for key, grid in grids.items()}
+            surface, {(term if key == center else key): grid for key, grid in grids.items()}
         )
         for term in terms
     ]

@@ -92,6 +92,8 @@ SECOND_DIFFERENCE = {-2: 1.0, -1: -4.0, 0: 6.0, 1: -4.0, 2: 1.0}
 class NoiseTerm(ABC):
     """A random term of the model; all methods are for power 1.
 
+    Terms are values, compared with ``==``: a copy of a record has copies of them.
+
     Attributes
     ----------
     letter : of its coefficient in the report.

@@ -209,7 +209,7 @@ def block_series(
         series.append(np.interp(every, part, means[part]))
         for term in terms:
             variance = term.coefficient_variances(n, length)
-            variances[term].append(variance * (white if term is WHITE else slow))
+            variances[term].append(variance * (white if term == WHITE else slow))
         f.append(np.arange(1, n) / (2.0 * n * length))
         left.append(slow)
         first += n
@@ -416,7 +416,7 @@ def _expected_bins(
     """Return (terms, n) what each bin in use of level s expects of each term."""
     count = float(level.averages[group])
     # missing samples make noise larger, white noise by more: its density follows from their number
-    missing = [(level.white if term is WHITE else level.slow)[group] / count for term in terms]
+    missing = [(level.white if term == WHITE else level.slow)[group] / count for term in terms]
     unit = [_bin_expectation(term, s, averaged, window) for term in terms]
     expected = np.stack([factor * of_term for factor, of_term in zip(missing, unit, strict=True)])
     if level.holes[group].any():
@@ -424,7 +424,7 @@ def _expected_bins(
         for row, term in enumerate(terms):
             leak = holes * term.leak(s, averaged=averaged)
             # of white noise the waves take a share, the more the fewer samples they are fitted to
-            expected[row] += leak * expected[row] if term is WHITE else leak
+            expected[row] += leak * expected[row] if term == WHITE else leak
     return np.asarray(expected)
 
 

@@ -131,7 +131,7 @@ class Model:
     @property
     def noise_powers(self) -> dict[NoiseTerm, float]:
         """Power of each term of the sensor itself: all but quantisation, which its output adds."""
-        return {term: power for term, power in self.surface.powers.items() if term is not QUANTISATION}
+        return {term: power for term, power in self.surface.powers.items() if term != QUANTISATION}
 
     @property
     def error(self) -> float:

@@ -460,7 +460,7 @@ def _confused(model: Model, open_terms: Sequence[NoiseTerm]) -> dict[NoiseTerm, 
     )
     if not together:
         return {}
-    return {term: [other.letter for other in open_terms if other is not term] for term in open_terms}
+    return {term: [other.letter for other in open_terms if other != term] for term in open_terms}
 
 
 def _indistinct(high: float, others: Sequence[str]) -> Estimate:
@@ -471,7 +471,7 @@ def _indistinct(high: float, others: Sequence[str]) -> Estimate:
 
 def _why_not_shown(model: Model, term: NoiseTerm) -> str:
     """Return why a coefficient is a bound."""
-    return MOVES_SLOWLY if term is WALK and model.slow.slowest.size else NOT_SHOWN
+    return MOVES_SLOWLY if term == WALK and model.slow.slowest.size else NOT_SHOWN
 
 
 def _limits_of_gridded(
