@@ -88,11 +88,12 @@ class SensorRows:
                 continue
             x, y, z = rows[:, columns].T
             filled: Bools = (x == y) & (y == z)
-            share = float(filled.mean())
+            with_numbers = np.isfinite(x + y + z)  # a hole says nothing of coarse steps
+            share = float(filled.sum() / max(with_numbers.sum(), 1))
             # decided once: a sensor that freezes later is stuck, which the guard has to see
             if not self._rows and 0.0 < share < DEAD:
                 # coarse steps make two axes equal far more often than all three
-                alike = ((x == y) | (y == z) | (z == x))[~filled]
+                alike = ((x == y) | (y == z) | (z == x))[~filled & with_numbers]
                 self.fillers |= {name: 0} if alike.mean() < share else {}
             if name in self.fillers:
                 self.fillers[name] += int(filled.sum())

@@ -119,6 +119,13 @@ def test_a_coarse_gyroscope_may_be_zero(tmp_path: Path) -> None:
     assert replayed(path)[0].session.samples == 4000
 
 
+def test_a_coarse_gyroscope_may_be_zero_beside_a_hole(tmp_path: Path) -> None:
+    t, gyro, accel = truth(4000)
+    coarse = np.rint(gyro / 6e-3) * 6e-3
+    coarse[1000:1800] = np.nan
+    assert replayed(csv(tmp_path / "a.csv", NAMES, t, coarse, accel))[0].session.samples == 3200
+
+
 def test_one_sensor_of_a_capture_is_no_choice(tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(b"$VNRRG,1*XX\r\n")
     with pytest.raises(OptionNotApplicable) as error:
