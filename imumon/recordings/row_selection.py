@@ -28,6 +28,9 @@ COMPLETE = 0.75
 """Share of the rows of a sensor that must have the other one, for them to have one rate: a slower one has at most two
 of three."""
 
+NEIGHBOURS = 64
+"""Rows without time of which a sensor has some where it has no hole, chosen: longer than what a sensor buffers."""
+
 WINDOW = 64
 """Rows by which a row may be late and is still sorted: more than a datagram holds."""
 
@@ -73,6 +76,7 @@ class SensorRows:
         self._inertial = [k for columns in self._columns for k in columns]
         self._slow = [k for k in range(len(table_layout.channels)) if k not in self._inertial]
         self._rows, self._counts, self._both = 0, np.zeros(len(sensors), np.int64), 0
+        self._timed = bool(table_layout.times)
         self._mixed = False  # other sensors have rows of their own
         self.others = self.others_counted = 0
         self._names = sensors
@@ -107,21 +111,23 @@ class SensorRows:
         rows, present : (n, k), and which numbers are there, with the columns of the layout first.
         """
         whole: Bools = np.stack([present[:, columns].all(axis=1) for columns in self._columns])
+        has_sample: Bools = np.any(present[:, self._inertial], axis=1)
         first = not self._rows
+        if first and not has_sample.any():  # before the first sample there is nothing to decide by
+            self._note_others(places)
+            return rows[:0], places[:0]
         self._rows += len(rows)
         self._counts += whole.sum(axis=1)
         self._both += int(whole.all(axis=0).sum())
-        has_sample: Bools = np.any(present[:, self._inertial], axis=1)
         slow = np.any(present[:, self._slow], axis=1)
         if first:
             self.check()
             # many rows lack the only sensor, or the temperature has rows of its own: the rows are of several sensors
-            sparse = len(whole) == 1 and bool(0 < self._counts[0] <= COMPLETE * self._rows)
+            sparse = len(whole) == 1 and bool(self._counts[0]) and self._usual_share(whole[0]) <= COMPLETE
             self._mixed = sparse or bool((slow & ~has_sample).sum() > (slow & has_sample).sum())
         if not self._mixed:
             return rows, places
-        self.others += int((~has_sample).sum())
-        self.others_counted += int((places[~has_sample] > 0).sum())
+        self._note_others(places[~has_sample])
         samples = np.flatnonzero(has_sample)
         # a temperature in a row that is left out goes to the next sample; behind the last one there is none
         end = samples[-1] if len(samples) else 0
@@ -129,6 +135,18 @@ class SensorRows:
             known = np.flatnonzero(present[:end, k] & ~has_sample[:end])
             rows[samples[np.searchsorted(samples, known)], k] = rows[known, k]
         return rows[has_sample], places[has_sample]
+
+    def _usual_share(self, whole: Bools) -> float:
+        """Return the share of rows (n,), some of which are samples, that are samples of the only sensor.
+
+        Stamps show what is missing. Without them, a row in a hole is a lost sample, and none of another sensor.
+        """
+        return float(whole.mean()) if self._timed else _share_beside_samples(whole)
+
+    def _note_others(self, places: Ints) -> None:
+        """Count rows, of these places, that are no samples."""
+        self.others += len(places)
+        self.others_counted += int((places > 0).sum())
 
     def check(self) -> None:
         """Raise `RecordingError` if the sensors have different rows; an empty sensor has none."""
@@ -163,6 +181,13 @@ class HeldNumbers:
         age = here - np.where(last < 0, -1 - self._age, last)
         column[:] = np.where(age <= self._most, value, column)
         self._value, self._age = value[-1], int(age[-1])
+
+
+def _share_beside_samples(whole: Bools) -> float:
+    """Return the median share of rows (n,) that are samples, of those pieces of a table that have some."""
+    starts = np.arange(0, len(whole), NEIGHBOURS)
+    shares = np.add.reduceat(whole.astype(np.float64), starts) / np.diff(starts, append=len(whole))
+    return float(np.median(shares[shares > 0.0]))
 
 
 class RowOrder:

@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from imumon.ledger import RECEIVED, ColumnUse, Ledger, column_account, merged
-from imumon.recordings.base import TEXT_FORMS, ReadOptions, Recording, RowSource
+from imumon.recordings.base import TEXT_FORMS, ReadOptions, Recording, RecordingError, RowSource
 from imumon.recordings.column_meaning import with_meaning
 from imumon.recordings.columns import INERTIAL, ColumnLayout
 from imumon.recordings.first_rows import FirstRows, TableStart, TableTimes, present
@@ -343,6 +343,10 @@ class RowDecoder:
         self._last = recent[-2:]
 
     def _last_blocks(self) -> Iterator[SampleBlock]:
+        if self.fed and self._used is None:
+            names = ", ".join(column.name for column in self._layout.columns)
+            text = f"{self._source.name}: no row has numbers for all of {names}"
+            raise RecordingError("no_complete_row", text, "check that it is complete")
         self._sensor_rows.check()
         if self._order is not None:
             no_rows = np.empty((0, len(self._used or ())))
