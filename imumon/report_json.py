@@ -10,7 +10,7 @@ import json
 import re
 import typing
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from typing import Any, Literal
 
@@ -129,6 +129,7 @@ class JsonReader:
         hints = typing.get_type_hints(cls)
         entries_of = {f.name: names for f in fields(cls) if (names := f.metadata.get("entries"))}
         readers = {f.name: self._reader(hints[f.name]) for f in fields(cls)}
+        required = [f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING]
         arrays = [] if cls in self._lists else [name for name in readers if _is_numbers(hints[name])]
         check_part = self._checks.get(cls, lambda part: None)
 
@@ -136,6 +137,8 @@ class JsonReader:
             given = {name: value for name, value in data.items() if name not in entries_of}
             for field, names in entries_of.items():
                 given[field] = {name: data[name] for name in names if data.get(name) is not None}
+            absent = [name for name in required if name not in given]
+            check(not absent, f"{cls.__name__} without {', '.join(absent)}")
             part = cls(**{name: readers[name](value) for name, value in given.items() if name in readers})
             # An array that a later version adds must stay optional: reports of this one do not have it.
             lengths = {len(getattr(part, name)) for name in arrays}

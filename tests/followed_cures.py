@@ -36,13 +36,12 @@ def printed_options(cure: str) -> Iterator[list[str]]:
             yield arguments
 
 
-def converted(path: Path, cure: str, folder: Path) -> Path | None:
+def converted(cure: str, folder: Path) -> Path | None:
     """Return the file that the command of a cure writes; None: the cure has no command."""
-    command = re.search(r"(?:grep|cut|iconv|mavlogdump\.py) .*?FILE.*?> imu\.csv", cure)
+    command = re.search(r"(?:grep|cut|iconv|mavlogdump\.py) .*?> imu\.csv", cure)
     if command is None:
         return None
-    shell = command[0].replace("FILE", shlex.quote(str(path)))
-    subprocess.run(shell, shell=True, cwd=folder, check=True, timeout=60)
+    subprocess.run(command[0], shell=True, cwd=folder, check=True, timeout=60)
     return folder / "imu.csv"
 
 
@@ -84,7 +83,7 @@ def outcomes(
     for word, answer in (known or {}).items():
         cure = re.sub(rf"{re.escape(word)}(?! \d)(?!\w)", answer, cure)
     with tempfile.TemporaryDirectory() as folder:
-        if (table := converted(path, cure, Path(folder))) is not None:
+        if (table := converted(cure, Path(folder))) is not None:
             path, options = table, replace(options, path=str(table))
             if not list(printed_options(cure.partition("imu.csv")[2])):
                 yield from outcomes(path, options, steps - 1, known)

@@ -113,6 +113,11 @@ def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, An
         message = f"no daemon answers, and there is no history in {directory}"
         cure = "start one with imumon run, or name the directory with --state"
         raise CommandError("no_history", message, cure, NOT_FOUND)
+    if id is not None and known and not meant:
+        message = f"there is no history of {id} in {directory}"
+        raise CommandError(
+            "no_history", message, f"give one of these with --id: {', '.join(known)}", NOT_FOUND
+        )
     name = meant[0] if meant else str(id)
     return _file_rows(directory / f"{name}{SUFFIX}", chosen)
 

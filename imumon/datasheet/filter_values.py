@@ -209,15 +209,20 @@ def short_record_text(report: Report) -> str | None:
 
 def _precision(report: Report, letter: str) -> str:
     """Return how well a coefficient is known on the worst axis of gyroscope and accelerometer."""
-    parts = [
-        channel.coefficients[letter]
+    by_sensor = {
+        sensor: [
+            channel.coefficients[letter]
+            for _, channel in sensor_axes(report, sensor)
+            if letter in channel.coefficients
+        ]
         for sensor in NAMES
-        for _, channel in sensor_axes(report, sensor)
-        if letter in channel.coefficients
-    ]
+    }
+    parts = [part for of_sensor in by_sensor.values() for part in of_sensor]
     if not parts or any(part.status == "pending" for part in parts):
         return f"{letter} not known yet"
-    if any(part.is_bound for part in parts):
-        return f"{letter} only bounded"
+    bounded = [sensor for sensor, of_sensor in by_sensor.items() if any(part.is_bound for part in of_sensor)]
+    if bounded:
+        measured = any(of_sensor for sensor, of_sensor in by_sensor.items() if sensor not in bounded)
+        return f"{letter} of {' and '.join(bounded)} only bounded" if measured else f"{letter} only bounded"
     widths = [100.0 * half for part in parts if (half := part.stated.half_width) is not None]
     return f"{letter} ±{figures(max(widths), 2)} %" if widths else f"{letter} measured"

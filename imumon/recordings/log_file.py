@@ -40,10 +40,12 @@ PACKAGES = {"px4": "pyulog", "ardupilot": "pymavlink"}
 CURES = {"bag": "repair it with ros2 bag reindex, or record it again"}
 """Cure for a log that cannot be read."""
 
+SQLITE = b"SQLite format 3"
+"""First bytes of a database."""
 MAGIC = {
     b"#ROSBAG V": "bag",
     b"\x89MCAP0\r\n": "bag",
-    b"SQLite format 3": "bag",
+    SQLITE: "bag",
     b"ULog\x01\x12\x35": "px4",
     b"\xa3\x95\x80": "ardupilot",  # a message that defines a format is the first one
 }
@@ -63,6 +65,8 @@ def log_kind(path: str, head: bytes) -> str | None:
     """Return the kind of a log: of a file by its first bytes, of a directory by what is in it."""
     if Path(path, "metadata.yaml").exists():
         return "bag"
+    if head.startswith(SQLITE) and not path.endswith(".db3"):
+        return None  # any program has databases, and no reader takes a bag by another name
     return next((kind for magic, kind in MAGIC.items() if head.startswith(magic)), None)
 
 

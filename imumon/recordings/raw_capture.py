@@ -79,7 +79,11 @@ _FOREIGN = {
     ),
     b"TDSm": ("tdms", "a TDMS file of LabVIEW", "export it as CSV"),
     b"FMT, 128, ": ("dataflash_text", "an ArduPilot log as text", "use the .BIN file it was made from"),
-    b"SQLite format 3": ("sqlite", "an SQLite database", "name the directory of the bag, or another file"),
+    b"SQLite format 3": (
+        "sqlite",
+        "an SQLite database",
+        "name the .db3 file of a bag; imumon history shows a history",
+    ),
 }
 """First bytes of other formats: end of the code, what it is, what to do."""
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import shlex
 from collections.abc import Iterable, Iterator, Sequence
 
+from imumon.checkpoint import is_state
 from imumon.column_names import parse_names, triples
 from imumon.cures import OPTIONS, option_text
 from imumon.devices.base import DeviceError, sample_blocks
@@ -119,6 +121,10 @@ def _in_blocks(items: Iterable[bytes | Gap], size: int) -> Iterator[bytes | Gap]
     yield b"".join(waiting)
 
 
+HEAD_OF_KIND = 256
+"""First bytes of a file by which its kind is known."""
+
+
 def _first_bytes(path: str) -> bytes:
     """Return the first bytes of a file; none of standard input, and of a bag that is a directory."""
     if os.path.isdir(path) and log_kind(path, b"") is None:
@@ -126,7 +132,7 @@ def _first_bytes(path: str) -> bytes:
         raise RecordingError("is_directory", f"{path} is a directory and no bag", cure)
     if path != "-":  # a pipe can be read only once
         with contextlib.suppress(OSError), open(open_regular(path, follow=True), "rb") as file:
-            return file.read(16)
+            return file.read(HEAD_OF_KIND)
     return b""
 
 
@@ -139,6 +145,7 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     OptionNotApplicable : a topic was given, and it has no topics.
     """
     head = _first_bytes(path)
+    _check_not_kept(path, head)
     # the first bytes of logs and arrays are certain; text comes last, as everything may look like it
     if (kind := log_kind(path, head)) is not None:
         _refuse_where(path, options)
@@ -155,7 +162,8 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
         _refuse_where(path, options)
         return opened
     if opened.header is None and is_telemetry(opened.head):
-        raise RecordingError("format_tlog", f"{path} is a telemetry log of MAVLink (.tlog)", TLOG_CURE)
+        text = f"{path} is a telemetry log of MAVLink (.tlog)"
+        raise RecordingError("format_tlog", text, _with_name(TLOG_CURE, path))
     text_file = _text_file(opened, options) if opened.header is None else None
     if text_file is not None:
         return text_file
@@ -165,8 +173,26 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     _refuse_where(path, options)
     check_nothing_stated(path, options)
     if opened.header is None and (advice := _text_cure(opened.head[:HEAD_BYTES])) is not None:
-        raise RecordingError("no_messages", f"{path} is {advice[0]}", advice[1])
+        raise RecordingError("no_messages", f"{path} is {advice[0]}", _with_name(advice[1], path))
     return DecodedCapture(opened, options.block_bytes)
+
+
+_REPORT = re.compile(rb'\s*\{\s*"schema"\s*:\s*"imumon\.report/')
+"""Begin of a saved report."""
+
+
+def _check_not_kept(path: str, head: bytes) -> None:
+    """Raise `RecordingError` if imumon itself has saved a file as a state or a report: neither has samples."""
+    cure = f"imumon report {shlex.quote(path)} prints its numbers"
+    if is_state(head):
+        raise RecordingError("is_state", f"{path} is a saved state, which has no samples", cure)
+    if _REPORT.match(head):
+        raise RecordingError("is_report", f"{path} is a saved report, which has no samples", cure)
+
+
+def _with_name(cure: str, path: str) -> str:
+    """Return a cure whose commands name the file; standard input has no name."""
+    return cure if path == "-" else cure.replace(" FILE ", f" {shlex.quote(path)} ")
 
 
 MAVLINK = (0xFD, 0xFE)
@@ -206,7 +232,7 @@ def _text_file(capture: RawCapture, options: ReadOptions) -> Recording | None:
     """Return the recording that the text of a file without a header of imumon is; None: it is no table."""
     if (encoding := _utf_16(capture.head)) is not None:
         cure = f"save it as UTF-8: iconv -f {encoding} -t UTF-8 FILE > imu.csv"
-        raise RecordingError("utf_16", f"{capture.path} is text in UTF-16", cure)
+        raise RecordingError("utf_16", f"{capture.path} is text in UTF-16", _with_name(cure, capture.path))
     # one sentence has all sensors at one rate: there is nothing to select
     if options.sensor is None and (decoder := driver().decoder()) is not None:
         table = sentence_table(capture, options, decoder, DEFAULT_SCHEME)

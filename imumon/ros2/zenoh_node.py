@@ -138,7 +138,8 @@ class ZenohNode(RosNode):
             self.session = zenoh.open(_config(router))
         except zenoh.ZError:  # it has one type for all causes; the endpoint has been checked
             text, cure = f"no Zenoh router at {router}", "start it with: ros2 run rmw_zenoh_cpp rmw_zenohd"
-            cure += "; if it runs elsewhere, add router=tcp/HOST:7447; most systems run DDS: add rmw=dds"
+            cure += "; one that runs elsewhere: --port 'ros2:TOPIC?router=tcp/HOST:7447'"
+            cure += "; most systems run DDS: --port 'ros2:TOPIC?rmw=dds'"
             raise RosError("ros2_no_router", text, cure) from None
         finally:
             reserve.keep_again()  # Zenoh lifts the limit of descriptors

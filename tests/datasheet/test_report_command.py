@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -98,6 +99,19 @@ def test_a_horizon_is_from_a_second_to_a_day(horizon: str, recording: Path) -> N
     imumon("report", recording, "--format", "filter", "--horizon", horizon, code=2)
 
 
+def test_the_warning_of_a_short_record_names_the_sensor_that_it_is_for() -> None:
+    """B of the gyroscope may be known, as `imumon wait --sensor gyro` says, and that of the accelerometer not."""
+    report = make_report(200.0)
+    known = {
+        name: with_coefficients(channel, B=channel.coefficients["N"])
+        for name, channel in report.channels.items()
+        if name.startswith("gyro")
+    }
+    text = short_record_text(replace(report, channels={**report.channels, **known}))
+    assert text is not None
+    assert ", B of accel only bounded, K only bounded;" in text
+
+
 def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
     with Daemon("sim", tmp_path, "--speed", "10", "--seed", "3") as daemon:
         live = daemon.samples(1000)
@@ -114,6 +128,12 @@ def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
     assert report.device.model == live.device.model
     assert report.device.stream == "deltas"
     assert report.channels["gyro/x"].coefficients["N"].status == "measured"
+    kept = tmp_path / "kept report.json"
+    imumon("report", state, "-o", kept)
+    for saved in (state, kept):
+        command = re.search(r"which has no samples: imumon (.*) prints", imumon("replay", saved, code=1))
+        assert command is not None
+        assert "Noise datasheet" in imumon(*shlex.split(command[1]))
     data = state.read_bytes()
     state.write_bytes(data[:-100])
     assert "damaged" in imumon("report", state, code=1)
@@ -125,6 +145,10 @@ def test_errors_are_one_line(tmp_path: Path, recording: Path, saved: Path) -> No
     broken = tmp_path / "broken.json"
     broken.write_text('{"schema": 3')
     assert "broken.json" in imumon("report", broken, code=1)
+    broken.write_text("{}")
+    assert "imumon.report/1: Report without time, device, state, session: make" in imumon(
+        "report", broken, code=1
+    )
     imumon("report", recording, "--format", "docx", code=2)
     imumon("report", recording, "--id", "x", code=2)
     assert "cannot write" in imumon("report", saved, "-o", tmp_path / "no" / "a.md", code=1)

@@ -433,6 +433,8 @@ def test_the_command_names_the_devices_if_there_are_several(tmp_path: Path) -> N
     for name in ("one", "three", "two"):
         write(tmp_path, name, [period(0, begin=now - 3600.0)])
     assert "one, three, two" in imumon("history", "--state", tmp_path, code=2)
+    assert "with --id: one, three, two" in imumon("history", "--state", tmp_path, "--id", "four", code=3)
+    assert "imumon history shows a history" in imumon("replay", tmp_path / "one.history.sqlite", code=1)
     rows = {
         name: json.loads(imumon("history", "--state", tmp_path, "--id", name, "--json"))
         for name in ("two", "tw")

@@ -18,7 +18,7 @@ from imumon.devices.ports import BAUD_RATES
 from imumon.devices.vn100.ascii import Response
 from imumon.devices.vn100.commands import CommandChannel, baud_unsupported
 from imumon.devices.vn100.decoder import Vn100Decoder
-from imumon.devices.vn100.registers import BINARY_OUTPUTS, LOOP_RATE, ErrorCode, RegisterNumber
+from imumon.devices.vn100.registers import BAUDS, BINARY_OUTPUTS, LOOP_RATE, ErrorCode, RegisterNumber
 from imumon.devices.vn100.stream_settings import (
     CHANGEABLE,
     OFF,
@@ -129,7 +129,10 @@ class Configuration:
             return
         rates = [f"{LOOP_RATE // divisor}" for divisor in reversed(divisors(self._kind, baud))]
         text = f"{rate_hz:g} Hz is no output rate of the sensor at {baud} baud"
-        cure = f"give --set-rate one of {', '.join(rates)}, or --set-baud a higher one"
+        cure = f"give --set-rate one of {', '.join(rates)}"
+        higher = [other for other in BAUDS if other > baud and divisors(self._kind, other, rate_hz)]
+        if higher:
+            cure += f", or --set-baud {higher[0]}"
         raise InvalidOption("rate_not_possible", text, cure)
 
     def changes(self) -> str | None:

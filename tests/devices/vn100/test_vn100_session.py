@@ -104,12 +104,17 @@ def test_the_requested_output_rate_is_set_and_the_change_is_said() -> None:
     assert session.changes() is None
 
 
-@pytest.mark.parametrize("rate", [70.0, 200.0])
-def test_an_output_rate_that_is_not_possible_is_refused(rate: float) -> None:
+@pytest.mark.parametrize(("rate", "baud"), [(70.0, None), (200.0, 230400), (400.0, 460800)])
+def test_an_output_rate_that_is_not_possible_is_refused(rate: float, baud: int | None) -> None:
+    """The cure names the lowest baud rate with which the rate is possible, if there is one."""
     bench = Bench()
-    with pytest.raises(InvalidOption, match=r"at 115200 baud: give --set-rate one of 1, 2, .*, 100, or"):
+    with pytest.raises(InvalidOption) as error:
         bench.streaming(DeviceSettings(set_rate_hz=rate))
-    assert bench.streaming(DeviceSettings(set_rate_hz=200.0, set_baud=230400)).info().sample_rate_hz == 200.0
+    assert "at 115200 baud: give --set-rate one of 1, 2, " in str(error.value)
+    assert str(error.value).partition(", 100")[2] == (f", or --set-baud {baud}" if baud else "")
+    if baud:
+        settings = DeviceSettings(set_rate_hz=rate, set_baud=baud)
+        assert bench.streaming(settings).info().sample_rate_hz == rate
 
 
 def test_unsupported_baud_is_skipped_or_an_error() -> None:
