@@ -10,16 +10,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
 from imumon.column_names import SENSOR_WORDS, parse_name, words_of
+from imumon.cures import OPTIONS, option_text
 from imumon.recordings.base import ROWS, ReadOptions, RecordingError, RowSource
 from imumon.recordings.columns import LISTED, SENSORS, layout
 from imumon.recordings.table import Table
 from imumon.report_json import plain
-from imumon.samples import AXES, Floats, SampleBlock
+from imumon.samples import AXES, INERTIAL, Floats, SampleBlock
 
 ARRAY_UNITS = {"gauss", "C", "kPa", "dps", "g", "mg", "rads", "uT", "nT", "ns", "us", "ms", "s"}
 """Units that the name of an array may end with."""
@@ -82,17 +84,16 @@ class ArrayTable(Table):
             text = (
                 f"{path}: no array has the name of a gyroscope or accelerometer; there are {listed or 'none'}"
             )
-            example = next(
-                (column.name for column in columns if column.key is not None or not column.array), "NAME"
-            )
-            raise RecordingError(
-                "no_sensor", text, f"name the columns, --map gyro/x={example}:rad/s,..."
-            ) from None
+            raise RecordingError("no_sensor", text, f"name the columns, {_example_map(columns)}") from None
         self._columns = [columns[k] for k in self._begin(RowSource(path, form, names), table_layout, options)]
         lengths = {column.length: column.array for column in self._columns}
         if len(lengths) != 1:
             text = ", ".join(f"{array} {length:,}" for length, array in sorted(lengths.items()))
-            cure = "save arrays of one length, or read each sensor with its own time, --sensor gyro and --sensor accel"
+            cure = "save arrays of one length"
+            if readable := [sensor for sensor in INERTIAL if _is_readable(columns, options, sensor)]:
+                cure += (
+                    f", or read a sensor alone, {' or '.join(f'--sensor {sensor}' for sensor in readable)}"
+                )
             raise RecordingError("array_lengths", f"{path}: its arrays have different lengths: {text}", cure)
 
     @contextmanager
@@ -112,6 +113,27 @@ class ArrayTable(Table):
 
     def no_samples(self) -> RecordingError:
         return RecordingError("no_rows", f"{self.path} has arrays without a sample", "save it again")
+
+
+def _is_readable(columns: Sequence[ArrayColumn], options: ReadOptions, sensor: str) -> bool:
+    """Return whether a sensor and its time have one length, so that it can be read alone."""
+    try:
+        alone = layout([column.name for column in columns], options.kind, options.columns, sensor)
+    except RecordingError:
+        return False
+    used = [*alone.columns, *alone.times[:1], *([alone.interval] if alone.interval else [])]
+    return len({columns[column.index].length for column in used}) == 1
+
+
+def _example_map(columns: Sequence[ArrayColumn]) -> str:
+    """Return an option that names the axes of a gyroscope, as an example: those of the first array that has three."""
+    arrays = ([column.name for column in group] for _, group in groupby(columns, lambda column: column.array))
+    axes = next((names for names in arrays if len(names) == len(AXES)), None)
+    if axes is not None:
+        named = {f"gyro/{axis}": f"{name}:rad/s" for axis, name in zip(AXES, axes, strict=True)}
+        return option_text(columns=named)
+    first = next((column.name for column in columns if column.key is not None or not column.array), "NAME")
+    return f"{OPTIONS['columns']} gyro/x={first}:rad/s,..."
 
 
 def columns_of(array: str, shape: Shape, fields: Sequence[str]) -> list[ArrayColumn]:

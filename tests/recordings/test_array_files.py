@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 import sys
 import zipfile
@@ -14,6 +15,7 @@ import pytest
 from commands import imumon
 from tables import DEG, G, read, replayed, truth
 
+from imumon.cures import OPTIONS
 from imumon.recordings import RecordingError
 
 T, GYRO, ACCEL = truth(500)
@@ -109,7 +111,22 @@ def test_arrays_of_two_lengths_are_read_one_by_one(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="accel 250, t 500") as error:
         replayed(path)
     assert error.value.code == "array_lengths"
+    assert error.value.cure == "save arrays of one length, or read a sensor alone, --sensor gyro"
     assert replayed(path, sensor="gyro")[0].session.samples == 500
+    np.savez(path, t=T[::4], gyro=GYRO, accel=ACCEL[::2])
+    with pytest.raises(RecordingError) as error:
+        replayed(path)
+    assert error.value.cure == "save arrays of one length"
+
+
+def test_an_array_of_three_columns_without_a_name_is_an_example_that_can_be_typed(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", when=T, foo=GYRO, bar=ACCEL)
+    with pytest.raises(RecordingError) as error:
+        replayed(tmp_path / "a.npz")
+    option, given = shlex.split(error.value.cure.partition(", ")[2])
+    assert option == OPTIONS["columns"]
+    columns = dict(part.split("=") for part in given.split(","))
+    assert np.allclose(read(tmp_path / "a.npz", columns={**columns, "t": "when:s"}).values, GYRO)
 
 
 @pytest.mark.parametrize("name", WRITERS)
