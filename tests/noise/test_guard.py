@@ -308,6 +308,18 @@ def test_a_new_noise_becomes_the_baseline() -> None:
     assert sum(item.broken for item in items) == 1
 
 
+def test_two_bursts_of_noise_are_no_new_baseline() -> None:
+    """Most of the sixteen frames behind the begin of the first are noisy; the sensor is quiet between and behind."""
+    values, noise = quiet(300), np.random.default_rng(4).standard_normal((12_000, 6))
+    for begin_s, end_s in ((100, 110), (112, 120), (132, 137)):
+        burst = slice(begin_s * 40, end_s * 40)
+        values[burst, :6] += 5 * SIGMA[:6] * noise[burst]
+    _, valid, _ = excluded(values)
+    for begin_s, end_s in ((100, 110), (112, 120), (132, 137)):
+        assert not valid[begin_s * 40 : end_s * 40, :2].any()
+    assert valid[150 * 40 :].mean() > 0.99
+
+
 def test_a_tilt_breaks_the_record() -> None:
     values = quiet(200)
     values[4000:, 4] += 0.5

@@ -276,6 +276,15 @@ RETURN_FRAMES = RULES.add(
     origin="chosen: half of the window",
     benchmark="sensitivity.py",
 )
+PAUSE_FRAMES = RULES.add(
+    "PAUSE_FRAMES",
+    2,
+    unit="frames, about s",
+    decides="after this many in a row that the old baseline calls usual, the search for a new rest starts again",
+    without="two long bursts of noise and the pause between them become the baseline, and the next burst is usual",
+    origin="a noise that is usual to the old baseline in one of five frames has two in a row once in half a minute",
+    benchmark="sample_errors.py",
+)
 MOST_UNUSUAL_CANDIDATES = RULES.add(
     "MOST_UNUSUAL_CANDIDATES",
     WINDOW_FRAMES - MOTION_FRAMES,

@@ -76,6 +76,7 @@ from imumon.noise.detection.detection_rules import (
     MOST_UNUSUAL_CANDIDATES,
     MOTION_FRAMES,
     PARTS,
+    PAUSE_FRAMES,
     READY_FRAMES,
     REST_FRAMES,
     RETURN_FRAMES,
@@ -556,6 +557,8 @@ class DisturbanceDetector(ArrayState):
             self._candidates.append(frames)
         elif self._unknown_frames >= FIRST_FRAMES:  # as long as the gaps for which the guard calls `end`
             self._candidates = []
+        if self._window[-PAUSE_FRAMES:] == [Verdict.USUAL] * PAUSE_FRAMES:
+            self._candidates = []  # the old noise between two bursts of another one is no part of a new rest
         # Unknown frames count as usual here. Nothing is seen to move any more: otherwise a sensor that was put down
         # while its samples were lost would be "not at rest" for as long as they are. Motion that continues is compared
         # with the same baseline, excluded frame by frame, and recognised again. Without a baseline nothing is unusual,
