@@ -252,6 +252,18 @@ def test_the_drawn_model_passes_through_its_data(quiet: Floats) -> None:
     assert float(np.mean(list(outside.values()))) <= 0.05, outside
 
 
+@pytest.mark.parametrize("samples", [46, 58])
+def test_a_fast_oscillation_of_a_short_record_is_drawn_as_large_as_it_is(samples: int) -> None:
+    """Columns of an oscillation beyond the coefficients that they are fitted to would be arbitrary."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        values = rng.standard_normal((samples, 6))
+        values += 5.0 * np.cos(2.0 * np.pi * np.arange(samples)[:, None] / rng.uniform(2.2, 6.0, 6))
+        curve = curve_of(values)
+        for channel, fit in enumerate(fit_curve(curve, averaged=False, time_to=False)):
+            assert fit.model.max() < 10.0 * curve.sigma[:, channel].max()
+
+
 def test_what_no_description_fits_has_a_caveat_or_limits_that_hold_the_truth(quiet: Floats) -> None:
     t = np.arange(len(quiet))[:, None] / RATE
     wild = 1e-3 * np.sin(2.0 * np.pi * np.cumsum(0.3 * np.abs(np.sin(t / 7.0)), axis=0) / RATE)

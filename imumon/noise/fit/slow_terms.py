@@ -34,6 +34,7 @@ from imumon.noise.fit.fit_rules import (
     BEYOND_SINGLE,
     CERTAIN,
     CHANCE,
+    COEFFICIENTS_PER_COLUMN,
     CYCLE_PENALTY,
     EVIDENCE,
     FEW_CYCLES,
@@ -329,6 +330,11 @@ class SlowTermSearch:
         series, first = self._series, self._series.y.size - int(self._series.count[-1]) + 1
         numbers = np.arange(2 * FEWEST_CYCLES - 1, min(2 * FEW_CYCLES, int(series.count[-1]) - 1))
         numbers = numbers[(series.f[first + numbers] <= self._top) & ~self.terms.masked[first + numbers]]
+        # the columns are fitted to single coefficients: beyond them, or with few of them, they are nearly the same
+        rows = self._searched_rows()
+        if rows.size < COEFFICIENTS_PER_COLUMN * len(columns_of.OSCILLATION):
+            return []
+        numbers = numbers[np.isin(first + numbers, rows)]
         columns = columns_of.waves(series, (numbers + 1).astype(np.float64))
         threshold = _chi_square(2, CHANCE / (series.y.size * len(OSCILLATION_WIDTHS)))
         return [
@@ -365,8 +371,7 @@ class SlowTermSearch:
     def _gains(self, columns: Floats, starts: Ints) -> Floats:
         """Return twice the gain in log likelihood by columns (m, t) added from each start to the next."""
         series, terms, surface = self._series, self.terms, self.surface
-        # a third, as of the coefficients that stay single: the others are the noise that is compared with
-        rows = series.order[: min(SEARCHED, series.y.size // 3)]
+        rows = self._searched_rows()
         rows = rows[~terms.masked[rows] & (series.f[rows] <= self._top)]
         X = columns_of.matrix(series, terms.regressors)
         variances = {term: variance[rows] for term, variance in series.variances.items()}
@@ -381,6 +386,13 @@ class SlowTermSearch:
             WALK: np.append(best[WALK] * FALLING, ends[WALK]),
         }
         return columns_of.gains(coefficients, self._likelihood.surface(grids), columns[rows], starts)
+
+    def _searched_rows(self) -> Ints:
+        """Return the numbers of the coefficients in which columns are sought, lowest frequency first.
+
+        A third, as of the coefficients that stay single: the others are the noise that is compared with.
+        """
+        return self._series.order[: min(SEARCHED, self._series.y.size // 3)]
 
     def _oscillation(self, number: int) -> list[Regressor]:
         """Return the regressors of the oscillation about a coefficient of the last segment."""
