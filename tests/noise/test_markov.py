@@ -43,9 +43,10 @@ def test_it_tends_to_a_walk_and_to_white_noise(level: int, time: float, other: o
     expected = power * other.bin_expectation(level, averaged=True, window=1)  # type: ignore[attr-defined]
     assert markov.bin_expectation(level, averaged=True, window=1) == pytest.approx(expected, rel=0.02)
     if other is WALK:
-        for averaged in (True, False):
-            leak = markov.leak(level, averaged=averaged)
-            assert leak == pytest.approx(power * WALK.leak(level, averaged=averaged), rel=1e-3)
+        f = np.arange(1, 129) / 256 / 2.0**level
+        for averaged in (True, False):  # what missing samples let leak
+            seen = markov.seen_density(f, averaged=averaged, window=3)
+            assert seen == pytest.approx(power * WALK.seen_density(f, averaged=averaged, window=3), rel=1e-3)
 
 
 def records(

@@ -77,3 +77,21 @@ def test_limits_hold_the_truth_with_missing_samples(loss: float, run: int) -> No
         )
         assert size < (2.0 if loss <= 0.1 else 6.0) * one, name
     assert sum(fit.K.status == "measured" for fit in fits) <= 2
+
+
+def test_long_holes_cost_the_samples_that_are_missing_and_no_more() -> None:
+    """A sixth of an hour in twenty holes of half a minute: they lie in each of the lower segments."""
+    values = synthesise(144_000, 40.0, N=[6e-5] * CHANNELS, B=2.4e-5, K=4e-5, seed=5, averaged=False)
+    ok = np.ones((144_000, 1), dtype=bool)
+    for begin in np.random.default_rng(3).integers(0, 142_800, 20).tolist():
+        ok[begin : begin + 1200] = False
+    whole, part = OctaveCascade(CHANNELS, 1 / 40), OctaveCascade(CHANNELS, 1 / 40)
+    whole.update(values)
+    part.update(values, ok)
+    complete, fits = (fit_curve(each.result(), averaged=False, time_to=False) for each in (whole, part))
+    size, one = (np.median([fit.K.high - fit.K.low for fit in each]) for each in (fits, complete))
+    assert size < 1.4 * one
+    assert sum("model_misses" in fit.caveats for fit in fits) <= 1
+    for name, truth in (("N", 6e-5), ("B", 2.4e-5), ("K", 4e-5)):
+        limits = [(getattr(fit, name).low, getattr(fit, name).high) for fit in fits]
+        assert sum(low <= truth <= high for low, high in limits) >= 9, name

@@ -35,6 +35,7 @@ from imumon.noise.fit.model_curve import (
     limit_factors,
     line_variances,
     moved_variances_at,
+    possible_differences,
 )
 from imumon.noise.fit.observations import meeting_frequency, observed_density
 from imumon.noise.fit.search import Model
@@ -95,7 +96,10 @@ def with_curve(
     drawn = np.sqrt(random + fixed)
     # the limits are those of noise: where a column moves the mean much more, they are narrower than it is known
     slack = COLUMN_SLACK * np.sqrt(fixed)
-    outside = np.flatnonzero(used & ((drawn < low - slack) | (drawn > high + slack)))
+    # the model is fitted to all samples: of those that the differences miss, it has an error of its own
+    known = np.minimum(curve.terms[:, channel] / possible_differences(m, curve.span), 1.0)
+    least, most = (sigma * factor for factor in limit_factors(np.maximum(known * edf, 1.0)))
+    outside = np.flatnonzero(used & ((drawn < least - slack) | (drawn > most + slack)))
     if _misses(outside, np.flatnonzero(used)):
         caveats.append("model_misses")
         fit = _bounded_by_curve(fit, terms, outside, high)

@@ -24,7 +24,7 @@ and a term is the object that knows these unit expectations:
 |---|---|---|
 | density of the samples | drawn model | `density` |
 | bin of a Welch spectrum, behind the filters of its level | bands of the likelihood | `bin_expectation` |
-| what missing samples let leak into a bin | bands of the likelihood | `leak` |
+| density that missing samples let leak into a bin | bands of the likelihood | `seen_density` |
 | cosine coefficient of block means | single coefficients of the likelihood | `coefficient_variances` |
 | Allan variance | drawn model | `allan_variances` |
 | covariance of the differences of the Allan variance | limits of the curve | `difference_covariances` |
@@ -77,11 +77,9 @@ from imumon.noise.power_law import EXACT, coefficient_variances, phase_autocovar
 from imumon.noise.spectrum.expectation import (
     bin_expectation,
     seen_by_bins,
-    segment_variances,
     short_term_density,
-    within_segment,
+    window_power,
 )
-from imumon.noise.spectrum.level_sums import SEGMENT
 from imumon.samples import Floats, Ints
 
 SECOND_DIFFERENCE = {-2: 1.0, -1: -4.0, 0: 6.0, 1: -4.0, 2: 1.0}
@@ -123,14 +121,9 @@ class NoiseTerm(ABC):
         window : samples of a moving average in the sensor; 1: none.
         """
 
-    @abstractmethod
-    def leak(self, level: int, *, averaged: bool) -> float:
-        """Return the variance of the term within a segment, in units of the density of a level.
-
-        Times the density of the share of valid samples (`LevelSums.holes`), it is what missing samples let leak
-        out of the term (Parzen 1963). White noise times any pattern of missing samples is white, so that only
-        slow terms leak; what is subtracted from a segment with missing samples takes a little of it.
-        """
+    def seen_density(self, f: Floats, *, averaged: bool, window: int) -> Floats:
+        """Return (k,) the density of the samples behind a moving average in the sensor over `window` samples."""
+        return self.density(f, averaged=averaged) * window_power(f, window)
 
     @abstractmethod
     def coefficient_variances(self, count: int, length: int) -> Floats:
@@ -174,13 +167,6 @@ class PowerLaw(NoiseTerm):
     def bin_expectation(self, level: int, *, averaged: bool, window: int) -> Floats:
         """Return (n,) the density of each bin in use of a level."""
         return np.asarray(bin_expectation(level, averaged=averaged, window=window)[self.exponent])
-
-    def leak(self, level: int, *, averaged: bool) -> float:
-        """Return the variance of the term within a segment, in units of the density of a level."""
-        # the variance is per interval of the level, 2^level samples; the density again per sample of level 0
-        return float(segment_variances(level, averaged=averaged)[self.exponent]) * 2.0 ** (
-            level * self.exponent
-        )
 
     def coefficient_variances(self, count: int, length: int) -> Floats:
         """Return (count - 1,) the variances of the cosine coefficients."""
@@ -237,9 +223,9 @@ class Quantisation(NoiseTerm):
         """Return (n,) the density of each bin in use of a level; rounding comes after any filter in the sensor."""
         return short_term_density(level)
 
-    def leak(self, level: int, *, averaged: bool) -> float:
-        """Return 0: differences of independent errors have no slow part that could leak."""
-        return 0.0
+    def seen_density(self, f: Floats, *, averaged: bool, window: int) -> Floats:
+        """Return (k,) the density of the samples, which are rounded behind any filter."""
+        return self.density(f, averaged=averaged)
 
     def coefficient_variances(self, count: int, length: int) -> Floats:
         """Return (count - 1,) the variances of the cosine coefficients.
@@ -291,15 +277,6 @@ class GaussMarkov(NoiseTerm):
     def bin_expectation(self, level: int, *, averaged: bool, window: int) -> Floats:
         """Return (n,) the density of each bin in use of a level."""
         return seen_by_bins(lambda f: self.density(f, averaged=averaged), level, window)
-
-    def leak(self, level: int, *, averaged: bool) -> float:
-        """Return the variance of the term within a segment, in units of the density of a level."""
-        interval = 2.0**level
-        zero, one, ratio = markov_law.average_autocovariance(self.time / interval)
-        by_lag = np.concatenate(([zero], one * ratio ** np.arange(SEGMENT - 1.0)))
-        # the samples that are missing are those of level 0, which vary more than their averages
-        within = (markov_law.average_autocovariance(self.time)[0] if averaged else 1.0) - zero
-        return (within_segment(by_lag, level) + within) * interval
 
     def coefficient_variances(self, count: int, length: int) -> Floats:
         """Return (count - 1,) the variances of the cosine coefficients."""

@@ -56,6 +56,7 @@ def degrees_of_freedom(m: Ints, differences: Ints, span: int, powers: TermPowers
     """
     out = np.zeros(m.size)
     covariances = total(powers, lambda term: term.difference_covariances(m))
+    possible = possible_differences(m, span).tolist()
     for octave, (cluster, count) in enumerate(zip(m.tolist(), differences.tolist(), strict=True)):
         if not count:
             continue
@@ -63,7 +64,7 @@ def degrees_of_freedom(m: Ints, differences: Ints, span: int, powers: TermPowers
         stride = max(1, cluster // RATIO)
         if cluster < RATIO:  # one difference per sample: fewer strides in a cluster than the table has
             r = r[:: RATIO * stride // cluster]
-        full = max((span - 2 * cluster) // stride + 1, 1)
+        full = possible[octave]
         counts = np.maximum(full - np.arange(r.size), 0.0)
         counts[1:] *= 2.0  # a lag occurs in both directions
         variance = float(counts @ r**2) / full**2
@@ -71,6 +72,12 @@ def degrees_of_freedom(m: Ints, differences: Ints, span: int, powers: TermPowers
         # missing differences reduce it in proportion: they are scattered
         out[octave] = max(edf * min(1.0, count / full), 1.0)
     return out
+
+
+def possible_differences(m: Ints, span: int) -> Ints:
+    """Return (k,) the differences of clusters of m samples in a record of `span` samples without a missing one."""
+    stride = np.maximum(1, m // RATIO)
+    return np.maximum((span - 2 * m) // stride + 1, 1)
 
 
 def line_variances(m: Ints, frequency: float, width: float, power: float) -> Floats:

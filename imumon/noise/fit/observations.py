@@ -36,15 +36,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
 from imumon.noise.blocks import BlockMeans
-from imumon.noise.fit.fit_rules import BAND_EDGES, LEAST_BINS, LEAST_BLOCKS, MOST_FILLED
+from imumon.noise.fit.fit_rules import BAND_EDGES, LEAST_BINS, LEAST_BLOCKS, LONGEST_FILLED, MOST_FILLED
 from imumon.noise.fit.model import TERMS, WHITE, NoiseTerm
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.expectation import degrees_of_freedom, filter_power, short_term_density
+from imumon.noise.spectrum.leakage import HALF, WAVES_SHARE, leaked
 from imumon.noise.spectrum.level_sums import FIRST_BIN, SEGMENT, SUB_BAND, LevelSums, last_bin
 from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES
 from imumon.samples import Bools, Floats, Ints
@@ -183,10 +184,10 @@ def block_series(
             return None
         steps = np.diff(present)
         # one missing block never cuts: a cut costs a constant, a drift and the lowest frequencies
-        apart = (steps > max(2.0, MOST_FILLED * present.size)) | (np.diff(segment[present]) != 0)
+        apart = (steps > max(2.0, LONGEST_FILLED * present.size)) | (np.diff(segment[present]) != 0)
         if (steps[~apart] - 1).sum() <= MOST_FILLED * present.size:
             break
-        # what fills a hole has no noise of its own; of two neighbours seldom both are missing
+        # what fills a hole adds no information; of two neighbours seldom both are missing
         blocks = blocks.joined()
         if degrees is not None:
             pairs = degrees[: degrees.size // 2 * 2].reshape(-1, 2)
@@ -317,7 +318,7 @@ def spectral_expectations(
     """Return (r,) of each term, the expectation of power 1 of the bands of `spectral_powers`."""
     group = int(sums.group[column])
     means = [
-        _band_means(layout, sums.levels[layout.s], group, averaged, window, tuple(terms))
+        _band_means(layout, sums.levels, group, averaged, window, tuple(terms))
         for layout in _layouts(sums, column)
     ]
     none = np.zeros((len(terms), 0))  # a short record has no level that counts
@@ -331,10 +332,12 @@ def _layouts(sums: NoiseSums, column: int) -> list[_BandLayout]:
     for s, level in enumerate(sums.levels):
         count = float(level.averages[group])
         if count >= LEAST_AVERAGES:
+            # what is missing in a segment is missing in its degrees of freedom
+            there = count / float(level.white[group])
             mask = _line_bins(sums, s, column)
             # sums of a part of a record have sub-bands instead of bins: a line in one leaves out all of it
             kept = ~np.logical_or.reduceat(mask, np.arange(0, mask.size, pool))
-            out.append(_band_layout(s, count, pool, kept.tobytes()))
+            out.append(_band_layout(s, count, there, pool, kept.tobytes()))
     return out
 
 
@@ -370,15 +373,20 @@ class _BandLayout:
 
 
 @lru_cache(maxsize=64)  # the channels of a sensor have the same bands unless they have lines
-def _band_layout(s: int, count: float, pool: int, kept_pools: bytes) -> _BandLayout:
-    """Return the bands of level s, of `count` averages, of which some bins, or pools of bins, are kept."""
+def _band_layout(s: int, count: float, there: float, pool: int, kept_pools: bytes) -> _BandLayout:
+    """Return the bands of level s, of `count` averages, of which some bins, or pools of bins, are kept.
+
+    Parameters
+    ----------
+    there : share of the samples of a segment that are not missing.
+    """
     bins = np.arange(FIRST_BIN, last_bin(s))
     kept = np.repeat(np.frombuffer(kept_pools, dtype=bool), pool)[: bins.size]
     starts = np.array([low for low in BAND_EDGES[:-1] if low < bins[-1]]) - FIRST_BIN
     number = np.add.reduceat(kept.astype(np.float64), starts)
     rows_of = np.split(np.arange(bins.size), starts[1:])
     dof = [
-        _band_dof(bins[rows[kept[rows]]].tobytes(), count) if size >= LEAST_BINS else 0.0
+        there * _band_dof(bins[rows[kept[rows]]].tobytes(), count) if size >= LEAST_BINS else 0.0
         for rows, size in zip(rows_of, number.tolist(), strict=True)
     ]
     # a level below the first ends within its last band: the level above has the bins beyond
@@ -393,14 +401,14 @@ def _band_layout(s: int, count: float, pool: int, kept_pools: bytes) -> _BandLay
 @lru_cache(maxsize=64)  # most channels of a sensor ask for the same terms
 def _band_means(
     layout: _BandLayout,
-    level: LevelSums,
+    levels: tuple[LevelSums, ...],
     group: int,
     averaged: bool,
     window: int,
     terms: tuple[NoiseTerm, ...],
 ) -> Floats:
     """Return (terms, b) what each band of a level expects of each term."""
-    return layout.mean(_expected_bins(level, layout.s, group, averaged=averaged, window=window, terms=terms))
+    return layout.mean(expected_bins(levels, layout.s, group, averaged=averaged, window=window, terms=terms))
 
 
 def _line_bins(sums: NoiseSums, s: int, column: int) -> Bools:
@@ -410,22 +418,39 @@ def _line_bins(sums: NoiseSums, s: int, column: int) -> Bools:
     return np.asarray(masks[s][column][bins] if s < len(masks) else np.zeros(bins.size, dtype=bool))
 
 
-def _expected_bins(
-    level: LevelSums, s: int, group: int, *, averaged: bool, window: int, terms: Sequence[NoiseTerm]
+def expected_bins(
+    levels: Sequence[LevelSums],
+    s: int,
+    group: int,
+    *,
+    averaged: bool,
+    window: int,
+    terms: Sequence[NoiseTerm],
 ) -> Floats:
     """Return (terms, n) what each bin in use of level s expects of each term."""
+    level = levels[s]
     count = float(level.averages[group])
     # missing samples make noise larger, white noise by more: its density follows from their number
     missing = [(level.white if term == WHITE else level.slow)[group] / count for term in terms]
     unit = [_bin_expectation(term, s, averaged, window) for term in terms]
     expected = np.stack([factor * of_term for factor, of_term in zip(missing, unit, strict=True)])
     if level.holes[group].any():
-        holes = np.repeat(level.holes[group] / count, SUB_BAND)[: expected.shape[1]]
+        # white noise times any pattern of missing samples is white, but of it the waves take a share
+        taken = WAVES_SHARE * np.repeat(level.holes[group] / count, SUB_BAND)[: expected.shape[1]]
         for row, term in enumerate(terms):
-            leak = holes * term.leak(s, averaged=averaged)
-            # of white noise the waves take a share, the more the fewer samples they are fitted to
-            expected[row] += leak * expected[row] if term == WHITE else leak
+            if term == WHITE:
+                expected[row] *= 1.0 - taken
+            else:
+                density = partial(_level_density, term, averaged=averaged, window=window)
+                expected[row] += leaked(levels, s, group, density)
     return np.asarray(expected)
+
+
+@lru_cache(maxsize=1024)
+def _level_density(term: NoiseTerm, level: int, *, averaged: bool, window: int) -> Floats:
+    """Return (HALF + 1,) the density of a term at the bins of a level; 0.0 at frequency 0."""
+    f = np.arange(1, HALF + 1) / SEGMENT / 2.0**level
+    return np.concatenate(([0.0], term.seen_density(f, averaged=averaged, window=window)))
 
 
 @lru_cache(maxsize=64)

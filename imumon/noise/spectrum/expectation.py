@@ -23,7 +23,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from imumon.noise.power_law import average_covariance, sampled_density
+from imumon.noise.power_law import sampled_density
 from imumon.noise.spectrum.half_band import TAPS
 from imumon.noise.spectrum.level_sums import (
     BINS,
@@ -32,7 +32,6 @@ from imumon.noise.spectrum.level_sums import (
     HANN_POWER,
     HOP,
     SEGMENT,
-    SLOW_WAVES,
     last_bin,
 )
 from imumon.noise.spectrum.spectral_lines import LOBE
@@ -102,52 +101,6 @@ def bin_expectation(level: int, *, averaged: bool, window: int = 1) -> Floats:
     averaged : the samples are true averages over their interval, else point samples.
     """
     return seen_by_bins(lambda f: sampled_density(f, averaged=averaged), level, window)
-
-
-POINT_FLICKER, POINT_WALK = 0.1475, 1.0 / 6.0
-"""Variance of point samples less that of averages for B = K = 1: the integral of the difference of their densities."""
-
-
-@lru_cache(maxsize=64)
-def segment_variances(level: int = 0, *, averaged: bool = True) -> Floats:
-    """Return (3,) what missing samples leak of N = B = K = 1, times the density of their share: a variance.
-
-    In units of the interval of the level. White noise stays white whatever is missing, but for the waves that are
-    subtracted: of each, one degree of freedom, and so a share of its density. Of the others it is the variance within a
-    segment that the waves leave. The samples that are missing are those of level 0, which vary more than their
-    averages.
-
-    Parameters
-    ----------
-    averaged : the samples are true averages over their interval, else point samples.
-    """
-    of_white = -len(SLOW_WAVES) / SEGMENT
-    slow = [within_segment(covariance[0], level) for covariance in average_covariance(SEGMENT)[1:]]
-    # between the samples of level 0 within one of this level, which their average has lost
-    within = np.array([0.0, level * np.log(2.0) / np.pi, (1.0 - 0.5**level) / 6.0])
-    if not averaged:
-        within = within + np.array([0.0, POINT_FLICKER, POINT_WALK * 0.5**level])
-    return np.asarray(np.array([of_white, *slow]) + within)
-
-
-@lru_cache(maxsize=1)
-def _lags_left() -> Floats:
-    """Return (SEGMENT,) by lag, what an autocovariance counts in the variance that `SLOW_WAVES` leave in a segment."""
-    rest = np.eye(SEGMENT) - SLOW_WAVES.T @ SLOW_WAVES
-    left = rest @ (HANN[:, None] ** 2 / HANN_POWER * rest)
-    lags = np.array([np.trace(left, lag) for lag in range(SEGMENT)])
-    lags[1:] *= 2.0  # both signs
-    return lags
-
-
-def within_segment(covariance: Floats, level: int) -> float:
-    """Return the variance that `SLOW_WAVES` leave within a segment, of an autocovariance (SEGMENT,) by lag.
-
-    Samples count by the square of the window. On level 0 a sample is missing as a whole. There, the waves leave more
-    than where it is fitted, as in any regression; the other levels have shares of samples.
-    """
-    left = float(_lags_left() @ covariance)
-    return left if level else left / (1.0 - len(SLOW_WAVES) / SEGMENT)
 
 
 @lru_cache(maxsize=1)

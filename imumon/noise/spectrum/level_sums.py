@@ -29,6 +29,8 @@ BINS = np.fft.rfftfreq(SEGMENT).size
 FIRST_BIN = 46
 """First bin of a level that is used: below, the level after it resolves better. Level 0 is used up to half the sampling
 rate."""
+NEAR = FIRST_BIN // 2
+"""Bins from its own up to which slow noise counts as that of a bin: half the distance from the lowest one to zero."""
 SUB_BAND = 8
 """Bins that are added up in the sums of a part of a record: a sixth of the octave. By bin, a mark would be eight times
 as large in the saved state."""
@@ -42,6 +44,9 @@ SLOW_WAVES = np.cos(np.pi * np.outer(np.arange(_WAVES), np.arange(SEGMENT) + 0.5
 SLOW_WAVES /= np.sqrt((SLOW_WAVES**2).sum(axis=1, keepdims=True))
 """(waves, SEGMENT) orthonormal cosines up to bin 7.5, which leave the bins in use alone. Segments with missing samples
 are without them: of a random walk they leave a 25th of its variance, so that much less of it leaks."""
+WAVES_PRIOR = np.arange(_WAVES) ** 2 / (_WAVES * SEGMENT)
+"""(waves,) what a random walk says of the amplitudes, added to the diagonal of the equations for them: its noise per
+sample beside the waves over the variance of each. Without it, a hole of half a segment makes them arbitrary."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -32,10 +32,9 @@ expects the sum over d of S(k - d) |F(h w)[d]|^2 over sum h^2 and the square of 
 
 - d near 0, where S is that of the bin: S times the power of h w there. It is 1 for scattered losses, and the inverse of
   the mean share for a hole.
-- d near k, where S is that of the lowest frequencies: their variance that the waves leave within the segment
-  (`expectation.segment_variances`) times |F(h w)[k]|^2. For scattered losses that is white; for a hole of L samples it
-  falls beyond a frequency of 1/L, so it is summed by frequency. With the mean alone subtracted, the leak of a walk
-  exceeds its density in the segments about a hole, and a few numbers decide what the bands say.
+- all others, which leak from other frequencies (`leakage`). For scattered losses they are the same for all bins; for a
+  hole of L samples they fall beyond a distance of 1/L, so they are summed by distance. With the mean alone subtracted,
+  the leak of a walk exceeds its density in the segments about a hole.
 
 Segments in which w varies much do not count: with few losses every level has segments, with many only the levels whose
 samples are sums over several.
@@ -61,8 +60,10 @@ from imumon.noise.spectrum.level_sums import (
     HANN,
     HANN_POWER,
     HOP,
+    NEAR,
     SEGMENT,
     SLOW_WAVES,
+    WAVES_PRIOR,
     Level,
     LevelSums,
     last_bin,
@@ -84,10 +85,9 @@ from imumon.samples import Bools, Floats
 
 LEVELS = 38
 """Most levels, and octaves of the Allan curve of a part: 2^37 samples are five years at 800 Hz."""
-MOST_VARIATION, MOST_VARIATION_BELOW, BELOW = 0.35, 0.06, 5
-"""Relative variance of the share of valid samples within a segment that counts, and the same from level `BELOW` on: so
-much of the variance of the slow noise within the segment appears as white noise. Single losses have averaged out on the
-lower levels, where slow noise prevails and only long gaps remain."""
+MOST_VARIATION = 0.8
+"""Relative variance of the share of valid samples within a segment that counts: of scattered losses, and of a hole,
+p / (1 - p) with the share p that is missing. The expectation of the sums holds up to 1 (`leakage`)."""
 LONG_GAP = 1 << 16
 """Samples, longest gap that segments may span; a longer one ends all segments. The zeros of a gap pass all levels,
 which takes as long as samples would: 0.1 s for these, minutes for a gap of a month."""
@@ -106,8 +106,6 @@ MOST_HOLES = SEGMENT * MOST_WHITE
 HOLES = Range(0.0, MOST_HOLES * MOST)
 """Sums of the densities of shares."""
 
-NEAR = FIRST_BIN // 2
-"""Bins from its own up to which slow noise counts as that of a bin: half the distance from the lowest one to zero."""
 BATCH_HOPS = 8
 """Hops that are processed together, because each array operation has a fixed cost."""
 COUNTS = ("white", "slow", "averages")
@@ -477,7 +475,7 @@ class SpectrumAccumulator:
         enough = mean >= LEAST_SHARE
         safe = np.where(enough, mean, 1.0)  # no division by zero in segments that do not count
         variation = shares.var(axis=2) / safe**2
-        enough &= variation <= (MOST_VARIATION if s < BELOW else MOST_VARIATION_BELOW)
+        enough &= variation <= MOST_VARIATION
         self._add_holes(s, shares, enough / safe**2, with_holes=enough & (variation > ROUNDING))
         white = (shares * HANN**2).sum(axis=2) / (HANN_POWER * safe**2)
         level.white = _sum(level.white, enough * white)
@@ -498,10 +496,12 @@ class SpectrumAccumulator:
         for group in np.flatnonzero(with_holes.any(axis=1)).tolist():
             rows = np.ix_(np.flatnonzero(self._groups == group), np.flatnonzero(with_holes[group]))
             # a sample of a level is the sum of its share of valid samples, and so is the variance of its noise
-            waves = SLOW_WAVES * shares[group, rows[1][0], None]
+            weights = shares[group, rows[1][0], None]
+            # the filters overshoot, but no sample counts less than not at all
+            known = (SLOW_WAVES * np.maximum(weights, 0.0)) @ SLOW_WAVES.T
             moments = SLOW_WAVES @ segments[rows].transpose(1, 2, 0)
-            amplitudes = np.linalg.solve(waves @ SLOW_WAVES.T, moments)
-            out[rows] = (amplitudes.transpose(0, 2, 1) @ waves).transpose(1, 0, 2)
+            amplitudes = np.linalg.solve(known + np.diag(WAVES_PRIOR), moments)
+            out[rows] = (amplitudes.transpose(0, 2, 1) @ (SLOW_WAVES * weights)).transpose(1, 0, 2)
         return out
 
     def _add_holes(self, s: int, shares: Floats, weights: Floats, with_holes: Bools) -> None:
