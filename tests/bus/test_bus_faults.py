@@ -249,10 +249,13 @@ def test_a_subscriber_ignores_invalid_messages_on_an_open_bus() -> None:
             until(subscriber.connected)
             until(lambda: foreign.put("imumon/b/report", good) or subscriber.reports())
             for text in garbage:
-                before = subscriber.malformed
-                foreign.put("imumon/b/report", text)
-                until(lambda before=before: subscriber.reports() and subscriber.malformed > before)
-                foreign.put("imumon/b/event", text)
-                until(lambda before=before: subscriber.malformed > before + 1)
+                # again and again: Zenoh drops a message where the machine is busy
+                for key in ("imumon/b/report", "imumon/b/event"):
+                    before = subscriber.malformed
+                    until(
+                        lambda key=key, text=text, before=before: (
+                            foreign.put(key, text) or (subscriber.reports() and subscriber.malformed > before)
+                        )
+                    )
             assert subscriber.reports()["b"][0] == report("b", 5)
             assert subscriber.events("b") == []

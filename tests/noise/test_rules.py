@@ -12,6 +12,8 @@ from imumon.noise.fit.fit_rules import RULES as FIT
 from imumon.noise.fit.markov_rules import RULES as MARKOV
 from imumon.noise.fit.temperature_rules import RULES as TEMPERATURE
 from imumon.noise.rule_table import RuleTable
+from imumon.noise.spectrum.spectrum_rules import RULES as SPECTRUM
+from imumon.noise.statistics.distribution_rules import RULES as DISTRIBUTION
 from imumon.noise.stretches.stretch_rules import RULES as STRETCHES
 
 PAGE = Path(__file__).parents[2] / "docs" / "THEORY.md"
@@ -21,6 +23,8 @@ TABLES = {
     "Gauss–Markov noise": MARKOV,
     "detection": DETECTION,
     "stretches": STRETCHES,
+    "the spectrum": SPECTRUM,
+    "the distribution": DISTRIBUTION,
 }
 
 

@@ -20,19 +20,15 @@ import numpy as np
 
 from imumon.noise.spectrum.level_sums import BINS, FIRST_BIN, HANN_POWER, SEGMENT, last_bin
 from imumon.noise.spectrum.spectral_lines import (
-    PROMINENCE,
     NarrowBand,
     SpectralLine,
     distinct,
     find_narrow_bands,
     median_to_mean,
 )
+from imumon.noise.spectrum.spectrum_rules import LEAST_AVERAGES, PROMINENCE
 from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Bools, Floats, Ints
-
-LEAST_AVERAGES = 4
-"""Averages from which a level counts in a fit, and replaces the one above in what is displayed: with three, the 95 %
-limits of a bin span a factor of 13."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,34 +33,25 @@ import numpy as np
 from scipy.special import gammainccinv, gammaincinv
 
 from imumon.noise.spectrum.level_sums import BINS, SEGMENT
+from imumon.noise.spectrum.spectrum_rules import (
+    HARMONICS,
+    LEVEL_ERRORS,
+    LINE_CHANCE,
+    MAINS_SPREAD,
+    SAME_LINE,
+    SIDE,
+)
 from imumon.samples import Bools, Floats
 
-LINE_CHANCE = 1e-6
-"""Probability that noise alone makes a band of a bin: one in 200 reports of nine channels, of little power. One with
-`PROMINENCE` was in none of 3,000 (`python benchmarks/guards.py --lines`)."""
-PROMINENCE = 2.0
-"""Least ratio of the highest bin of a line to the density beside it: less does not matter to a user."""
-SIDE = 11
-"""Bins on each side of a bin whose median is the level there: fewer scatter more, more follow a slope of the density
-less. Lines are sought above as many."""
 LOBE = 2
 """Bins on each side of a bin that the main lobe of the window fills."""
 PASSES = 3
 """Searches, each with the medians of the bins that the one before left."""
-LEVEL_ERRORS = 3.0
-"""Standard errors of the median beside a bin by which the threshold is higher: the higher of two medians is
-compared."""
 OVERLAP_DOF = 1.89
 """Degrees of freedom of a bin per average: half overlap costs 1 + 2 (1/6)^2 (Welch 1967)."""
 LEAST_WIDTH = 0.05
 """Bins, least width of a band: the error of its frequency."""
-SAME_LINE = 0.03
-"""Relative difference of frequency within which lines of two levels are the same."""
 MAINS_HZ = (50.0, 60.0)
-HARMONICS = 3
-"""Highest harmonic of the mains that is a candidate."""
-MAINS_SPREAD = 0.002
-"""Relative deviation of the mains frequency from its nominal value that is common."""
 
 
 @dataclass(frozen=True, slots=True)

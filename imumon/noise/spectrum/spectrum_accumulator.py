@@ -69,7 +69,8 @@ from imumon.noise.spectrum.level_sums import (
     last_bin,
     sub_bands,
 )
-from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES, PowerSpectrum, displayed
+from imumon.noise.spectrum.power_spectrum import PowerSpectrum, displayed
+from imumon.noise.spectrum.spectrum_rules import LEAST_AVERAGES
 from imumon.noise.state_schema import (
     MOST,
     Range,

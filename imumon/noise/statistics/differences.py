@@ -33,7 +33,14 @@ from imumon.noise.state_schema import (
     float_field,
     given_field,
 )
-from imumon.noise.statistics.distribution_shape import FEW_LEVELS, LEARN_SAMPLES, MOMENT_ERRORS
+from imumon.noise.statistics.distribution_rules import (
+    FEW_LEVELS,
+    LEARN_SAMPLES,
+    LEAST_EXCESS,
+    LEAST_STEPS,
+    MOMENT_ERRORS,
+    REPEATED,
+)
 from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats
 
@@ -48,14 +55,6 @@ PERIOD, BURST = 1024, 64
 """Samples from one burst to the next, and of one, in which differences count afterwards. Differences within a burst
 are neighbours, as at the beginning; single ones would need two samples each."""
 
-REPEATED = 0.25
-"""Share of differences of zero above which values repeat, of a sensor slower than its samples: their median says
-nothing. Rounding to `LEAST_STEPS` gives a tenth."""
-
-LEAST_STEPS = 3.0
-"""Quantisation steps that sigma(tau0) has at least: the median of fewer levels says little."""
-LEAST_EXCESS = 0.05
-"""Share by which the deviation exceeds the robust one at least, where both disagree."""
 RATIO_VARIANCE = 2.8
 """Variance of the ratio times the number of differences, for white Gaussian noise: 1.36 of the median and 0.5
 of the mean square, 1.5 for the correlation of neighbouring differences."""

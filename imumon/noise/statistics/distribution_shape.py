@@ -17,29 +17,18 @@ from functools import partial
 import numpy as np
 from scipy.special import ndtr
 
+from imumon.noise.statistics.distribution_rules import (
+    DISTANCE_ERROR,
+    GAUSSIAN_DISTANCE,
+    GAUSSIAN_KURTOSIS,
+    GAUSSIAN_SKEWNESS,
+    LEARN_SAMPLES,
+    MODE_HEIGHT,
+    MODE_WIDTH,
+    MOMENT_ERRORS,
+    QUANTISED_STEPS,
+)
 from imumon.samples import Floats, Ints
-
-GAUSSIAN_DISTANCE = 0.025
-"""Kolmogorov distance up to which a distribution counts as Gaussian: probabilities are right to 2.5 %."""
-GAUSSIAN_SKEWNESS = 0.25
-"""Absolute skewness up to which a distribution counts as Gaussian."""
-GAUSSIAN_KURTOSIS = 0.5
-"""Absolute excess kurtosis up to which a distribution counts as Gaussian."""
-DISTANCE_ERROR = 1.5
-"""Sampling error of the distance that is allowed, times sqrt(n)."""
-MOMENT_ERRORS = 4.0
-"""Standard errors of skewness, kurtosis and a ratio of deviations that are allowed, and by which a mode must rise."""
-COARSE_STEPS = 1.5
-"""Standard deviation, in quantisation steps, below which a channel is called quantised."""
-FEW_LEVELS = 8
-"""Levels up to which a channel whose step could not be learned counts as quantised, above which the least difference
-may be several steps, and in a deviation, below which a median is sought between them."""
-MODE_HEIGHT = 0.1
-"""Share of the highest count by which a mode rises above the valleys beside it."""
-MODE_WIDTH = 0.25
-"""Width of the smoothing kernel for modes, as a share of the standard deviation."""
-LEARN_SAMPLES = 256
-"""Samples from which the step of a quantised channel is read, and below which there is no verdict and no median."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +94,7 @@ def assessed(start: float, width: float, counts: Ints, step: float | None) -> Di
     distance = float(np.abs(np.cumsum(share) - phi[1:]).max())
     modes = _modes(counts, centres, math.sqrt(variance))
     deviations = _deviations(n, distance, skewness, kurtosis, len(modes))
-    coarse = step is not None and math.sqrt(variance) * width < COARSE_STEPS * step
+    coarse = step is not None and math.sqrt(variance) * width < QUANTISED_STEPS * step
     if coarse and step is not None:
         deviations = [f"quantised: {int(np.count_nonzero(counts))} levels"]
     if n < LEARN_SAMPLES:

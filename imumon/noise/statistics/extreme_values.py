@@ -25,23 +25,17 @@ import numpy as np
 
 from imumon.noise.array_state import ArrayState
 from imumon.noise.state_schema import COUNT, FLAG, Range
+from imumon.noise.statistics.distribution_rules import (
+    ABOVE_NEXT,
+    LEAST_LEVELS,
+    LEAST_VISITS,
+    MOST_RISE,
+    NEXT_ERRORS,
+)
 from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.statistics.histogram import ROUNDED_GAP
 from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats
-
-LEAST_VISITS = 5
-"""Visits of an extreme value below which it may be chance: values with fine steps meet once in a while."""
-ABOVE_NEXT = 1.25
-"""Visits of an extreme value over the samples of the bin beside its own, above which it gathers what lies beyond. Steps
-of a sixth of the deviation give 2.8 for a range of one deviation, 1.4 for one of three, where N is 0.3 % low."""
-NEXT_ERRORS = 4.0
-"""Standard errors of a number of samples that chance may add."""
-MOST_RISE = 1.1
-"""Samples of the bin beside that of an extreme value over those of the bin within, up to which the density falls
-outwards. It rises towards the turning points of a sine, whose extreme levels have many samples, too."""
-LEAST_LEVELS = 4
-"""Steps from the least to the greatest value below which the outermost level may be the usual one."""
 
 
 @dataclass(frozen=True, slots=True)

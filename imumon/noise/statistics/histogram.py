@@ -17,7 +17,8 @@ import numpy as np
 
 from imumon.noise.array_state import ArrayState
 from imumon.noise.state_schema import COUNT, FLAG, Range, Schema, flag_field, float_field, given_field
-from imumon.noise.statistics.distribution_shape import FEW_LEVELS, LEARN_SAMPLES, DistributionShape, assessed
+from imumon.noise.statistics.distribution_rules import FEW_LEVELS, LEARN_SAMPLES
+from imumon.noise.statistics.distribution_shape import DistributionShape, assessed
 from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats, Ints
 

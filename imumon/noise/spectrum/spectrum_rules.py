@@ -1,0 +1,84 @@
+"""Rules of the spectrum: which bins are lines, and from how many averages a level counts.
+
+The thresholds of `spectral_lines` and `power_spectrum`. docs/THEORY.md prints this table.
+"""
+
+from __future__ import annotations
+
+from imumon.noise.rule_table import RuleTable
+
+RULES = RuleTable()
+
+LEAST_AVERAGES = RULES.add(
+    "LEAST_AVERAGES",
+    4,
+    unit="averages",
+    decides="a level with fewer does not count in a fit and replaces the one above in what is displayed",
+    without="the density of a bin is hardly known, and a level of few averages hides a better one",
+    origin="with three, the 95 % limits of a bin span a factor of 13",
+    benchmark="",
+)
+LINE_CHANCE = RULES.add(
+    "LINE_CHANCE",
+    1e-6,
+    unit="probability",
+    decides="noise alone makes a narrow band of a bin in this share of bins",
+    without="lower, a weak line stays in the spectrum that is fitted; higher, bins are left out by chance",
+    origin="one in 200 reports of nine channels has such a band, of little power; one that is also a line "
+    "was in none of 3,000",
+    benchmark="guards.py --lines",
+)
+PROMINENCE = RULES.add(
+    "PROMINENCE",
+    2.0,
+    unit="of the density beside it",
+    decides="a band whose highest bin exceeds it is reported as a line",
+    without="bands that change no coefficient are named",
+    origin="chosen: less does not matter to a user",
+    benchmark="guards.py --lines",
+)
+SIDE = RULES.add(
+    "SIDE",
+    11,
+    unit="bins",
+    decides="bins on each side of a bin whose median is the level there; lines are sought above as many",
+    without="fewer scatter more, and more follow a slope of the density less",
+    origin="chosen",
+    benchmark="guards.py --lines",
+)
+LEVEL_ERRORS = RULES.add(
+    "LEVEL_ERRORS",
+    3.0,
+    unit="standard errors",
+    decides="the threshold of a line is higher by as many of the median beside it",
+    without="the higher of two medians is compared, and the level is too low by chance",
+    origin="chosen",
+    benchmark="guards.py --lines",
+)
+SAME_LINE = RULES.add(
+    "SAME_LINE",
+    0.03,
+    unit="relative difference",
+    decides="lines of two levels with closer frequencies are one",
+    without="a line between two levels is named twice",
+    origin="chosen",
+    benchmark="",
+)
+HARMONICS = RULES.add(
+    "HARMONICS",
+    3,
+    unit="",
+    decides="highest harmonic of the mains that a line, or its alias, is compared with",
+    without="with more, some harmonic is near to any frequency",
+    origin="chosen",
+    benchmark="",
+)
+MAINS_SPREAD = RULES.add(
+    "MAINS_SPREAD",
+    0.002,
+    unit="of the frequency",
+    decides="deviation of the mains from 50 or 60 Hz up to which a line may be of the mains",
+    without="a hum beside the nominal frequency has no cause that is named",
+    origin="chosen: a deviation that is common",
+    benchmark="",
+)
