@@ -297,7 +297,9 @@ def _without_size(markov: MarkovEstimate | None, reason: str) -> MarkovEstimate 
     """Return Gauss–Markov noise with an upper bound of its standard deviation, and no value of its time constant."""
     if markov is None:
         return None
-    time = replace(markov.time_constant_s, value=None, status="indistinct", reason=reason)
+    time = markov.time_constant_s
+    if time.status == "measured":
+        time = replace(time, value=None, status="indistinct", reason=reason)
     return MarkovEstimate(sigma=_bounded(markov.sigma, reason), time_constant_s=time)
 
 

@@ -308,6 +308,7 @@ def test_what_the_model_does_not_explain_has_bounds() -> None:
         if channel.M is not None:
             assert channel.M.sigma.status != "measured"
             assert channel.M.time_constant_s.status != "measured"
+            assert channel.M.time_constant_s.reason == channel.M.sigma.reason
 
 
 # ---------------------------------------------------------------------- halves
