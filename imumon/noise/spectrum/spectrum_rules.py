@@ -13,7 +13,7 @@ LEAST_AVERAGES = RULES.add(
     "LEAST_AVERAGES",
     4,
     unit="averages",
-    decides="a level with fewer does not count in a fit and replaces the one above in what is displayed",
+    decides="a level with fewer does not count in a fit, and the level above is displayed instead",
     without="the density of a bin is hardly known, and a level of few averages hides a better one",
     origin="with three, the 95 % limits of a bin span a factor of 13",
     benchmark="",
