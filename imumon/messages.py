@@ -50,10 +50,10 @@ CAVEATS: Mapping[str, CaveatText] = {
         "coefficients differ by a factor. The remarks name the columns.",
     ),
     "doubtful_rate": CaveatText(
-        "the sample rate of the recording is doubtful",
-        "Two times show different rates, a comment states another one, or the rate is that of no sensor. A wrong rate "
-        "changes N by the root of its factor, and all times. The remarks name the times: choose with --map, or give "
-        "--rate.",
+        "the sample rate is doubtful",
+        "Two times show different rates, a comment states another one, the host clock contradicts it, or it is that of "
+        "no sensor. A wrong rate changes N by the root of its factor, and all times. The remarks say which: for a "
+        "recording, choose with --map, or give --rate.",
     ),
     "mixed_rows": CaveatText(
         "every second row differs: the rows may be of two sensors",

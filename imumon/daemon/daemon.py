@@ -201,6 +201,7 @@ class Daemon:
                     self._outputs.event(kind, text, level)
                 case DeviceInfo():
                     self._on_info(item)
+                    record.describe(item if connection.info is None else connection.info)
                 case DeviceCounters():
                     connection.counters = item
         samples = record.monitor.samples not in (0, before)

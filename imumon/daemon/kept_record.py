@@ -90,6 +90,11 @@ class KeptRecord:
         self._save_timer.restart(self._clock.monotonic_s())
         return decisions
 
+    def describe(self, info: DeviceInfo) -> None:
+        """Keep what is known of the device now for the saved state."""
+        if self.persistence is not None:
+            self.persistence.describe(info)
+
     def resume(self, info: DeviceInfo, counters: DeviceCounters) -> str | None:
         """Continue after an interruption; return why the device begins a new record, None if it does not."""
         assert self.persistence is not None

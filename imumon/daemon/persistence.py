@@ -138,6 +138,10 @@ class Persistence:
         """Set aside a record that the stream does not continue; return what was done."""
         return self._set_aside("other-stream", mismatch.message)
 
+    def describe(self, info: DeviceInfo) -> None:
+        """Keep what is known of the device now: a caveat may show when samples arrive."""
+        self._device = _saved_device(info)
+
     def differing(self, info: DeviceInfo) -> list[str]:
         """Return the settings that differ from those of the record, as text."""
         return differing(self._settings, data_settings(info))

@@ -56,6 +56,16 @@ def test_a_record_goes_on(tmp_path: Path) -> None:
     kept.close(SessionCounters(started=kept.started))
 
 
+def test_a_caveat_that_shows_later_is_in_the_state(tmp_path: Path) -> None:
+    kept, monitor, _ = begun(tmp_path, facts())
+    monitor.feed(block(0))
+    kept.describe(replace(facts(), caveats=("doubtful_rate",)))
+    kept.close(SessionCounters(started="2026-01-01T00:00:00.000Z"))
+    state, _ = Checkpoint(tmp_path, "lab").load()
+    assert state is not None
+    assert state.header().device.caveats == ("doubtful_rate",)
+
+
 def test_only_a_record_that_is_lost_is_a_warning(tmp_path: Path) -> None:
     leave(tmp_path)
     for of, level in ((facts(), "info"), (facts("0100000002"), "warning")):

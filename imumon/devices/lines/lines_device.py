@@ -21,8 +21,22 @@ CLOCK_S = 5.0
 """s for which the time of the lines is compared with the host clock."""
 CLOCK_RATIO = 2.0
 """Factor between the two beyond which the unit of the time is doubted; wrong units differ by 1000."""
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""s, units of the time of lines."""
 DROPPED = b"\n?"
 """Bytes in the place of dropped ones: the halves of the lines there do not become one line, or a whole one."""
+
+
+def _unit_cure(unit: str | None, ratio: float) -> str:
+    """Return which unit the time of lines has that advances by `ratio` s in a second, read with `unit`.
+
+    >>> _unit_cure("ms", 0.00095), _unit_cure("s", 0.00095)
+    ('write t_s for t_ms in columns=', 'check its unit, t_s, t_ms, t_us or t_ns')
+    """
+    for other in TIME_UNITS if unit in TIME_UNITS else ():
+        if 1.0 / CLOCK_RATIO < ratio * TIME_UNITS[other] / TIME_UNITS[unit or ""] < CLOCK_RATIO:
+            return f"write t_{other} for t_{unit} in columns="
+    return "check its unit, t_s, t_ms, t_us or t_ns"
 
 
 class LinesSession(Session):
@@ -45,6 +59,9 @@ class LinesSession(Session):
             known = {"settings": {**columns.settings, **self._limit}, **columns.stream.facts}
         if self._port.has_rival:
             known["caveats"] = (*known.get("caveats", ()), "other_sender")
+        rate_doubts = tuple(self._rate_doubts())
+        if rate_doubts:
+            known["caveats"] = (*known.get("caveats", ()), "doubtful_rate")
         return DeviceInfo(
             id=self._url.id,
             kind="sensor that prints lines",
@@ -52,7 +69,7 @@ class LinesSession(Session):
             baud=None if self._port.fixed_baud else self._port.baud,
             sample_rate_hz=self._url.rate_hz,
             data_settings=tuple(SENSORS),
-            remarks=(*decoder.remarks, *self._doubts()),
+            remarks=(*decoder.remarks, *self._doubts(), *rate_doubts),
             columns=column_account(columns.account) if columns else (),
             **known,
         )
@@ -63,7 +80,7 @@ class LinesSession(Session):
         return {LINE_BYTES: str(self._longest)} if self._longest != LONGEST_LINE else {}
 
     def _doubts(self) -> Iterator[str]:
-        """Yield who else sends, and what does not fit the host clock: the time of the lines, or the given rate."""
+        """Yield who else sends, and whether lines are lost."""
         # without a number of lines: a remark that changes would be an event each time
         if self._port.datagrams_wait:
             cure = "raise it, or let the sensor print less"
@@ -71,9 +88,14 @@ class LinesSession(Session):
         if (sender := self._port.other_sender) is not None:
             cure = "name the sensor with from=ADDRESS if it is not the first one, or sends from several ports"
             yield f"lines of another sender, {sender}, are ignored: {cure}"
-        if self._clock_ratio is not None and not 1.0 / CLOCK_RATIO < self._clock_ratio < CLOCK_RATIO:
-            ratio = f"{float(f'{self._clock_ratio:.2g}'):,g}"
-            yield f"the time of the lines advances by {ratio} s in a second: check its unit, t_s, t_ms, t_us or t_ns"
+
+    def _rate_doubts(self) -> Iterator[str]:
+        """Yield what does not fit the host clock: the time of the lines, or the given rate."""
+        ratio, columns = self._clock_ratio, self._decoder.columns
+        if ratio is not None and not 1.0 / CLOCK_RATIO < ratio < CLOCK_RATIO:
+            unit = None if columns is None or columns.time is None else columns.time.unit
+            shown = f"{float(f'{ratio:.2g}'):,g}"
+            yield f"the time of the lines advances by {shown} s in a second: {_unit_cure(unit, ratio)}"
         rate_hz = self._url.rate_hz
         if rate_hz is not None and (remark := self._rate_check.remark(rate_hz)) is not None:
             yield remark
