@@ -171,6 +171,9 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
         text = f"--sensor is for tables and logs, and {path} is neither"
         raise OptionNotApplicable("sensor_not_applicable", text, "leave it out")
     _refuse_where(path, options)
+    if options.columns:
+        text = f"{OPTIONS['columns']} is for tables and logs, and {path} has messages of a sensor"
+        raise OptionNotApplicable("map_not_applicable", text, "leave it out")
     check_nothing_stated(path, options)
     if opened.header is None and (advice := _text_cure(opened.head[:HEAD_BYTES])) is not None:
         raise RecordingError("no_messages", f"{path} is {advice[0]}", _with_name(advice[1], path))

@@ -126,11 +126,15 @@ def test_a_coarse_gyroscope_may_be_zero_beside_a_hole(tmp_path: Path) -> None:
     assert replayed(csv(tmp_path / "a.csv", NAMES, t, coarse, accel))[0].session.samples == 3200
 
 
-def test_one_sensor_of_a_capture_is_no_choice(tmp_path: Path) -> None:
+def test_sensor_and_columns_of_a_capture_are_no_choice(tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(b"$VNRRG,1*XX\r\n")
     with pytest.raises(OptionNotApplicable) as error:
         replayed(tmp_path / "a.bin", sensor="gyro")
     assert error.value.code == "sensor_not_applicable"
+    (tmp_path / "b.bin").write_bytes(b'#imumon-recording {"driver": "vn100"}\n$VNRRG,1*XX\r\n')
+    with pytest.raises(OptionNotApplicable) as error:
+        replayed(tmp_path / "b.bin", columns={"gyro/x": "wx"})
+    assert error.value.code == "map_not_applicable"
 
 
 @pytest.mark.parametrize(("gyro_us", "accel_us"), [(10_000, 5000), (5000, 10_000)])
