@@ -8,6 +8,7 @@ import scipy
 
 from imumon.noise import OctaveCascade, fit_curve, read_slopes, synthesise
 from imumon.noise.blocks import BlockMeans
+from imumon.noise.fit.curve_statement import bounded_by_curve
 from imumon.noise.fit.model import FLICKER, WALK, WHITE, powers_of, total
 from imumon.noise.fit.model_curve import (
     degrees_of_freedom,
@@ -189,3 +190,18 @@ def test_slopes_are_read_off_the_curve() -> None:
     assert pytest.approx(1e-4, rel=0.1) == readings["K"]
     assert read_slopes(tau, tau**0.0) == read_slopes(tau * 2.0, tau**0.0)
     assert read_slopes(tau[:2], tau[:2])["N"] is None
+
+
+def test_only_the_terms_that_decide_an_octave_are_bounded_by_it() -> None:
+    """N decides the first octaves of a clean record: what leaves the curve there says nothing of B and K."""
+    cascade = OctaveCascade(1, tau0=0.025)
+    cascade.update(synthesise(144_000, 40.0, N=[6e-5], B=2.4e-5, seed=1, averaged=False))
+    (fit,) = fit_curve(cascade.result(), averaged=False, time_to=False)
+    terms = {term: fit.shares[term.letter] for term in (WHITE, FLICKER, WALK)}
+    high, middle = 2.0 * fit.high, 11
+    assert bounded_by_curve(fit, terms, np.array([0, 1, 2]), high).coefficients == fit.coefficients
+    bounded = bounded_by_curve(fit, terms, np.array([1, middle]), high)
+    assert (bounded.N, bounded.K) == (fit.N, fit.K)
+    assert fit.B.value is not None
+    assert bounded.B.status == "upper_bound"
+    assert bounded.B.high == pytest.approx(fit.B.value * high[middle] / np.sqrt(terms[FLICKER][middle]))

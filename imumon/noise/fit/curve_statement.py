@@ -15,6 +15,7 @@ Example: the classical readings of a curve, for comparison with papers and other
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -102,7 +103,7 @@ def with_curve(
     outside = np.flatnonzero(used & ((drawn < least - slack) | (drawn > most + slack)))
     if _misses(outside, np.flatnonzero(used)):
         caveats.append("model_misses")
-        fit = _bounded_by_curve(fit, terms, outside, high)
+        fit = bounded_by_curve(fit, terms, outside, high)
         if fit.jumps is None and "popcorn" in caveats:
             caveats.remove("popcorn")
     return replace(
@@ -128,10 +129,12 @@ def _misses(outside: Ints, used: Ints) -> bool:
     return outside.size >= MOST_OUTSIDE or (outside.size >= 2 and bool((outside[-2:] == used[-2:]).all()))
 
 
-def _bounded_by_curve(
+def bounded_by_curve(
     fit: ChannelFit, terms: Mapping[NoiseTerm, Floats], outside: Ints, high: Floats
 ) -> ChannelFit:
     """Return a fit with bounds of the correlated terms that decide the drawn model where it leaves the curve.
+
+    Where white noise or rounding is the largest part, no correlated term decides: its bound would be that of N.
 
     Parameters
     ----------
@@ -139,28 +142,31 @@ def _bounded_by_curve(
     outside : octaves at which the model is outside.
     high : (k,) upper limits of the curve.
     """
-    correlated = {term: share for term, share in terms.items() if term not in (WHITE, QUANTISATION)}
-    deciding = {max(correlated, key=lambda term: correlated[term][octave]) for octave in outside.tolist()}
+    deciding: dict[NoiseTerm, list[int]] = defaultdict(list)
+    for octave in outside.tolist():
+        term = max(terms, key=lambda each: float(terms[each][octave]))
+        if term not in (WHITE, QUANTISATION):
+            deciding[term].append(octave)
 
-    def bound(estimate: Estimate, share: Floats) -> Estimate:
-        if estimate.high is None or not share[outside].any():
+    def bound(estimate: Estimate, term: NoiseTerm) -> Estimate:
+        share, octaves = terms[term], deciding[term]
+        if estimate.high is None or not share[octaves].any():
             return estimate
         # the size with which the term alone would reach the upper limit of the curve, if that is more
         value = estimate.value or estimate.high
-        reach = value * float(np.max(high[outside] / np.sqrt(share[outside])))
+        reach = value * float(np.max(high[octaves] / np.sqrt(share[octaves])))
         high_limit = max(estimate.high, reach) if math.isfinite(reach) else estimate.high
         return Estimate(low=0.0, high=high_limit, status="upper_bound", reason=CURVE_DIFFERS)
 
     coefficients = dict(fit.coefficients)
     for term in deciding:
         if term.letter in coefficients:
-            coefficients[term.letter] = bound(coefficients[term.letter], correlated[term])
-    markov = fit.markov
-    if markov is not None and any(term.letter == "M" for term in deciding):
-        share = next(share for term, share in correlated.items() if term.letter == "M")
-        time = replace(markov.time_constant_s, value=None, status="indistinct", reason=CURVE_DIFFERS)
-        markov = MarkovEstimate(sigma=bound(markov.sigma, share), time_constant_s=time)
-        return replace(fit, coefficients=coefficients, markov=markov, jumps=None)
+            coefficients[term.letter] = bound(coefficients[term.letter], term)
+    markov = next((term for term in deciding if term.letter == "M"), None)
+    if fit.markov is not None and markov is not None:
+        time = replace(fit.markov.time_constant_s, value=None, status="indistinct", reason=CURVE_DIFFERS)
+        stated = MarkovEstimate(sigma=bound(fit.markov.sigma, markov), time_constant_s=time)
+        return replace(fit, coefficients=coefficients, markov=stated, jumps=None)
     return replace(fit, coefficients=coefficients)
 
 
