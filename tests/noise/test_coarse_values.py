@@ -41,6 +41,20 @@ def test_a_counting_gyroscope_shows_n_and_q(ratio: float, mean: float) -> None:
     assert "correlated" not in fit.caveats
 
 
+@pytest.mark.parametrize(("counts", "samples"), [(1.0, 2_000), (2.0, 30_000)])
+def test_counts_that_a_short_record_does_not_show_are_in_the_limits_of_n(counts: float, samples: int) -> None:
+    """`counts` is the noise of a sample; the rounding of both ends of an interval adds to N."""
+    count = N / math.sqrt(RATE) / counts
+    misses = 0
+    for seed in range(12):
+        white = synthesise(samples, RATE, N=[N], seed=seed, averaged=True)[:, 0]
+        angle = np.round(np.cumsum(white) / RATE / count) * count
+        fit = fit_of(np.diff(angle, prepend=0.0) * RATE, count * RATE)
+        assert fit.N.low is not None
+        misses += fit.N.low > N
+    assert misses <= 2  # without the second end, four and five
+
+
 def test_a_record_too_short_for_its_counts_is_pending() -> None:
     """With a hundredth of a count of noise a sample, no octave of half an hour has independent errors."""
     count = 30.0 * N / math.sqrt(RATE) * math.sqrt(12.0)

@@ -266,7 +266,8 @@ class Estimator:
             averaged=averaged,
             previous=previous,
             whole=whole,
-            count=step if counted else 0.0,
+            step=step,
+            counted=counted,
         )
         model = search.result()
         if isinstance(model, str):

@@ -100,6 +100,15 @@ INDEPENDENT_COUNTS = RULES.add(
     "limits of N miss in 8 % of records",
     benchmark="",
 )
+NEGLIGIBLE_ROUNDING = RULES.add(
+    "NEGLIGIBLE_ROUNDING",
+    0.2,
+    unit="standard errors of N^2",
+    decides="what rounding of a rate adds to N^2 is looked at from here on: it may be that of an angle, twice as much",
+    without="every channel of a file with few digits is fitted twice",
+    origin="a tenth of the distance from N to its limit",
+    benchmark="sample_errors.py",
+)
 LEAST_VARIANCE = RULES.add(
     "LEAST_VARIANCE",
     1e-100,

@@ -29,6 +29,7 @@ grows.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -42,6 +43,7 @@ from imumon.noise.fit.fit_rules import (
     EVIDENCE,
     INDEPENDENT_COUNTS,
     MOST_ERROR,
+    NEGLIGIBLE_ROUNDING,
     REJECT_P,
     TOLERANCE,
     WINDOW_BANDS,
@@ -71,6 +73,7 @@ from imumon.noise.fit.observations import (
 )
 from imumon.noise.fit.slow_terms import SlowTerms, SlowTermSearch
 from imumon.noise.noise_sums import NoiseSums
+from imumon.noise.validity_groups import ROUNDING_VARIANCE
 from imumon.samples import Bools, Floats
 from imumon.units import DAY
 
@@ -112,6 +115,7 @@ class Model:
     markov : likelihood with Gauss–Markov noise; None: the data do not ask for it.
     upper_error : relative standard deviation of N^2 between choices of the highest frequency, beyond their statistics.
     is_markov_instead : whether Gauss–Markov noise describes the record better than the walk that shows.
+    may_be_counted : whether the record does not exclude that the samples are differences of an angle in counts.
     """
 
     surface: Surface
@@ -127,6 +131,7 @@ class Model:
     markov: MarkovSurface | None = None
     upper_error: float = 0.0
     is_markov_instead: bool = False
+    may_be_counted: bool = False
 
     @property
     def noise_powers(self) -> dict[NoiseTerm, float]:
@@ -148,7 +153,8 @@ class ModelSearch:
     averaged : the samples are true averages over their interval, else point samples.
     previous : choice of an earlier length of the record; None: there was none.
     whole : look for slow terms and Gauss–Markov noise; see `SlowTermSearch`. A part of a record has that of `previous`.
-    count : channel unit, size of a count of the angle whose differences the samples are; 0.0: finer than the noise.
+    step : channel unit, least step between two values, 0.0 where there is none.
+    counted : the values are differences of an angle in counts of this step, which is coarser than their noise.
     """
 
     def __init__(
@@ -160,10 +166,11 @@ class ModelSearch:
         averaged: bool,
         previous: ModelChoice | None = None,
         whole: bool = True,
-        count: float = 0.0,
+        step: float = 0.0,
+        counted: bool = False,
     ) -> None:
         self._sums, self._column, self._averaged, self._previous = sums, column, averaged, previous
-        self._count = count
+        self._step, self._count = step, step if counted else 0.0
         self._known_markov = {} if whole or previous is None else dict(previous.markov)
         series = series.with_terms(list(self._known_markov))
         slow_grids = None if previous is None else previous.slow_grids
@@ -390,7 +397,25 @@ class ModelSearch:
             markov,
             self._upper_error(upper_end),
             (markov is None or not markov.is_certain) and self._is_markov_instead(upper_end, error, surface),
+            self._may_be_counted(upper_end, surface),
         )
+
+    def _may_be_counted(self, upper_end: UpperEnd, surface: Surface) -> bool:
+        """Return whether the record does not exclude that its steps are counts of an angle.
+
+        The rounding of an angle adds twice as much to white noise as that of a rate, and bends its density. A short
+        record does not show the bend. Where N^2 is less certain than what the rounding adds, it makes no difference.
+        """
+        rounding = ROUNDING_VARIANCE * self._step**2
+        variance = surface.scored_variances[WHITE][surface.best]
+        if upper_end != UpperEnd() or rounding**2 <= float(variance) * NEGLIGIBLE_ROUNDING**2:
+            return False
+        quantised = self._fit(UpperEnd(shape=UpperShape.QUANTISED))[1]
+        power, variance = (
+            float(part[QUANTISATION][quantised.best])
+            for part in (quantised.scored, quantised.scored_variances)
+        )
+        return power + LIMIT_95 * math.sqrt(variance) >= rounding
 
     def _without_markov(self, upper_end: UpperEnd, error: float) -> _Alternatives:
         """Return the models without Gauss–Markov noise: with and without a column in doubt."""

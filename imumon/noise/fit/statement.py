@@ -269,6 +269,8 @@ def state_model(
     tau0, samples = sums.tau0, model.slow.series.samples
     # rounding of an angle is quantisation, that of a rate white noise
     rounding = 0.0 if counted or QUANTISATION in model.surface.scored else ROUNDING_VARIANCE * resolution**2
+    if model.may_be_counted:
+        rounding *= 2.0  # the differences of an angle hold two errors
     coefficients = _coefficients(model, kurtosis / samples, samples, tau0, rounding)
     if counted:
         white = model.noise_powers[WHITE]
