@@ -24,7 +24,7 @@ and a term is the object that knows these unit expectations:
 |---|---|---|
 | density of the samples | drawn model | `density` |
 | bin of a Welch spectrum, behind the filters of its level | bands of the likelihood | `bin_expectation` |
-| density that missing samples let leak into a bin | bands of the likelihood | `seen_density` |
+| density of the samples behind a moving average | what leaks beside missing samples | `seen_density` |
 | cosine coefficient of block means | single coefficients of the likelihood | `coefficient_variances` |
 | Allan variance | drawn model | `allan_variances` |
 | covariance of the differences of the Allan variance | limits of the curve | `difference_covariances` |

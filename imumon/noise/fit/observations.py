@@ -378,7 +378,8 @@ def _band_layout(s: int, count: float, there: float, pool: int, kept_pools: byte
 
     Parameters
     ----------
-    there : share of the samples of a segment that are not missing.
+    there : by which missing samples reduce the degrees of freedom, 1 without any: that of white noise, about the share
+        of samples that are valid.
     """
     bins = np.arange(FIRST_BIN, last_bin(s))
     kept = np.repeat(np.frombuffer(kept_pools, dtype=bool), pool)[: bins.size]
@@ -427,7 +428,7 @@ def expected_bins(
     window: int,
     terms: Sequence[NoiseTerm],
 ) -> Floats:
-    """Return (terms, n) what each bin in use of level s expects of each term."""
+    """Return (terms, n) what each bin in use of level s expects of each term with power 1."""
     level = levels[s]
     count = float(level.averages[group])
     # missing samples make noise larger, white noise by more: its density follows from their number
@@ -435,7 +436,7 @@ def expected_bins(
     unit = [_bin_expectation(term, s, averaged, window) for term in terms]
     expected = np.stack([factor * of_term for factor, of_term in zip(missing, unit, strict=True)])
     if level.holes[group].any():
-        # white noise times any pattern of missing samples is white, but of it the waves take a share
+        # white noise times any pattern of missing samples is white; the slow waves take a share of what leaks
         taken = WAVES_SHARE * np.repeat(level.holes[group] / count, SUB_BAND)[: expected.shape[1]]
         for row, term in enumerate(terms):
             if term == WHITE:
@@ -448,7 +449,7 @@ def expected_bins(
 
 @lru_cache(maxsize=1024)
 def _level_density(term: NoiseTerm, level: int, *, averaged: bool, window: int) -> Floats:
-    """Return (HALF + 1,) the density of a term at the bins of a level; 0.0 at frequency 0."""
+    """Return (HALF + 1,) the density of a term at the bins of a level, as `leaked` needs it; 0.0 in bin 0."""
     f = np.arange(1, HALF + 1) / SEGMENT / 2.0**level
     return np.concatenate(([0.0], term.seen_density(f, averaged=averaged, window=window)))
 

@@ -1,29 +1,34 @@
 """What missing samples let leak into the bins of a level from other frequencies.
 
-A segment with missing samples is the noise x times the share w of valid samples. The density of a product is the
-convolution of both densities (Parzen, Sankhya A 25, 1963):
+A segment with missing samples holds the noise x times the share w of valid samples. The density of a product is the
+convolution of the two densities (Parzen, Sankhya A 25, 1963):
 
-    E[P_k] = sum over f of S(f) D(k - f)
+    E[P_k] = sum over f of S(f) D(k - f) / 256
 
-with the density S of the noise, and D that of h w of the mean segment, h the window. D has three parts:
+where f runs over the bins of both signs. S is the density of the noise. D(d) = |F(h w)[d]|^2 over sum h^2 and the
+square of the mean share is the density of the shares under the window h, as a mean over the segments. The sum has three
+parts:
 
-- near 0, D is the window and what the share of valid samples varies by slowly. S there is that of the bin k, so that
-  the sum over these D is one number, `LevelSums.slow`.
-- beyond, up to half the rate of the level, D is known from `LevelSums.holes`: of this level from bin 46 on, and of the
-  next level, at half the rate, for bins 23 to 45. The noise of a segment has the frequencies from bin 8 on, because the
-  lower ones are subtracted as waves (`level_sums.SLOW_WAVES`).
-- above half the rate of the level, noise leaks before the filters of the levels, with the D of the levels above. Of
-  scattered losses this is as much as from all others. Of a hole it is nothing, because D falls with the square of the
-  frequency. So the leak of a hole does not depend on what noise does between two samples of a level.
+- Near: f is up to `NEAR` bins from k. S is nearly that of bin k, so that the sum over these D is one number,
+  `LevelSums.slow`. That is no leak. Only what scattered losses have at all distances alike is counted here.
+- Up to half the rate of the level: `LevelSums.holes` of this level has D at distances of 46 to 91 bins, on level 0 to
+  127. That of the next level, at half the rate, has it at 23 to 45. That of the level above has it from half the rate
+  on. Between 91 bins and half the rate, D is interpolated. The sum begins at bin 8, because lower frequencies are
+  subtracted from a segment as waves (`level_sums.SLOW_WAVES`).
+- Above half the rate: this noise leaks before the filters of the levels remove it. D is that of the levels above, at
+  the frequency of the noise instead of its distance from k. Scattered losses let every octave of flicker leak alike, so
+  that this part grows with each level. Of a hole it is almost nothing, because D falls with the square of the distance.
 
-Everything is in units of level 0: cycles per sample, densities per cycle per sample.
+Everything is in units of level 0: frequencies in cycles per sample, densities per cycle per sample.
 
-Example: of white noise, half of the samples of a segment missing at random double the density. A share of it is that of
-the bin itself, and what leaks from all other frequencies is the rest.
+Example: white noise, half of the samples of a segment missing at random. The relative variance of w is 1, so that D is
+1 at all distances, and the density of the noise doubles: 1 is that of the bin itself, and as much leaks from all
+frequencies. The lowest ones, which are subtracted, would be 5 % of that.
 
->>> sums = LevelSums(*(np.ones((1, 11)),) * 2, np.full(1, 2.0), np.ones(1), np.ones(1, dtype=int))
->>> float(leaked((sums,), 0, 0, lambda level: np.ones(SEGMENT // 2 + 1))[0].round(1))
-1.0
+>>> one = np.ones((1, 11))
+>>> sums = LevelSums(power=one, holes=one, white=np.full(1, 2.0), slow=np.ones(1), averages=np.ones(1, dtype=int))
+>>> float(leaked((sums,), 0, 0, lambda level: np.ones(SEGMENT // 2 + 1))[0].round(2))
+0.95
 """
 
 from __future__ import annotations
@@ -47,10 +52,10 @@ from imumon.samples import Floats
 HALF = SEGMENT // 2
 """Bin at half the rate of a level."""
 LOWEST = 0.5 * (len(SLOW_WAVES) - 0.5)
-"""Bins, frequency from which on the noise of a segment remains. The waves are half a bin apart, and the first one that
-is not subtracted stands for what is up to a quarter of a bin below it."""
+"""Bins, lowest frequency of the noise that remains in a segment. The waves are half a bin apart. The first one that is
+not subtracted stands for the frequencies from a quarter of a bin below it on."""
 WITHOUT_WAVES = math.ceil(LOWEST)
-"""Lowest bin that remains."""
+"""First bin that remains."""
 WAVES_SHARE = len(SLOW_WAVES) / SEGMENT
 """Share of the degrees of freedom of a segment that the slow waves take."""
 
@@ -60,46 +65,50 @@ def leaked(levels: Sequence[LevelSums], s: int, group: int, density: Callable[[i
 
     Parameters
     ----------
-    levels : of a record; without missing samples in level s, nothing leaks.
-    group : of the channel, for the shares of valid samples.
-    density : returns (HALF + 1,) the density of the noise at the bins of a level, 0 included, without filters.
+    levels : sums of all levels of a record, or of a part of it; samples are missing in level s.
+    group : of the channel; channels of a group have the same missing samples.
+    density : returns (HALF + 1,) the density of the noise at the bins of a level, bin 0 included, before the filters of
+        the levels.
     """
     bins, f = np.arange(FIRST_BIN, last_bin(s)), np.arange(WITHOUT_WAVES, HALF + 1)
     weight = np.ones(f.size)
+    # a bin stands for half a bin on each side: the first one begins at `LOWEST`, the last one ends at half the rate
     weight[0], weight[-1] = WITHOUT_WAVES + 0.5 - LOWEST, 0.5
     if s == 0:
-        # a sample is missing as a whole, and there the waves leave more of what is near them
+        # here a sample is missing as a whole: beside those that the waves are fitted to, they leave more of the noise
+        # at frequencies near theirs
         weight[f < HALF // 4] /= 1.0 - WAVES_SHARE
     of_shares = _density_of_shares(levels, s, group)
-    distances = of_shares[np.abs(bins[:, None] - f)] + of_shares[bins[:, None] + f]
-    out = distances @ (weight * density(s)[f]) / (SEGMENT * 2.0**s)
+    # from both signs of the frequency
+    both_signs = of_shares[np.abs(bins[:, None] - f)] + of_shares[bins[:, None] + f]
+    out = both_signs @ (weight * density(s)[f]) / (SEGMENT * 2.0**s)
     for above in range(s):
-        # up to half the rate of the level below it, which is `s` or has been counted
+        # each level has the octave above that of the next one; the last begins at half the rate of level s
         first = HALF // 2 if above == s - 1 else FIRST_BIN
-        row = np.arange(first, last_bin(above))
-        weight = np.ones(row.size)
+        f = np.arange(first, last_bin(above))
+        weight = np.ones(f.size)
         weight[0] = 0.5 if above == s - 1 else 1.0
         shares = _by_bin(levels, above, group)[first - FIRST_BIN :]
-        # both signs of the frequency
-        out += 2.0 * float((weight * density(above)[row]) @ shares) / (SEGMENT * 2.0**above)
+        # from both signs of the frequency
+        out += 2.0 * float((weight * density(above)[f]) @ shares) / (SEGMENT * 2.0**above)
     return np.asarray(out)
 
 
 def _by_bin(levels: Sequence[LevelSums], s: int, group: int) -> Floats:
-    """Return (n,) the density of the share of valid samples at each bin in use of a level."""
+    """Return (n,) the density D of the shares at the bins in use of a level, which are distances here."""
     sums = levels[s]
     count = max(float(sums.averages[group]), 1.0)
     return np.repeat(sums.holes[group] / count * 2.0**s, SUB_BAND)[: last_bin(s) - FIRST_BIN]
 
 
 def _density_of_shares(levels: Sequence[LevelSums], s: int, group: int) -> Floats:
-    """Return (SEGMENT,) the density of the share of valid samples at distances of 0, 1, ... bins of level s.
+    """Return (SEGMENT,) the density D of the shares at distances of 0, 1, ... bins of level s, in units of level 0.
 
-    Up to `NEAR` it is what `LevelSums.slow` does not count, the mean of the bins in use.
+    Up to `NEAR` it is the mean of the bins in use: `LevelSums.slow` counts what exceeds that.
     """
-    own = _by_bin(levels, s, group)
+    of_level = _by_bin(levels, s, group)
     places: list[Floats] = [np.arange(float(FIRST_BIN), float(last_bin(s)))]
-    values = [own]
+    values = [of_level]
     if s + 1 < len(levels) and levels[s + 1].averages[group]:
         places.insert(0, np.arange(FIRST_BIN, last_bin(s + 1)) / 2.0)
         values.insert(0, _by_bin(levels, s + 1, group))
@@ -110,5 +119,5 @@ def _density_of_shares(levels: Sequence[LevelSums], s: int, group: int) -> Float
     if not s:
         distance = np.minimum(distance, SEGMENT - distance)  # the spectrum of samples is periodic
     out = np.interp(distance, np.concatenate(places), np.concatenate(values))
-    out[distance <= NEAR] = own.mean()
+    out[distance <= NEAR] = of_level.mean()
     return np.asarray(out)

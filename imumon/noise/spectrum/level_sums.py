@@ -30,7 +30,8 @@ FIRST_BIN = 46
 """First bin of a level that is used: below, the level after it resolves better. Level 0 is used up to half the sampling
 rate."""
 NEAR = FIRST_BIN // 2
-"""Bins from its own up to which slow noise counts as that of a bin: half the distance from the lowest one to zero."""
+"""Bins on each side of a bin from which slow noise counts as that of the bin; what is farther away leaks (`leakage`).
+Half the distance from the lowest bin in use to zero."""
 SUB_BAND = 8
 """Bins that are added up in the sums of a part of a record: a sixth of the octave. By bin, a mark would be eight times
 as large in the saved state."""
@@ -42,11 +43,12 @@ HANN_POWER = float(HANN @ HANN)
 _WAVES = 16
 SLOW_WAVES = np.cos(np.pi * np.outer(np.arange(_WAVES), np.arange(SEGMENT) + 0.5) / SEGMENT)
 SLOW_WAVES /= np.sqrt((SLOW_WAVES**2).sum(axis=1, keepdims=True))
-"""(waves, SEGMENT) orthonormal cosines up to bin 7.5, which leave the bins in use alone. Segments with missing samples
-are without them: of a random walk they leave a 25th of its variance, so that much less of it leaks."""
+"""(waves, SEGMENT) orthonormal cosines up to bin 7.5, which leave the bins in use alone. They are subtracted from
+segments with missing samples. Of the variance of a random walk a 25th remains, so that much less of it leaks."""
 WAVES_PRIOR = np.arange(_WAVES) ** 2 / (_WAVES * SEGMENT)
-"""(waves,) what a random walk says of the amplitudes, added to the diagonal of the equations for them: its noise per
-sample beside the waves over the variance of each. Without it, a hole of half a segment makes them arbitrary."""
+"""(waves,) added to the diagonal of the equations for the amplitudes of the waves: they are not larger than those of a
+random walk. Each is the variance per sample that the waves leave of a walk, over that of the amplitude in it. Without
+it, a hole of half a segment makes the amplitudes arbitrary."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,8 +59,8 @@ class LevelSums:
     ----------
     power : (c, n) (channel unit)^2, sums of the squared transforms over `HANN_POWER`, by bin from `FIRST_BIN` on or
         by sub-band.
-    holes : (g, n) sums of the density of the share of valid samples within each segment, over its mean squared, mean of
-        each sub-band: what a constant of 1 leaves there, once its mean has been subtracted.
+    holes : (g, n) sums of the density of the shares of valid samples of each segment under the window, over the square
+        of their mean; mean of each sub-band. 0 for a segment without missing samples.
     white : (g,) sums of the relative density of white noise, 1 for a segment without missing samples.
     slow : (g,) sums of the relative density of slow noise from frequencies near those of its bin, 1 without any.
     averages : (g,) segments.

@@ -24,7 +24,7 @@ Density is one-sided for people (`PowerSpectrum`), two-sided in the fit.
 
 Missing samples
 ---------------
-They need no model. With w = 1 for a valid sample and 0 for a missing one, both w x and w pass the filters. A segment
+With w = 1 for a valid sample and 0 for a missing one, both w x and w pass the filters. A segment
 transforms w x - w c, where c is the likeliest sum of slow waves (`level_sums.SLOW_WAVES`; without missing samples, the
 mean alone), and divides by the mean share of w. White noise of density N^2 then has this density times mean(h^2 w) /
 mean(h^2) / mean(w)^2, whatever the pattern of the losses, because w x stays white. Of slow noise of density S, a bin k
@@ -32,12 +32,14 @@ expects the sum over d of S(k - d) |F(h w)[d]|^2 over sum h^2 and the square of 
 
 - d near 0, where S is that of the bin: S times the power of h w there. It is 1 for scattered losses, and the inverse of
   the mean share for a hole.
-- all others, which leak from other frequencies (`leakage`). For scattered losses they are the same for all bins; for a
-  hole of L samples they fall beyond a distance of 1/L, so they are summed by distance. With the mean alone subtracted,
-  the leak of a walk exceeds its density in the segments about a hole.
+- all other d, from which noise of other frequencies leaks into the bin (`leakage`). For scattered losses their powers
+  are alike; for a hole of L samples they fall beyond a distance of 1/L. So `LevelSums.holes` has them by distance.
 
-Segments in which w varies much do not count: with few losses every level has segments, with many only the levels whose
-samples are sums over several.
+The slow waves are subtracted because the lowest frequencies of a walk would leak more than its density at the bins in
+use.
+
+Segments in which w varies much do not count (`MOST_VARIATION`). Scattered losses average out in the samples of lower
+levels, so that these have segments even where level 0 has none.
 
 Parts
 -----
@@ -87,8 +89,9 @@ from imumon.samples import Bools, Floats
 LEVELS = 38
 """Most levels, and octaves of the Allan curve of a part: 2^37 samples are five years at 800 Hz."""
 MOST_VARIATION = 0.8
-"""Relative variance of the share of valid samples within a segment that counts: of scattered losses, and of a hole,
-p / (1 - p) with the share p that is missing. The expectation of the sums holds up to 1 (`leakage`)."""
+"""Greatest relative variance of the shares of valid samples within a segment that counts. It is p / (1 - p) where a
+share p is missing, scattered at level 0 or in a hole: up to 44 % may be. With 40 % of scattered losses, flicker is
+expected 1.5 % too large at level 0, with 48 % it would be 3 %."""
 LONG_GAP = 1 << 16
 """Samples, longest gap that segments may span; a longer one ends all segments. The zeros of a gap pass all levels,
 which takes as long as samples would: 0.1 s for these, minutes for a gap of a month."""
@@ -522,11 +525,11 @@ class SpectrumAccumulator:
         means = np.add.reduceat(density, first, axis=1) / number
         # one segment after the other: the same bits for any chunking
         np.add.at(level.holes, group, means * weight[:, None])
-        # both sides of zero; what lies there of a white leak counts as a leak already
+        # on both sides of zero; `leakage` counts the level that scattered losses have at all distances
         near = density[:, 0] + 2.0 * density[:, 1 : NEAR + 1].sum(axis=1)
-        leaked = (2 * NEAR + 1) * density[:, FIRST_BIN:].mean(axis=1)
+        scattered = (2 * NEAR + 1) * density[:, FIRST_BIN:].mean(axis=1)
         slow = (weights > 0.0).astype(np.float64)
-        slow[group, segment] = np.maximum(near - leaked, 0.0) * weight / SEGMENT
+        slow[group, segment] = np.maximum(near - scattered, 0.0) * weight / SEGMENT
         level.slow = _sum(level.slow, slow)
 
     # --- state ----------------------------------------------------------------------------------------
