@@ -51,9 +51,9 @@ CAVEATS: Mapping[str, CaveatText] = {
     ),
     "doubtful_rate": CaveatText(
         "the sample rate is doubtful",
-        "Two times show different rates, a comment states another one, the host clock contradicts it, or it is that of "
-        "no sensor. A wrong rate changes N by the root of its factor, and all times. The remarks say which: for a "
-        "recording, choose with --map, or give --rate.",
+        "Two times show different rates, a comment states another one, the host clock contradicts the rate, or no "
+        "sensor has it. A wrong rate changes N by the root of its factor, and all times. The remarks name the cause. "
+        "For a recording, choose the time with --map, or give --rate.",
     ),
     "mixed_rows": CaveatText(
         "every second row differs: the rows may be of two sensors",

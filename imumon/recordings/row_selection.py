@@ -29,7 +29,8 @@ COMPLETE = 0.75
 of three."""
 
 NEIGHBOURS = 64
-"""Rows without time of which a sensor has some where it has no hole, chosen: longer than what a sensor buffers."""
+"""Rows of a piece of a table without time. A piece without a sample is part of a hole. Chosen: longer than what a
+sensor buffers."""
 
 WINDOW = 64
 """Rows by which a row may be late and is still sorted: more than a datagram holds."""
@@ -137,9 +138,14 @@ class SensorRows:
         return rows[has_sample], places[has_sample]
 
     def _usual_share(self, whole: Bools) -> float:
-        """Return the share of rows (n,), some of which are samples, that are samples of the only sensor.
+        """Return the share of rows that are complete samples of the only sensor.
 
-        Stamps show what is missing. Without them, a row in a hole is a lost sample, and none of another sensor.
+        With stamps, rows without a sample are of another sensor, because lost samples have no rows. Without stamps, a
+        row in a hole is a lost sample: only rows beside samples count.
+
+        Parameters
+        ----------
+        whole : (n,) rows that are complete samples; at least one is.
         """
         return float(whole.mean()) if self._timed else _share_beside_samples(whole)
 
@@ -184,7 +190,7 @@ class HeldNumbers:
 
 
 def _share_beside_samples(whole: Bools) -> float:
-    """Return the median share of rows (n,) that are samples, of those pieces of a table that have some."""
+    """Return the share of rows (n,) that are samples: the median of the pieces of `NEIGHBOURS` rows that have some."""
     starts = np.arange(0, len(whole), NEIGHBOURS)
     shares = np.add.reduceat(whole.astype(np.float64), starts) / np.diff(starts, append=len(whole))
     return float(np.median(shares[shares > 0.0]))

@@ -400,7 +400,8 @@ class SampleClock:
             if 1 <= step <= far:
                 continue  # the samples before show that it was jitter
             follows = i + 1 < n
-            # then this stamp is wrong; else it is a gap, or a restart whose time is before the old one
+            # where the next sample continues the old time, this stamp is wrong; elsewhere it is behind a gap, or behind
+            # a restart, whose time is before the old one
             continues = follows and 1 <= round((int(time[i + 1]) - before) * scale) <= far
             if step != 0 and not continues:
                 steps[i] = BREAK if step < 0 and (follows or final) else step

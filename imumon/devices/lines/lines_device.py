@@ -28,14 +28,20 @@ DROPPED = b"\n?"
 
 
 def _unit_cure(unit: str | None, ratio: float) -> str:
-    """Return which unit the time of lines has that advances by `ratio` s in a second, read with `unit`.
+    """Return what to write in the URL where the time of the lines has another unit.
+
+    Parameters
+    ----------
+    unit : with which the time is read; None: it has none.
+    ratio : s by which that time advances in a second.
 
     >>> _unit_cure("ms", 0.00095), _unit_cure("s", 0.00095)
     ('write t_s for t_ms in columns=', 'check its unit, t_s, t_ms, t_us or t_ns')
     """
-    for other in TIME_UNITS if unit in TIME_UNITS else ():
-        if 1.0 / CLOCK_RATIO < ratio * TIME_UNITS[other] / TIME_UNITS[unit or ""] < CLOCK_RATIO:
-            return f"write t_{other} for t_{unit} in columns="
+    if unit is not None and unit in TIME_UNITS:
+        for other, unit_s in TIME_UNITS.items():
+            if 1.0 / CLOCK_RATIO < ratio * unit_s / TIME_UNITS[unit] < CLOCK_RATIO:
+                return f"write t_{other} for t_{unit} in columns="
     return "check its unit, t_s, t_ms, t_us or t_ns"
 
 

@@ -124,7 +124,7 @@ def bias_curve(
             other = _fitted(series, u, loop, more, noise)
             if 2.0 * ndtr(-other.sigma(one + more - 1)) < NEGLECTED_P:
                 fit, degree = other, more
-    return _stated(series, fit, blocks.offset[column], one, degree, reference, half, u)
+    return _stated(series, fit, blocks.offset[column], one, degree, reference, half)
 
 
 def _fitted(
@@ -172,7 +172,6 @@ def _stated(
     degree: int,
     reference: float,
     half: float,
-    u: Floats,
 ) -> BiasFit:
     """Return the curve of a regression whose temperature columns begin at number `one`."""
     columns = np.stack([column.series for column in fit.regressors], axis=1)
