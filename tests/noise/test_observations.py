@@ -8,7 +8,7 @@ import pytest
 from imumon.noise import OctaveCascade, synthesise
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit.fit_rules import BAND_EDGES
-from imumon.noise.fit.model import NOISE_TERMS, TERMS, NoiseTerm
+from imumon.noise.fit.model import NOISE_TERMS, TERMS, WHITE, NoiseTerm
 from imumon.noise.fit.observations import block_series, meeting_frequency, spectral_powers
 
 
@@ -74,3 +74,23 @@ def test_expectations_are_positive_beside_missing_samples(window: int) -> None:
     bands = spectral_powers(sums, 0, averaged=False, window=window)
     for term in TERMS:
         assert (bands.expected[term] > 0.0).all(), term.letter
+
+
+def test_interpolation_repeats_the_noise_of_the_blocks_beside_a_hole() -> None:
+    """Of blocks at the border of a hole a part is missing, so that their means have more noise than the others."""
+    values = np.random.default_rng(1).standard_normal((144_000, 24))
+    valid = np.ones((144_000, 1), dtype=bool)
+    for begin in np.random.default_rng(2).integers(0, 142_800, 20).tolist():
+        valid[begin : begin + 1200] = False
+    cascade = OctaveCascade(24, tau0=1.0)
+    cascade.update(values, valid)
+    sums = cascade.result().sums
+    assert sums is not None
+    ratios = []
+    for column in range(24):
+        series = block_series(sums.blocks, column)
+        assert series is not None
+        assert series.count.size == 1
+        low = series.order[2:80]
+        ratios.append(series.y[low] ** 2 / series.variances[WHITE][low])
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)  # three standard errors; with the mean share, 1.25

@@ -201,8 +201,7 @@ def block_series(
         if n < LEAST_BLOCKS:
             continue
         every = np.arange(part[0], part[-1] + 1)
-        # a mean of a share of its samples has more white noise
-        white = float(np.mean(1.0 / share[part])) * _white_by_interpolation(np.diff(part), n)
+        white = _white_by_interpolation(np.diff(part), share[part], n)
         slow = _left_by_interpolation(np.diff(part), n)
         begin.append(first)
         count.append(n)
@@ -248,22 +247,26 @@ def _left_by_interpolation(steps: Ints, count: int) -> Floats:
     return np.asarray(1.0 - (bridges * (1.0 - np.sinc(f * bridges) ** 2)).sum(axis=0) / count)
 
 
-def _white_by_interpolation(steps: Ints, count: int) -> Floats:
-    """Return (count - 1,) the variance of white noise in each coefficient, 1 without a hole.
+def _white_by_interpolation(steps: Ints, share: Floats, count: int) -> Floats:
+    """Return (count - 1,) the variance of white noise in each coefficient, 1 for whole blocks without a hole.
 
-    The straight line over a hole of T steps repeats the noise of its ends: that of one has the weights 1, 1 - 1/T,
-    1 - 2/T ... 1/T. At the lowest frequencies they add up, at the highest they cancel.
+    A mean of a share of its samples has more white noise, and the blocks beside a hole seldom have all. The straight
+    line over a hole of T steps repeats the noise of its ends: that of one has the weights 1, 1 - 1/T, 1 - 2/T ... 1/T.
+    At the lowest frequencies they add up, at the highest they cancel.
 
     Parameters
     ----------
     steps : blocks from each one that is present to the next.
+    share : of the samples in each block that is present.
     """
     f = np.arange(1, count) / (2.0 * count)
-    power = np.full(count - 1, float(steps.size + 1))
-    for step, holes in zip(*np.unique(steps[steps > 1], return_counts=True), strict=True):
+    variance = 1.0 / share
+    power = np.full(count - 1, variance.sum())
+    of_ends = variance[:-1] + variance[1:]
+    for step in np.unique(steps[steps > 1]).tolist():
         weights = 1.0 - np.arange(step) / step
         repeated = np.abs(np.exp(-2j * np.pi * np.multiply.outer(f, np.arange(step))) @ weights) ** 2
-        power += 2.0 * float(holes) * (repeated - 1.0)
+        power += float(of_ends[steps == step].sum()) * (repeated - 1.0)
     return power / count
 
 
