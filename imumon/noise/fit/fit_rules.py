@@ -67,9 +67,9 @@ MOST_FILLED = RULES.add(
     0.3,
     unit="of the blocks",
     decides="holes between blocks up to this share together are interpolated; more of them join the blocks in pairs",
-    without="with 0.05 blocks are so long that no octave shows B where a sixth of a record is missing; where half of "
-    "it is missing, 13 of 30 have no result",
-    origin="the expectation holds what interpolation takes; limits hold with 0.5 as well",
+    without="with 0.05 blocks are so long that no octave shows B where a sixth of a record is missing, and many records "
+    "of which half is missing have no result",
+    origin="the expectation holds what interpolation takes; limits hold with half of a record missing",
     benchmark="holes.py",
 )
 LONGEST_FILLED = RULES.add(

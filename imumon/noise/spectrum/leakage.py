@@ -76,7 +76,7 @@ def leaked(levels: Sequence[LevelSums], s: int, group: int, density: Callable[[i
     weight[0], weight[-1] = WITHOUT_WAVES + 0.5 - LOWEST, 0.5
     if s == 0:
         # here a sample is missing as a whole: beside those that the waves are fitted to, they leave more of the noise
-        # at frequencies near theirs
+        # at frequencies near theirs; up to a quarter of the band, so that flicker and walk hold in `test_spectrum`
         weight[f < HALF // 4] /= 1.0 - WAVES_SHARE
     of_shares = _density_of_shares(levels, s, group)
     # from both signs of the frequency
