@@ -67,8 +67,8 @@ MOST_FILLED = RULES.add(
     0.3,
     unit="of the blocks",
     decides="holes between blocks up to this share together are interpolated; more of them join the blocks in pairs",
-    without="with 0.05 blocks are so long that no octave shows B where a sixth of a record is missing, and many records "
-    "of which half is missing have no result",
+    without="with 0.05 blocks are so long that no octave shows B where a sixth of a record is missing, and many "
+    "records have no result where half is missing",
     origin="the expectation holds what interpolation takes; limits hold with half of a record missing",
     benchmark="holes.py",
 )
