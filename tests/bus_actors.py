@@ -20,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from free_ports import free_port
 from waiting import until
 
 from imumon.coefficients import Estimate
@@ -275,13 +276,6 @@ def stage() -> Iterator[Callable[..., Actor]]:
     finally:
         for actor in actors:
             actor.end()
-
-
-def free_port() -> int:
-    """Return a TCP port that is free, outside the default ports."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def free_endpoint() -> str:

@@ -13,7 +13,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from forked import Forked
-from scraping import free_port, scraped, values
+from free_ports import free_port
+from scraping import scraped, values
 
 from imumon.bus import Subscriber
 from imumon.report import Channel, Report

@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
-from scraping import free_port
+from free_ports import free_port
 
 COLUMNS = "t_us,gx,gy,gz,ax,ay,az"
 URL_PARAMETERS = f"?columns={COLUMNS}"

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import json
 import random
-import socket
 import struct
 import subprocess
 import sys
 import time
 from pathlib import Path
 from typing import IO, Any
+
+from free_ports import free_port
 
 IMU_HASH = "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"
 ROUTER = {
@@ -43,9 +44,7 @@ PEER = {
 
 def free_router() -> str:
     """Endpoint on which a router can listen."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 class Actor:

@@ -13,7 +13,8 @@ from typing import Any
 
 import pytest
 import zenoh
-from bus_actors import CHANNELS, Actor, event, free_endpoint, free_port, make_signal, report, stage
+from bus_actors import CHANNELS, Actor, event, free_endpoint, make_signal, report, stage
+from free_ports import free_port
 from hypothesis import given
 from hypothesis import strategies as st
 from waiting import until

@@ -13,7 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from bus_actors import Actor, event, free_endpoint, free_port, report, stage
+from bus_actors import Actor, event, free_endpoint, report, stage
+from free_ports import free_port
 from paths import TESTS
 from test_bus import plain_session
 from waiting import until

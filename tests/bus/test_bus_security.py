@@ -7,7 +7,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from bus_actors import free_port, stage
+from bus_actors import stage
+from free_ports import free_port
 from test_bus_docs import blocks
 from waiting import until
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from daemons import free_endpoint
-from scraping import free_port
+from free_ports import free_port
 
 NAMED = """
 import os, sys

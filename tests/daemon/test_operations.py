@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from commands import run_inside
 from daemons import Daemon
+from free_ports import free_port
 from laws import WHITE
-from scraping import free_port
 from test_history_daemon import ask
 
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn

@@ -18,10 +18,11 @@ from pathlib import Path
 
 import pytest
 from daemons import Daemon
+from free_ports import free_port
 from paths import ROOT
 from prometheus_client.parser import text_string_to_metric_families
 from reports import warming_up as report
-from scraping import free_port, scraped, values
+from scraping import scraped, values
 from slow_clients import SlowClients
 from usage import resident_kb
 

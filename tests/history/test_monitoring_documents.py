@@ -18,9 +18,10 @@ from typing import Any
 
 import pytest
 from daemons import Daemon
+from free_ports import free_port
 from paths import ROOT
 from prometheus_client.parser import text_string_to_metric_families
-from scraping import free_port, scraped
+from scraping import scraped
 
 from imumon.devices.vn100.emulator import EmulatorSettings, Noise, spawn
 

@@ -23,10 +23,11 @@ import forked
 import pytest
 import zenoh
 from attackers import attacking, resident_mb
-from bus_actors import Actor, event, free_endpoint, free_port, report, stage
+from bus_actors import Actor, event, free_endpoint, report, stage
 from corpus import through
 from corpus_bus import CRAFTED
 from daemons import Daemon
+from free_ports import free_port
 from hostile_input import Hostile
 from waiting import until
 from zenoh import ext

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from commands import imumon
 from daemons import free_endpoint
+from free_ports import free_port
 from laws import ON_THE_WAY, Fault
 from scene import scene
-from scraping import free_port
 
 from imumon.history.metrics import PORTS
 

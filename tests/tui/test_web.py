@@ -21,16 +21,11 @@ import pytest
 from browser import PROGRAMS, browser
 from commands import imumon
 from daemons import Daemon
+from free_ports import free_port
 from slow_clients import SlowClients
 from waiting import until
 
 CHROMIUM = next(filter(None, map(shutil.which, PROGRAMS)), None)
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @contextmanager

@@ -16,8 +16,8 @@ import forked
 import numpy as np
 import pytest
 from daemons import Daemon, free_endpoint
+from free_ports import free_port
 from line_sender import COLUMNS, LineSender
-from scraping import free_port
 from waiting import until
 
 from imumon.devices.base import DeviceEnded, DeviceLost, DeviceOptions
