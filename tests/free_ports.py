@@ -14,11 +14,12 @@ import tempfile
 from pathlib import Path
 
 FIRST, LAST = 10_000, 32_000
+COUNTER = Path(tempfile.gettempdir(), f"ports-given-to-tests-{os.getuid()}")
 
 
 def free_port() -> int:
     """Return a port of 127.0.0.1 that no server has and no test had, until all ports were given."""
-    with Path(tempfile.gettempdir(), f"ports-given-to-tests-{os.getuid()}").open("a+") as counter:
+    with COUNTER.open("a+") as counter:
         fcntl.flock(counter, fcntl.LOCK_EX)
         counter.seek(0)
         port = int(counter.read() or FIRST)
