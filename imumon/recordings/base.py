@@ -15,6 +15,8 @@ HEAD_BYTES, HEAD_LINES = 1 << 14, 30
 """Bytes and lines at the start of a text that show its form: the header of a table must come within them."""
 LONGEST_LINE = 1 << 16
 """Bytes of a line of text: a longer one is an invalid row, or data."""
+SQLITE = b"SQLite format 3"
+"""First bytes of a database: a bag of ROS 2, a history, or that of any program."""
 BLOCK_BYTES = 1 << 20
 """Bytes of a raw capture that are decoded at once: enough samples to make work on arrays fast."""
 ROWS, TABLE_BYTES = 1 << 15, 1 << 23

@@ -24,7 +24,14 @@ from typing import Any
 import numpy as np
 
 from imumon.cures import OPTIONS, option_text
-from imumon.recordings.base import OptionError, OptionNotApplicable, ReadOptions, RecordingError, RowSource
+from imumon.recordings.base import (
+    SQLITE,
+    OptionError,
+    OptionNotApplicable,
+    ReadOptions,
+    RecordingError,
+    RowSource,
+)
 from imumon.recordings.columns import LISTED, ColumnLayout, layout, mapped
 from imumon.recordings.log_process.base import Topic
 from imumon.recordings.table import Table
@@ -40,8 +47,6 @@ PACKAGES = {"px4": "pyulog", "ardupilot": "pymavlink"}
 CURES = {"bag": "repair it with ros2 bag reindex, or record it again"}
 """Cure for a log that cannot be read."""
 
-SQLITE = b"SQLite format 3"
-"""First bytes of a database."""
 MAGIC = {
     b"#ROSBAG V": "bag",
     b"\x89MCAP0\r\n": "bag",

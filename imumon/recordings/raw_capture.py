@@ -35,7 +35,7 @@ from typing import Any, BinaryIO
 
 from imumon.errors import why
 from imumon.files import open_regular
-from imumon.recordings.base import LONGEST_LINE, RecordingError
+from imumon.recordings.base import LONGEST_LINE, SQLITE, RecordingError
 from imumon.report import MOST_CHARACTERS, stamp
 from imumon.report_json import plain
 from imumon.samples import FASTEST_HZ, SLOWEST_HZ, Gap
@@ -79,7 +79,7 @@ _FOREIGN = {
     ),
     b"TDSm": ("tdms", "a TDMS file of LabVIEW", "export it as CSV"),
     b"FMT, 128, ": ("dataflash_text", "an ArduPilot log as text", "use the .BIN file it was made from"),
-    b"SQLite format 3": (
+    SQLITE: (
         "sqlite",
         "an SQLite database",
         "name the .db3 file of a bag; imumon history shows a history",

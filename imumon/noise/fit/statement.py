@@ -393,7 +393,7 @@ def _rounding_error(variance: float, rounding: float) -> float:
     Parameters
     ----------
     variance : sigma^2 of the noise.
-    rounding : q^2 / 12; 0.0: the values have no steps.
+    rounding : q^2 / 12; 0.0: the values have no steps. Differences of an angle have twice that, as of a step sqrt(2) q.
     """
     if not rounding:
         return 0.0

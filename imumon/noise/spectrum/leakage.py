@@ -52,8 +52,8 @@ from imumon.samples import Floats
 HALF = SEGMENT // 2
 """Bin at half the rate of a level."""
 LOWEST = 0.5 * (len(SLOW_WAVES) - 0.5)
-"""Bins, lowest frequency of the noise that remains in a segment. The waves are half a bin apart. The first one that is
-not subtracted stands for the frequencies from a quarter of a bin below it on."""
+"""Bins, lowest frequency of the noise that remains in a segment. The waves are half a bin apart, so that what the first
+remaining one describes begins a quarter of a bin below it."""
 WITHOUT_WAVES = math.ceil(LOWEST)
 """First bin that remains."""
 WAVES_SHARE = len(SLOW_WAVES) / SEGMENT
@@ -72,7 +72,7 @@ def leaked(levels: Sequence[LevelSums], s: int, group: int, density: Callable[[i
     """
     bins, f = np.arange(FIRST_BIN, last_bin(s)), np.arange(WITHOUT_WAVES, HALF + 1)
     weight = np.ones(f.size)
-    # a bin stands for half a bin on each side: the first one begins at `LOWEST`, the last one ends at half the rate
+    # a bin reaches half a bin to each side; the first one begins at `LOWEST`, and the last one ends at half the rate
     weight[0], weight[-1] = WITHOUT_WAVES + 0.5 - LOWEST, 0.5
     if s == 0:
         # here a sample is missing as a whole: beside those that the waves are fitted to, they leave more of the noise

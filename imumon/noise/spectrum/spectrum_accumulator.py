@@ -72,7 +72,7 @@ from imumon.noise.spectrum.level_sums import (
     sub_bands,
 )
 from imumon.noise.spectrum.power_spectrum import PowerSpectrum, displayed
-from imumon.noise.spectrum.spectrum_rules import LEAST_AVERAGES
+from imumon.noise.spectrum.spectrum_rules import LEAST_AVERAGES, MOST_VARIATION
 from imumon.noise.state_schema import (
     MOST,
     Range,
@@ -88,10 +88,6 @@ from imumon.samples import Bools, Floats
 
 LEVELS = 38
 """Most levels, and octaves of the Allan curve of a part: 2^37 samples are five years at 800 Hz."""
-MOST_VARIATION = 0.8
-"""Greatest relative variance of the shares of valid samples within a segment that counts. It is p / (1 - p) where a
-share p is missing, scattered at level 0 or in a hole: up to 44 % may be. With 40 % of scattered losses, flicker is
-expected 1.5 % too large at level 0, with 48 % it would be 3 %."""
 LONG_GAP = 1 << 16
 """Samples, longest gap that segments may span; a longer one ends all segments. The zeros of a gap pass all levels,
 which takes as long as samples would: 0.1 s for these, minutes for a gap of a month."""

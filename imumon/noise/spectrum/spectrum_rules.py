@@ -1,6 +1,6 @@
-"""Rules of the spectrum: which bins are lines, and from how many averages a level counts.
+"""Rules of the spectrum: which segments and levels count, and which bins are lines.
 
-The thresholds of `spectral_lines` and `power_spectrum`. docs/THEORY.md prints this table.
+The thresholds of `spectrum_accumulator`, `power_spectrum` and `spectral_lines`. docs/THEORY.md prints this table.
 """
 
 from __future__ import annotations
@@ -17,6 +17,15 @@ LEAST_AVERAGES = RULES.add(
     without="the density of a bin is hardly known, and a level of few averages hides a better one",
     origin="with three, the 95 % limits of a bin span a factor of 13",
     benchmark="",
+)
+MOST_VARIATION = RULES.add(
+    "MOST_VARIATION",
+    0.8,
+    unit="relative variance of the shares of valid samples within a segment",
+    decides="a segment with more does not count; where a share p is missing, it is p / (1 - p), so that 44 % may be",
+    without="at 0.06, a record with a sixth of it in holes has no segments where B shows, and its K is a bound",
+    origin="with 40 % of scattered losses, flicker is expected 1.5 % too large at level 0, with 48 % it would be 3 %",
+    benchmark="holes.py",
 )
 LINE_CHANCE = RULES.add(
     "LINE_CHANCE",
