@@ -52,8 +52,6 @@ DOCUMENTS = {
     "datasheet.csv": "csv",
     "allan.png": "png",
     "allan.svg": "svg",
-    "datasheet.pdf": "pdf",
-    "allan.pdf": "pdf-figure",
     "kalibr_imu.yaml": "kalibr",
 }
 
@@ -63,9 +61,8 @@ README = """# Example datasheet
 {hours:g} hours of an emulated VN-100 at {rate} Hz, as `imumon report` writes it; made by
 `python benchmarks/example.py`.
 
-[The datasheet](datasheet.md), [as a page](datasheet.html), [as PDF](datasheet.pdf),
-[as a table](datasheet.csv), [the report](report.json),
-the figure as [SVG](allan.svg) and [PDF](allan.pdf), [for Kalibr](kalibr_imu.yaml)
+[The datasheet](datasheet.md), [as a page](datasheet.html), [as a table](datasheet.csv), [the report](report.json),
+[the figure as SVG](allan.svg), [for Kalibr](kalibr_imu.yaml)
 
 ![Allan deviation](allan.png)
 

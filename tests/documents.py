@@ -17,7 +17,7 @@ AGES = {"nothing": 0.0, "seconds": 3.0, "minutes": 200.0, "hours": LENGTH_S, "lo
 SETTINGS = [f for f, what in FORMS.items() if what.settings and not what.curves and f != "filter"]
 CURVES = [form for form, what in FORMS.items() if what.curves]
 COVARIANCES = ("ros", "robot_localization")
-FIGURES = ("svg", "pdf-figure", "png")
+FIGURES = ("svg", "png")
 
 
 def aged(name: str) -> Report:

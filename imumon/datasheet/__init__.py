@@ -5,8 +5,7 @@ content          content of a datasheet, element by element
 evidence         elements of data sheet, uncertainty, exact curve and traceability
 elements         the elements, and their form in Markdown
 html             the form as one self-contained HTML page
-pdf              the page as PDF, by WeasyPrint
-figures          Allan deviation as an element of the page and as SVG, PDF and PNG, by matplotlib
+figures          Allan deviation as an element of the page and as SVG and PNG, by matplotlib
 tables           table for a terminal, and texts that several forms share
 csv_table        every number as one tidy CSV table
 filter_values    numbers for filters, with comments: unit, origin, factor against plain K, record length

@@ -13,7 +13,6 @@ from imumon.datasheet.csv_table import csv_table
 from imumon.datasheet.elements import Document, markdown
 from imumon.datasheet.history_figure import HistoryRows
 from imumon.datasheet.html import html_page
-from imumon.datasheet.pdf import pdf_pages
 from imumon.datasheet.program_settings import PROGRAMS, settings_document
 from imumon.datasheet.temperature_settings import curves_not_shown
 from imumon.filter_report import FilterReport
@@ -50,7 +49,7 @@ def not_measured(report: Report, form: str) -> list[str]:
     ]
 
 
-PAGES: Mapping[str, Callable[[Document], str | bytes]] = {"md": markdown, "html": html_page, "pdf": pdf_pages}
+PAGES: Mapping[str, Callable[[Document], str | bytes]] = {"md": markdown, "html": html_page}
 """What writes the datasheet, by name of the form."""
 
 
@@ -92,14 +91,7 @@ FORMS: Mapping[str, DocumentForm] = {
         "the datasheet as one page to print",
         history=True,
     ),
-    "pdf": DocumentForm(
-        lambda r, f, h: pdf_pages(datasheet_content(r, f, h)),
-        "the datasheet as PDF (extra pdf)",
-        binary=True,
-        history=True,
-    ),
     "svg": _figure("svg", "the Allan curves as a vector figure"),
-    "pdf-figure": _figure("pdf", "the same figure as PDF"),
     "png": _figure("png", "the same figure as a picture"),
     "json": DocumentForm(
         lambda r, _: to_json(r, indent=1) + "\n", "the report itself; --baseline reads it", filters=False

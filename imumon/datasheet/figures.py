@@ -1,4 +1,4 @@
-"""Figures of the Allan deviation, by matplotlib: an element of the HTML page, or a file (SVG, PDF, PNG).
+"""Figures of the Allan deviation, by matplotlib: an element of the HTML page, or a file (SVG, PNG).
 
 One function draws a sensor into a panel: measured points with 95 % bands, fitted model, its noise alone, octaves
 that the fit does not use, N, B and K with their limits, and the limits of the grades. Axes also differ in the shape of
@@ -60,7 +60,7 @@ class NoCurve(ImumonError):
 
 
 def figure_file(report: Report, form: str) -> bytes:
-    """Return the curves of all sensors as a file: ``png``, ``svg`` or ``pdf``, one panel per sensor.
+    """Return the curves of all sensors as a file: ``png`` or ``svg``, one panel per sensor.
 
     Raises
     ------

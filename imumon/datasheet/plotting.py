@@ -26,8 +26,7 @@ COLOURS = {
 }  # fmt: skip
 """Colours on white, by axis and role. In a page, CSS variables replace them, which follow its light or dark scheme."""
 STYLE: Any = {
-    "svg.fonttype": "none",  # text stays text in SVG and PDF
-    "pdf.fonttype": 42,
+    "svg.fonttype": "none",  # text stays text
     "font.family": "sans-serif",
     "text.color": COLOURS["text"],
     "axes.labelcolor": COLOURS["text"],
@@ -123,10 +122,7 @@ def saved(figure: Figure, form: str, title: str | None = None) -> bytes:
     """Return a figure as a file; without a title, as an element of the page, on no ground of its own."""
     out = io.BytesIO()
     named = {} if title is None else {"Title": title}
-    metadata = {
-        "svg": {"Date": None, **named},
-        "pdf": {"CreationDate": None, "Creator": "imumon", **named},
-    }.get(form)
+    metadata = {"Date": None, **named} if form == "svg" else None
     figure.savefig(out, format=form, transparent=title is None, metadata=metadata)
     return out.getvalue()
 

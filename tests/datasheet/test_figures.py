@@ -30,7 +30,6 @@ from imumon.units import pretty
 def test_a_figure_has_its_format() -> None:
     one = of_sensors(make_report(), "gyro")
     assert made(one, "png").startswith(b"\x89PNG\r\n\x1a\n")
-    assert made(one, "pdf-figure").startswith(b"%PDF-")
     assert ET.fromstring(made(make_report(), "svg")).tag.endswith("svg")
 
 
@@ -74,20 +73,6 @@ def test_a_coefficient_below_the_frame_is_not_marked() -> None:
     letters = [e.text for e in ET.fromstring(svg(replace(report, channels=channels), "gyro")).iter("text")]
     assert {"N", "B"} <= set(letters)
     assert "K" not in letters
-
-
-@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="poppler is not installed")
-def test_pdftotext_finds_the_numbers(tmp_path: Path) -> None:
-    (tmp_path / "x.pdf").write_bytes(made(make_report(), "pdf-figure"))
-    done = subprocess.run(
-        ["pdftotext", "-layout", tmp_path / "x.pdf", "-"],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=30,
-    )
-    for axis in "xyz":
-        assert coefficient_text(make_report().channels[f"gyro/{axis}"].coefficients["N"]) in done.stdout
 
 
 @pytest.mark.skipif(shutil.which("rsvg-convert") is None, reason="rsvg-convert is not installed")

@@ -186,7 +186,7 @@ def test_the_extension_of_the_output_selects_the_form_or_is_refused(saved: Path,
     assert (tmp_path / "x.foo").read_text().startswith("kind,")
     for source, name, begin in (
         (one, "x.svg", b"<?xml"),
-        (no_curve, "x.PDF", b"%PDF-"),
+        (one, "x.PNG", b"\x89PNG"),
         (one, "imu.yaml", b"# "),
         (no_curve, "x.htm", b"<!DOCTYPE"),
     ):

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import pypdfium2
 import pytest
 import reports
 
 from imumon.coefficients import NOISE
-from imumon.datasheet import document, short_document
+from imumon.datasheet import document
 from imumon.datasheet.convergence_figure import convergence_svg, convergence_table
 from imumon.filter_report import FilterReport
 from imumon.pipeline.filter_report_builder import filter_report
@@ -22,16 +21,6 @@ def sheet() -> Report:
 @pytest.fixture(scope="module")
 def filters(sheet: Report) -> FilterReport:
     return filter_report(sheet, 600.0)
-
-
-def test_the_short_form_has_two_pages_with_table_figures_and_settings(
-    sheet: Report, filters: FilterReport
-) -> None:
-    pages = pypdfium2.PdfDocument(short_document(sheet, "pdf", filters, "kalibr"))
-    assert len(pages) == 2
-    text = "".join(page.get_textpage().get_text_range() for page in pages)
-    for part in ("Ready for kalibr", "Gyroscope", "Accelerometer", "gyroscope_random_walk", "averaging time"):
-        assert part in text
 
 
 def test_no_sentence_of_a_figure_is_said_twice(sheet: Report, filters: FilterReport) -> None:

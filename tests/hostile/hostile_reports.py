@@ -32,7 +32,7 @@ from imumon.tui.view_state import VIEWS, WINDOWS, ViewState
 DOCS = ROOT / "docs"
 SCHEMA = json.loads((DOCS / "report.schema.json").read_text("utf-8"))["$defs"]
 SIZES = ((1, 1), (20, 5), (80, 24), (220, 60))
-DRAWN_FORMS = ("html", "png", "svg", "pdf-figure")
+DRAWN_FORMS = ("html", "png", "svg")
 """Forms with figures of matplotlib, which take a second each."""
 PANELS: tuple[Callable[[ViewState, int, int], Any], ...] = (
     panels.status, panels.headlines, panels.detail, panels.welcome, channel_table.table, charts.allan_chart,
@@ -199,8 +199,6 @@ def show_everywhere(report: Report, signal: Signal | None, events: tuple[Event, 
             condition.description(report)
     filters = filter_report(report, DEFAULT_HORIZON_S)
     for form in FORMS:
-        if form == "pdf":  # the pages of "html", made by a library in seconds
-            continue
         if drawn or form not in DRAWN_FORMS:
             try:
                 document(report, form, filters)
