@@ -41,7 +41,6 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   errors.py      errors with code, message and cure
   files.py       files that other users may have prepared
   clock.py       time of the host, and what a second of the record takes of it
-  reserve.py descriptors that the daemon keeps for itself
   door_limits.py limits of what accepts connections from other programs
 """
 

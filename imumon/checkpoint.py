@@ -35,7 +35,6 @@ import numpy.typing as npt
 from imumon.errors import ImumonError, why
 from imumon.files import cure_of_writing, open_regular, read_bounded, rename_aside, write_new
 from imumon.report_json import JsonReader, check, plain
-from imumon.reserve import granted, with_memory
 
 FORMAT = 12
 """Version of what a state holds. Up to 3, it was another container, too."""
@@ -399,7 +398,7 @@ class Checkpoint:
             while self._deferred:  # before the files are overwritten
                 self._move(*self._deferred[0])
                 self._deferred.pop(0)
-            self._write(with_memory(lambda: encode(state)))
+            self._write(encode(state))
             self.failed = None
         except Exception as error:  # no failure may prevent the next save
             self.failed = self._reason(error)
@@ -437,8 +436,7 @@ class Checkpoint:
         if os.path.lexists(self.path):
             self._keep_previous()
         os.replace(new, self.path)
-        with granted():
-            directory = os.open(self.path.parent, os.O_RDONLY)
+        directory = os.open(self.path.parent, os.O_RDONLY)
         try:
             os.fsync(directory)
         finally:

@@ -16,8 +16,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from imumon.reserve import granted
-
 _PIECE = 1 << 20
 """Bytes that are read at once from a file without a size, such as a pipe."""
 
@@ -86,8 +84,7 @@ def open_regular(
     if not regular:
         raise _not_regular(path)
     link = 0 if follow else os.O_NOFOLLOW
-    with granted():
-        file = os.open(path, flags | link | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, mode)
+    file = os.open(path, flags | link | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, mode)
     if not stat.S_ISREG(os.fstat(file).st_mode):
         os.close(file)
         raise _not_regular(path)
@@ -170,8 +167,7 @@ def write_new(path: Path, data: bytes) -> None:
     OSError : it cannot be written; then there is no such file.
     """
     path.unlink(missing_ok=True)
-    with granted():
-        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
     try:
         with open(file, "wb") as out:
             out.write(data)

@@ -78,9 +78,7 @@ class Publisher:
         self._reported_uplinks: dict[str, str | None] = {}
         self._reported_error: str | None = None
         router = options.mode == "router"  # routers find routes between each other within one session
-        self._session, self._relay, self.endpoints = open_local(
-            options, listen, connect if router else (), self.id
-        )
+        self._session, self.endpoints = open_local(options, listen, connect if router else (), self.id)
         self._last_values = LastValues(self._root, options.queries)
         self._timestamp = self._session.new_timestamp
         self._links = Links(
@@ -165,8 +163,6 @@ class Publisher:
 
     def _close_links(self) -> None:
         self._links.close()
-        if self._relay is not None:
-            self._relay.close()
         self._last_values.close()
 
     def __enter__(self) -> Publisher:

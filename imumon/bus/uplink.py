@@ -19,15 +19,7 @@ from zenoh.handlers import RingChannel
 
 from imumon.bus.bus_error import BusError
 from imumon.bus.queryable import EVENTS_KEPT, JSON, LastValues
-from imumon.bus.tcp_relay import TcpRelay
-from imumon.bus.zenoh_session import (
-    LEASE_S,
-    SessionOptions,
-    local_endpoints,
-    open_relay,
-    open_session,
-    start_listener,
-)
+from imumon.bus.zenoh_session import LEASE_S, SessionOptions, local_endpoints, open_session, start_listener
 
 _CACHED = {"report": 1, "grade": 1, "event": EVENTS_KEPT}
 _DROP = zenoh.CongestionControl.DROP
@@ -151,20 +143,20 @@ class Links:
 
 def open_local(
     options: SessionOptions, listen: Sequence[str], connect: Sequence[str], id: str
-) -> tuple[zenoh.Session, TcpRelay | None, tuple[str, ...]]:
+) -> tuple[zenoh.Session, tuple[str, ...]]:
     """Open the session that listens: on `listen`, or if that is empty on the first free default port.
 
-    Return the session, its relay and its endpoints.
+    Return the session and its endpoints.
 
     Raises
     ------
     BusError : no endpoint can be used, or another running daemon has this name.
     """
     if listen:
-        return *_listening_session(options, listen, connect), tuple(listen)
+        return open_session(options, listen, connect, access_control=True), tuple(listen)
     for endpoint in local_endpoints():
         try:
-            session, relay = _listening_session(options, [endpoint], connect)
+            session = open_session(options, [endpoint], connect, access_control=True)
         except BusError as error:
             if error.code != "address_in_use":
                 raise
@@ -175,28 +167,10 @@ def open_local(
             check_name_is_free(replace(options, mode="peer"), others, id)
         except BusError:
             session.close()
-            if relay is not None:
-                relay.close()
             raise
-        return session, relay, (endpoint,)
+        return session, (endpoint,)
     message = "all of tcp/127.0.0.1:7448 to 7463 are in use"
     raise BusError("no_free_port", message, "choose another with --listen")
-
-
-def _listening_session(
-    options: SessionOptions, listen: Sequence[str], connect: Sequence[str]
-) -> tuple[zenoh.Session, TcpRelay | None]:
-    """Open a session that listens, and its relay."""
-    relay = open_relay(options, listen)
-    if relay is None:
-        return open_session(options, listen, connect, access_control=True), None
-    try:
-        session = open_session(options, listen, connect, access_control=True, relay=relay)
-    except BaseException:
-        relay.close()
-        raise
-    relay.start()
-    return session, relay
 
 
 def _listens(endpoint: str) -> bool:

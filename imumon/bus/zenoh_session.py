@@ -12,7 +12,6 @@ import ipaddress
 import json
 import os
 import re
-import resource
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -23,9 +22,7 @@ from typing import Any, Self, TypeVar
 
 import zenoh
 
-from imumon import reserve
 from imumon.bus.bus_error import BusError, classify, readable
-from imumon.bus.tcp_relay import NoPlace, TcpRelay, relayed
 
 DEFAULT_PORTS = range(7448, 7464)  # TCP: a daemon listens on the first free one, a subscriber connects to all
 LEASE_S = 2.0  # s; a link without traffic for this time is closed
@@ -35,15 +32,9 @@ _MAX_QUERY_BYTES = 1 << 16
 """Size of a message that a session accepts if it accepts no data: queries and subscriptions, without a payload.
 Zenoh's limit of 1 GB would let anyone who may read fill the memory with the payloads of queries."""
 _BLOCKED_S = 1.0  # s; a link that takes no reply for this time is closed: other queries wait
-_SILENT, _GREETING = 128, 32
-"""Connections of the relay without a first message, and in their handshake: one of these takes some milliseconds."""
-_ACCEPT_PENDING = 500
-"""Handshakes at once of connections that no relay passes on, such as those over TLS; further ones are closed."""
-_SHARE_SILENT, _SHARE_GREETING, _SHARE_SESSIONS, _SHARE_PENDING = 8, 32, 8, 4
-"""Descriptors of the process for one connection of each kind. A session and a handshake take three each, so that all
-together have at most (1/8 + 3/32 + 3/8) of them."""
-_GREETING_LOCAL_S, _GREETING_NETWORK_S = 0.5, 3.0
-"""s that a handshake may take on this machine, and from another one."""
+_HANDSHAKE_S = 2.0
+"""s that the handshake of a connection may take, on both sides. Zenoh waits for a limited number of unfinished ones, so
+that connections that say nothing keep viewers out until their time is over, which is 10 s without this setting."""
 _RESERVED_RAW = {
     "mode": "zenoh.mode",
     "listen": "zenoh.listen",
@@ -152,14 +143,12 @@ def open_session(
     *,
     access_control: bool,
     most_bytes: int = MAX_MESSAGE_BYTES,
-    relay: TcpRelay | None = None,
 ) -> zenoh.Session:
     """Open a session on these endpoints.
 
     Parameters
     ----------
     most_bytes : size of a message that the session accepts, if it accepts data.
-    relay : what listens on the endpoints of `listen` that can be relayed, and passes connections on to this session.
     access_control : whether `SessionOptions.read_only` and `SessionOptions.allow` apply to peers.
 
     Raises
@@ -176,34 +165,11 @@ def open_session(
         if path and not os.access(path, os.R_OK):
             raise BusError("file_unreadable", f"{path}: cannot be read", "check the path and its permissions")
     with _users_file(options, bool(listen)) as users:
-        config = _zenoh_config(options, listen, connect, users, access_control, most_bytes, relay)
+        config = _zenoh_config(options, listen, connect, users, access_control, most_bytes)
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
             raise classify(error, (*listen, *connect), options.users_file) from None
-        finally:
-            reserve.keep_again()  # Zenoh lifts the limit of descriptors
-
-
-def open_relay(options: SessionOptions, listen: Sequence[str]) -> TcpRelay | None:
-    """Listen on the endpoints that can be relayed; None: there is none, or no place for the relay.
-
-    Raises
-    ------
-    BusError : an endpoint cannot be used.
-    """
-    for endpoint in listen:
-        check_endpoint(endpoint)
-        _check_listen(options, endpoint)
-    endpoints = [endpoint for endpoint in listen if relayed(endpoint)]
-    if not endpoints:
-        return None
-    try:
-        return TcpRelay(endpoints, _within_files(_SILENT, _SHARE_SILENT), _greeting(), _greeting_s(listen))
-    except NoPlace:
-        return None  # Zenoh listens there itself
-    except OSError as error:
-        raise classify(error, (str(error.filename),)) from None
 
 
 def _check_listen(options: SessionOptions, endpoint: str) -> None:
@@ -242,14 +208,12 @@ def _zenoh_config(
     users: str,
     access_control: bool,
     most_bytes: int,
-    relay: TcpRelay | None,
 ) -> zenoh.Config:
     """Return the configuration of a session; `users` is the path of the file of users."""
-    endpoints = list(listen) if relay is None else [relay.endpoint, *(e for e in listen if not relayed(e))]
     only_queries = access_control and options.read_only
     values: dict[str, Any] = {
         "mode": options.mode,
-        "listen/endpoints": endpoints,
+        "listen/endpoints": list(listen),
         "connect/endpoints": list(connect),
         "connect/retry": {"period_init_ms": round(RETRY_S * 1000), "period_max_ms": round(RETRY_S * 1000)},
         "connect/timeout_ms": 0 if options.mode == "client" else -1,  # -1: no limit, in the background
@@ -261,9 +225,9 @@ def _zenoh_config(
         "transport/link/tx/lease": round(LEASE_S * 1000),
         "transport/link/rx/max_message_size": _MAX_QUERY_BYTES if only_queries else most_bytes,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": round(_BLOCKED_S * 1e6),
-        "transport/unicast/accept_timeout": round(_greeting_s(listen) * 1000),
-        "transport/unicast/accept_pending": _within_files(_ACCEPT_PENDING, _SHARE_PENDING),
-        "transport/unicast/max_sessions": _within_files(options.sessions, _SHARE_SESSIONS),
+        "transport/unicast/accept_timeout": round(_HANDSHAKE_S * 1000),
+        "transport/unicast/open_timeout": round(_HANDSHAKE_S * 1000),
+        "transport/unicast/max_sessions": options.sessions,
         "timestamping/enabled": True,
     }
     values |= _credentials(options, users)
@@ -293,22 +257,6 @@ def _credentials(options: SessionOptions, users: str) -> dict[str, Any]:
     for side in ("listen", "connect") if options.certificate else ():
         given |= {f"{tls}{side}_certificate": options.certificate, f"{tls}{side}_private_key": options.key}
     return given
-
-
-def _greeting_s(listen: Sequence[str]) -> float:
-    """Return the time that a handshake may take, s."""
-    return _GREETING_LOCAL_S if all(map(is_local, listen)) else _GREETING_NETWORK_S
-
-
-def _greeting() -> int:
-    """Return how many handshakes the relay lets pass at once."""
-    return _within_files(_GREETING, _SHARE_GREETING)
-
-
-def _within_files(count: int, share: int) -> int:
-    """Return a number of connections, but at most one for each `share` descriptors of the process."""
-    files, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return count if files == resource.RLIM_INFINITY else min(count, max(4, files // share))
 
 
 def _insert_raw(config: zenoh.Config, path: str, value: Any) -> None:

@@ -214,7 +214,6 @@ def _run_daemon(
     from imumon.clock import HostClock
     from imumon.daemon import Daemon, RunOptions
     from imumon.daemon.log import configure_logging
-    from imumon.reserve import kept
 
     run_options = RunOptions(
         url=url,
@@ -229,8 +228,7 @@ def _run_daemon(
     close_log = configure_logging(settings.log.level, settings.log.format)
     try:
         threading.stack_size(STACK_BYTES)
-        with kept():
-            result = Daemon(settings, run_options).run()
+        result = Daemon(settings, run_options).run()
     except BusError as error:
         raise options.with_origin(error, settings) from None
     finally:

@@ -22,7 +22,6 @@ from queue import Empty, Full, Queue
 
 from imumon.report import Event
 from imumon.report_json import to_json
-from imumon.reserve import granted
 
 KILL_S = 10.0
 """s that the command may take."""
@@ -118,14 +117,13 @@ class AlertCommand:
         """Run the command; return what is wrong with it, None if it has succeeded."""
         environment = {name: value for name, value in os.environ.items() if name not in _PRIVATE}
         try:
-            with granted():
-                process = self._process = subprocess.Popen(
-                    ["/bin/sh", "-c", self._command],
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.DEVNULL,
-                    start_new_session=True,
-                    env=environment,
-                )
+            process = self._process = subprocess.Popen(
+                ["/bin/sh", "-c", self._command],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+                env=environment,
+            )
         except (OSError, ValueError) as error:
             return f"cannot be started: {error}"
         try:

@@ -35,7 +35,6 @@ from imumon.devices.device_reader import (
 from imumon.devices.registry import driver_of
 from imumon.evaluation import Evaluation
 from imumon.messages import EVENT_LEVELS
-from imumon.noise.power_law import load_transforms
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Level, Notice, RawBytes, SampleBlock
 
 WAIT_S = 0.1
@@ -55,7 +54,6 @@ class Daemon:
 
     def __init__(self, settings: Settings, options: RunOptions) -> None:
         self.settings, self.options, self._clock = settings, options, options.clock
-        load_transforms()
         driver = driver_of(options.url)
         if settings.record.file and driver.decoder() is None:
             text = f"{options.url} sends no bytes that could be recorded"

@@ -34,8 +34,6 @@ class Recorder:
 
     def __init__(self, settings: RecordSettings) -> None:
         self._settings = settings
-        if settings.file:
-            import imumon.recordings  # noqa: F401  later, there may be no descriptor for it
         self._early = bytearray()
         self._writer: CaptureWriter | None = None
         self._ending: list[CaptureWriter] = []  # of earlier records, which may still be writing

@@ -29,7 +29,6 @@ import serial.tools.list_ports
 
 from imumon.devices import linux_tty
 from imumon.devices.base import DeviceEnded, DeviceError, DeviceLost, DeviceNotFound
-from imumon.reserve import granted
 
 pyserial: Any = _pyserial  # it has no types
 
@@ -119,11 +118,6 @@ def open_port(path: str, baud: int) -> Any:
     DeviceNotFound : there is no such port.
     DeviceError : it cannot be opened.
     """
-    with granted():
-        return _open_port(path, baud)
-
-
-def _open_port(path: str, baud: int) -> Any:
     if path == STANDARD_INPUT:
         if sys.stdin is None:
             raise DeviceNotFound("input_closed", "standard input is closed", "give it a file or a pipe")

@@ -30,7 +30,6 @@ from imumon.history_report import STEPS, HistoryPeriod
 from imumon.messages import change_text
 from imumon.noise.stretches.stretch_rules import DAYS_KEPT
 from imumon.report import Event, Report
-from imumon.reserve import granted
 from imumon.samples import Level
 from imumon.units import DAY
 
@@ -302,8 +301,7 @@ class History:
             store.close()
 
     def _opened(self) -> HistoryStore:
-        with granted():
-            store = HistoryStore(self.path, write=True)
+        store = HistoryStore(self.path, write=True)
         if self._power_ups is None:
             self._load_days(store)
             known = PowerUps(store.power_ups(), real_time=self._clock.is_real_time)

@@ -35,11 +35,6 @@ EXACT = 256
 """Blocks, or samples of a cluster, up to which flicker is computed exactly: beyond, what it tends to serves."""
 
 
-def load_transforms() -> None:
-    """Import what the functions of this package import at their first use: a daemon may have no descriptor by then."""
-    import scipy.fft  # noqa: F401
-
-
 def sampled_density(f: Floats, *, averaged: bool) -> Floats:
     """Return (3, k) the density of samples.
 

@@ -20,7 +20,6 @@ from typing import Any, BinaryIO
 from imumon.errors import why
 from imumon.recordings.base import RecordingError
 from imumon.recordings.raw_capture import MARK, part_path
-from imumon.reserve import granted
 
 BACKLOG = 8 << 20
 """Bytes that wait for a slow disk; with more, the recording ends."""
@@ -140,8 +139,7 @@ class CaptureWriter:
             self.path = part_path(self._base, self._number)
             try:
                 plain = not os.path.exists(self.path) or stat.S_ISREG(os.stat(self.path).st_mode)
-                with granted():
-                    self._file: BinaryIO = open(self.path, "xb") if plain else _open_pipe(self.path)  # noqa: SIM115
+                self._file: BinaryIO = open(self.path, "xb") if plain else _open_pipe(self.path)  # noqa: SIM115
                 break
             except FileExistsError:
                 continue

@@ -21,7 +21,6 @@ from typing import Any
 import zenoh
 from zenoh.handlers import FifoChannel
 
-from imumon import reserve
 from imumon.ros2.node import (
     MOST_ENTITIES,
     NODE_NAME,
@@ -141,8 +140,6 @@ class ZenohNode(RosNode):
             cure += "; one that runs elsewhere: --port 'ros2:TOPIC?router=tcp/HOST:7447'"
             cure += "; most systems run DDS: --port 'ros2:TOPIC?rmw=dds'"
             raise RosError("ros2_no_router", text, cure) from None
-        finally:
-            reserve.keep_again()  # Zenoh lifts the limit of descriptors
         self._zid = str(self.session.zid())
         liveliness = self.session.liveliness()
         self._node_token = liveliness.declare_token(node_token(domain, self._zid, name))

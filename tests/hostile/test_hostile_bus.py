@@ -184,54 +184,6 @@ def test_idle_connections_do_not_keep_a_subscriber_out() -> None:
             assert subscriber.wait_report("a", timeout=30.0) is not None
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("way", [attackers.half_open, attackers.half_said, attackers.greeted])
-def test_1500_idle_connections_do_not_keep_a_subscriber_out(tmp_path: Path, way: Callable[..., int]) -> None:
-    """With 256 descriptors: each of some viewers gets its report within the time that `imumon status` waits."""
-    few = ("prlimit", "--nofile=256")
-    with (
-        spawn(EmulatorSettings(seed=1)) as sensor,
-        Daemon(sensor.path, tmp_path, "--id", "a", before=few) as daemon,
-    ):
-        daemon.samples(100)
-        with attacking(daemon.endpoint, "a", 12.0, way):
-            time.sleep(2.0)
-            for _ in range(10):
-                with Subscriber([daemon.endpoint]) as subscriber:
-                    assert subscriber.wait_report("a", timeout=5.0) is not None
-        assert daemon.samples(1000).session.missing == 0
-        assert daemon.stop()[0] == 0
-
-
-@pytest.mark.slow
-def test_idle_connections_take_no_descriptor_that_the_daemon_needs(tmp_path: Path) -> None:
-    """With 256: it saves in its period, and a sensor that was unplugged is read again."""
-    (tmp_path / "config.toml").write_text("[state]\nsave_period_s = 1.0\n")
-    link, words = str(tmp_path / "port"), ("--id", "a", "--config", str(tmp_path / "config.toml"))
-    few = ("prlimit", "--nofile=256")
-    with (
-        spawn(EmulatorSettings(seed=1, link=link)) as sensor,
-        Daemon(link, tmp_path, *words, before=few) as daemon,
-    ):
-        daemon.samples(100)
-        descriptors = Path(f"/proc/{daemon.process.pid}/fd")
-        quiet = len(list(descriptors.iterdir()))
-        with attacking(daemon.endpoint, "a", 15.0, attackers.half_open):
-            until(lambda: len(list(descriptors.iterdir())) > quiet + 20)
-            sensor.ask("unplug")
-            daemon.wait(lambda r: r.state == "waiting")
-            sensor.ask("replug")
-            again = daemon.wait(lambda r: r.state == "running").session.samples
-            begin = time.time()
-            until(lambda: (tmp_path / "a.state").exists() and (tmp_path / "a.state").stat().st_mtime > begin)
-            assert daemon.samples(again + 200).session.gaps == 1
-            most = max(len(list(descriptors.iterdir())) for _ in range(300) if not time.sleep(0.01))
-            assert most <= quiet + 256 // 8
-        code, _, said = daemon.stop()
-        assert code == 0
-        assert "cannot be saved" not in said
-
-
 def _attack_together(tmp_path: Path, seconds: float) -> None:
     """Attack in every way at once; no sample is lost, memory is bounded, and viewers work."""
     ways = (*attackers.WAYS, attackers.stopped, attackers.stopped)

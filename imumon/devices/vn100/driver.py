@@ -27,8 +27,6 @@ class Vn100Driver(DeviceDriver):
     settings = frozenset({"baud", "set_baud", "set_rate_hz", "rate_hz", "listen_only", "stream"})
 
     def create(self, options: DeviceOptions) -> Device:
-        # also what the first report needs: later, there may be no descriptor to import it
-        from imumon.devices.vn100 import register_text, stream_settings  # noqa: F401
         from imumon.devices.vn100.vn100_session import Vn100Device
 
         return Vn100Device(options)
