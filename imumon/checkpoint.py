@@ -33,8 +33,9 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.errors import ImumonError, why
-from imumon.files import cure_of_writing, open_regular, read_bounded, rename_aside, write_new
+from imumon.files import open_regular, read_bounded, rename_aside, write_new
 from imumon.report_json import JsonReader, check, plain
+from imumon.system_errors import OTHER_STATE, cure_of_writing
 
 FORMAT = 12
 """Version of what a state holds. Up to 3, it was another container, too."""
@@ -415,7 +416,7 @@ class Checkpoint:
         if isinstance(error, MemoryError):
             return _OUT_OF_MEMORY
         message = error.strerror if isinstance(error, OSError) else str(error)
-        return f"{self.path.parent}: {message or type(error).__name__}: {cure_of_writing(error)}"
+        return f"{self.path.parent}: {message or type(error).__name__}: {cure_of_writing(error, OTHER_STATE)}"
 
     def _keep_previous(self) -> None:
         """Give the present state the name of the previous one, too: at each moment a state has its own name."""

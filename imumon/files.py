@@ -30,27 +30,6 @@ SMALL_BYTES = 1 << 16
 """Bytes of the largest file that a person writes, or that holds the settings of a sensor."""
 
 
-MORE_FILES = "allow more open files: ulimit -n, or LimitNOFILE= of a service"
-OTHER_PLACE = "make it writable or choose another --state"
-CURES = {
-    errno.EMFILE: MORE_FILES,
-    errno.ENFILE: "close programs: the whole machine has no descriptor left (fs.file-max)",
-    errno.ENOMEM: "grant more memory",
-    errno.EIO: "check the disk: the log of the kernel has its errors",
-    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR), OTHER_PLACE),
-}
-"""What to do about an error of writing a state or a history, if it is not to free space."""
-
-
-def cure_of_writing(error: Exception) -> str:
-    """Return what to do about an error of writing a state or a history: space is not the cure of each.
-
-    >>> cure_of_writing(OSError(errno.EMFILE, "too many open files"))
-    'allow more open files: ulimit -n, or LimitNOFILE= of a service'
-    """
-    return CURES.get(getattr(error, "errno", None) or 0, "free space or choose another --state")
-
-
 def lack_of_files() -> OSError | None:
     """Return the error of opening one more file, if the process or the machine has no descriptor left.
 

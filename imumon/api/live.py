@@ -36,7 +36,7 @@ from imumon.api.record_analysis import (
 from imumon.api.sensor_arrays import checked_rate
 from imumon.api.traceability import evaluated, with_provenance
 from imumon.checkpoint import SavedState, StateError, decode, encode
-from imumon.errors import ImumonError, why
+from imumon.errors import ImumonError
 from imumon.files import replace_file
 from imumon.ledger import RECEIVED, merged
 from imumon.noise.state_schema import InvalidState
@@ -46,6 +46,7 @@ from imumon.recordings.memory_table import FORM, NAME, float_array
 from imumon.recordings.table import Table
 from imumon.replay import ReplayedRecord, ReplayOptions, SensorFilter
 from imumon.samples import CHANNELS, GYRO, Floats, SampleBlock
+from imumon.system_errors import not_read, not_written
 
 LIVE_FORMAT = 1
 """Form of what `Live.save` writes beside the state of a monitor."""
@@ -221,8 +222,7 @@ class Live:
             try:
                 replace_file(os.fspath(path), encode(SavedState(meta, dict(arrays))))
             except OSError as error:
-                message = f"cannot write {os.fspath(path)}: {why(error)}"
-                raise ImumonError("output_not_writable", message, "name another file") from None
+                raise not_written(os.fspath(path), error, "name another file") from None
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Live:
@@ -236,8 +236,7 @@ class Live:
         try:
             data = Path(name).read_bytes()
         except OSError as error:
-            message = f"cannot read {name}: {why(error)}"
-            raise ImumonError("file_unreadable", message, "check the path and its permissions") from None
+            raise not_read(name, error) from None
         try:
             state = decode(data, name)
             if state.meta.get("live") != LIVE_FORMAT:

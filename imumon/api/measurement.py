@@ -19,10 +19,11 @@ from typing import TYPE_CHECKING, Any
 
 from imumon.api.curve_table import CurveTable, curve_table, frame_of
 from imumon.coefficients import Estimate
-from imumon.errors import ImumonError, why
+from imumon.errors import ImumonError
 from imumon.ledger import SAMPLES, with_received
 from imumon.report import Channel, Event, Report, SensorGrade, from_json
 from imumon.report_json import MAX_BYTES, to_json
+from imumon.system_errors import not_read, not_written
 
 if TYPE_CHECKING:
     import pandas
@@ -309,8 +310,7 @@ class Measurement:
         try:
             replace_file(os.fspath(path), (to_json(self.report, indent=1) + "\n").encode())
         except OSError as error:
-            message = f"cannot write {os.fspath(path)}: {why(error)}"
-            raise ImumonError("output_not_writable", message, "name another file") from None
+            raise not_written(os.fspath(path), error, "name another file") from None
 
     def __repr__(self) -> str:
         from imumon.datasheet.summary import summary_text
@@ -343,8 +343,7 @@ def load(path: str | os.PathLike[str]) -> Measurement:
         with Path(name).open("rb") as file:
             text = file.read(MAX_BYTES + 1)
     except OSError as error:
-        message = f"cannot read {name}: {why(error)}"
-        raise ImumonError("file_unreadable", message, "check the path and its permissions") from None
+        raise not_read(name, error) from None
     try:
         return Measurement(from_json(Report, text))
     except ValueError as error:

@@ -23,6 +23,8 @@ from typing import Any, Self, TypeVar
 import zenoh
 
 from imumon.bus.bus_error import BusError, classify, readable
+from imumon.errors import why
+from imumon.system_errors import cure_of_writing
 
 DEFAULT_PORTS = range(7448, 7464)  # TCP: a daemon listens on the first free one, a subscriber connects to all
 LEASE_S = 2.0  # s; a link without traffic for this time is closed
@@ -315,8 +317,8 @@ def _users_file(options: SessionOptions, listens: bool) -> Iterator[str]:
             lines += Path(options.users_file).read_bytes()
         file = tempfile.NamedTemporaryFile(prefix="imumon-")  # noqa: SIM115
     except OSError as error:
-        message = f"zenoh.user: the file of users cannot be written: {error.strerror}"
-        cure = "free space in the temporary directory"
+        message = f"zenoh.user: the file of users cannot be written: {why(error)}"
+        cure = cure_of_writing(error, "choose another temporary directory with TMPDIR")
         raise BusError("users_file_failed", message, cure, setting="zenoh.user") from None
     with file:
         file.write(lines)

@@ -17,6 +17,7 @@ from imumon.evaluation import Item
 from imumon.files import SMALL_BYTES
 from imumon.report import MOST_CHARACTERS, Report
 from imumon.report_json import plain
+from imumon.system_errors import cure_of_reading
 
 KEYS = tuple(field.name for field in fields(Item))
 
@@ -60,7 +61,7 @@ def _read(path: Path) -> Mapping[str, Any]:
             raise _error(f"{path} has more than {SMALL_BYTES:,} bytes", cure)
         return tomllib.loads(data.decode())
     except OSError as error:
-        raise _error(f"cannot read {path}: {why(error)}", cure) from None
+        raise _error(f"cannot read {path}: {why(error)}", cure_of_reading(error)) from None
     except ValueError as error:
         raise _error(f"{path} is no TOML file: {plain(str(error))}", cure) from None
 

@@ -24,6 +24,7 @@ from imumon.cli.exit_codes import INTERRUPTED, SUCCESS, USAGE, CommandError, exi
 from imumon.cli.options import Parser
 from imumon.cli.output import discard_stdout, prepare_streams, print_error
 from imumon.errors import ImumonError
+from imumon.system_errors import not_done
 
 Handler: TypeAlias = Callable[[argparse.Namespace], int]
 
@@ -47,8 +48,6 @@ COMMANDS = {
 """Module and help text of each command NAME; the module has its functions ``NAME`` and ``add_NAME``."""
 COMPLETING = "_ARGCOMPLETE"
 """Environment variable that the script of argcomplete sets."""
-
-_WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -86,13 +85,7 @@ def _run(argv: Sequence[str] | None) -> int:
     except OSError as error:
         if error.errno == errno.ENOMEM:
             return _out_of_memory(arguments)
-        if error.errno not in _WRITE_ERRORS:
-            raise
-        discard_stdout()
-        message = f"cannot write {error.filename or 'the output'}: {os.strerror(error.errno).lower()}"
-        return _fail(
-            CommandError("output_not_writable", message, "free space, or write elsewhere"), arguments
-        )
+        return _fail(not_done(error), arguments)
     except ImumonError as error:
         return _fail(error, arguments)
 

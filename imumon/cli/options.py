@@ -16,6 +16,7 @@ from imumon import units
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.output import print_message_once
 from imumon.errors import why
+from imumon.system_errors import cure_of_reading
 
 STREAMS = ("deltas", "uncompensated", "compensated")
 ANSWER_S = 2.0
@@ -385,7 +386,7 @@ def baseline(path: str | None) -> Any:
         return saved_report(Path(path))
     except OSError as error:
         message = f"baseline {path}: {why(error)}"
-        raise CommandError("baseline_unreadable", message, "name a readable file", USAGE) from None
+        raise CommandError("baseline_unreadable", message, cure_of_reading(error), USAGE) from None
     except ValueError:
         message, cure = f"baseline {path} is not a report", "make one with imumon report --format json"
         raise CommandError("baseline_not_a_report", message, cure, USAGE) from None

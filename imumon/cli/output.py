@@ -8,13 +8,16 @@ it, so no data is lost.
 from __future__ import annotations
 
 import codecs
+import errno
 import io
 import os
 import sys
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
 from imumon.errors import ImumonError
+from imumon.system_errors import not_written
 
 _ASCII = str.maketrans(
     {
@@ -38,8 +41,27 @@ def _replace_unencodable(error: UnicodeError) -> tuple[str, int]:
 codecs.register_error("imumon", _replace_unencodable)
 
 
+class _StandardOutput(io.FileIO):
+    """Standard output, whose errors are errors of the command with a cure.
+
+    A reader that has ended is no error: it had enough.
+    """
+
+    def write(self, data: Any, /) -> int:
+        try:
+            written: int | None = super().write(data)
+            if written is None:  # the output does not block, and its reader is slow
+                raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            discard_stdout()
+            raise not_written("the output", error, "write elsewhere") from None
+        return written
+
+
 def prepare_streams() -> None:
-    """Open closed standard streams on the null device, and set the error handler of their encoding.
+    """Open closed standard streams on the null device; prepare others for errors of encoding and of writing.
 
     If a standard stream is closed, Python would send messages for it elsewhere, and the next file that is
     opened would get its descriptor.
@@ -50,6 +72,14 @@ def prepare_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="imumon")
+    # one of a test, or the null device, has no such errors
+    if sys.stdout is sys.__stdout__ and isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout = io.TextIOWrapper(
+            io.BufferedWriter(_StandardOutput(sys.stdout.fileno(), "w", closefd=False)),
+            encoding=sys.stdout.encoding,
+            errors="imumon",
+            line_buffering=sys.stdout.line_buffering or sys.stdout.write_through,
+        )
 
 
 def discard_stdout() -> None:
@@ -62,7 +92,8 @@ def print_message(text: str) -> None:
     from imumon.report_json import plain
 
     lines = "\n".join(map(plain, text.split("\n")))  # faults of settings are one line each
-    print(f"imumon: {lines}", file=sys.stderr)
+    with suppress(OSError):  # it has no reader
+        print(f"imumon: {lines}", file=sys.stderr)
 
 
 print_message_once = cache(print_message)
@@ -79,7 +110,8 @@ def print_error(error: ImumonError, as_json: bool) -> None:
     described: dict[str, Any] = {"code": error.code, "message": error.message, "cure": error.cure}
     if faults := getattr(error, "faults", ()):
         described["faults"] = [asdict(fault) for fault in faults]
-    print(json.dumps({"error": described}), file=sys.stderr)
+    with suppress(OSError):
+        print(json.dumps({"error": described}), file=sys.stderr)
 
 
 def print_status(text: str) -> None:

@@ -23,9 +23,9 @@ from imumon.cli.replay_command import (
     replay_options,
     replayed,
 )
-from imumon.errors import why
 from imumon.files import replace_file
 from imumon.readiness import ProgramName
+from imumon.system_errors import not_read, not_written
 
 PLAIN_K_REMARK = (
     "--walk K: random_walk is K alone. Flicker B moves the bias, too, so a filter with it is too sure of its bias; "
@@ -105,8 +105,7 @@ def report(arguments: argparse.Namespace) -> int:
     try:
         replace_file(arguments.output, data)
     except OSError as error:
-        message = f"cannot write {arguments.output}: {why(error)}"
-        raise CommandError("output_not_writable", message, "name another file with -o") from None
+        raise not_written(arguments.output, error, "name another file with -o") from None
     return SUCCESS
 
 
@@ -218,8 +217,7 @@ def _from_file(arguments: argparse.Namespace) -> Any:
         except IsADirectoryError:
             pass  # a bag of several files
         except OSError as error:
-            message = f"cannot read {arguments.file}: {why(error)}"
-            raise CommandError("file_unreadable", message, "check the path and its permissions") from None
+            raise not_read(arguments.file, error) from None
     from imumon.api.traceability import with_provenance
 
     if head.lstrip().startswith(b"{"):

@@ -261,8 +261,7 @@ def _check_complete(result: RunResult, arguments: argparse.Namespace) -> None:
     if result.unsaved is not None:
         raise CommandError("state_not_saved", "the state is not saved", result.unsaved)
     if result.unrecorded is not None:
-        cure = "free space, or record to another disk; what is in the file can be replayed"
-        raise CommandError("recording_stopped", result.unrecorded, cure)
+        raise CommandError("recording_stopped", result.unrecorded, "what is in the file can be replayed")
 
 
 def _sampled(result: RunResult) -> bool:

@@ -13,6 +13,7 @@ from typing import Any
 from imumon.errors import ImumonError
 from imumon.files import SMALL_BYTES, read_at_most
 from imumon.report_json import plain
+from imumon.system_errors import cure_of_reading
 
 LONGEST_LINE = 1000
 """Characters of a line: the time for a dotted name grows with the square of its length."""
@@ -61,8 +62,10 @@ def read_text(path: Path) -> str:
         with path.open("rb") as file:
             return read_at_most(file, SMALL_BYTES).decode("utf-8-sig").replace("\r\n", "\n")
     except OSError as error:
-        message = f"cannot be read: {error.strerror or error}"
-        fault = ConfigFault("file_unreadable", str(path), "", message, "check the path and its permissions")
+        cure = cure_of_reading(error)
+        fault = ConfigFault(
+            "file_unreadable", str(path), "", f"cannot be read: {error.strerror or error}", cure
+        )
     except UnicodeDecodeError as error:
         message = f"is not UTF-8 text (byte {error.start})"
         fault = ConfigFault("not_utf8", str(path), "", message, "save it as UTF-8")

@@ -20,6 +20,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty, Full, Queue
 
+from imumon.errors import why
 from imumon.report import Event
 from imumon.report_json import to_json
 
@@ -125,7 +126,7 @@ class AlertCommand:
                 env=environment,
             )
         except (OSError, ValueError) as error:
-            return f"cannot be started: {error}"
+            return f"cannot be started: {why(error)}"
         try:
             process.communicate(data + b"\n", KILL_S)
         except subprocess.TimeoutExpired:

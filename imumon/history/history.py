@@ -19,7 +19,7 @@ from typing import Any
 
 from imumon.clock import REAL_TIME, HostClock
 from imumon.errors import why
-from imumon.files import cure_of_writing, lack_of_files
+from imumon.files import lack_of_files
 from imumon.history import selection
 from imumon.history.day_changes import DayChanges
 from imumon.history.power_ups import PowerUps
@@ -31,6 +31,7 @@ from imumon.messages import change_text
 from imumon.noise.stretches.stretch_rules import DAYS_KEPT
 from imumon.report import Event, Report
 from imumon.samples import Level
+from imumon.system_errors import OTHER_STATE, cure_of_writing
 from imumon.units import DAY
 
 MOST_PENDING = 2400
@@ -285,11 +286,11 @@ class History:
                     self._set_aside(damaged(self.path))
                     continue
                 cause = lack_of_files() or error
-                self._failed = f"{self.path.parent}: {why(cause)}: {cure_of_writing(cause)}"
+                self._failed = f"{self.path.parent}: {why(cause)}: {cure_of_writing(cause, OTHER_STATE)}"
             except (OSError, MemoryError) as error:
                 store = _closed(store)
                 reason = getattr(error, "strerror", None) or "out of memory"
-                self._failed = f"{self.path.parent}: {reason}: {cure_of_writing(error)}"
+                self._failed = f"{self.path.parent}: {reason}: {cure_of_writing(error, OTHER_STATE)}"
             with self._changed:
                 self._tried = asked
                 self._changed.notify_all()

@@ -23,8 +23,8 @@ from imumon.errors import ImumonError, why
 from imumon.files import open_regular
 from imumon.recordings.array_table import ArrayColumn, ArrayTable, Opened, Reader, Shape, in_blocks
 from imumon.recordings.base import ROWS, ReadOptions, RecordingError
-from imumon.recordings.raw_capture import ACCESS
 from imumon.samples import Floats
+from imumon.system_errors import cure_of_reading, is_damage
 
 MOST_RATIO = 100
 """Bytes per byte of the file to which it may decompress: numbers of a sensor reach 10."""
@@ -65,7 +65,7 @@ def array_kind(path: str, head: bytes) -> str | None:
     try:
         with _opened(path) as file, zipfile.ZipFile(file) as archive:
             names = archive.namelist()
-    except (OSError, zipfile.BadZipFile):
+    except Exception:  # zipfile raises many kinds; `ArrayFile` says what is wrong
         names = []
     if "xl/workbook.xml" in names:
         raise RecordingError("format_xlsx", f"{path} is a workbook of Excel", "save the sheet as CSV")
@@ -100,15 +100,21 @@ class ArrayFile(ArrayTable):
         except (ImumonError, MemoryError, GeneratorExit):
             raise
         except OSError as error:
-            if error.errno is None:  # of a library: the contents are wrong
-                raise RecordingError(*corrupt) from None
-            raise RecordingError("not_readable", f"cannot read {self.path}: {why(error)}", ACCESS) from None
+            raise (RecordingError(*corrupt) if is_damage(error) else _unreadable(self.path, error)) from None
         except Exception:  # zipfile, numpy, scipy and pyarrow raise many kinds
             raise RecordingError(*corrupt) from None
 
 
 def _opened(path: str) -> IO[bytes]:
-    return os.fdopen(open_regular(path, follow=True), "rb")
+    """Open a file; raise `RecordingError` if it cannot be opened, whatever the number: no decoder has seen it."""
+    try:
+        return os.fdopen(open_regular(path, follow=True), "rb")
+    except OSError as error:
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: str, error: OSError) -> RecordingError:
+    return RecordingError("not_readable", f"cannot read {path}: {why(error)}", cure_of_reading(error))
 
 
 # ---------------------------------------------------------------- NumPy
@@ -191,6 +197,7 @@ def _npz(path: str) -> Opened:
     file = _opened(path)
     archive = zipfile.ZipFile(file)
     members = archive.infolist()
+    _check_directory(file, archive)
     _check_size(path, sum(member.file_size for member in members), "npz")
     arrays = {}
     for member in members:
@@ -201,6 +208,17 @@ def _npz(path: str) -> Opened:
     names = {member.filename.removesuffix(".npy"): member for member in members}
     read = _npy_reader(lambda name: archive.open(names[name]), arrays)
     return {name: _fields(array) for name, array in arrays.items()}, read
+
+
+def _check_directory(file: IO[bytes], archive: zipfile.ZipFile) -> None:
+    """Raise `zipfile.BadZipFile` if the directory has fewer entries than the end of the archive says.
+
+    A damaged length of an entry hides those behind it.
+    """
+    file.seek(-22 - len(archive.comment), os.SEEK_END)
+    count = int.from_bytes(file.read(12)[10:], "little")
+    if count not in (len(archive.infolist()), 0xFFFF):  # the last: the number is elsewhere, as it is larger
+        raise zipfile.BadZipFile("entries are missing")
 
 
 def _npy(path: str) -> Opened:

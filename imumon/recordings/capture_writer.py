@@ -20,9 +20,13 @@ from typing import Any, BinaryIO
 from imumon.errors import why
 from imumon.recordings.base import RecordingError
 from imumon.recordings.raw_capture import MARK, part_path
+from imumon.system_errors import cure_of_writing
 
 BACKLOG = 8 << 20
 """Bytes that wait for a slow disk; with more, the recording ends."""
+
+ELSEWHERE = "give another --record"
+"""How a user names another place."""
 
 FLUSH_S = 1.0
 """s of data that a kill may cost."""
@@ -92,8 +96,8 @@ class CaptureWriter:
             self._begin_part()
         except OSError as error:
             text = f"cannot record to {path}: {why(error)}"
-            space = "free space, or " if error.errno == errno.ENOSPC else ""
-            raise RecordingError("not_writable", text, f"{space}give another --record") from None
+            cure = cure_of_writing(error, ELSEWHERE)
+            raise RecordingError("not_writable", text, cure) from None
         self._thread = threading.Thread(target=self._run, name=f"record {path}", daemon=True)
         self._thread.start()
 
@@ -103,7 +107,7 @@ class CaptureWriter:
             return
         with self._changed:
             if self._waiting + len(data) > BACKLOG:
-                self._stop(f"the disk is too slow, {BACKLOG >> 20} MB are waiting")
+                self._stop(f"the disk is too slow, {BACKLOG >> 20} MB are waiting: {ELSEWHERE}")
                 return
             self._backlog.append(data)
             self._waiting += len(data)
@@ -130,7 +134,8 @@ class CaptureWriter:
         self.end()
         self._thread.join(timeout=wait_s)
         if not self.ended:
-            self._stop(f"the disk is too slow, {self._accepted - self.written_bytes} bytes did not reach it")
+            missing = self._accepted - self.written_bytes
+            self._stop(f"the disk is too slow, {missing} bytes did not reach it: {ELSEWHERE}")
 
     def _begin_part(self) -> None:
         """Open the next file whose name is free; a pipe or a device is used as it is."""
@@ -179,7 +184,7 @@ class CaptureWriter:
                 self._in_part += len(data)
                 self.written_bytes += len(data)
         except Exception as error:  # any error is reported in `stopped`
-            self._stop(why(error))
+            self._stop(f"{why(error)}: {cure_of_writing(error, ELSEWHERE)}")
         with contextlib.suppress(OSError):
             self._end_part()
 

@@ -39,6 +39,7 @@ from imumon.recordings.base import LONGEST_LINE, SQLITE, RecordingError
 from imumon.report import MOST_CHARACTERS, stamp
 from imumon.report_json import plain
 from imumon.samples import FASTEST_HZ, SLOWEST_HZ, Gap
+from imumon.system_errors import cure_of_reading
 
 MARK = b"#imumon-recording "
 """Start of a line that is no data."""
@@ -58,8 +59,6 @@ EXPANSION_BYTES = 256 << 20
 MOST_PARTS = 10_000
 """Parts of which a capture is not read twice; memory does not grow with their number."""
 
-ACCESS = "check the path and its permissions"
-"""Cure for a file that cannot be opened."""
 _OTHER_FILE = "name another file"
 _FOREIGN = {
     b"PK\x03\x04": ("zip", "a ZIP archive", "unpack it first"),
@@ -205,7 +204,8 @@ class _Part:
             self._file = _standard_input() if path == "-" else open_input(path, pipe=not later)
             head = self._file.read(CHUNK)
         except (OSError, ValueError) as error:
-            raise RecordingError("not_readable", f"cannot read {path}: {why(error)}", ACCESS) from None
+            text = f"cannot read {path}: {why(error)}"
+            raise RecordingError("not_readable", text, cure_of_reading(error)) from None
         if not head:
             raise RecordingError("empty", f"{path} is empty: nothing was recorded", "record again")
         for magic, (name, noun, cure) in _FOREIGN.items():

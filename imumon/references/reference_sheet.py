@@ -21,6 +21,7 @@ from imumon.errors import ImumonError, why
 from imumon.files import SMALL_BYTES, open_regular
 from imumon.report_json import check, plain
 from imumon.samples import AXES, sensor_of
+from imumon.system_errors import cure_of_reading
 from imumon.units import DEG, FLICKER, HOUR
 
 SENSORS = ("gyro", "accel", "mag")
@@ -109,7 +110,7 @@ def read_sheet(path: Path | str) -> ReferenceSheet:
         with open(open_regular(path, follow=True), "rb") as file:
             data = file.read(SMALL_BYTES + 1)
     except OSError as error:
-        cure = f"name a file, or one of {', '.join(published())}"
+        cure = f"{cure_of_reading(error)}, or name one of {', '.join(published())}"
         raise SheetError("datasheet_unreadable", f"--datasheet {path}: {why(error)}", cure) from None
     return _parsed(data, str(path))
 

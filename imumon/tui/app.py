@@ -23,10 +23,12 @@ from textual.screen import Screen
 from textual.widget import Widget
 
 from imumon.coefficients import NOISE
+from imumon.errors import why
 from imumon.files import replace_file
 from imumon.glossary import words_in
 from imumon.messages import caveats
 from imumon.report import Report
+from imumon.system_errors import cure_of_writing
 from imumon.tui import export, terminal
 from imumon.tui.formatting import Line, Notation, wrap
 from imumon.tui.history_chart import parse
@@ -420,7 +422,8 @@ class ImumonApp(App[int]):
             files = f"{target} and {saved.name}" if saved not in (None, target) else target
             self.notify(f"saved {files}{hint}", markup=False)
         except (OSError, ValueError) as error:
-            self.notify(f"not saved: {error}", severity="error", markup=False)
+            cure = cure_of_writing(error, "start the screen in another directory")
+            self.notify(f"not saved: {why(error)}: {cure}", severity="error", markup=False)
 
     def export_screenshot(self, *, title: str | None = None, simplify: bool = True) -> str:
         """Return a screenshot as SVG, in the colours of the theme whatever the terminal has."""

@@ -13,8 +13,8 @@ the bytes that the browser did not take are sent, without end. So a connection o
 from __future__ import annotations
 
 import asyncio
-import errno
 import logging
+import os
 import shlex
 import signal
 import socket
@@ -27,7 +27,8 @@ from urllib.parse import urlsplit
 
 from imumon.config.settings import LimitSettings
 from imumon.door_limits import OpenConnections, within_files
-from imumon.errors import ImumonError, why
+from imumon.errors import ImumonError
+from imumon.system_errors import cure_of_writing
 
 log = logging.getLogger(__name__)
 
@@ -87,8 +88,8 @@ def serve(
     try:
         return _run(page.serve(server, ready))
     except OSError as error:
-        reason = "in use" if error.errno == errno.EADDRINUSE else why(error)
-        cure = "choose another address with --listen"
+        cure = cure_of_writing(error, "choose another address with --listen")
+        reason = os.strerror(error.errno or 0).lower()  # the text of asyncio repeats the address
         raise WebError("web_not_served", f"{page.address}: {reason}", cure) from None
 
 

@@ -6,6 +6,7 @@ import shlex
 import subprocess
 import sys
 import zipfile
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -136,6 +137,26 @@ def test_a_file_that_is_cut_is_one_line(tmp_path: Path, name: str, share: float)
     data = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(data[: int(share * len(data))])
     assert "corrupt" in imumon("replay", tmp_path / name, code=1)
+
+
+def test_a_damaged_archive_is_named_as_damaged(tmp_path: Path) -> None:
+    """Wherever the damage is: an offset that no file can have is damage, and no error of the path."""
+    path, chance = tmp_path / "a.npz", np.random.default_rng(1)
+    np.savez(path, t=T, gyro=GYRO, accel=ACCEL)
+    whole, said = path.read_bytes(), Counter[str]()
+    for number in range(100):
+        data = bytearray(whole)
+        begin = (4, len(whole) - 400)[number % 2]  # in all of it, or in its directory
+        for place in chance.integers(begin, len(whole), 20):
+            data[place] ^= 1 + chance.integers(255)
+        path.write_bytes(data)
+        try:
+            read(path)
+            said["harmless"] += 1  # the date of an entry, or a comment
+        except RecordingError as error:
+            said["corrupt" if "is corrupt" in error.message else error.code] += 1
+    assert said["corrupt"] >= 95
+    assert set(said) <= {"corrupt", "harmless"}
 
 
 @pytest.mark.parametrize(

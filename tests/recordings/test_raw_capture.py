@@ -119,7 +119,7 @@ print(recorder.stopped)
 """
     path = tmp_path / "run.bin"
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
-    assert f"has ended: file too large; the file has {path.stat().st_size:,} bytes" in done.stdout
+    assert f"or give another --record; the file has {path.stat().st_size:,} bytes" in done.stdout
     assert 0 < len(contents(path)) <= 5000
 
 

@@ -193,7 +193,7 @@ def test_a_disk_that_fills_up_ends_the_recording_not_the_daemon(tmp_path: Path) 
     assert done.returncode == 1, done.stderr
     error = json.loads(done.stderr.splitlines()[-1])["error"]
     assert error["code"] == "state_not_saved"
-    assert error["cure"].endswith(": File too large: free space or choose another --state")
+    assert error["cure"].endswith("(ulimit -f, or LimitFSIZE= of a service), or choose another --state")
     live = from_json(Report, done.stdout)
     assert live.session.samples > 150
     assert live.session.missing == 0

@@ -239,7 +239,7 @@ def test_30_disk_is_full_at_each_write(tmp_path: Path, first: int) -> None:
             least = readable(play.state, tmp_path / "copy", least)
             lines = play.daemon.log.splitlines()[said:]
             assert 1 <= len(lines) <= 2, (calls, lines)  # state, history
-            assert all(": free space " in line for line in lines), lines
+            assert all(": free space" in line for line in lines), lines
             disk.leave(-1)
             end = said + 2 * len(lines)
             until(lambda end=end: len(play.daemon.log.splitlines()) >= end, PATIENCE_S)

@@ -1,0 +1,120 @@
+"""Errors of the operating system end in one line with a cure, whatever their number."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import subprocess
+import sys
+
+import pytest
+
+from imumon.cli import admin, main
+from imumon.cli import output as command_output
+from imumon.errors import ImumonError
+from imumon.system_errors import cure_of_reading, not_done, not_read, not_written
+
+NUMBERS = sorted({*errno.errorcode, 9999})
+"""Every number of the system, and one that it does not have."""
+
+ENOUGH = (errno.EPIPE, errno.ESHUTDOWN)
+"""A reader of the output has ended: no error of the command."""
+
+LIMIT_PROGRAM = (
+    "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0));"
+    "from imumon.cli import main; sys.exit(main())"
+)
+
+
+def error(number: int) -> OSError:
+    return OSError(number, os.strerror(number))
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_every_number_has_a_message_and_a_cure_of_one_line(number: int) -> None:
+    found = error(number)
+    for described in (not_written("a.html", found, "name another"), not_read("a", found), not_done(found)):
+        assert described.message.endswith(os.strerror(number).lower())
+        assert described.cure
+        assert not set("\n{}") & set(str(described))
+    # what a number says does not hold of another kind of file
+    assert "--state" not in not_written("a.html", found, "name another").cure + cure_of_reading(found)
+
+
+def test_a_command_ends_in_one_line_for_every_number(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in set(NUMBERS) - {*ENOUGH, errno.ENOMEM}:  # the last has no orderly end
+        for file in (None, "/x"):
+
+            def fail(_: object, number: int = number, file: str | None = file) -> int:
+                raise OSError(number, os.strerror(number), file)
+
+            monkeypatch.setattr(admin, "config", fail)
+            assert main(["config", "show"]) == 1
+            written = capsys.readouterr()
+            assert written.out == ""
+            assert written.err.count("\n") == 1
+            assert os.strerror(number).lower() in written.err
+
+
+@pytest.mark.parametrize("number", [n for n in NUMBERS if n not in ENOUGH])
+def test_standard_output_that_fails_is_an_error_of_the_output(
+    monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    """The lowest stream fails as the system does; what is above it is real."""
+
+    class Failing(io.FileIO):
+        def write(self, data: object, /) -> int:
+            raise error(number)
+
+    class Output(command_output._StandardOutput, Failing):
+        """Standard output above a system that fails."""
+
+    monkeypatch.setattr(command_output, "discard_stdout", lambda: None)
+    read_end, write_end = os.pipe()
+    stream = io.BufferedWriter(Output(write_end, "w", closefd=False))
+    stream.write(b"x")
+    with pytest.raises(ImumonError) as caught:
+        stream.flush()
+    assert (caught.value.code, caught.value.message.split(":")[0]) == (
+        "output_not_writable",
+        "cannot write the output",
+    )
+    with pytest.raises(ImumonError):
+        stream.close()
+    os.close(read_end)
+    os.close(write_end)
+
+
+def test_a_limit_of_file_sizes_is_named(tmp_path_factory: pytest.TempPathFactory) -> None:
+    with (tmp_path_factory.mktemp("output") / "big.json").open("wb") as file:
+        command = [sys.executable, "-c", LIMIT_PROGRAM, "config", "show"]
+        done = subprocess.run(
+            command, stdout=file, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+        )
+    assert done.returncode == 1
+    assert done.stderr.startswith("imumon: cannot write the output: file too large: raise the limit")
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_slow_reader_of_a_pipe_that_does_not_block_is_named() -> None:
+    read_end, write_end = os.pipe()
+    os.set_blocking(write_end, False)
+    try:
+        while True:
+            os.write(write_end, b"x" * 4096)
+    except BlockingIOError:
+        pass  # the pipe is full
+    command = [sys.executable, "-m", "imumon", "config", "show"]
+    done = subprocess.run(
+        command, stdout=write_end, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+    )
+    os.close(read_end)
+    os.close(write_end)
+    assert done.returncode == 1
+    assert done.stderr.startswith(
+        "imumon: cannot write the output: resource temporarily unavailable: let its reader"
+    )
+    assert done.stderr.count("\n") == 1
