@@ -39,6 +39,7 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   units.py       factors of units, and numbers as text
   ledger.py      what became of everything that was received
   errors.py      errors with code, message and cure
+  system_errors.py  errors of the operating system, and what to do about them
   files.py       files that other users may have prepared
   clock.py       time of the host, and what a second of the record takes of it
   door_limits.py limits of what accepts connections from other programs
