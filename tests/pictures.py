@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
-from unittest.mock import patch
 
 import reports
 from paths import TESTS
@@ -76,7 +75,7 @@ PICTURES = {
         Picture("events-small", keys=("4",)),
         Picture("history-small", keys=("6",)),
         Picture("convergence-small", keys=("7", "right", "down")),
-        Picture("comparison-large", "two", keys=("5", "c"), size=LARGE),
+        Picture("sensors-large", "two", keys=("5",), size=LARGE),
         # correlated noise: its own line, columns and what is open
         Picture("correlated-large", "correlated", size=LARGE),
         # what a chart can show: unused octaves, limits of the grades and a baseline; three axes
@@ -152,8 +151,7 @@ def drawn(pictures: Iterable[Picture]) -> dict[str, str]:
             order = sorted(pictures, key=lambda p: (p.size, p.theme))
             return {p.name: await _draw(app, pilot, source, p) for p in order}
 
-    with patch("imumon.tui.app.save_directory", lambda: "/home/you"):
-        return asyncio.run(go())
+    return asyncio.run(go())
 
 
 if __name__ == "__main__":

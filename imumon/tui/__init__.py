@@ -8,12 +8,10 @@ widgets        widgets that draw lines in the colours of the theme
 panels         status line, footer, headline grades, selected channel, welcome
 text_panels    device, events, sensors, drift
 channel_table  table of all channels
-compare        two sensors beside one another
 charts         Allan deviation, signal, histogram, spectrum
 braille_canvas numbers in, character cells out
 formatting     numbers as text of limited width
-export         what is shown as CSV, JSON or PNG
-svg_export     a screenshot that looks the same everywhere
+export         the saved report, and numbers for other programs
 terminal       what the screen needs of the terminal
 """
 

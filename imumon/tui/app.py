@@ -18,9 +18,7 @@ from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.containers import Container
 from textual.events import Click
-from textual.filter import LineFilter
 from textual.screen import Screen
-from textual.widget import Widget
 
 from imumon.coefficients import NOISE
 from imumon.errors import why
@@ -28,12 +26,12 @@ from imumon.files import replace_file
 from imumon.glossary import words_in
 from imumon.messages import caveats
 from imumon.report import Report
+from imumon.report_json import to_json
 from imumon.system_errors import cure_of_writing
 from imumon.tui import export, terminal
 from imumon.tui.formatting import Line, Notation, wrap
 from imumon.tui.history_chart import parse
 from imumon.tui.panels import footer, status, tabs, welcome
-from imumon.tui.svg_export import portable_svg
 from imumon.tui.view_state import SPANS, VIEWS, WINDOWS, HistorySeries, ViewState
 from imumon.tui.views import (
     WINDOW_WIDTH,
@@ -44,15 +42,13 @@ from imumon.tui.views import (
     HelpWindow,
     HistoryView,
     Overview,
-    SaveDialog,
     SensorsView,
     SignalView,
     View,
     help_lines,
-    keys_of,
     word_lines,
 )
-from imumon.tui.widgets import THEMES, DrawnPanel, FewColours, RoleStyles, ScrolledPanel
+from imumon.tui.widgets import THEMES, DrawnPanel, RoleStyles, ScrolledPanel
 
 if TYPE_CHECKING:
     from imumon.bus.subscriber import HistoryAnswer, Subscriber
@@ -62,7 +58,7 @@ T = TypeVar("T")
 POLL_S = 0.25
 """s between two polls of the source: the screen is drawn at most this often."""
 FORGET_S = 60.0
-"""s after which a daemon that has finished is no longer listed, unless it is selected or compared."""
+"""s after which a daemon that has finished is no longer listed, unless it is selected."""
 TERMINAL_POLL_S = 5.0
 """s between two checks whether the terminal, or the server of the browser, is still there."""
 
@@ -105,7 +101,7 @@ class ImumonApp(App[int]):
         Binding("n", "device(1)", "next sensor"),
         Binding("u", "units", "usual or SI units"),
         Binding("f", "freeze", "freeze, or resume"),
-        Binding("s", "save", "save this view"),
+        Binding("s", "save", "save report"),
         Binding("t", "dark", "light or dark"),
         Binding("ctrl+p", "command_palette", "palette"),
         Binding("question_mark,f1", "help", "this help"),
@@ -146,7 +142,7 @@ class ImumonApp(App[int]):
             letters=letters,
         )
         self._ended = ended
-        self._built = self._has_all_colours = False
+        self._built = False
         self._watched: tuple[str, str | None] | None = None
         # version of the source and everything else that a poll has shown: while both are the same, nothing is drawn
         self._seen: tuple[int, tuple[object, ...]] | None = None
@@ -172,12 +168,6 @@ class ImumonApp(App[int]):
                 yield view(id=view.title)
         yield DrawnPanel(footer, id="footer")
 
-    def get_line_filters(self) -> Sequence[LineFilter]:
-        """Return the filters of what is drawn: those of Textual, and the colours of a terminal with 256 or 16."""
-        filters, colours = super().get_line_filters(), {"256": 256, "standard": 16}
-        few = colours.get(self.console.color_system or "")
-        return filters if few is None or self._has_all_colours else [*filters, FewColours(few)]
-
     def on_mount(self) -> None:
         self._built = True
         self.set_interval(POLL_S, self.poll)
@@ -200,12 +190,12 @@ class ImumonApp(App[int]):
             return
         now = self.clock()
         alive, connected = frozenset(self.source.alive()), self.source.connected()
-        kept = (self.view_state.id, self.view_state.compared_id)
+        selected = self.view_state.id
         # before a device is selected, the last report of one that has finished is better than an empty screen
         reports = {
             name: (report, moment)
             for name, (report, moment) in self.source.reports().items()
-            if report.state != "stopped" or now - moment < FORGET_S or name in kept or kept[0] is None
+            if report.state != "stopped" or now - moment < FORGET_S or selected in (None, name)
         }
         ages = {name: max(now - moment, 0.0) for name, (_, moment) in reports.items()}
         # in whole seconds, and only where the age is shown: a report on time must not redraw the screen
@@ -298,8 +288,6 @@ class ImumonApp(App[int]):
         state = self.view_state.updated(
             id=id or self.view_state.id, channel=channel or self.view_state.channel
         )
-        if id is not None and state.compared_id == id:
-            state = state.updated(compared_id=None)
         self._show(state.with_existing_selection())
 
     def action_channel(self, step: int) -> None:
@@ -311,13 +299,6 @@ class ImumonApp(App[int]):
 
     def action_device(self, step: int) -> None:
         self.select(id=_neighbour(list(self.view_state.reports), self.view_state.id, step))
-
-    def action_compare(self) -> None:
-        """Compare with the next device, and after the last one with none."""
-        names: list[str | None] = [None, *(n for n in self.view_state.reports if n != self.view_state.id)]
-        other = _neighbour(names, self.view_state.compared_id, 1)
-        baseline = self.view_state.reports.get(other) if other is not None else None
-        self.change(compared_id=other, baseline=baseline, baseline_name="compared" if other else "saved")
 
     def action_switch(self, name: str) -> None:
         """Toggle a field of the state."""
@@ -332,7 +313,7 @@ class ImumonApp(App[int]):
         """Use the present report as the baseline, or remove the baseline."""
         baseline = self.view_state.report if self.view_state.baseline is None else None
         name = f"at {baseline.time[11:16]}" if baseline is not None else "saved"
-        self.change(baseline=baseline, baseline_name=name, compared_id=None)
+        self.change(baseline=baseline, baseline_name=name)
 
     def action_span(self, step: int) -> None:
         spans = list(SPANS)
@@ -392,54 +373,20 @@ class ImumonApp(App[int]):
         self.push_screen(DialogWindow("copied", shown, self.view_state.notation))
 
     def action_save(self) -> None:
-        self.clear_notifications()  # a notification about the last save must not be part of the next picture
-        where = save_directory()
-        lines: list[Line] = [
-            *(
-                [(key, "key"), (f"   {what}", "text")]
-                for key, what in keys_of(list(SaveDialog.BINDINGS), False)
-            ),
-            [],
-            [(f"into {'the downloads of the browser' if self.is_web else where}"[:56], "muted")],
-        ]
-        dialog = SaveDialog("save this view", lines, self.view_state.notation)
-        self.push_screen(dialog, partial(self.save_view, where))
-
-    def save_view(self, where: Path, form: str | None) -> None:
-        """Write the view into a directory, and notify of the file or of the error."""
-        if form is None:
+        """Save the report as JSON, a baseline for later, and notify of the file or of the error."""
+        report = self.view_state.report
+        if report is None:
+            return
+        target, content = save_directory() / export.file_name(report), f"{to_json(report, indent=1)}\n"
+        if self.is_web:  # nothing is written here: the browser saves it
+            self.deliver_text(io.StringIO(content), save_filename=target.name, open_method="download")
             return
         try:
-            target = where / export.file_name(self.view_state, "svg" if form == "png" else form)
-            picture = form in ("svg", "png")
-            content = self.export_screenshot() if picture else export.exported_text(self.view_state, form)
-            if self.is_web:  # nothing is written here: the browser saves it
-                self.deliver_text(io.StringIO(content), save_filename=target.name, open_method="download")
-                return
             replace_file(target, content.encode())
-            saved = export.convert_to_png(target) if form == "png" else target
-            hint = "" if saved else " (PNG needs the extra png: pip install '.[png]')"
-            files = f"{target} and {saved.name}" if saved not in (None, target) else target
-            self.notify(f"saved {files}{hint}", markup=False)
-        except (OSError, ValueError) as error:
+            self.notify(f"saved {target}", markup=False)
+        except OSError as error:
             cure = cure_of_writing(error, "start the screen in another directory")
             self.notify(f"not saved: {why(error)}: {cure}", severity="error", markup=False)
-
-    def export_screenshot(self, *, title: str | None = None, simplify: bool = True) -> str:
-        """Return a screenshot as SVG, in the colours of the theme whatever the terminal has."""
-        self._has_all_colours = True
-        try:
-            self._forget_drawn()
-            return portable_svg(super().export_screenshot(title=title or "imumon", simplify=simplify))
-        finally:
-            self._has_all_colours = False
-            self._forget_drawn()
-
-    def _forget_drawn(self) -> None:
-        """Draw every widget again: its lines are kept after the filters."""
-        for screen in self.screen_stack:
-            for widget in (screen, *screen.walk_children(Widget)):
-                widget.refresh()
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         for k, name in enumerate(VIEWS, 1):
@@ -448,7 +395,8 @@ class ImumonApp(App[int]):
         yield SystemCommand(
             "Freeze", "stop the display, or resume it; the record continues", self.action_freeze
         )
-        yield SystemCommand("Save", "this view as SVG, PNG, CSV or JSON", self.action_save)
+        yield SystemCommand("Save", "the report as JSON, a baseline for later", self.action_save)
+        yield SystemCommand("Screenshot", "this screen as SVG", self.deliver_screenshot)
         yield SystemCommand("Help", "keys of this view", self.action_help)
         yield SystemCommand("Theme", "choose another theme", self.action_change_theme)
         yield SystemCommand("Quit", "close the screen; the daemon continues", self.action_quit)

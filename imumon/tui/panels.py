@@ -85,7 +85,6 @@ VIEW_KEYS = {
     ),
     "signal": (("w", "window"),),
     "events": (("/", "filter"),),
-    "sensors": (("c", "compare"),),
     "history": (("+-", "span"),),
     "convergence": (("c", "copy"),),
 }

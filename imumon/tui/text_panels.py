@@ -15,7 +15,6 @@ from imumon.messages import (
 )
 from imumon.report import Channel, Drift, Event, Report, SensorGrade
 from imumon.samples import INERTIAL
-from imumon.tui.compare import comparison
 from imumon.tui.formatting import Line, approximate_duration, fitted, length, padded, with_background, wrap
 from imumon.tui.view_state import ViewState
 from imumon.units import duration, number, plus_minus, share_text
@@ -197,7 +196,7 @@ def events(state: ViewState, width: int, height: int = 0) -> list[Line]:
 
 
 def sensors(state: ViewState, width: int, height: int = 0) -> list[Line]:
-    """Return every device with status, elapsed time and grades, and the comparison of two."""
+    """Return every device with status, elapsed time and grades."""
     lines: list[Line] = [[(" sensors ", "title"), (str(len(state.reports)), "muted")], []]
     for name, report in sorted(state.reports.items()):
         line = _sensor_line(state, name, report, width)
@@ -206,18 +205,16 @@ def sensors(state: ViewState, width: int, height: int = 0) -> list[Line]:
             grade = report.grade.get(sensor, SensorGrade())
             role = f"grade-{grade.meets}" if grade.meets else "faint"
             lines.append([(f"{'':<{STATUS}}{sensor:<6}", "muted"), (grade_text(grade), role)])
-    keys = "c: the next one, then none" if state.compared_id else "c compares the selected one with the next"
     several = len(state.reports) > 1
-    hint = f"arrows select · {keys}" if several else "other sensors appear here when their daemons answer"
-    lines += [[], [(f"   {hint}", "faint")], [], *comparison(state, width)]
+    hint = "arrows select, enter opens" if several else "other sensors appear here when their daemons answer"
+    lines += [[], [(f"   {hint}", "faint")]]
     return [padded(line, width) for line in lines]
 
 
 def _sensor_line(state: ViewState, name: str, report: Report, width: int) -> Line:
-    """Return one device: status, name, elapsed time, and that it is compared or how old its report is."""
+    """Return one device: status, name, elapsed time, and how old its report is."""
     now = state.connection_status(name)
     age = "" if now.live else f"{approximate_duration(state.ages.get(name, 0.0))} ago"
-    compared = name == state.compared_id
     status: Line = [
         ("▌" if name == state.id else " ", "accent"),
         (f" {now.mark} {now.title:<14}", now.role),
@@ -227,7 +224,7 @@ def _sensor_line(state: ViewState, name: str, report: Report, width: int) -> Lin
         *padded(status, STATUS),
         (f"{name:<{cells}}" if len(name) < cells else f"{name[: cells - 2]}… ", "strong"),
         (f"{duration(report.session.elapsed_s):<12}", "text"),
-        ("compared" if compared else age, "bound" if compared else "warn"),
+        (age, "warn"),
     ]
 
 

@@ -87,7 +87,6 @@ class ViewState:
     compact : there is little room: the grades are in the table.
     folded : sensors without a grade are left out of the table, until one of their channels is selected.
     program, letters : program that the numbers are for, and the coefficients that it needs.
-    compared_id : device that is compared with the selected one.
     starting : message while a daemon is known to start and does not answer yet.
     ended : last message of that daemon after it has ended.
     """
@@ -117,7 +116,6 @@ class ViewState:
     zoomed: bool = False
     baseline: Report | None = None
     baseline_name: str = "baseline"
-    compared_id: str | None = None
     filter_text: str = ""
     frozen: bool = False
     endpoint: str | None = None
@@ -167,8 +165,6 @@ class ViewState:
             state = state.updated(id=next(iter(matching(state.requested_id, state.reports)), None))
         if state.channel not in state.channels:
             state = state.updated(channel=next(iter(state.channels), None))
-        if state.compared_id is not None:
-            state = state.updated(baseline=state.reports.get(state.compared_id))
         return state
 
     def connection_status(self, id: str | None = None) -> ConnectionStatus:

@@ -222,14 +222,13 @@ class EventsView(ScrolledView):
 
 
 class SensorsView(ScrolledView):
-    """All sensors, and a comparison of two."""
+    """All sensors, and the Allan deviation of the selected one."""
 
     title = "sensors"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("down,j", "app.device(1)", "next sensor"),
         Binding("up,k", "app.device(-1)", "previous sensor"),
         Binding("enter", "app.view('overview')", "open its overview"),
-        Binding("c", "app.compare", "compare with the next, or stop"),
     ]
 
     def compose(self) -> ComposeResult:
@@ -243,7 +242,7 @@ WINDOW_WIDTH = 55
 """Cells of text in a dialog window: it fits a terminal of 60 cells."""
 
 
-class DialogWindow(ModalScreen[str | None]):
+class DialogWindow(ModalScreen[None]):
     """A small window above the view."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -311,17 +310,6 @@ class HelpWindow(DialogWindow):
             self.dismiss(None)
         else:
             panel.scroll_to(y=place, animate=False)
-
-
-class SaveDialog(DialogWindow):
-    """Asks for the format in which to save."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("v", "dismiss('svg')", "picture, SVG"),
-        Binding("p", "dismiss('png')", "picture, PNG, and the SVG it is made from"),
-        Binding("c", "dismiss('csv')", "numbers of this view, CSV"),
-        Binding("j", "dismiss('json')", "the whole report, JSON (a baseline for later)"),
-    ]
 
 
 def keys_of(bindings: list[BindingType], ascii: bool) -> list[tuple[str, str]]:

@@ -6,17 +6,13 @@ variables, so every theme works. Text is never parsed as markup: a unit such as 
 
 from __future__ import annotations
 
-import colorsys
 from collections.abc import Callable
-from functools import cache, lru_cache
 from itertools import zip_longest
 from typing import Any, ClassVar
 
 from rich.color import Color
 from rich.segment import Segment
 from rich.style import Style
-from textual.color import Color as TextualColor
-from textual.filter import LineFilter
 from textual.geometry import Region, Size
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
@@ -69,127 +65,13 @@ DrawFunction = Callable[[ViewState, int, int], list[Line]]
 
 ROLES = (
     *("text", "strong", "title", "muted", "faint", "accent", "key", "tab", "chip", "bound", "page"),
-    *("band", "bandkey", "bar", "signal", "grid", "axis", "limit", "model", "point", "unused", "baseline"),
+    *("band", "bar", "signal", "grid", "axis", "limit", "model", "point", "unused", "baseline"),
     *("good", "warn", "bad", "good-strong", "warn-strong", "bad-strong", "muted-strong"),
     *("axis-x", "axis-y", "axis-z"),
     *(f"{letter}{strong}" for letter in COEFFICIENTS for strong in ("", "-strong")),
     *(f"grade-{grade}{strong}" for grade in GRADES for strong in ("", "-strong")),
 )
 BACKGROUNDS = ("band", "bar", "selected", "status", "alarm", "footer")
-
-
-_STEPS = (0, 95, 135, 175, 215, 255)
-"""Values of a component in the cube of 6 x 6 x 6 colours of a terminal with 256; 24 greys follow it."""
-
-
-@cache
-def nearest_of_256(red: int, green: int, blue: int) -> int:
-    """Return the number of the nearest of the 240 colours that a terminal with 256 does not redefine.
-
-    >>> nearest_of_256(38, 55, 79), nearest_of_256(255, 0, 0)
-    (237, 196)
-    """
-    wanted = (red, green, blue)
-    places = [min(range(6), key=lambda k: abs(_STEPS[k] - part)) for part in wanted]
-    cube = tuple(_STEPS[k] for k in places)
-    shade = min(max(round((sum(wanted) / 3 - 8) / 10), 0), 23)
-
-    def distance(colour: tuple[int, ...]) -> int:
-        return sum((a - b) ** 2 for a, b in zip(colour, wanted, strict=True))
-
-    if distance((8 + 10 * shade,) * 3) <= distance(cube):
-        return 232 + shade
-    return 16 + 36 * places[0] + 6 * places[1] + places[2]
-
-
-GREY, TINTED = 0.2, 0.08
-"""Saturation up to which a dark and a light colour are greys: a band on a light page is hardly tinted."""
-DARK, DIM, BRIGHT, PAGE = 0.2, 0.35, 0.85, 0.95
-"""Values of HSV: what is black, the grid of a dark page, what is light, and the page of a light theme."""
-HUES = ((20, 1), (65, 3), (170, 2), (212, 6), (250, 4), (330, 5), (360, 1))
-"""Degrees of hue up to which a colour is red, yellow, green, cyan, blue and magenta, as the themes use them."""
-BLACK, WHITE, GREY_TEXT, WHITE_TEXT, BRIGHT_TEXT = 0, 7, 8, 15, 8
-"""Numbers of the greys of a terminal with 16 colours, and what makes one of the first 8 bright."""
-GREYS_ON_LIGHT = ((DIM, BLACK), (BRIGHT, GREY_TEXT), (1.0, WHITE))
-GREYS_ON_DARK = ((DARK, BLACK), (DIM, GREY_TEXT), (BRIGHT, WHITE), (1.0, WHITE_TEXT))
-"""Greatest value of a grey, and the number of its colour."""
-
-
-@cache
-def background_of_16(red: int, green: int, blue: int) -> int:
-    """Return the number of a background in a terminal with 16 colours: one of the first 8.
-
-    A Linux console has no others. A band on a dark page is blue and on a light page cyan, so that text on it and the
-    page beside it differ from it.
-
-    >>> background_of_16(38, 55, 79), background_of_16(17, 21, 28), background_of_16(203, 216, 238)
-    (4, 0, 6)
-    """
-    hue, saturation, value = colorsys.rgb_to_hsv(red / 255.0, green / 255.0, blue / 255.0)
-    if value <= DARK:
-        return BLACK
-    if saturation <= TINTED:
-        return WHITE
-    colour = next(number for degrees, number in HUES if 360.0 * hue <= degrees)
-    return 6 if value > BRIGHT and colour == 4 else colour
-
-
-@cache
-def text_of_16(red: int, green: int, blue: int, light: bool) -> int:
-    """Return the number of a colour of text, on a dark or a light page, in a terminal with 16 colours.
-
-    >>> text_of_16(134, 214, 180, False), text_of_16(192, 166, 240, False), text_of_16(20, 121, 90, True)
-    (10, 13, 2)
-    """
-    hue, saturation, value = colorsys.rgb_to_hsv(red / 255.0, green / 255.0, blue / 255.0)
-    # the edges of bands and bars, and the page that covers one, have the colour of the background beside them
-    if (saturation > TINTED if value > BRIGHT else saturation > 2.0 * GREY) and (
-        value > BRIGHT if light else value <= DIM
-    ):
-        return background_of_16(red, green, blue)
-    if light and value > PAGE:
-        return WHITE
-    if saturation <= GREY or value <= DIM:
-        greys = GREYS_ON_LIGHT if light else GREYS_ON_DARK
-        return next(number for most, number in greys if value <= most)
-    colour = next(number for degrees, number in HUES if 360.0 * hue <= degrees)
-    return colour if light or value <= BRIGHT - GREY else colour + BRIGHT_TEXT
-
-
-class FewColours(LineFilter):
-    """Filter that sends to a terminal with 256 or 16 colours what it shows as the theme means it.
-
-    Rich rounds each component of a colour on its own: of 256, the dark blue of a band became teal, and the page black;
-    of 16, every coefficient became white, and the band as light as the text on it.
-    """
-
-    def __init__(self, colours: int) -> None:
-        super().__init__()
-        self._colours = colours
-
-    def apply(self, segments: list[Segment], background: TextualColor) -> list[Segment]:
-        return [
-            Segment(text, style and _with_few(self._colours, style), control)
-            for text, style, control in segments
-        ]
-
-
-@lru_cache(1024)
-def _with_few(colours: int, style: Style) -> Style:
-    """Return the style in colours of a terminal with 256 or 16."""
-
-    parts = [part.triplet if part is not None else None for part in (style.color, style.bgcolor)]
-    if colours == 256:
-        front, back = (nearest_of_256(*part) if part is not None else None for part in parts)
-    else:
-        back = background_of_16(*parts[1]) if parts[1] is not None else None
-        # in reverse, the text is the page
-        light = (back in (6, WHITE)) is not bool(style.reverse) if back is not None else False
-        front = text_of_16(*parts[0], light) if parts[0] is not None else None
-        if front is not None and front == back:  # a bound on the selected row of a light theme
-            front = BLACK if light else WHITE_TEXT
-    front_colour, back_colour = (Color.from_ansi(n) if n is not None else None for n in (front, back))
-    return style + Style(color=front_colour, bgcolor=back_colour)
 
 
 class RoleStyles(Widget):

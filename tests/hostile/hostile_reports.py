@@ -27,7 +27,7 @@ from imumon.report import Event, Report, Signal, from_json
 from imumon.report_json import to_json
 from imumon.tui import channel_table, charts, export, panels, text_panels
 from imumon.tui.formatting import Notation
-from imumon.tui.view_state import VIEWS, WINDOWS, ViewState
+from imumon.tui.view_state import WINDOWS, ViewState
 
 DOCS = ROOT / "docs"
 SCHEMA = json.loads((DOCS / "report.schema.json").read_text("utf-8"))["$defs"]
@@ -210,11 +210,11 @@ def show_everywhere(report: Report, signal: Signal | None, events: tuple[Event, 
 
 
 def show_on_screen(report: Report, signal: Signal | None, events: tuple[Event, ...]) -> None:
-    """Draw every panel of every channel, in both notations, and save every view."""
+    """Draw every panel of every channel, in both notations, and name the file of the report."""
     other = replace(report, device=replace(report.device, id="other"))
     state = ViewState(
         reports={report.device.id: report, "other": other, "real": real_report()},
-        ages={report.device.id: 1.0}, id=report.device.id, signal=signal, events=events, compared_id="real",
+        ages={report.device.id: 1.0}, id=report.device.id, signal=signal, events=events,
         baseline=other, connected=True,
     )  # fmt: skip
     for number, channel in enumerate(tuple(report.channels)[:12] or (None,)):
@@ -226,6 +226,5 @@ def show_on_screen(report: Report, signal: Signal | None, events: tuple[Event, .
                 )  # fmt: skip
                 for panel in PANELS:
                     panel(shown, *size)
-    for view in VIEWS:
-        export.exported_text(state.updated(view=view, channel=next(iter(report.channels), None)), "csv")
-        export.file_name(state.updated(view=view), "csv")
+    export.copied_lines(state)
+    export.file_name(report)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import reports
@@ -12,7 +13,7 @@ from screen_driver import drive, driven, status, table_number, visible_text
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from imumon.report import BiasCurve, Drift, ModelColumn, Report
+from imumon.report import BiasCurve, Drift, ModelColumn, Report, from_json
 from imumon.tui import text_panels
 from imumon.tui.app import ImumonApp
 from imumon.tui.panels import FIRST_KEYS, LAST_KEYS, VIEW_KEYS, footer, welcome
@@ -143,7 +144,7 @@ def test_events_are_filtered_by_words() -> None:
 
 
 @driven(lambda: reports.FakeSource(reports.report(), reports.report(900.0, id=OTHER, scale=2.0)))
-async def test_several_sensors_are_listed_switched_and_compared(app: ImumonApp, pilot: Pilot[int]) -> None:
+async def test_several_sensors_are_listed_and_switched(app: ImumonApp, pilot: Pilot[int]) -> None:
     assert "1 of 2" in status(app)
     await pilot.press("n")
     assert app.view_state.id == OTHER
@@ -151,12 +152,6 @@ async def test_several_sensors_are_listed_switched_and_compared(app: ImumonApp, 
     await pilot.press("n", "5")
     assert reports.ID in visible_text(app)
     assert OTHER in visible_text(app)
-    await pilot.press("c")
-    assert app.view_state.compared_id == OTHER
-    assert "compared" in visible_text(app)
-    assert table_number(reports.report(900.0, id=OTHER, scale=2.0), "gyro/x", "N") in visible_text(app)
-    await pilot.press("c")
-    assert app.view_state.compared_id is None
     await pilot.press("down", "enter")
     assert (app.view_state.id, app.view_state.view) == (OTHER, "overview")
 
@@ -204,7 +199,7 @@ async def test_a_click_selects_a_row_and_a_view(app: ImumonApp, pilot: Pilot[int
 def test_the_palette_has_the_commands_of_the_keys() -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         names = {command.title for command in app.get_system_commands(app.screen)}
-        assert {"Units", "Freeze", "Save", "Help", "Theme", "Quit"} <= names
+        assert {"Units", "Freeze", "Save", "Screenshot", "Help", "Theme", "Quit"} <= names
         assert {f"View: {name}" for name in VIEWS} <= names
         await pilot.press("ctrl+p")
         await pilot.pause()
@@ -462,6 +457,55 @@ async def test_the_numbers_are_shown_and_copied_through_the_terminal(
     assert f"gyroscope_noise_density: {worst:.4e}" in app.clipboard
     assert "gyroscope_noise_density" in visible_text(app)
     assert "OSC 52" in visible_text(app)
+
+
+def test_the_report_is_saved_as_a_baseline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        await pilot.press("s")
+        await pilot.pause()
+        (note,) = app._notifications
+        (file,) = tmp_path.iterdir()
+        assert note.message == f"saved {file}"
+        assert from_json(Report, file.read_bytes()) == app.view_state.report
+        monkeypatch.setattr("imumon.tui.app.save_directory", lambda: Path("/proc/[nowhere]"))
+        app.clear_notifications()
+        await pilot.press("s")
+        await pilot.pause()
+        (note,) = app._notifications
+        assert note.message.startswith("not saved: ")
+
+    drive(reports.FakeSource(reports.report()), script)
+
+
+@driven(size=(150, 40))
+async def test_the_headline_keeps_its_limit_and_the_chart_its_units_in_si(
+    app: ImumonApp, pilot: Pilot[int]
+) -> None:
+    assert "; industrial allows 0.2" in visible_text(app)
+    await pilot.press("u")
+    await pilot.pause()
+    shown = visible_text(app)
+    assert "N of y, 1.12e-04 rad/s/√Hz; industrial allows 5.82e-05" in shown
+    assert "N 8.84e-05 rad/s/√Hz" in shown
+
+
+def test_an_unknown_grade_is_shown_by_its_name() -> None:
+    report = reports.report()
+    grade = {name: replace(one, nearest="survey", meets="survey") for name, one in report.grade.items()}
+    channels = {
+        name: replace(c, grade=replace(c.grade, nearest="survey", meets="survey")) if c.grade else c
+        for name, c in report.channels.items()
+    }
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        for view in VIEWS:
+            app.action_view(view)
+            await pilot.pause()
+            assert view != "overview" or "survey" in visible_text(app).lower()
+
+    drive(reports.FakeSource(replace(report, grade=grade, channels=channels)), script)
 
 
 @pytest.mark.parametrize("size", [(60, 20), (80, 24), (150, 40)])

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import reports
-from rich.color import Color as RichColor
-from rich.segment import Segment
 from rich.style import Style
 from screen_driver import drive, driven, status, table_number, visible_text
 from textual.pilot import Pilot
@@ -19,7 +15,7 @@ from textual.pilot import Pilot
 from imumon.tui import export
 from imumon.tui.app import ImumonApp
 from imumon.tui.formatting import length
-from imumon.tui.widgets import BACKGROUNDS, ROLES, THEMES, DrawnPanel, FewColours, RoleStyles, nearest_of_256
+from imumon.tui.widgets import ROLES, THEMES, DrawnPanel, RoleStyles
 
 
 @pytest.mark.parametrize("size", [(20, 6), (40, 12), (80, 24), (131, 33), (132, 34), (220, 60)])
@@ -90,7 +86,7 @@ def _contrast(style: Style) -> float:
 @pytest.mark.parametrize("theme", [theme.name for theme in THEMES])
 def test_text_and_marks_are_readable(theme: str) -> None:
     """WCAG 2.2: 4.5 for text, 3 for what a chart consists of. Areas and the grid lie behind."""
-    marks, behind = {"axis", "unused", "baseline"}, {"page", "band", "bandkey", "bar", "grid"}
+    marks, behind = {"axis", "unused", "baseline"}, {"page", "band", "bar", "grid"}
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         roles, page = app.query_one(RoleStyles), app.screen.rich_style.bgcolor
@@ -148,41 +144,3 @@ def test_names_that_look_like_markup_are_shown_unchanged() -> None:
             assert name in status(app)
 
     drive(source, script)
-
-
-def test_a_terminal_with_256_colours_gets_the_nearest_one_of_each() -> None:
-    """Rounded component by component, the dark blue of the band was teal."""
-    for red, green, blue in itertools.product(range(0, 256, 15), repeat=3):
-        nearest = RichColor.from_ansi(nearest_of_256(red, green, blue)).get_truecolor()
-        every = (RichColor.from_ansi(number).get_truecolor() for number in range(16, 256))
-        best = min(math.dist(colour, (red, green, blue)) for colour in every)
-        assert math.dist(nearest, (red, green, blue)) <= 1.1 * best + 1.0
-
-
-@pytest.mark.parametrize("theme", [theme.name for theme in THEMES])
-@pytest.mark.parametrize("colours", [16, 256])
-def test_few_colours_keep_text_and_areas_apart(theme: str, colours: int) -> None:
-    """A band is one colour, edges included, and differs from the page and from the text on it."""
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        roles, page, few = app.query_one(RoleStyles), app.screen.rich_style.bgcolor, FewColours(colours)
-
-        def shown(role: str) -> Style:
-            return few.apply([Segment("x", roles.style(role, page))], None)[0].style
-
-        plain = shown("text").bgcolor
-        for area in ("band", "bar"):
-            assert shown(f"text/{area}").bgcolor not in (plain, None)
-            assert shown(area).color == shown(f"text/{area}").bgcolor  # an upper edge is text
-        assert shown("page/band").color == plain  # a lower edge: the page on the band
-        assert shown("text/selected").bgcolor != plain
-        for role in {*ROLES} - {"page", "band", "bandkey", "bar", "grid"}:
-            for name in (role, f"{role}/band", f"{role}/selected"):
-                assert shown(name).color != shown(name).bgcolor, name
-        noise = [shown(letter).color for letter in "NBK"]
-        assert len(set(noise)) == 3
-        if colours == 16:
-            backgrounds = {shown(f"text/{area}").bgcolor.number for area in BACKGROUNDS}
-            assert max(backgrounds) < 8  # a Linux console has no others
-
-    drive(reports.FakeSource(reports.report()), script, (60, 20), theme=theme)
