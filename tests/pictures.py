@@ -22,7 +22,6 @@ from textual.widgets import Input
 
 from imumon.report import Report
 from imumon.tui.app import ImumonApp
-from imumon.tui.formatting import Notation
 from imumon.tui.view_state import ViewState
 from imumon.tui.widgets import StyledWidget
 
@@ -60,7 +59,6 @@ class Picture:
     keys: tuple[str, ...] = ()
     size: tuple[int, int] = SMALL
     theme: str = "imumon-dark"
-    ascii: bool = False
     baseline: Callable[[], Report] | None = None
 
 
@@ -73,8 +71,8 @@ PICTURES = {
         Picture("signal-large", keys=("2",), size=LARGE),
         Picture("device-large", keys=("3",), size=LARGE),
         Picture("events-small", keys=("4",)),
-        Picture("history-small", keys=("6",)),
-        Picture("convergence-small", keys=("7", "right", "down")),
+        Picture("over-time-small", keys=("6", "right", "down")),
+        Picture("over-time-day-large", keys=("6", "plus"), size=LARGE),
         Picture("sensors-large", "two", keys=("5",), size=LARGE),
         # correlated noise: its own line, columns and what is open
         Picture("correlated-large", "correlated", size=LARGE),
@@ -92,7 +90,7 @@ PICTURES = {
         Picture("moving", "moving"),
         Picture("lost-light", "lost", size=LARGE, theme="imumon-light"),
         # notations and narrow terminals
-        Picture("ascii-si", keys=("u",), ascii=True),
+        Picture("si", keys=("u",)),
         Picture("narrow", size=(44, 20)),
         # a window above the view
         Picture("help", keys=("question_mark",)),
@@ -127,9 +125,7 @@ async def _draw(app: ImumonApp, pilot: Pilot[int], source: SwitchableSource, pic
     if app.size != picture.size:
         await pilot.resize_terminal(*picture.size)
     baseline = picture.baseline() if picture.baseline is not None else None
-    app.view_state = ViewState(
-        notation=Notation(ascii=picture.ascii), baseline=baseline, baseline_name="saved"
-    )
+    app.view_state = ViewState(baseline=baseline, baseline_name="saved")
     app._watched = None
     source.use(picture.source)
     app.poll()

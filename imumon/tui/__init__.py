@@ -9,6 +9,7 @@ panels         status line, footer, headline grades, selected channel, welcome
 text_panels    device, events, sensors, drift
 channel_table  table of all channels
 charts         Allan deviation, signal, histogram, spectrum
+over_time      coefficients while the record grew, and the history
 braille_canvas numbers in, character cells out
 formatting     numbers as text of limited width
 export         the saved report, and numbers for other programs

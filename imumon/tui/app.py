@@ -30,17 +30,16 @@ from imumon.report_json import to_json
 from imumon.system_errors import cure_of_writing
 from imumon.tui import export, terminal
 from imumon.tui.formatting import Line, Notation, wrap
-from imumon.tui.history_chart import parse
+from imumon.tui.over_time import parse
 from imumon.tui.panels import footer, status, tabs, welcome
-from imumon.tui.view_state import SPANS, VIEWS, WINDOWS, HistorySeries, ViewState
+from imumon.tui.view_state import RECORD, SPANS, VIEWS, WINDOWS, HistorySeries, ViewState
 from imumon.tui.views import (
     WINDOW_WIDTH,
-    ConvergenceView,
     DeviceView,
     DialogWindow,
     EventsView,
     HelpWindow,
-    HistoryView,
+    OverTimeView,
     Overview,
     SensorsView,
     SignalView,
@@ -80,6 +79,7 @@ class ImumonApp(App[int]):
     ----------
     source : where reports come from.
     id : device to show; None: the first that answers.
+    ascii : draw with ASCII characters only.
     theme : name of a theme, such as ``imumon-light``.
     baseline : report whose curves are drawn behind the live ones.
     endpoint : endpoints that were tried, for the page that is shown while no daemon answers.
@@ -133,7 +133,6 @@ class ImumonApp(App[int]):
         self.clock = clock
         self.view_state = ViewState(
             requested_id=id,
-            notation=Notation(ascii=ascii),
             baseline=baseline,
             baseline_name="saved",
             endpoint=endpoint,
@@ -142,6 +141,7 @@ class ImumonApp(App[int]):
             letters=letters,
         )
         self._ended = ended
+        self._ascii = ascii
         self._built = False
         self._watched: tuple[str, str | None] | None = None
         # version of the source and everything else that a poll has shown: while both are the same, nothing is drawn
@@ -152,7 +152,7 @@ class ImumonApp(App[int]):
     # ------------------------------------------------------------------ start
 
     def compose(self) -> ComposeResult:
-        yield RoleStyles()
+        yield RoleStyles(self._ascii)
         yield DrawnPanel(status, id="status")
         with Container(id="body"):
             yield DrawnPanel(welcome, id="welcome")
@@ -162,10 +162,9 @@ class ImumonApp(App[int]):
                 DeviceView,
                 EventsView,
                 SensorsView,
-                HistoryView,
-                ConvergenceView,
+                OverTimeView,
             ):
-                yield view(id=view.title)
+                yield view()
         yield DrawnPanel(footer, id="footer")
 
     def on_mount(self) -> None:
@@ -239,10 +238,11 @@ class ImumonApp(App[int]):
         self._redraw()
 
     def _with_history(self, state: ViewState) -> ViewState:
-        """Return the state with the history of its channel, which is asked for while its view is shown."""
-        shown = state.view == "history" and state.id is not None and state.channel is not None
-        span, step = SPANS[state.span]
-        asked = (state.id or "", state.channel or "", span, step) if shown else None
+        """Return the state with the history of its channel, which is asked for while it is shown."""
+        shown = state.view == "over time" and state.span != RECORD
+        asked = (
+            (state.id, state.channel, *SPANS[state.span]) if shown and state.id and state.channel else None
+        )
         self.source.watch_history(asked)
         answer = self.source.history_answer()
         if answer is None or answer[0] != asked:
@@ -263,15 +263,19 @@ class ImumonApp(App[int]):
         body.set_class(has_channels and not self.view_state.connection_status().live, "stale")
         body.set_class(not has_channels, "empty")
         for view in base.query(View):
-            shown = has_channels and view.id == self.view_state.view
+            shown = has_channels and view.title == self.view_state.view
             if view.display != shown:
                 view.display = shown
                 if shown and base is self.screen:
                     view.focus()
         if has_channels:
-            base.query_one(f"#{self.view_state.view}", View).show(self.view_state)
+            self._view().show(self.view_state)
         else:
             base.query_one("#welcome", DrawnPanel).show(self.view_state)
+
+    def _view(self) -> View:
+        """Return the view that is selected."""
+        return next(view for view in self.screen_stack[0].query(View) if view.title == self.view_state.view)
 
     # ------------------------------------------------------------------ selection
 
@@ -316,7 +320,7 @@ class ImumonApp(App[int]):
         self.change(baseline=baseline, baseline_name=name)
 
     def action_span(self, step: int) -> None:
-        spans = list(SPANS)
+        spans = [RECORD, *SPANS]
         self.change(span=spans[min(max(spans.index(self.view_state.span) + step, 0), len(spans) - 1)])
 
     def action_window(self, step: int) -> None:
@@ -332,8 +336,7 @@ class ImumonApp(App[int]):
             self.change(view=_neighbour(VIEWS, self.view_state.view, step))
 
     def action_units(self) -> None:
-        notation = self.view_state.notation
-        self.change(notation=Notation(si=not notation.si, ascii=notation.ascii))
+        self.change(notation=Notation(si=not self.view_state.notation.si))
 
     def action_freeze(self) -> None:
         if self.view_state.frozen:
@@ -349,12 +352,12 @@ class ImumonApp(App[int]):
         self.exit(0)
 
     def action_help(self) -> None:
-        view = self.screen_stack[0].query_one(f"#{self.view_state.view}", View)
-        keys = help_lines(view, list(self.BINDINGS), self.view_state.notation.ascii)
+        view = self._view()
+        keys = help_lines(view, list(self.BINDINGS))
         report = self.view_state.report
         shown = list(caveats(report)) if report is not None and view.names_caveats else []
         words = word_lines(words_in(self._text_of(view), shown))
-        self.push_screen(HelpWindow(f"{view.title}: keys and words", keys, words, self.view_state.notation))
+        self.push_screen(HelpWindow(f"{view.title}: keys and words", keys, words))
 
     def _text_of(self, view: View) -> str:
         """Return the text of the status line and of a view."""
@@ -370,7 +373,7 @@ class ImumonApp(App[int]):
         shown: list[Line] = [[(text, "text")] for line in lines for text in wrap(line, WINDOW_WIDTH)]
         notice = "Copied, if the terminal allows it (OSC 52)."
         shown += [[], *([(text, "muted")] for text in wrap(notice, WINDOW_WIDTH))]
-        self.push_screen(DialogWindow("copied", shown, self.view_state.notation))
+        self.push_screen(DialogWindow("copied", shown))
 
     def action_save(self) -> None:
         """Save the report as JSON, a baseline for later, and notify of the file or of the error."""

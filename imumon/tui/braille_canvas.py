@@ -188,11 +188,13 @@ class AxisScale:
         step = (self.high - self.low) / max(count, 1)
         if not step > RESOLUTION * max(abs(self.low), abs(self.high)):
             return []
-        step = _round_up(step)
-        first = math.ceil(
-            self.low / step - 1e-9
-        )  # 1e-9: an end that is round but for rounding counts as round
-        return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
+        return self.multiples(_round_up(step))
+
+    def multiples(self, step: float) -> list[float]:
+        """Return the multiples of a step on a linear axis."""
+        # 1e-9: an end that is round but for rounding counts as round
+        first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
+        return [k * step for k in range(first, last + 1)]
 
 
 SCALE_STEP = 0.5
@@ -236,18 +238,12 @@ def linear(values: Floats) -> AxisScale:
     return AxisScale(low - extra, high + extra)
 
 
-ROW_DOTS = 4
-"""Dots of a row of cells."""
-FEWEST_EVEN_ROWS = 5
-"""Rows from which a linear scale is moved so that its ticks are whole rows apart: with fewer, that costs a third."""
 MOST_TICKS = 10
 """Ticks of a vertical axis, at most."""
-ROOM_FOR_ROWS = 1.2
-"""Factor by which a scale may grow so that its decades are whole rows apart."""
 
 
-def even(values: Floats, rows: int, floor: float | None = None) -> tuple[AxisScale, list[float]]:
-    """Return a linear scale around some values and its ticks, which are whole rows of cells apart.
+def ticked(values: Floats, rows: int, floor: float | None = None) -> tuple[AxisScale, list[float]]:
+    """Return a linear scale around some values, and round values on it for about every second row.
 
     Parameters
     ----------
@@ -255,33 +251,12 @@ def even(values: Floats, rows: int, floor: float | None = None) -> tuple[AxisSca
     rows : height of the frame, cells.
     floor : lower end of the scale; None: as the values need it.
     """
-    known, dots = values[np.isfinite(values)], ROW_DOTS * rows - 1
-    least_value = floor if floor is not None else float(known.min(initial=np.inf))
-    greatest = float(known.max(initial=-np.inf))
-    span = greatest - least_value
-    # infinite without values
-    resolved = math.isfinite(span) and span > RESOLUTION * max(abs(least_value), abs(greatest))
-    if rows < FEWEST_EVEN_ROWS or not resolved:
-        scale = linear(values) if floor is None else AxisScale(floor, linear(values).high)
-        return scale, _some_ticks(scale, rows)
-    least = span / (
-        dots - 1
-    )  # a dot of room: no tick may lie at the edge of a row, where rounding would move it
-    # two ticks at least
-    choices = range(max(2, -(-rows // MOST_TICKS)), dots // (2 * ROW_DOTS) + 1)
-    # of equal scales the one with more ticks
-    step, apart = min(
-        ((_round_up(least * ROW_DOTS * n), n) for n in choices), key=lambda choice: choice[0] / choice[1]
-    )
-    dot = step / (ROW_DOTS * apart)
-    if floor is not None:
-        high = floor + dots * dot
-        return AxisScale(floor, high), [floor + k * step for k in range((rows - 1) // apart + 1)]
-    centred = 0.5 * (least_value + greatest) + 0.5 * dots * dot
-    high = (math.floor(centred / dot) + 0.5) * dot
-    low = high - dots * dot
-    first = math.ceil(low / step - 1e-9)
-    return AxisScale(low, high), [k * step for k in range(first, math.floor(high / step + 1e-9) + 1)]
+    scale = linear(values) if floor is None else AxisScale(floor, linear(values).high)
+    ticks: list[float] = []
+    for count in range(min(max(rows // 2, 2), MOST_TICKS - 2), MOST_TICKS):
+        if len(ticks := scale.ticks(count)) > 1:  # one alone is no scale
+            break
+    return scale, ticks
 
 
 def _round_up(step: float) -> float:
@@ -289,28 +264,6 @@ def _round_up(step: float) -> float:
     power = 10.0 ** math.floor(math.log10(step))
     # 0.999: a step that is round but for rounding counts as round
     return next((m * power for m in (1.0, 2.0, 5.0) if m * power >= step * 0.999), 10.0 * power)
-
-
-def _some_ticks(scale: AxisScale, rows: int) -> list[float]:
-    """Return round values for about every second row; two at least, as one alone is no scale."""
-    ticks: list[float] = []
-    for count in range(max(rows // 2, 2), MOST_TICKS):
-        if len(ticks := scale.ticks(count)) > 1:
-            break
-    return ticks
-
-
-def whole_rows(scale: AxisScale, rows: int) -> AxisScale:
-    """Return a logarithmic scale whose decades are whole rows apart, where little room is lost by it."""
-    low, high = math.log10(scale.low), math.log10(scale.high)
-    dots = ROW_DOTS * rows - 1
-    apart = int((dots - 1) / (ROW_DOTS * (high - low)))  # a dot of room, as above
-    wide = dots / (ROW_DOTS * apart) if apart else math.inf
-    if wide > ROOM_FOR_ROWS * (high - low):
-        return scale
-    dot = 1.0 / (ROW_DOTS * apart)  # decades
-    top = (math.floor(0.5 * (low + high + wide) / dot) + 0.5) * dot
-    return AxisScale(10.0 ** (top - wide), 10.0**top, log=True)
 
 
 def _inside(share: Floats) -> Floats:
@@ -364,18 +317,9 @@ class PlotFrame:
         fx = np.where(outside, np.nan, fx)
         return 2 * self.left + fx * (2 * self.width - 1), 4 * self.top + (1 - fy) * (4 * self.height - 1)
 
-    def points(self, x: Floats, y: Floats, role: str, letter: str | None = None) -> None:
-        """Draw marks of 3 x 3 dots, which cannot be confused with a line; of 2 x 2 if they are close.
-
-        Parameters
-        ----------
-        letter : mark to use instead of dots.
-        """
+    def points(self, x: Floats, y: Floats, role: str) -> None:
+        """Draw marks of 3 x 3 dots, which cannot be confused with a line; of 2 x 2 if they are close."""
         a, b = np.rint(self.across(x)), np.rint(self.down(y))
-        if letter is not None:
-            for column, row in zip(a[np.isfinite(a * b)] // 2, b[np.isfinite(a * b)] // 4, strict=True):
-                self.canvas.text(int(column), int(row), letter, role)
-            return
         # marks of 3 dots need 5 from one to the next for a gap that the eye sees
         apart = np.nanmin(np.diff(a), initial=np.inf)
         offsets = (-1, 0, 1) if apart >= 5 else (-1, 0)
@@ -400,13 +344,13 @@ class PlotFrame:
         lower, upper = np.interp(columns, share, lower), np.interp(columns, share, upper)
         self._fill(np.where(outside, np.nan, lower), upper, role)
 
-    def bars(self, x: Floats, low: Floats, high: Floats, wide: float, role: str) -> None:
+    def bars(self, x: Floats, low: Floats, high: Floats, wide: Floats, role: str) -> None:
         """Fill a bar between two values around each point, at least a column of cells wide.
 
         Parameters
         ----------
         x, low, high : (n,) data; without a bar where one is NaN.
-        wide : data, along the x axis.
+        wide : (n,) data, along the x axis.
         """
         first, last = (self.x.share(x + sign * 0.5 * wide) * self.width for sign in (-1.0, 1.0))
         lower, upper = self.y.share(low), self.y.share(high)

@@ -21,14 +21,13 @@ from imumon.tui.braille_canvas import (
     Canvas,
     Floats,
     PlotFrame,
-    even,
     logarithmic,
-    whole_rows,
+    ticked,
 )
-from imumon.tui.formatting import Line, Notation, approximate_duration, fitted, length, padded
+from imumon.tui.formatting import Line, Notation, approximate_duration, decade, fitted, length, padded
 from imumon.tui.panels import precision_goal
 from imumon.tui.view_state import WINDOWS, ViewState
-from imumon.units import MINUTE, duration, number
+from imumon.units import MINUTE, duration, number, pretty
 
 EXTREME_VALUES = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 """A value that a chart cannot place becomes infinite or NaN and is not drawn; a warning would end up on the screen."""
@@ -44,6 +43,9 @@ CURVE_POINTS = 96
 
 DECIMALS = 4
 """Decimals of a label at most; beyond them, it has an exponent: 2e-05, not 0.00002."""
+
+MOST_TIMES = 6.0
+"""Parts of the time axis of a signal, at most."""
 
 NUMBERED = 48
 """Cells of a frame from which the marks of coefficients have their values beside them."""
@@ -77,7 +79,7 @@ def allan_chart(state: ViewState, width: int, height: int) -> list[Line]:
     canvas = Canvas(width, height if state.compact else height - 1)
     # from the back to the front: where dots share a cell, the last ones give it their colour
     frame = _allan_frame(state, canvas, factor)
-    _decades(frame, state.notation, f"{state.notation.symbol('τ')} [s]")
+    _decades(frame, "τ [s]")
     if state.compact:
         _title_inside(canvas, title)  # before the labels, which go round it
     labels = _limit_curves(frame, state, channel, factor) if state.show_limits else []  # written at the end
@@ -124,7 +126,7 @@ def _allan_title(state: ViewState, channel: str, unit: str, width: int) -> Line:
     title: Line = [
         (" " * GUTTER, "text"),
         (name, "title"),
-        (f"  {state.notation.symbol('σ(τ)')} [{unit}]", "muted"),
+        (f"  σ(τ) [{unit}]", "muted"),
     ]
     back: Line = [("   esc", "key"), (" back ", "muted")] if state.zoomed else []
     goals = _goals(state) if not (state.detailed or state.overlay) else []
@@ -140,7 +142,7 @@ def _legend(state: ViewState) -> list[Line]:
     if state.overlay:
         legend: list[Line] = [[("━ ", f"axis-{c[-1]}"), (c[-1], "muted")] for c in state.sensor_channels()]
     else:
-        mark = "o " if state.notation.ascii else "⠿ "
+        mark = "⠿ "
         legend = [
             [(mark, "point"), ("measured", "muted")],
             [("  ", "text/band"), (" 95 %", "muted")],
@@ -173,7 +175,7 @@ def _allan_frame(state: ViewState, canvas: Canvas, factor: float) -> PlotFrame:
     x = logarithmic(np.concatenate((tau, [1.0, 3.0])))  # s, where N and K are marked
     bottom = 2 if canvas.height >= 14 else 1
     area = (GUTTER, 0, max(canvas.width - GUTTER - 2, 4), max(canvas.height - bottom, 2))
-    return PlotFrame(canvas, area, x, whole_rows(logarithmic(sigma), area[3]))
+    return PlotFrame(canvas, area, x, logarithmic(sigma))
 
 
 def _marks(channel: Channel | None) -> list[float]:
@@ -199,16 +201,16 @@ def _time_constant_s(channel: Channel) -> float | None:
     return channel.M.time_constant_s.value if channel.M is not None else None
 
 
-def _decades(frame: PlotFrame, notation: Notation, x_unit: str) -> None:
+def _decades(frame: PlotFrame, x_unit: str) -> None:
     """Draw the grid of decades with their labels, and the unit of the x axis."""
     x, y = frame.x.decades(), frame.y.decades()
     frame.grid([10.0**e for e in x], [10.0**e for e in y])
-    frame.y_labels(_labels(frame.y, notation))
+    frame.y_labels(_labels(frame.y))
     row = frame.canvas.height - 1
     frame.canvas.text(frame.canvas.width - len(x_unit), row, x_unit, "text")
     available = frame.canvas.width - len(x_unit) - 1
     columns = (frame.across(np.array([10.0**e for e in x])) // 2).astype(np.int64)
-    texts = [notation.decade(e) for e in x]
+    texts = [decade(e) for e in x]
     # the unit stands at the right end of the same row
     fits = [c + len(text) < available for c, text in zip(columns, texts, strict=True)]
     frame.x_labels([(10.0**e, text) for e, text, fit in zip(x, texts, fits, strict=True) if fit], row)
@@ -224,11 +226,11 @@ def _axis_line(frame: PlotFrame, row: int, ticks: Sequence[float]) -> None:
             frame.canvas.text(int(across) // 2, row, "┴", "axis")
 
 
-def _labels(axis: AxisScale, notation: Notation) -> list[tuple[float, str]]:
+def _labels(axis: AxisScale) -> list[tuple[float, str]]:
     """Return the labels of a logarithmic axis: its decades, or 1, 2 and 5 times them where it has less than two."""
     decades = axis.decades()
     if len(decades) > 1:
-        return [(10.0**e, notation.decade(e)) for e in decades]
+        return [(10.0**e, decade(e)) for e in decades]
     exponents = range(math.floor(math.log10(axis.low)), math.floor(math.log10(axis.high)) + 1)
     values = [m * 10.0**e for e in exponents for m in (1, 2, 5)]
     return [(v, number(v, 1)) for v in values if axis.low <= v <= axis.high]
@@ -286,9 +288,8 @@ def _curve(frame: PlotFrame, notation: Notation, channel: Channel, sensor: str, 
         frame.curve(tau, noise, "model", (1, 2))
     frame.curve(tau, model, "model")
     used = np.array(allan.used, dtype=np.bool_) if allan.used else np.ones(len(tau), dtype=np.bool_)
-    character = "o" if notation.ascii else None
-    frame.points(tau[used], sigma[used], "point", character)
-    frame.points(tau[~used], sigma[~used], "unused", character)
+    frame.points(tau[used], sigma[used], "point")
+    frame.points(tau[~used], sigma[~used], "unused")
     for letter, (value, tau_s) in marks.items():
         part = channel.estimates[letter]
         text = _mark_text(notation, sensor, letter, part) if frame.width >= NUMBERED else letter
@@ -339,9 +340,9 @@ def _envelope(envelope: Strip, factor: float, end: str, width: int, height: int)
     canvas = Canvas(width, height)
     span = envelope.column_s * len(low)
     area = (GUTTER + 2, 0, max(width - GUTTER - 4, 4), max(height - 1, 2))
-    y, ticks = even(np.concatenate((low, high)), area[3])
+    y, ticks = ticked(np.concatenate((low, high)), area[3])
     frame = PlotFrame(canvas, area, AxisScale(-span, 0.0), y)
-    times = _times(span)
+    times = AxisScale(0.0, span).multiples(round_step(span, MOST_TIMES))
     frame.grid([-t for t in times], ticks)
     frame.y_labels([(t, tick_text(t, ticks)) for t in ticks])
     # x labels are placed from the left, and one that would touch its neighbour is left out: `end` is the last
@@ -350,7 +351,7 @@ def _envelope(envelope: Strip, factor: float, end: str, width: int, height: int)
     # of a terminal with less columns than the envelope, each shows the extremes of several
     top, bottom = _extremes(low, high, min(2 * frame.width, len(low)))
     moments: Floats = np.asarray((np.arange(len(top)) + 0.5) / len(top) * span - span, dtype=np.float64)
-    frame.bars(moments, bottom, top, span / len(top), "band")
+    frame.bars(moments, bottom, top, np.full(len(top), span / len(top)), "band")
     for edge in (bottom, top):
         frame.curve(moments, edge, "point")
     return canvas.rows()
@@ -374,14 +375,20 @@ def _extremes(low: Floats, high: Floats, count: int) -> tuple[Floats, Floats]:
     return np.where(known, top, np.nan), np.where(known, bottom, np.nan)
 
 
-def _times(span: float) -> list[float]:
-    """Return about five round times before now, s."""
-    minutes, hours = (60, 120, 300, 600, 900, 1800), (3600, 7200, 14400, 21600, 43200, 86400, 172800)
-    steps = (1, 2, 5, 10, 15, 30, *minutes, *hours)
-    # beyond the table: weeks times a power of ten
-    weeks = max(span / 6.0 / 604800, 1.0)
-    step = next((s for s in steps if span / s <= 6.0), 604800.0 * 10.0 ** math.ceil(math.log10(weeks)))
-    return [float(k * step) for k in range(int(span / step + 1e-9) + 1)]
+STEPS_S = (
+    *(1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 60.0, 120.0, 300.0, 600.0, 900.0, 1800.0, 3600.0, 7200.0, 10_800.0),
+    *(14_400.0, 21_600.0, 43_200.0, 86_400.0, 172_800.0, 345_600.0, 604_800.0, 1_209_600.0, 2_592_000.0),
+    5_184_000.0,
+)
+"""s between two labels of a time axis."""
+
+
+def round_step(span: float, most: float) -> float:
+    """Return the least round step, s, that divides a time into at most so many parts."""
+    # beyond the table, as few parts as it needs
+    return next(
+        (step for step in STEPS_S if span / step <= most), math.ceil(span / STEPS_S[-1]) * STEPS_S[-1]
+    )
 
 
 def tick_text(value: float, ticks: Sequence[float]) -> str:
@@ -418,7 +425,7 @@ def histogram_chart(state: ViewState, width: int, height: int) -> list[Line]:
     edges = AxisScale(start, start + bin_width * len(counts))
     area = (GUTTER, 0, max(width - GUTTER - 2, 4), max(height - 3, 2))
     expected = numbers(histogram.gaussian, share)
-    y, heights_shown = even(np.concatenate((counts * share, expected)), area[3], floor=0.0)
+    y, heights_shown = ticked(np.concatenate((counts * share, expected)), area[3], floor=0.0)
     frame = PlotFrame(canvas, area, edges, y)
     # bins to columns: the mean of the bins of a column, or one bin in several columns
     first = np.arange(frame.width) * len(counts) // frame.width
@@ -449,7 +456,7 @@ def spectrum_chart(state: ViewState, width: int, height: int) -> list[Line]:
     channel = state.channel or ""
     spectrum: Spectrum | None = state.selected.spectrum if state.selected is not None else None
     factor, unit = state.notation.scale(channel)
-    root = state.notation.unit("sqrt(Hz)")
+    root = pretty("sqrt(Hz)")
     title = padded([(" " * GUTTER, "text"), ("spectrum", "title"), (f"  [{unit}/{root}]", "muted")], width)
     if spectrum is None or not any(f > 0 for f in spectrum.frequency_hz):
         return [title, *centred_text(["no spectrum yet"], width, height - 1)]
@@ -460,8 +467,8 @@ def spectrum_chart(state: ViewState, width: int, height: int) -> list[Line]:
     canvas = Canvas(width, height - 1)
     x = AxisScale(float(frequency.min()), float(frequency.max()) * 1.02, log=True)
     area = (GUTTER, 0, max(width - GUTTER - 1, 4), max(height - 2, 2))
-    frame = PlotFrame(canvas, area, x, whole_rows(logarithmic(density), area[3]))
-    _decades(frame, state.notation, "[Hz]")
+    frame = PlotFrame(canvas, area, x, logarithmic(density))
+    _decades(frame, "[Hz]")
     frame.curve(frequency, density, "signal")
     for line in spectrum.lines:
         near = int(np.argmin(np.abs(frequency - line.frequency_hz)))

@@ -1,7 +1,7 @@
 """Numbers of a report as text of limited width, and lines of styled text.
 
 A measuring instrument must never truncate a number, so every text made here has a maximum width, and the
-columns of the table are that wide. `Notation` chooses readable units or SI, Unicode or ASCII.
+columns of the table are that wide. `Notation` chooses readable units or SI.
 """
 
 from __future__ import annotations
@@ -23,13 +23,8 @@ CELL = 14
 """Cells of the text of a coefficient, at most."""
 
 _ASCII = str.maketrans(
-    {
-        "●": "*", "○": "o", "◌": "o", "◐": "o", "■": "#", "▌": ">", "✕": "x", "◆": "#", "◇": "o", "│": "|",
-        "─": "-", "┼": "+", "└": "+", "┴": "+", "├": "+", "┤": "+", "┌": "+", "┐": "+", "·": "-", "…": "~",
-        "×": "x", "▪": "#", "▒": "#", "━": "-", "┄": "-", "╌": "-", "•": "*", "−": "-", "–": "-", "▁": " ",
-        "✓": "*", "↓": "v", "↗": "/", "▏": "|",
-        "▂": " ", "▃": " ", "▄": " ", "▅": " ", "▆": " ", "▇": " ", "█": "#", "▀": "#",
-    }
+    "●○◌◐■▌✕◆◇" "│─┼└┴├┤┌┐╭╮╰╯" "·…×÷▪▒━┄╌•−–" "▁▂▃▄▅▆▇█▀" "✓↓↑←→↗▏" "⁻⁰¹²³⁴⁵⁶⁷⁸⁹" "°√µστχ±",
+    "*ooo#>x#o" "|-+++++++++++" "-~x/##---*--" "       ##" "*v^<>/|" "-0123456789" "ovustx~",
 )  # fmt: skip
 
 
@@ -50,7 +45,7 @@ def _braille(character: str) -> str:
 
 
 def to_ascii(text: str) -> str:
-    """Return the text in ASCII, of the same width.
+    """Return the text in ASCII, of the same width: on a terminal without other characters, each has a like one.
 
     >>> to_ascii("● live · 3 h")
     '* live - 3 h'
@@ -61,39 +56,21 @@ def to_ascii(text: str) -> str:
     return "".join(c if c.isascii() else _braille(c) if "\u2800" <= c <= "\u28ff" else "?" for c in text)
 
 
-_ASCII_SYMBOLS = {"τ": "tau", "σ(τ)": "sigma(tau)", "χ²/dof": "chi2/dof", "±": "+-", "×÷": "x/"}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True, slots=True)
 class Notation:
-    """Notation of numbers: SI or readable units, ASCII or Unicode."""
+    """Notation of numbers: SI or readable units."""
 
     si: bool = False
-    ascii: bool = False
-
-    def unit(self, unit: str) -> str:
-        """Return a unit in this notation, from its spelling in a report."""
-        return unit.replace("sqrt", "rt").replace("^2", "2") if self.ascii else pretty(unit)
-
-    def symbol(self, symbol: str) -> str:
-        """Return a symbol in this notation; in ASCII it may be wider."""
-        return _ASCII_SYMBOLS[symbol] if self.ascii else symbol
-
-    def decade(self, exponent: int) -> str:
-        """Return a power of ten.
-
-        >>> Notation().decade(-2), Notation(ascii=True).decade(-2)
-        ('10⁻²', '1e-2')
-        """
-        return f"1e{exponent}" if self.ascii else "10" + str(exponent).translate(_SUPERSCRIPT)
 
     def scale(self, channel: str) -> tuple[float, str]:
         """Return the factor from SI and the unit in which the values of a channel are shown."""
         sensor = sensor_of(channel)
         si = UNITS.get(sensor, "")
         factor, unit = (1.0, si) if self.si else mean_unit(sensor, si)
-        return factor, self.unit(unit)
+        return factor, pretty(unit)
 
     def deviation(self, channel: str) -> tuple[float, str]:
         """Return the factor from SI and the unit in which an Allan deviation is shown: those of B."""
@@ -102,7 +79,7 @@ class Notation:
     def coefficient_scale(self, sensor: str, name: str) -> tuple[float, str]:
         """Return the factor from SI and the unit in which a coefficient is shown."""
         known = unit_of(sensor, name, UNITS.get(sensor, ""))
-        return (1.0, self.unit(known.si)) if self.si else (known.factor, self.unit(known.unit))
+        return (1.0, pretty(known.si)) if self.si else (known.factor, pretty(known.unit))
 
     def limits(self, part: Estimate) -> tuple[float | None, float | None, float | None]:
         """Return value and the 95 % limits that documents state, in the unit shown."""
@@ -123,7 +100,7 @@ class Notation:
         >>> Notation().goal(0.2)
         '±20 %'
         """
-        return f"{self.symbol('±')}{100.0 * share:g} %"
+        return f"±{100.0 * share:g} %"
 
     def coefficient(self, part: Estimate | None, seconds: float | None) -> Span:
         """Return a coefficient in at most `CELL` cells: value and uncertainty, `< bound`, or remaining time.
@@ -136,7 +113,7 @@ class Notation:
             return "–", "faint"
         value, low, high = self.limits(part)
         if part.status == "measured" and value is not None:
-            text = measured(value, low, high, self.symbol("±"), self.symbol("×÷"))
+            text = measured(value, low, high)
             # Blanks go first, the one before % before the one that parts two numbers: a number without its last
             # sign is another number.
             forms = (text, text.replace(" %", "%"), text.replace(" ", ""), number(value, 3))
@@ -147,6 +124,15 @@ class Notation:
         if (why := no_value_text(part)) is not None:
             return why, "warn"
         return (f"in {approximate_duration(seconds)}", "muted") if seconds else ("pending", "faint")
+
+
+def decade(exponent: int) -> str:
+    """Return a power of ten.
+
+    >>> decade(-2)
+    '10⁻²'
+    """
+    return "10" + str(exponent).translate(_SUPERSCRIPT)
 
 
 def remaining_time(part: Estimate | None, seconds: float | None) -> Span:

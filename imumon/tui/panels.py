@@ -19,7 +19,7 @@ from imumon.tui.formatting import (
     wrap,
 )
 from imumon.tui.view_state import SHOWN_CAVEATS, VIEWS, ViewState
-from imumon.units import counted, duration, number, sentence
+from imumon.units import counted, duration, number, pretty, sentence
 
 # ---------------------------------------------------------------------------- status line
 
@@ -65,7 +65,7 @@ def _facts(report: Report, state: ViewState) -> list[Line]:
         ),
         (counted(session.gaps, "gap"), "warn" if session.gaps else "text"),
         (counted(session.bad_checksums, "error"), "warn" if session.bad_checksums else "text"),
-        (None if degrees is None else f"{degrees:.1f} {state.notation.unit('degC')}", "text"),
+        (None if degrees is None else f"{degrees:.1f} {pretty('degC')}", "text"),
         *((text, "muted") for text in (device.port, device.stream, device.model)),
     )
     return [[(text, role)] for text, role in facts if text is not None]
@@ -85,8 +85,7 @@ VIEW_KEYS = {
     ),
     "signal": (("w", "window"),),
     "events": (("/", "filter"),),
-    "history": (("+-", "span"),),
-    "convergence": (("c", "copy"),),
+    "over time": (("+-", "span"),),
 }
 """The keys of each view that a user has to know of."""
 
@@ -203,7 +202,7 @@ def detail(state: ViewState, width: int, height: int) -> list[Line]:
     notation = state.notation
     factor, unit = notation.scale(name)
     title: Line = [(f" {name.replace('/', ' ')}", "title")]
-    lines = [fitted([title, *_mean(channel, notation, factor, unit)], width)]
+    lines = [fitted([title, *_mean(channel, factor, unit)], width)]
     for letter, part in channel.estimates.items():
         line = _limits(notation, sensor_of(name), letter, part)
         if goal := precision_goal(state, letter):
@@ -213,7 +212,7 @@ def detail(state: ViewState, width: int, height: int) -> list[Line]:
         text = grade_text(SensorGrade(nearest=grade.nearest, meets=grade.meets, provisional=False))
         lines.append([("   grade ", "muted"), (text, "text" if grade.nearest else "faint")])
     if channel.allan is not None:
-        lines.append(_quality(channel, notation))
+        lines.append(_quality(channel))
     shape = channel.distribution
     if shape is not None and shape.verdict:
         lines.append([("   shape ", "muted"), (shape.verdict, "text")])
@@ -222,7 +221,7 @@ def detail(state: ViewState, width: int, height: int) -> list[Line]:
     return [padded(line, width) for line in lines[:height]]
 
 
-def _mean(channel: Channel, notation: Notation, factor: float, unit: str) -> list[Line]:
+def _mean(channel: Channel, factor: float, unit: str) -> list[Line]:
     """Return the mean with its uncertainty, the last value, and the range."""
     if channel.mean is None:
         return [[("   no value yet", "faint")]]
@@ -231,7 +230,7 @@ def _mean(channel: Channel, notation: Notation, factor: float, unit: str) -> lis
     parts: list[Line] = [mean]
     if shape is not None and shape.bias_low is not None and shape.bias_high is not None:
         half = 0.5 * (shape.bias_high - shape.bias_low) * factor
-        uncertainty = (f" {notation.symbol('±')} {number(half, 2)}", "text")
+        uncertainty = (f" ± {number(half, 2)}", "text")
         # an accelerometer reads gravity at rest: there, the bias is not the mean
         if shape.bias is not None and shape.bias != channel.mean:
             parts.append([("   bias ", "muted"), (number(shape.bias * factor, 3), "text"), uncertainty])
@@ -280,14 +279,14 @@ def _limits(notation: Notation, sensor: str, name: str, part: Estimate) -> Line:
     return line
 
 
-def _quality(channel: Channel, notation: Notation) -> Line:
+def _quality(channel: Channel) -> Line:
     """Return how well the model fits, and how many octaves it uses."""
     line: Line = [("   fit ", "muted")]
     fit, allan = channel.fit, channel.allan
     if fit is None or fit.chi2 is None or not fit.dof:
         line.append(("not yet", "faint"))
     else:
-        line.append((f"{notation.symbol('χ²/dof')} {fit.chi2 / fit.dof:.2f}", "text"))
+        line.append((f"χ²/dof {fit.chi2 / fit.dof:.2f}", "text"))
         line.append((f"  p {fit.p_value:.2g}" if fit.p_value is not None else "", "muted"))
     if allan is not None and allan.tau_s:
         octaves = f"{sum(allan.used)} of {len(allan.tau_s)} octaves"

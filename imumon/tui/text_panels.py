@@ -17,7 +17,7 @@ from imumon.report import Channel, Drift, Event, Report, SensorGrade
 from imumon.samples import INERTIAL
 from imumon.tui.formatting import Line, approximate_duration, fitted, length, padded, with_background, wrap
 from imumon.tui.view_state import ViewState
-from imumon.units import duration, number, plus_minus, share_text
+from imumon.units import duration, number, plus_minus, pretty, share_text
 
 
 def _pair(name: str, value: object, note: str = "", role: str = "text") -> Line:
@@ -234,11 +234,10 @@ def drift(state: ViewState, width: int, height: int = 0) -> list[Line]:
     if channel is None or name is None:
         return []
     factor, unit = state.notation.scale(name)
-    notation = state.notation
     lines = [_shape(channel, width), _slope(channel.drift, factor, unit, width)]
     degrees = state.report.channels.get("temperature") if state.report is not None else None
     if degrees is not None and degrees.last is not None:
-        celsius = notation.unit("degC")
+        celsius = pretty("degC")
         now = f"now {degrees.last:.2f} {celsius}"
         heat: list[Line] = [[(_LABEL.format("temperature"), "muted"), (now, "text")]]
         if degrees.min is not None and degrees.max is not None:

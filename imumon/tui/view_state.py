@@ -17,9 +17,11 @@ from imumon.samples import Floats, sensor_of
 from imumon.tui.formatting import Notation, approximate_duration
 
 READABLE = Notation()
-VIEWS = ("overview", "signal", "device", "events", "sensors", "history", "convergence")
+VIEWS = ("overview", "signal", "device", "events", "sensors", "over time")
+RECORD = "record"
+"""Span of the view over time: the record itself. The others are of the history."""
 SPANS = {"day": (86400.0, "10m"), "month": (31 * 86400.0, "1h"), "year": (366 * 86400.0, "1d")}
-"""Spans of the view of the history: s, and step of its rows."""
+"""Spans of the history: s, and step of its rows."""
 WINDOWS = ("minute", "hour", "everything")
 SHOWN_CAVEATS = {"moving": "not_at_rest", "warming_up": "warming_up"}
 """Caveats that the status line shows, by the kind of the status."""
@@ -104,7 +106,7 @@ class ViewState:
     view: str = "overview"
     window: str = "minute"
     history: HistorySeries | None = None
-    span: str = "day"
+    span: str = RECORD
     show_limits: bool = False
     show_times: bool = False
     detailed: bool = True

@@ -1,4 +1,4 @@
-"""The seven views of the screen and the two dialog windows above them.
+"""The six views of the screen and the two dialog windows above them.
 
 A view arranges panels and owns its keys; pure functions draw the panels. The help of a view is made from its
 own bindings, so it cannot be out of date.
@@ -19,8 +19,8 @@ from textual.widgets import Input
 
 from imumon.glossary import Explanation
 from imumon.messages import uncertainty
-from imumon.tui import channel_table, charts, convergence_chart, history_chart, panels, text_panels
-from imumon.tui.formatting import Line, Notation, padded, wrap
+from imumon.tui import channel_table, charts, over_time, panels, text_panels
+from imumon.tui.formatting import Line, padded, wrap
 from imumon.tui.view_state import VIEWS, ViewState
 from imumon.tui.widgets import DrawnPanel, ScrolledPanel
 
@@ -38,8 +38,8 @@ class View(Container, can_focus=True):
             super().__init__()
             self.changes = changes
 
-    def __init__(self, id: str) -> None:
-        super().__init__(id=id)
+    def __init__(self) -> None:
+        super().__init__(id=self.title.replace(" ", "-"))
         self.shown = ViewState()
 
     def show(self, state: ViewState) -> None:
@@ -128,31 +128,19 @@ class SignalView(ChannelView):
         yield DrawnPanel(text_panels.drift, id="drift")
 
 
-class HistoryView(ChannelView):
-    """N, B, mean and temperature of the selected channel over a day, a month or a year."""
+class OverTimeView(ChannelView):
+    """The selected channel while the record grew, or over a day, a month or a year."""
 
-    title = "history"
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("plus,equals_sign,right,w", "app.span(1)", "longer: day, month, year"),
-        Binding("minus,left", "app.span(-1)", "shorter"),
-    ]
-
-    def compose(self) -> ComposeResult:
-        yield DrawnPanel(history_chart.history_chart, id="history-chart")
-
-
-class ConvergenceView(ChannelView):
-    """What was stated of N, B and K of the selected channel when the record was shorter."""
-
-    title = "convergence"
+    title = "over time"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("right,l", "app.sensor(1)", "next quantity: gyro, accel, mag"),
         Binding("left,h", "app.sensor(-1)", "previous quantity"),
-        Binding("c", "app.copy", "copy N and K for other programs"),
+        Binding("plus,equals_sign,w", "app.span(1)", "longer: record, day, month, year"),
+        Binding("minus", "app.span(-1)", "shorter"),
     ]
 
     def compose(self) -> ComposeResult:
-        yield DrawnPanel(convergence_chart.convergence_chart, id="convergence-chart")
+        yield DrawnPanel(over_time.over_time_chart, id="over-time-chart")
 
 
 class ScrolledView(View):
@@ -249,11 +237,10 @@ class DialogWindow(ModalScreen[None]):
         Binding("escape,q,enter,question_mark,f1", "dismiss(None)", "close")
     ]
 
-    def __init__(self, title: str, lines: list[Line], notation: Notation) -> None:
+    def __init__(self, title: str, lines: list[Line]) -> None:
         super().__init__()
         self._heading = title
         self._text = lines
-        self._notation = notation
 
     def compose(self) -> ComposeResult:
         panel = ScrolledPanel(
@@ -265,7 +252,7 @@ class DialogWindow(ModalScreen[None]):
         yield panel
 
     def on_mount(self) -> None:
-        self.query_one(ScrolledPanel).show(ViewState(notation=self._notation))
+        self.query_one(ScrolledPanel).show(ViewState())
 
     def on_click(self, event: Click) -> None:
         if event.widget is self:
@@ -288,15 +275,14 @@ class HelpWindow(DialogWindow):
         Binding("pageup", "scroll(-10)", ""),
     ]
 
-    def __init__(self, title: str, keys: list[Line], words: list[Line], notation: Notation) -> None:
-        super().__init__(title, [*keys, [], *words] if words else keys, notation)
+    def __init__(self, title: str, keys: list[Line], words: list[Line]) -> None:
+        super().__init__(title, [*keys, [], *words] if words else keys)
         self._words_row = len(keys) + 1 if words else 0
 
     def on_mount(self) -> None:
         super().on_mount()
         if self._words_row:
-            arrows = "up, down" if self._notation.ascii else "↑ ↓"
-            self.query_one(ScrolledPanel).border_subtitle = f"? words of this view · {arrows} · esc"
+            self.query_one(ScrolledPanel).border_subtitle = "? words of this view · ↑ ↓ · esc"
 
     def action_scroll(self, step: int) -> None:
         panel = self.query_one(ScrolledPanel)
@@ -312,9 +298,9 @@ class HelpWindow(DialogWindow):
             panel.scroll_to(y=place, animate=False)
 
 
-def keys_of(bindings: list[BindingType], ascii: bool) -> list[tuple[str, str]]:
+def keys_of(bindings: list[BindingType]) -> list[tuple[str, str]]:
     """Return keys and what they do."""
-    arrows = {"down": "↓", "up": "↑", "left": "←", "right": "→"} if not ascii else {}
+    arrows = {"down": "↓", "up": "↑", "left": "←", "right": "→"}
     names = {"slash": "/", "question_mark": "?", "pagedown": "page down", "pageup": "page up", **arrows}
     names |= {"plus": "+", "minus": "-", "equals_sign": "="}
     shown: list[tuple[str, str]] = []
@@ -326,7 +312,7 @@ def keys_of(bindings: list[BindingType], ascii: bool) -> list[tuple[str, str]]:
     return shown
 
 
-def help_lines(view: View, everywhere: list[BindingType], ascii: bool) -> list[Line]:
+def help_lines(view: View, everywhere: list[BindingType]) -> list[Line]:
     """Return the help of a view: what it is, its keys, and the keys that work everywhere."""
     bindings = [
         b for c in reversed(type(view).__mro__) if issubclass(c, View) for b in c.__dict__.get("BINDINGS", [])
@@ -334,12 +320,11 @@ def help_lines(view: View, everywhere: list[BindingType], ascii: bool) -> list[L
     summary = (type(view).__doc__ or "").strip().partition("\n")[0]
     lines: list[Line] = [*([(text, "text")] for text in wrap(summary, WINDOW_WIDTH)), []]
     if isinstance(view, Overview):
-        notation = Notation(ascii=ascii)
-        signs = f"{uncertainty(notation.symbol('±'), notation.symbol('×÷'), indistinct=True)} {SYMBOL_WORDS}"
+        signs = f"{uncertainty(indistinct=True)} {SYMBOL_WORDS}"
         lines[-1:-1] = [[(text, "muted")] for text in wrap(signs, WINDOW_WIDTH)]
-    lines += [[(f"{keys:<14}", "key"), (text, "text")] for keys, text in _paired(keys_of(bindings, ascii))]
+    lines += [[(f"{keys:<14}", "key"), (text, "text")] for keys, text in _paired(keys_of(bindings))]
     lines += [[("everywhere", "title")]]
-    shown = keys_of([b for b in everywhere if not (isinstance(b, Binding) and b.key.isdigit())], ascii)
+    shown = keys_of([b for b in everywhere if not (isinstance(b, Binding) and b.key.isdigit())])
     shown = _paired([(f"1 to {len(VIEWS)}", "views"), *shown])
     half = (len(shown) + 1) // 2
     for k in range(half):

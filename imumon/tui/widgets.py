@@ -75,7 +75,7 @@ BACKGROUNDS = ("band", "bar", "selected", "status", "alarm", "footer")
 
 
 class RoleStyles(Widget):
-    """Hidden widget that holds the style of each role for all others.
+    """Hidden widget that holds the style of each role for all others, and whether they draw ASCII alone.
 
     The component classes are on this widget alone, so that a theme change matches the style sheet once.
     """
@@ -84,8 +84,9 @@ class RoleStyles(Widget):
         f"background-{b}" for b in BACKGROUNDS
     }
 
-    def __init__(self) -> None:
+    def __init__(self, ascii: bool) -> None:
         super().__init__(id="role-styles")
+        self.ascii = ascii
         self._styles: dict[tuple[str, Color | None], Style] = {}
 
     def notify_style_update(self) -> None:
@@ -128,10 +129,10 @@ class StyledWidget(Widget):
         if styles is None:
             styles = self._role_styles = self.app.screen_stack[0].query_one("#role-styles", RoleStyles)
             self._page = self.rich_style.bgcolor
-        page, ascii = self._page, self._view_state.notation.ascii
+        page = self._page
         # `plain`: names and texts come from the network, and may contain control characters of a terminal
         segments = [
-            Segment(to_ascii(plain(text)) if ascii else plain(text), styles.style(role, page))
+            Segment(to_ascii(plain(text)) if styles.ascii else plain(text), styles.style(role, page))
             for text, role in line
             if text
         ]

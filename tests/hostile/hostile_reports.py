@@ -221,7 +221,7 @@ def show_on_screen(report: Report, signal: Signal | None, events: tuple[Event, .
         for size in SIZES if number < 2 else SIZES[2:3]:
             for si in (False, True):
                 shown = state.updated(
-                    channel=channel, notation=Notation(si=si, ascii=si), overlay=si, show_limits=True,
+                    channel=channel, notation=Notation(si=si), overlay=si, show_limits=True,
                     zoomed=si, window=WINDOWS[number % 3],
                 )  # fmt: skip
                 for panel in PANELS:

@@ -29,15 +29,15 @@ OTHER = "vn100-0100056799"
 
 @driven()
 async def test_digits_and_tab_change_the_view(app: ImumonApp, pilot: Pilot[int]) -> None:
-    for key, name in zip("1234567", VIEWS, strict=True):
+    for key, name in zip("123456", VIEWS, strict=True):
         await pilot.press(key)
         assert app.view_state.view == name
-        assert [v.id for v in app.query(View) if v.display] == [name]
-        assert app.focused is app.query_one(f"#{name}")
+        assert [v for v in app.query(View) if v.display] == [app.focused]
+        assert app.focused.title == name
     await pilot.press("tab")
     assert app.view_state.view == "overview"
     await pilot.press("shift+tab")
-    assert app.view_state.view == "convergence"
+    assert app.view_state.view == "over time"
 
 
 @driven(lambda: reports.FakeSource(reports.report()))
@@ -109,13 +109,13 @@ def test_each_quit_key_ends_the_screen(key: str, before: tuple[str, ...]) -> Non
 
 @driven(lambda: reports.FakeSource(reports.report(), reports.report(id=OTHER)), size=(60, 20))
 async def test_help_names_every_key_of_the_visible_view(app: ImumonApp, pilot: Pilot[int]) -> None:
-    for key in "1234567":
+    for key in "123456":
         await pilot.press(key)
-        view = app.query_one(f"#{app.view_state.view}", View)
+        view = app._view()
         await pilot.press("question_mark")
         await pilot.pause()
         text = visible_text(app)
-        for _, what in keys_of(list(type(view).BINDINGS), False):
+        for _, what in keys_of(list(type(view).BINDINGS)):
             assert what.removeprefix("next ").removeprefix("previous ") in text, what
         window = app.screen.query_one(ScrolledPanel)
         assert "…" not in "".join(t for line in window.lines() for t, _ in line)
@@ -506,18 +506,3 @@ def test_an_unknown_grade_is_shown_by_its_name() -> None:
             assert view != "overview" or "survey" in visible_text(app).lower()
 
     drive(reports.FakeSource(replace(report, grade=grade, channels=channels)), script)
-
-
-@pytest.mark.parametrize("size", [(60, 20), (80, 24), (150, 40)])
-def test_the_view_of_the_convergence_shows_each_coefficient_as_it_is_now(size: tuple[int, int]) -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        await pilot.press("7", "right", "down")
-        await pilot.pause()
-        text = visible_text(app)
-        for letter in "NBK":
-            assert table_number(reports.report(), "accel/y", letter) in text
-        assert "ready" in text
-        assert "only a bound" in text
-        assert "now" in text
-
-    drive(reports.FakeSource(reports.report()), script, size)

@@ -68,14 +68,12 @@ def text_of(lines: list[Line]) -> str:
 
 @pytest.mark.parametrize("name", DRAWN)
 @settings(max_examples=25)
-@given(size=sizes, ascii=st.booleans(), si=st.booleans(), more=st.booleans())
-def test_every_part_draws_at_every_size(
-    name: str, size: tuple[int, int], ascii: bool, si: bool, more: bool
-) -> None:
+@given(size=sizes, si=st.booleans(), more=st.booleans())
+def test_every_part_draws_at_every_size(name: str, size: tuple[int, int], si: bool, more: bool) -> None:
     """No size fails, and no line differs from the given width."""
     width, height = size
     state = running().updated(
-        notation=Notation(si=si, ascii=ascii),
+        notation=Notation(si=si),
         show_limits=more,
         overlay=more,
         baseline=running().report if more else None,
@@ -83,8 +81,11 @@ def test_every_part_draws_at_every_size(
     lines = DRAWN[name](state, width, height)
     for line in lines:
         assert formatting.length(line) == width
-    if ascii:
-        assert formatting.to_ascii(text_of(lines)).isascii()
+    shown = text_of(lines)
+    plain = formatting.to_ascii(shown)
+    assert plain.isascii()
+    assert len(plain) == len(shown)
+    assert "?" not in plain.replace("? help", "")
 
 
 @pytest.mark.parametrize("elapsed_s", reports.AGES)
@@ -97,11 +98,11 @@ def test_every_age_of_a_record_draws(elapsed_s: float) -> None:
 
 
 @settings(max_examples=300)
-@example(value=9e149, low=1e-5, high=1.5e-5, status="measured", seconds=None, si=False, ascii=True)
+@example(value=9e149, low=1e-5, high=1.5e-5, status="measured", seconds=None, si=False)
 @given(value=finite, low=finite, high=finite, status=st.sampled_from(["measured", "upper_bound", "pending"]),
-       seconds=st.none() | st.floats(0, 1e12), si=st.booleans(), ascii=st.booleans())  # fmt: skip
+       seconds=st.none() | st.floats(0, 1e12), si=st.booleans())  # fmt: skip
 def test_a_coefficient_fits_its_column(
-    value: float, low: float, high: float, status: str, seconds: float | None, si: bool, ascii: bool
+    value: float, low: float, high: float, status: str, seconds: float | None, si: bool
 ) -> None:
     part = Estimate(
         value=value if status == "measured" else None,
@@ -109,7 +110,7 @@ def test_a_coefficient_fits_its_column(
         high=high,
         status=status,
     )
-    text, _ = Notation(si=si, ascii=ascii).coefficient(part, seconds)
+    text, _ = Notation(si=si).coefficient(part, seconds)
     assert len(text) <= CELL
 
 
@@ -139,10 +140,9 @@ def test_a_bias_is_shown_only_where_it_is_known() -> None:
         assert expected in text
 
 
-@pytest.mark.parametrize("ascii", [False, True])
 @pytest.mark.parametrize("si", [False, True])
-def test_headings_fit_their_columns(si: bool, ascii: bool) -> None:
-    notation = Notation(si=si, ascii=ascii)
+def test_headings_fit_their_columns(si: bool) -> None:
+    notation = Notation(si=si)
     for sensor in ("gyro", "accel", "mag"):
         for name in ("N", "B", "K"):
             assert len(f"{name} {notation.coefficient_scale(sensor, name)[1]}") <= CELL
@@ -282,43 +282,19 @@ def test_bars_below_the_canvas_are_clipped() -> None:
     assert canvas.height == 1
 
 
-spans = st.tuples(st.floats(-1e6, 1e6), st.floats(1e-6, 1e6))
+spans = st.tuples(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6))
 
 
-@given(span=spans, rows=st.integers(5, 60), from_zero=st.booleans())
-def test_ticks_of_a_linear_axis_are_whole_rows_apart(
+@given(span=spans, rows=st.integers(3, 60), from_zero=st.booleans())
+def test_a_linear_axis_contains_its_values_and_has_two_ticks(
     span: tuple[float, float], rows: int, from_zero: bool
 ) -> None:
-    values = np.array([span[0], span[0] + span[1]])
-    if from_zero:
-        values = np.array([0.0, span[1]])
-    scale, ticks = braille_canvas.even(values, rows, 0.0 if from_zero else None)
+    values = np.array([0.0, span[1]] if from_zero else [span[0], span[0] + span[1]])
+    scale, ticks = braille_canvas.ticked(values, rows, 0.0 if from_zero else None)
     assert scale.low <= values.min()
     assert scale.high >= values.max()
-    assert len(ticks) >= 2
-    frame = braille_canvas.PlotFrame(
-        braille_canvas.Canvas(20, rows), (8, 0, 12, rows), braille_canvas.AxisScale(0.0, 1.0), scale
-    )
-    cells = np.diff(frame.down(np.array(ticks)).astype(int) // 4)
-    assert len(set(cells.tolist())) == 1, cells
-
-
-@given(least=st.floats(1e-9, 1e6), decades=st.floats(0.1, 6.0), rows=st.integers(3, 60))
-def test_a_logarithmic_axis_of_whole_rows_contains_the_values(
-    least: float, decades: float, rows: int
-) -> None:
-    values = np.array([least, least * 10.0**decades])
-    plain = braille_canvas.logarithmic(values)
-    scale = braille_canvas.whole_rows(plain, rows)
-    assert scale.low <= values.min()
-    assert scale.high >= values.max()
-    assert scale.high / scale.low <= (plain.high / plain.low) ** (1.001 * braille_canvas.ROOM_FOR_ROWS)
-    if scale is not plain:
-        frame = braille_canvas.PlotFrame(
-            braille_canvas.Canvas(20, rows), (8, 0, 12, rows), braille_canvas.AxisScale(0.0, 1.0), scale
-        )
-        cells = np.diff(frame.down(10.0 ** np.array(scale.decades(), dtype=float)).astype(int) // 4)
-        assert len(set(cells.tolist())) <= 1, cells
+    assert 2 <= len(ticks) <= 2 * braille_canvas.MOST_TICKS
+    assert all(scale.low <= tick <= scale.high for tick in ticks[1:-1])
 
 
 def test_the_distribution_has_two_axes() -> None:

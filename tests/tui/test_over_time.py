@@ -1,4 +1,4 @@
-"""The view of the history: what it asks, what it draws, and what it makes of hostile replies."""
+"""The view over time: what it asks, what it draws, and what it makes of hostile replies."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import reports
 from textual.pilot import Pilot
 
 from imumon.tui.app import ImumonApp
-from imumon.tui.history_chart import QUANTITIES, history_chart, parse
+from imumon.tui.over_time import LEAST_ROWS, QUANTITIES, over_time_chart, parse
 from imumon.tui.view_state import SPANS, ViewState
 
 
@@ -28,11 +28,14 @@ def state(span: str = "day", *, shown: bool = True) -> ViewState:
 @pytest.mark.parametrize("span", SPANS)
 @pytest.mark.parametrize("size", [(60, 20), (80, 24), (150, 40), (20, 3)])
 def test_it_draws_every_quantity_that_fits_with_its_events(span: str, size: tuple[int, int]) -> None:
-    lines = history_chart(state(span), *size)
+    lines = over_time_chart(state(span), *size)
     assert len(lines) <= size[1]
     assert all(sum(len(part) for part, _ in line) == size[0] for line in lines)
     if size[1] >= 20:
-        assert all(f"{name} [" in text(lines) for name in QUANTITIES if name != "M")  # no row has it
+        shown = [name for name in QUANTITIES if f"{name} [" in text(lines)]
+        assert (
+            shown == [name for name in QUANTITIES if name != "M"][: (size[1] - 2) // LEAST_ROWS]
+        )  # no row has M
         assert "↓" in text(lines)  # K is only bounded
         assert size[0] < 80 or "each " in text(lines)
         assert "▏" in text(lines)
@@ -42,7 +45,7 @@ def test_it_draws_every_quantity_that_fits_with_its_events(span: str, size: tupl
 def test_a_young_record_fills_the_chart(span: str) -> None:
     rows, _ = reports.history_reply("gyro/x", 1800.0, "10m")
     lines = text(
-        history_chart(replace(state(span), history=parse("gyro/x", rows, b"[]")), 80, 24)
+        over_time_chart(replace(state(span), history=parse("gyro/x", rows, b"[]")), 80, 24)
     ).splitlines()
     assert lines[-1].split()[:3] == ["01", "Mar", "07:30"]
     assert lines[-1].split()[-1] == "08:00"
@@ -55,7 +58,7 @@ def test_the_minutes_of_a_very_young_record_have_seconds() -> None:
     rows, _ = reports.history_reply("gyro/x", 600.0, "10m")
     begin = json.loads(rows)[0] | {"time": "2026-03-01T07:58:10Z", "end": "2026-03-01T07:58:40Z"}
     series = parse("gyro/x", json.dumps([begin]).encode(), b"[]")
-    assert "07:58:10" in text(history_chart(replace(state(), history=series), 80, 24))
+    assert "07:58:10" in text(over_time_chart(replace(state(), history=series), 80, 24))
 
 
 def test_plus_and_minus_change_the_span() -> None:
@@ -64,16 +67,16 @@ def test_plus_and_minus_change_the_span() -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("6")
         seen = []
-        for key in ("plus", "plus", "plus", "minus", "minus", "minus"):
+        for key in ("plus", "plus", "plus", "plus", "minus", "minus", "minus", "minus"):
             await pilot.press(key)
             seen.append(app.view_state.span)
-        assert seen == ["month", "year", "year", "month", "day", "day"]
+        assert seen == ["day", "month", "year", "year", "month", "day", "record", "record"]
 
     drive(reports.FakeSource(reports.warming_up()), script)
 
 
 def test_it_says_so_while_there_is_none() -> None:
-    assert "no history yet" in text(history_chart(state(shown=False), 80, 24))
+    assert "nothing yet" in text(over_time_chart(state(shown=False), 80, 24))
 
 
 def test_a_bound_is_no_point() -> None:
@@ -101,8 +104,8 @@ def test_a_value_that_is_none(value: object) -> None:
     series = parse("gyro/x", json.dumps(rows).encode(), event)
     assert series is not None
     assert len(series.time) == (2 if value is None else 1)
-    shown = ViewState(id=reports.ID, channel="gyro/x", history=series)
-    assert history_chart(shown, 80, 24)
+    shown = ViewState(id=reports.ID, channel="gyro/x", history=series, span="day")
+    assert over_time_chart(shown, 80, 24)
 
 
 def test_the_view_asks_for_what_it_shows() -> None:
@@ -111,7 +114,9 @@ def test_the_view_asks_for_what_it_shows() -> None:
     source = reports.FakeSource(reports.warming_up())
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        await pilot.press("6", "w")
+        await pilot.press("6")
+        assert source.asked_history is None
+        await pilot.press("w", "w")
         assert source.asked_history == (reports.ID, "gyro/x", *SPANS["month"])
         app.poll()
         await pilot.press("down")
@@ -123,3 +128,20 @@ def test_the_view_asks_for_what_it_shows() -> None:
         assert source.asked_history is None
 
     drive(source, script)
+
+
+@pytest.mark.parametrize("size", [(60, 20), (80, 24), (150, 40)])
+def test_the_span_of_the_record_shows_each_coefficient_as_it_is_now(size: tuple[int, int]) -> None:
+    from screen_driver import drive, table_number, visible_text
+
+    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
+        await pilot.press("6", "right", "down")
+        await pilot.pause()
+        shown = visible_text(app)
+        for letter in "NBK":
+            assert table_number(reports.report(), "accel/y", letter) in shown
+        assert "ready" in shown
+        assert "only a bound" in shown
+        assert "now" in shown
+
+    drive(reports.FakeSource(reports.report()), script, size)

@@ -1,0 +1,274 @@
+"""The selected channel over time: what was stated while the record grew, or the rows of its history.
+
+The span *record* asks whether each number has come to rest: N, B, K and M against the length of the record, on a
+logarithmic axis. Two dashed lines are the configured precision about the present value: where the limits are between
+them, the number is as precise as configured. The spans *day*, *month* and *year* show the rows of the history, which
+come from the daemon as JSON (docs/HISTORY.md): coefficients, mean and temperature, with events.
+
+Every quantity has a panel of its own, and both kinds are drawn alike. Bars are 95 % limits, and an arrow is the upper
+bound of a number that was not known. A row of the history is measured alone, so its limits do not narrow from row to
+row.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from imumon.coefficients import CONVERGING, Estimate
+from imumon.history_report import HistoryRow, history_rows, objects
+from imumon.readiness import state_of
+from imumon.report import Channel, Convergence
+from imumon.samples import Floats, sensor_of
+from imumon.tui.braille_canvas import AxisScale, Canvas, PlotFrame, ticked
+from imumon.tui.channel_table import SYMBOLS
+from imumon.tui.charts import EXTREME_VALUES, centred_text, numbers, round_step, tick_text
+from imumon.tui.formatting import Line, approximate_duration, fitted, padded
+from imumon.tui.view_state import RECORD, SPANS, HistorySeries, ViewState
+from imumon.units import MINUTE, duration, pretty
+
+MARKED = ("change", "restart", "connect", "disconnect", "warmup", "grade", "disturbance", "constant", "state")
+"""Kinds of events that are marked."""
+QUANTITIES = (*CONVERGING, "mean", "temperature")
+MOST_ROOM = 0.5
+"""Share of a value by which limits widen the scale: those of a young record or a short row may be many times it."""
+LENGTHS_S = (1.0, 10.0, MINUTE, 600.0, 3600.0, 21_600.0, 86_400.0, 604_800.0, 2_592_000.0, 31_557_600.0)
+"""s, lengths of a record that have a label, as far as they fit: those that people name."""
+LAST_LABEL = 8
+"""Cells at the end of the axis of lengths that its last label has for itself."""
+LABEL_CELLS = 14
+"""Cells of a label of the time axis, with its gap: a date and a clock time."""
+GUTTER = 9
+"""Cells to the left of a chart, for its labels."""
+LEAST_ROWS = 4
+"""Rows of a panel, with its title; fewer show no curve."""
+_ROLES = {"mean": "signal", "temperature": "point"}
+STATES = {"ready": "ready", "growing": "not precise enough", "bound": "only a bound", "none": "not known yet"}
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One quantity over time.
+
+    Attributes
+    ----------
+    title : its name, with what is known of it now.
+    time : (n,) s, length of the record or since 1970.
+    value, low, high : (n,) as shown, NaN where unknown; of a bound, `high` alone is known.
+    width : (n,) s, widths of the bars.
+    role : role of the points.
+    goal : ends of the configured precision, as shown; empty: none.
+    """
+
+    title: Line
+    time: Floats
+    value: Floats
+    low: Floats
+    high: Floats
+    width: Floats
+    role: str
+    goal: tuple[float, ...] = ()
+
+
+def parse(channel: str, rows: bytes, events: bytes) -> HistorySeries | None:
+    """Return the history in the replies of a daemon; None if it has no valid row."""
+    known = [_numbers(row) for row in history_rows(objects(rows)) if row.channel == channel]
+    if not known:
+        return None
+    known.sort()
+    table = np.array(known, dtype=np.float64)
+    begin, end = table[:, 0], table[:, 1]
+    count = len(QUANTITIES)
+    values = {name: table[:, 2 + k] for k, name in enumerate(QUANTITIES)}
+    low = {name: table[:, 2 + count + 2 * k] for k, name in enumerate(CONVERGING)}
+    high = {name: table[:, 3 + count + 2 * k] for k, name in enumerate(CONVERGING)}
+    shown, period_s = tuple(_marks(objects(events))), float((end - begin).max())
+    middle = 0.5 * (begin + end)
+    return HistorySeries(
+        channel, float(begin[0]), float(end.max()), middle, values, shown, low, high, period_s
+    )
+
+
+def _numbers(row: HistoryRow) -> tuple[float, ...]:
+    """Return begin, end and quantities of a row; what is not known is NaN."""
+    noise = [row.coefficients.get(name, Estimate()) for name in CONVERGING]
+    limits = (limit for part in noise for limit in (part.low, part.high))
+    known = (*(part.value for part in noise), row.mean, row.temperature, *limits)
+    numbers = (math.nan if value is None else value for value in known)
+    return (row.begin.timestamp(), row.begin.timestamp() + row.length_s, *numbers)
+
+
+def _marks(events: Iterable[Any]) -> Iterator[tuple[float, str]]:
+    """Yield time, s since 1970, and kind of the events that are marked."""
+    for event in events:  # from another program: of any form
+        with suppress(KeyError, TypeError, ValueError, OverflowError):
+            if event["kind"] in MARKED:
+                yield datetime.fromisoformat(event["time"]).astimezone(UTC).timestamp(), event["kind"]
+
+
+@EXTREME_VALUES
+def over_time_chart(state: ViewState, width: int, height: int) -> list[Line]:
+    """Return the panels of the selected channel, one below the other."""
+    channel = state.channel or ""
+    title: Line = [(" ", "text"), (channel.replace("/", " "), "title"), ("   ", "text")]
+    title += [(f" {name} ", "tab" if name == state.span else "muted") for name in (RECORD, *SPANS)]
+    series = state.history if state.history is not None and state.history.channel == channel else None
+    stated = state.selected.convergence if state.selected is not None else None
+    if state.span == RECORD and stated is not None and len(stated.elapsed_s) > 1:
+        panels = _of_record(state, stated)
+        axis, legend = AxisScale(stated.elapsed_s[0], stated.elapsed_s[-1] * 1.001, log=True), "by length"
+    elif state.span != RECORD and series is not None:
+        panels = _of_history(state, series)
+        axis = AxisScale(max(series.begin, series.end - SPANS[state.span][0]), series.end)
+        legend = f"each {duration(series.period_s)}, UTC"
+    else:
+        text = ["nothing yet", "a record fills this after its first seconds, a history after its first row"]
+        return [padded(title, width), *centred_text(text, width, height - 1)]
+    events = series.events if series is not None and state.span != RECORD else ()
+    notes: list[Line] = [
+        [(f"   {legend}", "muted")],
+        [("   ", "text"), ("  ", "text/band"), (" 95 %", "muted")],
+        [("   ↓", "bound"), (" 95 % upper bound", "muted")],
+        *([[("   ╌", "good"), (" to be within", "muted")]] if state.span == RECORD else []),
+        *([[("   ▏", "warn"), ("event", "muted")]] if events else []),
+    ]
+    shown = panels[: max((height - 2) // LEAST_ROWS, 1)]
+    lines, left = [padded(fitted([title, *notes], width), width)], height - 2
+    for k, panel in enumerate(shown):
+        rows = left // (len(shown) - k)
+        left -= rows
+        lines += _drawn(panel, axis, events, width, rows)
+    labels = _lengths(axis, width) if state.span == RECORD else _dates(axis, width)
+    return [*lines, _axis_line(axis, labels, width)][:height]
+
+
+def _of_record(state: ViewState, stated: Convergence) -> list[Panel]:
+    """Return what was stated of each coefficient while the record grew."""
+    channel, report = state.selected, state.report
+    if channel is None or report is None:
+        return []
+    time, panels = np.array(stated.elapsed_s), []
+    for letter in (letter for letter in CONVERGING if letter in stated.coefficients):
+        factor = state.notation.coefficient_scale(sensor_of(state.channel or ""), letter)[0]
+        series, precision = stated.coefficients[letter], report.precision.get(letter)
+        value, low, high = (numbers(column, factor) for column in (series.value, series.low, series.high))
+        now = value[-1]
+        goal = (now * (1.0 - precision), now * (1.0 + precision)) if precision and now > 0.0 else ()
+        title = _record_title(state, channel, letter)
+        panels.append(Panel(title, time, value, low, high, np.gradient(time), letter, goal))
+    return panels
+
+
+def _record_title(state: ViewState, channel: Channel, letter: str) -> Line:
+    """Return a coefficient as it is now, what it is to be, and when."""
+    seconds, kind = (channel.time_to or {}).get(letter), state_of(channel, letter)
+    text, role = state.notation.coefficient(channel.estimates.get(letter), seconds)
+    unit = state.notation.coefficient_scale(sensor_of(state.channel or ""), letter)[1]
+    title: Line = [(f" {letter} ", f"{letter}-strong"), (text, role), (f" {unit}", "muted")]
+    if state.report is not None and letter in state.report.precision:
+        symbol, symbol_role = SYMBOLS[kind]
+        ahead = f"ready in {approximate_duration(seconds)}" if seconds else STATES[kind]
+        title.append((f"   to be {state.notation.goal(state.report.precision[letter])}", "muted"))
+        title.append((f"   {symbol} {ahead}", symbol_role))
+    return title
+
+
+def _of_history(state: ViewState, series: HistorySeries) -> list[Panel]:
+    """Return the quantities of the history of which a row has a value or a bound."""
+    unknown, panels = np.full(len(series.time), math.nan), []
+    width = np.full(len(series.time), series.period_s)
+    for name, values in series.values.items():
+        factor, unit = _scale(state, series.channel, name)
+        low, high = (limits.get(name, unknown) * factor for limits in (series.low, series.high))
+        if np.isfinite(values).any() or np.isfinite(high).any():
+            title: Line = [(f" {name}", "title"), (f" [{unit}]", "muted")]
+            role = _ROLES.get(name, name)
+            panels.append(Panel(title, series.time, values * factor, low, high, width, role))
+    return panels
+
+
+def _scale(state: ViewState, channel: str, name: str) -> tuple[float, str]:
+    """Return factor and unit of a quantity."""
+    if name == "temperature":
+        return 1.0, pretty("degC")
+    if name == "mean":
+        return state.notation.scale(channel)
+    return state.notation.coefficient_scale(sensor_of(channel), name)
+
+
+def _drawn(
+    panel: Panel, axis: AxisScale, events: Sequence[tuple[float, str]], width: int, height: int
+) -> list[Line]:
+    """Return the title and the chart of one quantity."""
+    canvas = Canvas(width, max(height - 1, 1))
+    inside = (panel.time >= axis.low) & (panel.time <= axis.high)
+    time, value, low, high, wide = (
+        column[inside] for column in (panel.time, panel.value, panel.low, panel.high, panel.width)
+    )
+    measured, bound = np.isfinite(value), ~np.isfinite(value) & np.isfinite(high)
+    scale, ticks = ticked(np.concatenate((value, panel.goal, *_edges(value, low, high))), canvas.height)
+    frame = _frame(canvas, axis, scale)
+    frame.grid([], ticks)
+    frame.y_labels([(tick, tick_text(tick, ticks)) for tick in ticks])
+    for when, kind in events:
+        cell = frame.cell(when, 0.5 * (scale.low + scale.high))
+        for row in range(canvas.height) if cell is not None else ():
+            canvas.put(cell[0], row, "▏", "bad" if kind == "change" else "warn")  # type: ignore[index]
+    frame.bars(time[measured], low[measured], high[measured], wide[measured], "band")
+    for level in panel.goal:
+        frame.curve(np.array([axis.low, axis.high]), np.full(2, level), "good", (2, 4))
+    for when, size in zip(time[bound], high[bound], strict=True):
+        if (cell := frame.cell(float(when), float(size))) is not None:
+            canvas.text(*cell, "↓", "bound")
+    frame.points(time, value, panel.role)
+    return [padded(panel.title, width), *canvas.rows()]
+
+
+def _frame(canvas: Canvas, x: AxisScale, y: AxisScale) -> PlotFrame:
+    """Return the axes of a panel, which are those of the labels of time, too."""
+    return PlotFrame(canvas, (GUTTER, 0, max(canvas.width - GUTTER - 2, 4), canvas.height), x, y)
+
+
+def _edges(value: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """Return the limits as far as a scale shows them."""
+    known = value[np.isfinite(value)]
+    if not len(known):
+        return low, high
+    least, greatest = float(known.min()), float(known.max())
+    room = max(greatest - least, MOST_ROOM * abs(greatest))
+    return np.clip(low, least - room, greatest + room), np.clip(high, least - room, greatest + room)
+
+
+def _axis_line(axis: AxisScale, labels: Sequence[tuple[float, str]], width: int) -> Line:
+    """Return the labels of the time axis, each below what it names."""
+    canvas = Canvas(width, 1)
+    _frame(canvas, axis, AxisScale(0.0, 1.0)).x_labels(labels, 0)
+    return canvas.rows()[0]
+
+
+def _lengths(axis: AxisScale, width: int) -> list[tuple[float, str]]:
+    """Return the labels of the length of a record; the last one, which must not be left out, has room."""
+    last = 1.0 - LAST_LABEL / max(width - GUTTER - 2, LAST_LABEL)
+    shares = axis.share(np.array(LENGTHS_S))
+    inside = [length for length, share in zip(LENGTHS_S, shares, strict=True) if 0.0 <= share < last]
+    return [*((length, duration(length)) for length in inside), (axis.high / 1.001, "now")]
+
+
+def _dates(axis: AxisScale, width: int) -> list[tuple[float, str]]:
+    """Return the labels of a time axis: clock times of a day, else dates."""
+    step = round_step(axis.high - axis.low, max((width - GUTTER - 2) / LABEL_CELLS, 1.0))
+    labels, day = [], None
+    for when in axis.multiples(step):
+        date = datetime.fromtimestamp(when, UTC)
+        clock = "" if step >= 86400.0 else f"{date:%H:%M}" if step >= MINUTE else f"{date:%H:%M:%S}"
+        # a clock time has its date where it is another one than that of the label before
+        dated = not clock or date.date() != day
+        labels.append((when, f"{date:%d %b} {clock}".strip() if dated else clock))
+        day = date.date()
+    return labels
