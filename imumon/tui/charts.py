@@ -384,7 +384,7 @@ STEPS_S = (
 
 
 def round_step(span: float, most: float) -> float:
-    """Return the least round step, s, that divides a time into at most so many parts."""
+    """Return the least round step, s, of which a time has at most a number."""
     # beyond the table, as few parts as it needs
     return next(
         (step for step in STEPS_S if span / step <= most), math.ceil(span / STEPS_S[-1]) * STEPS_S[-1]
