@@ -20,6 +20,7 @@ from figures import Figure, at_most, seconds, show
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.statistics.moments import Moments
 from imumon.noise.synthesis import NoiseStream
+from imumon.saved_state import pack
 
 GROUPS = (0, 0, 0, 1, 1, 1, 2, 2, 2)
 SEED = 20240229
@@ -78,10 +79,10 @@ def live(cascade: OctaveCascade, moments: Moments, values: np.ndarray) -> Iterat
         "a live block of 40 × 9, octaves, spectrum and block means", all_of(cascade.update), 100.0, "µs"
     )
     yield Figure("a live block of 40 × 9, moments", f"{all_of(moments.update):.3g} µs")
-    state = cascade.save()
+    state = pack(cascade)
     for what, work in (
         ("result()", cascade.result),
-        ("save()", cascade.save),
+        ("pack", lambda: pack(cascade)),
         ("restore()", lambda: OctaveCascade.restore(state)),
         ("skip(10^9)", lambda: cascade.copy().skip(10**9)),
     ):

@@ -30,12 +30,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 from figures import Figure, at_most, show
 
-from imumon.checkpoint import SavedState, encode
+from imumon.checkpoint import encode
 from imumon.noise import Estimator, OctaveCascade, synthesise
 from imumon.pipeline import Monitor, MonitorOptions
 from imumon.report import DeviceDescription, SessionCounters
 from imumon.report_json import to_json
 from imumon.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
+from imumon.saved_state import pack
 
 RATE, BLOCK, PER_REPORT, SAVE_S = 100.0, 10, 10, 30
 """Hz; samples a block; blocks a report; s between two saved states."""
@@ -116,8 +117,7 @@ class Run:
 
     def state(self) -> int:
         """Return the bytes of the saved state."""
-        meta, arrays = self.monitor.save()
-        return len(encode(SavedState(meta, dict(arrays))))
+        return len(encode(pack(self.monitor.save())))
 
     def _timed(self, kind: str, work: Callable[[], Any]) -> Any:
         begin = time.process_time()

@@ -34,7 +34,7 @@ import damage
 import numpy as np
 from histories import BEGIN, RECORD, period
 
-from imumon.checkpoint import Checkpoint, SavedState, encode
+from imumon.checkpoint import Checkpoint, encode
 from imumon.errors import ImumonError
 from imumon.history.selection import Selection
 from imumon.history.store import HistoryStore
@@ -43,6 +43,7 @@ from imumon.recordings.log_process import __main__ as log_program
 from imumon.replay import ReplayOptions
 from imumon.report import Event
 from imumon.samples import SampleBlock
+from imumon.saved_state import pack
 
 LONGEST_S = 30
 MOST_MB = 300.0
@@ -81,7 +82,7 @@ def history(path: Path) -> Outcome:
 
 
 def a_state(place: Path) -> Path:
-    (place / "a.state").write_bytes(encode(SavedState({"serial": "7"}, {"sum": np.arange(2000.0)})))
+    (place / "a.state").write_bytes(encode(pack({"sum": np.arange(2000.0)})))
     return place / "a.state"
 
 

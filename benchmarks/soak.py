@@ -39,6 +39,7 @@ from usage import cpu_s, resident_kb
 
 from imumon.devices.vn100.emulator import EmulatorSettings, spawn
 from imumon.report import Report
+from imumon.saved_state import pack
 
 STILL_EVERY = 4  # looks at memory, in time-lapse
 
@@ -210,7 +211,7 @@ def straight(words: argparse.Namespace) -> dict[str, object]:
             next_s += 3600.0
             monitor.report(datetime.now(UTC), DeviceDescription(id="soak"), "running", SessionCounters())
             monitor.events()
-            sizes.append(sum(array.nbytes for array in monitor.save()[1].values()))
+            sizes.append(len(pack(monitor.save())))
             taken.append(resident_kb(os.getpid()))
     monitor.flush()
     latest = monitor.report(datetime.now(UTC), DeviceDescription(id="soak"), "stopped", SessionCounters())

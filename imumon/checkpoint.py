@@ -7,69 +7,53 @@ merged. Another user may have written it: it is a regular file of bounded size, 
 If nothing can be written, the existing state is still read, every save tries again, and `Checkpoint.failed`
 gives the reason.
 
-A state is an .npz archive of numpy in an xz file: ``xz -d < DEVICE.state`` gives what `numpy.load` reads. The checksums
-of xz cover every byte. A state is written thousands of times per day, often to a memory card: the archive is compressed
-as a whole, because its arrays are small. A thread compresses and writes, so a slow disk does not delay the samples.
+A state begins with a line: a word, the number of its format, and a checksum of what follows, the compressed objects of
+the record (`imumon.saved_state`). A file of another format, or with another checksum, is set aside: what is restored is
+exactly what was saved. A state is written thousands of times per day, often to a memory card, so it is compressed. A
+thread compresses and writes, so a slow disk does not delay the samples.
 """
 
 from __future__ import annotations
 
 import fcntl
-import io
-import json
-import lzma
+import hashlib
 import os
 import stat
 import threading
-import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
-from datetime import datetime
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
-
-import numpy as np
-import numpy.typing as npt
+from typing import Any
 
 from imumon.errors import ImumonError, why
 from imumon.files import open_regular, read_bounded, rename_aside, write_new
-from imumon.report_json import JsonReader, check, plain
+from imumon.report_json import plain
+from imumon.saved_state import restorable, unpack
 from imumon.system_errors import OTHER_STATE, cure_of_writing
 
-FORMAT = 12
-"""Version of what a state holds. Up to 3, it was another container, too."""
-PRESET = 0
-"""Compression preset of xz. Preset 1 takes one and a half times the time for 1 % less."""
+FORMAT = 13
+"""Version of what a state holds: of the attributes of all objects in it, which a test compares with this number."""
+LEVEL = 1
+"""Compression level of zlib: level 6 takes one and a half times the time for 1 % less."""
 
 FILE_BYTES = 1 << 26
 """Bytes of the largest file that is read as a state; a record of a year has less than 1 MB."""
 
 PLAIN_BYTES = 1 << 28
-"""Bytes of the largest state after decompression, and of memory that the decoder of xz may take."""
+"""Bytes of the largest state after decompression."""
 
-LONGEST_S = 1e10
-"""s, three centuries: no machine runs for longer."""
-MOST_COUNTED = 1 << 62
-"""Bytes or messages that no link has delivered; their sum with those of a run fits 64 bits."""
-
-_DESCRIPTION = "imumon.state"
-"""Name of the first entry of the archive: format and `SavedState.meta` as JSON."""
-_BEFORE_4 = b"imumon-state "
-"""First bytes of a state up to format 3."""
+_MAGIC = b"imumon-state "
+"""First bytes of a state of any format."""
 _OUT_OF_MEMORY = "out of memory: grant more"
-
-Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
 
 
 class StateError(ImumonError):
     """The state cannot be used."""
 
 
-class StateVersionError(StateError):
-    """The state has the format of an earlier or later version of imumon."""
-
-
+@restorable
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SavedDevice:
     """What is known of a device, for a report that is made from its state alone."""
@@ -84,6 +68,7 @@ class SavedDevice:
     caveats: tuple[str, ...]
 
 
+@restorable
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SavedSession:
     """Counters of the link, over all runs of a record."""
@@ -93,14 +78,13 @@ class SavedSession:
     received_bytes: int
     overruns: int
     restarts: int
-    ledger: Mapping[str, int] = field(
-        default_factory=dict
-    )  # without the samples; empty: of an earlier version
+    ledger: Mapping[str, int]  # without the samples
 
 
+@restorable
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateHeader:
-    """Whose state it is and when it was saved: `SavedState.meta` without what the monitor saves of the record."""
+    """Whose state it is and when it was saved."""
 
     version: str  # of imumon
     serial: str | None  # of the sensor
@@ -114,107 +98,56 @@ class StateHeader:
     session: SavedSession
 
 
-def _check_header(header: StateHeader) -> None:
-    check(0.0 <= header.uptime_s < LONGEST_S and abs(header.age_s) < LONGEST_S, "a time beyond any machine")
-    for time in (header.saved, header.started):
-        check(time is None or datetime.fromisoformat(time).tzinfo is not None, "a time without its zone")
-
-
-def _check_session(session: SavedSession) -> None:
-    counters = [getattr(session, c.name) for c in fields(SavedSession) if c.name != "ledger"]
-    counters += session.ledger.values()
-    check(all(0 <= count < MOST_COUNTED for count in counters), "a counter that no link has")
-
-
-_HEADER_READER = JsonReader({StateHeader: _check_header, SavedSession: _check_session})
-
-
+@restorable
 @dataclass(frozen=True, slots=True)
 class SavedState:
-    """Content of a state file: identity, counters and small values as JSON, and the arrays of accumulators.
+    """Content of a state file: whose it is, and what `imumon.pipeline` saves of the record."""
 
-    What the monitor saves is described beside it, in `imumon.pipeline`.
-    """
-
-    meta: dict[str, Any]
-    arrays: dict[str, npt.NDArray[Any]]
-
-    def header(self) -> StateHeader:
-        """Return whose state it is.
-
-        Raises
-        ------
-        StateError : ``state_damaged``, the state does not say so.
-        """
-        try:
-            return _HEADER_READER.part(StateHeader, self.meta)
-        except (TypeError, AttributeError, KeyError, ValueError, OverflowError, RecursionError) as error:
-            raise StateError("state_damaged", plain(str(error))) from None
+    header: StateHeader
+    monitor: Any
 
 
-def encode(state: SavedState) -> bytes:
-    """Return the content of the file of a state."""
-    description = json.dumps({"format": FORMAT, "meta": state.meta}, allow_nan=False)
-    entries: dict[str, Any] = {_DESCRIPTION: np.array(description), **state.arrays}
-    archive = io.BytesIO()
-    np.savez(archive, **entries)
-    return lzma.compress(archive.getvalue(), preset=PRESET)
+def encode(packed: bytes) -> bytes:
+    """Return the content of the file of a state from its packed objects."""
+    content = zlib.compress(packed, LEVEL)
+    return b"%s%d %s\n" % (_MAGIC, FORMAT, _checksum(content)) + content
+
+
+def _checksum(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest().encode()
 
 
 def is_state(head: bytes) -> bool:
-    """Return whether a file with these first bytes, 256 or more, is a state of any version."""
-    content = b""
-    with suppress(lzma.LZMAError):
-        content = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=PLAIN_BYTES).decompress(head, 64)
-    return head.startswith(_BEFORE_4) or f"{_DESCRIPTION}.npy".encode() in content
+    """Return whether a file with these first bytes is a state of any format."""
+    return head.startswith(_MAGIC)
 
 
-def decode(data: bytes, name: str = "the state") -> SavedState:
-    """Return the state in the content of a file, which messages call `name`.
+def decode(data: bytes, name: str = "the state") -> Any:
+    """Return the objects in the content of a file, which messages call `name`.
 
     Raises
     ------
-    StateVersionError : ``state_version``, the format of another version.
-    StateError : ``state_invalid``, not a state file; ``state_damaged``.
+    StateError : ``state_invalid``, not a state file; ``state_version``, another format; ``state_damaged``.
     """
-    version: object = None
-    if not data.startswith(_BEFORE_4):
-        if not is_state(data[:256]):
-            raise StateError("state_invalid", f"{name} is not a state file")
-        try:
-            arrays = _arrays(_decompressed(data))
-            description = json.loads(str(arrays.pop(_DESCRIPTION)))
-            version, meta = description["format"], description["meta"]
-            if not isinstance(meta, dict):
-                raise ValueError("its description is no object")
-        except MemoryError:
-            raise
-        except Exception as error:  # a file may be forged
-            raise StateError("state_damaged", f"{name} is damaged ({plain(str(error))})") from None
-    if version != FORMAT:
-        text = f"{name} is of another version of imumon, which has another format"
-        raise StateVersionError("state_version", text)
-    return SavedState(meta, arrays)
-
-
-def _decompressed(data: bytes) -> bytes:
-    """Return the content of xz data; raise ValueError if it is too large."""
-    stream = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=PLAIN_BYTES)
-    content = stream.decompress(data, PLAIN_BYTES)
-    if not stream.eof or stream.unused_data:
-        raise ValueError(f"it is truncated or larger than {PLAIN_BYTES >> 20} MB")
-    return content
-
-
-def _arrays(content: bytes) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of an .npz archive; raise ValueError if they are compressed again, or are none."""
-    with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-        if any(entry.compress_type != zipfile.ZIP_STORED for entry in archive.zip.infolist()):
-            raise ValueError("its archive is compressed")
-        arrays = {name: archive[name] for name in archive.files}
-    if not all(isinstance(array, np.ndarray) for array in arrays.values()):
-        raise ValueError("an entry is no array")
-    return arrays
+    if not is_state(data):
+        raise StateError("state_invalid", f"{name} is not a state file")
+    line, _, content = data.partition(b"\n")
+    begin = b"%s%d " % (_MAGIC, FORMAT)
+    if not line.startswith(begin):
+        raise StateError("state_version", f"{name} is of another version of imumon, which has another format")
+    if line.removeprefix(begin) != _checksum(content):
+        raise StateError("state_damaged", f"{name} is damaged (its checksum differs)")
+    try:
+        return unpack(zlib.decompressobj().decompress(content, PLAIN_BYTES))
+    except (
+        zlib.error,
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+    ) as error:  # a checksum proves no origin
+        raise StateError("state_damaged", f"{name} is damaged ({plain(str(error))})") from None
 
 
 def check_directory(directory: Path) -> None:
@@ -253,7 +186,7 @@ class Checkpoint:
         except OSError as error:
             self.failed = self._reason(error)
         self._changed = threading.Condition()
-        self._next: SavedState | None = None
+        self._next: bytes | None = None
         self._before: Callable[[], None] | None = None  # of the next one
         self._writing = False
 
@@ -296,8 +229,8 @@ class Checkpoint:
         """Whether there is a state of either generation."""
         return os.path.lexists(self.path) or os.path.lexists(self.previous)
 
-    def load(self) -> tuple[SavedState | None, list[str]]:
-        """Return the newest state that can be read, and a message for each file that was set aside."""
+    def load(self) -> tuple[Any, list[str]]:
+        """Return the newest state that can be read, or None, and a message for each file that was set aside."""
         messages: list[str] = []
         for path in (self.path, self.previous):
             try:
@@ -309,10 +242,9 @@ class Checkpoint:
             except OSError as error:
                 message = f"state {path.name} cannot be read ({why(error)})"
                 reason = "unreadable"
-            except StateVersionError as error:
-                reason, message = "other-version", error.message
             except StateError as error:
-                reason, message = "damaged", error.message
+                reason = "other-version" if error.code == "state_version" else "damaged"
+                message = error.message
             messages.append(f"{message}; kept as {self.set_aside(reason, path).name}")
         return None, messages
 
@@ -339,11 +271,12 @@ class Checkpoint:
             self.previous.unlink(missing_ok=True)
         return aside
 
-    def save(self, state: SavedState, before: Callable[[], None] | None = None) -> None:
+    def save(self, state: bytes, before: Callable[[], None] | None = None) -> None:
         """Write a state in the background; it replaces one that is not being written yet.
 
         Parameters
         ----------
+        state : packed objects, as `decode` returns them.
         before : returns when what belongs to the state is in its own files; None: there is nothing.
         """
         with self._changed:
@@ -362,7 +295,7 @@ class Checkpoint:
         with self._changed:
             return self._changed.wait_for(lambda: not self._writing, timeout_s)
 
-    def close(self, state: SavedState | None = None, before: Callable[[], None] | None = None) -> None:
+    def close(self, state: bytes | None = None, before: Callable[[], None] | None = None) -> None:
         """Write the last state, wait for the disk, release the lock; `before` is as of `save`."""
         if state is not None:
             self.save(state, before)
@@ -391,7 +324,7 @@ class Checkpoint:
             self.failed = _OUT_OF_MEMORY
             self._finish_writing()
 
-    def _write_state(self, state: SavedState) -> None:
+    def _write_state(self, state: bytes) -> None:
         try:
             if not self._has_lock():
                 self._release_lock()

@@ -18,7 +18,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,21 +35,38 @@ from imumon.api.record_analysis import (
 )
 from imumon.api.sensor_arrays import checked_rate
 from imumon.api.traceability import evaluated, with_provenance
-from imumon.checkpoint import SavedState, StateError, decode, encode
+from imumon.checkpoint import StateError, decode, encode
 from imumon.errors import ImumonError
 from imumon.files import replace_file
-from imumon.ledger import RECEIVED, merged
-from imumon.noise.state_schema import InvalidState
+from imumon.ledger import merged
+from imumon.pipeline.monitor import SavedMonitor
 from imumon.recordings.base import ROWS, OptionError, ReadOptions, RecordingError, RowSource, Samples
 from imumon.recordings.columns import layout
 from imumon.recordings.memory_table import FORM, NAME, float_array
 from imumon.recordings.table import Table
 from imumon.replay import ReplayedRecord, ReplayOptions, SensorFilter
 from imumon.samples import CHANNELS, GYRO, Floats, SampleBlock
+from imumon.saved_state import pack, restorable
 from imumon.system_errors import not_read, not_written
 
-LIVE_FORMAT = 1
-"""Form of what `Live.save` writes beside the state of a monitor."""
+
+@restorable
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SavedLive:
+    """What `Live.load` continues from.
+
+    Attributes
+    ----------
+    arguments : of `Live`.
+    origin_ns : ns, time of the first row; None: rows have no times.
+    monitor : with the record.
+    ledger : of the rows so far.
+    """
+
+    arguments: dict[str, Any]
+    origin_ns: float | None
+    monitor: SavedMonitor
+    ledger: dict[str, int]
 
 
 class PushedTable(Table):
@@ -203,24 +220,23 @@ class Live:
             record, table = ended._record, ended._table
             if record is None or table is None or not record.monitor.samples:
                 raise RecordingError("no_rows", f"{NAME} has no samples", "update it with samples first")
-            saved, arrays = record.monitor.save()
-            meta = {
-                "live": LIVE_FORMAT,
-                "channels": list(self.channels),
-                "options": {
-                    "rate_hz": self._options.rate_hz,
-                    "kind": self._options.samples,
-                    "units": dict(self._options.units),
-                    "guards": self._options.guarded,
-                    "filter": self._options.filter.text if self._options.filter else None,
-                    "precision": dict(self._options.precision),
+            options = self._options
+            saved = SavedLive(
+                arguments={
+                    "channels": self.channels,
+                    "rate_hz": options.rate_hz,
+                    "kind": options.samples,
+                    "units": dict(options.units),
+                    "guards": options.guarded,
+                    "filter": options.filter.text if options.filter else None,
+                    "precision": dict(options.precision),
                 },
-                "origin_ns": table.origin_ns,
-                "monitor": saved,
-                "ledger": record.left_out(),
-            }
+                origin_ns=table.origin_ns,
+                monitor=record.monitor.save(),
+                ledger=dict(record.left_out()),
+            )
             try:
-                replace_file(os.fspath(path), encode(SavedState(meta, dict(arrays))))
+                replace_file(os.fspath(path), encode(pack(saved)))
             except OSError as error:
                 raise not_written(os.fspath(path), error, "name another file") from None
 
@@ -238,22 +254,16 @@ class Live:
         except OSError as error:
             raise not_read(name, error) from None
         try:
-            state = decode(data, name)
-            if state.meta.get("live") != LIVE_FORMAT:
-                raise InvalidState("of a daemon")
-            given = state.meta["options"]
-            live = cls(channels=tuple(state.meta["channels"]), **given)
-            origin_ns = state.meta["origin_ns"]
-            live._begin(timed=origin_ns is not None, origin_ns=origin_ns)
-            assert live._record is not None
-            live._record.monitor.restore(state.meta["monitor"], state.arrays, 0.0)
-            waiting = {
-                RECEIVED: sum(live._record.monitor.left_out().values())
-            }  # of a version that kept no ledger
-            live._record.earlier_ledger = merged(state.meta.get("ledger", waiting))
-        except (InvalidState, StateError, KeyError, TypeError, AttributeError) as error:
-            message = f"{name} is not the state of a Live: {error}"
-            raise ImumonError("state_invalid", message, "save one with Live.save") from None
+            saved = decode(data, name)
+        except StateError as error:
+            raise ImumonError(error.code, error.message, "save one with Live.save") from None
+        if not isinstance(saved, SavedLive):
+            raise ImumonError("state_invalid", f"{name} is the state of a daemon", "save one with Live.save")
+        live = cls(**saved.arguments)
+        live._begin(timed=saved.origin_ns is not None, origin_ns=saved.origin_ns)
+        assert live._record is not None
+        live._record.monitor.restore(saved.monitor, 0.0)
+        live._record.earlier_ledger = merged(saved.ledger)
         live._restored = True
         return live
 

@@ -265,23 +265,19 @@ def _from_state(path: Path) -> tuple[Any, bool]:
     from dataclasses import asdict
     from datetime import datetime
 
-    from imumon.checkpoint import decode
+    from imumon.checkpoint import SavedState, decode
     from imumon.devices import registry
-    from imumon.noise.state_schema import InvalidState
     from imumon.pipeline import Monitor, MonitorOptions
-    from imumon.pipeline.monitor import read_saved
     from imumon.report import DeviceDescription, SessionCounters
-    from imumon.report_json import plain
 
-    try:
-        state = decode(path.read_bytes(), f"the state {path}")
-        header, saved = state.header(), state.meta.get("monitor", {})
-        guarded = read_saved(saved).guarded
-        monitor = Monitor(MonitorOptions(guarded=guarded))
-        monitor.restore(saved, state.arrays, 0.0)
-    except InvalidState as error:
-        message = f"the state {path} is damaged ({plain(str(error))})"
-        raise CommandError("state_damaged", message, "use another state, or the recording") from None
+    state = decode(path.read_bytes(), f"the state {path}")
+    if not isinstance(state, SavedState):
+        raise CommandError(
+            "state_invalid", f"{path} is the state of an imumon.Live", "load it with imumon.Live.load"
+        )
+    header, guarded = state.header, state.monitor.guarded
+    monitor = Monitor(MonitorOptions(guarded=guarded))
+    monitor.restore(state.monitor, 0.0)
     monitor.accept_restored()
     known = asdict(header.device)
     caveats = known.pop("caveats")

@@ -19,16 +19,15 @@ from imumon.checkpoint import (
     SavedDevice,
     SavedSession,
     SavedState,
-    StateError,
     StateHeader,
 )
 from imumon.clock import HostClock
-from imumon.ledger import RECEIVED, merged
-from imumon.noise.state_schema import InvalidState
+from imumon.ledger import merged
 from imumon.pipeline import Monitor, RecordMismatch
 from imumon.report import SessionCounters, stamp
 from imumon.report_json import plain
 from imumon.samples import DeviceInfo, Level
+from imumon.saved_state import pack
 
 COUNTERS = tuple(counter.name for counter in fields(SavedSession) if counter.name != "ledger")
 """Counters of the link that continue in the next run."""
@@ -98,35 +97,26 @@ class Persistence:
             return [(f"new record; the old state is {self._checkpoint.set_aside('old').name}", "info")]
         state, problems = self._checkpoint.load()
         decisions: list[tuple[str, Level]] = [(text, "warning") for text in problems]
-        if state is not None:
+        if isinstance(state, SavedState):  # a state of `imumon.Live` has another name
             text = self._restore(state)
             decisions.append((text, "warning" if self.started is None else "info"))
         return decisions
 
     def _restore(self, state: SavedState) -> str:
+        header = state.header
         try:
-            header = state.header()
             if header.serial != self._serial:
                 return self._set_aside("other-sensor", f"of another sensor, {_quoted(header.serial)}")
             if changed := differing(header.settings, self._settings):
                 return self._set_aside("other-settings", f"of other settings, {plain('; '.join(changed))}")
             away_s = self._clock.to_sample_s(max(0.0, _since(header, self._clock) + header.age_s))
-            self._monitor.restore(state.meta.get("monitor", {}), state.arrays, away_s)
+            self._monitor.restore(state.monitor, away_s)
         except RecordMismatch as error:
             return self._set_aside("other-settings", plain(error.message))
-        except (StateError, InvalidState) as error:
-            return self._set_aside_unreadable(state, str(error))
         self.started = None if header.started is None else _stamped(header.started)
-        session = asdict(header.session)
-        if not header.session.ledger:  # of a version that kept none: it received what the record has
-            session["ledger"] = {RECEIVED: sum(self._monitor.left_out().values())}
-        self._before = SessionCounters(**session | {"restarts": header.session.restarts + 1})
+        session = asdict(header.session) | {"restarts": header.session.restarts + 1}
+        self._before = SessionCounters(**session)
         return f"the record that began {self.started} continues, saved {_stamped(header.saved)}"
-
-    def _set_aside_unreadable(self, state: SavedState, reason: str) -> str:
-        version = _quoted(state.meta.get("version"))
-        why = f"of imumon {version} and cannot be read by {__version__} ({plain(reason)[:120]})"
-        return self._set_aside("unreadable", why)
 
     def _set_aside(self, name: str, why: str) -> str:
         self.started, self._before = None, SessionCounters()
@@ -177,9 +167,8 @@ class Persistence:
             return "the state is saved again", "notice"
         return f"the state cannot be saved: {self._reported_problem}", "error"
 
-    def _state(self, session: SessionCounters) -> SavedState:
+    def _state(self, session: SessionCounters) -> bytes:
         assert self._device is not None
-        meta, arrays = self._monitor.save()
         header = StateHeader(
             version=__version__,
             serial=self._serial,
@@ -194,7 +183,7 @@ class Persistence:
                 **{name: getattr(session, name) for name in COUNTERS}, ledger=dict(session.ledger)
             ),
         )
-        return SavedState({**asdict(header), "monitor": meta}, dict(arrays))
+        return pack(SavedState(header, self._monitor.save()))
 
 
 def data_settings(info: DeviceInfo) -> dict[str, str]:

@@ -49,8 +49,6 @@ restarts the estimator: it never returns limits of one record for another.
 | `filter_parameters` | numbers that keep a Kalman filter consistent |
 | `uncertainty` | conformity with a limit, and components of an uncertainty budget |
 | `validity_groups` | channels that miss the same samples |
-| `array_state` | state of an accumulator as arrays |
-| `state_schema` | what a saved state may hold, and whether it does |
 | `rule_table` | thresholds with their reasons, which each `*_rules` holds |
 | `synthesis` | noise of given N, B, K |
 """

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.samples import Bools, Floats
+from imumon.saved_state import restorable
 
 LEAST_SHARE = 0.2
 """Share of valid samples from which the mean of a block counts, a segment of the spectrum, and a frame of the guard."""
@@ -27,6 +28,7 @@ LARGEST = 1e60
 """Channel unit; larger values never count, so that sums of fourth powers stay finite. One over it is the least step."""
 
 
+@restorable
 class ValidityGroups:
     """Assignment of channels to groups.
 

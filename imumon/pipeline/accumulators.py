@@ -10,55 +10,27 @@ are those of the samples that it holds back, unfiltered, so that there are resul
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from imumon.noise.allan.overlapping import SampleStore
-from imumon.noise.array_state import subset
 from imumon.noise.detection import Guard, GuardedSamples
 from imumon.noise.detection.disturbance import Disturbance
-from imumon.noise.state_schema import MOST, Saved, Schema
 from imumon.noise.statistics.differences import DifferenceAccumulator, RobustDeviation
 from imumon.noise.statistics.envelope import Envelope
 from imumon.noise.statistics.extreme_values import ExtremeVisits
 from imumon.noise.statistics.histogram import HistogramAccumulator
 from imumon.noise.stretches import RecordStatistics
-from imumon.noise.stretches.parts import saved_position
 from imumon.noise.stretches.record_statistics import Ended
 from imumon.noise.validity_groups import ValidityGroups
 from imumon.pipeline.gap_fill import Break, DenseBlock, LongGap, fill_gaps
 from imumon.samples import Bools, Floats, sensor_of
+from imumon.saved_state import restorable
 from imumon.timebase.sample_clock import PlacedSamples
 
 ALLAN_SENSORS = ("gyro", "accel", "mag")
 """Sensors with an Allan curve; the others have running statistics only."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SavedCounters:
-    """Counters of `Accumulators` of the same names."""
-
-    samples: int
-    missing: int
-    gaps: int
-    span: int  # samples of the grid
-
-    def are_plausible(self) -> bool:
-        """Return whether a record can have these counters: each tick of the grid is received or missing."""
-        least = min(self.samples, self.missing, self.gaps)
-        # a break is counted as a gap, and so are its first sample and each step that is not 1
-        return least >= 0 and self.samples + self.missing == self.span < MOST and self.gaps <= self.samples
-
-
-SINGLE_PRECISION = ("envelope.", "guard.detector")
-"""Prefixes of arrays that are saved with seven digits, for the size of a state that is written thousands of
-times a day: what is drawn, and what the guard compares with. Samples that are held back and sums behind
-published numbers keep all digits."""
-
-SavedArrays = dict[str, npt.NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +50,7 @@ class Happened:
     ended: Ended
 
 
+@restorable
 @dataclass(slots=True, eq=False)
 class GuardedStatistics:
     """Accumulators behind the guard.
@@ -126,6 +99,7 @@ class GuardedStatistics:
                 self.extremes.update(item.values[:, : self.allan_channels], allan_valid)
 
 
+@restorable
 class Accumulators:
     """Statistics of one stream.
 
@@ -291,82 +265,6 @@ class Accumulators:
         """
         return self.statistics.differences.result(steps)
 
-    def save(self) -> tuple[SavedCounters, SavedArrays]:
-        """Return the state that `restore` continues from: counters and small arrays."""
-        parts = {
-            "guard": self.guard.save(),
-            "envelope": self.envelope.save(),
-            "record_statistics": self._statistics.noise.save(),
-            "histogram": self._statistics.histogram.save(),
-            "differences": self._statistics.differences.save(),
-            "extremes": self._statistics.extremes.save(),
-        }
-        named = {f"{name}.{key}": array for name, part in parts.items() for key, array in part.items()}
-        counters = {counter.name: getattr(self, counter.name) for counter in fields(SavedCounters)}
-        return SavedCounters(**counters), {
-            name: _in_single_precision(array) if name.startswith(SINGLE_PRECISION) else array
-            for name, array in named.items()
-        }
-
-    def schema(self) -> Schema:
-        """Return what the saved arrays of accumulators with these arguments and counters consist of."""
-        span, samples = self.span, self.samples
-
-        def passed(saved: Saved) -> int:
-            """Return the samples of the grid that the guard has passed on."""
-            return saved_position(saved, "record_statistics.parts.")
-
-        return Schema(
-            {},
-            parts={
-                "guard.": self.guard.schema(),
-                "envelope.": self.envelope.schema(),
-                "record_statistics.": self._statistics.noise.schema(),
-                "histogram.": self._statistics.histogram.schema(),
-                "differences.": self._statistics.differences.schema(),
-                "extremes.": self._statistics.extremes.schema(),
-            },
-            whole=(
-                (
-                    "the guard has other samples than the record",
-                    lambda s: s["guard.place"] + len(s["guard.values"]) == span,
-                ),
-                (
-                    "the guard has passed on other samples than the statistics have",
-                    lambda s: s["guard.place"] == passed(s),
-                ),
-                (
-                    "more samples are excluded than received",
-                    lambda s: s["guard.exclusions.counts"].sum() <= samples,
-                ),
-                ("the envelope is not as long as the record", lambda s: s["envelope.n"] == span),
-                ("more differences than samples", lambda s: s["differences.index"] <= span),
-                (
-                    "more samples in the histogram than in the record",
-                    lambda s: s["histogram.counts"].sum(axis=1) <= span,
-                ),
-            ),
-        )
-
-    def restore(self, counters: SavedCounters, arrays: SavedArrays) -> None:
-        """Continue from a saved state; these accumulators are new and made with the same arguments.
-
-        Raises
-        ------
-        InvalidState : it is not what `save` of such accumulators returns.
-        """
-        for counter in fields(SavedCounters):
-            setattr(self, counter.name, getattr(counters, counter.name))
-        # sums in single precision would lose the digits of every later sample
-        wide = {k: v.astype(np.float64) if v.dtype == np.float32 else v for k, v in arrays.items()}
-        self.schema().check(wide)
-        self.guard = Guard.restore(subset(wide, "guard."))
-        self.envelope = Envelope.restore(subset(wide, "envelope."))
-        self._statistics.noise.restore(subset(wide, "record_statistics."))
-        self._statistics.histogram = HistogramAccumulator.restore(subset(wide, "histogram."))
-        self._statistics.differences = DifferenceAccumulator.restore(subset(wide, "differences."))
-        self._statistics.extremes.load(subset(wide, "extremes."))
-
     def _new_statistics(self) -> GuardedStatistics:
         groups = self.groups[: self.allan_channels]
         inertial = [i for i, name in enumerate(self.channels) if sensor_of(name) in ("gyro", "accel")]
@@ -390,13 +288,3 @@ class Accumulators:
             ExtremeVisits(groups),
             SampleStore(groups) if self._stored else None,
         )
-
-
-def _in_single_precision(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return a table of floats with seven digits; anything else, and numbers that are too large for it, as they are."""
-    # a vector is short, and may be a level such as gravity, of which small differences are taken
-    if array.dtype != np.float64 or array.ndim < 2:
-        return array
-    with np.errstate(over="ignore"):
-        single = array.astype(np.float32)
-    return single if np.isinf(single).sum() == np.isinf(array).sum() else array

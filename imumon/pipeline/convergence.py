@@ -12,7 +12,8 @@ fitted whenever its length has doubled (`next_due_s`), so that its curve has a p
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +21,7 @@ import numpy.typing as npt
 from imumon import report
 from imumon.coefficients import CONVERGING, STATUSES, Estimate
 from imumon.noise.fit import ChannelFit
-from imumon.noise.state_schema import Field, Range, Schema
+from imumon.saved_state import restorable
 from imumon.units import YEAR
 
 PER_DECADE = 8
@@ -40,6 +41,7 @@ _UNKNOWN = len(STATUSES)
 """Number of the status of a coefficient that a channel did not have."""
 
 
+@restorable
 class StatementLog:
     """Statements of all channels with a curve, by the length of the record.
 
@@ -47,6 +49,8 @@ class StatementLog:
     ----------
     channels : number of channels with a curve.
     """
+
+    NOT_SAVED: ClassVar = {"_newest": tuple}
 
     def __init__(self, channels: int) -> None:
         self._channels = channels
@@ -108,41 +112,6 @@ class StatementLog:
             names = tuple(None if status == _UNKNOWN else STATUSES[status] for status in statuses)
             parts[letter] = report.StatedSeries(value=value, low=low, high=high, status=names)
         return report.Convergence(elapsed_s=tuple(self._elapsed_s), coefficients=parts)
-
-    def save(self) -> dict[str, npt.NDArray[np.generic]]:
-        """Return the state as arrays."""
-        shape = (self._channels, len(CONVERGING))
-        return {
-            "elapsed_s": np.array(self._elapsed_s, dtype=np.float64),
-            "sizes": np.array(self._sizes, dtype=np.float32).reshape(-1, *shape, len(SIZES)),
-            "statuses": np.array(self._statuses, dtype=np.int8).reshape(-1, *shape),
-        }
-
-    def schema(self) -> Schema:
-        """Return what a saved state of as many channels consists of."""
-        shape = ("points", self._channels, len(CONVERGING))
-        size = Range(0.0, float(np.finfo(np.float32).max), nan=True)
-        return Schema(
-            {
-                "elapsed_s": Field(np.float64, ("points",), Range(FIRST_S, 100.0 * YEAR)),
-                "sizes": Field(np.float32, (*shape, len(SIZES)), size),
-                "statuses": Field(np.int8, shape, Range(0, _UNKNOWN)),
-            },
-            (("lengths that do not rise", lambda saved: np.diff(saved["elapsed_s"]) > 0.0),),
-            lengths={"points": MOST_POINTS},
-        )
-
-    def restore(self, saved: Mapping[str, npt.NDArray[np.generic]]) -> None:
-        """Continue from a saved state.
-
-        Raises
-        ------
-        InvalidState : it is not what `save` returns.
-        """
-        self.schema().check(saved)
-        self._elapsed_s = saved["elapsed_s"].tolist()
-        self._sizes = list(np.array(saved["sizes"], dtype=np.float32))
-        self._statuses = list(np.array(saved["statuses"], dtype=np.int8))
 
 
 def next_due_s(elapsed_s: float) -> float:

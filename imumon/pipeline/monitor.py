@@ -6,40 +6,30 @@ characterised: deltas, else uncompensated, else compensated. A better stream tha
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
-from itertools import groupby
-from typing import Any
-
-import numpy.typing as npt
 
 from imumon.errors import RateRequired
 from imumon.evaluation import ExactCurve
 from imumon.history_report import HistoryPeriod
 from imumon.ledger import RECEIVED, SAMPLES, Ledger, merged, with_received
-from imumon.noise.state_schema import MOST, InvalidState
-from imumon.pipeline.accumulators import ALLAN_SENSORS, SavedCounters
 from imumon.pipeline.events import DetectedEvent, EventLog
 from imumon.pipeline.exact_curve import Taus, exact_curves
 from imumon.pipeline.gap_fill import InvalidSamples
-from imumon.pipeline.periods import SavedPeriods
-from imumon.pipeline.record import MonitorOptions, Record, RecordMismatch, mismatch_of
+from imumon.pipeline.record import MonitorOptions, Record, RecordMismatch, SavedRecord, mismatch_of
 from imumon.pipeline.report_builder import signal
 from imumon.report import (
-    MAX_CHANNELS,
     DeviceDescription,
     Report,
     SessionCounters,
     Signal,
     State,
-    is_channel_name,
     stamp,
 )
-from imumon.report_json import JsonReader, check, plain, to_json
-from imumon.samples import SampleBlock, Stream, sensor_of
+from imumon.samples import SampleBlock, Stream
+from imumon.saved_state import restorable
 from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock, SavedClock
 
 NO_CLOCK_SAMPLES = 100
@@ -56,42 +46,19 @@ STREAM_RANK = {"compensated": 0, "unknown": 1, "uncompensated": 2, "deltas": 3}
 """Rank of a kind of stream: the highest is characterised."""
 
 
+@restorable
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SavedMonitor:
-    """What is saved of a record beside the arrays of its statistics."""
+    """What a monitor continues from, in another process."""
 
     stream: Stream  # that is characterised
     clock: SavedClock  # of it
     guarded: bool  # disturbances were excluded
     restarts: int  # breaks of unknown length and new records
-    record: SavedCounters  # samples of the record
-    periods: SavedPeriods | None  # counters of the history; null: none is kept
+    record: SavedRecord
 
 
-def _check_saved(saved: SavedMonitor) -> None:
-    check(saved.clock.is_plausible(), "a clock that no stream has")
-    check(saved.record.are_plausible(), "counters that contradict one another")
-    check(0 <= saved.restarts < MOST, "a number of restarts that no record has")
-    channels = saved.stream.channels
-    check(0 < len(channels) <= MAX_CHANNELS, f"{len(channels)} channels")
-    check(len(set(channels)) == len(channels), "two channels of one name")
-    # the axes of a sensor share their validity, and are neighbours
-    sensors = [sensor for sensor, _ in groupby(channels, sensor_of)]
-    check(len(set(sensors)) == len(sensors), "a sensor whose channels are apart")
-    with_curve = [sensor in ALLAN_SENSORS for sensor in sensors]
-    check(with_curve == sorted(with_curve, reverse=True), "a sensor with a curve behind one without")
-    check(all(map(is_channel_name, channels)), "a name that is no name of a channel")
-
-
-_SAVED_READER = JsonReader({SavedMonitor: _check_saved})
-
-
-def read_saved(meta: Mapping[str, Any]) -> SavedMonitor:
-    """Return what was saved beside the arrays; raise `InvalidState` if it is something else."""
-    try:
-        return _SAVED_READER.part(SavedMonitor, meta)
-    except (TypeError, AttributeError, KeyError, ValueError, OverflowError, RecursionError) as error:
-        raise InvalidState(plain(str(error))) from None
+restorable(Stream)
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,48 +279,36 @@ class Monitor:
 
     # ------------------------------------------------------------------ saved state
 
-    def save(self) -> tuple[dict[str, Any], Mapping[str, npt.NDArray[Any]]]:
-        """Return the state that `restore` continues from. The monitor must have samples.
-
-        Returns
-        -------
-        meta : JSON values.
-        arrays : small arrays by name.
-        """
+    def save(self) -> SavedMonitor:
+        """Return the state that `restore` continues from, to be packed at once. The monitor must have samples."""
         assert self._source is not None
         assert self._record is not None
-        counted, periods, arrays = self._record.save()
-        meta = SavedMonitor(
+        return SavedMonitor(
             stream=self._source.stream,
             clock=self._source.clock.save(),
             guarded=self.options.guarded,
             restarts=self.restarts,
-            record=counted,
-            periods=periods,
+            record=self._record.saved(),
         )
-        return json.loads(to_json(meta)), arrays
 
-    def restore(self, meta: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]], away_s: float) -> None:
+    def restore(self, saved: SavedMonitor, away_s: float) -> None:
         """Continue a saved record as soon as the first samples show that the stream is the same.
 
         Parameters
         ----------
-        meta, arrays : from `save`.
+        saved : from `save`; the monitor keeps its accumulators.
         away_s : s of device time since it was saved, by the host clock.
 
         Raises
         ------
         RecordMismatch : it was made with guards and they are off, or the other way round.
-        InvalidState : it is not what `save` returns.
         """
-        saved = read_saved(meta)
         stream, guarded = saved.stream, saved.guarded
         if guarded != self.options.guarded:
             raise RecordMismatch("other_guards", f"of a run with the guards {'on' if guarded else 'off'}")
         clock = SampleClock.restore(stream.clock, saved.clock, stream.tick_s)
         clock.gap(away_s)  # the time without the daemon is a gap; the sample clock shows its length if it can
-        record = Record(stream, saved.clock.interval_s, self.options)
-        record.restore(saved.record, saved.periods, arrays)
+        record = Record(stream, saved.clock.interval_s, self.options, saved.record)
         self._restored = _Restored(_Source(stream, clock), record, saved.restarts)
 
     def accept_restored(self) -> None:

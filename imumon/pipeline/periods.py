@@ -7,14 +7,13 @@ is fitted again every half minute.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from imumon.coefficients import BIAS_TERMS, Estimate, by_letter
 from imumon.history_report import HistoryPeriod, PeriodChannel
 from imumon.noise.fit import Estimator
-from imumon.noise.state_schema import InvalidState
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.analysis import Analysis
@@ -26,13 +25,6 @@ COUNTED = ("samples", "missing", "excluded")
 """Counters of the record whose growth belongs to a period."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SavedPeriods:
-    """Counters of a record when the last period of each length ended."""
-
-    counted: Mapping[str, Mapping[str, int]]  # by length in s, and name of the counter
-
-
 class Periods:
     """Periods of one record, those in progress included.
 
@@ -40,13 +32,26 @@ class Periods:
     ----------
     record : as it grows.
     analysis : of this record, for resolution, grades and settling.
+    counted : those of a saved record, which continues; None: a record begins, or the earlier samples of this one belong
+        to no period.
     averaged : (c,) channels that are true averages over their interval.
+
+    Attributes
+    ----------
+    counted : counters of the record when the last period of each length ended, by that length in s, and by name.
     """
 
-    def __init__(self, record: Accumulators, analysis: Analysis, *, averaged: Sequence[bool]) -> None:
+    def __init__(
+        self,
+        record: Accumulators,
+        analysis: Analysis,
+        counted: dict[int, dict[str, int]] | None = None,
+        *,
+        averaged: Sequence[bool],
+    ) -> None:
         self._record, self._analysis = record, analysis
         self._estimators = {step: Estimator(averaged=averaged, time_to=False) for step in LENGTHS_S}
-        self._counted = {step: dict.fromkeys(COUNTED, 0) for step in LENGTHS_S}  # up to the last period
+        self.counted = counted or {step: self._counts() for step in LENGTHS_S}
         self._current: dict[int, HistoryPeriod] = {}
         self._due_s = 0.0
 
@@ -55,7 +60,7 @@ class Periods:
         periods = []
         for stretch in stretches:
             periods.append(self._period(stretch, complete=True))
-            self._counted[stretch.length_s] = self._counts()
+            self.counted[stretch.length_s] = self._counts()
             self._due_s = 0.0  # a period in progress begins here: the next call shows it at once
         return periods
 
@@ -84,30 +89,11 @@ class Periods:
         if (shortest := self._current.get(LENGTHS_S[0])) is not None:
             for step in LENGTHS_S[1:]:
                 # Both began together, so they hold the same samples: one fit serves both.
-                if self._counted[step] == self._counted[LENGTHS_S[0]]:
+                if self.counted[step] == self.counted[LENGTHS_S[0]]:
                     number = shortest.number * LENGTHS_S[0] // step
                     self._current[step] = replace(shortest, step_s=step, number=number)
         self._due_s = record.elapsed_s + PAUSE_S if self._current else 0.0
         return list(self._current.values())
-
-    def save(self) -> SavedPeriods:
-        """Return the counters up to the last period of each length."""
-        return SavedPeriods(counted={str(step): dict(counts) for step, counts in self._counted.items()})
-
-    def restore(self, saved: SavedPeriods | None) -> None:
-        """Continue from a saved state; None: the record had no periods, and its earlier samples belong to none.
-
-        Raises
-        ------
-        InvalidState : the counters are not those of a part of the record.
-        """
-        now = self._counts()
-        for step in LENGTHS_S:
-            before = now if saved is None else saved.counted.get(str(step), {})
-            # a period has what was counted since the one before: no less than nothing
-            if set(before) != set(now) or not all(0 <= before[name] <= now[name] for name in now):
-                raise InvalidState(f"the counters up to the last {step} s are not those of the record")
-            self._counted[step] = dict(before)
 
     def _stretch(self, step_s: int) -> Stretch | None:
         return self._record.noise.stretch_in_progress(step_s)
@@ -122,7 +108,7 @@ class Periods:
 
     def _period(self, stretch: Stretch, *, complete: bool) -> HistoryPeriod:
         record, interval_s = self._record, self._record.interval_s
-        before, now = self._counted[stretch.length_s], self._counts()
+        before, now = self.counted[stretch.length_s], self._counts()
         moments = stretch.moments.result().channels
         length = max(1, round(LENGTHS_S[0] / interval_s)) * (stretch.length_s // LENGTHS_S[0])
         temperature = None if record.temperature is None else moments[record.temperature].mean

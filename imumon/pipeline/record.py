@@ -9,34 +9,30 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from imumon.alarms import DEFAULT_LIMITS
 from imumon.coefficients import default_precision
 from imumon.errors import ImumonError
 from imumon.history_report import HistoryPeriod
-from imumon.noise.array_state import subset
 from imumon.noise.grading import LIMITS
 from imumon.pipeline import assessment
-from imumon.pipeline.accumulators import Accumulators, Happened, SavedArrays, SavedCounters
+from imumon.pipeline.accumulators import Accumulators, Happened
 from imumon.pipeline.analysis import Analysis
 from imumon.pipeline.changes import hour_changes
-from imumon.pipeline.convergence import next_due_s
+from imumon.pipeline.convergence import StatementLog, next_due_s
 from imumon.pipeline.events import EventLog
 from imumon.pipeline.loss import LossWindow
-from imumon.pipeline.periods import Periods, SavedPeriods
+from imumon.pipeline.periods import Periods
 from imumon.pipeline.report_builder import limit_curves
 from imumon.pipeline.uncertainty_budgets import uncertainty_budgets, with_combined
 from imumon.report import Report, SessionCounters
 from imumon.samples import Ints, Stream
+from imumon.saved_state import restorable
 from imumon.timebase.sample_clock import BREAK, PlacedSamples
 
 LIMIT_CURVES = limit_curves(LIMITS)
-CONVERGENCE = "convergence."
-"""Prefix of the saved arrays of what was stated when the record was shorter."""
 
 
 class RecordMismatch(ImumonError):
@@ -70,6 +66,23 @@ class MonitorOptions:
     alarm_limits: Mapping[str, float] = field(default_factory=lambda: DEFAULT_LIMITS)
 
 
+@restorable
+@dataclass(frozen=True, slots=True)
+class SavedRecord:
+    """What a record continues from.
+
+    Attributes
+    ----------
+    accumulators : statistics of its samples.
+    statements : what was stated when it was shorter.
+    counted : counters up to the last period, see `Periods.counted`; None: it kept no periods.
+    """
+
+    accumulators: Accumulators
+    statements: StatementLog
+    counted: dict[int, dict[str, int]] | None
+
+
 class Record:
     """The samples of one stream, and their results.
 
@@ -77,6 +90,7 @@ class Record:
     ----------
     interval_s : s between two samples.
     options : how to monitor.
+    saved : an earlier record of such a stream and such options, which continues; None: a new one begins.
 
     Attributes
     ----------
@@ -84,17 +98,26 @@ class Record:
     loss : what was lost of the last minute.
     """
 
-    def __init__(self, stream: Stream, interval_s: float, options: MonitorOptions) -> None:
+    def __init__(
+        self, stream: Stream, interval_s: float, options: MonitorOptions, saved: SavedRecord | None = None
+    ) -> None:
         self._options, self._stream, averaged = options, stream, stream.averaged
-        self.accumulators = Accumulators(
-            stream.channels, interval_s, averaged=averaged, guarded=options.guarded, stored=options.stored
+        self.accumulators = (
+            saved.accumulators
+            if saved is not None
+            else Accumulators(
+                stream.channels, interval_s, averaged=averaged, guarded=options.guarded, stored=options.stored
+            )
         )
         self.loss = LossWindow(interval_s)
         self._analysis = Analysis(self.accumulators, averaged=averaged, precision=options.precision)
-        self._due_s = next_due_s(0.0)
+        if saved is not None:
+            self._analysis.convergence = saved.statements
+        self._due_s = next_due_s(self.accumulators.elapsed_s)
         self._periods: Periods | None = None
         if options.periods:
-            self._periods = Periods(self.accumulators, self._analysis, averaged=averaged)
+            counted = None if saved is None else saved.counted
+            self._periods = Periods(self.accumulators, self._analysis, counted, averaged=averaged)
 
     def mismatch(self, stream: Stream, interval_s: float | None) -> RecordMismatch | None:
         """Return why the record does not belong to a stream of a configured interval; None: it does."""
@@ -214,28 +237,10 @@ class Record:
             recent_loss=self.loss.share,
         )
 
-    def save(self) -> tuple[SavedCounters, SavedPeriods | None, SavedArrays]:
-        """Return the state that `restore` continues from: counters, and small arrays."""
-        counters, arrays = self.accumulators.save()
-        stated = {CONVERGENCE + name: array for name, array in self._analysis.convergence.save().items()}
-        return counters, None if self._periods is None else self._periods.save(), arrays | stated
-
-    def restore(
-        self, counters: SavedCounters, periods: SavedPeriods | None, arrays: Mapping[str, npt.NDArray[Any]]
-    ) -> None:
-        """Continue from a saved state; this record is new and made with the same arguments.
-
-        Raises
-        ------
-        InvalidState : it is not what `save` of such a record returns.
-        """
-        stated = subset(arrays, CONVERGENCE)
-        statistics = {name: array for name, array in arrays.items() if not name.startswith(CONVERGENCE)}
-        self.accumulators.restore(counters, statistics)
-        self._analysis.convergence.restore(stated)
-        self._due_s = next_due_s(self.accumulators.elapsed_s)
-        if self._periods is not None:
-            self._periods.restore(periods)  # None: saved by a run that kept no periods
+    def saved(self) -> SavedRecord:
+        """Return what a record continues from. It shares the accumulators: pack it before samples follow."""
+        counted = None if self._periods is None else self._periods.counted
+        return SavedRecord(self.accumulators, self._analysis.convergence, counted)
 
 
 def _split(placed: PlacedSamples, count: int) -> tuple[PlacedSamples, PlacedSamples]:

@@ -39,9 +39,6 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.samples import (
-    FASTEST_HZ,
-    LONGEST_NS,
-    SLOWEST_HZ,
     Bools,
     Clock,
     Floats,
@@ -50,6 +47,7 @@ from imumon.samples import (
     concatenated,
     selected,
 )
+from imumon.saved_state import restorable
 from imumon.timebase.interval import (
     AMBIGUOUS,
     CLOCK_SLACK_S,
@@ -99,6 +97,7 @@ class PlacedSamples:
     saturated: Bools | None
 
 
+@restorable
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SavedClock:
     """State of a clock that has learned its interval."""
@@ -108,16 +107,6 @@ class SavedClock:
     last: int | None  # unit of the clock, time of the last placed sample; null: there was none
     raw: int | None  # last value of a counter of 32 bits, before its wraps are undone; null: no counter
     wraps: int  # of the counter
-
-    def is_plausible(self) -> bool:
-        """Return whether a clock can be in this state, so that no time of it is beyond 64 bits."""
-        return (
-            0.5 / FASTEST_HZ < self.interval_s < 2.0 / SLOWEST_HZ
-            and 0.0 < self.scale <= 1.0
-            and abs(self.last or 0) <= LONGEST_NS
-            and 0 <= (self.raw or 0) < 1 << 32
-            and 0 <= self.wraps < 1 << 29
-        )
 
 
 class SampleClock:

@@ -2,58 +2,38 @@
 
 from __future__ import annotations
 
-import io
-import lzma
+import json
 import os
-import zipfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from hostile_input import Hostile
 
-from imumon.checkpoint import FILE_BYTES, FORMAT, SavedState, encode
+from imumon.checkpoint import FILE_BYTES, encode
+from imumon.saved_state import pack
 
-STATE = SavedState({"serial": "7", "samples": 7}, {"sum": np.arange(5.0)})
+STATE = pack({"serial": "7", "samples": 7})
 FOREIGN = b"of somebody"
 """Content of a file that links point to, which a save must not change."""
 
 
-def forged(
-    *entries: tuple[str, bytes],
-    text: str = f'{{"format": {FORMAT}, "meta": {{}}}}',
-    kind: int = zipfile.ZIP_STORED,
-) -> bytes:
-    """Return a state file with right checksums and any entries.
-
-    Parameters
-    ----------
-    entries : name and content of each array.
-    text : the description.
-    kind : compression inside the archive.
-    """
-    described = io.BytesIO()
-    np.save(described, np.array(text))
-    archive = io.BytesIO()
-    with zipfile.ZipFile(archive, "w", kind) as out:
-        for name, content in (("imumon.state", described.getvalue()), *entries):
-            out.writestr(f"{name}.npy", content)
-    return lzma.compress(archive.getvalue(), preset=0)
+def forged(packed: bytes) -> bytes:
+    """Return a state file with a right checksum and any content."""
+    return encode(packed)
 
 
-def array(kind: str, *shape: int, content: bytes = b"") -> tuple[str, bytes]:
-    """Return an entry whose header says anything."""
-    header = io.BytesIO()
-    np.lib.format.write_array_header_1_0(header, {"descr": kind, "fortran_order": False, "shape": shape})
-    return "a", header.getvalue() + content
+def described(**content: Any) -> bytes:
+    """Return packed objects whose description says anything."""
+    text = json.dumps({"root": None, "objects": [], "arrays": []} | content).encode()
+    return len(text).to_bytes(8, "little") + text + bytes(64)
 
 
 @cache
-def bomb(kind: int) -> bytes:
-    """Return a small file with an array larger than any state."""
-    return forged(array("|u1", 260 << 20, content=bytes(260 << 20)), kind=kind)
+def bomb() -> bytes:
+    """Return a small file that expands to more than any state."""
+    return forged(bytes(300 << 20))
 
 
 def target_link(path: Path) -> None:
@@ -72,20 +52,15 @@ OBSTACLES: dict[str, Callable[[Path], Any]] = {
     "pipe": os.mkfifo,
     "directory": Path.mkdir,
     "larger-than-any-state": huge_state,
-    "nested": lambda path: path.write_bytes(forged(text="[" * 100_000 + "]" * 100_000)),
-    "bomb": lambda path: path.write_bytes(bomb(zipfile.ZIP_STORED)),
-    "bomb-in-the-archive": lambda path: path.write_bytes(bomb(zipfile.ZIP_DEFLATED)),
-    "no-archive": lambda path: path.write_bytes(lzma.compress(b"imumon.state.npy" + bytes(999))),
-    "no-text": lambda path: path.write_bytes(forged(text="")),
-    "no-object": lambda path: path.write_bytes(forged(text='{"format": 4, "meta": []}')),
-    "no-format": lambda path: path.write_bytes(forged(text='{"meta": {}}')),
-    "no-array": lambda path: path.write_bytes(forged(("a", b"12345678"))),
-    "huge-array": lambda path: path.write_bytes(forged(array("<f8", 10**6, 10**13))),
-    "large-array": lambda path: path.write_bytes(forged(array("<f8", 10**9))),
-    "empty-items": lambda path: path.write_bytes(forged(array("<U0", 10**6, 10**13))),
-    "objects": lambda path: path.write_bytes(forged(array("|O", 1, content=bytes(8)))),
-    "negative": lambda path: path.write_bytes(forged(array("<f8", -1, -1))),
-    "escapes": lambda path: path.write_bytes(forged(array("\x1b]0;x\x07", 1))),
+    "bomb": lambda path: path.write_bytes(bomb()),
+    "no-checksum": lambda path: path.write_bytes(encode(STATE)[:80]),
+    "no-object": lambda path: path.write_bytes(forged(b"12345678")),
+    "nested": lambda path: path.write_bytes(forged((200_000).to_bytes(8, "little") + b"[" * 200_000)),
+    "another-class": lambda path: path.write_bytes(forged(described(objects=[["Popen", {"args": "ls"}]]))),
+    "huge-array": lambda path: path.write_bytes(forged(described(arrays=[["<f8", [10**6, 10**13], "C", 0]]))),
+    "objects": lambda path: path.write_bytes(forged(described(arrays=[["|O", [1], "C", 0]]))),
+    "negative": lambda path: path.write_bytes(forged(described(arrays=[["<f8", [-1, -1], "C", 0]]))),
+    "escapes": lambda path: path.write_bytes(forged(described(objects=[["\x1b]0;x\x07", {}]]))),
 }
 
 

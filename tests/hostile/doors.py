@@ -23,6 +23,7 @@ from imumon.devices.port_device import _saved_settings
 from imumon.errors import ImumonError
 from imumon.replay import ReplayOptions, replay
 from imumon.report import Report, Signal, from_json, is_device_name
+from imumon.saved_state import unpack
 
 MOST_FAULTS = 100
 """Faults of a file of settings that are printed at most."""
@@ -118,7 +119,7 @@ def save(place: Path) -> tuple[str, str]:
         assert checkpoint.failed is None
     assert (place / "target").read_bytes() == FOREIGN
     assert not (place / "nothing").exists()
-    return "replaced" if decode((place / "d.state").read_bytes()).meta == STATE.meta else "damaged", ""
+    return "replaced" if decode((place / "d.state").read_bytes()) == unpack(STATE) else "damaged", ""
 
 
 def sensor_settings(path: Path) -> tuple[str, str]:

@@ -14,6 +14,7 @@ from imumon.noise.blocks import BlockAccumulator, BlockMeans
 from imumon.noise.power_law import coefficient_variances
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Bools, Floats
+from imumon.saved_state import pack, unpack
 
 MOST = 16
 NONE = np.zeros(2)
@@ -129,7 +130,7 @@ def test_a_restored_state_continues_with_the_same_bits(n: int) -> None:
     feed(one, numbers(n))
     one.break_()
     feed(one, numbers(n, 2))
-    two, three = BlockAccumulator.restore(one.save()), one.copy()
+    two, three = unpack(pack(one)), one.copy()
     for blocks in (one, two, three):
         feed(blocks, numbers(n, 3))
         blocks.break_()

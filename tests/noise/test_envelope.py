@@ -7,6 +7,7 @@ import pytest
 
 from imumon.noise.statistics.envelope import RECENT_COLUMNS, Envelope, EnvelopeColumns
 from imumon.samples import Bools, Floats
+from imumon.saved_state import pack, unpack
 
 
 def expected(values: Floats, valid: Bools, width: int, start: int) -> tuple[Floats, Floats]:
@@ -87,7 +88,7 @@ def test_save_and_restore_continue_identically() -> None:
     whole, first = Envelope((0, 0), 40.0), Envelope((0, 0), 40.0)
     whole.update(values, valid)
     first.update(values[:4321], valid[:4321])
-    second = Envelope.restore(first.save())
+    second = unpack(pack(first))
     second.update(values[4321:], valid[4321:])
     for view in (Envelope.minute, Envelope.hour, Envelope.everything):
         columns_equal(view(whole), view(second))

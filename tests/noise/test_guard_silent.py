@@ -7,6 +7,7 @@ import pytest
 
 from imumon.noise.detection import Guard
 from imumon.samples import Bools, Floats
+from imumon.saved_state import pack, unpack
 
 SENSORS = ("gyro",) * 3 + ("accel",) * 3
 SIGMA = np.array([4e-4] * 3 + [1e-2] * 3)
@@ -85,7 +86,7 @@ def test_what_a_held_axis_has_shown_is_saved() -> None:
     values[:, 1] = values[::40, 1].repeat(40)
     guard = Guard(SENSORS, 40.0)
     guard.update(values[:5000])
-    second = Guard.restore(guard.save())
+    second = unpack(pack(guard))
     parts = [np.concatenate([item.valid for item in g.update(values[5000:])]) for g in (guard, second)]
     assert np.array_equal(*parts)
     assert parts[0].all()

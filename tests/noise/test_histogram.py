@@ -11,6 +11,7 @@ from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.statistics.histogram import HISTOGRAM_BINS, HistogramAccumulator, quantum
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Floats
+from imumon.saved_state import pack, unpack
 
 
 def shape(values: Floats, chunk: int = 5000) -> DistributionShape:
@@ -142,7 +143,7 @@ def test_save_and_restore_continue_identically() -> None:
     for cut in (0, 100, 256, 3000):
         first = HistogramAccumulator((0, 1))
         first.update(values[:cut])
-        second = HistogramAccumulator.restore(first.save())
+        second = unpack(pack(first))
         second.update(values[cut:])
         assert second.result() == whole.result()
 

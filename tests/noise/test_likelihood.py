@@ -18,6 +18,7 @@ from imumon.noise.fit.model import FLICKER, WALK, powers_of
 from imumon.noise.fit.time_to_precision import relative_errors
 from imumon.noise.stretches.parts import RecordParts
 from imumon.samples import Floats
+from imumon.saved_state import pack, unpack
 
 N, B, K, RATE = 6.1e-5, 2.4e-5, 3e-6, 40.0
 LENGTH, CHANNELS = 72_000, 48
@@ -235,7 +236,7 @@ def other_records(parts: RecordParts, values: Floats) -> Iterator[tuple[str, All
     other = first.copy()
     other.update(white[: n // 100])
     yield "copy that continued differently", other.result()
-    restored = OctaveCascade.restore(first.save())
+    restored = unpack(pack(first))
     restored.update(10.0 * white[: n // 100])
     yield "restored state that continued differently", restored.result()
     yield "other channels", first.result().select([1, 0])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imumon.noise.statistics.moments import ChannelMoments, Moments, MomentsResult
+from imumon.saved_state import pack, unpack
 
 GROUPS = (0, 0, 1)
 
@@ -79,11 +79,7 @@ def test_save_and_restore_continue_identically() -> None:
     values, ok = grid(np.random.default_rng(3), 900, 0.1)
     one = Moments(3, GROUPS)
     one.update(values[:500], ok[:500])
-    file = io.BytesIO()
-    np.savez(file, **one.save())
-    file.seek(0)
-    with np.load(file, allow_pickle=False) as state:
-        two = Moments.restore(state)
+    two = unpack(pack(one))
     for moments in (one, two):
         moments.update(values[500:], ok[500:])
     assert one.result().channels == two.result().channels

@@ -11,6 +11,7 @@ from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.stretches.parts import RecordParts
 from imumon.samples import Floats
+from imumon.saved_state import pack, unpack
 
 RNG = np.random.default_rng(11)
 
@@ -122,9 +123,9 @@ def test_forgotten_marks_leave_their_samples_to_the_part_before() -> None:
         places.append(parts.mark(finer=begin == 5 * BLOCK))
         parts.update(x[begin : begin + 5 * BLOCK])
     before = parts.moments(places[1]).result().channels[0]
-    size = sum(array.nbytes for array in parts.save().values())
+    size = len(pack(parts))
     parts.keep([places[1]])
-    assert sum(array.nbytes for array in parts.save().values()) < size
+    assert len(pack(parts)) < size
     assert parts.moments(places[1]).result().channels[0] == before
     assert not parts.cascade.finer_blocks
     with pytest.raises(KeyError):
@@ -135,8 +136,7 @@ def test_saved_parts_continue() -> None:
     x = RNG.normal(size=(50_000, 2))
     one = marked(x[:20_000], 5000)
     one.mark(finer=True)
-    again = two_channels()
-    again.restore(one.save())
+    again = unpack(pack(one))
     for parts in (one, again):
         parts.update(x[20_000:])
     for a, b in ((one.curve(5000), again.curve(5000)), (one.curve(), again.curve())):

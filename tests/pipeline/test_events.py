@@ -18,6 +18,7 @@ from imumon.pipeline import Monitor, MonitorOptions
 from imumon.pipeline.accumulators import Accumulators
 from imumon.pipeline.events import DetectedEvent, EventLog
 from imumon.samples import ACCEL, GYRO, Floats, Ints, SampleBlock, Stream
+from imumon.saved_state import pack, unpack
 from imumon.timebase.sample_clock import BREAK
 
 STREAM = Stream("uncompensated", (*GYRO, *ACCEL), "simulated", "startup")
@@ -63,10 +64,10 @@ def test_changes_between_hours_are_reported_once_over_a_restart_of_the_daemon() 
     before, monitor = drifted(), Monitor()
     feed(monitor, before, clock(before, 10.0))
     assert len(drained(monitor, "change")) == 1
-    saved = monitor.save()
+    saved = pack(monitor.save())
     for factor, expected in ((1.5, []), (1.25, ["gyro/z: N does not differ from the hours before any more"])):
         again = Monitor()
-        again.restore(*saved, 0.0)
+        again.restore(unpack(saved), 0.0)
         after = noise(3600.0, 10.0, 9)
         after[:, 2] *= factor
         feed(again, after, clock(after, 10.0, 7301.0))
@@ -165,6 +166,7 @@ def test_a_second_signal_does_not_interrupt_the_cleaning_up(second: signal.Signa
     program = f"""
 import os, pathlib, signal
 from imumon.cli.run_command import _temporary
+from imumon.saved_state import pack, unpack
 with _temporary() as directory:
     try:
         os.kill(os.getpid(), signal.SIGHUP)

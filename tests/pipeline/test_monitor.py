@@ -20,6 +20,7 @@ from imumon.pipeline.events import EventLog
 from imumon.report import DeviceDescription, Report, SensorGrade, SessionCounters, from_json
 from imumon.report_json import to_json
 from imumon.samples import ACCEL, GYRO, MAG, SampleBlock, Stream
+from imumon.saved_state import pack, unpack
 
 
 def report(monitor: Monitor) -> Report:
@@ -158,9 +159,8 @@ def test_knock_is_excluded_counted_and_reported() -> None:
 def test_restored_monitor_continues_identically() -> None:
     one = Monitor()
     one.feed(block(5000))
-    meta, arrays = one.save()
     two = Monitor()
-    two.restore(meta, arrays, 10.0)
+    two.restore(unpack(pack(one.save())), 10.0)
     for monitor in (one, two):
         monitor.feed(block(5000, 6000))
         monitor.flush()
@@ -216,7 +216,7 @@ def test_saved_record_of_another_stream_is_refused() -> None:
     one = Monitor()
     one.feed(block(500))
     two = Monitor()
-    two.restore(*one.save(), 1.0)
+    two.restore(one.save(), 1.0)
     mismatch = two.feed(block(500, stream=replace(DELTAS, kind="uncompensated")))
     assert mismatch.code == "other_stream"
     assert two.samples == 500
@@ -396,7 +396,7 @@ def test_a_saved_record_of_another_rate_is_not_continued() -> None:
     one = Monitor()
     one.feed(at_rate(3000, TICK))
     two = Monitor()
-    two.restore(*one.save(), 1.0)
+    two.restore(one.save(), 1.0)
     mismatch = two.feed(at_rate(3000, TICK // 4, 3100 * TICK)) or two.flush()
     two.flush()
     current = report(two)
@@ -410,7 +410,7 @@ def test_a_saved_record_with_guards_is_not_continued_without() -> None:
     one = Monitor()
     one.feed(block(3000))
     with pytest.raises(RecordMismatch) as mismatch:
-        Monitor(MonitorOptions(guarded=False)).restore(*one.save(), 1.0)
+        Monitor(MonitorOptions(guarded=False)).restore(one.save(), 1.0)
     assert mismatch.value.code == "other_guards"
 
 

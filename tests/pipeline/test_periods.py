@@ -8,6 +8,7 @@ import pytest
 from imumon.history_report import HistoryPeriod
 from imumon.pipeline import Monitor, MonitorOptions
 from imumon.samples import Floats, SampleBlock, Stream
+from imumon.saved_state import pack, unpack
 
 RATE = 4.0
 STREAM = Stream(kind="deltas", source="made", clock="startup", channels=("gyro/x", "gyro/y", "temperature"))
@@ -124,9 +125,8 @@ def test_a_restart_in_the_middle_of_a_period_does_not_show() -> None:
     first = monitor()
     half = round(len(samples) * 0.7)
     periods = feed(first, samples[:half])
-    meta, arrays = first.save()
     second = monitor()
-    second.restore(meta, {name: array.copy() for name, array in arrays.items()}, 0.0)
+    second.restore(unpack(pack(first.save())), 0.0)
     periods += feed(second, samples[half:], first=half)
     assert [(p.step_s, p.number) for p in periods] == [(p.step_s, p.number) for p in whole]
     periods += second.periods_in_progress(force=True)

@@ -162,7 +162,7 @@ def nothing_lost(before: Moment, after: Moment, fault: Fault) -> None:
 
 def is_kept(state: Path, report: Report) -> None:
     """What lies on disk is what was said last."""
-    record = decode(state.read_bytes()).meta["monitor"]["record"]
+    record = decode(state.read_bytes()).monitor.record.accumulators
     assert (record["samples"], record["missing"]) == (report.session.samples, report.session.missing)
 
 

@@ -73,7 +73,7 @@ def test_09_disk_is_full_and_has_room_again(tmp_path: Path) -> None:
         after = play.calm()
         assert after.report.session.missing == 0
         state = decode((seen / f"{ID}.state").read_bytes())
-        assert state.meta["monitor"]["record"]["samples"] > before.report.session.samples
+        assert state.monitor.record.accumulators.samples > before.report.session.samples
         play.end(before, after, code=1)  # the recording has ended before the record
         assert play.said.count("cannot be saved") == play.said.count(" error: recording to ") == 1
 
@@ -114,7 +114,7 @@ def test_12_killed(tmp_path: Path) -> None:
     with scene(tmp_path, seed=12) as play:
         before = play.calm(more=220)
         play.kill()
-        kept = decode((play.state / f"{ID}.state").read_bytes()).meta["monitor"]["record"]["samples"]
+        kept = decode((play.state / f"{ID}.state").read_bytes()).monitor.record.accumulators.samples
         assert kept >= before.report.session.samples - 200
         play.start()
         after = play.calm()

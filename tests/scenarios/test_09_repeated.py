@@ -50,7 +50,7 @@ def test_26_killed_thirty_times(tmp_path: Path) -> None:
             time.sleep(moments.uniform(0.0, 1.5))
             play.kill()
             left = time.monotonic()
-            record = decode((play.state / f"{ID}.state").read_bytes()).meta["monitor"]["record"]
+            record = decode((play.state / f"{ID}.state").read_bytes()).monitor.record.accumulators
             assert record["samples"] >= saved
             saved = record["samples"]
             play.start()
@@ -212,7 +212,7 @@ def readable(directory: Path, scratch: Path, least: int) -> int:
     loaded, messages = Checkpoint(scratch, ID).load()
     assert loaded is not None
     assert not messages
-    samples = loaded.meta["monitor"]["record"]["samples"]
+    samples = loaded.monitor.record.accumulators.samples
     assert samples >= least
     with HistoryStore(scratch / f"{ID}{SUFFIX}") as store:
         assert sum(timed.period.samples for timed in store.periods(EVER)) > 0
@@ -346,7 +346,7 @@ def test_32_a_month(tmp_path: Path) -> None:
             daemon.wait(lambda r, least=known + third - 2: r.session.samples >= least, 900.0)
             _, out, said = daemon.stop(how)
         assert "Traceback" not in said
-        record = decode((state / f"{ID}.state").read_bytes()).meta["monitor"]["record"]
+        record = decode((state / f"{ID}.state").read_bytes()).monitor.record.accumulators
         known = record["samples"]
     sensor.close()
     final = from_json(Report, out)

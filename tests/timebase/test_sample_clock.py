@@ -423,6 +423,6 @@ def test_the_monitor_has_the_rate_of_a_clock_without_a_tick(jitter: str) -> None
     monitor.flush()
     assert monitor.sample_rate_hz == pytest.approx(101.0, rel=1e-9 if jitter == "none" else 5e-4)
     assert monitor.samples == len(whole)
-    saved, _ = monitor.save()
-    assert saved["restarts"] == 0
-    assert saved["clock"]["interval_s"] == pytest.approx(1 / 101.0, rel=5e-4)
+    saved = monitor.save()
+    assert saved.restarts == 0
+    assert saved.clock.interval_s == pytest.approx(1 / 101.0, rel=5e-4)

@@ -28,40 +28,24 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from imumon.noise.allan.curve import AllanCurve, AllanSums
-from imumon.noise.allan.octave import BATCH, RATIO, VALID_SHARE, OctaveStages
-from imumon.noise.array_state import subset
+from imumon.noise.allan.octave import BATCH, OctaveStages
 from imumon.noise.blocks import BlockAccumulator
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum import SpectrumAccumulator
-from imumon.noise.spectrum.level_sums import HOP
-from imumon.noise.state_schema import (
-    Range,
-    Rule,
-    Saved,
-    Schema,
-    count_field,
-    flag_field,
-    float_field,
-    given_field,
-)
-from imumon.noise.validity_groups import LARGEST, ValidityGroups
+from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Bools, Floats
-
-SAVED_SHARE = 0.01
-"""Shortest hop of the spectrum whose samples are saved, as a share of the record. Shorter ones count as missing after a
-restart, which costs two segments of a hundred or more. With a sixth, a record of 12 s lost one of six, and its N moved
-by 2 %. A saved state of ten channels over 11 h has 0.33 MB; with a sixth 0.27 MB, with 0 0.36 MB."""
+from imumon.saved_state import restorable
 
 
+@restorable
 class OctaveCascade:
     """Allan variance of a stream at every octave.
 
@@ -96,6 +80,8 @@ class OctaveCascade:
     >>> cascade.result().sigma[:2, 0].round(5)
     array([91.22945, 85.95287])
     """
+
+    NOT_SAVED: ClassVar = {"record": object}
 
     def __init__(self, channels: int, tau0: float, *, groups: Sequence[int] | None = None) -> None:
         if not 0.0 < tau0 < math.inf:
@@ -240,99 +226,6 @@ class OctaveCascade:
         for name in ("_valid", "_offset", "_has_offset", "_pending", "_pending_valid"):
             setattr(other, name, getattr(self, name).copy())
         return other
-
-    def save(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the state as small arrays."""
-        numbers = (self.section_start, self.ended_sections, self._stages.position)
-        least_s = SAVED_SHARE * self.span * self.tau0
-        return {
-            "setting": self._setting(),
-            "group": self.groups.of.astype(np.int64),
-            "numbers": np.array(numbers, dtype=np.int64),
-            "valid": self._valid.copy(),
-            **self._stages.save(),
-            **{f"spectrum.{k}": v for k, v in self.spectrum.save(least_s=least_s).items()},
-            **{f"blocks.{k}": v for k, v in self.blocks.save().items()},
-            "offset": self._offset.copy(),
-            "has_offset": self._has_offset.copy(),
-            "pending": self._pending[:, : self._fill].copy(),
-            "present": self._pending_valid[:, : self._fill].copy(),
-        }
-
-    def _setting(self) -> Floats:
-        """Return what the sums of a saved state depend on, beside the samples."""
-        return np.array([self.tau0, RATIO, VALID_SHARE])
-
-    def schema(self) -> Schema:
-        """Return what a saved state of a cascade with these arguments consists of."""
-        c, g, of = self.groups.channels, len(self.groups), self.groups.of
-        stages = self._stages.schema()
-        fields = {
-            "setting": given_field(self._setting()),
-            "group": given_field(of.astype(np.int64)),
-            **stages.fields,
-            "valid": count_field(g),
-            "offset": float_field(c),
-            "has_offset": flag_field(g),
-            "pending": float_field(c, "fill", range=Range(-np.inf, np.inf, nan=True, inf=True)),
-            "present": flag_field(g, "fill"),
-        }
-
-        def processed(saved: Saved) -> int:
-            """Return the samples of the grid that have passed the octaves."""
-            return int(saved["numbers"][0] + saved["numbers"][2])
-
-        def blocks_fit(saved: Saved) -> bool:
-            """Return whether the blocks have the samples of the octaves: each end of a section fills up its block."""
-            samples, length = saved["blocks.numbers"][:2].tolist()
-            filled = samples - processed(saved)
-            return bool(0 <= filled <= saved["numbers"][1] * length)
-
-        rules: tuple[Rule, ...] = (
-            # samples pass in whole blocks, and the clusters of an octave lie on the grid of their section
-            ("a section that is no number of blocks", lambda s: s["numbers"][2] % BLOCK == 0),
-            ("an ended section without samples", lambda s: s["numbers"][1] <= s["numbers"][0]),
-            *stages.rules,
-            ("more valid samples than samples", lambda s: s["valid"] <= processed(s)),
-            (
-                "a valid sample that is too large",
-                lambda s: (np.abs(s["pending"]) <= LARGEST) | ~s["present"][of],
-            ),
-        )
-        return Schema(
-            fields,
-            rules,
-            parts={"spectrum.": self.spectrum.schema(), "blocks.": self.blocks.schema()},
-            lengths={**stages.lengths, "fill": BLOCK - 1},
-            whole=(
-                ("other samples in the blocks than in the octaves", blocks_fit),
-                (
-                    "more samples in blocks than in all",
-                    lambda s: s["blocks.counts"].sum(axis=1) <= s["valid"],
-                ),
-                (
-                    "more segments of the spectrum than samples",
-                    lambda s: "spectrum.0.hops" not in s or s["spectrum.0.hops"] * HOP <= s["numbers"][2],
-                ),
-            ),
-        )
-
-    @classmethod
-    def restore(cls, state: Mapping[str, npt.NDArray[Any]]) -> OctaveCascade:
-        """Return a cascade in a saved state; it continues identically, except for the hops below `SAVED_SHARE`."""
-        groups = [int(g) for g in state["group"]]
-        self = cls(len(groups), float(state["setting"][0]), groups=groups)
-        self.section_start, self.ended_sections, position = (int(x) for x in state["numbers"])
-        self._valid[:] = state["valid"]
-        self._stages.load(state, position)
-        self.spectrum = SpectrumAccumulator.restore(subset(state, "spectrum."))
-        self.blocks = BlockAccumulator.restore(subset(state, "blocks."))
-        self._offset[:] = state["offset"]
-        self._has_offset[:] = state["has_offset"]
-        self._fill = state["pending"].shape[1]
-        self._pending[:, : self._fill] = state["pending"]
-        self._pending_valid[:, : self._fill] = state["present"]
-        return self
 
     # --- blocks on the grid ---------------------------------------------------------------------------
 

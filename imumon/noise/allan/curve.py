@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from imumon.noise.allan.octave import RATIO, SQUARES, variances
+from imumon.noise.allan.octave import RATIO, variances
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.state_schema import Field, Range, Rule, Schema, count_field, float_field
 from imumon.samples import Floats, Ints
+from imumon.saved_state import restorable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +74,7 @@ class AllanCurve:
         return np.maximum(1, self.m // RATIO)
 
 
+@restorable
 @dataclass(frozen=True, slots=True, eq=False)
 class AllanSums:
     """Sums of the octaves over a record or a part of it.
@@ -126,36 +127,6 @@ class AllanSums:
             and self.span >= before.span
             and self.sections >= before.sections
         )
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the sums as arrays; channels of one sensor share their counts."""
-        counts = np.concatenate([self.terms, self.white_excess, self.valid[None]])
-        counts, kind = np.unique(counts, axis=1, return_inverse=True)
-        numbers = np.array([self.span, self.sections], dtype=np.int64)
-        return {"squares": self.squares, "counts": counts, "kind": kind.ravel(), "numbers": numbers}
-
-    @staticmethod
-    def schema(channels: int, octaves: int) -> Schema:
-        """Return what saved sums of at most some octaves consist of."""
-        fields = {
-            "squares": float_field("octaves", channels, range=SQUARES),
-            "counts": Field(np.int64, ("rows", "kinds"), Range(0, np.iinfo(np.int64).max)),
-            "kind": count_field(channels, high=channels - 1),
-            "numbers": count_field(2),
-        }
-        rules: tuple[Rule, ...] = (
-            ("counts of other octaves", lambda s: len(s["counts"]) == 2 * len(s["squares"]) + 1),
-            ("a channel without counts", lambda s: s["kind"] < s["counts"].shape[1]),
-        )
-        return Schema(fields, rules, lengths={"octaves": octaves, "rows": 2 * octaves + 1, "kinds": channels})
-
-    @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> AllanSums:
-        """Return saved sums, which belong to no known record."""
-        k = len(saved["squares"])
-        counts = saved["counts"][:, saved["kind"]]
-        span, sections = (int(value) for value in saved["numbers"])
-        return cls(saved["squares"], counts[:k], counts[k : 2 * k], counts[-1], span, sections)
 
     def curve(self, tau0: float, sums: NoiseSums | None = None) -> AllanCurve:
         """Return the Allan curve of these sums, up to the last octave with a difference.

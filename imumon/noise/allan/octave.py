@@ -40,17 +40,14 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from imumon.noise.array_state import ArrayState
 from imumon.noise.blocks.block_means import BLOCK
-from imumon.noise.state_schema import COUNT, MOST, Field, Range, Rule, Saved, Schema, count_field, float_field
-from imumon.noise.validity_groups import LARGEST, ValidityGroups
+from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Floats, Ints
+from imumon.saved_state import restorable
 
 RATIO = 8
 """Sub-clusters per cluster, R. Keeps 98 % of the degrees of freedom of full overlap on white noise; the degrees of
@@ -67,20 +64,13 @@ depend on the order."""
 BEFORE_SECTION = -math.inf
 """Count of a cluster that begins before the section: always too few, whatever is added to it."""
 
-MOST_OCTAVES = 4 + MOST.bit_length()
-"""Octaves of `MOST` samples: three before the first that halves the number of entries, and one of no entries."""
-CLUSTERS = Range(-2.0 * LARGEST * MOST, 2.0 * LARGEST * MOST)
-"""Channel unit, of sums of the samples of a cluster about their offset."""
-SQUARES = Range(0.0, 16.0 * CLUSTERS.high**2 * MOST)
-"""(channel unit)^2, of sums of squared differences of clusters."""
-CLUSTER_COUNTS = Range(BEFORE_SECTION, MOST, inf=True)
-"""Of valid samples of a cluster."""
 
 BATCH = 32
 """Blocks processed at once at most: 8,192 samples of ten channels fit into the cache of the processor."""
 
 
-class Octave(ArrayState):
+@restorable
+class Octave:
     """Sums and delay line of one averaging time.
 
     Parameters
@@ -97,14 +87,6 @@ class Octave(ArrayState):
     counts : (g, lag) valid samples in them.
     """
 
-    _STATE: ClassVar = {
-        "squares": SQUARES,
-        "terms": COUNT,
-        "white_excess": COUNT,
-        "delay_line": CLUSTERS,
-        "counts": CLUSTER_COUNTS,
-    }
-
     def __init__(self, index: int, groups: ValidityGroups) -> None:
         self.m = m = 1 << index
         self.lag = min(m, RATIO)
@@ -118,6 +100,13 @@ class Octave(ArrayState):
         self.delay_line = np.zeros((groups.channels, self.lag))
         self.counts = np.full((len(groups), self.lag), BEFORE_SECTION)
         self._complete = False  # no sample is missing in the delay line
+
+    def copy(self) -> Octave:
+        """Return an independent octave in the same state."""
+        other = copy.copy(self)
+        for name in ("squares", "terms", "white_excess", "delay_line", "counts"):
+            setattr(other, name, getattr(self, name).copy())
+        return other
 
     @property
     def nbytes(self) -> int:
@@ -201,6 +190,7 @@ class Octave(ArrayState):
             self.squares += sums[:, 0]
 
 
+@restorable
 class OctaveStages:
     """The octaves of a stream, as many as its length has reached.
 
@@ -218,6 +208,8 @@ class OctaveStages:
     ----------
     position : samples of this section that have been processed.
     """
+
+    NOT_SAVED: ClassVar = {"_buffers": lambda: [np.empty(0)] * 3}
 
     def __init__(self, groups: ValidityGroups) -> None:
         self._groups = groups
@@ -300,96 +292,6 @@ class OctaveStages:
         other._octaves = [octave.copy() for octave in self._octaves]
         other._buffers = [np.empty(0)] * 3  # shared ones would be overwritten by both
         return other
-
-    def save(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the state except the position; the delay lines of all octaves are concatenated."""
-        octaves, c, g = self._octaves, self._groups.channels, len(self._groups)
-        no_entries, no_counts = np.zeros((c, 0)), np.zeros((g, 0))
-        return {
-            "squares": np.array([o.squares for o in octaves]).reshape(-1, c),
-            "terms": np.array([o.terms for o in octaves], dtype=np.int64).reshape(-1, g),
-            "white_excess": np.array([o.white_excess for o in octaves], dtype=np.int64).reshape(-1, g),
-            "delay_lines": np.concatenate([no_entries, *(o.delay_line for o in octaves)], axis=1),
-            "counts": np.concatenate([no_counts, *(o.counts for o in octaves)], axis=1),
-        }
-
-    def schema(self) -> Schema:
-        """Return what a saved state of these channels consists of, and the position in it, `numbers`."""
-        groups = self._groups
-        c, g, of = groups.channels, len(groups), groups.of
-        fields = {
-            "numbers": count_field(3),  # samples in ended sections, number of these, samples of this section
-            "squares": float_field("octaves", c, range=SQUARES),
-            "terms": count_field("octaves", g),
-            "white_excess": Field(np.int64, ("octaves", g), Range(0, np.iinfo(np.int64).max)),
-            "delay_lines": float_field(c, "entries", range=CLUSTERS),
-            "counts": float_field(g, "entries", range=CLUSTER_COUNTS),
-        }
-
-        def factors(saved: Saved) -> npt.NDArray[np.int64]:
-            """Return (k, 1) the averaging factors."""
-            return np.left_shift(1, np.arange(len(saved["squares"]), dtype=np.int64))[:, None]
-
-        def of_entries(saved: Saved) -> npt.NDArray[np.int64]:
-            """Return (entries,) the averaging factor of each entry of the delay lines."""
-            m = factors(saved)[:, 0]
-            return np.repeat(m, np.minimum(m, RATIO))
-
-        def reached(samples: int) -> int:
-            """Return the number of octaves of a section with samples: `OctaveStages.update` halves from m = R on."""
-            return RATIO.bit_length() + samples.bit_length() - 1 if samples else 0
-
-        def has_octaves(saved: Saved) -> bool:
-            ended, _, position = saved["numbers"].tolist()
-            return reached(position) <= len(saved["squares"]) <= reached(ended + position)
-
-        rules: tuple[Rule, ...] = (
-            # with another number of entries, a delay line would get those of the next octave
-            ("delay lines of other octaves", lambda s: len(of_entries(s)) == s["delay_lines"].shape[1]),
-            ("other octaves than samples", has_octaves),
-            (
-                "more differences than samples",
-                lambda s: (
-                    s["terms"] <= (s["numbers"][0] + s["numbers"][2]) // np.maximum(1, factors(s) // RATIO)
-                ),
-            ),
-            ("squares without a difference", lambda s: (s["squares"] == 0.0) | (s["terms"][:, of] > 0)),
-            (
-                "differences that no sample has",
-                lambda s: np.sqrt(s["squares"]) <= 10.0 * LARGEST * factors(s) * np.sqrt(s["terms"][:, of]),
-            ),
-            # a cluster with the least share has 1 / VALID_SHARE of the white noise; half a unit is rounding
-            (
-                "more white noise than clusters can have",
-                lambda s: s["white_excess"] <= s["terms"] * (EXCESS_SCALE / VALID_SHARE),
-            ),
-            ("more samples in a cluster than it has", lambda s: s["counts"] <= of_entries(s)),
-            (
-                "less than no sample in a cluster",
-                lambda s: (s["counts"] >= 0.0) | (s["counts"] == BEFORE_SECTION),
-            ),
-            (
-                "a cluster that is too large",
-                lambda s: np.abs(s["delay_lines"]) <= 4.0 * LARGEST * of_entries(s),
-            ),
-        )
-        most = MOST_OCTAVES * RATIO
-        return Schema(fields, rules, lengths={"octaves": MOST_OCTAVES, "entries": most})
-
-    def load(self, state: Mapping[str, npt.NDArray[Any]], position: int) -> None:
-        """Load a saved state into these stages, which are new."""
-        self.position = position
-        start = 0
-        for j in range(len(state["squares"])):
-            octave = Octave(j, self._groups)
-            entries = slice(start, start + octave.lag)
-            octave.squares[:] = state["squares"][j]
-            octave.terms[:] = state["terms"][j]
-            octave.white_excess[:] = state["white_excess"][j]
-            octave.delay_line[:] = state["delay_lines"][:, entries]
-            octave.set_counts(state["counts"][:, entries])
-            self._octaves.append(octave)
-            start = entries.stop
 
     def _with_missing(
         self, octave: Octave, index: int, x: Floats, length: int, counts: Floats | None

@@ -27,14 +27,14 @@ missing: it has no place in time.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imumon.noise.state_schema import MOST, Field, Range, Rule, Schema, count_field, float_field, given_field
-from imumon.noise.validity_groups import LARGEST, LEAST_SHARE
+from imumon.noise.validity_groups import LEAST_SHARE
 from imumon.samples import Floats, Ints
+from imumon.saved_state import restorable
 
 BLOCKS = 1024
 """Most blocks. Half of them widen the limits of B by 2 %, twice as many narrow them by 3 %."""
@@ -91,6 +91,7 @@ class BlockMeans:
         return replace(self, means=means, share=share, offset=self.offset[columns])
 
 
+@restorable
 class BlockAccumulator:
     """Sums over blocks of a stream.
 
@@ -250,58 +251,3 @@ class BlockAccumulator:
         self._segment[:half] = segment
         self._segment[half:] = 0
         self._length *= 2
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays."""
-        n = -(-self._n // self._length)
-        numbers = np.array([self._n, self._length, self._segments, self._most], dtype=np.int64)
-        return {
-            "numbers": numbers,
-            "groups": self._groups.copy(),
-            "interval": np.array(self.interval_s),
-            "offset": self._offset.copy(),
-            "sums": self._sums[:, :n].copy(),
-            "counts": self._counts[:, :n].copy(),
-            "segment": self._segment[:n].copy(),
-        }
-
-    def schema(self) -> Schema:
-        """Return what a saved state of an accumulator with these arguments consists of."""
-        c, g = len(self._groups), len(self._counts)
-        fields = {
-            "numbers": count_field(4),
-            "groups": given_field(self._groups),
-            "interval": given_field(self.interval_s),
-            "offset": float_field(c, range=Range(-LARGEST, LARGEST, nan=True)),
-            "sums": float_field(c, "n", range=Range(-2.0 * LARGEST * MOST, 2.0 * LARGEST * MOST)),
-            "counts": float_field(g, "n", range=Range(0.0, MOST)),
-            "segment": Field(np.int64, ("n",), Range(-1, MOST)),
-        }
-        most, groups = self._most, self._groups
-        rules: tuple[Rule, ...] = (
-            ("another number of blocks", lambda s: s["numbers"][3] == most),
-            ("the length of a block is no power of two", lambda s: int(s["numbers"][1]).bit_count() == 1),
-            ("more samples than blocks", lambda s: s["numbers"][0] <= most * int(s["numbers"][1])),
-            (
-                "a block is missing",
-                lambda s: -(-s["numbers"][0] // s["numbers"][1]) == len(s["segment"]),
-            ),
-            ("more samples in a block than it has", lambda s: s["counts"] <= s["numbers"][1]),
-            ("a sum without samples", lambda s: (s["sums"] == 0.0) | (s["counts"][groups] > 0.0)),
-            ("a mean that no sample has", lambda s: np.abs(s["sums"]) <= 2.0 * LARGEST * s["counts"][groups]),
-            ("segments are not in order", lambda s: np.diff(s["segment"][s["segment"] >= 0]) >= 0),
-            ("more segments than there are", lambda s: s["segment"] <= s["numbers"][2]),
-        )
-        return Schema(fields, rules, lengths={"n": most})
-
-    @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> BlockAccumulator:
-        """Return an accumulator that continues from a saved state."""
-        numbers, length, segments, most = (int(v) for v in saved["numbers"])
-        self = cls(saved["groups"].tolist(), float(saved["interval"]), most)
-        self._n, self._length, self._segments = numbers, length, segments
-        n = saved["sums"].shape[1]
-        self._offset = saved["offset"].copy()
-        self._sums[:, :n], self._counts[:, :n] = saved["sums"], saved["counts"]
-        self._segment[:n] = saved["segment"]
-        return self

@@ -66,15 +66,12 @@ and by what the level itself scatters. A knock of 3 sigma that lasts shows in no
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import ClassVar
 
 import numpy as np
 from scipy.special import ndtri
 
-from imumon.noise.array_state import ArrayState
 from imumon.noise.detection.detection_rules import (
     COARSE_STEPS,
     ERROR_MARGIN,
@@ -97,26 +94,8 @@ from imumon.noise.detection.detection_rules import (
     TURN_RATE,
     UNUSUAL_SIGMA,
 )
-from imumon.noise.state_schema import (
-    COUNT,
-    LIMIT,
-    SPREAD,
-    VALUE,
-    Field,
-    Range,
-    Rule,
-    Saved,
-    Schema,
-    flag_field,
-    float_field,
-)
-from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats, Ints
-
-WHITE = Range(0.0, 2.0 * LARGEST, inf=True)
-"""Of `FrameStatistics.white`, channel unit."""
-UNKNOWN_LOGARITHM = Range(np.log(np.finfo(np.float64).tiny) - 1.0, np.log(2.0 * LARGEST) + 1.0, nan=True)
-"""Of logarithms of deviations in the channel unit, from that of a constant channel on; they may have seven digits."""
+from imumon.saved_state import restorable
 
 # ---------------------------------------------------------------------- frames
 
@@ -132,6 +111,7 @@ def frames_to_change(frames: int) -> int:
     return min(1 << frames.bit_length(), (frames // MEMORY_FRAMES + 1) * MEMORY_FRAMES) - frames
 
 
+@restorable
 @dataclass(frozen=True, slots=True)
 class FrameStatistics:
     """Figures of some frames, in channel units, one row per frame.
@@ -158,13 +138,6 @@ class FrameStatistics:
 
     def __getitem__(self, frames: slice | Bools) -> FrameStatistics:
         return FrameStatistics(*(getattr(self, name)[frames] for name in self.__slots__))
-
-    @classmethod
-    def saved_fields(cls, channels: int) -> Mapping[str, Field]:
-        """Return what the saved figures of a number of frames, "n", consist of."""
-        ranges = (VALUE, SPREAD, SPREAD, SPREAD, SPREAD, WHITE)
-        figures = [float_field("n", channels, range=range) for range in ranges]
-        return dict(zip(cls.__slots__, (*figures, flag_field("n")), strict=True))
 
     @classmethod
     def joined(cls, frames: list[FrameStatistics]) -> FrameStatistics:
@@ -257,6 +230,7 @@ def _mean_or_inf(sums: Floats, counts: Ints) -> Floats:
 # ---------------------------------------------------------------------- usual noise
 
 
+@restorable
 class Rest(IntEnum):
     """What the last quiet frames say about rest."""
 
@@ -269,7 +243,8 @@ class Rest(IntEnum):
     """The means of the frames differ by more than the noise of a sensor explains."""
 
 
-class NoiseBaseline(ArrayState):
+@restorable
+class NoiseBaseline:
     """Level and scales of each channel at rest.
 
     Parameters
@@ -288,28 +263,6 @@ class NoiseBaseline(ArrayState):
     peak_limit : (c,) channel unit, largest usual peak of a frame: `usual_sample`, or some steps of a coarse channel.
     held : (c,) axes that keep their value for many samples while others change; set from outside before each frame.
     """
-
-    _STATE: ClassVar = {
-        "_means": Range(-LARGEST, LARGEST, nan=True),
-        "_log_rms": UNKNOWN_LOGARITHM,
-        "_log_part_rms": UNKNOWN_LOGARITHM,
-        "_distances": Range(0.0, 2.0 * LARGEST, nan=True),
-        "_white": Range(0.0, 2.0 * LARGEST, nan=True, inf=True),
-        "_recent_means": VALUE,
-        "_step": LIMIT,
-        "origin": VALUE,
-        "usual_sample": LIMIT,
-        "usual_part": LIMIT,
-        "usual_level": LIMIT,
-        "peak_limit": LIMIT,
-        "_part_peak_limit": LIMIT,
-        "_level_limit": LIMIT,
-        "_rms_limit": LIMIT,
-        "_part_rms_limit": LIMIT,
-        "frames": COUNT,
-        "rest": Range(min(Rest), max(Rest)),
-        "frames_since_quiet": COUNT,
-    }
 
     def __init__(self, sensors: tuple[str, ...], frame_samples: int) -> None:
         c = len(sensors)
@@ -334,23 +287,6 @@ class NoiseBaseline(ArrayState):
         self.usual_sample, self.usual_part, self.usual_level = (np.full(c, np.inf) for _ in range(3))
         self.peak_limit, self._part_peak_limit, self._level_limit = (np.full(c, np.inf) for _ in range(3))
         self._rms_limit, self._part_rms_limit = np.full(c, np.inf), np.full(c, np.inf)
-
-    def schema(self) -> Schema:
-        """Return what a saved state of these sensors consists of."""
-
-        def is_known(saved: Saved, name: str, first: int) -> bool:
-            """Return whether the rows of the memory have numbers from row `first` up to the last quiet frame only."""
-            known = min(int(saved["frames"]), MEMORY_FRAMES)
-            unknown = np.isnan(saved[name])
-            return not unknown[first:known].any() and bool(unknown[known:].all())
-
-        # the first frame has no distance, because no level precedes it
-        first_rows = {"means": 0, "log_rms": 0, "log_part_rms": 0, "distances": 1, "white": 0}
-        rule: Rule = (
-            "other frames in the memory",
-            lambda s: [is_known(s, name, first) for name, first in first_rows.items()],
-        )
-        return Schema(super().schema().fields, (rule,))
 
     @property
     def ready(self) -> bool:

@@ -63,12 +63,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import ClassVar, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from imumon.noise.array_state import ArrayState, subset
 from imumon.noise.detection.baseline import FrameStatistics, NoiseBaseline
 from imumon.noise.detection.detection_rules import (
     FIRST_FRAMES,
@@ -85,8 +84,8 @@ from imumon.noise.detection.detection_rules import (
     WINDOW_FRAMES,
 )
 from imumon.noise.detection.outliers import OutlierDetector, limit_of_samples
-from imumon.noise.state_schema import COUNT, MOST, SPREAD, Field, Range, Rule, Schema, float_field
 from imumon.samples import Bools, Floats
+from imumon.saved_state import restorable
 
 # ---------------------------------------------------------------------- reasons
 
@@ -96,6 +95,7 @@ REASONS: tuple[Reason, ...] = get_args(Reason)
 """Reasons in rising rank: if several apply, the last one counts. The code of a reason is its place, from 1."""
 
 
+@restorable
 class ReasonCode(IntEnum):
     """Code of a reason."""
 
@@ -111,6 +111,7 @@ class ReasonCode(IntEnum):
 INERTIAL = ("gyro", "accel")
 
 
+@restorable
 @dataclass(frozen=True, slots=True)
 class Outlier:
     """A single sample that is excluded on its sensor.
@@ -128,6 +129,7 @@ class Outlier:
     size: float
 
 
+@restorable
 @dataclass(frozen=True, slots=True)
 class Disturbance:
     """An excluded stretch of samples, or the outliers of one sensor within a minute.
@@ -153,6 +155,7 @@ class Disturbance:
 # ---------------------------------------------------------------------- states and transitions
 
 
+@restorable
 class DetectorState(IntEnum):
     """What a detector does with the next frame."""
 
@@ -193,6 +196,7 @@ EXCLUDED_AS: Mapping[DetectorState, ReasonCode] = {
 """Code of every frame in a state that excludes everything."""
 
 
+@restorable
 class Verdict(IntEnum):
     """What one frame shows. Above `USUAL` is unusual."""
 
@@ -225,7 +229,8 @@ class AssessedFrame:
 # ---------------------------------------------------------------------- detector
 
 
-class DisturbanceDetector(ArrayState):
+@restorable
+class DisturbanceDetector:
     """Assess the channels of some sensors together: a table that is knocked moves all of them.
 
     Parameters
@@ -246,8 +251,6 @@ class DisturbanceDetector(ArrayState):
         magnetometer has none: no caller reads them, and the list would grow without bound.
     state : what happens with the next frame.
     """
-
-    _STATE: ClassVar = {"state": Range(min(DetectorState), max(DetectorState)), "_unknown_frames": COUNT}
 
     def __init__(self, sensors: Sequence[str], kinds: tuple[str, ...], frame_samples: int) -> None:
         names = list(dict.fromkeys(sensors))
@@ -607,68 +610,3 @@ class DisturbanceDetector(ArrayState):
         self._candidates = []
 
     # ------------------------------------------------------------------ state
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays."""
-        out = super().save() | {"window": np.array(self._window)}
-        out |= {f"outliers.{name}": value for name, value in self.outliers.save().items()}
-        rows = [[o.place, o.group, o.channel] for o in self.single_samples]
-        out["single_samples"] = np.array(rows, dtype=np.int64).reshape(-1, 3)
-        out["single_sizes"] = np.array([o.size for o in self.single_samples], dtype=np.float64)
-        if self._candidates:
-            frames = FrameStatistics.joined(self._candidates)
-            out |= {f"candidates.{name}": getattr(frames, name) for name in FrameStatistics.__slots__}
-        return out | {f"baseline.{name}": value for name, value in self.baseline.save().items()}
-
-    def schema(self) -> Schema:
-        """Return what a saved state of these sensors consists of."""
-        sensor_of = dict(zip(self.channels, self.group_of, strict=True))
-        fields = {
-            **super().schema().fields,
-            "window": Field(np.int64, (WINDOW_FRAMES,), Range(min(Verdict), max(Verdict))),
-            "single_samples": Field(np.int64, ("singles", 3), Range(0, MOST)),  # place, group, channel
-            "single_sizes": float_field("singles", range=SPREAD),
-        }
-        rules: tuple[Rule, ...] = (
-            ("outliers are not in order", lambda s: np.diff(s["single_samples"][:, 0]) >= 0),
-            (
-                "an outlier on a channel of another sensor",
-                lambda s: [sensor_of.get(c) == group for _, group, c in s["single_samples"].tolist()],
-            ),
-        )
-        candidates = Schema(
-            FrameStatistics.saved_fields(len(self.channels)),
-            (("a candidate that is not known", lambda s: s["known"]),),
-            # with `REST_FRAMES` of them, they have become a baseline, or are discarded
-            lengths={"n": REST_FRAMES - 1},
-            optional=True,
-        )
-        excluding = (
-            "candidates for a baseline while nothing is excluded",
-            lambda s: "candidates.known" not in s or s["state"] != DetectorState.QUIET,
-        )
-        return Schema(
-            fields,
-            rules,
-            parts={
-                "outliers.": self.outliers.schema(),
-                "baseline.": self.baseline.schema(),
-                "candidates.": candidates,
-            },
-            # one of each sensor in each sample of the frame that is assessed and not yet passed on
-            lengths={"singles": self._frame_samples * len(self.groups)},
-            whole=(excluding,),
-        )
-
-    def load(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue from a saved state."""
-        super().load(saved)
-        self._window = [Verdict(verdict) for verdict in saved["window"]]
-        self.outliers.load(subset(saved, "outliers."))
-        rows = zip(saved["single_samples"].tolist(), saved["single_sizes"].tolist(), strict=True)
-        self.single_samples = [Outlier(place, group, c, size) for (place, group, c), size in rows]
-        self._candidates = []
-        if candidates := subset(saved, "candidates."):
-            frames = FrameStatistics(*(candidates[name] for name in FrameStatistics.__slots__))
-            self._candidates = [frames[i : i + 1] for i in range(len(frames.mean))]
-        self.baseline.load(subset(saved, "baseline."))

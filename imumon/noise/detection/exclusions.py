@@ -40,11 +40,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 
-from imumon.noise.array_state import ArrayState
 from imumon.noise.detection.detection_rules import ONE_AXIS_SHARE, OUTLIER_EVENT_FRAMES, REFERENCE_SHARE
 from imumon.noise.detection.disturbance import (
     REASONS,
@@ -55,22 +53,19 @@ from imumon.noise.detection.disturbance import (
     Reason,
     ReasonCode,
 )
-from imumon.noise.state_schema import COUNT, SPREAD, VALUE, Schema
 from imumon.samples import Bools, Floats
+from imumon.saved_state import restorable
 
 
-class DisturbanceRecorder(ArrayState):
+@restorable
+class DisturbanceRecorder:
     """Measure the running disturbance of the channels of one detector.
-
-    A running disturbance is not saved: after a restart, the rest of it is reported as one of its own.
 
     Attributes
     ----------
     level, deviation : (c,) channel unit, of the last frame that was passed on undisturbed. Zero before the first: every
         distance is then infinite in units of the noise, and the first channel that moves is named.
     """
-
-    _STATE: ClassVar = {"level": VALUE, "deviation": SPREAD}
 
     def __init__(self, detector: DisturbanceDetector, frame_samples: int) -> None:
         self._channels, self._groups, self._inertial = detector.channels, detector.groups, detector.inertial
@@ -151,7 +146,8 @@ class DisturbanceRecorder(ArrayState):
         return Disturbance(kind, self._start, self._end - self._start, size, channel)
 
 
-class Exclusions(ArrayState):
+@restorable
+class Exclusions:
     """What the guard has excluded.
 
     Parameters
@@ -167,8 +163,6 @@ class Exclusions(ArrayState):
     events : disturbances that ended, in order; the guard empties the list.
     """
 
-    _STATE: ClassVar = {"counts": COUNT, "disturbances": COUNT}
-
     def __init__(
         self, detectors: Sequence[DisturbanceDetector], part_samples: int, frame_samples: int
     ) -> None:
@@ -178,11 +172,6 @@ class Exclusions(ArrayState):
         self.counts = np.zeros(len(REASONS) + 1, dtype=np.int64)
         self.disturbances = 0
         self.events: list[Disturbance] = []
-
-    def schema(self) -> Schema:
-        """Return what a saved state consists of."""
-        rule = ("samples that are excluded without a reason", lambda s: s["counts"][ReasonCode.NONE] == 0)
-        return Schema(super().schema().fields, (rule,))
 
     def mark(self, values: Floats, valid: Bools, codes: Codes, place: int) -> Bools:
         """Mark rows invalid by the codes (parts, g), count them, and follow the disturbances.

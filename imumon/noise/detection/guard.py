@@ -100,11 +100,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import ClassVar
 
 import numpy as np
 
-from imumon.noise.array_state import ArrayState, Rows, subset
 from imumon.noise.detection.detection_rules import FIRST_FRAMES, MARGIN_AFTER, MARGIN_BEFORE, PARTS
 from imumon.noise.detection.disturbance import (
     INERTIAL,
@@ -117,21 +115,11 @@ from imumon.noise.detection.disturbance import (
 )
 from imumon.noise.detection.exclusions import Exclusions
 from imumon.noise.detection.stuck import RepeatDetector, StuckWatch
-from imumon.noise.state_schema import (
-    COUNT,
-    FLAG,
-    Range,
-    Rule,
-    Saved,
-    Schema,
-    count_field,
-    flag_field,
-    given_field,
-)
-from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats
+from imumon.saved_state import restorable
 
 
+@restorable
 class GuardState(Enum):
     """What the guard does with a complete frame."""
 
@@ -173,7 +161,8 @@ class GuardedSamples:
     broken: bool = False
 
 
-class Guard(ArrayState):
+@restorable
+class Guard:
     """Delay line that marks disturbed samples invalid.
 
     Parameters
@@ -187,15 +176,6 @@ class Guard(ArrayState):
     ----------
     sensors, groups : (c,) sensor and group of each channel.
     """
-
-    _STATE: ClassVar = {
-        "_values": Rows("held", Range(-np.inf, np.inf)),  # one that is not valid may be any number
-        "_valid": Rows("held", FLAG),
-        "_saturated": Rows("held", FLAG),
-        "_codes": Rows("parts", Range(0, ReasonCode.STUCK)),
-        "_passed_codes": Range(0, ReasonCode.STUCK),
-        "_place": COUNT,
-    }
 
     def __init__(self, sensors: Sequence[str], rate_hz: float, *, excludes: bool = True) -> None:
         self.sensors, self._rate, self._excludes = tuple(sensors), rate_hz, excludes
@@ -498,102 +478,6 @@ class Guard(ArrayState):
         return out
 
     # ------------------------------------------------------------------ state
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays, without running disturbances and unread events."""
-        out = super().save() | {"sensors": np.array(self.sensors), "rate": np.array(self._rate)}
-        out |= {"excludes": np.array(self._excludes), "breaks": np.array(self._breaks, dtype=np.int64)}
-        out["started"] = np.array(self.state is GuardState.RUNNING)
-        for prefix, member in self._members().items():
-            out |= {prefix + name: value for name, value in member.save().items()}
-        return out
-
-    def schema(self) -> Schema:
-        """Return what a saved state of these sensors consists of.
-
-        A guard that begins holds less than its first frames, and nothing is assessed. One that runs holds an assessed
-        frame or none, and less than a frame behind it.
-        """
-        part, frame, detectors = self._part_samples, self._frame_samples, self._detectors
-        group_of = list(self.groups)
-        fields = {
-            **super().schema().fields,
-            "sensors": given_field(self.sensors),
-            "rate": given_field(self._rate),
-            "excludes": given_field(self._excludes),
-            "breaks": count_field("breaks"),
-            "started": flag_field(),
-        }
-
-        def behind(saved: Saved) -> int:
-            """Return the place behind the assessed samples."""
-            return int(saved["place"]) + len(saved["codes"]) * part
-
-        rules: tuple[Rule, ...] = (
-            (
-                "a valid sample that is too large",
-                lambda s: (
-                    np.abs(s["values"], where=s["valid"][:, group_of], out=np.zeros(s["values"].shape))
-                    <= LARGEST
-                ),
-            ),
-            ("parts of a frame", lambda s: len(s["codes"]) % PARTS == 0),
-            (
-                "frames are not assessed",
-                lambda s: not s["started"] or len(s["values"]) // frame == len(s["codes"]) // PARTS,
-            ),
-            ("more than one assessed frame", lambda s: len(s["codes"]) <= PARTS),
-            ("codes before the first assessment", lambda s: s["started"] or not len(s["codes"])),
-            ("a margin before the first assessment", lambda s: s["started"] or not s["passed_codes"].any()),
-            # unsorted ones would pass samples on twice
-            ("breaks are not in order", lambda s: np.diff(s["breaks"]) >= 0),
-            ("a break behind what is assessed", lambda s: s["breaks"] <= behind(s)),
-        )
-
-        def begins_quiet(saved: Saved) -> bool:
-            """Return whether the guard runs, or no detector excludes anything yet: the first frames come in QUIET."""
-            return bool(saved["started"]) or not any(
-                saved[f"detector{w}.state"] for w in range(len(detectors))
-            )
-
-        def outliers_are_held(saved: Saved) -> bool:
-            """Return whether all outliers that wait are in an assessed sample."""
-            places = [saved[f"detector{w}.single_samples"][:, 0] for w in range(len(detectors))]
-            return all(((p >= saved["place"]) & (p < behind(saved))).all() for p in places)
-
-        return Schema(
-            fields,
-            rules,
-            parts={prefix: member.schema() for prefix, member in self._members().items()},
-            lengths={
-                "held": FIRST_FRAMES * frame - 1,
-                "parts": PARTS,
-                # one behind each frame, and one from before a gap
-                "breaks": FIRST_FRAMES + 1,
-            },
-            whole=(
-                ("a detector excludes before the first assessment", begins_quiet),
-                ("an outlier that is not held", outliers_are_held),
-            ),
-        )
-
-    @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> Guard:
-        """Return a guard that continues from a saved state."""
-        self = cls([str(s) for s in saved["sensors"]], float(saved["rate"]), excludes=bool(saved["excludes"]))
-        self.load(saved)
-        self._breaks = saved["breaks"].tolist()
-        self.state = GuardState.RUNNING if saved["started"] else GuardState.BEGINNING
-        for prefix, member in self._members().items():
-            member.load(subset(saved, prefix))
-        return self
-
-    def _members(self) -> dict[str, ArrayState]:
-        """Return the objects that are saved with the guard, by the prefix of their arrays."""
-        members: dict[str, ArrayState] = {f"detector{w}.": d for w, d in enumerate(self._detectors)}
-        members |= {f"recorder{w}.": r for w, r in enumerate(self._exclusions.recorders)}
-        members |= {"repeats.": self._repeats, "stuck.": self._stuck_watch}
-        return members | {"exclusions.": self._exclusions}
 
 
 def _with_margins(codes: Codes) -> Codes:

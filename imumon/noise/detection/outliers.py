@@ -56,12 +56,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar
 
 import numpy as np
 from scipy.special import fdtri
 
-from imumon.noise.array_state import ArrayState
 from imumon.noise.detection.baseline import gaussian_deviation
 from imumon.noise.detection.detection_rules import (
     COINCIDENCE_FACTOR,
@@ -79,8 +77,8 @@ from imumon.noise.detection.detection_rules import (
     UNUSUAL_SIGMA,
 )
 from imumon.noise.detection.stuck import run_beyond_chance
-from imumon.noise.state_schema import COUNT, FLAG, SQUARE, Range, Rule, Schema
 from imumon.samples import Bools, Floats, Ints
+from imumon.saved_state import restorable
 
 
 class FarSamples(Enum):
@@ -112,7 +110,8 @@ class OutlierSearch:
         return self.far if self.kind is FarSamples.SINGLE else None
 
 
-class OutlierDetector(ArrayState):
+@restorable
+class OutlierDetector:
     """Find the outliers of the sensors on one table, and decide which channels have them as noise.
 
     Parameters
@@ -127,18 +126,6 @@ class OutlierDetector(ArrayState):
     excluded_squares : (c,) (channel unit)^2, sum over the outliers that were excluded, none beyond the reach of a tail.
     """
 
-    _STATE: ClassVar = {
-        "_channel_counts": COUNT,
-        "_sensor_counts": COUNT,
-        "_frames": Range(
-            0, MEMORY_FRAMES - 1
-        ),  # they halve at `MEMORY_FRAMES`: with more, `count` would never end
-        "noise": FLAG,
-        "_tail_frames": COUNT,
-        "tails": FLAG,
-        "excluded_squares": SQUARE,
-    }
-
     def __init__(self, groups: list[int], frame_samples: int) -> None:
         names = list(dict.fromkeys(groups))
         self._members = [[c for c, group in enumerate(groups) if group == name] for name in names]
@@ -151,15 +138,6 @@ class OutlierDetector(ArrayState):
         self._tail_frames = np.zeros((2, len(groups)), dtype=np.int64)
         self.tails = np.zeros(len(groups), dtype=bool)
         self.excluded_squares = np.zeros(len(groups))
-
-    def schema(self) -> Schema:
-        """Return what a saved state of these sensors consists of."""
-        text, length = "more outliers than samples", self._frame_samples
-        rules: tuple[Rule, ...] = (
-            (text, lambda s: s["channel_counts"] <= s["frames"] * length),
-            (text, lambda s: s["sensor_counts"] <= s["frames"] * length),
-        )
-        return Schema(super().schema().fields, rules)
 
     def search(self, distance: Floats, usable: Bools | None, limit: Floats) -> OutlierSearch:
         """Return the far samples of frames, and whether they are outliers.

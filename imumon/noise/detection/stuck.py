@@ -60,11 +60,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import ClassVar
 
 import numpy as np
 
-from imumon.noise.array_state import ArrayState
 from imumon.noise.detection.baseline import frames_to_change
 from imumon.noise.detection.detection_rules import (
     HELD_AXIS_SHARE,
@@ -74,13 +72,14 @@ from imumon.noise.detection.detection_rules import (
     STUCK_SAMPLES,
     UNUSUAL_CHANCE,
 )
-from imumon.noise.state_schema import COUNT, FLAG, VALUE, Range, Schema
 from imumon.samples import Bools, Floats
+from imumon.saved_state import restorable
 
 _NEVER = int(np.iinfo(np.int64).max)  # repeats in a row that no record reaches
 
 
-class RepeatDetector(ArrayState):
+@restorable
+class RepeatDetector:
     """Find groups of channels that repeat whole samples, and axes that repeat their value.
 
     Parameters
@@ -92,17 +91,6 @@ class RepeatDetector(ArrayState):
     ----------
     held : (c,) axes that usually keep their value for many samples while another axis of their sensor changes.
     """
-
-    _STATE: ClassVar = {
-        "_last": VALUE,
-        "_started": FLAG,
-        "_run": COUNT,
-        "_repeats": COUNT,
-        "_samples": COUNT,
-        "_stuck_after": Range(STUCK_SAMPLES, _NEVER),
-        "_frames": COUNT,
-        "held": FLAG,
-    }
 
     def __init__(self, groups: Sequence[int], frame_samples: int) -> None:
         self._channels = [[c for c, g in enumerate(groups) if g == group] for group in range(max(groups) + 1)]
@@ -120,12 +108,6 @@ class RepeatDetector(ArrayState):
     def next_change(self) -> int:
         """Frames until the usual share of repeats changes."""
         return frames_to_change(int(self._frames[0]))
-
-    def schema(self) -> Schema:
-        """Return what a saved state of these groups consists of."""
-        # their quotient is the share of repeats: above 1 it has no logarithm that `run_beyond_chance` could use
-        rule = ("more repeats than samples", lambda s: s["repeats"] <= s["samples"])
-        return Schema(super().schema().fields, (rule,))
 
     def update(self, values: Floats, valid: Bools) -> Bools:
         """Return the rows (n, g) in which a group, or an axis of it, is stuck.
@@ -200,7 +182,8 @@ class RepeatDetector(ArrayState):
         return stuck
 
 
-class StuckWatch(ArrayState):
+@restorable
+class StuckWatch:
     """Follow whether some groups are stuck, and where on the grid that changes.
 
     Parameters
@@ -213,8 +196,6 @@ class StuckWatch(ArrayState):
     stuck : whether one of the groups is stuck now.
     changes : places on the grid where `stuck` changed, and its new value; the guard empties the list.
     """
-
-    _STATE: ClassVar = {"stuck": FLAG}
 
     def __init__(self, groups: Sequence[int], frame_samples: int) -> None:
         self._groups, self._frame_samples = list(groups), frame_samples

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imumon.samples import Floats, Ints
+from imumon.saved_state import restorable
 
 SEGMENT = 256
 """Samples of a segment: bins are 0.6 % to 2 % of their frequency wide, fine enough to leave out a line and little
@@ -51,6 +52,7 @@ random walk. Each is the variance per sample that the waves leave of a walk, ove
 it, a hole of half a segment makes the amplitudes arbitrary."""
 
 
+@restorable
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelSums:
     """Sums of one level over the segments of a record, or of a part of it.
@@ -87,6 +89,7 @@ def sub_bands(level: int) -> Ints:
     return np.arange(FIRST_BIN, last_bin(level), SUB_BAND)
 
 
+@restorable
 class Level:
     """State of one level: its sums, and the samples that wait for the next segment.
 

@@ -50,14 +50,12 @@ when the last segment that begins before it has been added (`stretches.parts`).
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 
 import numpy as np
 
 from imumon.noise.spectrum.half_band import decimated_with_shares
 from imumon.noise.spectrum.level_sums import (
-    BINS,
     FIRST_BIN,
     HANN,
     HANN_POWER,
@@ -72,19 +70,10 @@ from imumon.noise.spectrum.level_sums import (
     sub_bands,
 )
 from imumon.noise.spectrum.power_spectrum import PowerSpectrum, displayed
-from imumon.noise.spectrum.spectrum_rules import LEAST_AVERAGES, MOST_VARIATION
-from imumon.noise.state_schema import (
-    MOST,
-    Range,
-    Rule,
-    Saved,
-    Schema,
-    count_field,
-    float_field,
-    given_field,
-)
-from imumon.noise.validity_groups import LARGEST, LEAST_SHARE, ROUNDING
+from imumon.noise.spectrum.spectrum_rules import MOST_VARIATION
+from imumon.noise.validity_groups import LEAST_SHARE, ROUNDING
 from imumon.samples import Bools, Floats
+from imumon.saved_state import restorable
 
 LEVELS = 38
 """Most levels, and octaves of the Allan curve of a part: 2^37 samples are five years at 800 Hz."""
@@ -92,26 +81,12 @@ LONG_GAP = 1 << 16
 """Samples, longest gap that segments may span; a longer one ends all segments. The zeros of a gap pass all levels,
 which takes as long as samples would: 0.1 s for these, minutes for a gap of a month."""
 
-MOST_WHITE = 1.0 / LEAST_SHARE**2
-"""Relative density of white noise of a segment that counts: the formula of the module with the least mean share."""
-LEVEL_SAMPLES = Range(-100.0 * LARGEST, 100.0 * LARGEST)
-"""Channel unit, samples of a level about the offset: the filters overshoot."""
-LEVEL_SHARES = Range(-10.0, 10.0)
-"""Shares of valid samples, as the filters overshoot."""
-POWERS = Range(0.0, (SEGMENT * LEVEL_SAMPLES.high * MOST_WHITE) ** 2 * MOST)
-"""(channel unit)^2, sums of squared transforms of segments."""
-
-MOST_HOLES = SEGMENT * MOST_WHITE
-"""Greatest density of the shares of a segment that counts: all their squares in one bin, with the least mean share."""
-HOLES = Range(0.0, MOST_HOLES * MOST)
-"""Sums of the densities of shares."""
 
 BATCH_HOPS = 8
 """Hops that are processed together, because each array operation has a fixed cost."""
-COUNTS = ("white", "slow", "averages")
-"""Names of the sums of a level that are one number for each group."""
 
 
+@restorable
 class SpectrumMark:
     """A place in a stream, and the sums of each level over the segments that begin before it.
 
@@ -125,55 +100,8 @@ class SpectrumMark:
         self.start = start
         self.sums: dict[int, LevelSums] = {}
 
-    def save(self, levels: int) -> dict[str, np.ndarray]:
-        """Return the state as arrays, of the first `levels` levels; those of the others are zero if they are known."""
-        known = [s for s in sorted(self.sums) if s < levels]
-        out = {"numbers": np.array([self.start, len(self.sums) == LEVELS, *known], dtype=np.int64)}
-        if known:
-            # level after level: those in which nothing happened between two marks repeat and compress to nothing
-            out["power"] = np.concatenate([self.sums[s].power.ravel() for s in known])
-            out["holes"] = np.concatenate([self.sums[s].holes.ravel() for s in known])
-            counts = [np.stack([getattr(self.sums[s], name) for name in COUNTS]) for s in known]
-            out["counts"] = np.array(counts, dtype=np.float64)
-        return out
 
-    @staticmethod
-    def schema(channels: int, groups: int) -> Schema:
-        """Return what a saved mark consists of."""
-        fields = {
-            "numbers": count_field("numbers"),  # start, complete, and the levels with sums
-            "power": float_field("powers", range=POWERS, optional=True),
-            "holes": float_field("holes", range=HOLES, optional=True),
-            "counts": float_field(
-                "levels", len(COUNTS), groups, range=Range(0.0, MOST_WHITE * MOST), optional=True
-            ),
-        }
-
-        def known(saved: Saved) -> list[int]:
-            return [int(s) for s in saved["numbers"][2:]]
-
-        def bands(saved: Saved) -> int:
-            """Return the number of sub-bands of the known levels."""
-            return sum(sub_bands(s).size for s in known(saved))
-
-        rules: tuple[Rule, ...] = (
-            ("a mark without its place", lambda s: len(s["numbers"]) >= 2),
-            ("neither complete nor incomplete", lambda s: s["numbers"][1] <= 1),
-            ("levels are not in order", lambda s: np.diff(s["numbers"][2:], prepend=-1, append=LEVELS) > 0),
-            ("counts of other levels", lambda s: len(s.get("counts", ())) == len(known(s))),
-            ("powers of other levels", lambda s: len(s.get("power", ())) == channels * bands(s)),
-            ("holes of other levels", lambda s: len(s.get("holes", ())) == groups * bands(s)),
-        )
-        most = LEVELS * sub_bands(0).size
-        lengths = {
-            "numbers": 2 + LEVELS,
-            "powers": channels * most,
-            "holes": groups * most,
-            "levels": LEVELS,
-        }
-        return Schema(fields, rules, lengths=lengths)
-
-
+@restorable
 class SpectrumAccumulator:
     """Cascade of power spectra.
 
@@ -300,59 +228,6 @@ class SpectrumAccumulator:
             last = now if end is None else end.sums.get(s, now)
             out.append(last - begin.sums.get(s, now))
         return out
-
-    def restore_mark(self, saved: Mapping[str, np.ndarray]) -> SpectrumMark:
-        """Return a saved mark, which continues to wait for its sums; the levels are restored already."""
-        start, complete = saved["numbers"][:2].tolist()
-        mark = SpectrumMark(start)
-        mark.sums = self._saved_sums(saved)
-        if complete:
-            self._keep_sums(mark, range(len(self._levels), LEVELS))
-        self._marks.append(mark)
-        return mark
-
-    def _saved_sums(self, saved: Mapping[str, np.ndarray]) -> dict[int, LevelSums]:
-        """Return the sums of a saved mark by level."""
-        levels = saved["numbers"][2:].tolist()
-        ends = np.cumsum([sub_bands(s).size for s in levels])[:-1]
-        sums = {}
-        if levels:
-            powers = np.split(saved["power"], ends * len(self._groups))
-            holes = np.split(saved["holes"], ends * self._g)
-            for s, power, hole, counts in zip(levels, powers, holes, saved["counts"], strict=True):
-                white, slow, averages = counts
-                bands = sub_bands(s).size
-                sums[s] = LevelSums(
-                    power.reshape(-1, bands),
-                    hole.reshape(-1, bands),
-                    white,
-                    slow,
-                    averages.astype(np.int64),
-                )
-        return sums
-
-    def marks_fit(self, marks: Sequence[Mapping[str, np.ndarray]]) -> bool:
-        """Return whether saved marks, each valid by itself, can be marks of this accumulator, in their order.
-
-        Sums rise from mark to mark, up to now: what lies between two of them is not negative. A mark gets its sums
-        before the marks behind it do, so none has sums of a level that the one before it waits for.
-        """
-        later = dict(enumerate(level.sub_sums(s) for s, level in enumerate(self._levels)))
-        known_later: set[int] = set()
-        for saved in reversed(marks):
-            start, complete, *numbers = saved["numbers"].tolist()
-            known = set(numbers)
-            if not known_later <= known <= set(later) or (complete and known != set(later)):
-                return False
-            if not complete and (not self._levels or start > self._levels[0].hops * HOP):
-                return False  # it would wait for a sample that has passed
-            sums = self._saved_sums(saved)
-            for s, before in sums.items():
-                rest = later[s] - before
-                if any((getattr(rest, name) < 0).any() for name in LevelSums.__slots__):
-                    return False
-            later, known_later = {**later, **sums}, known
-        return True
 
     def _keep_sums(self, mark: SpectrumMark, levels: range) -> None:
         """Keep the present sums of those of some levels that a mark waits for."""
@@ -527,116 +402,6 @@ class SpectrumAccumulator:
         slow = (weights > 0.0).astype(np.float64)
         slow[group, segment] = np.maximum(near - scattered, 0.0) * weight / SEGMENT
         level.slow = _sum(level.slow, slow)
-
-    # --- state ----------------------------------------------------------------------------------------
-
-    def save(self, *, least_s: float = 0.0) -> dict[str, np.ndarray]:
-        """Return the state as arrays, without the marks.
-
-        Parameters
-        ----------
-        least_s : s; of waiting hops that are shorter, nothing is saved. They count as missing, which costs one or two
-            segments.
-        """
-        self._process_waiting()
-        out = {
-            "levels": np.array(len(self._levels)),
-            "groups": self._groups.copy(),
-            "rate": np.array(self._rate),
-        }
-        for s, level in enumerate(self._levels):
-            short = HOP * 2**s / self._rate < least_s
-            for name, value in vars(level).items():
-                kept = name in (*LevelSums.__slots__, "hops") or not short
-                if value is not None and name not in ("waiting", "power") and kept:
-                    out[f"{s}.{name}"] = np.array(value)
-            out[f"{s}.power"] = level.power[:, self._kept_bins(s)].copy()
-        return out
-
-    def schema(self) -> Schema:
-        """Return what a saved state of an accumulator with these arguments consists of, without its marks."""
-        fields = {
-            "levels": count_field(high=LEVELS),
-            "groups": given_field(self._groups),
-            "rate": given_field(self._rate),
-        }
-
-        def hops_fit(saved: Saved) -> bool:
-            """Return whether each level has half as many hops as the one above it."""
-            hops = [int(saved[f"{s}.hops"]) for s in range(int(saved["levels"]))]
-            if hops and len(hops) < LEVELS:
-                hops.append(0)  # a level begins with its first hop
-            return all(above // 2 == below for above, below in pairwise(hops))
-
-        return Schema(
-            fields,
-            parts=lambda saved: {f"{s}.": self._level_schema(s) for s in range(int(saved["levels"]))},
-            # otherwise the segments of two levels would not lie on one grid
-            whole=(("hops that the level above does not have", hops_fit),),
-        )
-
-    def _level_schema(self, s: int) -> Schema:
-        """Return what the saved level s consists of."""
-        c, g, of = len(self._groups), self._g, self._groups
-        end = last_bin(s) + 1 if s else BINS
-        samples, shares = LEVEL_SAMPLES, LEVEL_SHARES
-        fields = {
-            "power": float_field(c, "bins", range=POWERS),
-            "white": float_field(g, range=Range(0.0, MOST_WHITE * MOST)),
-            "slow": float_field(g, range=Range(0.0, MOST_WHITE * MOST)),
-            "holes": float_field(g, sub_bands(s).size, range=HOLES),
-            "averages": count_field(g),
-            "hops": count_field(),
-            "last": float_field(c, HOP, range=samples, optional=True),
-            "last_share": float_field(g, HOP, range=shares, optional=True),
-            "half": float_field(c, HOP // 2, range=samples, optional=True),
-            "half_share": float_field(g, HOP // 2, range=shares, optional=True),
-        }
-        rules: tuple[Rule, ...] = (
-            ("other bins than those of the level", lambda s: s["power"].shape[1] in (end, end - FIRST_BIN)),
-            ("power without a segment", lambda s: (s["power"].T == 0.0) | (s["averages"][of] > 0)),
-            ("white noise without a segment", lambda s: s["white"] <= s["averages"] * MOST_WHITE),
-            ("slow noise without a segment", lambda s: s["slow"] <= s["averages"] * MOST_WHITE),
-            # the likelihood divides by it
-            ("a segment without white noise", lambda s: (s["white"] > 0.0) == (s["averages"] > 0)),
-            ("holes without a segment", lambda s: MOST_HOLES * s["averages"] >= s["holes"].T),
-            ("a hop that is not counted", lambda s: "last" not in s or s["hops"] > 0),
-            ("half a hop too many", lambda s: "half" not in s or ("last" in s and s["hops"] % 2 == 1)),
-            ("shares of no samples", lambda s: "last_share" not in s or "last" in s),
-            ("shares of no half hop", lambda s: "half_share" not in s or "half" in s),
-        )
-        return Schema(fields, rules, lengths={"bins": BINS})
-
-    @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> SpectrumAccumulator:
-        """Return an accumulator that continues from a saved state."""
-        self = cls(saved["groups"].tolist(), float(saved["rate"]))
-        self._levels = [Level(s, len(self._groups), self._g) for s in range(int(saved["levels"]))]
-        for s, level in enumerate(self._levels):
-            power = saved[f"{s}.power"]
-            end = last_bin(s) + 1 if s else BINS
-            level.power[:, end - power.shape[1] : end] = power
-            for name in vars(level):
-                if f"{s}.{name}" in saved and name != "power":
-                    value = saved[f"{s}.{name}"]
-                    setattr(level, name, int(value) if name == "hops" else value.copy())
-            if level.last is None:
-                self._missing_before(level)
-        return self
-
-    def _kept_bins(self, s: int) -> slice:
-        """Return the bins of a level that are saved: the lower ones only as long as no level below shows them."""
-        below = self._levels[s + 1].averages.max() if s + 1 < len(self._levels) else 0
-        return slice(FIRST_BIN if below >= LEAST_AVERAGES else 0, last_bin(s) + 1 if s else BINS)
-
-    def _missing_before(self, level: Level) -> None:
-        """Count what was not saved as missing: without it, later hops would not lie on the grid of the level."""
-        if not level.hops:
-            return
-        c = len(self._groups)
-        level.last, level.last_share = np.zeros((c, HOP)), np.zeros((self._g, HOP))
-        if level.hops % 2:
-            level.half, level.half_share = np.zeros((c, HOP // 2)), np.zeros((self._g, HOP // 2))
 
 
 def _sum(total: Floats, values: Floats) -> Floats:

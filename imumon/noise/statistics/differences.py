@@ -16,23 +16,12 @@ chunking.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtri
 
-from imumon.noise.state_schema import (
-    MOST,
-    Field,
-    Range,
-    Saved,
-    Schema,
-    count_field,
-    flag_field,
-    float_field,
-    given_field,
-)
 from imumon.noise.statistics.distribution_rules import (
     FEW_LEVELS,
     LEARN_SAMPLES,
@@ -41,8 +30,8 @@ from imumon.noise.statistics.distribution_rules import (
     MOMENT_ERRORS,
     REPEATED,
 )
-from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats
+from imumon.saved_state import restorable
 
 PER_OCTAVE, BINS = 16, 1024
 """Bins in an octave, within which the density is taken as even: an error of 0.1 % of the median. And in all."""
@@ -76,6 +65,7 @@ class RobustDeviation:
     disagrees: bool
 
 
+@restorable
 class DifferenceAccumulator:
     """Distribution and moments of the differences of neighbouring samples.
 
@@ -200,63 +190,6 @@ class DifferenceAccumulator:
         # at least 5 %: with a million samples, any small difference is significant
         ratio = sigma / robust
         return RobustDeviation(robust, ratio, ratio > 1.0 + max(LEAST_EXCESS, MOMENT_ERRORS * error))
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays."""
-        channel, place = np.nonzero(self._counts)
-        return {
-            "index": np.array(self._index),
-            "places": (channel * BINS + place).astype(np.int32),
-            "counts": self._counts[channel, place],
-            "groups": self._groups.copy(),
-            "sums": self._sums.copy(),
-            "last": self._last.copy(),
-            "last_valid": self._last_valid.copy(),
-        }
-
-    def schema(self) -> Schema:
-        """Return what a saved state of these channels consists of."""
-        c, g = len(self._groups), self._last_valid.shape[1]
-        fields = {
-            "index": count_field(),
-            "places": Field(np.int32, ("used",), Range(0, c * BINS - 1)),
-            "counts": Field(np.int64, ("used",), Range(1, MOST)),
-            "groups": given_field(self._groups),
-            "sums": float_field(c, 2, range=Range(0.0, 16.0 * LARGEST**4 * MOST)),
-            # the newest sample may be an invalid one, which may be anything
-            "last": float_field("row", c, range=Range(-math.inf, math.inf, nan=True, inf=True)),
-            "last_valid": flag_field("row", g),
-        }
-
-        def counted(saved: Saved) -> Floats:
-            """Return (c,) the number of differences."""
-            total = np.bincount(saved["places"] // BINS, saved["counts"], minlength=c)
-            return np.asarray(total, dtype=np.float64)
-
-        return Schema(
-            fields,
-            (
-                ("bins are not in order", lambda s: np.diff(s["places"]) > 0),
-                ("more differences than samples", lambda s: counted(s) <= s["index"]),
-                ("a sum without a difference", lambda s: (s["sums"] == 0.0) | (counted(s) > 0)[:, None]),
-                # of n numbers, the sum of squares is at most the square of the sum
-                (
-                    "a fourth power exceeds the squares",
-                    lambda s: s["sums"][:, 1] <= (1.0 + 1e-9) * s["sums"][:, 0] ** 2 + 1e-300,
-                ),
-            ),
-            lengths={"used": c * BINS, "row": 1},
-        )
-
-    @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> DifferenceAccumulator:
-        """Return an accumulator that continues from a saved state."""
-        self = cls(saved["groups"].tolist())
-        self._index = int(saved["index"])
-        self._counts.reshape(-1)[saved["places"]] = saved["counts"]
-        self._sums, self._last = saved["sums"].copy(), saved["last"].copy()
-        self._last_valid = saved["last_valid"].copy()
-        return self
 
 
 def _edges() -> Floats:

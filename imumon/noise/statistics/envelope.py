@@ -9,16 +9,14 @@ Columns lie on the sample grid: any chunking gives the same columns, and a gap l
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from imumon.noise.array_state import ArrayState
-from imumon.noise.state_schema import COUNT, MOST, SQUARE, Range, Schema, given_field
 from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats, Ints
+from imumon.saved_state import restorable
 from imumon.units import HOUR, MINUTE
 
 RECENT_COLUMNS = 120
@@ -27,8 +25,6 @@ COLUMN_S = MINUTE / RECENT_COLUMNS
 """s, length of a column of the last minute."""
 HOUR_COLUMN = round(HOUR / MINUTE)
 """Columns of the minute in one of the hour."""
-UNKNOWN_VALUE = Range(-LARGEST, LARGEST, nan=True)
-"""Channel unit; unknown without a sample."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +59,8 @@ class RecentStatistics:
     std: Floats
 
 
-class Envelope(ArrayState):
+@restorable
+class Envelope:
     """Columns of the last minute, the last hour, and everything.
 
     Parameters
@@ -71,17 +68,6 @@ class Envelope(ArrayState):
     groups : (c,) group of each channel, 0 ... g-1; the channels of a group share their validity.
     rate_hz : Hz, sampling rate.
     """
-
-    _STATE: ClassVar = {
-        "column": COUNT,
-        "_n": COUNT,
-        "_offset": UNKNOWN_VALUE,
-        "_minute": UNKNOWN_VALUE,
-        "_sums": Range(-SQUARE.high, SQUARE.high),
-        "_hour": UNKNOWN_VALUE,
-        "_all": UNKNOWN_VALUE,
-        "_wide": Range(1, MOST),
-    }
 
     def __init__(self, groups: Sequence[int], rate_hz: float) -> None:
         self._groups = list(groups)
@@ -186,48 +172,6 @@ class Envelope(ArrayState):
             mean = total / count
             variance = np.where(count > 1, (square - count * mean**2) / (count - 1), np.nan)
         return RecentStatistics(count, mean + self._offset, np.sqrt(np.maximum(variance, 0.0)))
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays."""
-        return super().save() | {"groups": np.array(self._groups)}
-
-    def schema(self) -> Schema:
-        """Return what a saved state of an envelope with these arguments consists of."""
-        fields = {
-            **super().schema().fields,
-            "groups": given_field(self._groups),
-            "column": given_field(self.column),
-        }
-
-        def in_order(columns: Floats) -> Bools:
-            return ~(columns[:, 0] > columns[:, 1])  # unknown ones are in order
-
-        return Schema(
-            fields,
-            (
-                *(
-                    ("a minimum is above the maximum", lambda s, name=name: in_order(s[name]))
-                    for name in ("minute", "hour", "all")
-                ),
-                (
-                    "a column has more samples than it is long",
-                    lambda s: (s["sums"][:, 0] <= s["column"]) & ~(s["sums"][:, 0] < 0.0),
-                ),
-                ("a negative square", lambda s: s["sums"][:, 2] >= 0.0),
-                ("columns of everything are no power of two", lambda s: int(s["wide"]).bit_count() == 1),
-                (
-                    "columns of everything are too short",
-                    lambda s: (s["n"] - 1) // s["column"] // s["wide"] < 2 * RECENT_COLUMNS,
-                ),
-            ),
-        )
-
-    @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> Envelope:
-        """Return an envelope that continues from a saved state."""
-        self = cls(saved["groups"].tolist(), 1.0)
-        self.load(saved)
-        return self
 
 
 def _coarser(extremes: Floats, wide: int, first: int, k: int) -> Floats:

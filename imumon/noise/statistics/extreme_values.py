@@ -19,12 +19,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from imumon.noise.array_state import ArrayState
-from imumon.noise.state_schema import COUNT, FLAG, Range
 from imumon.noise.statistics.distribution_rules import (
     ABOVE_NEXT,
     LEAST_LEVELS,
@@ -34,8 +31,8 @@ from imumon.noise.statistics.distribution_rules import (
 )
 from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.statistics.histogram import ROUNDED_GAP
-from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats
+from imumon.saved_state import restorable
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,19 +71,14 @@ def _gathers(visits: int, beside: float, within: float) -> bool:
     return visits >= LEAST_VISITS and visits > more and falls
 
 
-class ExtremeVisits(ArrayState):
+@restorable
+class ExtremeVisits:
     """Extremes of some channels and their visits.
 
     Parameters
     ----------
     groups : (c,) group of each channel, 0 ... g-1; the channels of a group share their validity.
     """
-
-    _STATE: ClassVar = {
-        "_values": Range(-LARGEST, LARGEST, nan=True),
-        "_visits": COUNT,
-        "_there": FLAG,
-    }
 
     def __init__(self, groups: Sequence[int]) -> None:
         self._groups = list(groups)

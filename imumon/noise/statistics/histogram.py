@@ -10,17 +10,15 @@ samples at once.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Sequence
 
 import numpy as np
 
-from imumon.noise.array_state import ArrayState
-from imumon.noise.state_schema import COUNT, FLAG, Range, Schema, flag_field, float_field, given_field
 from imumon.noise.statistics.distribution_rules import FEW_LEVELS, LEARN_SAMPLES
 from imumon.noise.statistics.distribution_shape import DistributionShape, assessed
 from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats, Ints
+from imumon.saved_state import restorable
 
 HISTOGRAM_BINS = 256
 """Bins of a channel: at least half of them are in use."""
@@ -32,29 +30,16 @@ MOST_MULTIPLE = 1e6
 """Steps, largest difference with which a step is recognised: beyond, any number is a multiple."""
 PRECISE_BITS = 44
 """Bits of a place on the lattice that are exact: a float has 53, and sums of places need some."""
-EXPONENTS = Range(-math.log2(LARGEST) - 2 * PRECISE_BITS, 2 * math.log2(LARGEST) + PRECISE_BITS)
-"""Binary logarithms of the width of a bin over the unit: of values from 1e-30 to `LARGEST` in units of a step."""
-PLACES = 1 << (PRECISE_BITS + 2)
-"""Greatest number of a bin on the lattice."""
 
 
-class HistogramAccumulator(ArrayState):
+@restorable
+class HistogramAccumulator:
     """Histograms of some channels.
 
     Parameters
     ----------
     groups : (c,) group of each channel, 0 ... g-1; the channels of a group share their validity.
     """
-
-    _STATE: ClassVar = {
-        "_step": Range(0.0, 2.0 * LARGEST),
-        "_unit": Range(1.0 / LARGEST, 2.0 * LARGEST),
-        "_exponent": EXPONENTS,
-        "_low": Range(-PLACES, PLACES),
-        "_counts": COUNT,
-        "_started": FLAG,
-        "_holding": Range(0, LEARN_SAMPLES),
-    }
 
     def __init__(self, groups: Sequence[int]) -> None:
         self._groups = list(groups)
@@ -194,65 +179,6 @@ class HistogramAccumulator(ArrayState):
         step = float(self._step[c]) or None
         start = (int(self._low[c]) + int(used[0])) * width - (0.5 * step if step else 0.0)
         return assessed(start, width, counts, step or _sparse(counts, width))
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays."""
-        out = super().save() | {"groups": np.array(self._groups)}
-        if self._held:
-            g = max(self._groups) + 1
-            out["held"] = np.concatenate([v for v, _ in self._held])
-            out["held_valid"] = np.concatenate(
-                [np.ones((len(v), g), dtype=bool) if ok is None else ok for v, ok in self._held]
-            )
-        return out
-
-    def schema(self) -> Schema:
-        """Return what a saved state of these channels consists of."""
-        c, g, group_of = len(self._groups), max(self._groups, default=-1) + 1, self._groups
-        # an invalid sample may be anything
-        anything = Range(-math.inf, math.inf, nan=True, inf=True)
-        fields = {
-            **super().schema().fields,
-            "groups": given_field(self._groups),
-            "held": float_field("held", c, range=anything, optional=True),
-            "held_valid": flag_field("held", g, optional=True),
-        }
-        return Schema(
-            fields,
-            (
-                (
-                    "a unit that is not the step",
-                    lambda s: s["unit"] == np.where(s["step"] > 0.0, s["step"], 1.0),
-                ),
-                ("counts before the first sample", lambda s: (s["counts"].sum(axis=1) > 0) <= s["started"]),
-                (
-                    "channels of one group have other counts",
-                    lambda s: np.diff(s["counts"].sum(axis=1))[np.diff(s["groups"]) == 0] == 0,
-                ),
-                (
-                    "samples that are held back and counted",
-                    lambda s: (
-                        len(s.get("held", ())) == s["holding"] % LEARN_SAMPLES == len(s.get("held_valid", ()))
-                    ),
-                ),
-                ("counts while samples are held back", lambda s: "held" not in s or not s["counts"].any()),
-                (
-                    "a sample that is too large",
-                    lambda s: (
-                        "held" not in s or (np.abs(s["held"]) < LARGEST) | ~s["held_valid"][:, group_of]
-                    ),
-                ),
-            ),
-            lengths={"held": LEARN_SAMPLES - 1},
-        )
-
-    @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> HistogramAccumulator:
-        """Return an accumulator that continues from a saved state."""
-        self = cls(saved["groups"].tolist())
-        self.load(saved)
-        self._held = [(saved["held"], saved["held_valid"])] if "held" in saved else []
-        return self
 
 
 def quantum(x: Floats) -> float:

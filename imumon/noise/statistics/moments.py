@@ -9,89 +9,18 @@ changes has a deviation of exactly zero.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import chdtri
 
-from imumon.noise.array_state import ArrayState
-from imumon.noise.state_schema import COUNT, MOST, SQUARE, VALUE, Range, Rule, Saved, Schema, given_field
-from imumon.noise.validity_groups import LARGEST, ValidityGroups
+from imumon.noise.validity_groups import ValidityGroups
 from imumon.samples import Bools, Floats, Ints
+from imumon.saved_state import restorable
 
 BATCH = 16384
 """Samples that are reduced together: their work arrays fit into the cache of the processor."""
-THIRD_POWERS, FOURTH_POWERS = 8.0 * LARGEST**3 * MOST, 16.0 * LARGEST**4 * MOST
-"""Powers of the channel unit: no sum of powers of deviations is larger."""
-ROUNDED = 1e-6
-"""Relative error that rounding may leave in a saved moment: far more than it does, and far less than matters."""
-
-
-def _squares(saved: Saved) -> Floats:
-    return np.asarray(np.diagonal(saved["comoment"]), dtype=np.float64)
-
-
-def _extent(saved: Saved) -> Floats:
-    """Return (c,) the difference of the extremes; 0.0 without a sample."""
-    return np.where(saved["count"] > 0, saved["max"] - saved["min"], 0.0)
-
-
-MOMENT_RULES: tuple[Rule, ...] = (
-    ("channels of one group have other counts", lambda s: np.diff(s["count"])[np.diff(s["group"]) == 0] == 0),
-    ("a minimum is above the maximum", lambda s: (s["min"] <= s["max"]) | (s["count"] == 0)),
-    (
-        "extremes without a sample",
-        lambda s: (s["count"] > 0) | (np.isposinf(s["min"]) & np.isneginf(s["max"])),
-    ),
-    ("an infinite extreme", lambda s: (s["count"] == 0) | (np.isfinite(s["min"]) & np.isfinite(s["max"]))),
-    (
-        "a sample lies outside of the extremes",
-        lambda s: (
-            (s["count"] == 0)
-            | (
-                (s["min"] <= s["last"])
-                & (s["last"] <= s["max"])
-                & (s["min"] <= s["origin"])
-                & (s["origin"] <= s["max"])
-            )
-        ),
-    ),
-    (
-        "a mean lies outside of the extremes",
-        lambda s: np.abs(s["mean"]) <= (1.0 + ROUNDED) * _extent(s) + ROUNDED * np.abs(s["origin"]),
-    ),
-    # a quarter is the bound of a variance by the extremes (Popoviciu, Mathematica 9, 1935)
-    (
-        "a spread is wider than the extremes",
-        lambda s: (
-            (_squares(s) >= 0.0)
-            & (
-                _squares(s)
-                <= (0.25 + ROUNDED) * s["count"] * (_extent(s) + ROUNDED * np.abs(s["origin"])) ** 2
-            )
-        ),
-    ),
-    # E[d^2]^2 <= E[d^4] and E[d^3]^2 <= E[d^2] E[d^4] (Cauchy and Schwarz)
-    (
-        "a fourth power is too small for the squares",
-        lambda s: s["count"] * s["fourth"] >= (1.0 - ROUNDED) * _squares(s) ** 2 - 1e-300,
-    ),
-    (
-        "a third power is too large",
-        lambda s: (
-            np.abs(s["third"]) <= (1.0 + ROUNDED) * np.sqrt(_squares(s)) * np.sqrt(s["fourth"]) + 1e-200
-        ),
-    ),
-    (
-        "a product of two channels exceeds their squares",
-        lambda s: (
-            np.abs(s["comoment"]) <= (1.0 + ROUNDED) * np.sqrt(np.outer(_squares(s), _squares(s))) + 1e-300
-        ),
-    ),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +75,8 @@ def deviation_limits(deviation: float, dof: float, tail: float = 0.025) -> tuple
     return low, high
 
 
-class Moments(ArrayState):
+@restorable
+class Moments:
     """Running moments of a stream.
 
     Parameters
@@ -163,18 +93,6 @@ class Moments(ArrayState):
     >>> x.count, x.mean, round(x.std, 6), x.min, x.last
     (4, 4.0, 2.94392, 1.0, 7.0)
     """
-
-    _STATE: ClassVar = {
-        "_count": COUNT,
-        "_origin": VALUE,
-        "_mean": Range(-2.0 * LARGEST, 2.0 * LARGEST),
-        "_comoment": Range(-SQUARE.high, SQUARE.high),
-        "_third": Range(-THIRD_POWERS, THIRD_POWERS),
-        "_fourth": Range(0.0, FOURTH_POWERS),
-        "_min": Range(-LARGEST, LARGEST, inf=True),
-        "_max": Range(-LARGEST, LARGEST, inf=True),
-        "_last": VALUE,
-    }
 
     def __init__(self, channels: int, groups: Sequence[int] | None = None) -> None:
         self._groups = ValidityGroups(channels, groups)
@@ -230,23 +148,6 @@ class Moments(ArrayState):
             covariance.append(self._comoment[c, c] / (n - 1) if n > 1 else None)
         channels = tuple(self._channel(c) for c in range(self._groups.channels))
         return MomentsResult(channels=channels, covariance=tuple(covariance))
-
-    def save(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the state as small arrays."""
-        return super().save() | {"group": self._groups.of.astype(np.int64)}
-
-    def schema(self) -> Schema:
-        """Return what a saved state of these channels consists of."""
-        fields = {**super().schema().fields, "group": given_field(self._groups.of.astype(np.int64))}
-        return Schema(fields, MOMENT_RULES)
-
-    @classmethod
-    def restore(cls, state: Mapping[str, npt.NDArray[Any]]) -> Moments:
-        """Return moments that continue from a saved state."""
-        groups = [int(g) for g in state["group"]]
-        self = cls(len(groups), groups)
-        self.load(state)
-        return self
 
     def _channel(self, c: int) -> ChannelMoments:
         n = int(self._count[c])

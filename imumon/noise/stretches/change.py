@@ -20,11 +20,13 @@ from dataclasses import dataclass
 
 from imumon.coefficients import LIMIT_95, Estimate
 from imumon.noise.stretches.stretch_rules import CHANGE_SIGMA, LEAST_CHANGE_B, LEAST_CHANGE_N
+from imumon.saved_state import restorable
 
 LEAST_CHANGE = {"N": LEAST_CHANGE_N, "B": LEAST_CHANGE_B}
 """Relative changes of the coefficients that are compared, below which one does not matter."""
 
 
+@restorable
 @dataclass(frozen=True, slots=True)
 class CoefficientChange:
     """A significant change of a coefficient.

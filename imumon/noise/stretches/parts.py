@@ -41,32 +41,30 @@ has processed all samples. So any chunking gives the same sums.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.allan.curve import AllanSums
-from imumon.noise.array_state import subset
 from imumon.noise.blocks import BlockAccumulator, BlockMeans
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.spectrum import PowerSpectrum, SpectrumAccumulator
+from imumon.noise.spectrum import PowerSpectrum
 from imumon.noise.spectrum.spectrum_accumulator import LEVELS, SpectrumMark
-from imumon.noise.state_schema import Rule, Saved, Schema, count_field
 from imumon.noise.statistics.moments import Moments
 from imumon.samples import Bools, Floats
+from imumon.saved_state import restorable
 
 FINER_BLOCKS = 256
 """Most finer blocks of a part, a quarter of those of a record: for the memory; B loses 3 %."""
-MOST_MARKS = 64
-"""Marks of a record; those of the longest are a third: candidates of a warm-up, quarters, stretches and the begin."""
 NEVER = 1 << 62
 """Samples, a place beyond any record."""
 
 
+@restorable
 class OctaveSnapshots:
     """Sums of the octaves over the differences that begin before a place, each taken when it is complete.
 
@@ -119,51 +117,8 @@ class OctaveSnapshots:
         section = cascade.section_start
         return section - (-(self.sums.span + (2 << octave) - section) // BLOCK) * BLOCK
 
-    def save(self, octaves: int) -> dict[str, np.ndarray]:
-        """Return the state as arrays; octaves from `octaves` on have no sums yet."""
-        known = replace(
-            self.sums,
-            squares=self.sums.squares[:octaves],
-            terms=self.sums.terms[:octaves],
-            white_excess=self.sums.white_excess[:octaves],
-        )
-        return {"complete": np.array(self.complete), **known.save()}
 
-    @staticmethod
-    def schema(channels: int) -> Schema:
-        """Return what saved snapshots consist of."""
-        sums = AllanSums.schema(channels, LEVELS)
-        fields = {"complete": count_field(high=LEVELS), **sums.fields}
-
-        def later(saved: Saved, rows: np.ndarray) -> bool:
-            """Return whether one of the rows of octaves that are not complete has a sum."""
-            return bool(rows[int(saved["complete"]) :].any())
-
-        rules: tuple[Rule, ...] = (
-            *sums.rules,
-            ("squares of octaves that are not complete", lambda s: not later(s, s["squares"])),
-            (
-                "counts of octaves that are not complete",
-                lambda s: not any(later(s, rows) for rows in np.split(s["counts"][:-1], 2)),
-            ),
-        )
-        return replace(sums, fields=fields, rules=rules, optional=True)
-
-    @classmethod
-    def restore(cls, saved: Mapping[str, np.ndarray]) -> OctaveSnapshots:
-        """Return the snapshots in a saved state."""
-        self, known = cls.__new__(cls), AllanSums.restore(saved)
-        missing = ((0, LEVELS - len(known.squares)), (0, 0))
-        self.sums = replace(
-            known,
-            squares=np.pad(known.squares, missing),
-            terms=np.pad(known.terms, missing),
-            white_excess=np.pad(known.white_excess, missing),
-        )
-        self.complete = int(saved["complete"])
-        return self
-
-
+@restorable
 @dataclass(slots=True, eq=False)
 class Mark:
     """A place in a record at which a part may begin or end.
@@ -184,6 +139,7 @@ class Mark:
     finer: BlockAccumulator | None = None
 
 
+@restorable
 class RecordParts:
     """Sums of a record and of its parts.
 
@@ -199,6 +155,8 @@ class RecordParts:
     ----------
     cascade : of `columns`, over the whole record.
     """
+
+    NOT_SAVED: ClassVar = {"_spectrum": lambda: None}
 
     def __init__(self, groups: Sequence[int], columns: Sequence[int], interval_s: float) -> None:
         self._groups, self._columns = list(groups), list(columns)
@@ -352,127 +310,3 @@ class RecordParts:
 
     def _first_due(self) -> int:
         return min((octaves.next_due(self.cascade) for octaves in self._octaves()), default=NEVER)
-
-    # --- state ----------------------------------------------------------------------------------------
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays."""
-        out = {f"cascade.{name}": array for name, array in self.cascade.save().items()}
-        out["places"] = np.array(list(self._marks), dtype=np.int64)
-        octaves, levels = len(self.cascade.block_sums().squares), self.cascade.spectrum.levels
-        for number, mark in enumerate(self._marks.values()):
-            saved = {
-                "levels": mark.levels.save(levels),
-                "moments": mark.moments.save(),
-                "octaves": {} if mark.octaves is None else mark.octaves.save(octaves),
-                "finer": {} if mark.finer is None else mark.finer.save(),
-            }
-            out[f"mark{number}.block_position"] = np.array(mark.block_position)
-            for part, arrays in saved.items():
-                out |= {f"mark{number}.{part}.{name}": array for name, array in arrays.items()}
-        return out
-
-    def schema(self) -> Schema:
-        """Return what saved parts of a record with these arguments consist of.
-
-        The sums of a part are differences of snapshots: each must be at most that of the next mark, and that of now,
-        or a part would have less than nothing.
-        """
-        of, columns = self.cascade.groups.of.tolist(), len(self._columns)
-        mark = Schema(
-            {"block_position": count_field()},
-            parts={
-                "levels.": SpectrumMark.schema(columns, len(self._used_groups)),
-                "moments.": Moments(len(self._groups), groups=self._groups).schema(),
-                "octaves.": OctaveSnapshots.schema(columns),
-                "finer.": replace(
-                    BlockAccumulator(of, self.cascade.tau0, FINER_BLOCKS).schema(), optional=True
-                ),
-            },
-        )
-        rules: tuple[Rule, ...] = (
-            ("the begin is not marked", lambda s: s["places"][:1].tolist() == [0]),
-            ("marks are not in order", lambda s: np.diff(s["places"]) > 0),
-        )
-        return Schema(
-            {"places": count_field("marks")},
-            rules,
-            parts=lambda s: {
-                "cascade.": self.cascade.schema(),
-                **{f"mark{number}.": mark for number in range(len(s["places"]))},
-            },
-            lengths={"marks": MOST_MARKS},
-            whole=(
-                ("a mark behind the newest sample", lambda s: s["places"][-1] <= saved_position(s)),
-                ("a mark behind the newest block", _blocks_in_order),
-                ("more samples behind a mark than up to the next one", _moments_fit),
-                ("more differences before a mark than in all", _octaves_fit),
-                ("more segments before a mark than before the next one", _levels_fit),
-            ),
-        )
-
-    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue from a saved state; the object is new and has the same arguments."""
-        self.cascade = OctaveCascade.restore(subset(saved, "cascade."))
-        self._marks, self._spectrum = {}, None
-        for number, place in enumerate(saved["places"].tolist()):
-            state = subset(saved, f"mark{number}.")
-            mark = Mark(
-                self.cascade.spectrum.restore_mark(subset(state, "levels.")),
-                int(state["block_position"]),
-                Moments.restore(subset(state, "moments.")),
-            )
-            if octaves := subset(state, "octaves."):
-                mark.octaves = OctaveSnapshots.restore(octaves)
-            if finer := subset(state, "finer."):
-                mark.finer = BlockAccumulator.restore(finer)
-                self.cascade.finer_blocks.append(mark.finer)
-            self._marks[place] = mark
-        self._next_snapshot = self._first_due()
-
-
-# --- rules between the parts of a saved state, all of which are valid by themselves -----------------------
-
-
-def saved_position(saved: Saved, prefix: str = "") -> int:
-    """Return the samples of the grid in the saved state of the parts of a record, whose names have a prefix."""
-    ended, _, position = saved[f"{prefix}cascade.numbers"].tolist()
-    return int(ended + position + saved[f"{prefix}cascade.pending"].shape[1])
-
-
-def _blocks_in_order(saved: Saved) -> bool:
-    """Return whether the places of the marks in the blocks of the record rise, up to the newest one."""
-    positions = [int(saved[f"mark{number}.block_position"]) for number in range(len(saved["places"]))]
-    positions.append(int(saved["cascade.blocks.numbers"][0]))
-    return all(before <= behind for before, behind in pairwise(positions))
-
-
-def _moments_fit(saved: Saved) -> bool:
-    """Return whether there are at most as many samples behind a mark as places up to the next one."""
-    places = [*saved["places"].tolist(), saved_position(saved)]
-    return all(
-        (saved[f"mark{number}.moments.count"] <= end - begin).all()
-        for number, (begin, end) in enumerate(pairwise(places))
-    )
-
-
-def _octaves_fit(saved: Saved) -> bool:
-    """Return whether the sums of the octaves before each mark are part of those of now, and lie at the mark."""
-    of, sections = saved["cascade.group"], saved["cascade.numbers"][1] + (saved["cascade.numbers"][2] > 0)
-    terms, excess = saved["cascade.terms"][:, of], saved["cascade.white_excess"][:, of]
-    valid, span = saved["cascade.valid"][of], saved_position(saved)
-    now = AllanSums(saved["cascade.squares"], terms, excess, valid, span, int(sections))
-    for number, place in enumerate(saved["places"].tolist()):
-        if f"mark{number}.octaves.complete" in saved:
-            before = OctaveSnapshots.restore(subset(saved, f"mark{number}.octaves.")).sums
-            # the place itself may lie in a block that has not passed the octaves
-            if not 0 <= place - before.span < BLOCK or not now.includes(before):
-                return False
-    return True
-
-
-def _levels_fit(saved: Saved) -> bool:
-    """Return whether the sums of each level of the spectrum rise from mark to mark, up to now."""
-    spectrum = SpectrumAccumulator.restore(subset(saved, "cascade.spectrum."))
-    marks = [subset(saved, f"mark{number}.levels.") for number in range(len(saved["places"]))]
-    return spectrum.marks_fit(marks)

@@ -14,7 +14,6 @@ long enough there are 5 to 8 marks, hence 4 to 7 equal lengths between them, and
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -24,9 +23,9 @@ from imumon.coefficients import QUARTERS, Estimate, Excess
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.fit.fit_rules import NEGLECTED_P
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.state_schema import Rule, Schema, count_field
 from imumon.noise.stretches.parts import RecordParts
 from imumon.samples import Floats
+from imumon.saved_state import restorable
 
 SHORTEST_S = 8.0
 """s, shortest distance of two marks: a quarter must be long enough for N."""
@@ -95,6 +94,7 @@ def contradict(one: Estimate, two: Estimate) -> bool:
     return one.low > two.high or two.low > one.high
 
 
+@restorable
 class Quarters:
     """Marks at equal distances in a record.
 
@@ -140,27 +140,3 @@ class Quarters:
             (self._parts.sums(begin, end), end - begin)
             for begin, end in pairwise(self.places[border] for border in borders)
         ]
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays; the marks are saved with the parts."""
-        return {"length": np.array(self._length), "places": np.array(self.places, dtype=np.int64)}
-
-    def schema(self) -> Schema:
-        """Return what saved quarters of a record with these arguments consist of."""
-        shortest = self._shortest
-
-        def is_doubled(length: int) -> bool:
-            """Return whether the shortest length has been doubled to this one."""
-            return length % shortest == 0 and (length // shortest).bit_count() == 1
-
-        rules: tuple[Rule, ...] = (
-            ("no place", lambda s: len(s["places"]) > 0),
-            ("a length that no quarter has", lambda s: is_doubled(int(s["length"]))),
-            ("places of other lengths", lambda s: np.diff(s["places"]) == s["length"]),
-        )
-        fields = {"length": count_field(), "places": count_field("places")}
-        return Schema(fields, rules, lengths={"places": 2 * QUARTERS})
-
-    def load(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue from a saved state; the parts are restored already."""
-        self._length, self.places = int(saved["length"]), saved["places"].tolist()

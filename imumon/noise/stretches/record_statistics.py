@@ -17,34 +17,26 @@ result is requested.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-
-import numpy as np
+from typing import ClassVar
 
 from imumon.coefficients import QUARTERS
 from imumon.noise.allan import AllanCurve
-from imumon.noise.array_state import subset
 from imumon.noise.fit import Estimator, settling_times_s
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.state_schema import Range, Rule, Saved, Schema, count_field, float_field
 from imumon.noise.statistics.moments import MomentsResult
-from imumon.noise.stretches.change import LEAST_CHANGE, CoefficientChange, detect_changes
-from imumon.noise.stretches.parts import NEVER, RecordParts, saved_position
+from imumon.noise.stretches.change import CoefficientChange, detect_changes
+from imumon.noise.stretches.parts import RecordParts
 from imumon.noise.stretches.quarters import Quarters
 from imumon.noise.stretches.stretch_rules import CANDIDATES_S, DECISION_LENGTH
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch, Stretches
 from imumon.noise.stretches.warmup import is_over, is_warming_up
-from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats
+from imumon.saved_state import restorable
 
 _, HOUR_S, _ = LENGTHS_S
 """s, length of the parts that are compared with those before: long enough for B."""
-
-MOST_CHANGED = 4.0 * LARGEST
-"""Channel unit, largest coefficient of a change that is saved."""
-COMPARED = tuple(LEAST_CHANGE)
-"""Letters of the coefficients that are compared, by number in the saved state."""
 
 
 @dataclass(slots=True)
@@ -63,6 +55,7 @@ class Ended:
     hours: list[tuple[float, dict[int, tuple[CoefficientChange, ...]]]] = field(default_factory=list)
 
 
+@restorable
 class RecordStatistics:
     """Statistics of a record, with its warm-up excluded and its hours compared.
 
@@ -81,6 +74,8 @@ class RecordStatistics:
         within it.
     warmup_channels : as given.
     """
+
+    NOT_SAVED: ClassVar = {"_ended": Ended}  # whoever feeds samples asks at once
 
     def __init__(
         self,
@@ -266,104 +261,3 @@ class RecordStatistics:
             if changes := detect_changes(old[column].coefficients, new[column].coefficients):
                 by_column[column] = changes
         return by_column
-
-    # --- state ----------------------------------------------------------------------------------------
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays."""
-        out = {f"parts.{name}": array for name, array in self._parts.save().items()}
-        out |= {f"quarters.{name}": array for name, array in self._quarters.save().items()}
-        out |= {f"stretches.{name}": array for name, array in self._stretches.save().items()}
-        out["start"] = np.array(self._start)
-        changes = [
-            [column, COMPARED.index(change.letter), change.before, change.now, change.sigma]
-            for column, changes in self._changes.items()
-            for change in changes
-        ]
-        out["changes"] = np.array(changes, dtype=np.float64).reshape(-1, 5)
-        return out
-
-    def schema(self) -> Schema:
-        """Return what the saved statistics of a record with these arguments consist of.
-
-        Whatever is asked for a place finds it marked. Whatever waits for an end has it ahead: the record is fed up to
-        the next end, and an end in the past would make that an endless loop.
-        """
-
-        def position(saved: Saved) -> int:
-            return saved_position(saved, "parts.")
-
-        def with_marks(saved: Saved, kind: str) -> set[int]:
-            """Return the places whose marks have an array."""
-            places = saved["parts.places"].tolist()
-            return {place for number, place in enumerate(places) if f"parts.mark{number}.{kind}" in saved}
-
-        def start_is_decided(saved: Saved) -> bool:
-            start = int(saved["start"])
-            return start == 0 or self._decisions.get(start, NEVER) <= position(saved)
-
-        def curves_are_marked(saved: Saved) -> bool:
-            """Return whether a curve can begin at the end of the warm-up, and at each candidate for it."""
-            undecided = {c for c, decision in self._decisions.items() if c <= position(saved) < decision}
-            needed = undecided | ({int(saved["start"])} - {0})
-            return needed <= with_marks(saved, "octaves.complete")
-
-        def quarters_are_marked(saved: Saved) -> bool:
-            return set(saved["quarters.places"].tolist()) <= set(saved["parts.places"].tolist())
-
-        def quarter_is_in_progress(saved: Saved) -> bool:
-            newest = int(saved["quarters.places"][-1])
-            return newest <= position(saved) < newest + int(saved["quarters.length"])
-
-        rules: tuple[Rule, ...] = (
-            (
-                "a change of a column that has no curve",
-                lambda s: np.isin(s["changes"][:, 0], np.arange(self._allan_channels)),
-            ),
-            (
-                "a change of a coefficient that is not compared",
-                lambda s: np.isin(s["changes"][:, 1], np.arange(len(COMPARED))),
-            ),
-            # the ratio divides by one of them, and its logarithm needs both
-            ("a change without values", lambda s: s["changes"][:, 2:] > 0.0),
-        )
-        whole: tuple[Rule, ...] = (
-            ("a warm-up that ends where none can", start_is_decided),
-            ("an end of a warm-up without a curve", curves_are_marked),
-            ("a quarter at a place without a mark", quarters_are_marked),
-            ("a quarter that is not in progress", quarter_is_in_progress),
-            (
-                "a stretch that is not in progress",
-                lambda s: self._stretches.are_in_progress(s["stretches.starts"], position(s)),
-            ),
-            (
-                "a stretch at a place without finer blocks",
-                lambda s: set(s["stretches.starts"].tolist()) <= with_marks(s, "finer.numbers"),
-            ),
-        )
-        return Schema(
-            {
-                "start": count_field(),
-                "changes": float_field("changes", 5, range=Range(0.0, MOST_CHANGED)),
-            },
-            rules,
-            parts={
-                "parts.": self._parts.schema(),
-                "quarters.": self._quarters.schema(),
-                "stretches.": self._stretches.schema(),
-            },
-            lengths={"changes": self._allan_channels * len(COMPARED)},
-            whole=whole,
-        )
-
-    def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue from a saved state; the object is new and has the same arguments."""
-        self._parts.restore(subset(saved, "parts."))
-        self._quarters.load(subset(saved, "quarters."))
-        self._stretches.load(subset(saved, "stretches."))
-        self._start = int(saved["start"])
-        self.warmup_s = self._warmup_length_s()
-        self._changes = {}
-        for column, letter, *numbers in saved["changes"].tolist():
-            change = CoefficientChange(COMPARED[int(letter)], *numbers)
-            self._changes[int(column)] = (*self._changes.get(int(column), ()), change)

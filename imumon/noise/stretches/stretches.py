@@ -8,16 +8,12 @@ without samples, as in a long gap, is left out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.state_schema import Schema, count_field
 from imumon.noise.statistics.moments import Moments
 from imumon.noise.stretches.parts import RecordParts
-from imumon.samples import Ints
+from imumon.saved_state import restorable
 
 LENGTHS_S = (600, 3600, 86400)
 """s, lengths of the stretches; each is a multiple of the one before."""
@@ -42,6 +38,7 @@ class Stretch:
     moments: Moments
 
 
+@restorable
 class Stretches:
     """The stretches in progress of one record.
 
@@ -86,20 +83,3 @@ class Stretches:
             return None
         sums = self._parts.finer_sums(start)
         return Stretch(LENGTHS_S[number], start, self._parts.position, sums, moments)
-
-    def save(self) -> dict[str, np.ndarray]:
-        """Return the state as arrays; the marks are saved with the parts."""
-        return {"starts": np.array(self.starts, dtype=np.int64)}
-
-    def schema(self) -> Schema:
-        """Return what saved stretches of a record with these arguments consist of."""
-        return Schema({"starts": count_field(len(LENGTHS_S))})
-
-    def are_in_progress(self, starts: Ints, position: int) -> bool:
-        """Return whether stretches that begin at some places are in progress at a position, samples of the grid."""
-        lengths = np.array(self._samples)
-        return bool(((starts <= position) & (starts // lengths == position // lengths)).all())
-
-    def load(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue from a saved state; the parts are restored already."""
-        self.starts = saved["starts"].tolist()

@@ -1,0 +1,152 @@
+"""Laws of saved objects: what is restored continues exactly, and a damaged file is never continued."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from imumon.checkpoint import FORMAT, Checkpoint, encode
+from imumon.pipeline import Monitor, MonitorOptions
+from imumon.pipeline.accumulators import Accumulators
+from imumon.samples import SampleBlock, Stream
+from imumon.saved_state import pack, restorable, unpack
+from imumon.timebase.sample_clock import BREAK, PlacedSamples
+
+RATE = 20.0
+STREAM = Stream("deltas", ("gyro/x", "gyro/y", "accel/x", "mag/x", "temperature"), "made", "startup")
+LAYOUT = "fe56909f"
+"""Digest of the names of all attributes that a state has. If it changes, so must `imumon.checkpoint.FORMAT`."""
+LAYOUT_FORMAT = 13
+
+
+def accumulators() -> Accumulators:
+    return Accumulators(STREAM.channels, 1.0 / RATE, averaged=STREAM.averaged, guarded=True)
+
+
+def feed(record: Accumulators, lengths: list[int], seed: int) -> None:
+    """Feed noise with losses, knocks, gaps of known and unknown length, and a temperature that settles."""
+    rng = np.random.default_rng(seed)
+    for turn, n in enumerate(lengths):
+        place = record.span + np.arange(n)
+        values = 1e-3 * rng.standard_normal((n, len(STREAM.channels)))
+        values[:, 4] += 30.0 - 10.0 * np.exp(-place / 3000.0)
+        if turn % 3 == 1:
+            values[: n // 2, :3] *= 40.0
+        steps = np.where(rng.random(n) < (0.02 if turn % 2 else 0.0), 3, 1).astype(np.int64)
+        steps[0] = (1, 1, BREAK, 5000)[turn % 4]
+        record.feed(PlacedSamples(values, steps, None))
+
+
+LENGTHS = st.lists(st.integers(1, 9000), min_size=1, max_size=6)
+
+
+@settings(
+    max_examples=8, deadline=None, phases=(Phase.explicit, Phase.generate)
+)  # a smaller case says no more
+@given(before=LENGTHS, after=LENGTHS, seed=st.integers(0, 2**32 - 1))
+def test_what_is_restored_continues_exactly(before: list[int], after: list[int], seed: int) -> None:
+    """All accumulators of a record, with their marks, at any moment."""
+    one = accumulators()
+    feed(one, before, seed)
+    data = pack(one)
+    two = unpack(data)
+    assert pack(two) == data
+    for record in (one, two):
+        feed(record, after, seed + 1)
+        record.flush()
+    assert pack(two) == pack(one)
+
+
+def test_a_restored_long_record_continues_exactly() -> None:
+    """With a warm-up that is over, hours and quarters."""
+    one = accumulators()
+    feed(one, [9000] * 9, 1)
+    two = unpack(pack(one))
+    for record in (one, two):
+        feed(record, [9000] * 2, 2)
+    assert pack(two) == pack(one)
+
+
+def attributes(content: Any) -> list[str]:
+    return sorted({f"{name}.{key}" for name, members in content["objects"] for key in members})
+
+
+def test_another_layout_has_another_format() -> None:
+    """A state of another layout would be restored with attributes that are missing, and fail an hour later."""
+    monitor = Monitor(MonitorOptions(periods=True))
+    values, stamps = np.zeros((1000, len(STREAM.channels))), np.arange(1000) * 10**8
+    values[:, 0] = np.random.default_rng(1).standard_normal(1000)
+    monitor.feed(SampleBlock(STREAM, values, stamps, np.zeros(1000, dtype=np.int64), None))
+    record = accumulators()
+    feed(record, [9000] * 9, 1)
+    data = pack((monitor.save(), record))
+    content = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
+    digest = hashlib.sha256("\n".join(attributes(content)).encode()).hexdigest()[:8]
+    assert (digest, FORMAT) == (LAYOUT, LAYOUT_FORMAT), "raise FORMAT, and write both here"
+
+
+def damaged_states(directory: Path, seeds: range) -> list[int]:
+    """Return the seeds whose damaged state was continued."""
+    record = accumulators()
+    feed(record, [3000], 1)
+    good = encode(pack(record))
+    continued = []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        data = bytearray(good)
+        match seed % 3:
+            case 0:
+                data[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
+            case 1:
+                del data[int(rng.integers(len(data))) :]
+            case _:
+                begin = int(rng.integers(len(data)))
+                data[begin : begin + 512] = rng.bytes(512)
+        (directory / "lab.state").write_bytes(data)
+        checkpoint = Checkpoint(directory, "lab")
+        loaded, messages = checkpoint.load()
+        checkpoint.close()
+        if loaded is not None or len(messages) != 1 or (directory / "lab.state").exists():
+            continued.append(seed)
+    return continued
+
+
+def test_a_damaged_state_is_set_aside(tmp_path: Path) -> None:
+    assert not damaged_states(tmp_path, range(60))
+
+
+@pytest.mark.slow
+def test_a_thousand_damaged_states_are_set_aside(tmp_path: Path) -> None:
+    assert not damaged_states(tmp_path, range(60, 1060))
+
+
+def test_arrays_keep_their_type_shape_and_order() -> None:
+    arrays = [
+        np.array(3),
+        np.zeros((0, 4)),
+        np.array(["gyro", "accel"]),
+        np.array([[True, False]]),
+        np.arange(12.0).reshape(3, 4).T,
+        np.array([np.nan, 1.0], dtype=np.float32),
+    ]
+    for array, back in zip(arrays, unpack(pack(arrays)), strict=True):
+        assert back.dtype == array.dtype
+        assert back.flags.f_contiguous == array.flags.f_contiguous
+        np.testing.assert_array_equal(back, array)
+        back.reshape(-1)[:1] = back.reshape(-1)[-1:]  # it may be changed
+
+
+def test_only_what_is_marked_can_be_saved() -> None:
+    with pytest.raises(TypeError):
+        pack(Path("/"))
+    with pytest.raises(TypeError):
+        pack(np.array([None]))
+    with pytest.raises(ValueError, match="two restorable classes"):
+        restorable(type("Stream", (), {"__module__": "elsewhere"}))
