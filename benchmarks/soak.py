@@ -33,11 +33,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from daemons import Daemon
+from faulty_sensor import spawn
 from figures import Figure, at_most
 from stall import pause
 from usage import cpu_s, resident_kb
 
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.report import Report
 from imumon.saved_state import pack
 

@@ -35,10 +35,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from bus_actors import Actor
 from daemons import Daemon
+from faulty_sensor import FaultySensorProcess, spawn
 from usage import cpu_s, resident_kb
 
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.devices.vn100.emulator.process import EmulatorProcess
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.replay import ReplayOptions, replay
 from imumon.report import Report, from_json, stamp
 
@@ -79,7 +79,7 @@ class Pause(NamedTuple):
     resident_kb: int
 
 
-def pause(sensor: EmulatorProcess, daemon: Daemon, command: str) -> Pause:
+def pause(sensor: FaultySensorProcess, daemon: Daemon, command: str) -> Pause:
     """Pause the output of the emulator and return the counters of both sides.
 
     With ``silence`` its output during the pause is lost; with ``stall`` it waits, and so do its replies.
@@ -177,7 +177,7 @@ def run(minutes: float, scratch: Path) -> dict[str, Any]:
         "samples sent by the emulator": sent,
         "samples received": received,
         "missing, by the sensor clock": session.missing - last["lost"],
-        "dropped at a full terminal": last["dropped"] + last["overflowed"],
+        "dropped at a full terminal": last["dropped"],
         "overruns of the queue": session.overruns - (session.kernel_overruns or 0),
         "overruns of the kernel": session.kernel_overruns,
         "most bytes queued": session.most_queued_bytes,

@@ -38,7 +38,8 @@ MODULES = (
     "imumon.datasheet",
     "imumon.devices.vn100.driver",
     EMULATOR,
-    f"{EMULATOR}.main_loop",
+    f"{EMULATOR}.process",
+    "faulty_sensor",
     "imumon.devices.vn100.vn100_session",
     "imumon.doctor",
     "imumon.pipeline.filter_report_builder",
@@ -123,9 +124,9 @@ class Forked:
 class ForkedEmulator(Forked):
     """Process of an emulator, for `EmulatorProcess`, which would start it as `python -m`."""
 
-    def __init__(self, settings: Any) -> None:
+    def __init__(self, settings: Any, module: str = EMULATOR) -> None:
         (input_end, into), (out, out_end) = os.pipe(), os.pipe()
-        super().__init__([pickle.dumps(settings).hex()], (input_end, out_end, 2), module=EMULATOR)
+        super().__init__([pickle.dumps(settings).hex()], (input_end, out_end, 2), module=module)
         os.close(input_end)
         os.close(out_end)
         self.stdin, self.stdout = os.fdopen(into, "w"), os.fdopen(out)
@@ -142,7 +143,7 @@ class ChildEmulator:
             os.dup2(input_end, 0)
             os.dup2(out_end, 1)
             os.closerange(3, os.sysconf("SC_OPEN_MAX"))
-            os._exit(import_module(f"{EMULATOR}.main_loop").run(settings))
+            os._exit(import_module(f"{EMULATOR}.process").run(settings, (0,)))
         os.close(input_end)
         os.close(out_end)
         self._ends = os.pidfd_open(self.pid)

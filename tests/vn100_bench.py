@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import random
 
+import foreign_device
+
 from imumon.config import DeviceSettings
 from imumon.devices.ports import BAUD_RATES
 from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.devices.vn100.emulator.command_handler import CommandHandler
 from imumon.devices.vn100.emulator.emulator import make_device
-from imumon.devices.vn100.emulator.faults import ForeignDevice
 from imumon.devices.vn100.registers import REGISTERS
 from imumon.devices.vn100.vn100_session import Vn100Session
 from imumon.samples import Notice, SampleBlock
@@ -44,7 +45,8 @@ class Bench:
         self.dead = self.deaf = self.garbling = self.vanished = False
         self.cured_by_reopening = False
         self.steps_left: int | None = None  # reads and writes until the process is killed
-        self.impostor: ForeignDevice | None = None
+        self.impostor: str | None = None  # a kind of `foreign_device`
+        self._count = 0
         self.refuses = b""
         self._line_baud = self.device.baud
         self._noise = random.Random(1)
@@ -77,7 +79,8 @@ class Bench:
         sent = [message for _, message in self.device.advance(int(self.now * 800))]
         sent += self.device.replies(self.now)
         if self.impostor is not None:
-            sent = self.impostor.messages(self.now)
+            first, self._count = self._count, int(self.now * foreign_device.RATE_HZ)
+            sent = [foreign_device.message(self.impostor, number) for number in range(first, self._count)]
         if self.dead:
             return
         for message in sent:

@@ -18,10 +18,11 @@ import reports
 from blocks_at_rest import DELTAS, LEVEL, NOW, block
 from commands import run_inside
 from daemons import Daemon, free_endpoint
+from faulty_sensor import spawn
 
 from imumon.alarms import ALARMS
 from imumon.bus import Publisher
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.pipeline import Monitor
 from imumon.report import DeviceDescription, Report, SensorGrade, SessionCounters, stamp
 from imumon.report_json import to_json

@@ -34,7 +34,7 @@ from imumon.tui.view_state import ViewState
         (("sim", "--gyro-n", "abc"), "'abc': give one number"),
         (("sim", "--accel-k", "nan"), "'nan': give one number"),
         (("sim", "--seed", "x"), "'x' is not a whole number"),
-        (("sim", "--hum", "x"), "'x' is not a number"),
+        (("sim", "--warm-up", "x"), "'x' is not a number"),
         (("tui", "--theme", "nosuch"), "no theme 'nosuch'; there are imumon-dark, imumon-light, "),
         (("demo", "--theme", "nosuch"), "no theme 'nosuch'"),
         (

@@ -16,6 +16,7 @@ import pytest
 import reports
 from commands import run_inside
 from daemons import Daemon, free_endpoint
+from faulty_sensor import spawn
 from reports import FakeSource, with_coefficients
 from test_check import measured, published
 from waiting import until
@@ -24,7 +25,7 @@ from imumon.cli.daemon_state import current_trouble
 from imumon.cli.main import parsers
 from imumon.cli.options import TEMPORARY, only_own_device, report_of, seconds, share
 from imumon.cli.wait_condition import WaitCondition
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.report import Event, Report, SensorGrade, SessionCounters
 
 

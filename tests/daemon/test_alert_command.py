@@ -11,11 +11,12 @@ from pathlib import Path
 import pytest
 from daemons import Daemon
 from fake_device import install_fake
+from faulty_sensor import spawn
 from waiting import until
 
 from imumon.daemon import alert_command
 from imumon.daemon.alert_command import AlertCommand
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.report import Event
 
 

@@ -15,6 +15,8 @@ from typing import Any
 import forked
 import pytest
 from daemons import Daemon, free_endpoint, n_is_within_a_tenth
+from faulty_sensor import spawn
+from foreign_device import on_a_terminal
 from paths import ROOT
 from waiting import until
 
@@ -24,7 +26,7 @@ from imumon.daemon import RunOptions
 from imumon.devices.base import Interrupted
 from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.ascii import encode
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.devices.vn100.vn100_session import Vn100Session
 from imumon.report import Report
 from imumon.samples import DeviceInfo
@@ -253,9 +255,9 @@ def test_no_such_port(tmp_path: Path) -> None:
     ("kind", "word"), [("silent", "silent|nothing|no byte"), ("nmea", "NMEA|GPGGA"), ("garbage", "")]
 )
 def test_what_is_no_vn100_is_said(tmp_path: Path, kind: str, word: str) -> None:
-    with spawn(EmulatorSettings(impostor=kind)) as device:
-        said = run("--port", device.path, "--state", str(tmp_path), code=3)
-        assert device.path in said
+    with on_a_terminal(kind) as port:
+        said = run("--port", port, "--state", str(tmp_path), code=3)
+        assert port in said
         assert re.search(word, said)
 
 

@@ -12,11 +12,12 @@ from pathlib import Path
 import pytest
 from commands import run_inside
 from daemons import Daemon
+from faulty_sensor import spawn
 from free_ports import free_port
 from laws import WHITE
 from test_history_daemon import ask
 
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.report_json import to_json
 
 NAMES = [f"imu{number}" for number in range(1, 7)]

@@ -21,6 +21,7 @@ import pytest
 import ros2_actors
 from daemons import free_endpoint
 from fake_device import RATE_HZ, FakeDriver, install_fake
+from faulty_sensor import spawn
 from line_sender import LineSender
 from paths import ROOT
 from waiting import until
@@ -37,7 +38,7 @@ from imumon.devices.base import (
 )
 from imumon.devices.conformance import Bench, DeviceConformance, read_for
 from imumon.devices.device_reader import DeviceReader, EndOfStream, Items, Opened, Started
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.pipeline import Monitor
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item
 

@@ -18,6 +18,8 @@ import pytest
 import reports
 from daemons import Daemon, free_endpoint
 from fake_device import FakeDriver
+from faulty_sensor import spawn
+from foreign_device import on_a_terminal
 
 from imumon.config import DeviceSettings, Settings, ZenohSettings, load
 from imumon.config.settings import AlertSettings
@@ -25,7 +27,7 @@ from imumon.devices import registry
 from imumon.devices.base import Check, DeviceOptions, Observation
 from imumon.devices.registry import driver
 from imumon.devices.serial_port import SerialPort
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.doctor import Case, checks, examine
 from imumon.doctor.doctor import candidate_ports
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
@@ -138,7 +140,7 @@ def test_missing_samples_of_a_stream_with_a_clock_are_counted(case: Case) -> Non
     ("command", "name", "status", "text"),
     [
         ("jump 5000", "clock", "failed", "jumped"),
-        ("jump -5", "clock", "failed", "jumped"),
+        ("jump -0.5", "clock", "failed", "jumped"),
         ("stall 1.3", "stream", "warning", "no data"),
         ("silence 1.3", "stream", "warning", "no data"),
         ("unplug", "sensor", "failed", "unplugged"),
@@ -165,8 +167,8 @@ def test_events_during_the_observation_are_detected(
 
 
 def test_a_foreign_device_is_recognised(case: Case) -> None:
-    with spawn(EmulatorSettings(seed=1, impostor="nmea")) as sensor:
-        results = by_name(case, sensor.path)
+    with on_a_terminal("nmea") as port:
+        results = by_name(case, port)
     assert failed(results) == {"sensor"}
     assert "GNSS" in results["sensor"].text
     assert results["sensor"].cure

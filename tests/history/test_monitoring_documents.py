@@ -18,12 +18,13 @@ from typing import Any
 
 import pytest
 from daemons import Daemon
+from faulty_sensor import spawn
 from free_ports import free_port
 from paths import ROOT
 from prometheus_client.parser import text_string_to_metric_families
 from scraping import scraped
 
-from imumon.devices.vn100.emulator import EmulatorSettings, Noise, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings, Noise
 
 DOCS = ROOT / "docs" / "monitoring"
 PANELS = json.loads((DOCS / "grafana-dashboard.json").read_text())["panels"]

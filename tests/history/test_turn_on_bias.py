@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from commands import run_inside
 from daemons import Daemon
+from faulty_sensor import spawn
 from paths import ROOT
 
-from imumon.devices.vn100.emulator import EmulatorSettings, Noise, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings, Noise
 from imumon.history import HistoryStore
 from imumon.history.power_ups import LEAST_POWER_UPS
 from imumon.history.store import SUFFIX

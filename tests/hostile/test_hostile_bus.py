@@ -27,6 +27,7 @@ from bus_actors import Actor, event, free_endpoint, report, stage
 from corpus import through
 from corpus_bus import CRAFTED
 from daemons import Daemon
+from faulty_sensor import spawn
 from free_ports import free_port
 from hostile_input import Hostile
 from waiting import until
@@ -34,7 +35,7 @@ from zenoh import ext
 
 from imumon.bus import Publisher, Subscriber, device_states
 from imumon.bus import subscriber as subscriber_module
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.report_json import to_json
 
 TARGET_MB = 150.0

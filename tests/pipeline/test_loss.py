@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from blocks_at_rest import DELTAS, NOW, TICK, block
 from daemons import Daemon
+from faulty_sensor import spawn
 from paths import ROOT
 
 from imumon.alarms import RECOVERED
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.messages import EVENT_LEVELS
 from imumon.pipeline import Monitor, MonitorOptions
 from imumon.pipeline.events import EventLog

@@ -17,10 +17,11 @@ import forked
 import pytest
 from commands import imumon
 from daemons import Daemon, free_endpoint
+from faulty_sensor import spawn
 
 from imumon.config import RecordSettings
 from imumon.daemon.recorder import Recorder
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.recordings import RawCapture, RecordingError, check_place
 from imumon.recordings.capture_writer import BACKLOG
 from imumon.recordings.raw_capture import MARK, split_lines

@@ -28,7 +28,7 @@ PACKET = 64  # bytes of "binary 05:0001,00F2", which is what the daemon asks for
 ON_THE_WAY = 8192 // PACKET
 """Messages that a terminal takes along when it hangs up: what it held, and what waited for it."""
 LOOP_HZ = 800.0
-TAKEN = ("lost", "dropped", "unheard", "overflowed")
+TAKEN = ("lost", "dropped", "unheard")
 """Counters of the emulator: messages that were made and that nobody was sent."""
 
 SIGMAS = 5.0

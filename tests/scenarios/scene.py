@@ -21,9 +21,10 @@ from typing import Any
 
 import laws
 from daemons import Daemon
+from faulty_sensor import FaultySensorProcess, spawn
 from usage import resident_kb
 
-from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.report import Event, Report, from_json
 
 ID = "vn100-0100056785"
@@ -49,7 +50,7 @@ class Scene:
     daemon : the one that was started last.
     """
 
-    def __init__(self, folder: Path, sensor: EmulatorProcess, port: str, stack: ExitStack) -> None:
+    def __init__(self, folder: Path, sensor: FaultySensorProcess, port: str, stack: ExitStack) -> None:
         self.folder, self.sensor, self.port = folder, sensor, port
         self.state = folder / "state"
         self._stack = stack
@@ -134,13 +135,16 @@ def _catches_up(moments: Sequence[laws.Moment]) -> bool:
 
 
 @contextmanager
-def scene(folder: Path, *, seed: int, start: bool = True, **settings: Any) -> Iterator[Scene]:
+def scene(
+    folder: Path, *, seed: int, start: bool = True, corrupt: float = 0.0, **settings: Any
+) -> Iterator[Scene]:
     """A sensor at rest, and a daemon that reads it."""
     folder.mkdir(exist_ok=True)
     port = str(folder / "sensor")
     words: dict[str, Any] = {**laws.WHITE, "warm_up": 0.0, "gyro_thermal": 0.0, "link": port, **settings}
     with ExitStack() as stack:
-        play = Scene(folder, stack.enter_context(spawn(EmulatorSettings(seed=seed, **words))), port, stack)
+        sensor = stack.enter_context(spawn(EmulatorSettings(seed=seed, **words), corrupt=corrupt))
+        play = Scene(folder, sensor, port, stack)
         if start:
             play.start()
         yield play

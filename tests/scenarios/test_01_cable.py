@@ -8,8 +8,6 @@ import pytest
 from laws import ON_THE_WAY, PACKET, Fault
 from scene import scene
 
-from imumon.devices.vn100.emulator.faults import Faults
-
 pytestmark = pytest.mark.slow
 
 
@@ -58,7 +56,7 @@ def test_03_corrupted_bytes(tmp_path: Path, probability: float) -> None:
 @pytest.mark.slow
 def test_04_found_through_noise(tmp_path: Path) -> None:
     """The line is bad from the start: the sensor is found, set up and left as it was, all the same."""
-    with scene(tmp_path, seed=4, faults=Faults(corrupt=2e-3)) as play:
+    with scene(tmp_path, seed=4, corrupt=2e-3) as play:
         begun = play.sensor.ask("counters")["made"]
         before = play.calm()
         after = play.calm(more=200)

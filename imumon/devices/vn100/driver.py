@@ -70,7 +70,7 @@ class Vn100Driver(DeviceDriver):
 
     def run_emulator(self, arguments: argparse.Namespace) -> int:
         from imumon.devices.vn100.emulator import from_arguments
-        from imumon.devices.vn100.emulator.main_loop import run
+        from imumon.devices.vn100.emulator.process import run
 
         settings = from_arguments(arguments)
         if settings.rate == 0:  # for tests only: a sensor without output

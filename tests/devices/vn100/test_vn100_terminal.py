@@ -12,12 +12,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from faulty_sensor import FaultySensorProcess, spawn
 from vn100_bench import kinds
 
 from imumon.config import DeviceSettings
 from imumon.devices.base import DeviceLost
 from imumon.devices.serial_port import SerialPort
-from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings, spawn
+from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.devices.vn100.vn100_session import Vn100Session
 from imumon.samples import Notice, SampleBlock
 
@@ -25,7 +26,7 @@ from imumon.samples import Notice, SampleBlock
 
 
 @pytest.fixture
-def emulator() -> Iterator[EmulatorProcess]:
+def emulator() -> Iterator[FaultySensorProcess]:
     with spawn(EmulatorSettings(seed=1)) as running:
         yield running
 
@@ -85,7 +86,7 @@ def test_replugged_sensor_under_another_name(tmp_path: Path) -> None:
             os.close(terminal)
 
 
-def test_reboot_on_a_terminal(emulator: EmulatorProcess) -> None:
+def test_reboot_on_a_terminal(emulator: FaultySensorProcess) -> None:
     with SerialPort(emulator.path) as port:
         session = Vn100Session(port, DeviceSettings(), time.monotonic)
         session.connect()
@@ -101,7 +102,7 @@ def test_reboot_on_a_terminal(emulator: EmulatorProcess) -> None:
         assert live(session, 3.0, 50) >= 50
 
 
-def test_settings_of_a_killed_process_are_restored(emulator: EmulatorProcess) -> None:
+def test_settings_of_a_killed_process_are_restored(emulator: FaultySensorProcess) -> None:
     code = """
 import sys, time
 from imumon.config import DeviceSettings

@@ -1,6 +1,6 @@
 """VN-100 emulator on a pseudo-terminal: registers, commands, output streams and noise.
 
-`spawn` starts it in a separate process; `main_loop.run` is what that process does.
+`spawn` starts it in a separate process; `process.run` is what that process does.
 """
 
 from __future__ import annotations

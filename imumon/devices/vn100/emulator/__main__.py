@@ -5,11 +5,11 @@ from __future__ import annotations
 import pickle
 import sys
 
-from imumon.devices.vn100.emulator.main_loop import run
+from imumon.devices.vn100.emulator.process import run
 
 if __name__ == "__main__":
     try:
         (settings,) = map(bytes.fromhex, sys.argv[1:])
     except ValueError:
         sys.exit("imumon: this module is the process of an emulator: start one with imumon sim")
-    sys.exit(run(pickle.loads(settings)))
+    sys.exit(run(pickle.loads(settings), (sys.stdin.fileno(),)))

@@ -11,14 +11,13 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable, Sequence
-from math import atan2, degrees, inf
+from math import inf
 
 from imumon.devices.vn100 import ascii, registers
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
 from imumon.devices.vn100.emulator.output_streams import ChecksumKind, Message, OutputStreams, binary_layout
 from imumon.devices.vn100.emulator.register_file import RegisterFile
 from imumon.devices.vn100.emulator.sensor_model import SensorModel
-from imumon.devices.vn100.measurements import VpeStatus
 from imumon.devices.vn100.registers import REGISTERS, ErrorCode, Register, RegisterError, RegisterNumber
 
 INPUT_BUFFER = 256
@@ -73,14 +72,15 @@ class CommandHandler:
             "VNRFS": (self._restore_factory_settings, 0, 0),
             "VNASY": (self._enable_outputs, 1, 2),
             "VNBOM": (self._acknowledge, 1, 1),
-            "VNTAR": (self._tare, 0, 0),
-            "VNSIH": (self._set_initial_heading, 1, 4),
-            "VNSGB": (self._set_startup_bias, 0, 0),
-            "VNSFB": (self._set_startup_bias, 0, 0),  # its name in newer software
-            "VNKMD": (lambda state: self._known_disturbance(VpeStatus.MAG_DISTURBED, state), 1, 1),
-            "VNKAD": (lambda state: self._known_disturbance(VpeStatus.ACCEL_DISTURBED, state), 1, 1),
+            "VNTAR": (self._acknowledge, 0, 0),
+            "VNSIH": (self._acknowledge, 1, 4),
+            "VNSGB": (self._acknowledge, 0, 0),
+            "VNSFB": (self._acknowledge, 0, 0),  # its name in newer software
+            "VNKMD": (self._acknowledge, 1, 1),
+            "VNKAD": (self._acknowledge, 1, 1),
             "VNCMD": (self._acknowledge, 0, 0),
         }
+        del self._commands["VNTAR" if settings.generation == 3 else "VNSIH"]  # each has one of the two
 
     @property
     def baud(self) -> int:
@@ -212,9 +212,6 @@ class CommandHandler:
             message = registers.MEASUREMENTS[register.id]
             measurements = self.outputs.latest(message == "VNDTV")
             return ascii.numbers(message, self.outputs.columns(message, measurements)[0].tolist())
-        if register.id == RegisterNumber.SYNC_STATUS:
-            counts = self.outputs.latest()
-            return [str(counts[name][0, 0]) for name in ("syncInCnt", "syncInTime", "syncOutCnt")]
         if register.access == "fixed":
             return register.factory_values(self.registers.generation)
         return self.registers.read(register.id, port)
@@ -241,17 +238,14 @@ class CommandHandler:
                 ):
                     raise RegisterError(ErrorCode.BAUD_RATE_TOO_LOW, "the output does not fit the baud")
         self.registers.write(register.id, stored, port)
-        if register.id == RegisterNumber.SYNC_STATUS:
-            self.outputs.set_sync_counts(*map(int, stored))
-        elif register.id == RegisterNumber.SYNC_CONTROL:
-            self.outputs.set_sync_counts(0, 0, 0)
         self.outputs.update()
         return (f"{register.id:02d}", ",".join(stored) + echoed)
 
     # ------------------------------------------------------------------ other commands
 
-    def _acknowledge(self) -> Sequence[str]:
-        return ()
+    def _acknowledge(self, *fields: str) -> Sequence[str]:
+        """Echo a command that changes nothing here: those of the attitude, which is fixed, among them."""
+        return fields
 
     def _enable_outputs(self, state: str, port: str = "?") -> Sequence[str]:
         self.outputs.set_paused(self._port_number(port), not _flag(state))
@@ -264,42 +258,6 @@ class CommandHandler:
         if not int(words[0], 16):
             raise RegisterError(ErrorCode.INVALID_PARAMETER, "this output has no fields")
         return self.outputs.packet(words)
-
-    def _tare(self) -> Sequence[str]:
-        if self.registers.generation == 3:
-            raise RegisterError(ErrorCode.INVALID_COMMAND, "firmware 3 has VNSIH instead")
-        self.outputs.estimator.heading = 0.0
-        self.outputs.estimator.reset_bias()
-        return ()
-
-    def _set_initial_heading(self, *angles: str) -> Sequence[str]:
-        """Set the heading, from a heading, three angles or a quaternion."""
-        if self.registers.generation == 2:
-            raise RegisterError(ErrorCode.INVALID_COMMAND, "firmware 2 has VNTAR instead")
-        if len(angles) == 2:
-            raise RegisterError(
-                ErrorCode.NOT_ENOUGH_PARAMETERS, "give a heading, three angles or a quaternion"
-            )
-        numbers = [_number(text) for text in angles]
-        heading = numbers[0]
-        if len(numbers) == 4:
-            x, y, z, w = numbers
-            heading = degrees(atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
-        self.outputs.estimator.heading = heading
-        return angles
-
-    def _set_startup_bias(self) -> Sequence[str]:
-        form = REGISTERS[RegisterNumber.STARTUP_BIAS].fields[0].format
-        bias = [form(float(value)) for value in self.outputs.estimator.bias[-1]]
-        self.registers.write(RegisterNumber.STARTUP_BIAS, bias)
-        if RegisterNumber.STARTUP_FILTER_BIAS in self.registers:
-            rest = self.registers.read(RegisterNumber.STARTUP_FILTER_BIAS)[3:]
-            self.registers.write(RegisterNumber.STARTUP_FILTER_BIAS, (*bias, *rest))
-        return ()
-
-    def _known_disturbance(self, bit: int, state: str) -> Sequence[str]:
-        self.outputs.vpe_status = self.outputs.vpe_status & ~bit | bit * _flag(state)
-        return (state,)
 
     def _save(self, kind: ChecksumKind, arrived: float, now: float) -> None:
         """Begin to write the flash; the reply comes when that is done."""
@@ -334,10 +292,3 @@ def _flag(text: str) -> bool:
     if text not in ("0", "1"):
         raise RegisterError(ErrorCode.INVALID_PARAMETER, "give 0 or 1")
     return text == "1"
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise RegisterError(ErrorCode.INVALID_PARAMETER, f"{text!r} is not a number") from None

@@ -1,4 +1,4 @@
-"""Settings of the emulator: identity, noise, speed and faults.
+"""Settings of the emulator: identity, noise and speed.
 
 The defaults are a VN-100 with the noise of its datasheet (gyroscope 0.0035 deg/s/sqrt(Hz), 5 deg/h in run;
 accelerometer 0.14 mg/sqrt(Hz)), equal on the three axes, so that measured values can be compared with
@@ -8,12 +8,11 @@ configured ones.
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
 
 from imumon.clock import HostClock
 from imumon.devices.base import InvalidOption
-from imumon.devices.vn100.emulator.faults import FOREIGN_DEVICES, Faults
 from imumon.devices.vn100.registers import ASCII_RATES, BAUDS, FACTORY_BAUD, LOOP_RATE, Generation
 
 Axes: TypeAlias = tuple[float, float, float]
@@ -51,20 +50,16 @@ _UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "gauss"}
 
 @dataclass(frozen=True, slots=True)
 class EmulatorSettings:
-    """Settings of the emulator; the options of `imumon sim` have the same names.
+    """Settings of the emulator; most are options of `imumon sim` of the same names.
 
     Attributes
     ----------
     rate : Hz, output rate at power-up: VNYMR if it can have that rate, else a binary output.
     baud : bit/s; None: the factory baud, or the next higher one that carries the rate.
-    speed : seconds of the sensor clock per second of the host clock; above 1 the baud does not pace the line
-        and the sensor waits for its reader.
+    speed : seconds of the sensor clock per second of the host clock; above 1 the sensor waits for its reader.
     seed : of the noise; None: a different one each time.
     link : symbolic link to maintain to the pseudo-terminal.
-    control : path of a socket for commands, or ``-`` for standard input, whose end ends the emulator.
     serial_port : number of the port of the sensor that is the pseudo-terminal.
-    impostor : act as a device that is not a VN-100, one of `FOREIGN_DEVICES`; None: do not.
-    hum, hum_hz : gauss and Hz, amplitude and frequency of mains hum on the magnetometer.
     warm_up, warm_up_s : degC and s, temperature rise after power-up and its time constant.
     gyro_thermal : rad/s/degC, temperature coefficient of the gyroscope bias.
     """
@@ -77,18 +72,13 @@ class EmulatorSettings:
     mag: Noise = MAG
     seed: int | None = None
     link: str | None = None
-    control: str | None = None
     firmware: str = "3.1.0.0"
     model: str = "VN-100T-CR"
     serial: str = "0100056785"
     serial_port: int = 1
-    impostor: str | None = None
-    hum: float = 0.0
-    hum_hz: float = 50.0
     warm_up: float = 8.0
     warm_up_s: float = 600.0
     gyro_thermal: float = 1e-6
-    faults: Faults = field(default_factory=Faults)
 
     def __post_init__(self) -> None:
         def require(valid: bool, name: str, cure: str) -> None:
@@ -131,13 +121,6 @@ def _axes(text: str) -> Axes:
     return x, y, z
 
 
-def _faults(text: str) -> Faults:
-    try:
-        return Faults.parse(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the emulator; the help shows their defaults."""
     standard = EmulatorSettings()
@@ -160,8 +143,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     line.add_argument("--baud", type=int, choices=BAUDS, metavar="N", help=text)
     number(line, "speed", "X", "time-lapse: the sensor clock runs X times faster and waits for the reader")
     line.add_argument("--link", metavar="PATH", help="create a symbolic link to the pseudo-terminal")
-    text = "port of the sensor (default 1)"
-    line.add_argument("--serial-port", type=int, choices=(1, 2), default=1, help=text)
     for sensor, unit in _UNITS.items():
         for letter, dimension in (("n", f"{unit}/sqrt(Hz)"), ("b", unit), ("k", f"{unit}*sqrt(Hz)")):
             default: Axes = getattr(getattr(standard, sensor), letter)
@@ -169,24 +150,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             noise.add_argument(option, type=_axes, default=default, metavar=letter.upper(), help=text)
     text = "seed of the noise (default: a different one each time)"
     noise.add_argument("--seed", type=int, metavar="N", help=text)
-    number(noise, "hum", "G", "mains hum on the magnetometer, gauss")
-    number(noise, "hum_hz", "HZ", "frequency of the hum")
     number(noise, "warm_up", "DEGC", "temperature rise after power-up, degC")
     number(noise, "warm_up_s", "S", "time constant of the warm-up, s")
     number(noise, "gyro_thermal", "CHANGE", "change of the gyroscope bias per degC, rad/s")
-    for name, text in (("model", "model"), ("serial", "serial number"), ("firmware", "version, 2.x or 3.x")):
+    for name, text in (("serial", "serial number"), ("firmware", "version, 2.x or 3.x")):
         value = getattr(standard, name)
         device.add_argument(f"--{name}", default=value, help=f"{text} (default {value})")
-    device.add_argument("--impostor", choices=FOREIGN_DEVICES, help="act as a device that is not a VN-100")
-    text = f"faults of the line with their probabilities: {Faults.help_text()}"
-    device.add_argument(
-        "--fault", type=_faults, default=standard.faults, dest="faults", metavar="NAME=P,...", help=text
-    )
-    text = (
-        "read commands from a socket, or from standard input (-), whose end then ends the emulator: "
-        "counters, fault NAME=P, stall S, silence S, jump S, cut, reboot, unplug, replug"
-    )
-    device.add_argument("--control", metavar="PATH", help=text)
 
 
 def from_arguments(arguments: argparse.Namespace) -> EmulatorSettings:
@@ -199,5 +168,6 @@ def from_arguments(arguments: argparse.Namespace) -> EmulatorSettings:
     values: dict[str, Any] = {
         sensor: Noise(*(getattr(arguments, f"{sensor}_{letter}") for letter in "nbk")) for sensor in _UNITS
     }
-    others = [entry.name for entry in fields(EmulatorSettings) if entry.name not in _UNITS]
-    return EmulatorSettings(**values, **{name: getattr(arguments, name) for name in others})
+    names = [entry.name for entry in fields(EmulatorSettings) if entry.name not in _UNITS]
+    others = {name: getattr(arguments, name) for name in names if hasattr(arguments, name)}
+    return EmulatorSettings(**values, **others)

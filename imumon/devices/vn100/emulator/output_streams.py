@@ -7,7 +7,7 @@ which is every message or poll that contains them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import itemgetter
@@ -17,9 +17,9 @@ import numpy as np
 
 from imumon.devices.vn100 import ascii, binary
 from imumon.devices.vn100.emulator.measurement_output import (
-    AttitudeEstimator,
+    BiasEstimator,
+    FilterWindows,
     MeasurementOutput,
-    OutputConfiguration,
 )
 from imumon.devices.vn100.emulator.register_file import RegisterFile
 from imumon.devices.vn100.emulator.sensor_model import ACCEL, GYRO, SensorModel
@@ -69,8 +69,7 @@ class OutputStreams:
     Attributes
     ----------
     tick : of the next loop.
-    estimator : the attitude estimator of the sensor.
-    vpe_status : bits of VpeStatus that the host has set.
+    start_tick : at which the sensor clock began.
     """
 
     def __init__(self, sensor_model: SensorModel, registers: RegisterFile) -> None:
@@ -81,35 +80,19 @@ class OutputStreams:
 
     def start(self) -> None:
         """Set the state after power-up or a reset."""
-        self._rotation: Floats = np.array(self._registers.read(RegisterNumber.ROTATION), float).reshape(3, 3)
-        self.estimator = AttitudeEstimator(
-            np.array(self._registers.read(RegisterNumber.STARTUP_BIAS), float), self.tick
-        )
-        self._start_tick, self._clock_shift_ns = self.tick, 0
+        self._estimator = BiasEstimator(self.tick)
+        self.start_tick = self.tick
         self._paused: set[int] = set()
-        self.vpe_status = 0
-        self.set_sync_counts(0, 0, 0)
         self.update()
 
     def update(self) -> None:
-        """Derive the configuration and the streams from the registers."""
-        iron = self._registers.read(RegisterNumber.IRON_CONTROL)
-        hard_iron = iron[:2] == ("1", "3")
-        self._configuration = OutputConfiguration.of(self._registers.read, self._rotation, hard_iron)
+        """Derive the filter and the streams from the registers."""
+        self._windows = FilterWindows.of(self._registers.parse(RegisterNumber.IMU_FILTER))
         self._streams = self._make_streams(self._registers, self._registers.port)
 
     def set_paused(self, port: int, paused: bool) -> None:
         """Pause or resume all streams of a port."""
         (self._paused.add if paused else self._paused.discard)(port)
-
-    def shift_clock(self, seconds: float) -> None:
-        """Make the sensor clock jump."""
-        # whole µs, the resolution of its stamps
-        self._clock_shift_ns += round(seconds * 1e6) * 1000
-
-    def set_sync_counts(self, sync_in: int, sync_in_time: int, sync_out: int) -> None:
-        """Set the counters of the synchronisation pins."""
-        self._sync_tick, self._sync_counts = self.tick, (sync_in, sync_in_time, sync_out)
 
     # ------------------------------------------------------------------ streams
 
@@ -147,19 +130,9 @@ class OutputStreams:
         kind: ChecksumKind = "crc" if protocol["serial_checksum"] == 3 else "xor"
         columns = self.columns(message, measurements)
 
-        def appended(name: str | None, form: str) -> list[str]:
-            values = measurements[name][:, 0] if measurements and name else np.zeros(len(columns))
-            return [form.format(int(value)) for value in values]
-
-        extra = []
-        if count := protocol["serial_count"]:
-            extra.append(appended({1: "syncInCnt", 3: "syncOutCnt"}.get(int(count)), "T{:010d}"))
-        if status := protocol["serial_status"]:
-            extra.append(appended("vpeStatus" if status == 1 else None, "S{:04X}"))
-        return [
-            ascii.encode(ascii.sentence(message, row, *more), kind)
-            for row, *more in zip(columns.tolist(), *extra, strict=True)
-        ]
+        # nothing happens at the synchronisation pins and the estimator is well: counts and status are zero
+        extra = ["T0000000000"] * bool(protocol["serial_count"]) + ["S0000"] * bool(protocol["serial_status"])
+        return [ascii.encode(ascii.sentence(message, row, *extra), kind) for row in columns.tolist()]
 
     def columns(self, message: str, measurements: MeasurementOutput | None) -> Floats:
         """Return the numbers of a message in its own units, (n, f); zeros without measurements."""
@@ -189,7 +162,7 @@ class OutputStreams:
 
     def _run(self, first: int, stop: int, silent: bool) -> list[Message]:
         """Return the messages of the ticks from `first` to before `stop`, in order; none when `silent`."""
-        self.estimator.update(self._model, stop)
+        self._estimator.update(self._model, stop)
         if silent or self._registers.port in self._paused:
             return []
         due = [np.arange(-first % s.divisor + first, stop, s.divisor) for s in self._streams]
@@ -219,22 +192,10 @@ class OutputStreams:
         return np.concatenate([self._model.integral(ticks, GYRO), self._model.integral(ticks, ACCEL)], axis=1)
 
     def _measure(self, ticks: Ints, increments: Floats | None) -> MeasurementOutput:
-        """Return the measurements at some ticks, with their time stamps and counters."""
-        age = (ticks - self._start_tick + STARTUP_TICKS) / LOOP_RATE + self._model.jitter(ticks)
-        time_ns = np.rint(age * 1e6).astype(np.int64) * 1000 + self._clock_shift_ns
-        rows = len(ticks)
-        sync = self._registers.parse(RegisterNumber.SYNC_CONTROL)
-        # one pulse per loop: at its start, when its data are ready, or with the attitude at half the rate
-        divisor = {1: 1, 2: 1, 3: 2}.get(int(sync["out_mode"]), 0) * (int(sync["out_skip"]) + 1)
-        pulses = ticks // divisor - (self._sync_tick - 1) // divisor if divisor else np.zeros(rows, np.int64)
-        counts: Mapping[str, Floats | Ints] = {
-            "timeStartup": np.maximum(time_ns, 0)[:, None],
-            "vpeStatus": np.full((rows, 1), self.vpe_status, np.int64),
-            "syncInCnt": np.full((rows, 1), self._sync_counts[0], np.int64),
-            "syncInTime": np.full((rows, 1), self._sync_counts[1], np.int64),
-            "syncOutCnt": (pulses + self._sync_counts[2])[:, None],
-        }
-        return MeasurementOutput(self._model, self._configuration, self.estimator, ticks, increments, counts)
+        """Return the measurements at some ticks, with their time stamps."""
+        age = (ticks - self.start_tick + STARTUP_TICKS) / LOOP_RATE + self._model.jitter(ticks)
+        time_ns = np.rint(age * 1e6).astype(np.int64) * 1000  # whole µs, the resolution of the stamps
+        return MeasurementOutput(self._model, self._windows, self._estimator, ticks, increments, time_ns)
 
     def latest(self, deltas: bool = False) -> MeasurementOutput:
         """Return the measurements of the newest tick; with `deltas`, reset the increments."""

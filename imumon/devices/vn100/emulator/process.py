@@ -1,23 +1,51 @@
-"""Emulator process: starts the emulator and sends commands to it.
+"""Process of an emulator: its loop, and its start from another process.
 
-The child reads commands from its standard input and exits at its end, so that it exits with its parent,
-however the parent ends.
+The child exits at the end of its standard input, so that it exits with its parent, however the parent ends.
 """
 
 from __future__ import annotations
 
-import json
+import contextlib
+import os
 import pickle
+import signal
 import subprocess
 import sys
-from dataclasses import replace
-from typing import Any
+import time
 
 from imumon.devices.base import InvalidOption
+from imumon.devices.vn100.emulator.emulator import Emulator
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
+from imumon.devices.vn100.registers import FACTORY_BAUD
 
 _STOP_S = 2.0
 """s that the emulator may take to exit before it is killed."""
+
+
+def run(settings: EmulatorSettings, inputs: tuple[int, ...] = ()) -> int:
+    """Run until SIGTERM, SIGINT, or the end of one of the inputs; return the exit code.
+
+    The first line printed is the path of the terminal.
+    """
+    stop: list[int] = []
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, lambda received, _: stop.append(received))
+    try:
+        emulator = Emulator(settings, time.monotonic())
+    except (InvalidOption, OSError) as error:
+        text = f"--link {settings.link}: {error.strerror}" if isinstance(error, OSError) else error
+        print(f"imumon sim: {text}", file=sys.stderr)
+        return 2
+    if emulator.device.baud != (settings.baud or FACTORY_BAUD):
+        print(f"imumon sim: {settings.rate:g} Hz needs {emulator.device.baud} baud", file=sys.stderr)
+    with contextlib.suppress(BrokenPipeError):  # what started it was interrupted: then its input ends
+        os.write(sys.stdout.fileno(), f"{emulator.terminal.path}\n".encode())
+    try:
+        while not stop and not emulator.turn([*inputs]):  # nothing is written to the inputs: they end
+            pass
+    finally:
+        emulator.close()
+    return 130 if signal.SIGINT in stop else 0
 
 
 class EmulatorProcess:
@@ -25,7 +53,7 @@ class EmulatorProcess:
 
     Attributes
     ----------
-    path : of the pseudo-terminal, as it was at the start.
+    path : of the pseudo-terminal.
     pid : of the process.
 
     Raises
@@ -34,7 +62,7 @@ class EmulatorProcess:
     """
 
     def __init__(self, settings: EmulatorSettings) -> None:
-        self._process = start_process(replace(settings, control="-"))
+        self._process = start_process(settings)
         self.pid = self._process.pid
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -43,24 +71,6 @@ class EmulatorProcess:
         if not self.path:
             self.close()
             raise InvalidOption("emulator_not_started", "the emulator did not start", "see its own message")
-
-    def ask(self, command: str) -> dict[str, Any]:
-        """Execute a command of the control channel; return the counters.
-
-        Raises
-        ------
-        ValueError : the emulator does not know the command.
-        ConnectionError : the emulator has exited.
-        """
-        self._input.write(command + "\n")
-        self._input.flush()
-        line = self._output.readline()
-        if not line:
-            raise ConnectionError("the emulator has exited")
-        answer: dict[str, Any] = json.loads(line)
-        if "error" in answer:
-            raise ValueError(answer["error"])
-        return answer
 
     def close(self) -> None:
         """Stop the emulator and wait for its exit."""

@@ -52,7 +52,7 @@ class SensorModel:
 
     Parameters
     ----------
-    settings : coefficients, hum and warm-up.
+    settings : coefficients and warm-up.
 
     Attributes
     ----------
@@ -99,10 +99,6 @@ class SensorModel:
         reading = ticks * MAG_RATE // LOOP_RATE
         before = (ticks[0] - 1) * MAG_RATE // LOOP_RATE
         fresh = self._mag.generate(int(reading[-1] - before)).T
-        if self._settings.hum:
-            time_s = np.arange(before + 1, reading[-1] + 1) / MAG_RATE
-            phase = 2.0 * pi * self._settings.hum_hz * time_s
-            fresh = fresh + self._settings.hum * np.sin(phase + np.array([[0.0], [1.0], [2.0]]))
         readings = np.concatenate((self._held_mag, fresh), axis=1)
         self._held_mag = readings[:, -1:]
         return np.asarray(readings[:, reading - before])

@@ -1,0 +1,478 @@
+"""Laws of the emulated VN-100: registers, framing, output, noise, and its terminal as clients see it."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import fcntl
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import forked
+import numpy as np
+import pytest
+import serial
+import vn100_wire as wire
+from cases import case
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from vn100_emulated import ask, blocks, columns, make, save
+from waiting import until
+
+from imumon.devices.base import InvalidOption
+from imumon.devices.vn100 import ascii
+from imumon.devices.vn100.binary import BinaryLayout
+from imumon.devices.vn100.emulator import (
+    EmulatorProcess,
+    EmulatorSettings,
+    Noise,
+    add_arguments,
+    from_arguments,
+    spawn,
+)
+from imumon.devices.vn100.emulator.command_handler import BOOTING_S, SAVING_S
+from imumon.devices.vn100.registers import ASCII_RATES, LOOP_RATE, REGISTERS
+from imumon.samples import Floats
+
+WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
+TIME_AND_DELTAS = BinaryLayout.of({2: 0x0001, 3: 0x00C0})
+
+# ---------------------------------------------------------------- registers and commands
+
+
+@pytest.mark.parametrize("firmware", ["2.1.0.0", "3.1.0.0"])
+def test_every_register_can_be_written_back_exactly_as_read(firmware: str) -> None:
+    device = make(firmware=firmware)
+    device.advance(1600)
+    for number in range(256):
+        answer = ask(device, f"VNRRG,{number}")
+        register = REGISTERS.get(number)
+        if register is None or not register.in_generation(device.registers.generation):
+            assert answer == "VNERR,08"
+            continue
+        assert answer.startswith(f"VNRRG,{number:02d},")
+        settable = register.access == "setting"
+        assert ask(device, "VNWRG" + answer[5:]) == ("VNWRG" + answer[5:] if settable else "VNERR,09")
+        assert not settable or ask(device, f"VNRRG,{number}") == answer
+
+
+def test_a_command_is_accepted_or_refused_with_its_code() -> None:
+    for command, answer in (
+        ("VNRRG,5,1", "VNRRG,05,115200,1"),
+        ("VNRRG,05,?", "VNRRG,05,115200,1"),
+        ("VNRRG,05,3", "VNERR,07"),  # a client counts the ports until an error
+        ("VNWRG,06,1,2", "VNWRG,06,1,2"),
+        ("VNRRG", "VNERR,05"),
+        ("VNRRG,85,1", "VNERR,06"),
+        ("VNXYZ", "VNERR,04"),
+        ("VNWRG,27,1", "VNERR,09"),
+        ("VNWRG,07,3", "VNERR,07"),
+        ("VNWRG,75,1,400,1,321", "VNWRG,75,1,400,01,0321"),
+        ("VNWRG,75,1,400,1,0321,0001", "VNERR,07"),
+        ("VNWRG,07,100", "VNERR,0C"),
+        ("VNTAR", "VNERR,04"),  # of firmware 2
+        ("VNSIH,+045.000", "VNSIH,+045.000"),
+    ):
+        with case(command):
+            assert ask(make(), command) == answer
+
+
+def test_a_reply_has_the_checksum_of_its_command() -> None:
+    right = b"$VNRRG,01,VN-100T-CR*32\r\n"
+    for line, reply in (
+        (b"$VNRRG,01*72\r\n", right),
+        (b"$VNRRG,1*xx\n", right),
+        (b"$VNRRG,01*XXXX\r\n", ascii.encode("VNRRG,01,VN-100T-CR", "crc")),
+        (b"$VNRRG,01*73\r\n", b"$VNERR,03*72\r\n"),
+        (b"$VNRRG,01*0000\r\n", ascii.encode("VNERR,03", "crc")),
+        (b"garbage $VNRR$VNRRG,01*72\r\n", right),
+        (b"x" * 300 + b"\r\n", b"$VNERR,02*73\r\n"),
+        (b"$VNRRG,01*72", b""),
+    ):
+        for size in (1, 7, len(line)):
+            with case((line, size)):
+                device = make()
+                for begin in range(0, len(line), size):
+                    device.receive(line[begin : begin + size], 0.0)
+                assert b"".join(device.replies(0.0)) == reply
+
+
+FIELD = st.one_of(
+    st.sampled_from(["", "0", "1", "3", "75", "85", "115200", "?", "XX", "1e9", "nan", "inf", "FF"]),
+    st.integers(-5, 300).map(str),
+    st.text("0123456789abcdefABCDEF.+-e?", max_size=6),
+)
+COMMAND = st.sampled_from(["VNRRG", "VNWRG", "VNASY", "VNBOM", "VNSIH", "VNSGB", "VNCMD", "VNXYZ", "VN"])
+
+
+@settings(max_examples=100, derandomize=True)
+@given(
+    commands=st.lists(st.tuples(COMMAND, st.lists(FIELD, max_size=14)), max_size=8),
+    noise=st.binary(max_size=40),
+)
+def test_any_input_is_answered_by_valid_messages(commands: list[tuple[str, list[str]]], noise: bytes) -> None:
+    device = make(baud=921600, rate=100)
+    device.receive(noise + b"\r\n", 0.0)
+    for command, fields in commands:
+        device.receive(ascii.encode(",".join((command, *fields))), 0.0)
+    for reply in device.replies(0.0):
+        assert reply[:1] == b"\xfa" or wire.unframe(reply)
+    assert device.outputs.bytes_per_second() <= device.baud / 10
+    device.advance(device.outputs.tick + 40)
+
+
+def test_a_reset_loses_what_was_not_saved_and_restarts_the_sensor_clock() -> None:
+    device = make(rate=400, baud=921600)
+    before = blocks(device.advance(800))[0].time_ns
+    ask(device, "VNWRG,00,kept")
+    save(device, 1.0)
+    ask(device, "VNWRG,00,lost", now=3.0)
+    assert ask(device, "VNRST", now=4.0) == "VNRST"
+    device.receive(b"$VNRRG,00*XX\r\n", 4.1)
+    assert device.advance(1000) == []
+    assert device.replies(4.1) == []
+    device.replies(4.0 + BOOTING_S)
+    after = blocks(device.advance(1100))[0].time_ns
+    assert before is not None
+    assert after is not None
+    assert after[0] == pytest.approx(before[0], abs=100_000)
+    assert ask(device, "VNRRG,00", now=6.0) == "VNRRG,00,kept"
+    assert ask(device, "VNRFS", now=6.0) == "VNRFS"
+    device.replies(7.0)
+    assert ask(device, "VNRRG,00", now=7.0) == "VNRRG,00,"
+
+
+def test_a_command_repeated_while_the_sensor_saves_is_answered_too() -> None:
+    device = make()
+    for now in (0.0, 0.2, 0.4):
+        device.receive(b"$VNWNV*57\r\n", now)
+        assert device.replies(now) == []
+    assert device.replies(SAVING_S) == [b"$VNWNV*57\r\n"] * 3
+
+
+def test_the_lowest_baud_that_carries_the_rate_is_chosen() -> None:
+    for rate in ASCII_RATES:
+        with case(rate):
+            device = make(rate=rate)
+            assert device.baud == (115200 if rate <= 50 else 230400 if rate <= 100 else 460800)
+            assert len(device.advance(2 * LOOP_RATE)) == 2 * rate
+    with pytest.raises(InvalidOption) as divided:
+        EmulatorSettings(rate=300)
+    assert divided.value.code == "rate_invalid"
+    with pytest.raises(InvalidOption) as unfit:
+        make(rate=100, baud=115200)
+    assert unfit.value.code == "rate_does_not_fit"
+
+
+def test_the_command_line_gives_the_settings() -> None:
+    chosen = EmulatorSettings(
+        rate=100, baud=230400, speed=60, gyro=Noise((1e-4, 2e-4, 3e-4), (0, 0, 0), (0, 0, 0)), seed=3,
+        serial="0100000001", firmware="2.1.0.0", warm_up=0.0,
+    )  # fmt: skip
+    words = "--rate 100 --baud 230400 --speed 60 --gyro-n 1e-4,2e-4,3e-4 --gyro-b 0 --gyro-k 0,0,0 --seed 3 "
+    words += "--serial 0100000001 --firmware 2.1.0.0 --warm-up 0"
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    assert from_arguments(parser.parse_args(words.split())) == chosen
+    assert from_arguments(parser.parse_args([])) == EmulatorSettings()
+
+
+# ---------------------------------------------------------------- output and noise
+
+
+def test_the_output_does_not_depend_on_the_step_size() -> None:
+    def output(steps: list[int]) -> bytes:
+        device = make(baud=921600, rate=50)
+        ask(device, "VNWRG,75,1,3,07,0021,0001,00C1")
+        return b"".join(message for tick in steps for _, message in device.advance(tick))
+
+    whole = output([20_000])
+    rng = np.random.default_rng(2)
+    assert output([*np.cumsum(rng.integers(1, 600, 60)).tolist(), 20_000]) == whole
+    assert output([*range(4, 2400, 4), 20_000]) == whole
+
+
+def test_streams_interleave_in_order_and_pause_together() -> None:
+    device = make(baud=921600, rate=200)
+    ask(device, "VNWRG,75,1,4,01,0739")
+    messages = device.advance(800)
+    assert [tick for tick, _ in messages] == sorted(tick for tick, _ in messages)
+    kinds = [message[:1] for _, message in messages]
+    assert (kinds.count(b"$"), kinds.count(b"\xfa")) == (200, 200)
+    assert {len(message) for _, message in messages if message[:1] == b"$"} == {122}  # as of a real sensor
+    ask(device, "VNASY,0")
+    assert device.advance(1600) == []
+
+
+def test_the_other_serial_port_has_its_own_outputs() -> None:
+    device = make(rate=0, baud=921600, serial_port=2)
+    ask(device, "VNWRG,75,1,40,01,0001")
+    assert device.advance(800) == []
+    ask(device, "VNWRG,75,2,40,01,0001")
+    assert len(device.advance(1600)) == 20
+
+
+def relative(sigma: Floats, truth: float, count: int) -> float:
+    """Deviation of the axes' mean from the truth, in its own standard errors."""
+    return float((sigma.mean() / truth - 1.0) * math.sqrt(2.0 * 3.0 * count))
+
+
+def test_the_moving_average_aliases_and_the_increments_do_not() -> None:
+    averaged = make(rate=40, warm_up=0.0)
+    ask(averaged, "VNWRG,06,19")
+    gyro = columns(averaged.advance(600 * LOOP_RATE), "gyro")
+    # the bandwidth of the element removes a part of the variance of the 5 ms average
+    a = (1.0 - math.sqrt(0.5)) / (2.0 * (1.0 - math.cos(2.0 * math.pi * 256.0 / LOOP_RATE)))
+    taps = np.convolve([a, 1 - 2 * a, a], np.full(4, 0.25))
+    measured = 6.1e-5 * math.sqrt(LOOP_RATE * float(np.sum(taps**2)))
+    assert abs(relative(gyro.std(axis=0), measured, len(gyro))) < 4.0
+    assert measured / math.sqrt(40) / 6.1e-5 == pytest.approx(math.sqrt(5), rel=0.06)
+
+    ask(averaged, "VNWRG,85,0,20,20,4,0,0,3,3,3,0")  # a window as long as the interval
+    gyro = columns(averaged.advance(1200 * LOOP_RATE), "gyro")
+    assert gyro.std(axis=0).mean() == pytest.approx(6.1e-5 * math.sqrt(40), rel=0.03)
+
+    deltas = make(rate=0, warm_up=0.0)
+    ask(deltas, "VNWRG,75,1,20,06,0001,00C0")
+    gyro = columns(deltas.advance(600 * LOOP_RATE), "gyro")[1:]
+    assert abs(relative(gyro.std(axis=0), 6.1e-5 * math.sqrt(40), len(gyro))) < 4.0
+
+
+def test_increments_add_up_with_any_reset() -> None:
+    def total(*outputs: str) -> Floats:
+        device = make(rate=0, baud=921600)
+        for command in outputs:
+            ask(device, command)
+        layout = BinaryLayout.of({3: 0x00C0})
+        data = b"".join(message for _, message in device.advance(8000))
+        received = layout.decode(data, count=len(data) // layout.length)
+        both = np.concatenate((received["3.deltaTheta"], received["3.deltaVel"]), axis=1)
+        return np.asarray(both.astype(float).sum(axis=0))
+
+    slow = total("VNWRG,75,1,50,04,00C0")
+    fast = total("VNWRG,75,1,10,04,00C0")
+    # the last slow packet ends at tick 7950, the last fast one 40 ticks later
+    assert slow[0] == pytest.approx(7951 / LOOP_RATE, rel=1e-6)
+    assert fast[0] == pytest.approx(7991 / LOOP_RATE, rel=1e-6)
+    assert fast[6] - slow[6] == pytest.approx(-9.793746 * 40 / LOOP_RATE, rel=0.01)
+
+
+def test_the_bias_is_subtracted_from_the_compensated_rate() -> None:
+    device = make(rate=0, baud=921600)
+    ask(device, "VNWRG,75,1,4,05,0020,0008")
+    layout = BinaryLayout.of({1: 0x20, 3: 0x08})
+    data = b"".join(message for _, message in device.advance(120 * LOOP_RATE))
+    received = layout.decode(data, count=len(data) // layout.length)[-20_000:]
+    assert (np.abs(received["3.uncompGyro"].astype(float).mean(axis=0)) > 5e-3).all()
+    assert (np.abs(received["1.angularRate"].astype(float).mean(axis=0)) < 5e-5).all()
+
+
+def test_the_magnetometer_repeats_its_readings() -> None:
+    device = make(rate=0, baud=921600)
+    ask(device, "VNWRG,75,1,1,04,0002")
+    layout = BinaryLayout.of({3: 0x02})
+    data = b"".join(message for _, message in device.advance(8000))
+    field = layout.decode(data, count=8000)["3.uncompMag"].astype(float)
+    assert (np.diff(field[:, 0]) == 0).mean() == pytest.approx(1 - 250 / 800, abs=0.01)
+
+
+def test_the_warm_up_changes_the_bias() -> None:
+    device = make(rate=0, warm_up=10.0, warm_up_s=60.0, gyro_thermal=1e-4)
+    ask(device, "VNWRG,75,1,8,04,0018")
+    layout = BinaryLayout.of({3: 0x18})
+    data = b"".join(message for _, message in device.advance(300 * LOOP_RATE))
+    received = layout.decode(data, count=len(data) // layout.length)
+    temperature = received["3.temp"].astype(float).ravel()
+    assert temperature[-100:].mean() - temperature[:10].mean() == pytest.approx(10.0, abs=0.2)
+    rate = received["3.uncompGyro"].astype(float)
+    assert rate[-2000:].mean(axis=0) - rate[:200].mean(axis=0) == pytest.approx(np.full(3, 1e-3), rel=0.1)
+
+
+def test_time_stamps_are_whole_microseconds_with_jitter() -> None:
+    device = make(rate=800, baud=921600)
+    times = np.concatenate([b.time_ns for b in blocks(device.advance(8000)) if b.time_ns is not None])
+    assert (times % 1000 == 0).all()
+    error = np.diff(times) - 1_250_000
+    assert error.std() / 1000 == pytest.approx(4.7 * math.sqrt(2), rel=0.05)
+
+
+def test_the_same_seed_gives_the_same_output() -> None:
+    first = make(seed=1).advance(4000)
+    assert first == make(seed=1).advance(4000)
+    assert first != make(seed=2).advance(4000)
+
+
+# ---------------------------------------------------------------- the terminal
+
+
+@contextlib.contextmanager
+def emulator(**options: object) -> Iterator[EmulatorProcess]:
+    quick = {"seed": 7, "gyro": WHITE, "accel": WHITE, "mag": WHITE}
+    with spawn(EmulatorSettings(**{**quick, **options})) as process:  # type: ignore[arg-type]
+        yield process
+
+
+class Client:
+    """A minimal client: it sends lines and searches the input for the reply."""
+
+    def __init__(self, path: str, baud: int = 115200) -> None:
+        self.port = serial.Serial(path, baud, timeout=0.02)
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.port.close()
+
+    def ask(self, body: str) -> str:
+        """Reply to a command, without its frame; other input is discarded."""
+        self.port.write(ascii.encode(body, "xor"))
+        pattern = re.compile(rb"\$(%s(?:,[^*$]*)?|VNERR,..)\*\w+\r\n" % body[:5].encode())
+        received, end = b"", time.monotonic() + 30.0
+        while time.monotonic() < end:
+            received += self.port.read(max(1, self.port.in_waiting))
+            if match := pattern.search(received):
+                return match.group(1).decode()
+        raise AssertionError(f"no answer; received {received[-200:]!r}")
+
+    def collect(self, seconds: float) -> bytes:
+        received, end = [], time.monotonic() + seconds
+        while time.monotonic() < end:
+            received.append(self.port.read(max(1, self.port.in_waiting)))
+        return b"".join(received)
+
+
+def stamps(data: bytes) -> np.ndarray:
+    """Time stamps, ns, of a capture of whole packets that begins and ends at any byte and contains nothing else."""
+    start = data.index(TIME_AND_DELTAS.header)
+    count = (len(data) - start) // TIME_AND_DELTAS.length
+    assert TIME_AND_DELTAS.count_valid(data, start, count) == count
+    decoded = TIME_AND_DELTAS.decode(data, start, count)
+    return np.asarray(decoded["2.timeStartup"][:, 0].astype(np.int64))
+
+
+def test_each_client_starts_with_new_bytes_at_its_baud() -> None:
+    with emulator(baud=460800, rate=400) as sensor:
+        begun = time.monotonic()
+        for _ in range(3):
+            time.sleep(0.2)  # without a client
+            fd = os.open(sensor.path, os.O_RDWR | os.O_NOCTTY)
+            fcntl.ioctl(fd, termios.TIOCEXCL)
+            received = b""
+            while len(received) < 1000:
+                received += os.read(fd, 4096)
+            age_s = stamps(received)[0] / 1e9
+            assert age_s == pytest.approx(time.monotonic() - begun + 0.55, abs=0.15)
+            os.close(fd)
+        with Client(sensor.path, 57600) as client:
+            data = client.collect(0.3)
+            assert data
+            assert TIME_AND_DELTAS.header not in data[: len(data) // 2]
+            client.port.baudrate = 460800
+            assert client.ask("VNRRG,01") == "VNRRG,01,VN-100T-CR"
+            assert client.ask("VNWRG,05,921600") == "VNWRG,05,921600"
+            client.port.baudrate = 921600
+            assert client.ask("VNRRG,05") == "VNRRG,05,921600"
+
+
+def test_an_emulator_that_was_stopped_for_a_while_loses_nothing() -> None:
+    with emulator(rate=400, baud=460800) as sensor, Client(sensor.path, 460800) as client:
+        begun = time.monotonic()
+        received = client.collect(0.3)
+        os.kill(sensor.pid, signal.SIGSTOP)
+        time.sleep(1.0)
+        os.kill(sensor.pid, signal.SIGCONT)
+        received += client.collect(0.5)
+        passed = time.monotonic() - begun
+    times = stamps(received)
+    assert (np.abs(np.diff(times) - 2_500_000) < 100_000).all()
+    assert len(times) / 400 == pytest.approx(passed, abs=0.2)
+
+
+def test_a_client_that_does_not_read_loses_whole_messages_and_the_sensor_goes_on() -> None:
+    with emulator(baud=921600, rate=800) as sensor, Client(sensor.path, 921600) as client:
+        time.sleep(5.0)  # of 35 kB each second, four are held
+        received = client.collect(1.0)
+        assert client.ask("VNRRG,01") == "VNRRG,01,VN-100T-CR"
+    assert np.diff(stamps(received)).max() > 0.5e9
+
+
+def test_time_lapse_waits_for_its_reader_and_loses_nothing() -> None:
+    with emulator(speed=200, rate=160) as sensor, Client(sensor.path) as client:
+        time.sleep(0.4)  # nothing reads: the sensor clock stops when the terminal is full
+        data = client.collect(0.6)
+    times = stamps(data)
+    assert (np.abs(np.diff(times) - 6_250_000) < 50_000).all()
+    assert len(times) > 2000
+
+
+def test_the_emulator_exits_with_its_parent() -> None:
+    code = "import time; from imumon.devices.vn100.emulator import spawn; print(spawn().pid, flush=True); "
+    code += "time.sleep(60)"
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    child = Path(f"/proc/{int(parent.stdout.readline())}/stat")
+    os.kill(parent.pid, signal.SIGKILL)
+    parent.wait()
+    until(lambda: not child.exists() or "Z" in child.read_text().split()[2])
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
+def test_signals_end_the_emulator_and_remove_the_link(number: int, code: int, tmp_path: Path) -> None:
+    link = tmp_path / "vn100"
+    command = [sys.executable, "-m", "imumon", "sim", "--link", str(link)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    path = process.stdout.readline().strip()
+    assert os.readlink(link) == path
+    process.send_signal(number)
+    assert process.wait(60) == code
+    assert not link.is_symlink()
+    process.stdout.close()
+
+
+def test_a_link_replaces_no_other_file_and_no_terminal_in_use(tmp_path: Path) -> None:
+    kept, link = tmp_path / "kept", tmp_path / "vn100"
+    kept.write_text("mine")
+    with spawn(EmulatorSettings(seed=1, link=str(link))) as sensor:
+        for place in (kept, link):
+            done = forked.run("sim", "--link", str(place))
+            assert (done.returncode, done.stdout) == (2, "")
+            assert str(place) in done.stderr
+            assert done.stderr.count("\n") == 1
+        assert os.readlink(link) == sensor.path
+        # The kernel gives the number of a closed terminal again, perhaps to another test at once:
+        # this stale link names a terminal that no system has.
+        link.unlink()
+        link.symlink_to("/dev/pts/4000000000")
+        with spawn(EmulatorSettings(seed=1, link=str(link))) as successor:
+            assert os.readlink(link) == successor.path
+            link.unlink()
+            link.symlink_to("elsewhere")
+    assert os.readlink(link) == "elsewhere"
+    assert kept.read_text() == "mine"
+
+
+def test_usage_errors_are_one_line() -> None:
+    for arguments in (["--rate", "300"], ["--rate", "200", "--baud", "115200"]):
+        done = forked.run("sim", *arguments)
+        assert done.returncode != 0
+        assert re.match(rf"imumon( sim)?: --rate {arguments[1]}", done.stderr)
+        assert done.stderr.count("\n") == 1
+        assert done.stdout == ""
+
+
+def test_the_process_of_the_emulator_is_no_command() -> None:
+    command = [sys.executable, "-m", "imumon.devices.vn100.emulator", "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.endswith("start one with imumon sim\n")
+    assert done.stderr.count("\n") == 1
