@@ -17,15 +17,20 @@ from imumon.ledger import ColumnUse
 from imumon.report import MOST_CHARACTERS
 from imumon.report_json import plain
 from imumon.rest_sizes import is_one_g, median_size, too_noisy
-from imumon.samples import ACCEL, AXES, CHANNELS, GYRO, Stream
+from imumon.samples import ACCEL, AXES, CHANNELS, FASTEST_HZ, GYRO, SLOWEST_HZ, Stream
+from imumon.timebase.stamp_kinds import typical_step
 
 if TYPE_CHECKING:
     from imumon.samples import Floats
 
-DEFAULT_COLUMNS = "t_ms,gx,gy,gz,ax,ay,az"
+DEFAULT_COLUMNS = "t,gx,gy,gz,ax,ay,az"
+DEFAULT_UNIT = "ms"
+"""Unit of a time without one that shows no rate: boards print `millis()`."""
 USUAL_HZ = (0.7, 1400.0)
-"""Hz, rates at which the unit of a time is inferred."""
-SENSORS = {"gyro": "gyro", "accel": "accel", "mag": "mag", "temp": "temperature", "pressure": "pressure"}
+"""Hz, rates at which the unit of a time is inferred; they overlap those of the next unit by less than an octave."""
+SENSORS = {
+    "gyro": "gyro", "accel": "accel", "mag": "mag", "temp": "temperature", "pressure": "pressure", "time": "t"
+}  # fmt: skip
 """Quantity of each parameter that gives a unit."""
 
 
@@ -51,6 +56,17 @@ class LineColumns:
     settings: Mapping[str, str]
     inertial: int
     account: tuple[ColumnUse, ...] = field(default=(), compare=False)
+
+    def with_unit(self, unit: str) -> LineColumns:
+        """Return these columns with a unit of the time, which has none."""
+        assert self.time is not None
+        settings = {**self.settings, "time": unit}
+        return replace(self, time=replace(self.time, unit=unit), settings=settings)
+
+    @property
+    def time_factor(self) -> float:
+        """Factor of the time to ns; 1.0 before its unit is known, or without one."""
+        return 1.0 if self.time is None else self.time.factor
 
     @property
     def wrapping_ns(self) -> int:
@@ -192,8 +208,8 @@ def proposed_settings(rows: Sequence[Sequence[float]]) -> str | None:
     width = numbers.shape[1]
     names, units = ["-"] * width, []
     begin = 0
-    if (time_unit := _time_unit(numbers[:, 0])) is not None:
-        names[0], begin = f"t_{time_unit}", 1
+    if (numbers[1:, 0] > numbers[:-1, 0]).all() and (unit := unit_of_time(numbers[:, 0])) is not None:
+        names[0], begin = f"t_{unit}", 1
     accel = _accelerometer(numbers, begin)
     if accel is not None:
         names[accel[0] : accel[0] + 3] = ["ax", "ay", "az"]
@@ -207,16 +223,22 @@ def proposed_settings(rows: Sequence[Sequence[float]]) -> str | None:
     return None if accel is None and gyro is None else "&".join([f"columns={','.join(names)}", *units])
 
 
-def _time_unit(numbers: Floats) -> str | None:
-    """Return the unit in which (n,) numbers are a time of a usual rate; None: they do not grow, or none is usual."""
-    import numpy as np
+def unit_of_time(times: Floats) -> str | None:
+    """Return the unit in which (n,) times are those of a sensor; None: they show no rate, or one of no sensor.
 
-    steps = np.diff(numbers)
-    if not len(steps) or not (steps > 0.0).all():
+    It is the finest one in which their rate is usual, else the finest in which it is possible.
+
+    >>> import numpy as np
+    >>> [unit_of_time(step * np.arange(25.0)) for step in (0.01, 10.0, 2500.0, 1e7, 1e-4, 1e-7)]
+    ['s', 'ms', 'us', 'ns', 's', None]
+    """
+    if len(times) < 2 or not (times[1:] > times[:-1]).any():
         return None
-    rates = {unit: 1e9 / (float(np.median(steps)) * UNITS["t"][unit]) for unit in ("s", "ms", "us", "ns")}
-    usual = [unit for unit, rate in rates.items() if USUAL_HZ[0] <= rate <= USUAL_HZ[1]]
-    return usual[-1] if usual else None
+    step_ns = {unit: typical_step(times) * UNITS["t"][unit] for unit in ("s", "ms", "us", "ns")}
+    for slowest, fastest in (USUAL_HZ, (SLOWEST_HZ, FASTEST_HZ)):
+        if units := [unit for unit, ns in step_ns.items() if slowest <= 1e9 / ns <= fastest]:
+            return units[-1]
+    return None
 
 
 def _accelerometer(numbers: Floats, begin: int) -> tuple[int, str] | None:

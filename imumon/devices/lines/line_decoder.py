@@ -4,8 +4,8 @@ Rules, which do not depend on the chunks:
 
 - A line ends with LF, or CR and LF. A sample is a line with one number for each column, apart by commas, semicolons,
   tabs or blanks. If semicolons are apart, a comma is a decimal sign.
-- A line may have names beside its numbers (``ax: 0.1, ay: 0.2``, or JSON): see `text_fields`. Then the names are the
-  columns, and a sample is complete when a name comes again.
+- A line may have names beside its numbers (``ax: 0.1, ay: 0.2``, or JSON): see `text_fields`. A sample is complete
+  when a name comes again; then its names are a header, and its numbers a line.
 - Any other line counts as invalid and, where the stream has no clock, as a lost sample. So does one in which the
   time, or a value of gyroscope or accelerometer, is no finite number. Other values may be no number: they are unknown.
 - Blank lines, lines that begin with ``#``, and header lines are no samples and nothing is lost by them. A header sets
@@ -13,6 +13,7 @@ Rules, which do not depend on the chunks:
 - A line longer than ``line_bytes`` is discarded up to its end.
 - A header has at most `MOST_NAMES` names, and lines are tried as one `MOST_TRIALS` times: to read a name takes a
   hundred times as long as a number, so that a sender of invented names would hold the program.
+- A time without a unit has the one that the first `UNIT_ROWS` samples show (`unit_of_time`); they wait for it.
 - A counter that wraps continues. A time that goes back otherwise is that of a restarted sensor.
 
 A line has no checksum, so a damaged digit is a number like any other.
@@ -30,10 +31,12 @@ import numpy as np
 from imumon.devices.base import RESTART_NS
 from imumon.devices.lines.line_columns import (
     DEFAULT_COLUMNS,
+    DEFAULT_UNIT,
     LineColumns,
     columns_of,
     header_columns,
     proposed_settings,
+    unit_of_time,
 )
 from imumon.errors import QUOTED
 from imumon.ledger import Ledger
@@ -60,6 +63,8 @@ GRAVITY_SAMPLES = 100
 """Samples whose acceleration is compared with gravity."""
 PROPOSED_ROWS = 25
 """Lines of numbers that are no samples, from which columns are proposed."""
+UNIT_ROWS = 25
+"""Samples from which the unit of a time is inferred: a quarter of a second at 100 Hz."""
 GRAVITY_RATIO = 1.5
 """Factor between the two above which the unit is doubted: no sensor at rest is so wrong."""
 
@@ -68,11 +73,12 @@ _NUMBER = re.compile(rb"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf)", re.IGNORE
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """A sample: time in ns, values in SI, and lines that were lost before it."""
+    """A sample: its time as it was printed, values in SI, and lines that were lost before it."""
 
-    time_ns: int
+    time: str
     values: list[float]
     lost: int
+    time_ns: int = 0  # once its unit is known
 
 
 class _NoSample(Exception):
@@ -108,7 +114,7 @@ class LineDecoder:
         self.columns: LineColumns | None = None
         self._settings, self._given = settings, "columns" in settings
         self._longest = longest_line(settings)
-        self._headers: set[bytes] = set()  # that were recognised
+        self._headers: set[tuple[str, ...]] = set()  # that were recognised
         self._trials = 0
         if not needs_header:
             self.columns = columns_of({"columns": DEFAULT_COLUMNS} | dict(settings))
@@ -122,6 +128,8 @@ class LineDecoder:
         self._resolution = 0.0  # ns, of the last time
         self._offset = 0  # ns, of all wraps so far
         self._last: int | None = None  # ns, before its wraps are undone
+        self._without_unit: list[_Row] = []  # wait for the unit of their time
+        self._assumed_unit: str | None = None  # remark on it
         self._waiting: list[_Row] = []  # whose time is not decided
         self._unmatched: list[list[float]] = []  # numbers of lines that are no samples, at the start
         self._proposal: str | None = None  # columns that they fit
@@ -136,7 +144,8 @@ class LineDecoder:
     @property
     def ledger(self) -> dict[str, int]:
         """What became of all lines but those that are samples, by reason."""
-        return self._ledger.counts(pending=len(self._waiting) + self._record_lines)
+        waiting = len(self._without_unit) + len(self._waiting)
+        return self._ledger.counts(pending=waiting + self._record_lines)
 
     def skip_line(self) -> None:
         """Count a line that was not fed: of a stream that had begun before, it may be half of one."""
@@ -146,7 +155,8 @@ class LineDecoder:
     @property
     def remarks(self) -> tuple[str, ...]:
         stamps = self._stamps.remark if self._stamps is not None else None
-        doubts = [self._fault, self._proposal, stamps, self._doubted_unit(), self._noisy()]
+        of_units = [self._assumed_unit, self._doubted_unit(), self._noisy()]
+        doubts = [self._fault, self._proposal, stamps, *of_units]
         return tuple(text for text in doubts if text)
 
     def feed(self, data: bytes) -> list[SampleBlock]:
@@ -156,13 +166,12 @@ class LineDecoder:
         blocks: list[SampleBlock] = []
         rows: list[_Row] = []
         for line in lines:
-            if (row := self._line(line)) is None:
-                continue
-            if self._restarted(row):
-                # decide what waits by the old clock: no stamp of the new one says anything about it
-                blocks += self._blocks(rows, final=True)
-                rows, self._stamps, self._offset = [], None, 0
-            rows.append(replace(row, time_ns=row.time_ns + self._offset) if self._offset else row)
+            for row in self._timed(self._line(line)):
+                if self._restarted(row):
+                    # decide what waits by the old clock: no stamp of the new one says anything about it
+                    blocks += self._blocks(rows, final=True)
+                    rows, self._stamps, self._offset = [], None, 0
+                rows.append(replace(row, time_ns=row.time_ns + self._offset) if self._offset else row)
         if len(self._rest) > self._longest:
             self.discarded += len(self._rest)
             self._skipping, self._rest = True, b""
@@ -175,15 +184,14 @@ class LineDecoder:
             self._ledger.receive()
             self._ledger.add("pending")
         self._rest, self._skipping = b"", False
-        rows: list[_Row] = []
+        last: _Row | None = None
         if (record := self._records.finish()) is not None:
             lines, self._record_lines = self._record_lines, 0
             try:
-                row = self._record_sample(record, lines)
-                rows = [] if row is None else [row]
+                last = self._record_sample(record, lines)
             except _NoSample as fault:
                 self._ledger.add(fault.reason)
-        return self._blocks(rows, final=True)
+        return self._blocks(self._timed(last, final=True), final=True)
 
     # ------------------------------------------------------------------ lines
 
@@ -220,7 +228,7 @@ class LineDecoder:
                 self._propose(cells)
                 expected = f", not {columns.count} for {columns.settings['columns']}" if columns else ""
                 raise _NoSample(f"has {len(cells)} numbers{expected}", "wrong_columns")
-            return self._sample(columns, cells)
+            return self._sample(columns, [cell.decode() for cell in cells])
         line = text.decode("utf-8", "replace")
         named = {name: value for name, value in fields_of(line).items() if _NUMBER.fullmatch(value.encode())}
         if named and _is_name(line):
@@ -230,24 +238,25 @@ class LineDecoder:
                 return None
             self._record_lines = 1
             return self._record_sample(record, lines)
-        if text not in self._headers and not self._is_header(text, cells):
+        if not self._is_header([cell.decode("utf-8", "replace") for cell in cells]):
             raise _NoSample(f"is {plain(text[: 4 * QUOTED].decode('latin-1'))[:QUOTED]!r}", "not_numbers")
         self._ledger.add("header")
         return None
 
-    def _is_header(self, text: bytes, cells: Sequence[bytes]) -> bool:
-        """Return whether a line that is new names columns; those of the first one count."""
-        if not 2 <= len(cells) <= MOST_NAMES or self._trials >= MOST_TRIALS:
+    def _is_header(self, names: Sequence[str]) -> bool:
+        """Return whether names are those of columns; the first ones set the columns, unless these are given."""
+        if (key := tuple(names)) in self._headers:
+            return True
+        if not 2 <= len(names) <= MOST_NAMES or self._trials >= MOST_TRIALS:
             return False
         self._trials += 1
-        names = [cell.decode("utf-8", "replace") for cell in cells]
         header = header_columns(names, self._settings) if all(map(_is_name, names)) else None
         if header is None:
             return False
         if len(self._headers) < MOST_HEADERS:
-            self._headers.add(text)
+            self._headers.add(key)
         if not self._begun and not self._given:
-            self.columns, self._begun = header, True
+            self.columns, self._begun, self._lost = header, True, 0
         return True
 
     def _propose(self, cells: Sequence[bytes]) -> None:
@@ -265,43 +274,32 @@ class LineDecoder:
             )
             self._unmatched = []
 
-    def _record_sample(self, record: Mapping[str, str], lines: int) -> _Row | None:
+    def _record_sample(self, record: Mapping[str, str], lines: int) -> _Row:
         """Return the sample of some lines with names; raise `_NoSample` if they are not those of the columns."""
+        if not self._begun and not self._given:
+            self._is_header(list(record)[:MOST_NAMES])
+        columns = self.columns
         try:
-            sample = self._named_sample(record)
+            if columns is None or not all(c.name in record for c in columns.used[: columns.inertial]):
+                text = f"has numbers with the names {', '.join(record)[:QUOTED]!r}"
+                raise _NoSample(text, "wrong_columns")
+            names = columns.settings["columns"].split(",")
+            row = self._sample(columns, [record.get(name, "nan") for name in names])
         except _NoSample as fault:
-            # the line that is read begins the next record; its caller counts one of those that are no sample
+            # the line that is read begins the next record; the caller counts one of those that are no sample
             self._ledger.add(fault.reason, lines - 1)
             raise
         self._ledger.add("part", lines - 1)
-        return sample
+        return row
 
-    def _named_sample(self, record: Mapping[str, str]) -> _Row:
-        """Return the sample of numbers with names; raise `_NoSample` as above."""
-        if not self._begun and not self._given and self._trials < MOST_TRIALS:
-            self._trials += 1
-            self.columns = header_columns(list(record)[:MOST_NAMES], self._settings) or self.columns
-        columns = self.columns
-        names = [] if columns is None else columns.settings["columns"].split(",")
-        needed = [] if columns is None else [column.name for column in columns.used[: columns.inertial]]
-        if columns is None or not all(name in record for name in needed):
-            text = f"has numbers with the names {', '.join(record)[:QUOTED]!r}"
-            raise _NoSample(text, "wrong_columns")
-        return self._sample(columns, [record.get(name, "nan").encode() for name in names])
-
-    def _sample(self, columns: LineColumns, cells: Sequence[bytes]) -> _Row:
+    def _sample(self, columns: LineColumns, cells: Sequence[str]) -> _Row:
         """Return the sample of a line of numbers."""
         values = [float(cells[column.index]) * column.factor - column.zero for column in columns.used]
         if not all(map(math.isfinite, values[: columns.inertial])):
             raise _NoSample("has a value that is no finite number", "not_finite")
-        time_ns = 0
-        if columns.time is not None:
-            text, unit = cells[columns.time.index], columns.time.factor
-            if not abs(float(text) * unit) < LONGEST_NS:
-                raise _NoSample("has a time that is no finite number", "not_finite")
-            # a float resolves 256 ns of the time since 1970: whole numbers stay whole
-            time_ns = int(text) * int(unit) if text.isdigit() else round(float(text) * unit)
-            self._resolution = unit / 10 ** len(text.partition(b".")[2])
+        time = "0" if columns.time is None else cells[columns.time.index]
+        if not abs(float(time) * columns.time_factor) < LONGEST_NS:
+            raise _NoSample("has a time that is no finite number", "not_finite")
         # before the first sample, invalid lines are greetings of the board and the half of a line
         lost, self._lost = self._lost if self._begun else 0, 0
         self._begun = True
@@ -309,9 +307,37 @@ class LineDecoder:
             self._lengths.append(columns.acceleration(values))
             gyro = [v for v, c in zip(values, columns.used, strict=True) if c.quantity == "gyro"]
             self._rates.append(gyro)
-        return _Row(time_ns, values, lost)
+        return _Row(time, values, lost)
 
     # ------------------------------------------------------------------ time
+
+    def _timed(self, row: _Row | None, *, final: bool = False) -> list[_Row]:
+        """Return a sample with its time, once the unit is known; with it, those that have waited for the unit."""
+        rows = [] if row is None else [row]
+        columns = self.columns
+        if columns is None or columns.time is None:
+            return rows
+        if columns.time.unit is None:
+            rows = [*self._without_unit, *rows]
+            self._without_unit = [] if final or len(rows) >= UNIT_ROWS else rows
+            if self._without_unit or not rows:
+                return []
+            unit = unit_of_time(np.array([float(row.time) for row in rows])) or DEFAULT_UNIT
+            if unit != "s" and columns.settings["columns"] != DEFAULT_COLUMNS:
+                name = plain(columns.time.name)
+                self._assumed_unit = f"{name} has no unit: {unit} is assumed; if it has another, write time="
+            self.columns = columns = columns.with_unit(unit)
+        factor, timed = columns.time_factor, []
+        for row in rows:
+            # a float resolves 256 ns of the time since 1970: whole numbers stay whole
+            whole = row.time.isdigit()
+            time_ns = int(row.time) * int(factor) if whole else round(float(row.time) * factor)
+            if abs(time_ns) < LONGEST_NS:
+                timed.append(replace(row, time_ns=time_ns))
+                self._resolution = factor / 10 ** len(row.time.partition(".")[2])
+            else:  # in the unit that the rows before it have shown
+                self._ledger.add("not_finite")
+        return timed
 
     def _restarted(self, row: _Row) -> bool:
         """Return whether the clock has restarted before a sample; a wrap is added to `_offset`."""

@@ -9,7 +9,7 @@ from typing import Any
 
 from imumon.config.settings import LimitSettings
 from imumon.devices.base import DeviceOptions
-from imumon.devices.lines.line_columns import SENSORS, LinesUrl
+from imumon.devices.lines.line_columns import SENSORS, LineColumns, LinesUrl
 from imumon.devices.lines.line_decoder import LINE_BYTES, LONGEST_LINE, LineDecoder, longest_line
 from imumon.devices.port_device import PortDevice, RateCheck, Session
 from imumon.devices.ports import STANDARD_INPUT
@@ -27,22 +27,20 @@ DROPPED = b"\n?"
 """Bytes in the place of dropped ones: the halves of the lines there do not become one line, or a whole one."""
 
 
-def _unit_cure(unit: str | None, ratio: float) -> str:
-    """Return what to write in the URL where the time of the lines has another unit.
+def _unit_cure(columns: LineColumns, ratio: float) -> str:
+    """Return what to write in the URL where the time of the lines advances by `ratio` s in a second.
 
-    Parameters
-    ----------
-    unit : with which the time is read; None: it has none.
-    ratio : s by which that time advances in a second.
-
-    >>> _unit_cure("ms", 0.00095), _unit_cure("s", 0.00095)
-    ('write t_s for t_ms in columns=', 'check its unit, t_s, t_ms, t_us or t_ns')
+    >>> from imumon.devices.lines.line_columns import columns_of
+    >>> in_ms, inferred = columns_of({"columns": "t_ms,gx"}), columns_of({"columns": "t,gx", "time": "s"})
+    >>> _unit_cure(in_ms, 0.00095), _unit_cure(inferred, 950.0), _unit_cure(inferred, 0.00095)
+    ('write t_s for t_ms in columns=', 'write time=ms', 'check its unit, s, ms, us or ns')
     """
-    if unit is not None and unit in TIME_UNITS:
-        for other, unit_s in TIME_UNITS.items():
-            if 1.0 / CLOCK_RATIO < ratio * unit_s / TIME_UNITS[unit] < CLOCK_RATIO:
-                return f"write t_{other} for t_{unit} in columns="
-    return "check its unit, t_s, t_ms, t_us or t_ns"
+    unit = None if columns.time is None else columns.time.unit
+    for other, unit_s in TIME_UNITS.items():
+        if unit in TIME_UNITS and 1.0 / CLOCK_RATIO < ratio * unit_s / TIME_UNITS[unit] < CLOCK_RATIO:
+            inferred = "time" in columns.settings
+            return f"write time={other}" if inferred else f"write t_{other} for t_{unit} in columns="
+    return "check its unit, s, ms, us or ns"
 
 
 class LinesSession(Session):
@@ -98,10 +96,9 @@ class LinesSession(Session):
     def _rate_doubts(self) -> Iterator[str]:
         """Yield what does not fit the host clock: the time of the lines, or the given rate."""
         ratio, columns = self._clock_ratio, self._decoder.columns
-        if ratio is not None and not 1.0 / CLOCK_RATIO < ratio < CLOCK_RATIO:
-            unit = None if columns is None or columns.time is None else columns.time.unit
+        if columns is not None and ratio is not None and not 1.0 / CLOCK_RATIO < ratio < CLOCK_RATIO:
             shown = f"{float(f'{ratio:.2g}'):,g}"
-            yield f"the time of the lines advances by {shown} s in a second: {_unit_cure(unit, ratio)}"
+            yield f"the time of the lines advances by {shown} s in a second: {_unit_cure(columns, ratio)}"
         rate_hz = self._url.rate_hz
         if rate_hz is not None and (remark := self._rate_check.remark(rate_hz)) is not None:
             yield remark

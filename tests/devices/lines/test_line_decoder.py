@@ -6,6 +6,7 @@ import math
 import re
 import shlex
 from collections.abc import Iterator
+from decimal import Decimal
 
 import numpy as np
 import pytest
@@ -189,6 +190,37 @@ def test_a_header_line_names_the_columns() -> None:
         decoder.columns.settings if decoder.columns else {}
     )  # as a recording without the header
     assert again.columns == decoder.columns
+
+
+FORMS = [
+    "{},{},{},{}",
+    "t,gx,gy,gz\n{},{},{},{}",
+    "t={} gx={} gy={} gz={}",
+    "t: {}, gyro_x: {}, gyro_y: {}, gyro_z: {}",
+    '{{"time": {}, "gx": {}, "gy": {}, "gz": {}}}',
+]
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    ("unit", "first", "step"),
+    [("s", 0, "0.01"), ("s", 1_700_000_000, "0.01"), ("ms", 0, "10"), ("us", 5, "10000"), ("ns", 0, "1e7")],
+)
+def test_lines_with_and_without_names_have_the_same_times(
+    form: str, unit: str, first: int, step: str
+) -> None:
+    """A time without a unit has the one in which its rate is that of a sensor: here 100 Hz."""
+    header, _, row = form.rpartition("\n")
+    lines = [row.format(f"{first + k * Decimal(step):f}", k, 2, 3) for k in range(90)]
+    data = "\n".join([*filter(None, [header]), *lines, ""]).encode()
+    given = {"columns": "t,gx,gy,gz"} if form == FORMS[0] else {}
+    blocks, decoder = decoded(data, given, size=7)
+    assert rows(blocks).tolist() == [[k, 2, 3] for k in range(90)]
+    assert set(np.diff(times(blocks)).tolist()) == {10_000_000}
+    assert decoder.columns is not None
+    assert decoder.columns.settings["time"] == unit
+    again, _ = decoded(data, dict(decoder.columns.settings))  # as a recording of them
+    assert times(again) == times(blocks)
 
 
 def test_a_header_changes_neither_given_columns_nor_those_of_samples() -> None:
