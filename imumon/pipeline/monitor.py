@@ -145,9 +145,11 @@ class Monitor:
             self._count_without_rate(block, host_s or 0.0)
             return mismatch
         self._other_streams_s = 0.0
-        clock = self._source.clock
+        clock, impossible_hz = self._source.clock, self._source.clock.impossible_hz
         for placed in clock.place(block, host_s=passed):
             mismatch = self._accumulate(placed) or mismatch
+        if impossible_hz is None and (remark := _doubt_of_clock(clock)) is not None:
+            self._events.add(DetectedEvent("remark", remark))
         # The clock stops placing where the interval changes: what follows belongs to a new record with a clock of its
         # own, and may hold another change.
         if (rest := clock.rest) is not None:
@@ -425,16 +427,27 @@ class Monitor:
 
     def _described(self, device: DeviceDescription) -> DeviceDescription:
         """Return the description of the caller with what the samples show."""
-        if (stream := self.stream) is None:
+        if self._source is None:
             return device
+        stream, clock = self._source.stream, self._source.clock
         return replace(
             device,
             stream=stream.kind,
             source=stream.source,
             clock=stream.clock,
             sample_rate_hz=self.sample_rate_hz or device.sample_rate_hz,
+            remarks=device.remarks
+            if (remark := _doubt_of_clock(clock)) is None
+            else (*device.remarks, remark),
             alias_factor=1.0 if stream.kind == "deltas" else device.alias_factor,
         )
+
+
+def _doubt_of_clock(clock: SampleClock) -> str | None:
+    """Return why samples are excluded whose time has another unit than the device says; None: there are none."""
+    if clock.impossible_hz is None:
+        return None
+    return f"the time of some samples shows {clock.impossible_hz:.3g} Hz, a rate of no sensor: check its unit"
 
 
 def _left_out_by(clock: SampleClock, *, held: str) -> dict[str, int]:

@@ -149,7 +149,7 @@ class ReplayedRecord:
             if event.kind == "restart":
                 self._restarts[event.code] += 1
                 self._restart_texts[event.code] = event.text
-        remarks = tuple(map(plain, (*self._remarks(current), *remark)))
+        remarks = tuple(map(plain, (*current.device.remarks, *self._remarks(current), *remark)))
         columns = report.RecordingDescription(columns=tuple(self.recording.columns))
         recording = columns if columns.columns else None
         return replace(current, device=replace(current.device, remarks=remarks), recording=recording)

@@ -23,6 +23,8 @@ The interval of the grid is learned from the first samples:
   Learning continues until the standard error of the slope is small.
 - A nominal interval is used if the samples agree with it, and decides where samples are missing from the
   start.
+- An interval is one of `SLOWEST_HZ` to `FASTEST_HZ`. Samples that show another one are excluded and counted: their time
+  has another unit.
 
 A step between neighbours is unambiguous while the jitter of the stamps is far below one interval. Where it is
 not, the mean deviation of the samples before decides, so neither jitter nor an error of the interval adds up.
@@ -39,6 +41,8 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.samples import (
+    FASTEST_HZ,
+    SLOWEST_HZ,
     Bools,
     Clock,
     Floats,
@@ -126,6 +130,7 @@ class SampleClock:
     duplicates : samples with the time of the one before; excluded.
     wrong_times, out_of_order : samples whose time the next one refutes: beyond it, and before the time that continues;
         excluded.
+    impossible_hz : Hz, the rate that no sensor has and that excluded samples have shown last; None: none has.
     rest : samples from a change of the rate on, which belong to another grid; None: it has not changed.
     """
 
@@ -135,6 +140,7 @@ class SampleClock:
         self.clock = clock
         self.interval_s = interval_s if clock == "none" else None
         self.duplicates = self.wrong_times = self.out_of_order = 0
+        self.impossible_hz: float | None = None
         self.rest: SampleBlock | None = None
         self._nominal_s = interval_s
         self._tick_s = tick_s
@@ -266,17 +272,18 @@ class SampleClock:
                 return
             last = len(time) <= count or count >= LEARN_STEPS_MAX
             steps = time[:count] if self.clock == "dt" else np.diff(np.sort(time[: count + 1]))
-            if (steps > 0).any():
+            runs = bool((steps > 0).any())
+            if runs and self._estimate(np.asarray(steps, np.float64), last):
                 self._tried = count
-                self._estimate(np.asarray(steps, np.float64), last)
             elif len(time) == 1 and self._nominal_s is not None:
                 self.interval_s, self._learned = self._nominal_s, True  # nothing contradicts it
-            else:  # the clock does not run: keep the last sample only
-                same = min(count, len(time) - 1)
-                self.duplicates += same
-                block = selected(block, slice(same, None))
+            else:  # the clock does not run, or at a rate that no sensor has: keep the last sample only
+                useless = min(count, len(time) - 1)
+                self.duplicates += 0 if runs else useless
+                self.wrong_times += useless if runs else 0
+                block, self._tried = selected(block, slice(useless, None)), 0
                 self._pending = [block]
-                if not same:
+                if not useless:
                     return
 
     def _nominal_agrees(self, time: Ints) -> bool:
@@ -288,12 +295,23 @@ class SampleClock:
         steps = time[:NOMINAL_STEPS] if self.clock == "dt" else np.diff(time[: NOMINAL_STEPS + 1])
         return is_nominal(np.asarray(steps, np.float64) * self._unit_s, self._nominal_s, self._tick_s)
 
-    def _estimate(self, steps: Floats, last: bool) -> None:
-        """Estimate the interval from (n,) steps in units of the clock; `last`: use it however imprecise."""
+    def _estimate(self, steps: Floats, last: bool) -> bool:
+        """Estimate the interval from (n,) steps in units of the clock; return whether a sensor can have it.
+
+        Everything behind the clock has arrays of the samples in a second: a time in another unit must not size them.
+
+        Parameters
+        ----------
+        last : use it however imprecise.
+        """
         if self.clock == "counter":
             self._unit_s = counter_unit(steps, self._tick_s)
-        self.interval_s = estimate_interval(steps * self._unit_s, self._nominal_s, self._tick_s, last=last)
-        self._learned = self.interval_s is not None
+        interval_s = estimate_interval(steps * self._unit_s, self._nominal_s, self._tick_s, last=last)
+        if interval_s is not None and not SLOWEST_HZ <= 1.0 / interval_s <= FASTEST_HZ:
+            self.impossible_hz = 1.0 / interval_s
+            return False
+        self.interval_s, self._learned = interval_s, interval_s is not None
+        return True
 
     def _rate_change(self, block: SampleBlock) -> int | None:
         """Return where a new rate has shown; None: nowhere."""

@@ -66,6 +66,17 @@ def columns_equal(a: EnvelopeColumns, b: EnvelopeColumns) -> None:
     np.testing.assert_array_equal(a.high, b.high)
 
 
+@pytest.mark.parametrize("exponent", [7, 12, 15])
+def test_a_gap_of_any_length_is_arithmetic(exponent: int) -> None:
+    envelope = Envelope([0], 100.0)
+    envelope.update(np.ones((1000, 1)))
+    envelope.skip(10**exponent)
+    envelope.update(np.zeros((1000, 1)))
+    low, high = envelope.everything().low, envelope.everything().high
+    assert (np.nanmin(low), np.nanmax(high)) == (0.0, 1.0)
+    assert np.nanmax(envelope.hour().high) == 0.0
+
+
 @pytest.mark.parametrize("gap", [1, 15, 500, 5000, 400_000])
 def test_a_gap_equals_as_many_invalid_samples(gap: int) -> None:
     values, valid = record(3000)

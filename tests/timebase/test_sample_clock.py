@@ -81,6 +81,17 @@ def test_a_damaged_stamp_does_not_change_the_grid(bad: int) -> None:
     assert steps == [1] * 20 + [2] + [1] * 28
 
 
+@pytest.mark.parametrize("step_ns", [1, 10**14])
+def test_samples_whose_time_has_another_unit_are_excluded_and_counted(step_ns: int) -> None:
+    """They show a rate of no sensor, and it would size the frames of the guard."""
+    clock = SampleClock("startup")
+    steps, _ = place(clock, block(step_ns * np.arange(2000)))
+    assert (clock.interval_s, steps) == (None, [])
+    assert clock.wrong_times + clock.held == 2000
+    assert clock.impossible_hz == pytest.approx(1e9 / step_ns)
+    assert place(clock, block(2000 * step_ns + TICK * np.arange(100)))[0][-99:] == [1] * 99
+
+
 def test_restart_is_a_gap_of_unknown_length() -> None:
     times = np.concatenate([np.arange(10) + 5000, np.arange(10) + 3]) * TICK
     steps, _ = place(SampleClock("startup", 0.025), block(times))

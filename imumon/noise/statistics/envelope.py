@@ -133,7 +133,8 @@ class Envelope:
         numbers = np.arange(max(first, last + 1 - RECENT_COLUMNS), last + 1)
         self._minute[numbers % RECENT_COLUMNS] = np.nan
         self._sums[numbers % RECENT_COLUMNS] = 0.0
-        hours = np.arange(-(-first // HOUR_COLUMN), last // HOUR_COLUMN + 1)[-RECENT_COLUMNS:]
+        first, last = -(-first // HOUR_COLUMN), last // HOUR_COLUMN
+        hours = np.arange(max(first, last + 1 - RECENT_COLUMNS), last + 1)
         self._hour[hours % RECENT_COLUMNS] = np.nan
 
     def _join_columns(self, last: int) -> None:

@@ -100,7 +100,7 @@ class RecordStatistics:
             (end := round(time_s * rate)): round(DECISION_LENGTH * end)
             for time_s in (CANDIDATES_S if warmup_channels else ())
         }
-        self._hour = round(HOUR_S * rate)
+        self._hour = max(1, round(HOUR_S * rate))
         self._start = 0  # end of the warm-up
         self.warmup_s = 0.0
         self._quarters = Quarters(self._parts, rate)
