@@ -69,7 +69,6 @@ def test_the_launch_file_starts_a_command_that_exists(
         accel="/b",
         router="tcp/10.0.0.1:7447",
         diagnostics="true",
-        covariance="/c",
         state="/tmp/x",
     )
     (process,) = launch_file.start(values)
@@ -77,7 +76,6 @@ def test_the_launch_file_starts_a_command_that_exists(
     assert program == "imumon"
     parsed = parsers()[0].parse_args(words)
     assert parsed.publish_diagnostics
-    assert parsed.publish_covariance == "/c"
     url = parse_url(parsed.port)
     assert (url.topic, url.rmw, url.domain) == ("/a", "zenoh", 7)
     assert (url.accel, url.router) == ("/b", "tcp/10.0.0.1:7447")

@@ -20,9 +20,7 @@ def add_doctor(parser: Parser) -> None:
     parser.add_argument(
         "--port", metavar="PORT", help="device path, URL, or sim; default: the only sensor found"
     )
-    options.add_config(parser)
     parser.add_argument("--json", action="store_true", help="print the checks as JSON")
-    options.add_endpoints(parser)
 
 
 def doctor(arguments: argparse.Namespace) -> int:
@@ -73,7 +71,6 @@ def add_config(parser: Parser) -> None:
     text = "show: every setting with its origin; check: all faults of the file"
     # the metavar makes the error name the choices if the action is missing
     parser.add_argument("action", choices=("show", "check"), metavar="{show,check}", help=text)
-    options.add_config(parser, help="file to read instead of the first that is found")
 
 
 def config(arguments: argparse.Namespace) -> int:

@@ -44,8 +44,6 @@ WARNED = ("stuck", "constant", "clipped", "other_sender")
 def add_check(parser: Parser) -> None:
     add = parser.add_argument
     options.add_id(parser)
-    options.add_endpoints(parser)
-    options.add_config(parser, "settings of Zenoh; options override the file")
     text = f"critical if the report is older than T (5, 90s, 10m); default {MAX_AGE_S:g}"
     add("--max-age", type=options.seconds, default=MAX_AGE_S, metavar="T", help=text)
     for alarm in ALARMS:

@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Any
 
 from imumon.cli.exit_codes import SUCCESS
-from imumon.cli.options import Parser
+from imumon.cli.options import STOP_WITH_STDIN, Parser
 
 QUERY_S = 0.5
 """How long to wait for running daemons, s."""
@@ -53,7 +53,13 @@ def complete(parsers: Callable[[str], tuple[Parser, dict[str, Parser]]]) -> None
             completer = running_devices
         if completer is not None:
             action.completer = completer  # type: ignore[attr-defined]
-    argcomplete.autocomplete(parser, always_complete_options=False, default_completer=SuppressCompleter())
+    argcomplete.autocomplete(
+        parser,
+        always_complete_options=False,
+        exclude=(STOP_WITH_STDIN,),
+        print_suppressed=True,  # the help of a command does not repeat the options of all commands
+        default_completer=SuppressCompleter(),
+    )
 
 
 def ports(prefix: str, **_: Any) -> Iterable[str]:

@@ -26,8 +26,6 @@ def add_history(parser: Parser) -> None:
     add = parser.add_argument
     options.add_id(parser, "device; default: the only one")
     add("--state", metavar="DIR", help="read the file in this directory, and ask no daemon")
-    options.add_endpoints(parser)
-    options.add_config(parser, "settings; options override the file")
     text = "rows from T on: 2h, 30d, 2026-11-03 or 2026-11-03T10:20:00Z (UTC); default: 1d before the end"
     add("--since", metavar="T", help=text)
     add("--until", metavar="T", help="rows up to T; default: now")

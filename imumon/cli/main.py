@@ -17,11 +17,11 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from types import ModuleType
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from imumon import __version__
 from imumon.cli.exit_codes import INTERRUPTED, SUCCESS, USAGE, CommandError, exit_code
-from imumon.cli.options import Parser
+from imumon.cli.options import Parser, add_shared
 from imumon.cli.output import discard_stdout, prepare_streams, print_error
 from imumon.errors import ImumonError
 from imumon.system_errors import not_done
@@ -46,6 +46,10 @@ COMMANDS = {
     "completion": ("completion", "print a shell completion script"),
 }
 """Module and help text of each command NAME; the module has its functions ``NAME`` and ``add_NAME``."""
+ALONE = ("demo", "sim", "explain", "completion")
+"""Commands that read no settings and ask no daemon."""
+UNLISTED = ("sim", "completion")
+"""Commands that the first help does not list: a developer or a shell needs them once."""
 COMPLETING = "_ARGCOMPLETE"
 """Environment variable that the script of argcomplete sets."""
 
@@ -157,10 +161,15 @@ def parsers(only: str | None = None) -> tuple[Parser, dict[str, Parser]]:
     subparsers = parser.add_subparsers(
         title="commands", dest="command", metavar="COMMAND", parser_class=Parser
     )
+    add_shared(parser, of_program=True)
     commands: dict[str, Parser] = {}
     for name, (_, text) in COMMANDS.items():
-        command = subparsers.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
+        listed: dict[str, Any] = {} if name in UNLISTED else {"help": text}
+        command = subparsers.add_parser(name, description=f"{text[0].upper()}{text[1:]}.", **listed)
         if only in (None, name):
             getattr(_module(name), f"add_{name}")(command)
+        if name not in ALONE:
+            add_shared(command)
+            command.epilog = "Also --config FILE and --connect EP: imumon --help explains them."
         commands[name] = command
     return parser, commands

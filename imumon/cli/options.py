@@ -18,6 +18,8 @@ from imumon.cli.output import print_message_once
 from imumon.errors import why
 from imumon.system_errors import cure_of_reading
 
+STOP_WITH_STDIN = "--stop-with-stdin"
+"""Option of `run` for the command `demo` alone."""
 STREAMS = ("deltas", "uncompensated", "compensated")
 ANSWER_S = 2.0
 """How long to wait for a daemon, or for what it has cached, s."""
@@ -154,41 +156,28 @@ def share(text: str) -> float:
     return value
 
 
-def theme(text: str) -> str:
-    """Return the name of a theme of the terminal UI."""
-    from imumon.tui import themes
-
-    if text not in themes():
-        raise argparse.ArgumentTypeError(f"no theme {text!r}; there are {', '.join(themes())}")
-    return text
+def add_listen(parser: Parser) -> None:
+    """Add ``--listen`` of commands that publish."""
+    text = "Zenoh endpoint to listen on, repeatable"
+    parser.add_argument("--listen", action="append", metavar="EP", help=text)
 
 
-def add_endpoints(parser: Parser, *, listen: bool = False) -> None:
-    """Add ``--connect`` and, for commands that publish, ``--listen``."""
-    add = parser.add_argument
-    if listen:
-        add("--listen", action="append", metavar="EP", help="Zenoh endpoint to listen on, repeatable")
-    add("--connect", action="append", metavar="EP", help="Zenoh endpoint to connect to, repeatable")
+def add_shared(parser: Parser, *, of_program: bool = False) -> None:
+    """Add ``--config`` and ``--connect``, which the help of the program explains once for all commands.
 
+    Parameters
+    ----------
+    of_program : the parser is that of the program; those of the commands have no defaults, which would replace what
+        stands before the name of the command.
+    """
 
-def add_config(parser: Parser, help: str = "settings; options override the file") -> None:
-    """Add ``--config``."""
-    parser.add_argument("--config", metavar="FILE", help=help)
-
-
-def add_output(parser: Parser, json: str) -> None:
-    """Add ``--json`` and ``--values``; `json` is the help of the former."""
-    group = parser.add_mutually_exclusive_group()
-    group.add_argument("--json", action="store_true", help=json)
-    text = "print a plain line per axis: channel, N, B and K in SI, separated by tabs; a bound begins with <"
-    group.add_argument("--values", action="store_true", help=text)
-
-
-def add_appearance(parser: Parser) -> None:
-    """Add the options of the terminal UI."""
-    add = parser.add_argument
-    add("--theme", type=theme, metavar="NAME", help="color theme; the palette (ctrl+p) lists them")
-    add("--ascii", action="store_true", help="plain ASCII characters only")
+    words: dict[str, Any] = {} if of_program else {"default": argparse.SUPPRESS}
+    text = "settings of a command; its options override the file. Default: the first that exists of ./config.toml, "
+    text += "config.toml of imumon in the user's directory of settings, /etc/imumon/config.toml"
+    parser.add_argument("--config", metavar="FILE", help=text if of_program else argparse.SUPPRESS, **words)
+    text = "Zenoh endpoint that a command connects to, repeatable; default: the daemons of this machine"
+    text = text if of_program else argparse.SUPPRESS
+    parser.add_argument("--connect", action="append", metavar="EP", help=text, **words)
 
 
 def settings(arguments: argparse.Namespace, overrides: dict[str, Any] | None = None) -> Any:

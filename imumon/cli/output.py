@@ -134,23 +134,6 @@ def print_json(text: str) -> None:
     print(text)
 
 
-def print_values(report: Any) -> None:
-    """Print channel, N, B and K in SI of each axis, tab-separated: a bound with ``<``, what is not known empty."""
-    from imumon.coefficients import NOISE
-
-    for name, channel in report.channels.items():
-        if channel.coefficients:
-            print("\t".join([name, *(_value(channel.coefficients.get(letter)) for letter in NOISE)]))
-
-
-def _value(coefficient: Any) -> str:
-    if coefficient is None or coefficient.status == "pending":
-        return ""
-    bound = coefficient.is_bound
-    value = coefficient.high if bound else coefficient.value
-    return "" if value is None else f"{'<' if bound else ''}{value:.6g}"
-
-
 def print_report(report: Any, as_json: bool, baseline: Any = None, *, verbose: bool = False) -> None:
     """Print a report as JSON, or as a table with the changes against a baseline; `verbose`: and the whole account."""
     if as_json:

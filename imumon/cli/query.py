@@ -12,32 +12,24 @@ from typing import Any
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, NOT_REACHED, SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
-from imumon.cli.output import print_json, print_message, print_report, print_status, print_values
+from imumon.cli.output import print_json, print_message, print_report, print_status
 from imumon.coefficients import GRADES, MARKOV, NOISE
 
-SENSORS = ("gyro", "accel", "mag")
 SPEAKS_S = 60.0
 """s between two lines about what is missing, where standard error is no terminal."""
 MARKOV_PRECISION = 0.5
 """Half-width of the 95 % limits of M that is waited for without --precision: the settings have none, as M is rare."""
 
 
-def _add_connection(parser: Parser) -> None:
-    options.add_endpoints(parser)
-    options.add_config(parser, "settings of Zenoh; options override the file")
-
-
 def add_tui(parser: Parser) -> None:
-    _add_connection(parser)
     options.add_id(parser, "device to show first")
     parser.add_argument("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
-    options.add_appearance(parser)
 
 
 def add_status(parser: Parser) -> None:
-    _add_connection(parser)
     options.add_id(parser, "device; default: all, one line each if there are several")
-    options.add_output(parser, "print the report as JSON, or a list of them if several daemons answer")
+    text = "print the report as JSON, or a list of them if several daemons answer"
+    parser.add_argument("--json", action="store_true", help=text)
     text = (
         "print everything: limits, biases, each caveat with its meaning, the time until each axis is precise, what "
         "became of each message and column"
@@ -47,7 +39,6 @@ def add_status(parser: Parser) -> None:
 
 def add_wait(parser: Parser) -> None:
     add = parser.add_argument
-    _add_connection(parser)
     options.add_id(parser)
     text = "wait until the nearest grade of gyroscope and accelerometer is this or better, and certain; default: "
     text += "from the settings"
@@ -56,10 +47,9 @@ def add_wait(parser: Parser) -> None:
     add("--coefficient", choices=(*NOISE, MARKOV.sigma), help=text)
     text = "half-width of the 95 %% limits as a share of the value, 0.05 or 5%%; default: from the settings"
     add("--precision", type=options.share, metavar="P", help=text)
-    text = "consider only this channel or sensor (gyro/x or gyro), repeatable; default: gyro and accel"
+    text = "consider only this channel or sensor (gyro/x or gyro: B of an accelerometer takes long), repeatable; "
+    text += "default: gyro and accel"
     add("--channel", action="append", metavar="NAME", help=text)
-    text = "consider only this sensor, such as gyro: B of an accelerometer takes much longer; repeatable"
-    add("--sensor", action="append", choices=SENSORS, help=text)
     text = "give up after T (90, 90s, 10m, 2h); without it, wait 2 s for a daemon and then without limit"
     add("--timeout", type=options.seconds, metavar="T", help=text)
 
@@ -93,9 +83,16 @@ def tui(
         if arguments.id is None and not arguments.connect:
             arguments.id = options.only_own_device(arguments, subscriber)
         endpoint = ", ".join(subscriber.endpoints) if len(subscriber.endpoints) < 3 else None
-        shown = {name: getattr(arguments, name) for name in ("id", "ascii", "theme")}
-        shown |= {"program": program, "letters": letters_for(program)}
-        return run(subscriber, **shown, baseline=baseline, endpoint=endpoint, starting=starting, ended=ended)
+        return run(
+            subscriber,
+            id=arguments.id,
+            program=program,
+            letters=letters_for(program),
+            baseline=baseline,
+            endpoint=endpoint,
+            starting=starting,
+            ended=ended,
+        )
 
 
 def _cure(arguments: argparse.Namespace) -> str:
@@ -112,11 +109,9 @@ def status(arguments: argparse.Namespace) -> int:
 
     with options.subscriber(arguments) as subscriber:
         names = options.answering(subscriber, arguments.id, options.ANSWER_S, _cure(arguments))
-        if len(names) == 1 or arguments.id or arguments.values:
+        if len(names) == 1 or arguments.id:
             report = options.report_of(subscriber, arguments.id, names, arguments)
-            if arguments.values:
-                print_values(report)
-            elif arguments.json or arguments.verbose:
+            if arguments.json or arguments.verbose:
                 print_report(report, arguments.json, verbose=arguments.verbose)
             else:
                 _print_status_table(subscriber, report)
@@ -156,7 +151,7 @@ def _condition(arguments: argparse.Namespace) -> Any:
         grade=arguments.grade or (None if arguments.coefficient else configured.grade or None),
         coefficient=arguments.coefficient,
         precision=arguments.precision or configured.precision.get(arguments.coefficient, MARKOV_PRECISION),
-        channels=(*(arguments.channel or ()), *(arguments.sensor or ())),
+        channels=tuple(arguments.channel or ()),
     )
 
 

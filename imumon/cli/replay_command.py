@@ -9,7 +9,7 @@ from typing import Any
 from imumon.cli import options
 from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
-from imumon.cli.output import print_message, print_report, print_values
+from imumon.cli.output import print_message, print_report
 from imumon.cures import OPTIONS
 from imumon.errors import ImumonError
 
@@ -133,12 +133,11 @@ def add_replay(parser: Parser) -> None:
     add_read_options(parser)
     add_datasheet(parser)
     add("--speed", default="max", metavar="X|max", help="times as fast as real time; default max")
-    options.add_output(parser, "the report as JSON")
+    add("--json", action="store_true", help="the report as JSON")
     add("--verbose", action="store_true", help="also print what became of each row and column")
     add("--publish", action="store_true", help="publish on Zenoh while replaying")
-    options.add_config(parser)
     add("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
-    options.add_endpoints(parser, listen=True)
+    options.add_listen(parser)
 
 
 def replay(arguments: argparse.Namespace) -> int:
@@ -153,10 +152,7 @@ def replay(arguments: argparse.Namespace) -> int:
         with _publisher(arguments) as bus:
             wanted = replay_options(arguments, arguments.files[0], pace=pace, baseline=baseline)
             report = replayed(wanted, sheet, bus).report
-    if arguments.values:
-        print_values(report)
-    else:
-        print_report(report, arguments.json, baseline, verbose=arguments.verbose)
+    print_report(report, arguments.json, baseline, verbose=arguments.verbose)
     noise = [channel.coefficients["N"] for channel in report.channels.values() if "N" in channel.coefficients]
     if all(estimate.status == "pending" for estimate in noise):  # scripts see nothing but empty cells
         reasons = "; ".join(dict.fromkeys(estimate.reason for estimate in noise if estimate.reason))

@@ -65,12 +65,8 @@ def add_report(parser: Parser) -> None:
         action="store_true",
         help="settings for other software from measured numbers only, else exit 1",
     )
-    text = "rate at which the program gets samples, where its settings have one; default: that of the record"
-    add("--update-rate", type=options.rate, metavar="HZ", help=text)
     add_datasheet(parser)
     add_read_options(parser.add_argument_group("of a recording"))
-    options.add_config(parser)
-    options.add_endpoints(parser)
 
 
 def report(arguments: argparse.Namespace) -> int:
@@ -93,8 +89,7 @@ def report(arguments: argparse.Namespace) -> int:
         print_message(PLAIN_K_REMARK)
     if FORMS[form].settings:
         topic = arguments.topic or source.device.topic
-        rate_hz = arguments.update_rate or filters.device.sample_rate_hz
-        filters = replace(filters, device=replace(filters.device, topic=topic, sample_rate_hz=rate_hz))
+        filters = replace(filters, device=replace(filters.device, topic=topic))
     if arguments.short:
         data = short_document(source, form, filters, arguments.short)
     else:
@@ -120,7 +115,7 @@ def _check_options(arguments: argparse.Namespace, form: str) -> None:
 
 def _check_fits_form(arguments: argparse.Namespace, form: str) -> None:
     """Raise an error if an option, or a terminal as the output, does not fit the form."""
-    from imumon.datasheet import FORMS, PAGES, programs_with
+    from imumon.datasheet import FORMS, PAGES
 
     if arguments.strict and not FORMS[form].settings:
         message = f"--strict is for settings of other software, and {form} is none"
@@ -135,9 +130,6 @@ def _check_fits_form(arguments: argparse.Namespace, form: str) -> None:
     if FORMS[form].binary and arguments.output is None and sys.stdout.isatty():
         message = f"a {form} file cannot be shown in a terminal"
         raise CommandError("binary_to_terminal", message, "name a file with -o", USAGE)
-    if arguments.update_rate and form not in (having := programs_with("rate")):
-        message = f"--update-rate is for {', '.join(having)}, and the format is {form}"
-        raise CommandError("update_rate_not_applicable", message, "leave it out", USAGE)
 
 
 def _source(arguments: argparse.Namespace, history: bool) -> tuple[Any, Any]:

@@ -38,8 +38,6 @@ def add_run(parser: Parser) -> None:
     add("--baud", type=_baud, metavar="auto|N", help=text)
     text = "change the baud rate of the sensor to N until its power-off"
     add("--set-baud", type=int, metavar="N", help=text)
-    text = "output rate to set on the sensor until the end of the run; default: the highest that fits the baud rate"
-    add("--set-rate", type=options.rate, metavar="HZ", help=text)
     add("--rate", type=options.rate, metavar="HZ", help="sample rate of samples without time stamps")
     text = "write nothing to the sensor; a stream without a clock then needs --rate"
     add("--listen-only", action="store_true", default=None, help=text)
@@ -54,20 +52,16 @@ def add_run(parser: Parser) -> None:
     add("--state", metavar="DIR", help=text)
     add("--fresh", action="store_true", help="start a new record; the old state is kept under another name")
     add("--record", metavar="FILE", help="also save the raw bytes, for replay")
-    options.add_config(parser)
     text = "stop after T (90, 90s, 10m, 2h, 7d) and print the final report"
     add("--duration", type=options.seconds, metavar="T", help=text)
     add("--json", action="store_true", help="print the final report as JSON")
     add("--no-guards", action="store_true", default=None, help="exclude no sample")
-    add("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
     add("--speed", type=options.speed, default=1.0, metavar="X", help="run the emulator X times faster")
     add("--seed", type=int, metavar="N", help="seed of the random noise of the emulator")
-    add("--stop-with-stdin", action="store_true", help=argparse.SUPPRESS)  # for `demo`
+    add(options.STOP_WITH_STDIN, action="store_true", help=argparse.SUPPRESS)
     text = "publish reports on /diagnostics of ROS 2"
     add("--publish-diagnostics", action="store_true", default=None, help=text)
-    text = "topic for the messages of a ros2: device with measured covariances"
-    add("--publish-covariance", metavar="TOPIC", help=text)
-    options.add_endpoints(parser, listen=True)
+    options.add_listen(parser)
 
 
 def add_demo(parser: Parser) -> None:
@@ -79,7 +73,6 @@ def add_demo(parser: Parser) -> None:
         help="run the emulator X times faster; default 60",
     )
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the random noise")
-    options.add_appearance(parser)
 
 
 def add_sim(parser: Parser) -> None:
@@ -189,7 +182,6 @@ def _settings(arguments: argparse.Namespace) -> Any:
     overrides = {
         "device.baud": arguments.baud,
         "device.set_baud": arguments.set_baud,
-        "device.set_rate_hz": arguments.set_rate,
         "device.rate_hz": arguments.rate,
         "device.listen_only": arguments.listen_only,
         "device.stream": arguments.stream,
@@ -201,7 +193,6 @@ def _settings(arguments: argparse.Namespace) -> Any:
         "record.file": arguments.record,
         "guards.enabled": False if arguments.no_guards else None,
         "ros2.diagnostics": arguments.publish_diagnostics,
-        "ros2.covariance": arguments.publish_covariance,
     }
     return options.settings(arguments, overrides)
 
@@ -222,7 +213,7 @@ def _run_daemon(
         fresh=arguments.fresh,
         temporary=temporary,
         clock=HostClock(arguments.speed),
-        baseline=options.baseline(arguments.baseline or settings.report.baseline or None),
+        baseline=options.baseline(settings.report.baseline or None),
         provenance=provenance(None, {}, settings.guards.enabled, reason="a running daemon"),
     )
     close_log = configure_logging(settings.log.level, settings.log.format)
@@ -291,7 +282,7 @@ def _demo_daemon(arguments: argparse.Namespace, directory: str) -> Iterator[tupl
     # -P: a directory named imumon in the current directory is not the package
     command = [sys.executable, "-P", "-m", "imumon", "run", "--port", "sim"]
     command += ["--speed", f"{arguments.speed:g}", "--listen", endpoint, "--state", directory, "--id", "demo"]
-    command += ["--stop-with-stdin"]
+    command += [options.STOP_WITH_STDIN]
     command += [] if arguments.seed is None else ["--seed", str(arguments.seed)]
     with tempfile.TemporaryFile("w+") as log:
         daemon = subprocess.Popen(

@@ -12,7 +12,7 @@ from imumon.cli.options import Parser
 from imumon.cli.output import print_message
 
 LISTEN = "127.0.0.1:8448"
-PASSED_ON = ("config", "id", "baseline", "theme")
+PASSED_ON = ("config", "id")
 """Options of `imumon tui` with a value, which the process of each browser gets."""
 
 
@@ -20,11 +20,7 @@ def add_web(parser: Parser) -> None:
     add = parser.add_argument
     text = f"address of the page; default {LISTEN}. Other machines can reach it only on another address than 127.0.0.1"
     add("--listen", type=_address, default=LISTEN, metavar="HOST:PORT", help=text)
-    options.add_endpoints(parser)
-    options.add_config(parser, "settings of Zenoh; options override the file")
     add("--id", metavar="NAME", help="device to show first")
-    add("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
-    options.add_appearance(parser)
 
 
 def _address(text: str) -> str:
@@ -39,7 +35,6 @@ def web(arguments: argparse.Namespace) -> int:
     from imumon.daemon.log import configure_logging
     from imumon.tui.web import is_loopback, serve
 
-    options.baseline(arguments.baseline)  # an error is reported here, not in the browser
     settings = options.settings(arguments)
     host, _, port = arguments.listen.rpartition(":")
     host = host.strip("[]")
@@ -52,9 +47,7 @@ def web(arguments: argparse.Namespace) -> int:
         words += ["--connect", endpoint]
     for name in PASSED_ON:
         if (value := getattr(arguments, name)) is not None:
-            path = name in ("config", "baseline")
-            words += [f"--{name}", os.path.abspath(value) if path else value]
-    words += ["--ascii"] * arguments.ascii
+            words += [f"--{name}", os.path.abspath(value) if name == "config" else value]
 
     def ready(address: str) -> None:
         print_message(f"the screen is at {address}; end with ctrl+c")

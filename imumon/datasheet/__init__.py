@@ -19,7 +19,6 @@ program_settings settings of other programs: templates and factors
 from imumon.datasheet.datasheet import FORMS, PAGES, document, not_measured, short_document
 from imumon.datasheet.figures import NoCurve
 from imumon.datasheet.filter_values import short_record_text
-from imumon.datasheet.program_settings import programs_with
 
 __all__ = [
     "FORMS",
@@ -27,7 +26,6 @@ __all__ = [
     "NoCurve",
     "document",
     "not_measured",
-    "programs_with",
     "short_document",
     "short_record_text",
 ]

@@ -182,11 +182,6 @@ def numbers_of(settings: str) -> dict[str, float]:
     return numbers
 
 
-def programs_with(word: str) -> list[str]:
-    """Return the programs whose settings have a line of a word of `LINES`, such as ``rate``."""
-    return [name for name in PROGRAMS if f"@{word} " in (TEMPLATES / f"{name}.template").read_text("utf-8")]
-
-
 def comments(lines: Sequence[str]) -> list[str]:
     """Return lines as comments."""
     return [f"# {line}" for line in lines]

@@ -51,10 +51,10 @@ class RosOutput:
         )
         self._covariance = topic_name(settings.covariance) if settings.covariance else ""
         if self._covariance and not is_topic:
-            text = "--publish-covariance needs messages to pass on"
+            text = "ros2.covariance needs messages to pass on"
             raise RosError("covariance_needs_topic", text, "read a topic with --port ros2:TOPIC")
         if self._covariance == self._url.topic and self._covariance:
-            text = f"--publish-covariance {self._covariance} is the topic that is read"
+            text = f"ros2.covariance {self._covariance} is the topic that is read"
             raise RosError("covariance_is_input", text, "choose another topic")
         # the node of the device has the plain name
         self._name = f"{self._node_name}_output" if is_topic else self._node_name

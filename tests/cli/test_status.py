@@ -8,7 +8,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import reports
 from commands import run_inside
@@ -45,7 +44,7 @@ def test_why_the_numbers_are_not_current_is_in_the_second_line(report: Report) -
     assert not any(line.startswith("still to come") for line in lines)
 
 
-def test_the_command_prints_a_screen_everything_or_values(report: Report) -> None:
+def test_the_command_prints_a_screen_or_everything(report: Report) -> None:
     with published(report) as endpoint:
         where = ["status", "--connect", endpoint]
         code, screen, errors = run_inside(where)
@@ -54,29 +53,6 @@ def test_the_command_prints_a_screen_everything_or_values(report: Report) -> Non
         _, everything, _ = run_inside([*where, "--verbose"])
         assert len(everything.splitlines()) > len(screen.splitlines())
         assert "bias, 95 %" in everything
-        _, values, _ = run_inside([*where, "--values"])
-        assert run_inside([*where, "--values", "--json"])[0] == 2
-    rows = [line.split("\t") for line in values.splitlines()]
-    assert [row[0] for row in rows] == [
-        name for name, channel in report.channels.items() if channel.coefficients
-    ]
-    for name, *texts in rows:
-        for letter, text in zip("NBK", texts, strict=True):
-            part = report.channels[name].coefficients[letter]
-            known = part.high if part.is_bound else part.value
-            assert text.startswith("<") == part.is_bound
-            assert (float(text.lstrip("<")) == pytest.approx(known, rel=1e-5)) if text else known is None
-
-
-def test_a_replay_prints_values_too(tmp_path: Path) -> None:
-    rng = np.random.default_rng(1)
-    file = tmp_path / "imu.csv"
-    rows = np.column_stack([np.arange(2000) * 0.01, rng.normal(0.0, 1e-3, 2000)])
-    np.savetxt(file, rows, delimiter=",", header="t,gyro_x [rad/s]", comments="")
-    code, values, _ = run_inside(["replay", str(file), "--values"])
-    name, *texts = values.rstrip("\n").split("\t")
-    assert (code, name, len(texts)) == (0, "gyro/x", 3)
-    assert float(texts[0]) == pytest.approx(1e-4, rel=0.1)
 
 
 @pytest.mark.parametrize("command", ["status", "check"])

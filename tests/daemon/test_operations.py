@@ -53,7 +53,8 @@ def test_six_sensors_of_which_three_have_a_fault(tmp_path: Path) -> None:
             if name == DEGRADED:  # compared with what a good sensor has
                 good = daemons[NAMES[0]].samples(2000)
                 (tmp_path / "good.json").write_text(to_json(good))
-                words += ["--baseline", str(tmp_path / "good.json")]
+                with config.open("a") as file:
+                    file.write(f"[report]\nbaseline = '{tmp_path}/good.json'\n")
             daemon = Daemon(str(tmp_path / name), tmp_path / f"{name}.state", "--config", str(config), *words)
             daemons[name] = stack.enter_context(daemon)
         for daemon in daemons.values():

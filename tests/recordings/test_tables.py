@@ -495,11 +495,8 @@ def test_the_settings_name_the_topic_of_the_bag_and_the_rate(tmp_path: Path) -> 
 
     assert "rostopic: /imu/raw\nupdate_rate: 100\n" in settings(bag)
     assert "rostopic: /imu/data\nupdate_rate: 100\n" in settings(table)
-    assert "rostopic: /a\nupdate_rate: 40\n" in settings(table, "--topic", "/a", "--update-rate", "40")
+    assert "rostopic: /a\nupdate_rate: 100\n" in settings(table, "--topic", "/a")
     assert "  rostopic: /imu/raw\n" in settings(bag, form="openvins")
-    assert "IMU.Frequency: 40.0\n" in settings(bag, "--update-rate", "40", form="orbslam3")
-    refused = imumon("report", bag, "--format", "px4", "--update-rate", "40", code=2)
-    assert "--update-rate is for kalibr, openvins, orbslam3" in refused
 
 
 def test_the_example_of_the_csv_module_is_read_as_it_says(tmp_path: Path) -> None:

@@ -98,8 +98,9 @@ def test_a_daemon_reads_a_topic_over_dds_and_publishes_diagnostics(
     tmp_path: Path, node: RosNode, domain: int
 ) -> None:
     url = f"ros2:/imu/data?rmw=dds&domain={domain}"
-    words = ("--publish-diagnostics", "--publish-covariance", "/imu/data_cov")
-    with Daemon(url, tmp_path, *words) as daemon:
+    settings = tmp_path / "config.toml"
+    settings.write_text('[ros2]\ndiagnostics = true\ncovariance = "/imu/data_cov"\n')
+    with Daemon(url, tmp_path, "--config", str(settings)) as daemon:
         shown = node.subscribe(DIAGNOSTICS, DIAGNOSTIC_ARRAY)
         passed_on = node.subscribe("/imu/data_cov", IMU)
         stop = threading.Event()

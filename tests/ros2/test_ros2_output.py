@@ -112,14 +112,15 @@ def variances_of(payload: bytes) -> tuple[list[float], list[float]]:
 
 
 def test_a_daemon_publishes_diagnostics_and_covariances(tmp_path: Path) -> None:
-    endpoint = free_router()
+    endpoint, settings = free_router(), tmp_path / "config.toml"
+    settings.write_text('[ros2]\ncovariance = "/imu/data_cov"\n')
     with (
         ros2_actors.router(endpoint),
         ros2_actors.publisher(endpoint, "/imu/data", 200.0),
         Daemon(
             f"ros2:/imu/data?router={endpoint}",
             tmp_path,
-            *("--publish-diagnostics", "--publish-covariance", "/imu/data_cov"),
+            *("--publish-diagnostics", "--config", str(settings)),
         ) as daemon,
     ):
         # the first report may hold half a second of samples, whose N is known to a quarter only

@@ -79,7 +79,7 @@ def test_ctrl_c_is_an_interrupt(tmp_path: Path) -> None:
         assert process.wait(60) == 130
 
 
-@pytest.mark.parametrize("words", [("--listen", "0.0.0.0:8448"), ("--listen", "8448"), ("--theme", "none")])
+@pytest.mark.parametrize("words", [("--listen", "0.0.0.0:8448"), ("--listen", "8448")])
 def test_errors_of_the_command(words: tuple[str, ...]) -> None:
     imumon("web", *words, code=2)
 

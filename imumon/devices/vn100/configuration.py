@@ -129,7 +129,7 @@ class Configuration:
             return
         rates = [f"{LOOP_RATE // divisor}" for divisor in reversed(divisors(self._kind, baud))]
         text = f"{rate_hz:g} Hz is no output rate of the sensor at {baud} baud"
-        cure = f"give --set-rate one of {', '.join(rates)}"
+        cure = f"set device.set_rate_hz to one of {', '.join(rates)}"
         higher = [other for other in BAUDS if other > baud and divisors(self._kind, other, rate_hz)]
         if higher:
             cure += f", or --set-baud {higher[0]}"

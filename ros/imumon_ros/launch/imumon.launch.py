@@ -14,7 +14,6 @@ ARGUMENTS = {
     "temperature": ("", "topic of sensor_msgs/msg/Temperature"),
     "router": ("", "Zenoh endpoint of the router, if it runs elsewhere"),
     "diagnostics": ("false", "publish reports on /diagnostics"),
-    "covariance": ("", "topic for the messages with measured covariances"),
     "state": ("", "directory of the accumulated statistics"),
     "config": ("", "settings file of imumon"),
 }
@@ -24,7 +23,6 @@ def words(values, environment):
     """Return the command for the values of the arguments."""
     options = ["--publish-diagnostics"] if values["diagnostics"].lower() in ("true", "1") else []
     for name, option in (
-        ("covariance", "--publish-covariance"),
         ("state", "--state"),
         ("config", "--config"),
     ):

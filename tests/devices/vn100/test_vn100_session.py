@@ -109,7 +109,7 @@ def test_an_output_rate_that_is_not_possible_is_refused(rate: float, baud: int |
     bench = Bench()
     with pytest.raises(InvalidOption) as error:
         bench.streaming(DeviceSettings(set_rate_hz=rate))
-    assert "at 115200 baud: give --set-rate one of 1, 2, " in str(error.value)
+    assert "at 115200 baud: set device.set_rate_hz to one of 1, 2, " in str(error.value)
     assert str(error.value).partition(", 100")[2] == (f", or --set-baud {baud}" if baud else "")
     if baud:
         settings = DeviceSettings(set_rate_hz=rate, set_baud=baud)
