@@ -40,12 +40,16 @@ EXTENSIONS = {"": "md", "htm": "html", "markdown": "md", "yaml": "kalibr", "yml"
 def add_report(parser: Parser) -> None:
     from imumon.datasheet import FORMS
 
-    forms = "; ".join(f"{name}: {form.text}" for name, form in FORMS.items())
     add = parser.add_argument
     text = f"saved report or state, or a recording ({FILES}); default: ask a daemon"
     add("file", nargs="?", metavar="FILE", type=options.file_name, help=text)
     options.add_id(parser, "device of the daemon; needed if several answer")
-    add("--format", choices=FORMS, metavar="FORM", help=f"{forms}. Default: by the name of OUT, else md")
+    add(
+        "--format",
+        choices=FORMS,
+        metavar="FORM",
+        help=f"{_forms_text()}. Default: by the name of OUT, else md",
+    )
     horizon = (
         "longest time without a fix for which numbers for filters hold; default 600 s. A camera at 20 Hz "
     )
@@ -67,6 +71,17 @@ def add_report(parser: Parser) -> None:
     )
     add_datasheet(parser)
     add_read_options(parser.add_argument_group("of a recording"))
+
+
+def _forms_text() -> str:
+    """Return the forms of a document by what they are for."""
+    from imumon.datasheet import FORMS
+
+    groups: dict[str, list[str]] = {}
+    for name, form in FORMS.items():
+        kind = "datasheet" if form.history else "figure" if form.binary else "data"
+        groups.setdefault("settings of other programs" if form.settings else kind, []).append(name)
+    return "; ".join(f"{group}: {', '.join(names)}" for group, names in groups.items())
 
 
 def report(arguments: argparse.Namespace) -> int:
