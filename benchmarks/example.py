@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from imumon.api.traceability import evaluated, with_provenance
+from imumon.api.document_report import document_report
 from imumon.coefficients import COEFFICIENTS
 from imumon.datasheet import document
 from imumon.datasheet.tables import coefficient_text
@@ -121,8 +121,7 @@ def measure(hours: float, seed: int) -> tuple[Report, EmulatorSettings]:
     end = BEGIN + timedelta(hours=hours)
     made = monitor.report(end, device, "stopped", session)
     events = tuple(event.stamped(end, device.id) for event in monitor.events())[:MAX_ITEMS]
-    reason = "the emulated sensor, through its decoder"
-    return with_provenance(replace(made, events=events), None, {}, True, reason=reason), settings
+    return replace(made, events=events), settings
 
 
 def compared_with_truth(report: Report, settings: EmulatorSettings) -> str:
@@ -172,10 +171,7 @@ def main() -> None:
         (arguments.out / "README.md").write_text(
             README.format(hours=arguments.hours, rate=RATE, comparison=comparison)
         )
-    made = evaluated(made)
-    if made.evaluation is not None and made.evaluation.provenance is not None:  # the example names no host
-        provenance = replace(made.evaluation.provenance, host=None)
-        made = replace(made, evaluation=replace(made.evaluation, provenance=provenance))
+    made = document_report(made)
     filters = filter_report(made, DEFAULT_HORIZON_S)
     for name, form in DOCUMENTS.items():
         (arguments.out / name).write_bytes(document(made, form, filters))

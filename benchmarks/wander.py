@@ -22,7 +22,7 @@ from document_tables import head, row
 from imumon.coefficients import Estimate
 from imumon.noise import synthesise
 from imumon.pipeline import Monitor
-from imumon.pipeline.uncertainty_budgets import uncertainty_budgets, with_combined
+from imumon.pipeline.combined_limits import with_combined
 from imumon.report import Channel, DeviceDescription, SessionCounters
 from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
 
@@ -71,7 +71,7 @@ def sensors(law: str, wander: float, seed: int) -> list[tuple[Channel, dict[str,
         "stopped",
         SessionCounters(),
     )
-    made = with_combined(report, uncertainty_budgets(report)).values()
+    made = with_combined(report).values()
     return [(each, {name: float(v[k]) for name, v in present.items()}) for k, each in enumerate(made)]
 
 

@@ -34,7 +34,6 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   report.py      published data model; standard library only
   report_json.py  JSON of its messages, with bounds for what comes from outside
   coefficients.py  table of N, B, K, Q and R, and the estimate of one
-  evaluation.py  its part for documents: traceability, uncertainty, conformity, exact curve
   samples.py     what devices and recordings deliver
   units.py       factors of units, and numbers as text
   ledger.py      what became of everything that was received

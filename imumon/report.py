@@ -1,6 +1,6 @@
 """Report: the published data model as frozen dataclasses, with the rules of its JSON (`report_json`).
 
-Standard library only: any tool can read a report with this file, `coefficients`, `evaluation`, `report_json` and
+Standard library only: any tool can read a report with this file, `coefficients`, `report_json` and
 `units`. The fields are the contract (docs/ZENOH.md): they are extended, but never changed. An unknown value is None
 with a reason, never 0 or NaN. SI units.
 """
@@ -26,7 +26,6 @@ from imumon.coefficients import (
     Status,
     by_letter,
 )
-from imumon.evaluation import Evaluation, ExactCurve, Item, UncertaintyBudget
 from imumon.ledger import ColumnUse
 from imumon.report_json import JsonReader, entries, plain
 from imumon.report_json import check as _check
@@ -491,6 +490,47 @@ class Event:
     level: Literal["debug", "info", "notice", "warning", "error"] = "info"  # how much it matters to a user
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SheetValue:
+    """One value of a data sheet for one channel, beside what was measured."""
+
+    channel: str  # such as gyro/x
+    quantity: str  # a coefficient, or floor: 0.664 B, or density: sqrt(2) N
+    coefficient: str  # that it is a value of, such as N
+    printed: float  # in `printed_unit`, of `quantity`, as the data sheet has it
+    printed_unit: str  # of the data sheet
+    basis: str  # "maximum", or "typical": about half of the devices exceed a typical value
+    value: float  # in `unit`, of `coefficient`
+    unit: str  # of the coefficient, such as rad/s/sqrt(Hz)
+    above: bool | None  # whether the whole combined interval is above; null: unknown
+    reason: str | None = None  # why a measured one is not said to be above
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DataSheet:
+    """Published values of the sensor."""
+
+    title: str  # device
+    document: str  # data sheet
+    edition: str | None = None  # of the data sheet
+    source: str | None = None  # where the values were read
+    note: str | None = None  # what must be known to compare
+    values: tuple[SheetValue, ...] = ()  # one per channel and value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExactCurve:
+    """Fully overlapping Allan deviation of one channel, computed from all samples."""
+
+    tau_s: tuple[float, ...] = ()  # s, averaging times
+    sigma: tuple[float, ...] = ()  # channel unit, Allan deviation
+    low: tuple[float | None, ...] = ()  # channel unit, lower 95 % limit
+    high: tuple[float | None, ...] = ()  # channel unit, upper 95 % limit
+    terms: tuple[int, ...] = ()  # 1, differences that were averaged
+    # 1, sigma of `allan` over this one, less 1; null: no such octave
+    difference: tuple[float | None, ...] = ()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Report:
     """Everything known about one device at one moment."""
@@ -512,8 +552,8 @@ class Report:
     precision: Mapping[str, float] = field(default_factory=dict)  # 1, configured half-width of N, B and K
     alarm_limits: Mapping[str, float] = field(default_factory=dict)  # 1, configured, by alarm: loss
     events: tuple[Event, ...] = ()  # of the record, at most 256; only in a report of `replay` or `report`
-    item: Item | None = None  # identity of the item and the measurement, of a document; null: not stated
-    evaluation: Evaluation | None = None  # for documents; on the bus only `provenance`, that of the daemon
+    data_sheet: DataSheet | None = None  # of the sensor, in a document; null: none of this device is known
+    exact: Mapping[str, ExactCurve] = field(default_factory=dict)  # by channel; with --exact only
 
     def __repr__(self) -> str:
         lines = [f"  {name}: {channel!r}" for name, channel in self.channels.items()]
@@ -595,15 +635,13 @@ def _check_session(session: SessionCounters) -> None:
 
 def _check_report(report: Report) -> None:
     _check(report.period_s > 0.0 and report.speed > 0.0, "a period or speed that is not positive")
-    _check(report.evaluation is None or report.evaluation.sizes_are_positive(), "a budget not above 0")
-    for names in (report.channels, report.grade, report.limits, report.limit_curves):
+    for names in (report.channels, report.exact, report.grade, report.limits, report.limit_curves):
         _check_channels(names)
 
 
 _CHECKS: Mapping[Any, Callable[[Any], None]] = {
     Report: _check_report,
-    Evaluation: lambda part: _check_channels({**part.exact, **part.budgets, **part.bias_budgets}),
-    UncertaintyBudget: lambda part: _check(part.is_plausible(), "a budget of 0, or a negative uncertainty"),
+    SheetValue: lambda part: _check(part.value > 0.0 < part.printed, "a value of a data sheet not above 0"),
     ExactCurve: lambda part: _check(all(tau > 0.0 for tau in part.tau_s), "a tau that is not positive"),
     SessionCounters: _check_session,
     Estimate: _check_estimate,

@@ -31,7 +31,7 @@ EMULATOR = "imumon.devices.vn100.emulator"
 MODULES = (
     "imumon.cli.replay_command",
     "imumon.cli.run_command",
-    "imumon.api.traceability",
+    "imumon.api.document_report",
     "imumon.cli.report_command",
     "imumon.config.loading",
     "imumon.daemon",

@@ -99,7 +99,7 @@ def curve_table(
     report: Report, name: str, channel: Channel, confidence: float, *, exact: bool = False
 ) -> CurveTable:
     """Return the curve of a channel; raise `ImumonError` if it has none."""
-    exact_curve = report.evaluation.exact.get(name) if report.evaluation is not None else None
+    exact_curve = report.exact.get(name)
     if exact and exact_curve is None:
         text = f"the measurement has no exact curve of {name}"
         raise ImumonError("no_curve", text, "analyse the record with taus=, such as taus='decade'")

@@ -24,17 +24,16 @@ from typing import Any
 
 import numpy as np
 
+from imumon.api.document_report import document_report
 from imumon.api.measurement import Measurement
 from imumon.api.python_words import python_wording
 from imumon.api.record_analysis import (
     array_remarks,
     checked_precision,
-    given_options,
     one_thread,
     require_noise,
 )
 from imumon.api.sensor_arrays import checked_rate
-from imumon.api.traceability import evaluated, with_provenance
 from imumon.checkpoint import StateError, decode, encode
 from imumon.errors import ImumonError
 from imumon.files import replace_file
@@ -201,11 +200,8 @@ class Live:
             ended = copy.deepcopy(self)
             report = ended._ended()
             require_noise(self._options, report)
-            report = with_provenance(
-                report, None, given_options(self._options), self._options.guarded, "arrays of a program"
-            )
             notes = array_remarks(self._options, report)
-            return Measurement(evaluated(report), notes)
+            return Measurement(document_report(report), notes)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a state from which `load` continues, in another process or on another day.

@@ -4,7 +4,7 @@
 figures, numbers for filters. pandas, xarray and matplotlib are imported by the methods that return their types.
 
 Limits are for 95 % in the report. Tables and curves may have others: those of a coefficient are scaled as the
-logarithm of a normal quantity (of Student's t where the uncertainty budget has its degrees of freedom), those of the
+logarithm of a normal quantity (of Student's t where a coefficient has its degrees of freedom), those of the
 Allan deviation follow from chi-square. A 95 % upper bound is a bound at every lower probability, too, and is kept; at
 a higher one nothing is known.
 """
@@ -139,7 +139,7 @@ class Measurement:
     def interval(
         self, channel: str, letter: str, confidence: float | None = None
     ) -> tuple[float | None, float | None]:
-        """Return the limits of a coefficient, in its unit, as documents print them: with the whole budget.
+        """Return the limits of a coefficient, in its unit, as documents print them: the combined ones.
 
         Parameters
         ----------
@@ -153,14 +153,13 @@ class Measurement:
         if estimate is None:
             cure = f"it has {', '.join(self[channel].estimates) or 'none'}"
             raise ImumonError("unknown_coefficient", f"{channel} has no coefficient {letter!r}", cure)
-        dof = self._dof(channel, letter)
-        return limits_at(estimate.stated, self._chosen(confidence), dof)
+        return limits_at(estimate.stated, self._chosen(confidence), estimate.dof)
 
     def to_frame(self, confidence: float | None = None) -> pandas.DataFrame:
         """Return a DataFrame with a row for each channel and coefficient.
 
-        `low` and `high` are the limits of statistics, `combined_low` and `combined_high` those with the whole
-        uncertainty budget, which documents print; all in `unit`.
+        `low` and `high` are the limits of statistics, `combined_low` and `combined_high` those with all that is
+        known of the uncertainty, which documents print; all in `unit`.
         """
         frame = frame_of(list(self._coefficient_rows(self._chosen(confidence))))
         return frame.set_index(["channel", "coefficient"]) if len(frame) else frame
@@ -169,18 +168,12 @@ class Measurement:
         for name, channel in self.report.channels.items():
             for letter, estimate in channel.estimates.items():
                 low, high = limits_at(estimate, confidence)
-                combined = limits_at(estimate.stated, confidence, self._dof(name, letter))
+                combined = limits_at(estimate.stated, confidence, estimate.dof)
                 yield {
                     "channel": name, "coefficient": letter, "value": estimate.value, "low": low, "high": high,
                     "combined_low": combined[0], "combined_high": combined[1], "status": estimate.status,
                     "unit": estimate.unit, "reason": estimate.reason,
                 }  # fmt: skip
-
-    def _dof(self, channel: str, letter: str) -> float | None:
-        """Return the degrees of freedom of the combined limits; None: infinite, or unknown."""
-        budgets = self.report.evaluation.budgets if self.report.evaluation is not None else {}
-        budget = budgets.get(channel, {}).get(letter)
-        return None if budget is None else budget.dof
 
     def rows(self) -> list[dict[str, Any]]:
         """Return every number of the report as a dict: the rows of ``imumon report --format csv``."""
@@ -278,28 +271,34 @@ class Measurement:
         filters = self._filters(horizon_s) if chosen.filters else empty
         return document(self.report, form, filters).decode()
 
-    def settings(self, program: str, horizon_s: float = 600.0) -> dict[str, float]:
+    def settings(self, program: str, horizon_s: float = 600.0, *, bounds: bool = False) -> dict[str, float]:
         """Return the numbers of the settings of another program, by their names in its file.
 
         A number that the record does not show is left out; `text` says why.
+
+        Parameters
+        ----------
+        bounds : with numbers of which only a bound is known, made for half of it.
         """
-        from imumon.datasheet.program_settings import PROGRAMS, numbers_of
+        from imumon.datasheet.program_settings import PROGRAMS, numbers_of, settings_document
 
         if program not in PROGRAMS:
             cure = f"use one of {', '.join(PROGRAMS)}"
             raise ImumonError("unknown_format", f"no settings are named {program!r}", cure)
-        return numbers_of(self.text(program, horizon_s))
+        return numbers_of(settings_document(program, self.report, self._filters(horizon_s), bounds=bounds))
 
-    def gtsam_params(self, gravity: float = 9.80665, horizon_s: float = 600.0) -> Any:
+    def gtsam_params(
+        self, gravity: float = 9.80665, horizon_s: float = 600.0, *, bounds: bool = False
+    ) -> Any:
         """Return ``gtsam.PreintegrationCombinedParams`` with z up, where gtsam is installed.
 
         Raises
         ------
-        ImumonError : it is not installed, or a number is unknown.
+        ImumonError : it is not installed, or a number is unknown; without `bounds` also if only a bound is known.
         """
         from imumon.api.gtsam_params import combined_params
 
-        return combined_params(self.settings("gtsam", horizon_s), gravity)
+        return combined_params(self.settings("gtsam", horizon_s, bounds=bounds), gravity)
 
     # ------------------------------------------------------------------ text
 

@@ -4,7 +4,7 @@ A path, arrays, a DataFrame and the commands `imumon replay` and `imumon report`
 
 1. A source becomes a recording: `sensor_arrays` names arrays, `recordings` reads files.
 2. `replay` places the samples on the grid of their clock, leaves disturbances and warm-up out, and fits.
-3. `traceability` adds where the numbers come from, their uncertainty budgets, and the check against a data sheet.
+3. `document_report` adds the values of the data sheet.
 
 Equal samples give equal reports, whichever way they come.
 
@@ -22,10 +22,10 @@ from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
 from imumon.alarms import DEFAULT_LIMITS
+from imumon.api.document_report import document_report
 from imumon.api.measurement import Measurement, report_of
 from imumon.api.python_words import python_wording
 from imumon.api.sensor_arrays import checked_rate, has_time, named_source
-from imumon.api.traceability import evaluated, with_provenance
 from imumon.coefficients import NOISE, default_precision
 from imumon.errors import ImumonError
 from imumon.pipeline.exact_curve import Taus
@@ -152,38 +152,8 @@ def measured(
     remarks: list[str] = []
     report = replay(options, progress=progress, bus=bus, remark=remarks.append)
     require_noise(options, report)
-    reason = "arrays of a program"
-    report = with_provenance(report, options.path or None, given_options(options), options.guarded, reason)
     # those of the device are in the report; what is left says why the recording ended early
-    return Measurement(evaluated(report, sheet), tuple(remarks[len(report.device.remarks) :]))
-
-
-def given_options(options: ReplayOptions) -> dict[str, str]:
-    """Return the options that were given, as text by the name of the option of `imumon replay`."""
-    assigned = ",".join(f"{channel}={column}" for channel, column in options.columns.items())
-    texts = {
-        "--rate": f"{options.rate_hz:g}" if options.rate_hz else None,
-        "--stream": options.kind,
-        "--map": assigned or None,
-        "--topic": options.topic,
-        "--sensor": options.sensor,
-        "--where": ",".join(f"{name}={value}" for name, value in (options.where or {}).items()) or None,
-        "--msg": options.definitions,
-        "--taus": _taus_text(options.exact),
-        "--filter": options.filter.text if options.filter else None,
-        "--no-guards": None if options.guarded else "",
-        "--exact": "" if options.exact else None,
-        "units": ", ".join(f"{sensor} {unit}" for sensor, unit in options.units.items()) or None,
-        "kind": options.samples,
-    }
-    return {name: text for name, text in texts.items() if text is not None}
-
-
-def _taus_text(exact: Taus | None) -> str | None:
-    """Return the averaging times as ``--taus`` takes them; None: there are none, or those of ``--exact`` alone."""
-    if exact in (None, "octave"):
-        return None
-    return exact if isinstance(exact, str) else ",".join(map("{:g}".format, exact or ()))
+    return Measurement(document_report(report, sheet), tuple(remarks[len(report.device.remarks) :]))
 
 
 def one_thread() -> AbstractContextManager[Any]:

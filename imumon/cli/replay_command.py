@@ -57,8 +57,8 @@ def add_read_options(parser: argparse._ActionsContainer) -> None:
 
 def add_datasheet(parser: argparse._ActionsContainer) -> None:
     """Add ``--datasheet``."""
-    text = "limits of the sensor's data sheet (TOML), or the name of one that imumon has; each value passes, fails or "
-    parser.add_argument("--datasheet", metavar="FILE.toml", help=f"{text}is undecided")
+    text = "values of the sensor's data sheet (TOML), or the name of one that imumon has, beside the measured ones"
+    parser.add_argument("--datasheet", metavar="FILE.toml", help=text)
 
 
 def sensor_filter(text: str) -> Any:
@@ -164,7 +164,7 @@ def replay(arguments: argparse.Namespace) -> int:
 def _combined(arguments: argparse.Namespace, sheet: Any, baseline: Any) -> Any:
     """Return the report of a sensor from several of its recordings."""
     from imumon.api.combination import combine
-    from imumon.api.traceability import evaluated, with_provenance
+    from imumon.api.document_report import document_report
 
     given = {"--publish": arguments.publish, "--speed": arguments.speed != "max", "--exact": arguments.exact}
     for option, value in given.items():
@@ -175,8 +175,7 @@ def _combined(arguments: argparse.Namespace, sheet: Any, baseline: Any) -> Any:
             )
     wanted = [replay_options(arguments, path, baseline=baseline) for path in arguments.files]
     report = combine([replayed(options) for options in wanted]).report
-    reason = f"{len(wanted)} recordings: {', '.join(arguments.files)}"
-    return evaluated(with_provenance(report, None, {}, wanted[0].guarded, reason), sheet)
+    return document_report(report, sheet)
 
 
 def _publisher(arguments: argparse.Namespace) -> Any:

@@ -12,7 +12,6 @@ from typing import Any, get_args
 
 from imumon.cli import options
 from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
-from imumon.cli.item import KEYS, with_item
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message
 from imumon.cli.replay_command import (
@@ -38,7 +37,7 @@ EXTENSIONS = {"": "md", "htm": "html", "markdown": "md", "yaml": "kalibr", "yml"
 
 
 def add_report(parser: Parser) -> None:
-    from imumon.datasheet import FORMS
+    from imumon.datasheet import DEFAULT_PROGRAM, FORMS
 
     add = parser.add_argument
     text = f"saved report or state, or a recording ({FILES}); default: ask a daemon"
@@ -55,15 +54,12 @@ def add_report(parser: Parser) -> None:
     )
     horizon += "that may lose its track for 10 s needs 10s, a car in a tunnel 2m"
     add("--horizon", type=options.horizon, metavar="S", help=horizon)
-    text = "two pages: table, figures and the settings of PROGRAM; default kalibr"
-    programs = get_args(ProgramName)
-    add("--short", nargs="?", const=programs[0], choices=programs, metavar="PROGRAM", help=text)
+    text = f"whose settings a datasheet has: {', '.join(get_args(ProgramName))}; default {DEFAULT_PROGRAM}"
+    add("--program", choices=get_args(ProgramName), metavar="PROGRAM", help=text)
     text = "random walk of the bias for other programs: filter (default), so large that a filter is not too sure of "
     text += "its bias, although flicker is no random walk; K, the coefficient alone, as other tools give it"
     add("--walk", choices=("filter", "K"), help=text)
     add("-o", "--output", metavar="OUT", help="file to write; default: standard output")
-    text = f"KEY=VALUE, or a TOML file of them: {', '.join(KEYS)}; may be repeated"
-    add("--item", action="append", default=[], metavar="ITEM", help=text)
     add(
         "--strict",
         action="store_true",
@@ -86,14 +82,14 @@ def _forms_text() -> str:
 
 def report(arguments: argparse.Namespace) -> int:
     """Write a document from a running daemon, a recording, a state or a saved report."""
-    from imumon.api.traceability import evaluated
-    from imumon.datasheet import FORMS, document, short_document, short_record_text
+    from imumon.api.document_report import document_report
+    from imumon.datasheet import DEFAULT_PROGRAM, FORMS, document, short_record_text
 
     form = _form(arguments)
     _check_options(arguments, form)
     sheet = reference_sheet(arguments)
-    source, rows = _source(arguments, FORMS[form].history)
-    source = evaluated(with_item(source, arguments.item), sheet, rows)
+    source, rows = _source(arguments)
+    source = document_report(source, sheet, rows)
     if arguments.strict:
         _check_measured(source, form)
     filter_numbers = FORMS[form].settings and not FORMS[form].curves
@@ -105,10 +101,7 @@ def report(arguments: argparse.Namespace) -> int:
     if FORMS[form].settings:
         topic = arguments.topic or source.device.topic
         filters = replace(filters, device=replace(filters.device, topic=topic))
-    if arguments.short:
-        data = short_document(source, form, filters, arguments.short)
-    else:
-        data = document(source, form, filters, rows)
+    data = document(source, form, filters, arguments.program or DEFAULT_PROGRAM)
     if arguments.output in (None, "-"):
         sys.stdout.buffer.write(data)
         return SUCCESS
@@ -138,18 +131,17 @@ def _check_fits_form(arguments: argparse.Namespace, form: str) -> None:
     if arguments.walk and not (FORMS[form].settings or form in PAGES):
         message = f"--walk is for numbers of other programs, and {form} has none"
         raise CommandError("walk_not_applicable", message, "leave it out, or name such a --format", USAGE)
-    if arguments.short and form not in PAGES:
-        message = f"--short is a form of the datasheet, and {form} is none"
+    if arguments.program and form not in PAGES:
+        message = f"--program is for the settings on a datasheet, and {form} is none"
         cure = f"name {' or '.join(PAGES)} with --format or -o"
-        raise CommandError("short_not_applicable", message, cure, USAGE)
+        raise CommandError("program_not_applicable", message, cure, USAGE)
     if FORMS[form].binary and arguments.output is None and sys.stdout.isatty():
         message = f"a {form} file cannot be shown in a terminal"
         raise CommandError("binary_to_terminal", message, "name a file with -o", USAGE)
 
 
-def _source(arguments: argparse.Namespace, history: bool) -> tuple[Any, Any]:
+def _source(arguments: argparse.Namespace) -> tuple[Any, Any]:
     """Return the report of the file or the daemon, and the days of its history."""
-    from imumon.api.traceability import with_provenance
     from imumon.cli.history_command import published_days, stored_days
 
     if arguments.file:
@@ -161,8 +153,8 @@ def _source(arguments: argparse.Namespace, history: bool) -> tuple[Any, Any]:
         cure = "give a FILE (imumon report --help)"
         source = options.first_report(subscriber, arguments.id, options.ANSWER_S, cure, arguments)
         source = replace(source, events=tuple(subscriber.events(source.device.id)))
-        rows = published_days(subscriber, source.device.id) if history else ()
-    return with_provenance(source, None, {}, None), rows
+        rows = published_days(subscriber, source.device.id)
+    return source, rows
 
 
 def _check_measured(report: Any, form: str) -> None:
@@ -225,19 +217,15 @@ def _from_file(arguments: argparse.Namespace) -> Any:
             pass  # a bag of several files
         except OSError as error:
             raise not_read(arguments.file, error) from None
-    from imumon.api.traceability import with_provenance
-
     if head.lstrip().startswith(b"{"):
         _check_recording(arguments, "a saved report")
-        return with_provenance(_from_report(Path(arguments.file)), arguments.file, {}, None)
+        return _from_report(Path(arguments.file))
     from imumon.checkpoint import is_state
     from imumon.cli.history_command import with_turn_on
 
     if is_state(head):
         _check_recording(arguments, "a saved state")
-        saved, guarded = _from_state(Path(arguments.file))
-        whole = with_turn_on(saved, Path(arguments.file))
-        return with_provenance(whole, arguments.file, {}, guarded)
+        return with_turn_on(_from_state(Path(arguments.file)), Path(arguments.file))
     from imumon.datasheet import FORMS
     from imumon.recordings import OptionNotApplicable
 
@@ -267,8 +255,8 @@ def _from_report(path: Path) -> Any:
         raise CommandError("not_a_report", f"{path} is not a saved report: {error}", REPORT_CURE) from None
 
 
-def _from_state(path: Path) -> tuple[Any, bool]:
-    """Return the report of a saved state, as of the time when it was saved, and whether its guards were on."""
+def _from_state(path: Path) -> Any:
+    """Return the report of a saved state, as of the time when it was saved."""
     from dataclasses import asdict
     from datetime import datetime
 
@@ -282,8 +270,8 @@ def _from_state(path: Path) -> tuple[Any, bool]:
         raise CommandError(
             "state_invalid", f"{path} is the state of an imumon.Live", "load it with imumon.Live.load"
         )
-    header, guarded = state.header, state.monitor.guarded
-    monitor = Monitor(MonitorOptions(guarded=guarded))
+    header = state.header
+    monitor = Monitor(MonitorOptions(guarded=state.monitor.guarded))
     monitor.restore(state.monitor, 0.0)
     monitor.accept_restored()
     known = asdict(header.device)
@@ -299,4 +287,4 @@ def _from_state(path: Path) -> tuple[Any, bool]:
     if monitor.stream is not None and monitor.stream.kind == "compensated":
         caveats = tuple(dict.fromkeys((*caveats, "compensated")))
     moment = datetime.fromisoformat(header.saved)
-    return monitor.report(moment, device, "stopped", session, device_caveats=caveats), guarded
+    return monitor.report(moment, device, "stopped", session, device_caveats=caveats)

@@ -200,7 +200,6 @@ def _settings(arguments: argparse.Namespace) -> Any:
 def _run_daemon(
     arguments: argparse.Namespace, settings: Any, url: str, directory: Path, *, temporary: bool = False
 ) -> int:
-    from imumon.api.traceability import provenance
     from imumon.bus import BusError
     from imumon.clock import HostClock
     from imumon.daemon import Daemon, RunOptions
@@ -214,7 +213,6 @@ def _run_daemon(
         temporary=temporary,
         clock=HostClock(arguments.speed),
         baseline=options.baseline(settings.report.baseline or None),
-        provenance=provenance(None, {}, settings.guards.enabled, reason="a running daemon"),
     )
     close_log = configure_logging(settings.log.level, settings.log.format)
     try:

@@ -33,7 +33,6 @@ from imumon.devices.device_reader import (
     create_device,
 )
 from imumon.devices.registry import driver_of
-from imumon.evaluation import Evaluation
 from imumon.messages import EVENT_LEVELS
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Level, Notice, RawBytes, SampleBlock
 
@@ -263,9 +262,6 @@ class Daemon:
         if self._connection.state == "waiting":
             self._notifier.ready()
         current = record.annotated(self._report(outputs.bus.id))
-        if (provenance := self.options.provenance) is not None:
-            dated = replace(provenance, made=current.time)
-            current = replace(current, evaluation=Evaluation(provenance=dated))
         outputs.report(current, record.monitor.signals())
         record.keep(in_progress=True)
         outputs.detected(record.monitor.events())

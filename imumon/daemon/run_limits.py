@@ -10,7 +10,6 @@ from pathlib import Path
 from types import FrameType
 
 from imumon.clock import REAL_TIME, HostClock
-from imumon.evaluation import Provenance
 from imumon.report import Report
 
 ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
@@ -45,7 +44,6 @@ class RunOptions:
     temporary : the state directory is deleted after the run.
     clock : of the host; in time-lapse for an emulator that is.
     baseline : an earlier report of the same sensor, to compare with.
-    provenance : program and host, for the reports; None: they do not name them.
     """
 
     url: str
@@ -55,7 +53,6 @@ class RunOptions:
     temporary: bool = False
     clock: HostClock = REAL_TIME
     baseline: Report | None = None
-    provenance: Provenance | None = None
 
 
 @dataclass(frozen=True, slots=True)

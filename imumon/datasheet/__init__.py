@@ -1,8 +1,8 @@
 """Datasheet: documents and settings from a report. The only computation is the conversion of units.
 
 datasheet        entry: `document`, and the formats there are
-content          content of a datasheet, element by element
-evidence         elements of data sheet, uncertainty, exact curve and traceability
+sheet            the two pages that a customer reads, element by element
+appendix         what supports them, section by section
 elements         the elements, and their form in Markdown
 html             the form as one self-contained HTML page
 figures          Allan deviation as an element of the page and as SVG and PNG, by matplotlib
@@ -10,22 +10,22 @@ tables           table for a terminal, and texts that several forms share
 csv_table        every number as one tidy CSV table
 filter_values    numbers for filters, with comments: unit, origin, factor against plain K, record length
 convergence_figure  what was stated of a shorter record: figure and table
-filter_figure    predicted error of a filter: figure and table
+spectrum_figure  power spectral density
 signal_text      bias, drift, spectral lines and changes as lines of text
 temperature_settings  bias against the temperature for flight controllers
 program_settings settings of other programs: templates and factors
 """
 
-from imumon.datasheet.datasheet import FORMS, PAGES, document, not_measured, short_document
+from imumon.datasheet.datasheet import DEFAULT_PROGRAM, FORMS, PAGES, document, not_measured
 from imumon.datasheet.figures import NoCurve
 from imumon.datasheet.filter_values import short_record_text
 
 __all__ = [
+    "DEFAULT_PROGRAM",
     "FORMS",
     "PAGES",
     "NoCurve",
     "document",
     "not_measured",
-    "short_document",
     "short_record_text",
 ]

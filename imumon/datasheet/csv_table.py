@@ -11,8 +11,7 @@ corrected    N                         without aliasing, by the nominal factor o
 allan        sigma                     Allan deviation at tau_s, with limits, model, noise and whether the fit uses it
 bias         degree 0, hysteresis ...  terms of the bias against the temperature, with limits
 exact        sigma                     fully overlapping Allan deviation; `difference` of the other one, a share
-uncertainty  its letter, bias          standard uncertainty by `source`; combined and expanded too
-check        N, B, K, floor            against `limit` of a data sheet, with verdict (`status`) and probability
+sheet        its quantity              of the data sheet (`source`: maximum or typical); `status` above: the interval is
 event        kind of the event         length in s at time_s
 """
 
@@ -26,14 +25,12 @@ from typing import Any
 
 from imumon.coefficients import Estimate
 from imumon.datasheet.tables import sensor_title, without_aliasing
-from imumon.evaluation import ExactCurve
 from imumon.messages import spreadsheet_cell
-from imumon.report import Allan, Channel, Report
+from imumon.report import Allan, Channel, ExactCurve, Report
 
 COLUMNS = (
     "kind", "channel", "name", "unit", "tau_s", "time_s", "value", "low", "high", "status", "edf", "model",
-    "noise", "used", "difference", "source", "limit", "probability", "combined_low", "combined_high", "device",
-    "caveats", "k", "sha256",
+    "noise", "used", "difference", "source", "combined_low", "combined_high", "device", "caveats",
 )  # fmt: skip
 STATISTICS = ("mean", "std", "min", "max")
 COUNTERS_NOT_SHOWN = ("started", "excluded_by", "ledger")
@@ -56,32 +53,32 @@ def csv_table(report: Report) -> str:
 
 def table_rows(report: Report) -> Iterator[Row]:
     """Yield every row of the table, each with all `COLUMNS`; None is unknown or does not apply."""
-    provenance = report.evaluation.provenance if report.evaluation is not None else None
-    common = {
-        "device": sensor_title(report),
-        "sha256": provenance.input_sha256 if provenance is not None else None,
-    }
     for row in _rows(report):
         channel = report.channels.get(row.get("channel") or "")
         caveats = report.caveats if channel is None else channel.caveats
-        row |= common | {"caveats": " ".join(caveats)}
+        row |= {"device": sensor_title(report), "caveats": " ".join(caveats)}
         yield {name: row.get(name) for name in COLUMNS}
 
 
 def _rows(report: Report) -> Iterator[Row]:
     """Yield every number of the report, without the columns that all rows have."""
     yield from _counter_rows(report)
-    budgets = report.evaluation.budgets if report.evaluation is not None else {}
     for name, channel in report.channels.items():
         yield from ({"channel": name} | row for row in _channel_rows(channel))
-        factors = {letter: budget.coverage for letter, budget in budgets.get(name, {}).items()}
         for letter, part in channel.estimates.items():
-            row = _coefficient(part) | {"name": letter, "k": factors.get(letter)}
+            row = _coefficient(part) | {"name": letter, "edf": part.dof}
             yield {"kind": "coefficient", "channel": name} | row
             if letter == "N" and (corrected := without_aliasing(report, name, part)) is not None:
                 yield {"kind": "corrected", "channel": name} | row | _coefficient(corrected)
-    if report.evaluation is not None:
-        yield from _evaluation_rows(report)
+    for name, curve in report.exact.items():
+        unit = report.channels[name].unit if name in report.channels else None
+        exact: Row = {"kind": "exact", "channel": name, "name": "sigma", "unit": unit}
+        yield from (exact | point for point in _points(curve))
+    for value in report.data_sheet.values if report.data_sheet is not None else ():
+        yield {
+            "kind": "sheet", "channel": value.channel, "name": value.quantity, "unit": value.printed_unit,
+            "value": value.printed, "status": "above" if value.above else None, "source": value.basis,
+        }  # fmt: skip
     for event in report.events:
         if event.elapsed_s is not None:  # others happened without a record
             yield {
@@ -131,36 +128,3 @@ def _points(curve: Allan | ExactCurve) -> Iterator[Row]:
     names = [column.name for column in fields(curve) if column.name in (*COLUMNS, "sigma")]
     for point in zip(*(getattr(curve, name) for name in names), strict=True):
         yield dict(zip(("value" if name == "sigma" else name for name in names), point, strict=True))
-
-
-def _evaluation_rows(report: Report) -> Iterator[Row]:
-    """Yield exact curves, uncertainty budgets and checks against a data sheet."""
-    row: Row
-    evaluation = report.evaluation
-    assert evaluation is not None
-    for name, curve in evaluation.exact.items():
-        unit = report.channels[name].unit if name in report.channels else None
-        for row in _points(curve):
-            yield {"kind": "exact", "channel": name, "name": "sigma", "unit": unit} | row
-    for name in dict.fromkeys((*evaluation.budgets, *evaluation.bias_budgets)):
-        bias = {"bias": evaluation.bias_budgets[name]} if name in evaluation.bias_budgets else {}
-        for letter, budget in {**evaluation.budgets.get(name, {}), **bias}.items():
-            base = {"kind": "uncertainty", "channel": name, "name": letter, "unit": budget.unit}
-            for part in budget.components:
-                yield base | {
-                    "source": part.source,
-                    "status": part.kind,
-                    "value": part.standard,
-                    "high": part.bound,
-                    "edf": part.dof,
-                }
-            whole = {"k": budget.coverage, "combined_low": budget.low, "combined_high": budget.high}
-            yield base | {"source": "combined", "value": budget.combined, "edf": budget.dof} | whole
-            yield base | {"source": "expanded, 95 %", "value": budget.expanded} | whole
-    if evaluation.conformity is not None:
-        for check in evaluation.conformity.checks:
-            yield {
-                "kind": "check", "channel": check.channel, "name": check.quantity, "unit": check.unit,
-                "value": check.value, "low": check.low, "high": check.high, "limit": check.limit,
-                "status": check.verdict, "probability": check.probability, "source": check.basis,
-            }  # fmt: skip

@@ -13,7 +13,7 @@ from typing import TypeAlias
 @dataclass(frozen=True, slots=True)
 class Heading:
     text: str
-    joined: bool = False  # whether no page begins with it
+    new_page: bool = False  # whether a printed page begins with it
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +40,11 @@ class GradeSummary:
 
 @dataclass(frozen=True, slots=True)
 class DataTable:
-    """Rows of cells; the first column names the row, `strong` rows are emphasised."""
+    """Rows of cells; the first column names the row. Without heads it is a list of facts."""
 
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
-    caption: str = ""
-    strong: frozenset[int] = frozenset()
-    tall: bool = False  # whether rows leave room to write in them
+    even: bool = False  # whether its columns are as wide as those of other such tables
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +52,7 @@ class Figure:
     """A figure where the form has figures, else its numbers."""
 
     caption: str
-    numbers: DataTable
+    numbers: DataTable | None
     svg: Callable[[], str]  # the element of an HTML page; empty: there is nothing to draw
     legend: str = ""  # what the marks mean, for a figure
 
@@ -69,20 +67,29 @@ Element: TypeAlias = Heading | Paragraph | Caution | GradeSummary | DataTable | 
 
 
 @dataclass(frozen=True, slots=True)
-class Document:
-    """A datasheet; `running` is repeated on each page: its number, its revision, and what makes it."""
+class Section:
+    """A part of the appendix: closed on a screen, until somebody opens it."""
 
     title: str
-    subtitle: str
     elements: tuple[Element, ...]
-    running: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    title: str
+    subtitle: str
+    sheet: tuple[Element, ...]
+    appendix: tuple[Section, ...]
+    foot: str  # what wrote it
 
 
 def markdown(document: Document) -> str:
     """Return a document as Markdown."""
     parts = [f"# {_escaped(document.title)}", _escaped(document.subtitle)]
-    parts += [text for element in document.elements if (text := _markdown_element(element))]
-    return "\n\n".join(parts) + "\n"
+    parts += map(_markdown_element, document.sheet)
+    for section in document.appendix:
+        parts += [f"## Appendix: {_escaped(section.title)}", *map(_markdown_element, section.elements)]
+    return "\n\n".join([*filter(None, parts), _escaped(document.foot)]) + "\n"
 
 
 def _markdown_element(element: Element) -> str:
@@ -93,31 +100,29 @@ def _markdown_element(element: Element) -> str:
         case Paragraph(text):
             return _escaped(text)
         case Caution(name, text):
-            return f"> **{_escaped(name)}** {text}".rstrip()
+            return f"> **{_escaped(name)}** {_escaped(text)}".rstrip()
         case GradeSummary(sensor, grade, text):
             return f"**{sensor}: {grade}** ({text.rstrip('.')})"
         case DataTable():
             return _markdown_table(element)
         case Figure(caption, numbers):
-            return f"{_markdown_table(numbers)}\n\n{_escaped(caption)}"
+            return "" if numbers is None else f"{_markdown_table(numbers)}\n\n{_escaped(caption)}"
         case Listing(language, text):
             return f"```{language}\n{text}\n```"
 
 
 def _markdown_table(table: DataTable) -> str:
     """Return a table with columns of even width, which also reads well as plain text."""
-    rows = [
-        tuple(f"**{_escaped(cell)}**" if i in table.strong else _escaped(cell) for cell in row)
-        for i, row in enumerate(table.rows)
-    ]
+    rows = [tuple(map(_escaped, row)) for row in table.rows]
     head = tuple(map(_escaped, table.head))
     widths = [max(3, *(len(row[k]) for row in (head, *rows))) for k in range(len(head))]
 
     def line(cells: tuple[str, ...]) -> str:
         return "| " + " | ".join(f"{c:<{width}}" for c, width in zip(cells, widths, strict=True)) + " |"
 
-    lines = [line(head), "|" + "|".join("-" * (width + 2) for width in widths) + "|", *map(line, rows)]
-    return "\n".join(lines) + (f"\n\n{table.caption}" if table.caption else "")
+    return "\n".join(
+        [line(head), "|" + "|".join("-" * (width + 2) for width in widths) + "|", *map(line, rows)]
+    )
 
 
 def _escaped(cell: str) -> str:

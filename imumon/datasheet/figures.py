@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from imumon.coefficients import COEFFICIENTS, INDISTINCT_WORD, MARKOV, NOISE, Estimate
+from imumon.datasheet.elements import DataTable
 from imumon.datasheet.plotting import (
     COLOURS,
     INCHES,
@@ -32,6 +33,7 @@ from imumon.datasheet.tables import (
     sensor_axes,
     sensor_title,
     shown_letters,
+    with_limits,
 )
 from imumon.errors import ImumonError
 from imumon.messages import NOT_APART, has_indistinct
@@ -121,8 +123,7 @@ def _value_text(letter: str, part: Estimate | None) -> str:
 def legend_text(report: Report, sensors: Sequence[str]) -> str:
     """Return what the marks of a figure mean."""
     limits = "; dotted: the limits of the grades" if any(s in report.limit_curves for s in sensors) else ""
-    exact = report.evaluation is not None and report.evaluation.exact
-    dots = "; dots: fully overlapping, exact" if exact else ""
+    dots = "; dots: fully overlapping, exact" if report.exact else ""
     hump = dashes = ""
     if any(channel.M is not None for sensor in sensors for _, channel in sensor_axes(report, sensor)):
         hump, dashes = ", 0.617 M", "; dashed: correlated noise (Gauss–Markov, M) alone"
@@ -132,6 +133,25 @@ def legend_text(report: Report, sensors: Sequence[str]) -> str:
         f"95 % limits; arrows: 95 % upper bounds{dashes}"
         f"{dots}{limits}{f'; {INDISTINCT_WORD}: {NOT_APART}' if has_indistinct(report) else ''}"
     )
+
+
+def curve_table(report: Report, sensor: str) -> DataTable:
+    """Return the Allan deviation of the axes at every octave, with its limits."""
+    curves = readable_curves(report, sensor)
+    longest = max(curves.values(), key=lambda curve: len(curve.tau_s), default=Allan())
+    rows = tuple(
+        (f"{tau:.4g}", *(_point_text(curve, j) for curve in curves.values()))
+        for j, tau in enumerate(longest.tau_s)
+    )
+    unit = pretty(COEFFICIENTS["B"].units[sensor].unit)
+    return DataTable((f"{SENSOR_TITLES[sensor]}: τ, s", *(f"{axis}, {unit}" for axis in curves)), rows)
+
+
+def _point_text(curve: Allan, octave: int) -> str:
+    """Return the deviation at an averaging time with its 95 % limits."""
+    if octave >= len(curve.sigma):
+        return "–"
+    return with_limits(curve.sigma[octave], curve.low[octave], curve.high[octave])
 
 
 def svg(report: Report, sensor: str) -> str:
@@ -235,15 +255,14 @@ def _draw_curve(panel: Axes, axis: str, curve: Allan) -> None:
 
 def _draw_exact(panel: Axes, report: Report, sensor: str, curves: Mapping[str, Allan]) -> bool:
     """Draw the exact curves as dots on a thin line; return whether there are some."""
-    exact = report.evaluation.exact if report.evaluation is not None else {}
     for axis in curves:
-        if (curve := exact.get(f"{sensor}/{axis}")) is not None:
+        if (curve := report.exact.get(f"{sensor}/{axis}")) is not None:
             sigma = [COEFFICIENTS["B"].units[sensor].factor * value or math.nan for value in curve.sigma]
             panel.plot(
                 curve.tau_s, sigma, color=COLOURS[axis], linewidth=0.5, marker=".", markersize=2.2,
                 markeredgewidth=0.0, zorder=2.2,
             )  # fmt: skip
-    return any(f"{sensor}/{axis}" in exact for axis in curves)
+    return any(f"{sensor}/{axis}" in report.exact for axis in curves)
 
 
 @dataclass(frozen=True, slots=True)

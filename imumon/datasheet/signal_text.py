@@ -34,14 +34,19 @@ def signal_lines(report: Report, width: int | None = None) -> list[str]:
             lines += [_heading(sensor_of(name), channel)] if sensor_of(name) != before else []
             lines.append(_row(name, channel))
             before = sensor_of(name)
-    channels: dict[str, list[str]] = {}  # by sentence: one that is true of several is written once
-    for name, channel in report.channels.items() if lines else ():
-        for note in (*_notes(name, channel), *_correlations(name, report)):
-            channels.setdefault(note, []).append(name)
-    for note, names in channels.items():
-        text = f"{names[0] if len(names) == 1 else joined(names)}: {note}"
+    for note, names in notes(report).items() if lines else ():
+        text = f"{names}: {note}"
         lines += textwrap.wrap(text, width or len(text), subsequent_indent="  ")
     return lines
+
+
+def notes(report: Report) -> dict[str, str]:
+    """Return the properties that only some channels have: the channels by sentence."""
+    channels: dict[str, list[str]] = {}  # one that is true of several is written once
+    for name, channel in report.channels.items():
+        for note in (*_notes(name, channel), *_correlations(name, report)):
+            channels.setdefault(note, []).append(name)
+    return {note: names[0] if len(names) == 1 else joined(names) for note, names in channels.items()}
 
 
 def _heading(sensor: str, channel: Channel) -> str:

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from imumon.coefficients import COEFFICIENTS
-from imumon.datasheet.plotting import COLOURS, axes_for, draw_grid, draw_legend
+from imumon.datasheet.plotting import COLOURS, axes_for, draw_grid, draw_legend, page_svg
 from imumon.datasheet.tables import sensor_axes
 from imumon.errors import ImumonError
 from imumon.report import Report, Spectrum
@@ -17,6 +17,27 @@ if TYPE_CHECKING:
 
 MARGIN = 1.2
 """Factor between the data and the frame."""
+HEIGHT = 0.7
+"""Share of the usual height of a figure."""
+
+
+def spectra(report: Report, sensor: str) -> dict[str, Spectrum]:
+    """Return the spectra of a sensor by axis, those that have power."""
+    return {
+        axis: channel.spectrum
+        for axis, channel in sensor_axes(report, sensor)
+        if channel.spectrum is not None and any(power > 0.0 for power in channel.spectrum.density)
+    }
+
+
+def spectrum_svg(report: Report, sensor: str) -> str:
+    """Return the spectra of a sensor as an SVG element of the HTML page."""
+    return page_svg(
+        lambda panel: _draw(panel, report, sensor),
+        f"spectrum-{sensor}",
+        f"Spectrum of the {sensor}",
+        height=HEIGHT,
+    )
 
 
 def draw_spectrum(report: Report, sensor: str, ax: Axes | None = None) -> Axes:
@@ -30,24 +51,26 @@ def draw_spectrum(report: Report, sensor: str, ax: Axes | None = None) -> Axes:
     ------
     ImumonError : there is no spectrum yet.
     """
-    spectra: dict[str, Spectrum] = {
-        axis: channel.spectrum
-        for axis, channel in sensor_axes(report, sensor)
-        if channel.spectrum is not None and any(power > 0.0 for power in channel.spectrum.density)
-    }
-    if not spectra:
+    if not spectra(report, sensor):
         raise ImumonError("no_curve", f"there is no spectrum of {sensor} yet", "record longer")
+    panel = axes_for(ax)
+    _draw(panel, report, sensor)
+    return panel
+
+
+def _draw(panel: Axes, report: Report, sensor: str) -> None:
+    """Draw the spectra of a sensor into a panel."""
+    shown = spectra(report, sensor)
     unit = COEFFICIENTS["N"].units[sensor]
     # the one-sided density of white noise N is 2 N^2: with this factor its level is N
     factor = unit.factor / math.sqrt(2.0)
-    panel = axes_for(ax)
-    roots = [factor * math.sqrt(power) for s in spectra.values() for power in s.density if power > 0.0]
-    frequencies = [f for s in spectra.values() for f in s.frequency_hz if f > 0.0]
+    roots = [factor * math.sqrt(power) for s in shown.values() for power in s.density if power > 0.0]
+    frequencies = [f for s in shown.values() for f in s.frequency_hz if f > 0.0]
     panel.set(xscale="log", yscale="log", xlim=(min(frequencies) / MARGIN, max(frequencies) * MARGIN))
     panel.set(ylim=(min(roots) / MARGIN, max(roots) * MARGIN))
     panel.set(xlabel="frequency, Hz", ylabel=f"√(density / 2), {pretty(unit.unit)}")
     draw_grid(panel)
-    for axis, spectrum in spectra.items():
+    for axis, spectrum in shown.items():
         known = [
             (f, factor * math.sqrt(p))
             for f, p in zip(spectrum.frequency_hz, spectrum.density, strict=True)
@@ -60,4 +83,3 @@ def draw_spectrum(report: Report, sensor: str, ax: Axes | None = None) -> Axes:
         for line in spectrum.lines:
             panel.axvline(line.frequency_hz, color=COLOURS[axis], linewidth=0.6, linestyle=(0, (1, 2)))
     draw_legend(panel)
-    return panel

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import textwrap
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from imumon.alarms import known
-from imumon.coefficients import COEFFICIENTS, NOISE, Estimate, mean_unit
+from imumon.coefficients import COEFFICIENTS, NOISE, Estimate, mean_unit, unit_of
 from imumon.devices import registry
 from imumon.ledger import RECEIVED, SAMPLES, ledger_text
 from imumon.messages import (
@@ -28,8 +29,8 @@ from imumon.report import Allan, Channel, DeviceDescription, Report
 from imumon.samples import ALIASED, AXES, INERTIAL, sensor_of
 from imumon.units import counted, duration, figures, measured, pretty, share_text
 
-MOST_ROWS = 30
-"""Most events, or times of a history, in a text or a document."""
+MOST_OF_A_KIND = 6
+"""Events of one kind that are listed one by one; the forms json and csv have all."""
 
 NUMBER = 11
 """Cells of a mean, such as -1.2345e-03."""
@@ -248,6 +249,18 @@ def counters_text(report: Report) -> str:
     )
 
 
+def excluded_sentence(report: Report) -> str:
+    """Return what was excluded from the record, in one sentence."""
+    excluded = [f"{text} as disturbed" for text in exclusions(report, _length)]
+    if warmup_s := report.session.warmup_s:
+        excluded.append(f"a warm-up of {_length(warmup_s)}")
+    return f"Excluded: {'; '.join(excluded)}." if excluded else "Nothing is excluded."
+
+
+def _length(seconds: float) -> str:
+    return duration(seconds) if seconds >= 60.0 else f"{seconds:.1f} s"
+
+
 def invalid_noun(device: DeviceDescription) -> str:
     """Return what `bad_checksums` counts: messages that failed their check, or rows of a table."""
     return "bad checksum" if device.driver else "invalid row"
@@ -357,13 +370,50 @@ def driver_advice(report: Report, about: str) -> str:
 
 
 def event_rows(report: Report) -> Iterator[tuple[str, str]]:
-    """Yield time and text of the first events of a record; of many, gaps are left out, whose sum the record has."""
-    timed = [event for event in report.events if event.elapsed_s is not None]
-    shown = timed if len(timed) <= MOST_ROWS else [event for event in timed if event.kind != "gap"]
-    for event in shown[:MOST_ROWS]:
-        yield f"{event.elapsed_s:,.1f} s", event.text
-    if (more := len(timed) - min(len(shown), MOST_ROWS)) > 0:
-        yield "", f"{more} more: the forms json and csv list them"
+    """Yield time and text of the events of a record; many of one kind are one row."""
+    timed = [(event.elapsed_s, event) for event in report.events if event.elapsed_s is not None]
+    counts = Counter(event.kind for _, event in timed)
+    summed: set[str] = set()
+    for begin_s, event in timed:
+        if counts[event.kind] <= MOST_OF_A_KIND:
+            yield f"{begin_s:,.1f} s", event.text
+        elif event.kind not in summed:
+            summed.add(event.kind)
+            same = [(other_s, other) for other_s, other in timed if other.kind == event.kind]
+            length_s = sum(other.length_s or 0.0 for _, other in same)
+            whole = f", {length_s:,.1f} s in all" if length_s else ""
+            count = counted(len(same), event.kind.replace("_", " "))
+            yield f"{begin_s:,.1f} s", f"{count} until {same[-1][0]:,.1f} s{whole}"
+
+
+def data_sheet_lines(report: Report) -> list[str]:
+    """Return the values of the data sheet of the sensor, and where the measured ones are above."""
+    if report.data_sheet is None or not report.data_sheet.values:
+        return []
+    lines = [f"data sheet: {report.data_sheet.title} ({report.data_sheet.document})"]
+    for value in report.data_sheet.values:
+        measured = report.channels[value.channel].estimates.get(value.coefficient)
+        typical = " typical" if value.basis == "typical" else ""
+        published = f"{value.printed:g} {pretty(value.printed_unit)}{typical}"
+        unit = unit_of(sensor_of(value.channel), value.coefficient, value.unit)
+        text = (
+            f"{value.quantity} {published}, which is {figures(value.value * unit.factor)} {pretty(unit.unit)}"
+        )
+        above = ": above" if value.above else f": {value.reason}" if value.reason else ""
+        lines.append(f"  {value.channel:<8} {text}; measured {coefficient_text(measured)}{above}")
+    return lines
+
+
+def exact_lines(report: Report) -> list[str]:
+    """Return how much the curve of the report differs from the exact one, where that was asked for."""
+    lines = ["exact Allan deviation: largest difference of the curve of the fit"] if report.exact else []
+    for name, curve in report.exact.items():
+        pairs = [(d, tau) for d, tau in zip(curve.difference, curve.tau_s, strict=True) if d is not None]
+        if pairs:
+            difference, tau = max(pairs, key=lambda pair: abs(pair[0]))
+            sign = "+" * (difference > 0.0)
+            lines.append(f"  {name:<8} {sign}{share_text(difference)} at {tau:.4g} s ({len(pairs)} octaves)")
+    return lines
 
 
 def _events(report: Report) -> list[str]:

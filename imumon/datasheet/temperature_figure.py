@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from imumon.coefficients import unit_of
-from imumon.datasheet.elements import DataTable, Element, Figure, Heading, Paragraph
+from imumon.datasheet.elements import DataTable, Element, Figure, Paragraph
 from imumon.datasheet.plotting import COLOURS, MARKERS, axes_for, draw_legend, page_svg
 from imumon.datasheet.tables import SENSOR_TITLES, sensor_axes
 from imumon.errors import ImumonError
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 def temperature_elements(report: Report) -> Iterator[Element]:
     """Yield the curves of all sensors, or why there are none; nothing without a temperature."""
     known = {sensor: dict(_curves(report, sensor)) for sensor in SENSOR_TITLES}
-    if any(curve.reason != "no_temperature" for curves in known.values() for curve in curves.values()):
-        yield Heading("Bias against the temperature")
     for sensor, curves in known.items():
         yield from _sensor_elements(sensor, curves)
     if any(curve.is_known for curves in known.values() for curve in curves.values()):

@@ -47,7 +47,7 @@ restarts the estimator: it never returns limits of one record for another.
 | `stretches/` | parts of a record: quarters, hours, days, warm-up, changes |
 | `filter_consistency` | predicted consistency (NEES) of a Kalman filter with given noise parameters |
 | `filter_parameters` | numbers that keep a Kalman filter consistent |
-| `uncertainty` | conformity with a limit, and components of an uncertainty budget |
+| `uncertainty` | what the limits of a fit do not hold |
 | `validity_groups` | channels that miss the same samples |
 | `rule_table` | thresholds with their reasons, which each `*_rules` holds |
 | `synthesis` | noise of given N, B, K |

@@ -1,28 +1,22 @@
-"""Uncertainty of N, B and K: conformity with a limit, and the components of a budget after JCGM 100:2008 (GUM).
+"""Uncertainty of N, B and K: what the limits of a fit do not hold, and its combination after JCGM 100:2008 (GUM).
 
 The problem
 -----------
 The 95 % limits of a fit hold for one record of a sensor that does not change. A document states how far the value may
-be from the mean of the same quantity of the sensor under the same conditions, and whether a limit of a data sheet is
-met. This module has the formulas; `pipeline.uncertainty_budgets` applies them to a report and says in words what each
-component rests on.
+be from the mean of the same quantity of the sensor under the same conditions. This module has the formulas;
+`pipeline.combined_limits` applies them to a report.
 
 The model
 ---------
 Coefficients are positive and their limits are not symmetric: their logarithms are taken as normally distributed.
-
-Conformity is guarded acceptance and guarded rejection with the combined 95 % limits as guard band (JCGM 106:2012,
-section 8.3): pass if the upper limit does not exceed the limit of the data sheet, fail if the lower one does, else
-undecided. `probability_at_most` is the probability by the same distribution of the logarithm.
 
 Components u of a coefficient C, each a standard uncertainty in the unit of C. Type A comes from statistics of
 observations, type B from other knowledge (JCGM 100, 4.2 and 4.3):
 
 - statistics (A): the limits of the fit as a standard deviation, u = C ln(high / low) / (2 * 1.96).
 - scatter (A): how much C varies between the quarters of the record beyond what statistics explain, e
-  (`stretches.quarters.excess`): u = C e / sqrt(4), because the quarters count as independent. Where they do not show
-  it, its bound is stated and not combined. Of a coefficient that walks away, the limits hold the mean over the record
-  only.
+  (`stretches.quarters.excess`): u = C e / sqrt(4), because the quarters count as independent. Of a coefficient that
+  walks away, the limits hold the mean over the record only.
 - repeatability (A): how much C scatters between days, beyond the statistics of a day and the scatter of this record:
   u^2 = std^2 - statistics^2 - scatter^2, with n - 1 degrees of freedom of n days.
 - resolution (B): rounding to a step q adds a white variance q^2 / 12 per sample, N_q^2 = q^2 / (12 rate) (Bennett, Bell
@@ -30,8 +24,6 @@ observations, type B from other knowledge (JCGM 100, 4.2 and 4.3):
   standard deviation is its width / sqrt(12).
 - time base (B): a clock that runs fast by e changes tau: N by e/2, K by -e/2, because the Allan deviation at tau is
   N tau^-1/2 and K (tau/3)^1/2. Deltas divided by the interval also change by -e. Rectangular over +-e.
-
-Aliasing is a factor and not a spread; it is stated beside these and not combined.
 
 They add as u_c^2 = sum of u^2. The effective degrees of freedom are those of Welch and Satterthwaite (JCGM 100, G.4.1),
 u_c^4 / sum(u^4 / dof), the coverage factor k is Student's t for 95 %. The combined limits are C exp(-k u / C) and
@@ -43,23 +35,20 @@ A value of 1.0 with limits 0.9 to 1.12, and quarters that scatter by 5 % beyond 
 
 >>> fit = of_limits(1.0, 0.9, 1.12)
 >>> quarters = of_scatter(1.0, 0.05, fit.standard)
->>> both = combine_with_limits(1.0, 0.9, 1.12, [fit, quarters])
->>> [round(u, 3) for u in (fit.standard, quarters.standard, both.combined)]
-[0.056, 0.025, 0.061]
->>> [round(number, 2) for number in (both.dof, both.coverage, both.low, both.high)]
-[3.0, 3.18, 0.83, 1.22]
->>> verdict(1.2, 0.9, 1.12), verdict(1.2, both.low, both.high)
-('pass', 'undecided')
+>>> both = combine(1.0, 0.9, 1.12, [fit, quarters])
+>>> [round(u, 3) for u in (fit.standard, quarters.standard)]
+[0.056, 0.025]
+>>> [round(number, 2) for number in (both.dof, both.low, both.high)]
+[3.0, 0.83, 1.22]
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
-from scipy.special import ndtr, ndtri, stdtr, stdtrit
+from scipy.special import ndtri, stdtrit
 
 from imumon.coefficients import COEFFICIENTS, LIMIT_95, MARKOV, QUARTERS
 from imumon.noise.validity_groups import DITHERED, ROUNDING_VARIANCE
@@ -77,50 +66,9 @@ class StandardUncertainty:
 class CombinedUncertainty:
     """What all components add, in the unit of the value."""
 
-    combined: float  # standard uncertainty
     dof: float | None  # 1, effective degrees of freedom; None: infinite
-    coverage: float  # 1, factor for 95 %
-    expanded: float  # half the width of the limits
     low: float  # combined lower 95 % limit
     high: float  # combined upper 95 % limit
-
-
-# ---------------------------------------------------------------- conformity
-
-
-def verdict(limit: float, low: float | None, high: float | None) -> Literal["pass", "fail", "undecided"]:
-    """Return whether a quantity with these 95 % limits is at most `limit`.
-
-    >>> verdict(2.0, 1.0, 1.5), verdict(2.0, 2.1, 2.5), verdict(2.0, 1.9, 2.1), verdict(2.0, None, None)
-    ('pass', 'fail', 'undecided', 'undecided')
-    """
-    if high is not None and high <= limit:
-        return "pass"
-    return "fail" if low is not None and low > limit else "undecided"
-
-
-def probability_at_most(
-    limit: float, value: float, low: float, high: float, dof: float | None = None
-) -> float | None:
-    """Return the probability that a quantity is at most `limit`, 0 to 1; None if its limits show no spread.
-
-    Parameters
-    ----------
-    dof : degrees of freedom of the 95 % limits; None: infinite.
-
-    Examples
-    --------
-    >>> round(probability_at_most(1.1, 1.0, 0.9, 1.1), 3), probability_at_most(1.0, 1.0, 0.9, 1.1)
-    (0.975, 0.5)
-    >>> round(probability_at_most(1.1, 1.0, 0.9, 1.1, 3.0), 3)
-    0.975
-    """
-    # The limits are skewed, so the side on which `limit` lies has the spread that counts.
-    end = high if limit > value else low
-    if not (limit > 0.0 and value > 0.0 and end > 0.0) or end == value:
-        return None
-    errors = math.log(limit / value) / abs(math.log(end / value)) * _coverage(dof)
-    return float(ndtr(errors) if dof is None else stdtr(_whole(dof), errors))
 
 
 # ---------------------------------------------------------------- components
@@ -194,22 +142,10 @@ def of_time_base(value: float, letter: str, tolerance: float, *, averaged: bool)
     return StandardUncertainty(abs(exponent) * tolerance * value / math.sqrt(3.0))
 
 
-# ---------------------------------------------------------------- budget
+# ---------------------------------------------------------------- combination
 
 
-def combine(value: float, components: Sequence[StandardUncertainty]) -> CombinedUncertainty:
-    """Return the uncertainty by all components, with symmetric limits."""
-    # A component of 0 says that there is no such error, and its degrees of freedom say nothing.
-    known = [(part.standard, part.dof) for part in components if part.standard]
-    combined = math.sqrt(sum(u * u for u, _ in known))
-    spread = sum(u**4 / dof for u, dof in known if dof is not None)
-    dof = combined**4 / spread if spread > 0.0 else None
-    coverage = _coverage(dof)
-    expanded = coverage * combined
-    return CombinedUncertainty(combined, dof, coverage, expanded, value - expanded, value + expanded)
-
-
-def combine_with_limits(
+def combine(
     value: float, low: float, high: float, components: Sequence[StandardUncertainty]
 ) -> CombinedUncertainty:
     """Return the uncertainty by all components, with the skewed limits of a coefficient.
@@ -219,17 +155,22 @@ def combine_with_limits(
     low, high : 95 % limits of statistics.
     components : the first is that of these limits.
     """
-    whole, statistics = combine(value, components), components[0].standard
+    # A component of 0 says that there is no such error, and its degrees of freedom say nothing.
+    known = [(part.standard, part.dof) for part in components if part.standard]
+    combined = math.sqrt(sum(u * u for u, _ in known))
+    spread = sum(u**4 / dof for u, dof in known if dof is not None)
+    dof = combined**4 / spread if spread > 0.0 else None
+    coverage = _coverage(dof)
     if not _are_logarithmic(value, low, high):
-        return replace(whole, low=max(0.0, value - whole.expanded))  # no coefficient is below 0
-    others = math.sqrt(max(0.0, whole.combined**2 - statistics**2)) / value
+        # no coefficient is below 0
+        return CombinedUncertainty(dof, max(0.0, value - coverage * combined), value + coverage * combined)
+    others = math.sqrt(max(0.0, combined**2 - components[0].standard ** 2)) / value
 
     def half_width(limit: float) -> float:
         """Return the half-width of the logarithm on the side of a limit of statistics."""
-        return whole.coverage * math.hypot(math.log(limit / value) / LIMIT_95, others)
+        return coverage * math.hypot(math.log(limit / value) / LIMIT_95, others)
 
-    combined_low, combined_high = value * math.exp(-half_width(low)), value * math.exp(half_width(high))
-    return replace(whole, low=combined_low, high=combined_high, expanded=0.5 * (combined_high - combined_low))
+    return CombinedUncertainty(dof, value * math.exp(-half_width(low)), value * math.exp(half_width(high)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ accumulators    every accumulator of a record
 analysis        fits, spectra and shapes, recomputed when the record has grown
 assessment      what the results mean: caveats, changes, grades
 report_builder  results as parts of the report
-uncertainty_budgets  the uncertainty of its coefficients
+combined_limits  limits of its coefficients with all that is known of their uncertainty
 filter_report_builder  a report as parameters for filters
 events          what happened, each thing once
 exact_curve     Allan deviation of all samples, on request

@@ -11,14 +11,13 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from imumon.evaluation import ExactCurve
 from imumon.noise.allan.overlapping import (
     SampleStore,
     averaging_lengths,
     overlapping_deviation,
 )
 from imumon.noise.statistics.moments import deviation_limits
-from imumon.report import Allan, Channel
+from imumon.report import Allan, Channel, ExactCurve
 from imumon.samples import Floats, Ints
 
 Taus: TypeAlias = Literal["octave", "decade"] | tuple[float, ...]

@@ -12,7 +12,6 @@ from datetime import datetime
 from functools import partial
 
 from imumon.errors import RateRequired
-from imumon.evaluation import ExactCurve
 from imumon.history_report import HistoryPeriod
 from imumon.ledger import RECEIVED, SAMPLES, Ledger, merged, with_received
 from imumon.pipeline.events import DetectedEvent, EventLog
@@ -22,6 +21,7 @@ from imumon.pipeline.record import MonitorOptions, Record, RecordMismatch, Saved
 from imumon.pipeline.report_builder import signal
 from imumon.report import (
     DeviceDescription,
+    ExactCurve,
     Report,
     SessionCounters,
     Signal,

@@ -21,12 +21,12 @@ from imumon.pipeline import assessment
 from imumon.pipeline.accumulators import Accumulators, Happened
 from imumon.pipeline.analysis import Analysis
 from imumon.pipeline.changes import hour_changes
+from imumon.pipeline.combined_limits import with_combined
 from imumon.pipeline.convergence import StatementLog, next_due_s
 from imumon.pipeline.events import EventLog
 from imumon.pipeline.loss import LossWindow
 from imumon.pipeline.periods import Periods
 from imumon.pipeline.report_builder import limit_curves
-from imumon.pipeline.uncertainty_budgets import uncertainty_budgets, with_combined
 from imumon.report import Report, SessionCounters
 from imumon.samples import Ints, Stream
 from imumon.saved_state import restorable
@@ -202,8 +202,8 @@ class Record:
         reason = assessment.no_grade_reason(accumulators)
         channels = assessment.assess_channels(accumulators, analysis, caveats, changes, reason)
         measured = replace(bare, channels=channels)
-        # Grades come after the budgets: they are certain only within the combined limits.
-        channels = with_combined(measured, uncertainty_budgets(measured))
+        # Grades come after the combined limits: they are certain only within these.
+        channels = with_combined(measured)
         grades = assessment.sensor_grades(accumulators, analysis, channels, reason)
         log.update_constant(assessment.constant_channels(analysis), accumulators)
         log.update_changes(other_changes, accumulators)  # the samples have reported those between hours

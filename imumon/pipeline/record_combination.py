@@ -23,11 +23,11 @@ from datetime import datetime
 
 from imumon.coefficients import LIMIT_95, NOISE, Estimate, MarkovEstimate
 from imumon.errors import ImumonError
-from imumon.evaluation import Evaluation, UncertaintyBudget, UncertaintyComponent
 from imumon.ledger import merged
 from imumon.noise.grading import LIMITS, grade_sensor
-from imumon.noise.uncertainty import RecordMean, of_records
+from imumon.noise.uncertainty import of_records
 from imumon.pipeline import report_builder
+from imumon.pipeline.combined_limits import shared_share
 from imumon.report import Channel, Report, SensorGrade, SessionCounters, stamp
 from imumon.samples import INERTIAL, sensor_of
 
@@ -51,10 +51,8 @@ def combined_report(reports: Sequence[Report], now: datetime) -> Report:
     """
     _check_one_sensor(reports)
     names = _common_channels(reports)
-    means: dict[str, dict[str, RecordMean]] = {name: {} for name in names}
-    channels = {name: _channel(name, reports, means[name]) for name in names}
+    channels = {name: _channel(name, reports) for name in names}
     first = reports[0]
-    covered = first.evaluation.not_covered if first.evaluation is not None else ()
     return Report(
         time=stamp(now),
         device=replace(
@@ -72,7 +70,6 @@ def combined_report(reports: Sequence[Report], now: datetime) -> Report:
         limit_curves=first.limit_curves,
         precision=first.precision,
         alarm_limits=first.alarm_limits,
-        evaluation=Evaluation(budgets=_budgets(channels, means, reports), not_covered=covered),
     )
 
 
@@ -120,17 +117,15 @@ def _grades(channels: Mapping[str, Channel]) -> dict[str, SensorGrade]:
     }
 
 
-def _channel(name: str, reports: Sequence[Report], means: dict[str, RecordMean]) -> Channel:
-    """Return the combination of a channel; `means` gets what its measured coefficients rest on."""
+def _channel(name: str, reports: Sequence[Report]) -> Channel:
+    """Return the combination of a channel."""
     parts = [report.channels[name] for report in reports]
     letters = [*NOISE, *(["Q"] if all("Q" in part.coefficients for part in parts) else [])]
     coefficients = {}
     for letter in letters:
         estimates = [part.coefficients[letter] for part in parts if letter in part.coefficients]
-        estimate, mean = combined_estimate(estimates, _systematic(reports, name, letter))
-        coefficients[letter] = estimate
-        if mean is not None:
-            means[letter] = mean
+        shared = max(shared_share(report, name, letter) for report in reports)
+        coefficients[letter] = combined_estimate(estimates, shared)
     sensor = sensor_of(name)
     return Channel(
         unit=parts[0].unit,
@@ -157,15 +152,13 @@ def _correlated_noise(parts: Sequence[Channel]) -> MarkovEstimate | None:
     shown = [part.M for part in parts if part.M is not None]
     if len(shown) < len(parts):
         return None
-    sigma, _ = combined_estimate([part.sigma for part in shown])
-    time, _ = combined_estimate([part.time_constant_s for part in shown])
+    sigma = combined_estimate([part.sigma for part in shown])
+    time = combined_estimate([part.time_constant_s for part in shown])
     return MarkovEstimate(sigma=sigma, time_constant_s=time)
 
 
-def combined_estimate(
-    estimates: Sequence[Estimate], systematic: float = 0.0
-) -> tuple[Estimate, RecordMean | None]:
-    """Return the coefficient of a sensor from those of its records, and the mean that a measured one rests on.
+def combined_estimate(estimates: Sequence[Estimate], systematic: float = 0.0) -> Estimate:
+    """Return the coefficient of a sensor from those of its records.
 
     Parameters
     ----------
@@ -174,18 +167,18 @@ def combined_estimate(
     unit = estimates[0].unit
     known = [part for part in estimates if part.status != "pending"]
     if not known:
-        return replace(estimates[0], combined_low=None, combined_high=None, scatter=None, excess=None), None
+        return replace(estimates[0], combined_low=None, combined_high=None, scatter=None, excess=None)
     measured = [part for part in known if part.status == "measured" and part.value]
     if not measured:
-        return _mean_bound(known), None
+        return _mean_bound(known)
     if 2 * len(measured) < len(known):
-        return _bound_of_few(measured, len(known), unit), None
+        return _bound_of_few(measured, len(known), unit)
     pairs = _values_and_errors(known, measured)
     if len(pairs) == 1:
         only = measured[0]
-        return replace(only, reason="the other records do not show it: the limits are of one record"), None
+        return replace(only, reason="the other records do not show it: the limits are of one record")
     mean = of_records([value for value, _ in pairs], [error for _, error in pairs], systematic)
-    estimate = Estimate(
+    return Estimate(
         value=mean.value,
         low=mean.low,
         high=mean.high,
@@ -194,8 +187,8 @@ def combined_estimate(
         status="measured",
         unit=unit,
         scatter=mean.scatter * mean.value,
+        dof=mean.dof,
     )
-    return estimate, mean
 
 
 def _mean_bound(known: Sequence[Estimate]) -> Estimate:
@@ -229,70 +222,6 @@ def _error(part: Estimate) -> float:
     # a lower limit of 0: the upper one alone shows the width
     return max(
         math.log((part.high or 2.0 * (part.value or 1.0)) / (part.value or 1.0)) / LIMIT_95, LEAST_ERROR
-    )
-
-
-def _systematic(reports: Sequence[Report], name: str, letter: str) -> float:
-    """Return what the records share by their budgets (type B), the largest, as a share of the value."""
-    shares = [0.0]
-    for report in reports:
-        budgets = report.evaluation.budgets if report.evaluation is not None else {}
-        budget = budgets.get(name, {}).get(letter)
-        if budget is not None and budget.value:
-            kind_b = [part.standard or 0.0 for part in budget.components if part.kind == "B"]
-            shares.append(math.hypot(*kind_b, 0.0) / budget.value)
-    return max(shares)
-
-
-def _budgets(
-    channels: Mapping[str, Channel], means: Mapping[str, Mapping[str, RecordMean]], reports: Sequence[Report]
-) -> dict[str, dict[str, UncertaintyBudget]]:
-    """Return the budgets of the measured coefficients by channel and letter; a channel without any has none."""
-    return {
-        name: {
-            letter: _budget(channels[name], letter, mean, reports, name) for letter, mean in by_letter.items()
-        }
-        for name, by_letter in means.items()
-        if by_letter
-    }
-
-
-def _budget(
-    channel: Channel, letter: str, mean: RecordMean, reports: Sequence[Report], name: str
-) -> UncertaintyBudget:
-    """Return the budget of a combined coefficient."""
-    part = channel.coefficients[letter]
-    value = mean.value
-    statistics = math.log(mean.high / mean.low) / (2.0 * LIMIT_95) * value
-    shared = _systematic(reports, name, letter) * value
-    half = 0.5 * (mean.combined_high - mean.combined_low)
-    between = mean.scatter * value / math.sqrt(mean.dof + 1.0)
-    components = [
-        UncertaintyComponent(
-            source="statistics", kind="A", standard=statistics, basis="95 % limits of the records"
-        ),
-        UncertaintyComponent(
-            source="repeatability",
-            kind="A",
-            standard=between,
-            dof=mean.dof,
-            basis=f"between {mean.dof + 1:.0f} records, beyond statistics",
-        ),
-        UncertaintyComponent(
-            source="shared", kind="B", standard=shared, basis="resolution and time base, the largest"
-        ),
-    ]
-    combined = math.hypot(statistics, between, shared)
-    return UncertaintyBudget(
-        unit=part.unit,
-        value=value,
-        components=tuple(components),
-        combined=combined,
-        dof=mean.dof,
-        coverage=half / combined if combined else LIMIT_95,
-        expanded=half,
-        low=mean.combined_low,
-        high=mean.combined_high,
     )
 
 

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 from imumon import pipeline, report
 from imumon.devices import registry
 from imumon.devices.base import DeviceDriver
-from imumon.evaluation import Evaluation
 from imumon.ledger import merged
 from imumon.pipeline import Monitor
 from imumon.recordings import Recording
@@ -174,7 +173,7 @@ class ReplayedRecord:
         final = replace(self.report("stopped"), events=self.record_events())
         if self._exact is not None:
             curves = self.monitor.exact_curves(final, taus=self._exact)
-            final = replace(final, evaluation=Evaluation(exact=curves))
+            final = replace(final, exact=curves)
         if not final.session.samples:
             raise self.recording.no_samples()
         return final

@@ -32,5 +32,4 @@ def comparable(report: Report) -> Report:
         session=replace(report.session, received_bytes=0, ledger=_of_rows(report.session.ledger)),
         recording=_uses(report.recording),
         events=tuple(replace(event, time="") for event in report.events),
-        evaluation=None if report.evaluation is None else replace(report.evaluation, provenance=None),
     )

@@ -87,20 +87,20 @@ def test_measured_bounded_and_pending_coefficients() -> None:
     measured = Estimate(value=1.0, low=0.9, high=1.11, status="measured", unit="u")
     bound = Estimate(low=0.0, high=4.0, status="upper_bound", unit="u")
     pending = Estimate(unit="u", reason="too short")
-    both, _ = combined_estimate([measured, bound])
+    both = combined_estimate([measured, bound])
     assert (both.status, both.value, both.high) == ("measured", 1.0, 1.11)
-    varying, _ = combined_estimate([measured, measured, replace(bound, high=0.5)])
+    varying = combined_estimate([measured, measured, replace(bound, high=0.5)])
     assert varying.status == "measured"
     assert (varying.value or 1.0) < 0.9
     assert (varying.combined_low or 1.0) < 0.5
-    rare, _ = combined_estimate([measured, bound, bound])
+    rare = combined_estimate([measured, bound, bound])
     assert (rare.status, rare.high, rare.reason) == ("upper_bound", 1.11, "1 of 3 records show it")
-    bounded, _ = combined_estimate([bound, replace(bound, high=1.0), pending])
+    bounded = combined_estimate([bound, replace(bound, high=1.0), pending])
     assert (bounded.status, bounded.value, bounded.high) == ("upper_bound", None, 2.0)
-    single, _ = combined_estimate([measured, pending])
+    single = combined_estimate([measured, pending])
     assert (single.value, single.high) == (1.0, 1.11)
     assert "one record" in (single.reason or "")
-    nothing, _ = combined_estimate([pending, pending])
+    nothing = combined_estimate([pending, pending])
     assert (nothing.status, nothing.reason) == ("pending", "too short")
 
 

@@ -15,9 +15,9 @@ from reports import report as make_report
 
 from imumon.coefficients import COEFFICIENTS
 from imumon.datasheet import FORMS
-from imumon.datasheet.content import datasheet_content
 from imumon.datasheet.csv_table import COLUMNS as CSV_COLUMNS
 from imumon.datasheet.elements import DataTable
+from imumon.datasheet.sheet import datasheet
 from imumon.datasheet.signal_text import baseline_summary, signal_lines
 from imumon.datasheet.tables import channel_rows, report_table
 from imumon.messages import CAVEATS, FILTER_NOT_KNOWN, uncertainty
@@ -48,7 +48,8 @@ def test_every_form_shows_the_caveats_of_the_stream(form: str) -> None:
 @pytest.mark.parametrize("age", AGES)
 def test_tables_have_a_cell_for_each_column(age: str) -> None:
     report = aged(age)
-    for element in datasheet_content(report, filters(report)).elements:
+    sheet = datasheet(report, filters(report), "kalibr")
+    for element in (*sheet.sheet, *(e for section in sheet.appendix for e in section.elements)):
         if isinstance(element, DataTable):
             assert {len(row) for row in element.rows} <= {len(element.head)}
     lines = text(report, "md").splitlines()

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from documents import FIGURES, aged, filters, made, text
+from documents import FIGURES, aged, made
 from reports import LONG_S, nothing_yet, of_sensors
 from reports import report as make_report
 
@@ -19,7 +19,6 @@ from imumon.coefficients import COEFFICIENTS
 from imumon.datasheet import NoCurve
 from imumon.datasheet.figures import _draw as draw
 from imumon.datasheet.figures import svg
-from imumon.datasheet.filter_figure import filter_svg, shown_axis
 from imumon.datasheet.plotting import INCHES, figure_style
 from imumon.datasheet.tables import coefficient_text
 from imumon.report import Report
@@ -122,21 +121,6 @@ def test_the_name_of_a_grade_does_not_cover_a_letter(sensor: str, age: str) -> N
     assert letters
     assert grades
     assert [name for name, box in grades if any(box.overlaps(letter) for letter in letters)] == []
-
-
-@pytest.mark.parametrize("sensor", ["gyro", "accel"])
-def test_the_predicted_error_of_a_filter_is_shown(sensor: str) -> None:
-    report = make_report(LONG_S)
-    shown = shown_axis(filters(report), sensor)
-    root = ET.fromstring(filter_svg(sensor, shown[1]))
-    assert len([line for line in root.iter("path") if "stroke-dasharray" in (line.get("style") or "")]) >= 3
-    assert 'class="allan"' in text(report, "html")
-    sheet = text(report, "md")
-    assert "## For a Kalman filter" in sheet
-    assert ("angle error of axis" if sensor == "gyro" else "velocity error of axis") in sheet
-    assert shown_axis(filters(nothing_yet()), sensor) is None
-    numbers = {"".join(element.itertext()).strip() for element in root.iter("text")}
-    assert {"1", "10", "100"} <= numbers  # as in the figure of the Allan deviation, not powers of ten
 
 
 @pytest.mark.parametrize("sensor", ["gyro", "accel", "mag"])

@@ -133,7 +133,7 @@ def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
     for saved in (state, kept):
         command = re.search(r"which has no samples: imumon (.*) prints", imumon("replay", saved, code=1))
         assert command is not None
-        assert "Noise datasheet" in imumon(*shlex.split(command[1]))
+        assert "Noise at rest" in imumon(*shlex.split(command[1]))
     data = state.read_bytes()
     state.write_bytes(data[:-100])
     assert "damaged" in imumon("report", state, code=1)

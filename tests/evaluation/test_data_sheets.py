@@ -1,4 +1,4 @@
-"""Conformity of a sensor with the limits of its data sheet."""
+"""A sensor beside its data sheet."""
 
 from __future__ import annotations
 
@@ -11,25 +11,11 @@ from evaluations import SHEET, imumon, make_report, replayed, sheet_file, shown
 from paths import RECORDINGS, needs_recordings
 from reports import with_coefficients
 
-from imumon.api.traceability import evaluated
+from imumon.api.document_report import document_report
 from imumon.coefficients import COEFFICIENTS
-from imumon.noise.uncertainty import probability_at_most, verdict
 from imumon.references import SheetError, published, read_sheet, sheet_of_model
-from imumon.references.limit_checks import conformity
-from imumon.report import Report
+from imumon.references.comparison import compared
 from imumon.report_json import to_json
-
-
-def test_a_verdict_is_guarded_by_the_limits() -> None:
-    rng = np.random.default_rng(3)
-    for _ in range(200):
-        low, value, high = sorted(rng.uniform(1.0, 2.0, 3))
-        limit = rng.uniform(0.8, 2.2)
-        chance = probability_at_most(limit, value, low, high)
-        assert chance is not None
-        found = verdict(limit, low, high)
-        assert (found == "pass") == (chance >= 0.9749999)
-        assert (found == "fail") == (chance < 0.0250001)
 
 
 @pytest.mark.parametrize("name", sorted(published()))
@@ -44,16 +30,14 @@ def test_a_published_sheet_names_its_source_and_edition(name: str) -> None:
 def test_limits_are_converted_from_the_units_of_the_sheet() -> None:
     """0.0035 °/s/√Hz is 0.21 °/√h; a one-sided density is √2 N; in-run stability is 0.664 B."""
     report = make_report()
-    n, b = report.channels["gyro/x"].coefficients["N"], report.channels["gyro/x"].coefficients["B"]
-    assert n.value is not None
-    checks = {(c.channel, c.quantity): c for c in conformity(report, published()["vn-100"]).checks}
-    found = checks["gyro/x", "N"]
-    assert found.value == pytest.approx(np.degrees(n.value))
-    assert found.limit * 60.0 == pytest.approx(0.21)
-    other = {(c.channel, c.quantity): c for c in conformity(report, published()["adis16405"]).checks}
-    assert other["gyro/x", "density"].value == pytest.approx(np.sqrt(2.0) * np.degrees(n.value))
-    assert b.high is not None
-    assert other["gyro/x", "floor"].high == pytest.approx(0.664 * np.degrees(b.high), rel=1e-3)
+    values = {(v.channel, v.quantity): v for v in compared(report, published()["vn-100"]).values}
+    found = values["gyro/x", "N"]
+    assert (found.printed, found.printed_unit, found.unit) == (0.0035, "deg/s/sqrt(Hz)", "rad/s/sqrt(Hz)")
+    assert found.value == pytest.approx(np.radians(0.0035))
+    other = {(v.channel, v.quantity): v for v in compared(report, published()["adis16405"]).values}
+    density, floor = other["gyro/x", "density"], other["gyro/x", "floor"]
+    assert density.value == pytest.approx(np.radians(density.printed) / np.sqrt(2.0))
+    assert floor.value == pytest.approx(np.radians(floor.printed) / 0.664, rel=1e-3)
 
 
 def test_only_the_data_sheet_of_the_measured_model_is_used() -> None:
@@ -65,55 +49,50 @@ def test_only_the_data_sheet_of_the_measured_model_is_used() -> None:
         None: None,
     }
     for model, title in titles.items():
-        made = evaluated(replace(report, device=replace(report.device, model=model))).evaluation
-        assert (made.conformity.title if made.conformity else None) == title
-        text = shown(
-            evaluated(replace(report, device=replace(report.device, model=model, id="a", setting_texts={})))
-        )
-        assert ("## Data sheet: VectorNav VN-100" in text) == (title == "VectorNav VN-100")
+        device = replace(report.device, model=model, id="a", setting_texts={})
+        made = document_report(replace(report, device=device))
+        assert (made.data_sheet.title if made.data_sheet else None) == title
+        text = shown(made)
+        assert ("data sheet of VectorNav" in text) == (title == "VectorNav VN-100")
+        assert ("data sheet" in text) == (title is not None)
         assert "laboratory" not in text
     assert sheet_of_model(None) is None
 
 
-def test_what_the_stream_does_not_show_is_undecided() -> None:
-    report = make_report()
-    sheet = published()["vn-100"]
-
-    def verdicts(changed: Report, letter: str) -> set[str]:
-        return {
-            c.verdict
-            for c in conformity(changed, sheet).checks
-            if c.quantity == letter and c.channel[:4] == "gyro"
-        }
-
+def test_n_that_aliasing_raises_is_not_said_to_be_above() -> None:
+    report, sheet = make_report(), published()["vn-100"]
     high = {
         n: with_coefficients(c, N=c.coefficients["N"].scaled(10.0, "rad/s/sqrt(Hz)"))
         for n, c in report.channels.items()
         if n[:4] == "gyro"
     }
-    worse = replace(report, channels=report.channels | high)
-    assert verdicts(replace(worse, device=replace(report.device, alias_factor=1.0)), "N") == {"fail"}
-    assert verdicts(worse, "N") == {"undecided"}
-    assert "undecided" in verdicts(replace(report, caveats=("compensated",)), "floor")
-    assert "pass" not in verdicts(replace(report, caveats=("compensated",)), "floor")
+
+    def gyro_n(alias_factor: float | None) -> set[tuple[bool | None, bool]]:
+        device = replace(report.device, alias_factor=alias_factor, stream="uncompensated")
+        worse = replace(report, channels=report.channels | high, device=device)
+        values = compared(worse, sheet).values
+        return {(v.above, v.reason is None) for v in values if v.quantity == "N" and v.channel[:4] == "gyro"}
+
+    assert gyro_n(1.0) == {(True, True)}
+    assert gyro_n(2.0) == gyro_n(None) == {(None, False)}
 
 
 def test_a_data_sheet_on_the_command_line(recording: Path, tmp_path: Path) -> None:
     n = 6e-5 * COEFFICIENTS["N"].units["gyro"].factor
-    for limit, expected in ((2.0 * n, "pass"), (0.5 * n, "fail")):
+    for limit, above in ((2.0 * n, False), (0.5 * n, True)):
         sheet = sheet_file(tmp_path, gyro=limit)
         report = replayed(recording, "--datasheet", sheet, "--filter", "20")
-        checks = {(c.channel, c.quantity): c for c in report.evaluation.conformity.checks}
+        values = {(v.channel, v.quantity): v for v in report.data_sheet.values}
         of_gyro = {(f"gyro/{axis}", "N") for axis in "xyz"}
-        assert set(checks) == of_gyro | {("accel/x", "floor"), ("accel/y", "floor")}
-        assert checks["gyro/x", "N"].verdict == expected
-        assert checks["accel/x", "floor"].verdict in ("pass", "undecided")
+        assert set(values) == of_gyro | {("accel/x", "floor"), ("accel/y", "floor")}
+        assert values["gyro/x", "N"].above == above
         page = shown(report)
         assert "Rev. C, 2026" in page
-        assert f"| {expected} " in page
-    printed = imumon("replay", recording, "--datasheet", sheet)  # a fail that the unknown filter may cause
+        assert "Above: the whole interval is above" in page
+        assert ("; above " in page) == above
+    printed = imumon("replay", recording, "--datasheet", sheet)  # N may be raised: the filter is unknown
     assert "data sheet: Acme A1 (A1 data sheet)" in printed
-    assert "undecided (the filter of the sensor is unknown: aliasing may raise N)" in printed
+    assert "the filter of the sensor is unknown: aliasing may raise N" in printed
 
 
 @pytest.mark.parametrize(

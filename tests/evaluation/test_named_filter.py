@@ -63,7 +63,7 @@ def test_a_filter_is_not_used_for_deltas(tmp_path: Path) -> None:
 
 def test_n_without_aliasing_stands_beside_the_read_one(recording: Path) -> None:
     page = imumon("report", recording, "--filter", "factory")
-    assert page.count("N without aliasing (read N / 2.24, nominal)") == 2
+    assert page.count("N without aliasing (over 2.24, nominally)") == 2
     assert "without aliasing" not in imumon("report", recording, "--filter", "20")
 
 

@@ -1,148 +1,109 @@
-"""Uncertainty budgets, and their combined limits in everything that states a coefficient."""
+"""Combined limits: what they hold, and that everything that states a coefficient states them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from evaluations import HZ, make_report, replayed, sheet_file, shown
 from reports import RATE, with_coefficients
 
-from imumon.api.traceability import evaluated
+from imumon.api.document_report import document_report
 from imumon.cli.wait_condition import WaitCondition
 from imumon.coefficients import COEFFICIENTS, Estimate, Excess, coefficient_ratio
 from imumon.datasheet.tables import channel_rows, coefficient_text
-from imumon.evaluation import UncertaintyBudget
+from imumon.history_report import DayScatter
 from imumon.noise.synthesis import synthesise
-from imumon.pipeline.uncertainty_budgets import uncertainty_budgets
+from imumon.pipeline.combined_limits import shared_share, with_combined
 from imumon.references import read_sheet
-from imumon.report import Report, from_json
-from imumon.report_json import to_json
+from imumon.report import Report
 from imumon.tui.formatting import Notation
 from imumon.units import figures
 
-
-def test_a_budget_adds_up() -> None:
-    report = make_report()
-    budgets = uncertainty_budgets(report)
-    measured = {
-        (name, letter)
-        for name, channel in report.channels.items()
-        for letter, part in channel.coefficients.items()
-        if part.status == "measured"
-    }
-    assert {(name, letter) for name, each in budgets.items() for letter in each} == measured
-    for name, letter in measured:
-        budget, part = budgets[name][letter], report.channels[name].coefficients.get(letter)
-        known = [c.standard for c in budget.components if c.standard is not None]
-        assert budget.combined == pytest.approx(np.sqrt(np.sum(np.square(known))))
-        assert budget.coverage >= 1.95
-        assert budget.low <= part.low < budget.value < part.high <= budget.high
-        assert budget.expanded == pytest.approx((budget.high - budget.low) / 2.0)
-        relative = budget.coverage * budget.combined / budget.value
-        assert np.log(budget.high / budget.low) / 2.0 == pytest.approx(relative, rel=0.05)
-        assert budget.expanded >= 0.99 * (part.high - part.low) / 2.0
-        assert {c.source for c in budget.components} >= {"statistics", "scatter", "resolution", "time base"}
-        assert ("aliasing" in {c.source for c in budget.components}) == (letter == "N")
+SHOWN = Excess(value=0.1, low=0.05, high=0.4, p_value=1e-4)
+"""Quarters that scatter by 10 % beyond their statistics."""
 
 
-def test_a_budget_that_cannot_be_is_rejected() -> None:
-    """N, B and K are above 0, a bias may be negative, an uncertainty is not."""
-    report = evaluated(make_report())
-    made = report.evaluation.budgets["gyro/x"]["N"]
-    part = made.components[0]
-
-    def read(budgets: dict[str, Any], bias: dict[str, Any]) -> Report:
-        evaluation = replace(report.evaluation, budgets=budgets, bias_budgets=bias)
-        return from_json(Report, to_json(replace(report, evaluation=evaluation)))
-
-    read({}, {"gyro/x": replace(made, value=-1e-3)})
-    for value in (0.0, -made.value):
-        with pytest.raises(ValueError, match="a budget"):
-            read({"gyro/x": {"N": replace(made, value=value)}}, {})
-    wrong = (
-        replace(made, combined=-1.0), replace(made, expanded=-1.0), replace(made, coverage=-1.0),
-        replace(made, components=(replace(part, standard=-1.0),)),
-    )  # fmt: skip
-    for each in (replace(made, value=0.0), *wrong):
-        with pytest.raises(ValueError, match="a budget of 0, or a negative"):
-            read({}, {"gyro/x": each})
+def width(part: Estimate) -> float:
+    """Return the width of the combined limits, as the half-width of the logarithm."""
+    return 0.5 * np.log(part.combined_high / part.combined_low)
 
 
-def test_the_alias_factor_of_deltas_is_not_that_of_the_magnetometer() -> None:
-    """The magnetometer has point samples beside deltas; its filter is not that of the gyroscope."""
-    report = make_report()
-    report = replace(report, device=replace(report.device, alias_factor=1.0))
-    mag = {"mag/x": replace(report.channels["accel/x"], unit="gauss")}
-    budgets = uncertainty_budgets(replace(report, channels=report.channels | mag))
-    for name, standard in (("gyro/x", 0.0), ("mag/x", None)):
-        (part,) = (c for c in budgets[name]["N"].components if c.source == "aliasing")
-        assert part.standard == standard
-    assert "filter of mag is unknown" in part.basis
+def n_of(channel: dict[str, object]) -> Estimate:
+    return channel["gyro/x"].coefficients["N"]
 
 
-def with_excess(excess: Excess | None) -> tuple[Report, UncertaintyBudget]:
-    """Return a report of one channel whose N has this excess, evaluated, and its budget."""
+def with_excess(excess: Excess | None) -> Report:
+    """Return a report of one channel whose N has this excess."""
     report = make_report()
     channel = report.channels["gyro/x"]
     moved = with_coefficients(channel, N=replace(channel.coefficients["N"], excess=excess))
-    device = replace(report.device, model="A1")
-    made = evaluated(replace(report, channels={"gyro/x": moved}, device=device))
-    return made, made.evaluation.budgets["gyro/x"]["N"]
+    changed = replace(report, channels={"gyro/x": moved}, device=replace(report.device, model="A1"))
+    return replace(changed, channels=with_combined(changed))
+
+
+def test_the_combined_limits_hold_those_of_statistics_and_a_bound_is_its_own() -> None:
+    report = make_report()
+    for channel in with_combined(report).values():
+        for part in channel.estimates.values():
+            if part.status == "measured":
+                assert part.combined_low <= part.low < part.value < part.high <= part.combined_high
+            else:
+                assert (part.combined_low, part.combined_high, part.dof) == (part.low, part.high, None)
+    assert with_combined(replace(report, channels=with_combined(report))) == with_combined(report)
 
 
 def test_scatter_that_shows_has_three_degrees_of_freedom() -> None:
-    shown_, budget = with_excess(Excess(value=0.1, low=0.05, high=0.4, p_value=1e-4))
-    (part,) = (c for c in budget.components if c.source == "scatter")
-    assert part.standard == pytest.approx(0.05 * budget.value)  # of the mean of four quarters
-    assert budget.dof == pytest.approx(3.0, rel=1e-3)
-    assert budget.coverage == pytest.approx(3.18, abs=0.01)  # Student's t
-    n = shown_.channels["gyro/x"].coefficients["N"]
-    assert (n.combined_low, n.combined_high) == (budget.low, budget.high)
-    assert np.log(budget.high / budget.value) == pytest.approx(3.18 * 0.05, rel=0.05)
+    n = n_of(with_excess(SHOWN).channels)
+    assert n.dof == pytest.approx(3.0, rel=1e-3)
+    # Student's t, of the mean of four quarters
+    assert np.log(n.combined_high / n.value) == pytest.approx(3.18 * 0.05, rel=0.05)
+    unseen = n_of(with_excess(Excess(low=0.0, high=0.1, p_value=0.6)).channels)
+    assert (unseen.combined_low, unseen.combined_high) == n_of(with_excess(None).channels).interval
 
 
-def test_scatter_that_does_not_show_is_a_bound_and_not_combined() -> None:
-    made, budget = with_excess(Excess(low=0.0, high=0.1, p_value=0.6))
-    (part,) = (c for c in budget.components if c.source == "scatter")
-    assert part.standard is None
-    assert part.bound == pytest.approx(0.05 * budget.value)
-    assert budget.coverage == pytest.approx(1.96, abs=0.001)
-    assert budget.combined == with_excess(None)[1].combined
-    assert "(\\< 5.0 %)" in shown(made)
+def test_days_of_the_history_widen_the_limits() -> None:
+    report = make_report()
+    alone = n_of(with_combined(report))
+    days = DayScatter(days=20, needed=3, std=0.1 * alone.value, statistics=0.01 * alone.value)
+    known = n_of(with_combined(report, {"gyro/x": {"N": days}}))
+    assert width(known) > np.sqrt(0.1**2 - 0.01**2) * 1.95
+    agreeing = replace(days, std=0.005 * alone.value)
+    assert width(n_of(with_combined(report, {"gyro/x": {"N": agreeing}}))) == pytest.approx(width(alone))
+    few = DayScatter(days=2, needed=3, std=None, statistics=None)
+    assert n_of(with_combined(report, {"gyro/x": {"N": few}})) == alone
 
 
-def test_one_interval_is_in_all_tables_of_a_document_and_decides_the_verdict(tmp_path: Path) -> None:
-    """The limits of the fit pass, the combined ones do not."""
-    made, budget = with_excess(Excess(value=0.1, low=0.05, high=0.4, p_value=1e-4))
-    n = made.channels["gyro/x"].coefficients["N"]
-    factor = COEFFICIENTS["N"].units["gyro"].factor
-    sheet = sheet_file(tmp_path, gyro=0.5 * (n.high + n.combined_high) * factor)
-    text = coefficient_text(n)
-    page = shown(evaluated(made, read_sheet(sheet)))
-    assert page.count(text) == 3  # the coefficients, the check, the budget
-    assert f"{n.high * factor:.4g}" not in text
-    (check,) = evaluated(made, read_sheet(sheet)).evaluation.conformity.checks
-    assert (check.verdict, check.high) == ("undecided", pytest.approx(budget.high * factor))
-    assert 0.9 < check.probability < 0.975
-
-
-def test_rounding_is_a_component_of_n() -> None:
+def test_rounding_counts_where_the_noise_is_not_finer_than_the_steps() -> None:
     report = make_report()
     channel = report.channels["gyro/x"]
     assert channel.std is not None
-    for step, known in ((channel.std, True), (3.0 * channel.std, False)):
+    n = channel.coefficients["N"].value
+    shares = {}
+    for step in (None, channel.std, 3.0 * channel.std):
         coarse = replace(channel, resolution=step)
-        budget = uncertainty_budgets(replace(report, channels={"gyro/x": coarse}))["gyro/x"]["N"]
-        part = next(c for c in budget.components if c.source == "resolution")
-        assert (part.standard is not None) == known
-        if part.standard is not None:
-            assert part.standard == pytest.approx(
-                step**2 / (24.0 * RATE * budget.value) / np.sqrt(12.0), rel=0.1
-            )
+        shares[step] = shared_share(replace(report, channels={"gyro/x": coarse}), "gyro/x", "N")
+    rounding = channel.std**2 / (24.0 * RATE * n**2) / np.sqrt(12.0)
+    assert np.sqrt(shares[channel.std] ** 2 - shares[None] ** 2) == pytest.approx(rounding, rel=0.1)
+    assert shares[3.0 * channel.std] == shares[None]  # nothing is known of it
+
+
+def test_one_interval_is_in_all_tables_of_a_document_and_decides_what_is_above(tmp_path: Path) -> None:
+    """The lower limit of the fit is above the data sheet, the combined one is not."""
+    made = with_excess(SHOWN)
+    made = replace(made, device=replace(made.device, alias_factor=1.0))
+    n = n_of(made.channels)
+    factor = COEFFICIENTS["N"].units["gyro"].factor
+    page = shown(made)
+    assert page.count(coefficient_text(n)) == 1
+    for low, above in ((0.5 * (n.low + n.combined_low), False), (0.99 * n.combined_low, True)):
+        sheet = read_sheet(sheet_file(tmp_path, gyro=low * factor))
+        compared = document_report(made, sheet)
+        (value,) = compared.data_sheet.values
+        assert value.above == above
+        assert ("; above " in shown(compared)) == above
 
 
 def test_the_resolution_of_rounded_values_is_reported(tmp_path: Path) -> None:
@@ -155,15 +116,11 @@ def test_the_resolution_of_rounded_values_is_reported(tmp_path: Path) -> None:
     assert make_report().channels["gyro/x"].resolution is None
 
 
-def test_the_sheet_names_what_the_budget_does_not_cover() -> None:
-    text = shown(evaluated(make_report()))
-    assert "Not covered: temperatures outside" in text
-    assert "moves away and does not return: its limits hold its mean over this record" in text
-    assert "turn-on" in text
-    bare = replace(
-        make_report(), channels={n: c for n, c in make_report().channels.items() if n != "temperature"}
-    )
-    assert "the temperature: it is not in the record" in shown(evaluated(bare))
+def test_the_sheet_says_what_the_intervals_do_not_hold() -> None:
+    report = make_report()
+    assert "It does not hold temperatures outside" in shown(report)
+    bare = replace(report, channels={n: c for n, c in report.channels.items() if n != "temperature"})
+    assert "the temperature, which is not in the record" in shown(bare)
 
 
 def test_every_command_and_the_screen_state_the_combined_limits() -> None:

@@ -1,4 +1,4 @@
-"""The short form: two pages; plain K: the coefficient itself; the convergence as a table and a figure."""
+"""Plain K is the coefficient itself; the convergence is a table and a figure."""
 
 from __future__ import annotations
 
@@ -21,11 +21,6 @@ def sheet() -> Report:
 @pytest.fixture(scope="module")
 def filters(sheet: Report) -> FilterReport:
     return filter_report(sheet, 600.0)
-
-
-def test_no_sentence_of_a_figure_is_said_twice(sheet: Report, filters: FilterReport) -> None:
-    text = document(sheet, "html", filters).decode()
-    assert text.count("hollow: octaves that the fit does not use") == 1
 
 
 def test_plain_k_is_the_coefficient_and_says_so(sheet: Report, filters: FilterReport) -> None:
