@@ -3,9 +3,9 @@
 Rules: `white` is N, `walk` is the random walk of `filter_report`: the smallest that keeps a Kalman filter consistent
 up to the horizon. It covers B, K and M together, where a program has no state for correlated noise. Where a
 program takes one number for three axes, the worst axis decides. A coefficient that the record does not show counts
-with half its 95 % upper bound. Where not even a bound is known, the setting is a comment without a number. Every
-number carries its unit, where it comes from, its factor against plain K, and the length of the record. Every caveat
-comes first. No margin for the vehicle is added.
+with half its 95 % upper bound, and the setting is then a comment with this bound. Where not even a bound is known, it
+is a comment without a number. Every number carries its unit, where it comes from, its factor against plain K, and the
+length of the record. Every caveat comes first. No margin for the vehicle is added.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ RECOMMENDED_RECORD_S = 8 * 3600.0
 """s, record that usually shows K or bounds it well below what matters."""
 
 BOUNDED = {
-    "N": "half a 95 % upper bound, not seen in this record",
+    "N": "N not seen in this record: half its 95 % upper bound",
     "K": "K not seen in this record: made for half its 95 % upper bound",
 }
 """Comments after a number that rests on a bound."""
@@ -59,7 +59,7 @@ class FilterValue:
 
     value: float | None  # SI, None if it is unknown for every axis
     lines: tuple[str, ...]  # comments: meaning, unit and origin of the value, and every axis
-    comment: str = ""  # comment after the value if it rests on a bound; else empty
+    bound: str = ""  # what the value rests on if it is not measured; else empty
 
 
 def axis_values(report: Report, filters: FilterReport, sensor: str, letter: str) -> dict[str, float]:
@@ -103,9 +103,15 @@ def worst_axis(report: Report, filters: FilterReport, sensor: str, letter: str) 
                 f"for 1 to {filters.horizon_s:g} s without a fix;",
                 f"  rests on {_rests_on(report)}",
             ]
-    status = parts[axis].status
-    comment = INDISTINCT if status == "indistinct" else BOUNDED[letter]
-    return FilterValue(values[axis], tuple(lines), "" if status == "measured" else f"  # {comment}")
+    return FilterValue(values[axis], tuple(lines), bound_text(letter, parts[axis]))
+
+
+def bound_text(letter: str, part: Estimate) -> str:
+    """Return what a number rests on whose coefficient is not measured; empty if it is."""
+    if part.status == "measured":
+        return ""
+    text = INDISTINCT if part.status == "indistinct" else BOUNDED[letter]
+    return text if part.high is None else f"{text}, {part.stated.high:.3e}"
 
 
 def _origin(filters: FilterReport, sensor: str) -> str:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from imumon.coefficients import NOISE
-from imumon.datasheet.filter_values import axis_values, settings_header, value_text, worst_axis
+from imumon.datasheet.filter_values import axis_values, bound_text, settings_header, value_text, worst_axis
 from imumon.datasheet.tables import sensor_axes
 from imumon.datasheet.temperature_settings import ardupilot_lines, curve_header, px4_lines
 from imumon.filter_report import FilterReport
@@ -130,11 +130,12 @@ CORRELATION_HORIZONS = 24.0
 
 @dataclass(frozen=True, slots=True)
 class TemplateContext:
-    """A program, and the report and the parameters for filters that its settings are made from."""
+    """A program, and what its settings are made from; `bounds`: numbers that rest on a bound are no comments."""
 
     program: Program
     report: Report
     filters: FilterReport
+    bounds: bool
 
     @property
     def rate(self) -> float | None:
@@ -149,10 +150,19 @@ class TemplateContext:
         """Return N or walk of the axes where it is known."""
         return axis_values(self.report, self.filters, sensor, letter)
 
+    def line(self, text: str, bound: str) -> str:
+        """Return the line of a number; one that rests on a `bound` is a comment unless it is asked for."""
+        return f"# {text}" if bound and not self.bounds else text
 
-def settings_document(program: str, report: Report, filters: FilterReport) -> str:
-    """Return the settings of one of the `PROGRAMS`."""
-    context = TemplateContext(PROGRAMS[program], report, filters)
+
+def settings_document(program: str, report: Report, filters: FilterReport, *, bounds: bool = False) -> str:
+    """Return the settings of one of the `PROGRAMS`.
+
+    Parameters
+    ----------
+    bounds : whether a number that rests on a bound is a line that the program reads; else it is a comment.
+    """
+    context = TemplateContext(PROGRAMS[program], report, filters, bounds)
     lines = []
     for line in (TEMPLATES / f"{program}.template").read_text("utf-8").splitlines():
         match = re.fullmatch(r"( *)@(\w+) ?(.*)", line)
@@ -202,7 +212,9 @@ def _number(context: TemplateContext, words: str) -> list[str]:
         return [*lines, program.unknown.format(name=name, unit=unit, why=why)]
     factor = program.white if letter == "N" else 1.0
     value = worst.value**program.power * factor * (rate or 1.0) ** program.rate_power
-    return [*lines, program.known.format(name=name, unit=unit, value=value, bound=worst.comment)]
+    bound = f"  # {worst.bound}" if worst.bound else ""
+    *above, text = program.known.format(name=name, unit=unit, value=value, bound=bound).split("\n")
+    return [*lines, *above, context.line(text, worst.bound)]
 
 
 def _about(context: TemplateContext, words: str) -> list[str]:
@@ -220,6 +232,16 @@ def _rate(context: TemplateContext, words: str) -> list[str]:
 def _topic(context: TemplateContext, name: str) -> list[str]:
     """Return the line with the topic of the record, else with the usual one."""
     return [f"{name}: {context.filters.device.topic or '/imu/data'}"]
+
+
+def _bound(context: TemplateContext, sensor: str, *letters: str) -> str:
+    """Return what the numbers of the three axes rest on where one is not measured; empty if all are."""
+    bounds = (
+        bound_text(letter, channel.coefficients[letter])
+        for _, channel in sensor_axes(context.report, sensor)
+        for letter in letters
+    )
+    return next(filter(None, bounds), "")
 
 
 def _at_rate(context: TemplateContext, text: str) -> list[str]:
@@ -268,7 +290,7 @@ def _covariance_with_walk(context: TemplateContext, words: str) -> list[str]:
         return [f"# {field}: ?"]
     h = context.filters.horizon_s
     diagonal = [(white[axis] ** 2 + (walk[axis] * h) ** 2 / 3.0) * context.rate for axis in AXES]
-    return [_matrix(field, diagonal, unit)]
+    return [context.line(_matrix(field, diagonal, unit), _bound(context, sensor, *"NK"))]
 
 
 def _axes(context: TemplateContext, words: str) -> list[str]:
@@ -285,7 +307,8 @@ def _axes(context: TemplateContext, words: str) -> list[str]:
         return [*lines, f"# {name}: ?"]
     deviation = math.sqrt(context.correlation_time_h * HOUR / 2.0) if letter == "K" else 1.0
     numbers = ", ".join(f"{values[axis] * deviation * AXIS_FACTORS[unit]:.6g}" for axis in AXES)
-    return [*lines, f"{name}: [{numbers}]  # [{unit}]"]
+    bound = _bound(context, sensor, letter)
+    return [*lines, context.line("; ".join(filter(None, (f"{name}: [{numbers}]  # [{unit}]", bound))), bound)]
 
 
 LINES: Mapping[str, Callable[[TemplateContext, str], list[str]]] = {

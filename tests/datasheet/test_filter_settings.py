@@ -17,6 +17,7 @@ from reports import report as make_report
 
 from imumon.coefficients import Estimate
 from imumon.datasheet import document
+from imumon.datasheet.program_settings import numbers_of, settings_document
 from imumon.messages import CAVEATS
 from imumon.report import Report
 from imumon.units import duration, figures
@@ -51,22 +52,33 @@ def with_bounded_k(report: Report) -> Report:
     return replace(report, channels=channels)
 
 
-def test_a_walk_that_rests_on_a_bound_has_a_comment() -> None:
+def test_a_walk_that_rests_on_a_bound_is_a_comment_with_the_bound() -> None:
     report = with_bounded_k(make_report(LONG_S))
     bound = "K not seen in this record: made for half its 95 % upper bound"
     for form, line in (
         ("kalibr", "gyroscope_random_walk: "),
         ("openvins", "gyroscope_random_walk: "),
         ("px4", "param set EKF2_GYR_B_NOISE "),
-        ("ardupilot", "# EK3_GBIAS_P_NSE in "),  # above the value: on its line it would be part of the value
+        ("kfgins", "gbstd: "),
         ("gtsam", "params.setBiasOmegaCovariance("),
         ("vins", "gyr_w: "),
         ("fastlio", "b_gyr_cov: "),
         ("liosam", "imuGyrBiasN: "),
         ("orbslam3", "IMU.GyroWalk: "),
     ):
-        assert re.search(rf"^ *{re.escape(line)}.*  # {bound}$", text(report, form), re.MULTILINE)
+        bounded = rf"^ *# {re.escape(line)}.*{bound}, [-.e\d]+$"
+        assert re.search(bounded, text(report, form), re.MULTILINE), form
         assert bound not in text(make_report(LONG_S), form)
+    # above the value: on its line it would be part of the value
+    assert re.search(
+        rf"^# EK3_GBIAS_P_NSE in .*  # {bound}, .*\n# EK3_GBIAS_P_NSE,", text(report, "ardupilot"), re.M
+    )
+    for program in SETTINGS:
+        shown = numbers_of(settings_document(program, report, filters(report)))
+        whole = numbers_of(settings_document(program, report, filters(report), bounds=True))
+        # only a covariance of a sample rests on N alone
+        assert len(shown) < len(whole) or program == "ros"
+        assert shown.items() <= whole.items()
 
 
 @pytest.mark.parametrize("age", ["nothing", "seconds"])
