@@ -116,9 +116,9 @@ def _record(report: Report) -> Iterator[Element]:
         ("Alias factor of N", f"{device.alias_factor:.3g}" if device.alias_factor else "unknown"),
         ("Start", session.started or "unknown"),
         ("Transmission", f"{invalid}, {counted(session.discarded_bytes, 'byte')} discarded"),
-        ("Ledger", ledger_text(session.ledger) or "none is kept"),
         ("Restarts", f"{session.restarts:,}"),
     ]
+    rows += [("Ledger", text) for text in filter(None, [ledger_text(session.ledger)])]
     for name, value in device.settings.items():
         text = device.setting_texts.get(name)
         rows.append((f"Setting {name}", f"{text} ({value})" if text else value))

@@ -72,16 +72,16 @@ summary { cursor: pointer; font-weight: 600; }
   .page, .appendix { break-before: page; margin-top: 0; }
   details::details-content { content-visibility: visible; display: block; height: auto; }
   summary { list-style: none; font-size: 10pt; break-after: avoid; }
-  details { border: 0; padding: .3rem 0 .6rem; }
+  details { border: 0; padding: .3rem 0 .6rem; } .foot { display: none; }
   .grades { margin: .7rem 0 .5rem; } .grade { padding: .4rem .8rem .5rem; } .grade b { font-size: 11pt; }
   figure { margin: .4rem 0; text-align: center; } figcaption { text-align: left; }
-  svg.allan { width: 76%; margin: 0 auto; } th, td { padding: .17rem .5rem .17rem 0; }
+  svg.allan { width: 84%; margin: 0 auto; } th, td { padding: .17rem .5rem .17rem 0; }
   .short, figure, tr, .caution, .grade, .note { break-inside: avoid; }
   .wide { overflow: visible; margin: .55rem 0; } .caution { margin: .2rem 0; padding: .15rem .6rem; }
   p { margin: .4rem 0; }
   table { font-size: 7.8pt; } thead th:first-child { font-size: 8.6pt; }
   .note, figcaption, .caution, .grade span { font-size: 7.8pt; }
-  pre { white-space: pre-wrap; font-size: 7pt; line-height: 1.35; padding: .5rem .7rem; orphans: 6; widows: 6; }
+  pre { white-space: pre-wrap; font-size: 7pt; line-height: 1.35; padding: .5rem .7rem; break-inside: avoid; }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 """
 
@@ -101,7 +101,7 @@ def html_page(document: Document) -> str:
             *rest,
             '<h2 class="appendix">Appendix</h2>' if document.appendix else "",
             *map(_section, document.appendix),
-            f'<p class="note">{html.escape(document.foot)}</p></body></html>\n',
+            f'<p class="note foot">{html.escape(document.foot)}</p></body></html>\n',
         ]
     )
 

@@ -192,6 +192,16 @@ def numbers_of(settings: str) -> dict[str, float]:
     return numbers
 
 
+def number_lines(settings: str) -> list[str]:
+    r"""Return the lines of settings that are a number, known, only bounded or unknown, without what explains them.
+
+    >>> number_lines("# worst axis z\n  gyr_n: 2e-3\n# gyr_w: 1e-6  # not seen\n# acc_w: ?\nmodel: kalibr\n")
+    ['gyr_n: 2e-3', '# gyr_w: 1e-6  # not seen', '# acc_w: ?']
+    """
+    lines = map(str.strip, settings.splitlines())
+    return [line for line in lines if " ?" in line or numbers_of(line.removeprefix("# "))]
+
+
 def comments(lines: Sequence[str]) -> list[str]:
     """Return lines as comments."""
     return [f"# {line}" for line in lines]

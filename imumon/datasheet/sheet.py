@@ -25,7 +25,7 @@ from imumon.datasheet.elements import (
     Paragraph,
 )
 from imumon.datasheet.figures import curve_table, legend_text, svg
-from imumon.datasheet.program_settings import PROGRAMS, settings_document
+from imumon.datasheet.program_settings import PROGRAMS, number_lines, settings_document
 from imumon.datasheet.tables import (
     SENSOR_TITLES,
     coefficient_text,
@@ -91,9 +91,11 @@ def _sheet(report: Report, filters: FilterReport, program: str) -> Iterator[Elem
         legend = f"{legend_text(report, inertial)}." if first else ""
         yield Figure(caption, curve_table(report, sensor), partial(svg, report, sensor), legend)
     yield Heading(f"Settings: {PROGRAMS[program].text}")
-    # comments of every axis fill a page of their own
-    lines = settings_document(program, report, filters).splitlines()
-    yield Listing("yaml", "\n".join(line for line in lines if not line.startswith("#   ")))
+    yield Listing("yaml", "\n".join(number_lines(settings_document(program, report, filters))))
+    yield Paragraph(
+        f"Random walks hold for at most {filters.horizon_s:g} s without a fix. imumon report --format {program} writes "
+        "the whole file, with the unit, the origin and the axes of each number."
+    )
 
 
 def _axes(report: Report, sensor: str) -> Iterator[tuple[str, Channel]]:
@@ -219,7 +221,10 @@ def _sheet_text(report: Report) -> str:
         texts = printed.setdefault(value.quantity, [])
         if (text := f"{value.printed:g} {pretty(value.printed_unit)}") not in texts:
             texts.append(text)
-    reasons = dict.fromkeys((v.channel.partition("/")[0], v.reason) for v in sheet.values if v.reason)
+    reasons: dict[str, dict[str, None]] = {}
+    for value in sheet.values:
+        if value.reason:
+            reasons.setdefault(value.reason, {})[value.channel.partition("/")[0]] = None
     parts = [
         f"Data sheet: {'; '.join(filter(None, source))}",
         *(
@@ -228,7 +233,10 @@ def _sheet_text(report: Report) -> str:
             if key in printed
         ),
         "Above: the whole interval is above the value",
-        *(f"N of the {sensor} is not said to be above: {reason}" for sensor, reason in reasons),
+        *(
+            f"N of {' and '.join(sensors)} is not said to be above: {text}"
+            for text, sensors in reasons.items()
+        ),
         " ".join((sheet.note or "").split()).rstrip("."),
     ]
     return f"{'. '.join(filter(None, parts))}."

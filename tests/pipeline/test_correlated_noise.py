@@ -27,9 +27,9 @@ from imumon.history.selection import Selection
 from imumon.history.store import TimedPeriod
 from imumon.history_report import HistoryPeriod, PeriodChannel, history_rows
 from imumon.noise import markov_law, synthesise
+from imumon.pipeline.combined_limits import with_combined
 from imumon.pipeline.filter_report_builder import filter_report
-from imumon.pipeline.uncertainty_budgets import uncertainty_budgets, with_combined
-from imumon.references.limit_checks import conformity
+from imumon.references.comparison import compared
 from imumon.references.reference_sheet import Limit, ReferenceSheet
 from imumon.report import Report, from_json
 from imumon.report_json import to_json
@@ -171,15 +171,15 @@ def test_metrics_and_diagnostics_have_both(report: Report) -> None:
     assert texts["M y"].endswith(" open")
 
 
-def test_a_limit_of_m_is_checked(report: Report) -> None:
+def test_a_data_sheet_may_have_m_and_t(report: Report) -> None:
     def limit(quantity: str, at_most: float, unit: str) -> Limit:
         return Limit(
             channels=("gyro/x", "gyro/y"), quantity=quantity, at_most=at_most, unit=unit, basis="maximum"
         )
 
     sheet = ReferenceSheet(title="a", document="b", limits=(limit("M", 50.0, "deg/h"), limit("T", 90.0, "s")))
-    checks = [(check.channel, check.quantity, check.verdict) for check in conformity(report, sheet).checks]
-    assert checks == [("gyro/x", "M", "fail"), ("gyro/y", "M", "pass"), ("gyro/x", "T", "pass")]
+    values = [(value.channel, value.quantity, value.above) for value in compared(report, sheet).values]
+    assert values == [("gyro/x", "M", True), ("gyro/y", "M", False), ("gyro/x", "T", False)]
 
 
 def test_the_history_keeps_both_and_the_statuses(report: Report, tmp_path: Path) -> None:
@@ -226,11 +226,8 @@ def test_m_of_a_sensor_that_warms_up_is_a_bound(report: Report) -> None:
     assert bounded.markov.sigma.status == "upper_bound"
 
 
-def test_a_budget_has_m_and_t_and_combined_limits(report: Report) -> None:
-    budgets = uncertainty_budgets(report)
-    assert set(MARKOV) <= set(budgets["gyro/x"])
-    assert not set(MARKOV) & set(budgets["gyro/y"])
-    combined = with_combined(report, budgets)
+def test_m_and_t_have_combined_limits(report: Report) -> None:
+    combined = with_combined(report)
     m, bound = combined["gyro/x"].M, combined["gyro/y"].M
     assert m is not None
     assert bound is not None
@@ -251,10 +248,9 @@ def test_a_wait_for_m_ends_where_it_is_measured(report: Report) -> None:
 def test_the_datasheet_and_the_settings_explain_it(report: Report) -> None:
     filters = filter_report(report, 600.0)
     page = document(report, "md", filters).decode()
-    assert "correlated noise (Gauss–Markov) M, °/h" in page
-    assert "open after a bound" in page
+    assert "Correlated noise (Gauss–Markov) M, °/h" in page
+    assert "open: the record shows correlated noise" in page
     assert "dashed: correlated noise" in document(report, "html", filters).decode()
-    assert "correlated noise: σ, time constant" in page
     settings = document(report, "kalibr", filters).decode()
     assert "from N, B, K and M: the smallest" in settings
     assert "; with M " in settings
