@@ -1,7 +1,7 @@
-"""References: published limits of sensors, one TOML file each, and the check of a report against them.
+"""References: published limits of sensors, one TOML file each, and their comparison with a report.
 
 reference_sheet  files and their format; the files of this directory are read by the model of the device
-limit_checks     pass, fail or undecided of each value
+comparison       each value beside the measured interval
 """
 
 from imumon.references.reference_sheet import (
