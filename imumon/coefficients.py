@@ -289,12 +289,8 @@ class Estimate:
     value: float | None = None  # in `unit`
     low: float | None = None  # in `unit`, lower 95 % limit of statistics; 0 of a bound, null while pending
     high: float | None = None  # in `unit`, upper 95 % limit of statistics, or bound; null while pending
-    combined_low: float | None = (
-        None  # in `unit`, `low` with all that is known of the uncertainty; null: unknown
-    )
-    combined_high: float | None = (
-        None  # in `unit`, `high` with all that is known of the uncertainty; null: unknown
-    )
+    combined_low: float | None = None  # in `unit`, lower 95 % limit with all that is known; null: unknown
+    combined_high: float | None = None  # in `unit`, upper 95 % limit with all that is known; null: unknown
     dof: float | None = None  # 1, degrees of freedom of the combined limits; null: infinite, or not measured
     # "upper_bound": does not show, at most `high`; "indistinct": it or one in `reason` shows; "pending": unknown
     status: Status = "pending"
