@@ -71,11 +71,11 @@ def add_report(parser: Parser) -> None:
 
 def _forms_text() -> str:
     """Return the forms of a document by what they are for."""
-    from imumon.datasheet import FORMS
+    from imumon.datasheet import FORMS, PAGES
 
     groups: dict[str, list[str]] = {}
     for name, form in FORMS.items():
-        kind = "datasheet" if form.history else "figure" if form.binary else "data"
+        kind = "datasheet" if name in PAGES else "figure" if form.binary else "data"
         groups.setdefault("settings of other programs" if form.settings else kind, []).append(name)
     return "; ".join(f"{group}: {', '.join(names)}" for group, names in groups.items())
 
