@@ -69,6 +69,7 @@ def analyse(
     precision: Mapping[str, float] | None = None,
     baseline: Measurement | Report | str | os.PathLike[str] | None = None,
     datasheet: str | os.PathLike[str] | None = None,
+    convergence: bool = False,
     exact: bool = False,
     taus: str | Sequence[float] | None = None,
     confidence: float = 0.95,
@@ -96,6 +97,7 @@ def analyse(
     precision : requested half-width of the 95 % limits by letter, as a share of the value.
     baseline : an earlier measurement of the sensor to compare with, or the path of its report.
     datasheet : file with limits of a data sheet, or the name of one that imumon has.
+    convergence : also state what a shorter record would have shown, at each doubling of its length.
     exact : also compute the fully overlapping Allan deviation; memory grows with the record.
     taus : averaging times of it: ``octave``, ``decade`` (ten points each), or times in s. Implies `exact`.
     confidence : of the limits in tables and curves of the result. Those of its report are for 95 %.
@@ -115,6 +117,7 @@ def analyse(
             precision=checked_precision(precision),
             alarm_limits=DEFAULT_LIMITS,
             baseline=None if baseline is None else report_of(baseline),
+            convergence=convergence,
             kind=_stream(stream),
             columns=parse_map(columns) if isinstance(columns, str) else dict(columns or {}),
             topic=topic,

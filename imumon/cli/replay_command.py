@@ -135,6 +135,8 @@ def add_replay(parser: Parser) -> None:
     add("--speed", default="max", metavar="X|max", help="times as fast as real time; default max")
     add("--json", action="store_true", help="the report as JSON")
     add("--verbose", action="store_true", help="also print what became of each row and column")
+    text = "also state what shorter parts of the record would have shown, which takes a fifth more time"
+    add("--convergence", action="store_true", help=text)
     add("--publish", action="store_true", help="publish on Zenoh while replaying")
     add("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
     options.add_listen(parser)
@@ -150,7 +152,13 @@ def replay(arguments: argparse.Namespace) -> int:
         report = _combined(arguments, sheet, baseline)
     else:
         with _publisher(arguments) as bus:
-            wanted = replay_options(arguments, arguments.files[0], pace=pace, baseline=baseline)
+            wanted = replay_options(
+                arguments,
+                arguments.files[0],
+                pace=pace,
+                baseline=baseline,
+                convergence=arguments.convergence,
+            )
             report = replayed(wanted, sheet, bus).report
     print_report(report, arguments.json, baseline, verbose=arguments.verbose)
     noise = [channel.coefficients["N"] for channel in report.channels.values() if "N" in channel.coefficients]

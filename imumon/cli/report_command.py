@@ -226,10 +226,10 @@ def _from_file(arguments: argparse.Namespace) -> Any:
     if is_state(head):
         _check_recording(arguments, "a saved state")
         return with_turn_on(_from_state(Path(arguments.file)), Path(arguments.file))
-    from imumon.datasheet import FORMS
+    from imumon.datasheet import FORMS, PAGES
     from imumon.recordings import OptionNotApplicable
 
-    wanted = replay_options(arguments, arguments.file)
+    wanted = replay_options(arguments, arguments.file, convergence=_form(arguments) in PAGES)
     try:
         return replayed(wanted).report
     except OptionNotApplicable as error:

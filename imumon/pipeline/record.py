@@ -54,6 +54,8 @@ class MonitorOptions:
     baseline : an earlier report of this sensor to compare with; None: there is none.
     stored : keep all samples, for `Monitor.exact_curves`: memory grows with the record.
     periods : keep what happens in every 10 minutes, hour and day until `Monitor.periods` returns it.
+    convergence : fit the record at each doubling of its length, for `Channel.convergence`; fits that happen anyway are
+        noted in any case.
     alarm_limits : by name of the alarm; see `imumon.alarms`.
     """
 
@@ -63,6 +65,7 @@ class MonitorOptions:
     baseline: Report | None = None
     stored: bool = False
     periods: bool = False
+    convergence: bool = False
     alarm_limits: Mapping[str, float] = field(default_factory=lambda: DEFAULT_LIMITS)
 
 
@@ -113,7 +116,7 @@ class Record:
         self._analysis = Analysis(self.accumulators, averaged=averaged, precision=options.precision)
         if saved is not None:
             self._analysis.convergence = saved.statements
-        self._due_s = next_due_s(self.accumulators.elapsed_s)
+        self._due_s = next_due_s(self.accumulators.elapsed_s) if options.convergence else math.inf
         self._periods: Periods | None = None
         if options.periods:
             counted = None if saved is None else saved.counted

@@ -102,6 +102,7 @@ class ReplayOptions:
     precision : 95 % half-width to reach by coefficient, as a share of its value.
     alarm_limits : by name of the alarm; see `imumon.alarms`.
     baseline : an earlier report of the same sensor, to compare with.
+    convergence : also state what a shorter record would have shown, at each doubling of its length.
     kind : stream of a table that has several; None: the best.
     columns : channel to ``COLUMN:UNIT`` of a table; empty: by its header.
     topic : of a bag or log.
@@ -122,6 +123,7 @@ class ReplayOptions:
     alarm_limits: Mapping[str, float] = field(default_factory=lambda: DEFAULT_LIMITS)
     precision: Mapping[str, float] = field(default_factory=default_precision)
     baseline: report.Report | None = None
+    convergence: bool = False
     kind: Kind | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
     topic: str | None = None

@@ -52,6 +52,7 @@ class ReplayedRecord:
             precision=options.precision,
             alarm_limits=options.alarm_limits,
             baseline=options.baseline,
+            convergence=options.convergence,
             stored=options.exact is not None,
         )
         self.monitor = Monitor(monitored, rate_hz=options.rate_hz or header.get("rate_hz"))

@@ -11,7 +11,7 @@ from blocks_at_rest import block as six_axes
 from imumon.coefficients import Estimate
 from imumon.noise.fit import ChannelFit
 from imumon.noise.fit.statement import pending_fit
-from imumon.pipeline import Monitor
+from imumon.pipeline import Monitor, MonitorOptions
 from imumon.pipeline.convergence import FIRST_DUE_S, MOST_POINTS, StatementLog, next_due_s
 from imumon.report import DeviceDescription, Report, SessionCounters, State, from_json
 from imumon.report_json import to_json
@@ -19,6 +19,7 @@ from imumon.samples import SampleBlock, selected
 from imumon.units import YEAR
 
 RATE = 100
+WITH_CONVERGENCE = MonitorOptions(convergence=True)
 
 
 def block(n: int, start: int = 0) -> SampleBlock:
@@ -72,9 +73,9 @@ def test_the_last_point_is_what_is_stated_now() -> None:
     assert from_json(Report, to_json(current)) == current
 
 
-def test_a_record_of_which_nobody_asks_has_a_point_at_each_doubling_for_any_chunking() -> None:
+def test_a_record_for_a_document_has_a_point_at_each_doubling_for_any_chunking() -> None:
     samples = block(150 * RATE)
-    one, other = (fed(samples, chunk) for chunk in (97, 50_000))
+    one, other = (fed(samples, chunk, Monitor(WITH_CONVERGENCE)) for chunk in (97, 50_000))
     for monitor in (one, other):
         monitor.flush()
     first, second = report(one, "stopped"), report(other, "stopped")
@@ -97,9 +98,9 @@ def test_a_record_of_which_nobody_asks_has_a_point_at_each_doubling_for_any_chun
 
 def test_it_continues_from_a_saved_state() -> None:
     samples = block(100 * RATE)
-    whole = fed(samples, 1000)
-    saved = fed(selected(samples, slice(0, 80 * RATE)), 1000)
-    restored = Monitor()
+    whole = fed(samples, 1000, Monitor(WITH_CONVERGENCE))
+    saved = fed(selected(samples, slice(0, 80 * RATE)), 1000, Monitor(WITH_CONVERGENCE))
+    restored = Monitor(WITH_CONVERGENCE)
     restored.restore(saved.save(), 0.0)
     fed(selected(samples, slice(80 * RATE, None)), 1000, restored)
     lengths = []
@@ -108,6 +109,12 @@ def test_it_continues_from_a_saved_state() -> None:
         assert part is not None
         lengths.append(part.elapsed_s)
     assert lengths[0] == lengths[1] == (60.0, 100.0)
+
+
+def test_a_record_without_a_document_is_fitted_once() -> None:
+    part = report(fed(block(150 * RATE), 1000), "stopped").channels["gyro/x"].convergence
+    assert part is not None
+    assert part.elapsed_s == (150.0,)
 
 
 def test_the_next_length_is_a_doubling_and_beyond_the_present_one() -> None:
