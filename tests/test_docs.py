@@ -9,7 +9,6 @@ blocks are checked against the command line.
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import re
@@ -305,20 +304,6 @@ def test_the_index_of_the_benchmarks_is_complete() -> None:
             page = ROOT / place / "README.md" if not place.endswith(".md") else ROOT / place
             text = page.read_text("utf-8")
             assert f"benchmarks/{name}.py" in text or "python -m benchmarks" in text, (name, place)
-
-
-def test_rules_name_benchmarks_that_exist() -> None:
-    named = {
-        Path(row.benchmark.split()[0]).name  # with or without its folder
-        for path in sorted((ROOT / "imumon" / "noise").glob("*/*_rules.py"))
-        for row in importlib.import_module(f"imumon.noise.{path.parent.name}.{path.stem}").RULES
-        if row.benchmark
-    }
-    assert not [
-        name
-        for name in named
-        if not any((ROOT / "benchmarks").glob(name)) and not any((ROOT / "tests").rglob(name))
-    ]
 
 
 def test_the_changelog_has_known_headings() -> None:

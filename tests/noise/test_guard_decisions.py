@@ -1,23 +1,15 @@
-"""Rules and states of the guard: each is in its table, and each decides something."""
+"""States and decisions of the guard: each transition happens, and each decision excludes what it is for."""
 
 from __future__ import annotations
-
-import ast
-import importlib
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import imumon.noise.detection
 from imumon.noise.detection import Guard, disturbance, guard
-from imumon.noise.detection.detection_rules import RULES
 from imumon.noise.detection.disturbance import DisturbanceDetector
 from imumon.noise.detection.stuck import StuckWatch
 from imumon.samples import Floats
 
-FOLDER = Path(imumon.noise.detection.__path__[0])
-MODULES = sorted(path for path in FOLDER.glob("*.py") if path.stem != "detection_rules")
 BOTH = ("gyro",) * 3 + ("accel",) * 3
 SIGMA = np.array([4e-4] * 3 + [1e-2] * 3)
 
@@ -33,41 +25,6 @@ def guarded(values: Floats, rate: float) -> tuple[Guard, np.ndarray]:
     for begin in range(0, len(values), 4000):
         items += watched.update(values[begin : begin + 4000])
     return watched, np.concatenate([item.valid[:, 0] for item in items + watched.flush()])
-
-
-# ---------------------------------------------------------------------- the table of rules
-
-
-def test_the_name_of_a_rule_is_that_of_its_constant() -> None:
-    rules = importlib.import_module("imumon.noise.detection.detection_rules")
-    assert {rule.name: rule.value for rule in RULES} == {
-        name: value
-        for name, value in vars(rules).items()
-        if name.isupper()
-        and name in dir(rules)
-        and isinstance(value, int | float)
-        and name not in ("LEAST_SHARE", "ROUNDING")
-    }
-    for rule in RULES:
-        assert all((rule.unit, rule.decides, rule.without, rule.origin, rule.benchmark)), rule.name
-
-
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)
-def test_no_other_module_has_a_threshold(path: Path) -> None:
-    """Constants of numbers are rules, and no comparison has a number but those that count: 0, 1/2 and 1."""
-    tree = ast.parse(path.read_text("utf-8"))
-    for node in tree.body:
-        value = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
-        assert not isinstance(value, ast.Constant), ast.unparse(node)
-    for node in ast.walk(tree):
-        operands = [node.left, *node.comparators] if isinstance(node, ast.Compare) else []
-        numbers = [operand.value for operand in operands if isinstance(operand, ast.Constant)]
-        assert all(isinstance(n, str) or n in (None, 0, 0.5, 1) for n in numbers), ast.unparse(node)
-
-
-def test_every_rule_is_read() -> None:
-    text = "\n".join(path.read_text("utf-8") for path in MODULES)
-    assert not [rule.name for rule in RULES if rule.name not in text]
 
 
 # ---------------------------------------------------------------------- the tables of states
