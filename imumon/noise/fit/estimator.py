@@ -53,7 +53,7 @@ from imumon.noise.fit.statement import (
 )
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.level_sums import SUB_BAND
-from imumon.noise.spectrum.spectrum_rules import LEAST_AVERAGES
+from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES
 from imumon.noise.validity_groups import DITHERED, ROUNDING, ROUNDING_VARIANCE
 from imumon.samples import Floats
 from imumon.units import DAY

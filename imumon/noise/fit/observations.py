@@ -47,7 +47,7 @@ from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.expectation import degrees_of_freedom, filter_power, short_term_density
 from imumon.noise.spectrum.leakage import HALF, WAVES_SHARE, leaked
 from imumon.noise.spectrum.level_sums import FIRST_BIN, SEGMENT, SUB_BAND, LevelSums, last_bin
-from imumon.noise.spectrum.spectrum_rules import LEAST_AVERAGES
+from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES
 from imumon.samples import Bools, Floats, Ints
 
 

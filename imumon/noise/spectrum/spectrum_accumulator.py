@@ -70,10 +70,18 @@ from imumon.noise.spectrum.level_sums import (
     sub_bands,
 )
 from imumon.noise.spectrum.power_spectrum import PowerSpectrum, displayed
-from imumon.noise.spectrum.spectrum_rules import MOST_VARIATION
 from imumon.noise.validity_groups import LEAST_SHARE, ROUNDING
 from imumon.samples import Bools, Floats
 from imumon.saved_state import restorable
+
+MOST_VARIATION = 0.8
+"""A segment with more does not count; where a share p is missing, it is p / (1 - p), so that 44 % may be. Unit:
+relative variance of the shares of valid samples within a segment.
+
+Otherwise: at 0.06, a record with a sixth of it in holes has no segments where B shows, and its K is a bound.
+Origin: with 40 % of scattered losses, flicker is expected 1.5 % too large at level 0, with 48 % it would be 3 %
+(`holes.py`).
+"""
 
 LEVELS = 38
 """Most levels, and octaves of the Allan curve of a part: 2^37 samples are five years at 800 Hz."""
