@@ -627,7 +627,7 @@ def present(rows: Floats) -> Bools:
 
 def _repeating(stream_layout: ColumnLayout, rows: Floats) -> Iterator[str]:
     """Yield a remark on each inertial sensor that is slower than its rows and holds its values between."""
-    from imumon.noise.statistics.distribution_rules import REPEATED
+    from imumon.noise.statistics.differences import REPEATED
 
     for sensor in sorted(INERTIAL & set(map(sensor_of, stream_layout.channels)), reverse=True):
         axes = [k for k, name in enumerate(stream_layout.channels) if sensor_of(name) == sensor]

@@ -22,16 +22,30 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from imumon.noise.statistics.distribution_rules import (
-    FEW_LEVELS,
-    LEARN_SAMPLES,
-    LEAST_EXCESS,
-    LEAST_STEPS,
-    MOMENT_ERRORS,
-    REPEATED,
-)
+from imumon.noise.statistics.distribution_shape import LEARN_SAMPLES, MOMENT_ERRORS
+from imumon.noise.statistics.histogram import FEW_LEVELS
 from imumon.samples import Bools, Floats
 from imumon.saved_state import restorable
+
+REPEATED = 0.25
+"""With a larger share of zeros, the sensor is slower than its samples: their median is not used. Unit: of the
+differences.
+
+Otherwise: the robust deviation of repeated values is far too small, and all changes are outliers.
+Origin: rounding to LEAST_STEPS gives a tenth.
+"""
+LEAST_STEPS = 3.0
+"""Outliers are judged where the Allan deviation of one sample has at least as many. Unit: quantisation steps.
+
+Otherwise: the median of fewer levels says little.
+Origin: chosen.
+"""
+LEAST_EXCESS = 0.05
+"""A deviation that exceeds the robust one by more disagrees with it. Unit: of the deviation.
+
+Otherwise: long records report outliers that change nothing.
+Origin: chosen.
+"""
 
 PER_OCTAVE, BINS = 16, 1024
 """Bins in an octave, within which the density is taken as even: an error of 0.1 % of the median. And in all."""

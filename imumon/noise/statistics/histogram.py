@@ -14,11 +14,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from imumon.noise.statistics.distribution_rules import FEW_LEVELS, LEARN_SAMPLES
-from imumon.noise.statistics.distribution_shape import DistributionShape, assessed
+from imumon.noise.statistics.distribution_shape import LEARN_SAMPLES, DistributionShape, assessed
 from imumon.noise.validity_groups import LARGEST
 from imumon.samples import Bools, Floats, Ints
 from imumon.saved_state import restorable
+
+FEW_LEVELS = 8
+"""A channel with more, whose step could not be learned, is not called quantised; with fewer in a standard
+deviation, a median is sought between levels. Unit: levels.
+
+Otherwise: the least difference of many levels may be several steps.
+Origin: chosen.
+"""
 
 HISTOGRAM_BINS = 256
 """Bins of a channel: at least half of them are in use."""
