@@ -17,10 +17,16 @@ from imumon.coefficients import BIAS_TERMS, LIMIT_95
 from imumon.history.store import TimedPeriod
 from imumon.noise.stretches.change import LEAST_CHANGE
 from imumon.noise.stretches.day_change import find_day_change
-from imumon.noise.stretches.stretch_rules import DAYS_KEPT
 from imumon.report import Against, Change, stamp
 from imumon.samples import sensor_of
 from imumon.units import DAY, HOUR
+
+DAYS_KEPT = 90
+"""Days of the history that are compared. Unit: days.
+
+Otherwise: an old step is reported again every day, and hides a new one.
+Origin: chosen (`history_study.py`).
+"""
 
 AGAINST: Against = "history"
 """What such a change is a change against, in the report."""

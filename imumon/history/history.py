@@ -21,14 +21,13 @@ from imumon.clock import REAL_TIME, HostClock
 from imumon.errors import why
 from imumon.files import lack_of_files
 from imumon.history import selection
-from imumon.history.day_changes import DayChanges
+from imumon.history.day_changes import DAYS_KEPT, DayChanges
 from imumon.history.power_ups import PowerUps
 from imumon.history.rows import iso, json_pieces, rows
 from imumon.history.selection import Selection, SelectionError
 from imumon.history.store import SUFFIX, HistoryError, HistoryStore, PowerUp, TimedPeriod, damaged, set_aside
 from imumon.history_report import STEPS, HistoryPeriod
 from imumon.messages import change_text
-from imumon.noise.stretches.stretch_rules import DAYS_KEPT
 from imumon.report import Event, Report
 from imumon.samples import Level
 from imumon.system_errors import OTHER_STATE, cure_of_writing

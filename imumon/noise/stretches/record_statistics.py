@@ -29,9 +29,8 @@ from imumon.noise.statistics.moments import MomentsResult
 from imumon.noise.stretches.change import CoefficientChange, detect_changes
 from imumon.noise.stretches.parts import RecordParts
 from imumon.noise.stretches.quarters import Quarters
-from imumon.noise.stretches.stretch_rules import CANDIDATES_S, DECISION_LENGTH
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch, Stretches
-from imumon.noise.stretches.warmup import is_over, is_warming_up
+from imumon.noise.stretches.warmup import CANDIDATES_S, DECISION_LENGTH, is_over, is_warming_up
 from imumon.samples import Bools, Floats
 from imumon.saved_state import restorable
 
