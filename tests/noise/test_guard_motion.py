@@ -7,8 +7,7 @@ import pytest
 import scipy
 
 from imumon.noise.detection import Guard
-from imumon.noise.detection.baseline import FrameStatistics
-from imumon.noise.detection.detection_rules import PARTS
+from imumon.noise.detection.baseline import PARTS, FrameStatistics
 from imumon.noise.synthesis import synthesise
 from imumon.samples import Bools, Floats
 

@@ -43,7 +43,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from imumon.noise.detection.detection_rules import ONE_AXIS_SHARE, OUTLIER_EVENT_FRAMES, REFERENCE_SHARE
 from imumon.noise.detection.disturbance import (
     REASONS,
     Codes,
@@ -55,6 +54,27 @@ from imumon.noise.detection.disturbance import (
 )
 from imumon.samples import Bools, Floats
 from imumon.saved_state import restorable
+
+REFERENCE_SHARE = 0.5
+"""A frame with fewer valid samples is no reference for the size of the next disturbance. Unit: of the samples of a
+frame.
+
+Otherwise: the few samples between two knocks would measure the second one.
+Origin: chosen: half a frame gives level and deviation to 10 % at 100 Hz (`test_guard.py`).
+"""
+OUTLIER_EVENT_FRAMES = 60
+"""Outliers of a sensor within this time are one disturbance. Unit: frames.
+
+Otherwise: a noisy cable floods the events.
+Origin: chosen: a minute (`test_outliers.py`).
+"""
+ONE_AXIS_SHARE = 0.5
+"""If the median axis repeats less, that axis alone is stuck, and the event names it. Unit: of the repeats of the
+axis with most.
+
+Otherwise: each stuck output is one of the whole sensor.
+Origin: chosen: half, because an axis that hangs repeats always, the others by chance (`test_guard.py`).
+"""
 
 
 @restorable

@@ -103,7 +103,7 @@ from enum import Enum
 
 import numpy as np
 
-from imumon.noise.detection.detection_rules import FIRST_FRAMES, MARGIN_AFTER, MARGIN_BEFORE, PARTS
+from imumon.noise.detection.baseline import FIRST_FRAMES, PARTS
 from imumon.noise.detection.disturbance import (
     INERTIAL,
     REASONS,
@@ -117,6 +117,19 @@ from imumon.noise.detection.exclusions import Exclusions
 from imumon.noise.detection.stuck import RepeatDetector, StuckWatch
 from imumon.samples import Bools, Floats
 from imumon.saved_state import restorable
+
+MARGIN_BEFORE = PARTS // 2
+"""So much is excluded before the first part that is unusual. Unit: parts of 0.1 s.
+
+Otherwise: the onset stays: a hand that comes near begins below the threshold.
+Origin: chosen: half a frame. The guard holds one frame back, so more than a whole one is impossible (`guards.py`).
+"""
+MARGIN_AFTER = PARTS
+"""So much is excluded after the last part that is unusual. Unit: parts of 0.1 s.
+
+Otherwise: the end stays: a table rings down below the threshold, and the filter of the sensor settles.
+Origin: chosen: a frame, ten times as long as a table rings (PARTS) (`guards.py`).
+"""
 
 
 @restorable

@@ -14,7 +14,7 @@ therefore learned, for each sensor (a repeat of the whole sample) and for each a
     axis    exempt     never                                        p >= 1/3
 
 p^r is the probability that r independent samples repeat, and 1.3e-12 that of an unusual sample
-(`detection_rules.UNUSUAL_CHANCE`).
+(`UNUSUAL_CHANCE`).
 
 An axis that usually repeats 7 of 8 samples while others change is also *held* (`RepeatDetector.held`): it is constant,
 coarse or updated rarely. Which of these it is, and what it decides, `baseline` finds by its steps.
@@ -62,18 +62,46 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import ndtr
 
-from imumon.noise.detection.baseline import frames_to_change
-from imumon.noise.detection.detection_rules import (
-    HELD_AXIS_SHARE,
-    MEMORY_FRAMES,
-    NEVER_STUCK_SHARE,
-    STUCK_AXIS_FRAMES,
-    STUCK_SAMPLES,
-    UNUSUAL_CHANCE,
-)
+from imumon.noise.detection.baseline import MEMORY_FRAMES, UNUSUAL_SIGMA, frames_to_change
 from imumon.samples import Bools, Floats
 from imumon.saved_state import restorable
+
+UNUSUAL_CHANCE = float(ndtr(-UNUSUAL_SIGMA))
+"""Repeats, or outliers in a row or of two sensors at once, that are less probable are not chance. Unit:
+probability.
+
+Otherwise: a magnetometer that is read three times for each value is stuck, and rare outliers by chance are a knock.
+Origin: ndtr(-UNUSUAL_SIGMA), 1.3e-12: that of an unusual sample, to one side. `slow_terms.CHANCE` is another one
+(`test_guard.py`).
+"""
+STUCK_SAMPLES = 5
+"""Fewer are not stuck, however rare repeats are. Unit: repeats in a row.
+
+Otherwise: a sample that a driver sends twice is a fault of the sensor.
+Origin: chosen: drivers repeat one or two samples while they wait (`sensitivity.py`).
+"""
+STUCK_AXIS_FRAMES = 2
+"""An axis that keeps its value so long, while other axes change, is stuck. Unit: frames.
+
+Otherwise: a smooth signal keeps its rounded value where it turns, and is stuck.
+Origin: chosen: shorter than any use of a stuck axis, longer than such a turn (`sensitivity.py`).
+"""
+NEVER_STUCK_SHARE = 1.0 / 3.0
+"""An axis that usually repeats as often, or more, is never stuck. Unit: of the samples.
+
+Otherwise: a coarse axis is stuck whenever its level lies in the middle of a step.
+Origin: noise of 0.85 steps repeats so often; below, the share depends on the level (`test_guard.py`).
+"""
+HELD_AXIS_SHARE = 7.0 / 8.0
+"""An axis that usually repeats as often while others change, in steps of any size, decides no disturbance. Unit: of
+the samples.
+
+Otherwise: one axis that is updated once a second makes a knock or motion of all axes of both sensors.
+Origin: values of eight samples; noise of a third of a step, the least that is not coarse, repeats at most 78 %
+(`test_guard_silent.py`).
+"""
 
 _NEVER = int(np.iinfo(np.int64).max)  # repeats in a row that no record reaches
 
