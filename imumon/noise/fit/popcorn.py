@@ -19,8 +19,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from imumon.noise.fit.markov_rules import LEVELS_SIGMA, LEVELS_SPAN
 from imumon.samples import Floats
+
+LEVELS_SIGMA = 4.0
+"""Gauss–Markov noise is popcorn noise where the excess kurtosis of the block means is below zero by as much. Unit:
+standard deviations.
+
+Otherwise: Gauss–Markov noise is described by two levels that it does not have.
+Origin: 3e-5 if the kurtosis is normal, because every channel is tested in every fit; none of 60 records of
+Gauss–Markov noise is one (`markov.py`).
+"""
+LEVELS_SPAN = 20.0
+"""Levels are about a mean over this time. Unit: time constants.
+
+Otherwise: a walk beside the jumps smears the levels.
+Origin: chosen: ten times in each level (`markov.py`).
+"""
 
 
 class TwoLevels(NamedTuple):

@@ -59,7 +59,6 @@ from imumon.noise.fit.likelihood import (
     evidence,
     quantiles,
 )
-from imumon.noise.fit.markov_rules import BEYOND_EVIDENCE, CONSISTENT, SLOWEST
 from imumon.noise.fit.model import (
     FLICKER,
     WALK,
@@ -76,6 +75,29 @@ from imumon.noise.fit.observations import (
 from imumon.noise.fit.regressors import Regressor
 from imumon.noise.fit.temperature_rules import BEND_CHANCE
 from imumon.samples import Bools, Floats, Ints
+
+SLOWEST = 4
+"""A walk that does not show without these lowest coefficients is a mean that moves slowly, and they are left out;
+then twice and four times as many, up to half of those that stay single. Unit: coefficients.
+
+Otherwise: a mean that rises and falls once by 20 floors is measured as K in four records of five, and B is too
+small in one of four; with 6, K of three times the smallest is lost in 15 % of the records, with 4 in 12 %.
+Origin: two cycles of the record: the least that is an oscillation (`markov.py`).
+"""
+BEYOND_EVIDENCE = 2.7
+"""A walk shows without the lowest coefficients. Unit: twice the log likelihood ratio.
+
+Otherwise: at 1, a mean that moves from one level to another is measured as K in 10 of 100 records instead of 7.
+Origin: 5 % by chance (Chernoff 1954) (`markov.py`).
+"""
+CONSISTENT = 0.7
+"""A walk is as large without the lowest coefficients as with them if this quantile of K is above its value. Unit:
+probability.
+
+Otherwise: at 0.9, a mean that moves from one level to another is measured as K in 23 of 100 records instead of 7.
+Origin: half a standard error: where K is seen without the lowest coefficients, leaving them out costs little
+(`markov.py`).
+"""
 
 EVEN = np.linspace(0.0, 1.0, GRID // 2 - 1)
 FALLING = np.append(0.0, np.geomspace(0.01, 1.0, GRID // 2 - 2))
