@@ -25,17 +25,46 @@ from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import BlockSeries, block_series, meeting_frequency
 from imumon.noise.fit.regressors import Regressor
 from imumon.noise.fit.slow_terms import SlowTerms
-from imumon.noise.fit.statement import RegressorEstimate
-from imumon.noise.fit.temperature_rules import (
-    COLLINEAR,
-    HIGHEST_DEGC,
-    JUMP_DEGC,
-    JUMP_SHARE,
-    LOWEST_DEGC,
-    POINTS,
-    SPAN_PER_DEGREE_DEGC,
-)
+from imumon.noise.fit.statement import COLLINEAR, RegressorEstimate
 from imumon.samples import Floats
+
+SPAN_PER_DEGREE_DEGC = 2.0
+"""Span of temperatures that each degree above the first needs. Unit: degC.
+
+Otherwise: a cubic through 1 degC is extrapolated to 40 degC by whoever compensates with it.
+Origin: sensors bend little within 2 degC (`temperature.py`).
+"""
+LOWEST_DEGC = -60.0
+"""Below, a temperature is implausible and no bias curve is stated. Unit: degC.
+
+Otherwise: a wrong unit or a broken thermometer gives a curve.
+Origin: sensors are rated from -55 degC on (Murata SCHA634).
+"""
+HIGHEST_DEGC = 110.0
+"""Above, a temperature is implausible and no bias curve is stated. Unit: degC.
+
+Otherwise: see LOWEST_DEGC: Fahrenheit, kelvin and counts pass.
+Origin: sensors are rated to 110 degC at most (Murata SCHA634).
+"""
+JUMP_SHARE = 0.5
+"""A temperature that changes more between two blocks, and by JUMP_DEGC, is an error of the thermometer. Unit: of
+the span.
+
+Otherwise: a plug that is pulled makes a line through two clouds of points.
+Origin: chosen: no sensor warms by half of its span within a block.
+"""
+JUMP_DEGC = 2.0
+"""Least jump of a temperature that counts as one, see JUMP_SHARE. Unit: degC.
+
+Otherwise: the steps of a coarse thermometer count as jumps.
+Origin: chosen: twenty steps of a tenth of a degree.
+"""
+POINTS = 9
+"""Points of the bias curve. Unit: temperatures.
+
+Otherwise: a cubic is drawn with corners.
+Origin: chosen for the figure and the size of the report.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

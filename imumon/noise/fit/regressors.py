@@ -43,9 +43,36 @@ from imumon.noise.fit.likelihood import Surface
 from imumon.noise.fit.model import combined
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import BlockSeries, Coefficients
-from imumon.noise.fit.temperature_rules import BOTH_WAYS, LEAST_SPAN_DEGC, TEMPERATURE_SNR, THERMOMETER_SIGMA
 from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Floats, Ints
+
+LEAST_SPAN_DEGC = 0.3
+"""The temperature is a column from this range on. Unit: degC.
+
+Otherwise: the noise of a thermometer with a step of 0.1 degC is a column that takes power from K.
+Origin: chosen: three steps of a thermometer that reports tenths of a degree (`temperature.py`).
+"""
+TEMPERATURE_SNR = 3.0
+"""The temperature is a column where its bend, as means of four blocks, exceeds their noise by this factor. Unit:
+ratio.
+
+Otherwise: a column of noise has a slope biased towards zero, and what it leaves raises K.
+Origin: at 3 the bias of the slope is 10 % (errors in variables) (`temperature.py`).
+"""
+THERMOMETER_SIGMA = 3.0
+"""A band of the temperature counts where its power exceeds the noise of the thermometer by as much. Unit: standard
+deviations.
+
+Otherwise: the noise of the thermometer enters the model of the channel, times the slope.
+Origin: chosen (`temperature.py`).
+"""
+BOTH_WAYS = 0.15
+"""The temperature has turned when it has come back by this much; hysteresis needs this share of blocks and of span
+in each direction. Unit: of the span.
+
+Otherwise: noise of the thermometer counts as directions, and hysteresis is fitted where none can be seen.
+Origin: chosen: above the noise of a thermometer, below the swing of a room (`temperature.py`).
+"""
 
 CHI_SQUARE_MEDIAN = 0.455
 """Median of a chi-square variable of one degree of freedom, over its mean."""

@@ -73,8 +73,15 @@ from imumon.noise.fit.observations import (
     pooled_coefficients,
 )
 from imumon.noise.fit.regressors import Regressor
-from imumon.noise.fit.temperature_rules import BEND_CHANCE
 from imumon.samples import Bools, Floats, Ints
+
+BEND_CHANCE = 0.05
+"""The effect of the temperature is bent where noise alone bends as much in this share of records. Unit:
+probability.
+
+Otherwise: a bend that is missed raises K, a bend that is kept in doubt may hide it: the second is worse.
+Origin: usual level of a test of which neither error is much worse than the other (`temperature.py`).
+"""
 
 SLOWEST = 4
 """A walk that does not show without these lowest coefficients is a mean that moves slowly, and they are left out;

@@ -75,11 +75,17 @@ from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.popcorn import TwoLevels, two_levels
 from imumon.noise.fit.regressors import BENT, OSCILLATION
 from imumon.noise.fit.search import Model
-from imumon.noise.fit.temperature_rules import COLLINEAR
 from imumon.noise.fit.time_to_precision import seconds_to
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.validity_groups import ROUNDING_VARIANCE
 from imumon.samples import Bools, Floats, Ints
+
+COLLINEAR = 0.95
+"""A temperature slope is stated where its estimate is less correlated with that of the drift. Unit: correlation.
+
+Otherwise: slope and drift are two large numbers of opposite sign that say nothing each.
+Origin: 0.95: the error of the slope is three times as large as without the drift (`temperature.py`).
+"""
 
 NOT_SHOWN = "the record does not show it"
 MOVES_SLOWLY = "a mean that moves slowly explains it"
