@@ -17,7 +17,7 @@ import numpy as np
 from imumon.coefficients import LIMIT_95, NOISE, Estimate, Excess, MarkovEstimate
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import BiasFit, ChannelFit, Estimator
-from imumon.noise.fit.fit_rules import CHANCE
+from imumon.noise.fit.slow_terms import CHANCE
 from imumon.noise.grading import LIMITS, Headline, grade_sensor
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.distribution_shape import DistributionShape

@@ -7,9 +7,8 @@ import pytest
 
 from imumon.noise import OctaveCascade, synthesise
 from imumon.noise.blocks import BlockMeans
-from imumon.noise.fit.fit_rules import BAND_EDGES
 from imumon.noise.fit.model import NOISE_TERMS, TERMS, WHITE, NoiseTerm
-from imumon.noise.fit.observations import block_series, meeting_frequency, spectral_powers
+from imumon.noise.fit.observations import BAND_EDGES, block_series, meeting_frequency, spectral_powers
 
 
 @pytest.mark.parametrize("samples", [2_000, 5_000, 20_000, 70_000])

@@ -40,7 +40,7 @@ from imumon.noise.allan import AllanCurve
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit.bias_curve import BiasFit, bias_curve
 from imumon.noise.fit.curve_statement import with_curve
-from imumon.noise.fit.fit_rules import COUNTED_FALL, LEAST_VARIANCE, RENEWAL_GROWTH
+from imumon.noise.fit.normal_equations import LEAST_VARIANCE
 from imumon.noise.fit.observations import BlockSeries, block_series
 from imumon.noise.fit.search import ModelChoice, ModelSearch
 from imumon.noise.fit.slow_terms import SlowTermSearch
@@ -57,6 +57,21 @@ from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES
 from imumon.noise.validity_groups import DITHERED, ROUNDING, ROUNDING_VARIANCE
 from imumon.samples import Floats
 from imumon.units import DAY
+
+COUNTED_FALL = 0.5
+"""Coarse values are counts of an angle where the density of some octave is below this share. Unit: of the highest
+octave.
+
+Otherwise: a counting gyroscope is pending; at 1, a rounded rate counts as an angle by the scatter of its octaves.
+Origin: rounding adds a quarter of the squared count there: below half of it, noise moves half a count a sample.
+"""
+RENEWAL_GROWTH = 1.02
+"""A fit is computed again when the record has grown by this factor; in between the last one holds. Unit: of the
+length.
+
+Otherwise: a daemon spends its time on fits that change nothing.
+Origin: limits shrink by 1 % meanwhile (`daemon_cost.py`).
+"""
 
 CUT = "gaps of unknown length cut the record into parts that are too short"
 CONSTANT = "the channel is constant", "constant"

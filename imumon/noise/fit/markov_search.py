@@ -26,8 +26,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from imumon.noise.fit.fit_rules import DROP, GRID_FALL, MOST_MOVES
 from imumon.noise.fit.likelihood import (
+    DROP,
+    GRID_FALL,
+    MOST_MOVES,
     Grids,
     Likelihood,
     Squares,

@@ -72,7 +72,6 @@ import numpy as np
 from imumon.coefficients import COEFFICIENTS
 from imumon.noise import markov_law
 from imumon.noise.allan.octave import RATIO
-from imumon.noise.fit.fit_rules import LAGS
 from imumon.noise.power_law import EXACT, coefficient_variances, phase_autocovariance, sampled_density
 from imumon.noise.spectrum.expectation import (
     bin_expectation,
@@ -81,6 +80,13 @@ from imumon.noise.spectrum.expectation import (
     window_power,
 )
 from imumon.samples import Floats, Ints
+
+LAGS = 12
+"""Lags over which the covariance of differences is summed. Unit: clusters.
+
+Otherwise: fewer: the limits of flicker are too narrow.
+Origin: that of flicker falls with the fourth power of the lag.
+"""
 
 SECOND_DIFFERENCE = {-2: 1.0, -1: -4.0, 0: 6.0, 1: -4.0, 2: 1.0}
 """Weights by lag of the autocovariance of second differences, that of (1, -2, 1) with itself."""

@@ -8,9 +8,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from imumon.noise.fit.fit_rules import LEAST_VARIANCE
 from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Floats
+
+LEAST_VARIANCE = 1e-100
+"""Floor of every variance; a channel with less is constant. Unit: (channel unit)^2.
+
+Otherwise: squares of variances underflow, and a constant channel gives 0/0.
+Origin: the square of 1e-100 is above the least number of 64 bits.
+"""
 
 
 def normal_matrix(w: Floats, X: Floats) -> Floats:

@@ -31,20 +31,47 @@ from itertools import pairwise
 
 import numpy as np
 
-from imumon.noise.fit.fit_rules import (
-    COEFFICIENTS_PER_COLUMN,
-    LEAST_BLOCKS,
-    SETTLING_SHARES,
-    SINGLE,
-    STEP_PLACES,
-    STEP_WIDTHS,
-)
 from imumon.noise.fit.likelihood import Surface
 from imumon.noise.fit.model import combined
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
-from imumon.noise.fit.observations import BlockSeries, Coefficients
+from imumon.noise.fit.observations import LEAST_BLOCKS, BlockSeries, Coefficients
 from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Floats, Ints
+
+SINGLE = 48
+"""This many lowest cosine coefficients stay single; regressors act on them, the others are pooled in bands. Unit:
+coefficients.
+
+Otherwise: with fewer, a settling or a step leaves power in the bands, which B and K take; with more, fits are slow.
+Origin: the spectrum of a smooth column falls with the square of the number: 1/48^2 is below the noise of a band
+(`sensitivity.py`).
+"""
+SETTLING_TIMES = (0.008, 0.015, 0.03, 0.05, 0.08, 0.13, 0.2, 0.32, 0.5)
+"""Time constants of an exponential that are tried. Unit: of the segment.
+
+Otherwise: a settling between two of them leaves power in the lowest coefficients.
+Origin: the derivative by the time constant is a column, too: neighbours a factor of 1.6 to 2 apart cover what lies
+between (`real_effects.py --only warm-up`).
+"""
+SETTLING_SHARES = np.array(SETTLING_TIMES)
+COEFFICIENTS_PER_COLUMN = 6
+"""Single coefficients of a segment that its drift, or an exponential, needs. Unit: coefficients.
+
+Otherwise: a record of many short segments spends all coefficients on drifts and has none for the noise.
+Origin: one in six: limits grow by 10 % (`real_effects.py`).
+"""
+STEP_WIDTHS = (1, 4, 16)
+"""Widths before and after a place whose means are compared for a step. Unit: blocks.
+
+Otherwise: with single blocks a small step of a long segment is not among the candidates.
+Origin: chosen: powers of four (`real_effects.py`).
+"""
+STEP_PLACES = 2
+"""Candidates for a step of each width. Unit: places.
+
+Otherwise: with one, an outlying block hides the step.
+Origin: chosen.
+"""
 
 LEAST_SPAN_DEGC = 0.3
 """The temperature is a column from this range on. Unit: degC.

@@ -21,7 +21,7 @@ from scipy.special import gammaincc, gammainccinv
 
 from imumon.coefficients import QUARTERS, Estimate, Excess
 from imumon.noise.blocks.block_means import BLOCK
-from imumon.noise.fit.fit_rules import NEGLECTED_P
+from imumon.noise.fit.bias_curve import NEGLECTED_P
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.stretches.parts import RecordParts
 from imumon.samples import Floats
