@@ -1,7 +1,7 @@
 """Long studies: what the documents state as measured, and what a change of the mathematics must not move.
 
-`python -m benchmarks` runs those of the first group in a quarter of an hour. The others take minutes to days. A rule of
-`imumon/noise/*/*_rules.py` names the one that shows its effect; a table of a document is written by `document_tables`.
+`python -m benchmarks` runs those of the first group in a quarter of an hour. The others take minutes to days. A
+constant of `imumon/noise` names the one that shows its effect; a table of a document is written by `document_tables`.
 
 | script | what it measures | where it is stated |
 |---|---|---|
@@ -11,9 +11,9 @@
 | `daemon_cost` | pipeline of a running daemon: share of a core, time of a fit, state | docs/ACCURACY.md |
 | `memory` | a day of one channel beside allantools: time and memory | docs/PERFORMANCE.md |
 | `record_length` | length of a record until N, B and K are precise enough | README.md |
-| `remaining_time` | time that is promised until N, B and K are precise enough | `noise/fit/fit_rules.py` |
+| `remaining_time` | time that is promised until N, B and K are precise enough | `noise/fit/time_to_precision.py` |
 | `replay` | whole `imumon replay` beside other readers of the same files | docs/PERFORMANCE.md |
-| `resolution` | how far limits move with coarser or finer grids and steps of the fit | `noise/fit/fit_rules.py` |
+| `resolution` | how far limits move with coarser or finer grids and steps of the fit | `noise/fit/likelihood.py` |
 | `scaling` | cost and state against the length of a record | docs/PERFORMANCE.md |
 | `soak` | a daemon for minutes at 800 Hz, or for days in time-lapse: memory, counters | docs/SERVICE.md |
 | **the estimator** | | |

@@ -3,13 +3,12 @@
     python benchmarks/sensitivity.py | python benchmarks/document_tables.py -     all constants, into docs/ACCURACY.md
     python benchmarks/sensitivity.py noise.fit                                    those of one package, three minutes
 
-Each constant (a number in capitals at the top level of a module, or the value of a rule: `NAME = RULES.add("NAME",
-value, ...)`) is halved and doubled in a process of its own, before the module is executed, so that everything derived
-from it changes too. The process runs `RECORDS`: short records that make every part of the pipeline work. The table has
-the constants that move a published number by more than `MOVED` of itself, or let it appear or vanish, the strongest
-first. Limits and values of N, B and K, means, deviations, counters, events and grades count; what only draws
-(histogram, spectrum, envelope) does not. A factor of two must never raise: where a run fails, the errors are printed,
-there is no table, and the exit code is 1.
+Each constant (a number in capitals at the top level of a module) is halved and doubled in a process of its own, before
+the module is executed, so that everything derived from it changes too. The process runs `RECORDS`: short records that
+make every part of the pipeline work. The table has the constants that move a published number by more than `MOVED` of
+itself, or let it appear or vanish, the strongest first. Limits and values of N, B and K, means, deviations, counters,
+events and grades count; what only draws (histogram, spectrum, envelope) does not. A factor of two must never raise:
+where a run fails, the errors are printed, there is no table, and the exit code is 1.
 
 A constant whose name says what it is in nature or in a protocol (units, register numbers, formats) is no tuning
 constant: `NOT_TUNING` lists the modules that hold only such ones.
@@ -74,7 +73,7 @@ def constants(prefix: str = "") -> Iterator[Constant]:
                 target = _target(node)
                 if target is None or not target.lstrip("_").isupper():
                     continue
-                value = _number(_value_of(node))
+                value = _number(node.value)  # type: ignore[attr-defined]
                 if value is None or value <= 0.0:  # a negative number is a mark, such as `BREAK`
                     continue
                 yield Constant(module, target, value)
@@ -86,17 +85,6 @@ def _target(node: ast.stmt) -> str | None:
     if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
         return node.target.id
     return None
-
-
-def _is_rule(value: ast.expr | None) -> bool:
-    """Return whether an expression is `RULES.add(name, value, ...)`, see imumon/noise/rule_table.py."""
-    return isinstance(value, ast.Call) and ast.unparse(value.func) == "RULES.add"
-
-
-def _value_of(node: ast.stmt) -> ast.expr | None:
-    """Return the expression of the number that an assignment or a rule gives to its name."""
-    value: ast.expr | None = node.value  # type: ignore[attr-defined]
-    return value.args[1] if _is_rule(value) else value  # type: ignore[union-attr]
 
 
 # ---------------------------------------------------------------------- one process: change, import, run
@@ -126,16 +114,12 @@ class _Loader(SourceFileLoader, Loader):
         tree = ast.parse(Path(self.path).read_text("utf-8"))
         for node in tree.body:
             if _target(node) == self._patch.name:
-                value, literal = _number(_value_of(node)), ast.unparse(_value_of(node))  # type: ignore[arg-type]
+                value, literal = _number(node.value), ast.unparse(node.value)  # type: ignore[attr-defined]
                 assert value is not None
                 new = value * self._patch.factor
                 whole = float(value).is_integer() and isinstance(ast.literal_eval(repr(value)), float)
                 is_int = whole and "." not in literal and "e" not in literal.lower()
-                constant = ast.Constant(max(1, round(new)) if is_int else new)
-                if _is_rule(node.value):  # type: ignore[attr-defined]
-                    node.value.args[1] = constant  # type: ignore[attr-defined]
-                else:
-                    node.value = constant  # type: ignore[attr-defined]
+                node.value = ast.Constant(max(1, round(new)) if is_int else new)  # type: ignore[attr-defined]
         ast.fix_missing_locations(tree)
         return compile(tree, self.path, "exec")
 

@@ -49,7 +49,6 @@ restarts the estimator: it never returns limits of one record for another.
 | `filter_parameters` | numbers that keep a Kalman filter consistent |
 | `uncertainty` | what the limits of a fit do not hold |
 | `validity_groups` | channels that miss the same samples |
-| `rule_table` | thresholds with their reasons, which each `*_rules` holds |
 | `synthesis` | noise of given N, B, K |
 """
 

@@ -14,8 +14,10 @@ A fit is computed again when the record has grown by 2 % (`RENEWAL_GROWTH`); in 
 curve of today. `time_to` is that of the last fit and is not counted down in between. A new fit keeps the upper end of
 the last one (`search.ModelChoice`) until the data reject it or the record has doubled, so that a growing record does
 not alternate between two. Its numbers therefore depend, within their limits, on when it was fitted before. With
-`renew=True` they depend on the samples alone: so does the last report of a record, and a replay of it. Thresholds of
-decisions are in `fit_rules`, `temperature_rules` and `markov_rules`; constants of a computation stand beside it.
+`renew=True` they depend on the samples alone: so does the last report of a record, and a replay of it.
+
+Two kinds of constants must not be confused. *Decisions* (a probability, odds) say what counts; each has an error rate.
+*Resolutions* (grids, nodes, steps) only have to be fine enough: they say from which size on nothing changes.
 
 Example: half a minute of white noise.
 

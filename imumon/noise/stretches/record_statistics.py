@@ -5,7 +5,7 @@ and what happens there:
 
 | place | what happens |
 |---|---|
-| candidate end of a warm-up, c (`stretch_rules.CANDIDATES_S`) | mark, until c is decided |
+| candidate end of a warm-up, c (`warmup.CANDIDATES_S`) | mark, until c is decided |
 | 2.5 c | the fit of the record shows whether a warm-up ended at c; then the samples before c are excluded |
 | end of 10 minutes, hour, day | a stretch ends and the next one begins (`stretches`) |
 | end of an hour | its noise is compared with that of all hours before it (`change`) |
