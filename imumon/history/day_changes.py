@@ -24,8 +24,7 @@ from imumon.units import DAY, HOUR
 DAYS_KEPT = 90
 """Days of the history that are compared. Unit: days.
 
-Otherwise: an old step is reported again every day, and hides a new one.
-Origin: chosen (`history_study.py`).
+Otherwise: an old step is reported again every day, and hides a new one. See `history_study.py`.
 """
 
 AGAINST: Against = "history"

@@ -76,130 +76,136 @@ from imumon.noise.validity_groups import LEAST_SHARE, ROUNDING
 from imumon.samples import Bools, Floats, Ints
 from imumon.saved_state import restorable
 
+PAUSE_FRAMES = 2
+"""After this many in a row that the old baseline calls usual, the search for a new rest starts again. Unit: frames,
+about s.
+
+Otherwise: two long bursts of noise and the pause between them become the baseline, and the next burst is usual.
+Origin: a noise that is usual to the old baseline in one of five frames has two in a row once in half a minute
+(`sample_errors.py`).
+"""
+MOST_UNUSUAL_CANDIDATES = 2
+"""A new baseline may call this many of the frames that it is made of unusual. Unit: frames of REST_FRAMES.
+
+Otherwise: an engine that runs with a few knocks is never rest, or a restless hand is. Origin: motion leaves as many
+usual frames in its window (`guards.py`).
+"""
+
 PARTS = 10
 """A part, about 0.1 s, is the shortest time that is excluded with margins; ten of them are a frame. Unit: parts of
 a frame.
 
-Otherwise: one knock of 20 ms costs a whole second, or every sample needs a threshold of its own.
-Origin: a knock on a table rings for about 0.1 s; ten means give their deviation to 24 % (`sensitivity.py`).
+Otherwise: one knock of 20 ms costs a whole second, or every sample needs a threshold of its own. Origin: a knock on a
+table rings for about 0.1 s; ten means give their deviation to 24 % (`sensitivity.py`).
 """
 INDEPENDENT_SAMPLES = 100
 """How many samples of a frame count as independent, at most, in the noise that its mean must have. Unit: samples of
 a frame.
 
-Otherwise: behind the filter of a sensor, neighbouring samples are alike: rest at 400 Hz counts as motion.
-Origin: a filter that ends at 50 Hz leaves 2 · 50 Hz · 1 s of them (Nyquist) (`test_guard_motion.py`).
+Otherwise: behind the filter of a sensor, neighbouring samples are alike: rest at 400 Hz counts as motion. Origin: a
+filter that ends at 50 Hz leaves 2 · 50 Hz · 1 s of them (Nyquist) (`test_guard_motion.py`).
 """
 FIRST_FRAMES = 4
 """The first frames of a record are assessed together, and rest is not doubted before. Unit: frames.
 
-Otherwise: a record that begins with a knock takes the knock for its usual noise.
-Origin: one of four may be disturbed, and the median of the others still shows the noise (`test_guard.py`).
+Otherwise: a record that begins with a knock takes the knock for its usual noise. Origin: one of four may be
+disturbed, and the median of the others still shows the noise (`test_guard.py`).
 """
 LEVEL_FRAMES = 8
 """The level of a channel is the median of the means of the last quiet frames. Unit: frames.
 
-Otherwise: a longer memory calls the random walk of a bias a knock; a shorter one follows a single bad frame.
-Origin: a median of eight is moved by no three of them, and a random walk goes sqrt(8) steps in that time
-(`guards.py`).
+Otherwise: a longer memory calls the random walk of a bias a knock; a shorter one follows a single bad frame. Origin:
+a median of eight is moved by no three of them, and a random walk goes sqrt(8) steps in that time (`guards.py`).
 """
 MEMORY_FRAMES = 128
 """Usual noise is that of the last 128 quiet frames; counts of repeats halve every 128, of outliers at 128. Unit:
 frames.
 
-Otherwise: no noise that changes would become usual, or the usual noise itself would be uncertain.
-Origin: two minutes: the median of 128 deviations is right to 10 %, and half of them may be disturbed
-(`sensitivity.py`).
+Otherwise: no noise that changes would become usual, or the usual noise itself would be uncertain. Origin: two
+minutes: the median of 128 deviations is right to 10 %, and half of them may be disturbed (`sensitivity.py`).
 """
 UNUSUAL_SIGMA = 7.0
 """A sample, a mean or the logarithm of a deviation farther off is not usual; it also sets UNUSUAL_CHANCE. Unit:
 sigma.
 
-Otherwise: at 5 sigma, noise is excluded every hour; at 10, a knock of the size of the noise stays.
-Origin: chosen between the two; Gaussian noise exceeds it with 3e-12: less than one sample in a month at 800 Hz
-(`guards.py`).
+Otherwise: at 5 sigma, noise is excluded every hour; at 10, a knock of the size of the noise stays. Origin: chosen
+between the two; Gaussian noise exceeds it with 3e-12: less than one sample in a month at 800 Hz (`guards.py`).
 """
 LEAST_UNUSUAL_RATIO = 1.5
 """A frame is not unusual by its deviation before it exceeds this. Unit: times the usual deviation.
 
-Otherwise: at high rates, deviations scatter by 1 %, and every harmless change of the noise is excluded.
-Origin: 1.5 times for one second adds 7e-6 to N of a day: less matters little (`guards.py`).
+Otherwise: at high rates, deviations scatter by 1 %, and every harmless change of the noise is excluded. Origin: 1.5
+times for one second adds 7e-6 to N of a day: less matters little (`guards.py`).
 """
 ERROR_MARGIN = 3.0
 """How much wider a threshold is while its scale, or a count, is uncertain itself. Unit: standard errors.
 
-Otherwise: thresholds from the first frames are too narrow by chance, and exclude noise.
-Origin: Gaussian: one of 700 scales is farther off (`test_guard_motion.py`).
+Otherwise: thresholds from the first frames are too narrow by chance, and exclude noise. Origin: Gaussian: one of 700
+scales is farther off (`test_guard_motion.py`).
 """
 MAD_ERROR = 1.2
 """How uncertain a deviation is that rests on n median absolute distances. Unit: relative standard error times
 sqrt(n).
 
-Otherwise: see ERROR_MARGIN.
-Origin: 1 / sqrt(2 · 0.37): the efficiency is 37 % (Rousseeuw and Croux, J. Am. Stat. Assoc. 88, 1993)
-(`test_guard_motion.py`).
+Otherwise: see ERROR_MARGIN. Origin: 1 / sqrt(2 · 0.37): the efficiency is 37 % (Rousseeuw and Croux, J. Am. Stat.
+Assoc. 88, 1993) (`test_guard_motion.py`).
 """
 MOST_SCATTER = 3.0
 """The logarithms of deviations scatter from frame to frame; more than this does not widen their thresholds. Unit:
 times the scatter of white noise.
 
-Otherwise: knock after knock widens the thresholds until knocks are usual.
-Origin: chosen: flicker noise and drift scatter less, and half of the frames disturbed scatter more
-(`test_guard_reasons.py`).
+Otherwise: knock after knock widens the thresholds until knocks are usual. Chosen: flicker noise and drift scatter
+less, and half of the frames disturbed scatter more (`test_guard_reasons.py`).
 """
 COARSE_STEPS = 3.0
 """A channel that is mostly constant may be off by this; its sigma is less than a third of a step. Unit:
 quantisation steps.
 
-Otherwise: every step of a coarse channel is more than 7 sigma and is excluded as a knock.
-Origin: chosen: one step of noise to each side, and one of drift (`test_guard.py`).
+Otherwise: every step of a coarse channel is more than 7 sigma and is excluded as a knock. Chosen: one step of noise
+to each side, and one of drift (`test_guard.py`).
 """
 READY_FRAMES = 2
 """With fewer, the usual noise is unknown, and nothing is unusual. Unit: quiet frames.
 
-Otherwise: the second frame of a record is compared with a single one.
-Origin: a scatter needs two (`test_guard.py`).
+Otherwise: the second frame of a record is compared with a single one. Origin: a scatter needs two (`test_guard.py`).
 """
 REST_FRAMES = 16
 """Rest is judged by the last ones; as many at a new level or with a new noise are tried as the baseline. Unit:
 frames.
 
-Otherwise: a tilted table or a started engine stays excluded for all time.
-Origin: scales from sixteen frames are right to 20 % (`test_guard.py`).
+Otherwise: a tilted table or a started engine stays excluded for all time. Origin: scales from sixteen frames are
+right to 20 % (`test_guard.py`).
 """
 REST_FACTOR = 2.2
 """Up to this Allan deviation of the frames, noise of any size is rest. Unit: times the deviation that white noise
 predicts.
 
-Otherwise: the noise of a cheap sensor, 1 to 5 deg/s, is motion.
-Origin: 2.5 for three axes and sixteen frames, wider by n^-1/2 for n differences; a recorded hand exceeds 2.9
-(`guards.py`).
+Otherwise: the noise of a cheap sensor, 1 to 5 deg/s, is motion. Origin: 2.5 for three axes and sixteen frames, wider
+by n^-1/2 for n differences; a recorded hand exceeds 2.9 (`guards.py`).
 """
 REST_LIMIT_GYRO = 1.5e-3
 """Up to this, a gyroscope is at rest, whatever its spectrum. Unit: rad/s, Allan deviation at 1 s.
 
-Otherwise: flicker noise above the white noise, or a running engine, is motion.
-Origin: two to three times the consumer grade; a parked car with its engine running stays below, a drive does not
-(`guards.py`).
+Otherwise: flicker noise above the white noise, or a running engine, is motion. Origin: two to three times the
+consumer grade; a parked car with its engine running stays below, a drive does not (`guards.py`).
 """
 REST_LIMIT_ACCEL = 3e-2
 """The same for an accelerometer. Unit: m/s^2, Allan deviation at 1 s.
 
-Otherwise: see REST_LIMIT_GYRO.
-Origin: see REST_LIMIT_GYRO (`guards.py`).
+Otherwise: see REST_LIMIT_GYRO. Origin: see REST_LIMIT_GYRO (`guards.py`).
 """
 SHAKEN_FACTOR = 20.0
 """Above this Allan deviation at 1 s, a sensor is shaken, whatever its spectrum. Unit: times REST_LIMIT_GYRO and
 REST_LIMIT_ACCEL.
 
-Otherwise: a shaker or a drone, whose motion is white, is rest.
-Origin: chosen: 0.03 rad/s, 100 deg/sqrt(h), is more than the noise of any sensor (`test_guard_reasons.py`).
+Otherwise: a shaker or a drone, whose motion is white, is rest. Chosen: 0.03 rad/s, 100 deg/sqrt(h), is more than the
+noise of any sensor (`test_guard_reasons.py`).
 """
 TURN_RATE = 0.1
 """Above, it is turned. Unit: rad/s, length of the level of a gyroscope.
 
-Otherwise: a steady turn is rest: noise does not distinguish it from a bias.
-Origin: more than the bias of a sensor: 5.7 deg/s (`test_guard.py`).
+Otherwise: a steady turn is rest: noise does not distinguish it from a bias. Origin: more than the bias of a sensor:
+5.7 deg/s (`test_guard.py`).
 """
 
 # ---------------------------------------------------------------------- frames

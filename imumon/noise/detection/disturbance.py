@@ -70,69 +70,48 @@ import numpy.typing as npt
 
 from imumon.noise.detection.baseline import (
     FIRST_FRAMES,
+    MOST_UNUSUAL_CANDIDATES,
     PARTS,
+    PAUSE_FRAMES,
     READY_FRAMES,
     REST_FRAMES,
     FrameStatistics,
     NoiseBaseline,
 )
-from imumon.noise.detection.outliers import OutlierDetector, limit_of_samples
+from imumon.noise.detection.outliers import TAIL_REACH, OutlierDetector, limit_of_samples
 from imumon.samples import Bools, Floats
 from imumon.saved_state import restorable
 
 LOCATED_SHARE = 0.5
 """Up to this, single parts are excluded instead of the whole unusual frame. Unit: of the parts of a frame.
 
-Otherwise: a knock of 0.1 s costs a second; if most parts are off, the rest is too short to be called quiet.
-Origin: chosen: the other half still has five means (`sensitivity.py`).
+Otherwise: a knock of 0.1 s costs a second; if most parts are off, the rest is too short to be called quiet. Chosen:
+the other half still has five means (`sensitivity.py`).
 """
 WINDOW_FRAMES = 10
 """Motion is recognised by the unusual ones among the last ten; a gap empties this window. Unit: frames, about s.
 
-Otherwise: two knocks of an hour would count together, or every pause would end motion.
-Origin: chosen: longer than a knock with its echo (`sensitivity.py`).
+Otherwise: two knocks of an hour would count together, or every pause would end motion. Chosen: longer than a knock
+with its echo (`sensitivity.py`).
 """
 MOTION_FRAMES = 8
 """From here on everything is excluded, also the frames between that look quiet. Unit: unusual frames of
 WINDOW_FRAMES.
 
-Otherwise: a moving sensor that is quiet for a moment counts for that moment.
-Origin: chosen: a knock and its echo take fewer, and two quiet moments in ten seconds do not end motion
-(`sensitivity.py`).
+Otherwise: a moving sensor that is quiet for a moment counts for that moment. Chosen: a knock and its echo take fewer,
+and two quiet moments in ten seconds do not end motion (`sensitivity.py`).
 """
 SEVERAL_AXES = 2
 """This many unusual axes of a frame can be motion; fewer only if a mean has changed. Unit: axes.
 
-Otherwise: an axis whose noise grows is called motion, and the sensor loses its grade.
-Origin: a body that moves turns and accelerates more than one axis (`test_outliers.py`).
+Otherwise: an axis whose noise grows is called motion, and the sensor loses its grade. Origin: a body that moves turns
+and accelerates more than one axis (`test_outliers.py`).
 """
 RETURN_FRAMES = WINDOW_FRAMES // 2
 """A disturbance or motion ends when these, in a row, show nothing unusual; unknown ones count. Unit: frames, about
 s.
 
-Otherwise: a car at a crossing is at rest for two seconds.
-Origin: chosen: half of the window (`sensitivity.py`).
-"""
-PAUSE_FRAMES = 2
-"""After this many in a row that the old baseline calls usual, the search for a new rest starts again. Unit: frames,
-about s.
-
-Otherwise: two long bursts of noise and the pause between them become the baseline, and the next burst is usual.
-Origin: a noise that is usual to the old baseline in one of five frames has two in a row once in half a minute
-(`sample_errors.py`).
-"""
-MOST_UNUSUAL_CANDIDATES = WINDOW_FRAMES - MOTION_FRAMES
-"""A new baseline may call this many of the frames that it is made of unusual. Unit: frames of REST_FRAMES.
-
-Otherwise: an engine that runs with a few knocks is never rest, or a restless hand is.
-Origin: motion leaves as many usual frames in its window (`guards.py`).
-"""
-TAIL_REACH = 5.0
-"""Farther samples are excluded also where the tails are heavy. Unit: limits of an outlier.
-
-Otherwise: one bit error of 1 rad/s triples N of a sensor with heavy tails.
-Origin: 35 standard deviations: beyond, t(4) has 0.3 % of its variance; t(3), whose N no record shows, has 12 %
-(`sample_errors.py`).
+Otherwise: a car at a crossing is at rest for two seconds. Chosen: half of the window (`sensitivity.py`).
 """
 
 # ---------------------------------------------------------------------- reasons

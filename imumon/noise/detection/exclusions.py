@@ -59,21 +59,20 @@ REFERENCE_SHARE = 0.5
 """A frame with fewer valid samples is no reference for the size of the next disturbance. Unit: of the samples of a
 frame.
 
-Otherwise: the few samples between two knocks would measure the second one.
-Origin: chosen: half a frame gives level and deviation to 10 % at 100 Hz (`test_guard.py`).
+Otherwise: the few samples between two knocks would measure the second one. Chosen: half a frame gives level and
+deviation to 10 % at 100 Hz (`test_guard.py`).
 """
 OUTLIER_EVENT_FRAMES = 60
 """Outliers of a sensor within this time are one disturbance. Unit: frames.
 
-Otherwise: a noisy cable floods the events.
-Origin: chosen: a minute (`test_outliers.py`).
+Otherwise: a noisy cable floods the events. Chosen: a minute (`test_outliers.py`).
 """
 ONE_AXIS_SHARE = 0.5
 """If the median axis repeats less, that axis alone is stuck, and the event names it. Unit: of the repeats of the
 axis with most.
 
-Otherwise: each stuck output is one of the whole sensor.
-Origin: chosen: half, because an axis that hangs repeats always, the others by chance (`test_guard.py`).
+Otherwise: each stuck output is one of the whole sensor. Chosen: half, because an axis that hangs repeats always, the
+others by chance (`test_guard.py`).
 """
 
 

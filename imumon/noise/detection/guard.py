@@ -121,14 +121,14 @@ from imumon.saved_state import restorable
 MARGIN_BEFORE = PARTS // 2
 """So much is excluded before the first part that is unusual. Unit: parts of 0.1 s.
 
-Otherwise: the onset stays: a hand that comes near begins below the threshold.
-Origin: chosen: half a frame. The guard holds one frame back, so more than a whole one is impossible (`guards.py`).
+Otherwise: the onset stays: a hand that comes near begins below the threshold. Chosen: half a frame. The guard holds
+one frame back, so more than a whole one is impossible (`guards.py`).
 """
 MARGIN_AFTER = PARTS
 """So much is excluded after the last part that is unusual. Unit: parts of 0.1 s.
 
-Otherwise: the end stays: a table rings down below the threshold, and the filter of the sensor settles.
-Origin: chosen: a frame, ten times as long as a table rings (PARTS) (`guards.py`).
+Otherwise: the end stays: a table rings down below the threshold, and the filter of the sensor settles. Chosen: a
+frame, ten times as long as a table rings (PARTS) (`guards.py`).
 """
 
 

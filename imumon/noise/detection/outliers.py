@@ -71,11 +71,18 @@ from imumon.noise.detection.stuck import UNUSUAL_CHANCE, run_beyond_chance
 from imumon.samples import Bools, Floats, Ints
 from imumon.saved_state import restorable
 
+TAIL_REACH = 5.0
+"""Farther samples are excluded also where the tails are heavy. Unit: limits of an outlier.
+
+Otherwise: one bit error of 1 rad/s triples N of a sensor with heavy tails. Origin: 35 standard deviations: beyond,
+t(4) has 0.3 % of its variance; t(3), whose N no record shows, has 12 % (`sample_errors.py`).
+"""
+
 OUTLIER_NOISE_SHARE = 0.01
 """Above, its outliers are its noise and stay in the statistics. Unit: of the samples of a channel.
 
-Otherwise: N of a sensor with heavy tails is that of its best samples, several times too small.
-Origin: chosen: an error of the transmission is rarer; 1 % of ten sigma doubles N^2 (`test_outliers.py`).
+Otherwise: N of a sensor with heavy tails is that of its best samples, several times too small. Chosen: an error of
+the transmission is rarer; 1 % of ten sigma doubles N^2 (`test_outliers.py`).
 """
 NOISY_CHANCE = 3e-4
 """A far sample is a knock, and no outlier, if chance makes as much noise beside it in this share of frames. Unit:
@@ -89,41 +96,40 @@ TAIL_BEGIN = 6.0 / UNUSUAL_SIGMA
 """A frame whose largest sample is between here and the limit counts as one with a tail. Unit: of the limit of an
 outlier.
 
-Otherwise: nearer to the noise, Gaussian samples count: 6e-7 of them exceed 5 standard deviations.
-Origin: 6 standard deviations: in a day at 800 Hz, Gaussian noise has 0.1 such samples (`sample_errors.py`).
+Otherwise: nearer to the noise, Gaussian samples count: 6e-7 of them exceed 5 standard deviations. Origin: 6 standard
+deviations: in a day at 800 Hz, Gaussian noise has 0.1 such samples (`sample_errors.py`).
 """
 TAIL_SHARE = 0.3
 """From here on, frames with a tail show that the outliers of the channel are its noise, and they stay. Unit: of the
 frames with an outlier.
 
-Otherwise: N of noise with the tails of Student's t(3) is 11 % low, and no limit holds.
-Origin: t(3) has 0.6, t(4) 0.9; half a per cent of ten deviations has 0.13, bit errors of any size 0
-(`sample_errors.py`).
+Otherwise: N of noise with the tails of Student's t(3) is 11 % low, and no limit holds. Origin: t(3) has 0.6, t(4)
+0.9; half a per cent of ten deviations has 0.13, bit errors of any size 0 (`sample_errors.py`).
 """
 LEAST_TAIL_FRAMES = 10
 """Frames with a tail, and frames with an outlier, that a channel with heavy tails has at least. Unit: frames.
 
-Otherwise: bit errors of nine deviations, of which a tenth falls short of the limit, count as noise by chance.
-Origin: with a share of a tenth, 33 outliers have ten such frames in 0.2 % of records (`sample_errors.py`).
+Otherwise: bit errors of nine deviations, of which a tenth falls short of the limit, count as noise by chance. Origin:
+with a share of a tenth, 33 outliers have ten such frames in 0.2 % of records (`sample_errors.py`).
 """
 KNOCK_RUN = 3
 """This many outliers in a row, or nearly, are a knock where outliers are rare. Unit: samples.
 
-Otherwise: a knock is excluded sample by sample, without margins and on one sensor.
-Origin: a bit error changes no three samples in a row (`test_guard.py`).
+Otherwise: a knock is excluded sample by sample, without margins and on one sensor. Origin: a bit error changes no
+three samples in a row (`test_guard.py`).
 """
 COINCIDENCE_SAMPLES = 3
 """Outliers of gyroscope and accelerometer within this are a knock, unless both have many. Unit: samples.
 
-Otherwise: a short knock of both sensors is two outliers, and its ringing stays.
-Origin: one sample to each side: the filters of the two sensors delay by different times (`test_outliers.py`).
+Otherwise: a short knock of both sensors is two outliers, and its ringing stays. Origin: one sample to each side: the
+filters of the two sensors delay by different times (`test_outliers.py`).
 """
 COINCIDENCE_FACTOR = 9.0
 """From which shares on a coincidence is chance: 0.12 % in both sensors, if in the same sample. Unit: times the
 share of outliers of each sensor.
 
-Otherwise: where both sensors have outliers as noise, their chance coincidences are knocks.
-Origin: COINCIDENCE_SAMPLES squared, on each share: 81 in the product of two (`OutlierDetector._coincide`)
+Otherwise: where both sensors have outliers as noise, their chance coincidences are knocks. Origin:
+COINCIDENCE_SAMPLES squared, on each share: 81 in the product of two (`OutlierDetector._coincide`)
 (`test_outliers.py`).
 """
 

@@ -79,27 +79,27 @@ Origin: ndtr(-UNUSUAL_SIGMA), 1.3e-12: that of an unusual sample, to one side. `
 STUCK_SAMPLES = 5
 """Fewer are not stuck, however rare repeats are. Unit: repeats in a row.
 
-Otherwise: a sample that a driver sends twice is a fault of the sensor.
-Origin: chosen: drivers repeat one or two samples while they wait (`sensitivity.py`).
+Otherwise: a sample that a driver sends twice is a fault of the sensor. Chosen: drivers repeat one or two samples
+while they wait (`sensitivity.py`).
 """
 STUCK_AXIS_FRAMES = 2
 """An axis that keeps its value so long, while other axes change, is stuck. Unit: frames.
 
-Otherwise: a smooth signal keeps its rounded value where it turns, and is stuck.
-Origin: chosen: shorter than any use of a stuck axis, longer than such a turn (`sensitivity.py`).
+Otherwise: a smooth signal keeps its rounded value where it turns, and is stuck. Chosen: shorter than any use of a
+stuck axis, longer than such a turn (`sensitivity.py`).
 """
 NEVER_STUCK_SHARE = 1.0 / 3.0
 """An axis that usually repeats as often, or more, is never stuck. Unit: of the samples.
 
-Otherwise: a coarse axis is stuck whenever its level lies in the middle of a step.
-Origin: noise of 0.85 steps repeats so often; below, the share depends on the level (`test_guard.py`).
+Otherwise: a coarse axis is stuck whenever its level lies in the middle of a step. Origin: noise of 0.85 steps repeats
+so often; below, the share depends on the level (`test_guard.py`).
 """
 HELD_AXIS_SHARE = 7.0 / 8.0
 """An axis that usually repeats as often while others change, in steps of any size, decides no disturbance. Unit: of
 the samples.
 
-Otherwise: one axis that is updated once a second makes a knock or motion of all axes of both sensors.
-Origin: values of eight samples; noise of a third of a step, the least that is not coarse, repeats at most 78 %
+Otherwise: one axis that is updated once a second makes a knock or motion of all axes of both sensors. Origin: values
+of eight samples; noise of a third of a step, the least that is not coarse, repeats at most 78 %
 (`test_guard_silent.py`).
 """
 

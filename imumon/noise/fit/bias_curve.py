@@ -22,55 +22,53 @@ from imumon.noise.fit.likelihood import Likelihood, Surface, grid_mean
 from imumon.noise.fit.model import total
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import BlockSeries, block_series, meeting_frequency
-from imumon.noise.fit.regressors import Regressor
+from imumon.noise.fit.regressors import COLLINEAR, Regressor
 from imumon.noise.fit.slow_terms import SlowTerms
-from imumon.noise.fit.statement import COLLINEAR, RegressorEstimate
+from imumon.noise.fit.statement import RegressorEstimate
 from imumon.samples import Floats
 
 NEGLECTED_P = 0.25
 """A higher degree of the bias curve, or the variance between quarters, counts where chance makes as much in fewer
 records. Unit: probability.
 
-Otherwise: at 0.05 limits beside a neglected term hold 88 %, at 0.25 92 %.
-Origin: Bancroft 1944; Biometrics 20, 1964 (`temperature.py`).
+Otherwise: at 0.05 limits beside a neglected term hold 88 %, at 0.25 92 %. Origin: Bancroft 1944; Biometrics 20, 1964
+(`temperature.py`).
 """
 
 SPAN_PER_DEGREE_DEGC = 2.0
 """Span of temperatures that each degree above the first needs. Unit: degC.
 
-Otherwise: a cubic through 1 degC is extrapolated to 40 degC by whoever compensates with it.
-Origin: sensors bend little within 2 degC (`temperature.py`).
+Otherwise: a cubic through 1 degC is extrapolated to 40 degC by whoever compensates with it. Origin: sensors bend
+little within 2 degC (`temperature.py`).
 """
 LOWEST_DEGC = -60.0
 """Below, a temperature is implausible and no bias curve is stated. Unit: degC.
 
-Otherwise: a wrong unit or a broken thermometer gives a curve.
-Origin: sensors are rated from -55 degC on (Murata SCHA634).
+Otherwise: a wrong unit or a broken thermometer gives a curve. Origin: sensors are rated from -55 degC on (Murata
+SCHA634).
 """
 HIGHEST_DEGC = 110.0
 """Above, a temperature is implausible and no bias curve is stated. Unit: degC.
 
-Otherwise: see LOWEST_DEGC: Fahrenheit, kelvin and counts pass.
-Origin: sensors are rated to 110 degC at most (Murata SCHA634).
+Otherwise: see LOWEST_DEGC: Fahrenheit, kelvin and counts pass. Origin: sensors are rated to 110 degC at most (Murata
+SCHA634).
 """
 JUMP_SHARE = 0.5
 """A temperature that changes more between two blocks, and by JUMP_DEGC, is an error of the thermometer. Unit: of
 the span.
 
-Otherwise: a plug that is pulled makes a line through two clouds of points.
-Origin: chosen: no sensor warms by half of its span within a block.
+Otherwise: a plug that is pulled makes a line through two clouds of points. Chosen: no sensor warms by half of its
+span within a block.
 """
 JUMP_DEGC = 2.0
 """Least jump of a temperature that counts as one, see JUMP_SHARE. Unit: degC.
 
-Otherwise: the steps of a coarse thermometer count as jumps.
-Origin: chosen: twenty steps of a tenth of a degree.
+Otherwise: the steps of a coarse thermometer count as jumps. Chosen: twenty steps of a tenth of a degree.
 """
 POINTS = 9
 """Points of the bias curve. Unit: temperatures.
 
-Otherwise: a cubic is drawn with corners.
-Origin: chosen for the figure and the size of the report.
+Otherwise: a cubic is drawn with corners. Origin: chosen for the figure and the size of the report.
 """
 
 

@@ -25,6 +25,7 @@ from imumon.coefficients import COEFFICIENTS, NOISE, Estimate, MarkovEstimate
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.model import QUANTISATION, WHITE, NoiseTerm, UpperShape, total
 from imumon.noise.fit.model_curve import (
+    VISIBLE,
     degrees_of_freedom,
     density_variances,
     limit_factors,
@@ -34,7 +35,7 @@ from imumon.noise.fit.model_curve import (
 )
 from imumon.noise.fit.observations import meeting_frequency, observed_density
 from imumon.noise.fit.search import Model
-from imumon.noise.fit.statement import VISIBLE, ChannelFit, FittedModel, line_bands
+from imumon.noise.fit.statement import ChannelFit, FittedModel, line_bands
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.expectation import window_power
 from imumon.noise.spectrum.level_sums import SEGMENT
@@ -44,21 +45,20 @@ MOST_OUTSIDE = 3
 """The drawn model misses the curve where it is outside of its limits at this number of octaves, or at the longest
 two; B, K and M that decide it there become bounds. Unit: octaves.
 
-Otherwise: a coefficient is stated of a noise of another kind, whose curve is beside the model.
-Origin: of noise that the model has, 9 of 400 channels miss by chance (`markov.py`).
+Otherwise: a coefficient is stated of a noise of another kind, whose curve is beside the model. Origin: of noise that
+the model has, 9 of 400 channels miss by chance (`markov.py`).
 """
 COLUMN_SLACK = 0.05
 """The drawn model may be outside of the limits of the curve by as much. Unit: of the Allan deviation of the
 columns.
 
 Otherwise: a strong temperature, known to a per cent, misses limits that are narrower, and N, B and K become bounds.
-Origin: chosen: a column describes what moves the mean to some per cent (`temperature.py`).
+Chosen: a column describes what moves the mean to some per cent (`temperature.py`).
 """
 SLOPE_TOLERANCE = 0.2
 """A classical reading is taken where the slope of the curve is this near to the nominal one. Unit: slope.
 
-Otherwise: a flat curve has a reading of N.
-Origin: halfway to the next nominal slope is 0.25.
+Otherwise: a flat curve has a reading of N. Origin: halfway to the next nominal slope is 0.25.
 """
 
 CURVE_DIFFERS = "the model leaves the limits of the measured curve"

@@ -71,8 +71,8 @@ RENEWAL_GROWTH = 1.02
 """A fit is computed again when the record has grown by this factor; in between the last one holds. Unit: of the
 length.
 
-Otherwise: a daemon spends its time on fits that change nothing.
-Origin: limits shrink by 1 % meanwhile (`daemon_cost.py`).
+Otherwise: a daemon spends its time on fits that change nothing. Origin: limits shrink by 1 % meanwhile
+(`daemon_cost.py`).
 """
 
 CUT = "gaps of unknown length cut the record into parts that are too short"

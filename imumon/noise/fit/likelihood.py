@@ -55,22 +55,22 @@ GRID = 20
 """Resolution of B and of K, half as many where columns are tried; also the frequencies that are tried between two
 coefficients for an oscillation. Unit: values.
 
-Otherwise: with 10, limits of B and K move by up to 9 % of their distance.
-Origin: with 16 no limit of 15 channels moves by more than 0.7 % of the distance of the limits; with 40 and 80 by 1
-%, but one, a lower limit of B, by 10 % (`resolution.py`).
+Otherwise: with 10, limits of B and K move by up to 9 % of their distance. Origin: with 16 no limit of 15 channels
+moves by more than 0.7 % of the distance of the limits; with 40 and 80 by 1 %, but one, a lower limit of B, by 10 %
+(`resolution.py`).
 """
 FINE = 8
 """Resolution of the cumulative probability between two points of the grid. Unit: parts of a cell.
 
-Otherwise: with 2, limits move by up to 1.1 % of their distance.
-Origin: with 32 no limit moves by more than 0.1 % of the distance of the limits (`resolution.py`).
+Otherwise: with 2, limits move by up to 1.1 % of their distance. Origin: with 32 no limit moves by more than 0.1 % of
+the distance of the limits (`resolution.py`).
 """
 WIDEST_SEARCH = (1e-6, 1e12)
 """Least and greatest power of B and K in the first search, in the lowest coefficient of the record. Unit: of the
 power of N.
 
-Otherwise: a channel without white noise, or with K just above nothing, begins outside of the grid.
-Origin: from a thousandth of the amplitude of N to a channel whose white noise is a millionth.
+Otherwise: a channel without white noise, or with K just above nothing, begins outside of the grid. Origin: from a
+thousandth of the amplitude of N to a channel whose white noise is a millionth.
 """
 DECADES = np.concatenate(([0.0], np.geomspace(*WIDEST_SEARCH, 27)))
 """B^2 and K^2 of the first search, in units of the power that N has in the lowest coefficient."""
@@ -78,23 +78,21 @@ DROP = 9.0
 """The grid ends where the likelihood has fallen by this much. Unit: log likelihood.
 
 Otherwise: with 4.5, limits move by up to 9 % of their distance, because tails are cut off; with more, most of the
-grid is empty.
-Origin: exp(-9) = 10^-4 of the greatest likelihood; with 13 no limit moves by more than 0.9 % (`resolution.py`).
+grid is empty. Origin: exp(-9) = 10^-4 of the greatest likelihood; with 13 no limit moves by more than 0.9 %
+(`resolution.py`).
 """
 GRID_FALL = 0.7
 """A grid holds the likelihood if this has fallen by this share at both ends, and at least half of the cells lie
 above that. Unit: of DROP.
 
-Otherwise: at 1 a grid that was made from its predecessor would always be made again.
-Origin: exp(-6.3) = 0.002 of the greatest likelihood; with 0.5 and 0.9 no limit moves by more than 1 %
-(`resolution.py`).
+Otherwise: at 1 a grid that was made from its predecessor would always be made again. Origin: exp(-6.3) = 0.002 of the
+greatest likelihood; with 0.5 and 0.9 no limit moves by more than 1 % (`resolution.py`).
 """
 MOST_MOVES = 6
 """A grid that does not hold the likelihood is moved this often at most. Unit: grids.
 
-Otherwise: a likelihood with two maxima would move the grid to and fro without end.
-Origin: a likelihood with one maximum is held after two or three; a grid that is never held is stated as
-`unbounded`.
+Otherwise: a likelihood with two maxima would move the grid to and fro without end. Origin: a likelihood with one
+maximum is held after two or three; a grid that is never held is stated as `unbounded`.
 """
 LEAST_POWER = 1e-3
 """No expectation is smaller than this share of what was observed. Unit: of the observed power.
@@ -105,21 +103,21 @@ Origin: 30 dB: far below what any model that is not rejected leaves open.
 SLOW_GROUPS = (0, 3, 7, 15, 31)
 """First single coefficients of the groups in which their misfit is judged. Unit: coefficients.
 
-Otherwise: with all 48 in one, a missing lowest frequency is diluted; with each alone, all of them are.
-Origin: an octave each, beginning with three coefficients, of which a drift takes one (`markov.py`).
+Otherwise: with all 48 in one, a missing lowest frequency is diluted; with each alone, all of them are. Origin: an
+octave each, beginning with three coefficients, of which a drift takes one (`markov.py`).
 """
 SLOW_DEGREES = 0.5
 """A group of single coefficients with fewer degrees beside the columns is not judged. Unit: degrees of freedom.
 
-Otherwise: what a column nearly explains is divided by what it leaves, and any rounding is a misfit.
-Origin: chosen: half of one coefficient (`real_effects.py`).
+Otherwise: what a column nearly explains is divided by what it leaves, and any rounding is a misfit. Chosen: half of
+one coefficient (`real_effects.py`).
 """
 EVIDENCE = 4.8
 """A coefficient is measured; else its 97.5 % quantile is an upper bound. Unit: twice the log likelihood ratio.
 
-Otherwise: at 0 noise alone is measured as B and K in half of the records.
-Origin: 1.4 % false detections: half of the records without the term have the best value at zero (Chernoff 1954). Of
-N^2 and Q^2 it is the square over that of the standard error (`real_effects.py`).
+Otherwise: at 0 noise alone is measured as B and K in half of the records. Origin: 1.4 % false detections: half of the
+records without the term have the best value at zero (Chernoff 1954). Of N^2 and Q^2 it is the square over that of the
+standard error (`real_effects.py`).
 """
 
 LIMITS = np.array([0.025, 0.5, 0.975])

@@ -48,99 +48,94 @@ from imumon.samples import Floats
 SHORTEST = 10.0
 """Least time constant of Gauss–Markov noise that is tried. Unit: samples.
 
-Otherwise: with less, the term competes with a filter in the sensor, and N is what neither explains.
-Origin: below ten samples, the density is flat down to a tenth of the sampling rate: a low-pass has the same shape
-(`markov.py`).
+Otherwise: with less, the term competes with a filter in the sensor, and N is what neither explains. Origin: below ten
+samples, the density is flat down to a tenth of the sampling rate: a low-pass has the same shape (`markov.py`).
 """
 LONGEST = 0.1
 """Greatest time constant of Gauss–Markov noise that is tried. Unit: of the record.
 
-Otherwise: with more, it looks like a random walk, and no record distinguishes the two.
-Origin: a record of ten time constants has five independent values (`markov.py`).
+Otherwise: with more, it looks like a random walk, and no record distinguishes the two. Origin: a record of ten time
+constants has five independent values (`markov.py`).
 """
 MARKOV_TIMES = 9
 """Number of time constants whose gains are averaged to the odds of the term. Unit: time constants.
 
-Otherwise: with fewer, a term between two of them loses gain; with more, fits are slow.
-Origin: chosen: two of them are a factor of 2.7 apart in 2 h at 40 Hz, and the density of the term is wider
-(`markov.py`).
+Otherwise: with fewer, a term between two of them loses gain; with more, fits are slow. Chosen: two of them are a
+factor of 2.7 apart in 2 h at 40 Hz, and the density of the term is wider (`markov.py`).
 """
 PENALTY = 3.0
 """Odds against Gauss–Markov noise before the data. Unit: odds.
 
 Otherwise: at 1, every record of flicker noise has odds above even, and limits of B reach to zero; at 8, half of the
-records of 36 time constants count as flicker and walk.
-Origin: noise without the term has even odds in 1 to 7 % of records, and odds of 19 in none of 400 (`markov.py`).
+records of 36 time constants count as flicker and walk. Origin: noise without the term has even odds in 1 to 7 % of
+records, and odds of 19 in none of 400 (`markov.py`).
 """
 CERTAIN_ODDS = 19.0
 """Gauss–Markov noise is measured; below, it is one of several noises that the record does not distinguish. Unit:
 odds.
 
-Otherwise: a standard deviation with a lower limit is stated of noise that may be flicker.
-Origin: 19 to 1 is 95 %, as of all limits (`markov.py`).
+Otherwise: a standard deviation with a lower limit is stated of noise that may be flicker. Origin: 19 to 1 is 95 %, as
+of all limits (`markov.py`).
 """
 SLOW_TIMES = 6
 """Number of time constants, up to the longest, that are tried in the place of a walk. Unit: time constants.
 
-Otherwise: with those of the odds, two of which are a factor of 2.7 apart in 2 h at 40 Hz, M loses gain between
-them.
-Origin: chosen: two of them are a factor of 1.6 apart (`markov.py`).
+Otherwise: with those of the odds, two of which are a factor of 2.7 apart in 2 h at 40 Hz, M loses gain between them.
+Chosen: two of them are a factor of 1.6 apart (`markov.py`).
 """
 END_SHARE = 0.2
 """A time constant is bounded where its density has fallen to this share at both ends of what was tried. Unit: of
 the greatest density.
 
-Otherwise: limits of a time constant are those of the tried ones and not of the data.
-Origin: chosen: 1.8 standard errors (`markov.py`).
+Otherwise: limits of a time constant are those of the tried ones and not of the data. Chosen: 1.8 standard errors
+(`markov.py`).
 """
 LATTICE = 16
 """Time constants are rounded to a lattice. Unit: time constants per octave.
 
-Otherwise: expectations are computed again for each channel and fit.
-Origin: steps of 4 %: below the error of any time constant.
+Otherwise: expectations are computed again for each channel and fit. Origin: steps of 4 %: below the error of any time
+constant.
 """
 MARKOV_GRID = 10
 """Resolution of B, of K and of M beside each other. Unit: values.
 
-Otherwise: with 7, limits of M move by a tenth of their distance in half of the channels.
-Origin: chosen for the time. In 18 channels with M, limits with 20 values and 13 time constants differ by 1 % of
-their distance in half of the channels, and by 15 % in one.
+Otherwise: with 7, limits of M move by a tenth of their distance in half of the channels. Origin: chosen for the time.
+In 18 channels with M, limits with 20 values and 13 time constants differ by 1 % of their distance in half of the
+channels, and by 15 % in one.
 """
 MARKOV_NODES = 7
 """Number of time constants over which the likelihood is summed. Unit: time constants.
 
-Otherwise: with 5, limits of the time constant move by up to a quarter of their distance.
-Origin: chosen for the time; they span what has more than 0.2 % of the greatest likelihood.
+Otherwise: with 5, limits of the time constant move by up to a quarter of their distance. Origin: chosen for the time;
+they span what has more than 0.2 % of the greatest likelihood.
 """
 SCORE_ODDS = 0.39
 """Below these odds by the score, which costs a tenth, the likeliest powers are not sought. Unit: odds.
 
-Otherwise: each fit without the term takes a fifth longer.
-Origin: in 154 fits with and without the term, the odds were 0.74 at most where the score gave less than 0.39.
+Otherwise: each fit without the term takes a fifth longer. Origin: in 154 fits with and without the term, the odds
+were 0.74 at most where the score gave less than 0.39.
 """
 PEAK_STEPS = 40
 """Most steps of Fisher's scoring in the logarithms of the powers. Unit: steps.
 
-Otherwise: with 25, one gain in twenty is too small by 1.5.
-Origin: 95 % of gains are within 0.02 of those with 400 steps; the others differ by up to 0.8 from them.
+Otherwise: with 25, one gain in twenty is too small by 1.5. Origin: 95 % of gains are within 0.02 of those with 400
+steps; the others differ by up to 0.8 from them.
 """
 CONVERGED = 1e-3
 """Scoring ends where no power moves by more. Unit: of a power.
 
-Otherwise: all steps are taken, of which most fits need a third.
-Origin: a gain is flat at its maximum: it moves by the square.
+Otherwise: all steps are taken, of which most fits need a third. Origin: a gain is flat at its maximum: it moves by
+the square.
 """
 LONGEST_STEP = 1.5
 """Longest step of scoring, a factor of 4.5. Unit: in the logarithm of a power.
 
 Otherwise: a power far from its maximum overshoots, and scoring does not end.
-Origin: chosen.
 """
 LEAST_SHARE = 1e-4
 """Least power that a term has in scoring, where it shows most. Unit: of the noise.
 
-Otherwise: a power that vanishes has no logarithm.
-Origin: chosen: far below what any record shows.
+Otherwise: a power that vanishes has no logarithm. Chosen: far below what any record shows.
 """
 
 Observed = Callable[[Sequence[NoiseTerm]], Likelihood]

@@ -84,8 +84,8 @@ from imumon.samples import Floats, Ints
 LAGS = 12
 """Lags over which the covariance of differences is summed. Unit: clusters.
 
-Otherwise: fewer: the limits of flicker are too narrow.
-Origin: that of flicker falls with the fourth power of the lag.
+Otherwise: fewer: the limits of flicker are too narrow. Origin: that of flicker falls with the fourth power of the
+lag.
 """
 
 SECOND_DIFFERENCE = {-2: 1.0, -1: -4.0, 0: 6.0, 1: -4.0, 2: 1.0}

@@ -34,11 +34,18 @@ from imumon.noise.fit.model import TermPowers, total
 from imumon.noise.fit.observations import BlockSeries
 from imumon.samples import Floats, Ints
 
+VISIBLE = 0.1
+"""From here on lines (`vibration`) or a drift (`ramp`) are named, and a temperature explains a share. Unit: of the
+Allan variance.
+
+Otherwise: each hum of a microvolt is a caveat. Origin: 5 % of the deviation: about the width of the line of a figure.
+"""
+
 LINE_WIDTHS = 2.2
 """Half of the band by which the drawn model represents a line. Unit: widths.
 
-Otherwise: a line as one frequency oscillates with tau, the measured curve does not: its frequency wanders.
-Origin: 97 % of a Gaussian line.
+Otherwise: a line as one frequency oscillates with tau, the measured curve does not: its frequency wanders. Origin: 97
+% of a Gaussian line.
 """
 LINE_NODES = np.linspace(-LINE_WIDTHS, LINE_WIDTHS, 23)
 

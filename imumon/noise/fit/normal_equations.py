@@ -14,8 +14,8 @@ from imumon.samples import Floats
 LEAST_VARIANCE = 1e-100
 """Floor of every variance; a channel with less is constant. Unit: (channel unit)^2.
 
-Otherwise: squares of variances underflow, and a constant channel gives 0/0.
-Origin: the square of 1e-100 is above the least number of 64 bits.
+Otherwise: squares of variances underflow, and a constant channel gives 0/0. Origin: the square of 1e-100 is above the
+least number of 64 bits.
 """
 
 

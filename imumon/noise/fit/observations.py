@@ -53,15 +53,14 @@ BAND_EDGES = (46, 70, 94, 128)
 """Edges of the bands of a level; a level below the first uses bins 46 to 91 only. Unit: bins.
 
 Otherwise: wider bands: one expectation does not describe a band of K; narrower ones: the likelihood is slower.
-Origin: within half an octave no noise of the model changes by more than 2.3 times; the level above has the bins
-from 92 on.
+Origin: within half an octave no noise of the model changes by more than 2.3 times; the level above has the bins from
+92 on.
 """
 LEAST_BINS = 2
 """A band with fewer bins beside its lines does not count. Unit: bins.
 
-Otherwise: one bin beside a line holds the tail of the line and moves N.
-Origin: a bin shares half of its power with its neighbours (Hann window), so that one is no independent band
-(`real_effects.py`).
+Otherwise: one bin beside a line holds the tail of the line and moves N. Origin: a bin shares half of its power with
+its neighbours (Hann window), so that one is no independent band (`real_effects.py`).
 """
 LEAST_BLOCKS = 12
 """A segment with fewer blocks does not count, a channel with fewer is pending; a step has half of them on each
@@ -75,15 +74,15 @@ MOST_FILLED = 0.3
 """Holes between blocks up to this share together are interpolated; more of them join the blocks in pairs. Unit: of
 the blocks.
 
-Otherwise: with 0.05 blocks are so long that no octave shows B where a sixth of a record is missing, and many
-records have no result where half is missing.
-Origin: the expectation holds what interpolation takes; limits hold with half of a record missing (`holes.py`).
+Otherwise: with 0.05 blocks are so long that no octave shows B where a sixth of a record is missing, and many records
+have no result where half is missing. Origin: the expectation holds what interpolation takes; limits hold with half of
+a record missing (`holes.py`).
 """
 LONGEST_FILLED = 0.05
 """A hole up to this share is interpolated; a longer one separates two segments. Unit: of the blocks.
 
-Otherwise: the straight line over a long hole repeats the flicker of its two ends, which no expectation holds.
-Origin: chosen; limits of records with lost samples are tested with it (`real_effects.py`).
+Otherwise: the straight line over a long hole repeats the flicker of its two ends, which no expectation holds. Origin:
+chosen; limits of records with lost samples are tested with it (`real_effects.py`).
 """
 
 

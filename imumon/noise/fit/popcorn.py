@@ -25,15 +25,13 @@ LEVELS_SIGMA = 4.0
 """Gauss–Markov noise is popcorn noise where the excess kurtosis of the block means is below zero by as much. Unit:
 standard deviations.
 
-Otherwise: Gauss–Markov noise is described by two levels that it does not have.
-Origin: 3e-5 if the kurtosis is normal, because every channel is tested in every fit; none of 60 records of
-Gauss–Markov noise is one (`markov.py`).
+Otherwise: Gauss–Markov noise is described by two levels that it does not have. Origin: 3e-5 if the kurtosis is
+normal, because every channel is tested in every fit; none of 60 records of Gauss–Markov noise is one (`markov.py`).
 """
 LEVELS_SPAN = 20.0
 """Levels are about a mean over this time. Unit: time constants.
 
-Otherwise: a walk beside the jumps smears the levels.
-Origin: chosen: ten times in each level (`markov.py`).
+Otherwise: a walk beside the jumps smears the levels. Chosen: ten times in each level (`markov.py`).
 """
 
 

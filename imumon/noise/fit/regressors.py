@@ -38,6 +38,30 @@ from imumon.noise.fit.observations import LEAST_BLOCKS, BlockSeries, Coefficient
 from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Floats, Ints
 
+SAME_PERIOD = 0.2
+"""Two oscillations with closer periods are one. Unit: relative difference.
+
+Otherwise: what is left of an oscillation beside its columns is named as a second one. Origin: an oscillation of four
+cycles lies at the eighth coefficient: half a coefficient is 6 % of its period.
+"""
+ALIAS_WIDTHS = 3.0
+"""Distance up to which a slow oscillation is the alias of a line. Unit: widths of the line.
+
+Otherwise: a strong hum is named twice, once with a false period. Origin: the share of a Gaussian line beyond is 0.3
+%.
+"""
+ALIAS_SHARE = 0.1
+"""Least part of it that the line must leave behind the average of a block. Unit: of the oscillation.
+
+Otherwise: any line would hide any oscillation at its alias.
+"""
+COLLINEAR = 0.95
+"""A temperature slope is stated where its estimate is less correlated with that of the drift. Unit: correlation.
+
+Otherwise: slope and drift are two large numbers of opposite sign that say nothing each. Origin: 0.95: the error of
+the slope is three times as large as without the drift (`temperature.py`).
+"""
+
 SINGLE = 48
 """This many lowest cosine coefficients stay single; regressors act on them, the others are pooled in bands. Unit:
 coefficients.
@@ -49,56 +73,54 @@ Origin: the spectrum of a smooth column falls with the square of the number: 1/4
 SETTLING_TIMES = (0.008, 0.015, 0.03, 0.05, 0.08, 0.13, 0.2, 0.32, 0.5)
 """Time constants of an exponential that are tried. Unit: of the segment.
 
-Otherwise: a settling between two of them leaves power in the lowest coefficients.
-Origin: the derivative by the time constant is a column, too: neighbours a factor of 1.6 to 2 apart cover what lies
-between (`real_effects.py --only warm-up`).
+Otherwise: a settling between two of them leaves power in the lowest coefficients. Origin: the derivative by the time
+constant is a column, too: neighbours a factor of 1.6 to 2 apart cover what lies between (`real_effects.py --only
+warm-up`).
 """
 SETTLING_SHARES = np.array(SETTLING_TIMES)
 COEFFICIENTS_PER_COLUMN = 6
 """Single coefficients of a segment that its drift, or an exponential, needs. Unit: coefficients.
 
-Otherwise: a record of many short segments spends all coefficients on drifts and has none for the noise.
-Origin: one in six: limits grow by 10 % (`real_effects.py`).
+Otherwise: a record of many short segments spends all coefficients on drifts and has none for the noise. Origin: one
+in six: limits grow by 10 % (`real_effects.py`).
 """
 STEP_WIDTHS = (1, 4, 16)
 """Widths before and after a place whose means are compared for a step. Unit: blocks.
 
-Otherwise: with single blocks a small step of a long segment is not among the candidates.
-Origin: chosen: powers of four (`real_effects.py`).
+Otherwise: with single blocks a small step of a long segment is not among the candidates. Chosen: powers of four
+(`real_effects.py`).
 """
 STEP_PLACES = 2
 """Candidates for a step of each width. Unit: places.
 
 Otherwise: with one, an outlying block hides the step.
-Origin: chosen.
 """
 
 LEAST_SPAN_DEGC = 0.3
 """The temperature is a column from this range on. Unit: degC.
 
-Otherwise: the noise of a thermometer with a step of 0.1 degC is a column that takes power from K.
-Origin: chosen: three steps of a thermometer that reports tenths of a degree (`temperature.py`).
+Otherwise: the noise of a thermometer with a step of 0.1 degC is a column that takes power from K. Chosen: three steps
+of a thermometer that reports tenths of a degree (`temperature.py`).
 """
 TEMPERATURE_SNR = 3.0
 """The temperature is a column where its bend, as means of four blocks, exceeds their noise by this factor. Unit:
 ratio.
 
-Otherwise: a column of noise has a slope biased towards zero, and what it leaves raises K.
-Origin: at 3 the bias of the slope is 10 % (errors in variables) (`temperature.py`).
+Otherwise: a column of noise has a slope biased towards zero, and what it leaves raises K. Origin: at 3 the bias of
+the slope is 10 % (errors in variables) (`temperature.py`).
 """
 THERMOMETER_SIGMA = 3.0
 """A band of the temperature counts where its power exceeds the noise of the thermometer by as much. Unit: standard
 deviations.
 
-Otherwise: the noise of the thermometer enters the model of the channel, times the slope.
-Origin: chosen (`temperature.py`).
+Otherwise: the noise of the thermometer enters the model of the channel, times the slope. See `temperature.py`.
 """
 BOTH_WAYS = 0.15
 """The temperature has turned when it has come back by this much; hysteresis needs this share of blocks and of span
 in each direction. Unit: of the span.
 
-Otherwise: noise of the thermometer counts as directions, and hysteresis is fitted where none can be seen.
-Origin: chosen: above the noise of a thermometer, below the swing of a room (`temperature.py`).
+Otherwise: noise of the thermometer counts as directions, and hysteresis is fitted where none can be seen. Chosen:
+above the noise of a thermometer, below the swing of a room (`temperature.py`).
 """
 
 CHI_SQUARE_MEDIAN = 0.455

@@ -69,59 +69,54 @@ from imumon.units import DAY
 INDEPENDENT_COUNTS = 0.5
 """The errors of rounding are independent from here on. Unit: counts of noise between two samples.
 
-Otherwise: errors that move together count as white, and limits of N are wrong.
-Origin: errors s counts of noise apart have the correlation exp(-2 pi^2 s^2), 0.7 % here; with 0.4 counts, upper
-limits of N miss in 8 % of records.
+Otherwise: errors that move together count as white, and limits of N are wrong. Origin: errors s counts of noise apart
+have the correlation exp(-2 pi^2 s^2), 0.7 % here; with 0.4 counts, upper limits of N miss in 8 % of records.
 """
 NEGLIGIBLE_ROUNDING = 0.2
 """What rounding of a rate adds to N^2 is looked at from here on: it may be that of an angle, twice as much. Unit:
 standard errors of N^2.
 
-Otherwise: every channel of a file with few digits is fitted twice.
-Origin: a tenth of the distance from N to its limit (`sample_errors.py`).
+Otherwise: every channel of a file with few digits is fitted twice. Origin: a tenth of the distance from N to its
+limit (`sample_errors.py`).
 """
 REJECT_P = 1e-3
 """The bands reject an upper end of the spectrum, and the next one is tried. Unit: probability.
 
-Otherwise: with 0.01 one record in a hundred loses its highest octave by chance; with less, a weak filter is fitted
-as B.
-Origin: nine channels that are fitted a hundred times a day: one wrong rejection a day (`real_effects.py`).
+Otherwise: with 0.01 one record in a hundred loses its highest octave by chance; with less, a weak filter is fitted as
+B. Origin: nine channels that are fitted a hundred times a day: one wrong rejection a day (`real_effects.py`).
 """
 TOLERANCE = 0.01
 """Error of the model in every band that the tests of the upper end allow; also the share that a step may have in a
 band of the spectrum that counts. Unit: relative error.
 
-Otherwise: a record of months rejects every model: no sensor follows one to a tenth of a per cent.
-Origin: chosen: 0.04 dB, below the ripple of the filters in sensors (`real_effects.py`).
+Otherwise: a record of months rejects every model: no sensor follows one to a tenth of a per cent. Chosen: 0.04 dB,
+below the ripple of the filters in sensors (`real_effects.py`).
 """
 MOST_ERROR = 0.3
 """Beyond it, the model does not describe the channel and no coefficient is stated; N counts as shown with a
 relative error of N^2 up to it. Unit: relative error.
 
-Otherwise: coefficients with limits are stated for a vibrating platform.
-Origin: an error of 30 % in every band makes limits of N of 15 %: no user calls this a measurement of noise
-(`guards.py`).
+Otherwise: coefficients with limits are stated for a vibrating platform. Origin: an error of 30 % in every band makes
+limits of N of 15 %: no user calls this a measurement of noise (`guards.py`).
 """
 WINDOWS = (2, 3, 4, 5, 6, 8, 10, 12, 16)
 """Lengths of a moving average in the sensor that are tried. Unit: samples.
 
-Otherwise: its spectrum is fitted as a low-pass, and octaves are left out that show N.
-Origin: lengths that sensors have: VN-100 and ADIS16405 powers of two, others divisors of their rates
-(`real_effects.py`).
+Otherwise: its spectrum is fitted as a low-pass, and octaves are left out that show N. Origin: lengths that sensors
+have: VN-100 and ADIS16405 powers of two, others divisors of their rates (`real_effects.py`).
 """
 WINDOW_BANDS = 8
 """Highest bands by which a moving average is recognised. Unit: bands.
 
-Otherwise: more of them compare B and K with the white noise of the average.
-Origin: an average bends the highest octaves most; eight bands are the first four octaves.
+Otherwise: more of them compare B and K with the white noise of the average. Origin: an average bends the highest
+octaves most; eight bands are the first four octaves.
 """
 
 INSTEAD_GAIN = 1.0
 """A walk that Gauss–Markov noise in its place explains better by as much is `indistinct`. Unit: log likelihood.
 
-Otherwise: M of a 36th of the record is measured as K in one record in five.
-Origin: one parameter more (Akaike 1974); of a true walk, 3 to 10 % of the records are `indistinct` by it
-(`markov.py`).
+Otherwise: M of a 36th of the record is measured as K in one record in five. Origin: one parameter more (Akaike 1974);
+of a true walk, 3 to 10 % of the records are `indistinct` by it (`markov.py`).
 """
 
 

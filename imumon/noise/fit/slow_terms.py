@@ -59,87 +59,84 @@ from imumon.samples import Bools, Floats, Ints
 CHANCE = 0.01
 """Noise alone makes an oscillation that is left out, or a misfit, in this share of records. Unit: probability.
 
-Otherwise: leaving out a coefficient costs little, missing an oscillation makes B too large.
-Origin: over all coefficients of a record (Bonferroni) (`real_effects.py`).
+Otherwise: leaving out a coefficient costs little, missing an oscillation makes B too large. Origin: over all
+coefficients of a record (Bonferroni) (`real_effects.py`).
 """
 LEAK = 0.02
 """Coefficients beside an oscillation are left out up to where its leakage is below this share of the noise. Unit:
 of the noise.
 
-Otherwise: the skirt of a strong oscillation is fitted as B.
-Origin: the leakage of a steady oscillation falls with the square of the distance; 2 % is below the limits of B
-(`real_effects.py`).
+Otherwise: the skirt of a strong oscillation is fitted as B. Origin: the leakage of a steady oscillation falls with
+the square of the distance; 2 % is below the limits of B (`real_effects.py`).
 """
 OSCILLATION_WIDTHS = (1, 3, 8, 24)
 """Neighbouring coefficients that are tested together for an oscillation. Unit: coefficients.
 
-Otherwise: with single ones only, an oscillation whose period wanders is fitted as B.
-Origin: steps of three: between two of them the test loses little (`real_effects.py`).
+Otherwise: with single ones only, an oscillation whose period wanders is fitted as B. Origin: steps of three: between
+two of them the test loses little (`real_effects.py`).
 """
 MOST_MASKED = 0.5
 """Where more would be left out, nothing is: what is above the noise everywhere is noise of another kind. Unit: of
 the coefficients.
 
-Otherwise: a random walk beside a first guess of K = 0 would be left out as oscillations.
-Origin: no oscillation fills half of the spectrum (`real_effects.py`).
+Otherwise: a random walk beside a first guess of K = 0 would be left out as oscillations. Origin: no oscillation fills
+half of the spectrum (`real_effects.py`).
 """
 FEWEST_CYCLES = 2
 """Oscillations with fewer in a segment are none. Unit: cycles.
 
 Otherwise: one cycle looks like a random walk, and K is bounded in most records.
-Origin: chosen.
 """
 FEW_CYCLES = 16
 """Up to here columns describe an oscillation, beyond its coefficients are left out. Unit: cycles.
 
-Otherwise: columns beyond: the phase of an oscillation wanders, and four columns no longer hold it.
-Origin: chosen (`real_effects.py`).
+Otherwise: columns beyond: the phase of an oscillation wanders, and four columns no longer hold it. See
+`real_effects.py`.
 """
 LEAST_ODDS = 0.35
 """A column is in doubt from here on, and the fits with and without it are mixed by their odds. Unit: odds.
 
-Otherwise: at 1, the walk that a step of five times the floor looks like is measured in one record in ten.
-Origin: below, the column has less than a quarter of the weight, and hardly moves a limit (`markov.py`).
+Otherwise: at 1, the walk that a step of five times the floor looks like is measured in one record in ten. Origin:
+below, the column has less than a quarter of the weight, and hardly moves a limit (`markov.py`).
 """
 LEAST_CYCLE = 0.15
 """From here on, a part of a cycle of a day is sought in records without a temperature. Unit: cycles.
 
-Otherwise: shorter parts are a drift, and K is a bound in every record.
-Origin: chosen: 3.6 h, in which a cycle bends by a tenth of its size (`markov.py`).
+Otherwise: shorter parts are a drift, and K is a bound in every record. Chosen: 3.6 h, in which a cycle bends by a
+tenth of its size (`markov.py`).
 """
 CYCLE_PENALTY = 3.0
 """Odds against a cycle of a day before the data. Unit: odds.
 
-Otherwise: at 1, the walk of every second record may be a cycle, and its limits are too wide.
-Origin: two free numbers gain e on the average by chance alone (`markov.py`).
+Otherwise: at 1, the walk of every second record may be a cycle, and its limits are too wide. Origin: two free numbers
+gain e on the average by chance alone (`markov.py`).
 """
 SETTLING_CERTAIN = 20.0
 """From here on an exponential is a column; below, the fits with and without it are mixed by their odds. Unit: twice
 the log likelihood ratio.
 
 Otherwise: lower, a walk is called a warm-up in some per cent of records and K is only a bound; higher, limits of K
-are too wide after a warm-up.
-Origin: odds of 10^3 for nine time constants (`real_effects.py --only warm-up`).
+are too wide after a warm-up. Origin: odds of 10^3 for nine time constants (`real_effects.py --only warm-up`).
 """
 CERTAIN = 30.0
 """From here on a step is a column, and an oscillation whose coefficients are left out is reported. Unit: twice the
 log likelihood ratio.
 
-Otherwise: a walk is broken into steps, and K vanishes.
-Origin: 10^-7 by chance (Wilks 1938), at any of a thousand places (`real_effects.py`).
+Otherwise: a walk is broken into steps, and K vanishes. Origin: 10^-7 by chance (Wilks 1938), at any of a thousand
+places (`real_effects.py`).
 """
 MOST_TERMS = 12
 """The search for columns and oscillations ends after this number of rounds. Unit: rounds.
 
-Otherwise: on a moving platform each round finds another step, and a fit takes seconds.
-Origin: a record with more than 12 steps and oscillations is not at rest; it is stated as `search_ended`.
+Otherwise: on a moving platform each round finds another step, and a fit takes seconds. Origin: a record with more
+than 12 steps and oscillations is not at rest; it is stated as `search_ended`.
 """
 SEARCHED = 256
 """Single coefficients in which columns are sought, and which stay single beside a column with a wide spectrum.
 Unit: coefficients.
 
-Otherwise: with 48 a step in a short record looks like a walk, and the bends of a short warm-up look alike.
-Origin: 1,024 blocks have 341 single coefficients at most; the spectrum of a step falls with the frequency
+Otherwise: with 48 a step in a short record looks like a walk, and the bends of a short warm-up look alike. Origin:
+1,024 blocks have 341 single coefficients at most; the spectrum of a step falls with the frequency
 (`real_effects.py`).
 """
 BEYOND_SINGLE = 0.05
@@ -147,25 +144,25 @@ BEYOND_SINGLE = 0.05
 the power of a column.
 
 Otherwise: the temperature, its square and its cube, alike in 48 coefficients, are large numbers of opposite sign.
-Origin: in 562 blocks a step has 0.4, an exponential 0.33 to 0.0005 from a hundredth to a third of the record, a
-cycle 0.001 at most (`temperature.py`).
+Origin: in 562 blocks a step has 0.4, an exponential 0.33 to 0.0005 from a hundredth to a third of the record, a cycle
+0.001 at most (`temperature.py`).
 """
 
 BEND_CHANCE = 0.05
 """The effect of the temperature is bent where noise alone bends as much in this share of records. Unit:
 probability.
 
-Otherwise: a bend that is missed raises K, a bend that is kept in doubt may hide it: the second is worse.
-Origin: usual level of a test of which neither error is much worse than the other (`temperature.py`).
+Otherwise: a bend that is missed raises K, a bend that is kept in doubt may hide it: the second is worse. Origin:
+usual level of a test of which neither error is much worse than the other (`temperature.py`).
 """
 
 SLOWEST = 4
 """A walk that does not show without these lowest coefficients is a mean that moves slowly, and they are left out;
 then twice and four times as many, up to half of those that stay single. Unit: coefficients.
 
-Otherwise: a mean that rises and falls once by 20 floors is measured as K in four records of five, and B is too
-small in one of four; with 6, K of three times the smallest is lost in 15 % of the records, with 4 in 12 %.
-Origin: two cycles of the record: the least that is an oscillation (`markov.py`).
+Otherwise: a mean that rises and falls once by 20 floors is measured as K in four records of five, and B is too small
+in one of four; with 6, K of three times the smallest is lost in 15 % of the records, with 4 in 12 %. Origin: two
+cycles of the record: the least that is an oscillation (`markov.py`).
 """
 BEYOND_EVIDENCE = 2.7
 """A walk shows without the lowest coefficients. Unit: twice the log likelihood ratio.

@@ -60,11 +60,12 @@ from imumon.noise.fit.likelihood import (
 )
 from imumon.noise.fit.model import FLICKER, GRIDDED, QUANTISATION, WALK, WHITE, NoiseTerm, total
 from imumon.noise.fit.model_curve import (
+    VISIBLE,
     moved_variances,
 )
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.popcorn import TwoLevels, two_levels
-from imumon.noise.fit.regressors import BENT, OSCILLATION
+from imumon.noise.fit.regressors import ALIAS_SHARE, ALIAS_WIDTHS, BENT, COLLINEAR, OSCILLATION, SAME_PERIOD
 from imumon.noise.fit.search import Model
 from imumon.noise.fit.slow_terms import CERTAIN, CHANCE
 from imumon.noise.fit.time_to_precision import seconds_to
@@ -75,41 +76,10 @@ from imumon.samples import Bools, Floats, Ints
 LEAST_B_K_S = 10.0
 """B and K are pending before. Unit: s.
 
-Otherwise: a filter, a vibration and the start of a stream look like B and K for some seconds.
-Origin: chosen: ten periods of a vibration of 1 Hz (`real_effects.py`).
-"""
-SAME_PERIOD = 0.2
-"""Two oscillations with closer periods are one. Unit: relative difference.
-
-Otherwise: what is left of an oscillation beside its columns is named as a second one.
-Origin: an oscillation of four cycles lies at the eighth coefficient: half a coefficient is 6 % of its period.
-"""
-VISIBLE = 0.1
-"""From here on lines (`vibration`) or a drift (`ramp`) are named, and a temperature explains a share. Unit: of the
-Allan variance.
-
-Otherwise: each hum of a microvolt is a caveat.
-Origin: 5 % of the deviation: about the width of the line of a figure.
-"""
-ALIAS_WIDTHS = 3.0
-"""Distance up to which a slow oscillation is the alias of a line. Unit: widths of the line.
-
-Otherwise: a strong hum is named twice, once with a false period.
-Origin: the share of a Gaussian line beyond is 0.3 %.
-"""
-ALIAS_SHARE = 0.1
-"""Least part of it that the line must leave behind the average of a block. Unit: of the oscillation.
-
-Otherwise: any line would hide any oscillation at its alias.
-Origin: chosen.
+Otherwise: a filter, a vibration and the start of a stream look like B and K for some seconds. Chosen: ten periods of
+a vibration of 1 Hz (`real_effects.py`).
 """
 
-COLLINEAR = 0.95
-"""A temperature slope is stated where its estimate is less correlated with that of the drift. Unit: correlation.
-
-Otherwise: slope and drift are two large numbers of opposite sign that say nothing each.
-Origin: 0.95: the error of the slope is three times as large as without the drift (`temperature.py`).
-"""
 
 NOT_SHOWN = "the record does not show it"
 MOVES_SLOWLY = "a mean that moves slowly explains it"

@@ -32,14 +32,13 @@ from imumon.samples import Bools, Floats, Ints
 LEAST_AVERAGES = 4
 """A level with fewer does not count in a fit, and the level above is displayed instead. Unit: averages.
 
-Otherwise: the density of a bin is hardly known, and a level of few averages hides a better one.
-Origin: with three, the 95 % limits of a bin span a factor of 13.
+Otherwise: the density of a bin is hardly known, and a level of few averages hides a better one. Origin: with three,
+the 95 % limits of a bin span a factor of 13.
 """
 PROMINENCE = 2.0
 """A band whose highest bin exceeds it is reported as a line. Unit: of the density beside it.
 
-Otherwise: bands that change no coefficient are named.
-Origin: chosen: less does not matter to a user (`guards.py --lines`).
+Otherwise: bands that change no coefficient are named. Chosen: less does not matter to a user (`guards.py --lines`).
 """
 
 

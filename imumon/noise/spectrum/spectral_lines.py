@@ -38,39 +38,35 @@ from imumon.samples import Bools, Floats
 LINE_CHANCE = 1e-6
 """A bin is a narrow band above a density that noise alone exceeds in this share of bins. Unit: probability.
 
-Otherwise: lower, a weak line stays in the spectrum that is fitted; higher, bins are left out by chance.
-Origin: one in 200 reports of nine channels has such a band, of little power; one that is also a line was in none of
-3,000 (`guards.py --lines`).
+Otherwise: lower, a weak line stays in the spectrum that is fitted; higher, bins are left out by chance. Origin: one
+in 200 reports of nine channels has such a band, of little power; one that is also a line was in none of 3,000
+(`guards.py --lines`).
 """
 SIDE = 11
 """The density beside a bin is the median of this many bins on each side; lower bins have no lines. Unit: bins.
 
-Otherwise: the median of fewer scatters more, and that of more follows a slope of the density less.
-Origin: chosen (`guards.py --lines`).
+Otherwise: the median of fewer scatters more, and that of more follows a slope of the density less. See `guards.py
+--lines`.
 """
 LEVEL_ERRORS = 3.0
 """The threshold of a line is raised by this many of the median beside it. Unit: standard errors.
 
-Otherwise: a median that is too low by chance makes a line of noise.
-Origin: chosen (`guards.py --lines`).
+Otherwise: a median that is too low by chance makes a line of noise. See `guards.py --lines`.
 """
 SAME_LINE = 0.03
 """Two lines of two levels whose frequencies differ by less are one. Unit: relative difference.
 
 Otherwise: a line between two levels is named twice.
-Origin: chosen.
 """
 HARMONICS = 3
 """Highest harmonic of the mains that a line, or its alias, is compared with.
 
 Otherwise: with more, some harmonic is near to any frequency.
-Origin: chosen.
 """
 MAINS_SPREAD = 0.002
 """Deviation of the mains from 50 or 60 Hz up to which a line may be of the mains. Unit: of the frequency.
 
-Otherwise: a hum beside the nominal frequency has no cause that is named.
-Origin: chosen: a deviation that is common.
+Otherwise: a hum beside the nominal frequency has no cause that is named. Chosen: a deviation that is common.
 """
 
 LOBE = 2

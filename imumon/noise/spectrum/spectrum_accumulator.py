@@ -78,9 +78,8 @@ MOST_VARIATION = 0.8
 """A segment with more does not count; where a share p is missing, it is p / (1 - p), so that 44 % may be. Unit:
 relative variance of the shares of valid samples within a segment.
 
-Otherwise: at 0.06, a record with a sixth of it in holes has no segments where B shows, and its K is a bound.
-Origin: with 40 % of scattered losses, flicker is expected 1.5 % too large at level 0, with 48 % it would be 3 %
-(`holes.py`).
+Otherwise: at 0.06, a record with a sixth of it in holes has no segments where B shows, and its K is a bound. Origin:
+with 40 % of scattered losses, flicker is expected 1.5 % too large at level 0, with 48 % it would be 3 % (`holes.py`).
 """
 
 LEVELS = 38

@@ -31,20 +31,18 @@ REPEATED = 0.25
 """With a larger share of zeros, the sensor is slower than its samples: their median is not used. Unit: of the
 differences.
 
-Otherwise: the robust deviation of repeated values is far too small, and all changes are outliers.
-Origin: rounding to LEAST_STEPS gives a tenth.
+Otherwise: the robust deviation of repeated values is far too small, and all changes are outliers. Origin: rounding to
+LEAST_STEPS gives a tenth.
 """
 LEAST_STEPS = 3.0
 """Outliers are judged where the Allan deviation of one sample has at least as many. Unit: quantisation steps.
 
 Otherwise: the median of fewer levels says little.
-Origin: chosen.
 """
 LEAST_EXCESS = 0.05
 """A deviation that exceeds the robust one by more disagrees with it. Unit: of the deviation.
 
 Otherwise: long records report outliers that change nothing.
-Origin: chosen.
 """
 
 PER_OCTAVE, BINS = 16, 1024

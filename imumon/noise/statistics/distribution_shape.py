@@ -22,58 +22,50 @@ from imumon.samples import Floats, Ints
 GAUSSIAN_DISTANCE = 0.025
 """Up to here a distribution counts as Gaussian. Unit: Kolmogorov distance.
 
-Otherwise: long records reject every distribution: no sensor is exactly Gaussian.
-Origin: chosen: probabilities are right to 2.5 %.
+Otherwise: long records reject every distribution: no sensor is exactly Gaussian. Chosen: probabilities are right to
+2.5 %.
 """
 GAUSSIAN_SKEWNESS = 0.25
 """Up to here a distribution counts as Gaussian. Unit: skewness.
 
 Otherwise: see GAUSSIAN_DISTANCE: every long record is skewed.
-Origin: chosen.
 """
 GAUSSIAN_KURTOSIS = 0.5
 """Up to here a distribution counts as Gaussian. Unit: excess kurtosis.
 
 Otherwise: see GAUSSIAN_DISTANCE: every long record has heavy or light tails.
-Origin: chosen.
 """
 DISTANCE_ERROR = 1.5
 """Sampling error of the distance that is allowed beside GAUSSIAN_DISTANCE. Unit: 1/sqrt(n).
 
 Otherwise: short records are not Gaussian by chance.
-Origin: chosen.
 """
 MOMENT_ERRORS = 4.0
 """Errors of skewness, kurtosis and a ratio of deviations that chance may make; a mode rises by more. Unit: standard
 errors.
 
 Otherwise: short records have verdicts by chance.
-Origin: chosen.
 """
 QUANTISED_STEPS = 1.5
 """A channel with a smaller standard deviation is called quantised. Unit: quantisation steps.
 
 Otherwise: a distribution of two or three levels is compared with a bell.
-Origin: chosen.
 """
 MODE_HEIGHT = 0.1
 """A mode rises above the valleys beside it by as much. Unit: of the highest count.
 
 Otherwise: each ripple of the histogram is a mode.
-Origin: chosen.
 """
 MODE_WIDTH = 0.25
 """Width of the kernel that smooths the counts before modes are sought. Unit: of the standard deviation.
 
 Otherwise: with a narrower one, noise of the counts makes modes; with a wider one, two modes become one.
-Origin: chosen.
 """
 LEARN_SAMPLES = 256
 """The step of a quantised channel is read from this many; with fewer there is no verdict and no median. Unit:
 samples.
 
 Otherwise: a step is learned from values that chance has left out.
-Origin: chosen.
 """
 
 

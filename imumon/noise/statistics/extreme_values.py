@@ -31,34 +31,29 @@ LEAST_VISITS = 5
 """With fewer, an extreme value is no limit of the range. Unit: visits.
 
 Otherwise: values with fine steps meet once in a while by chance.
-Origin: chosen.
 """
 ABOVE_NEXT = 1.25
 """An extreme value with more visits is a limit of the range, which gathers what lies beyond. Unit: of the samples
 beside.
 
-Otherwise: the last level of a coarse sensor is called its range.
-Origin: steps of a sixth of the deviation give 2.8 for a range of one deviation, 1.4 for one of three, where N is
-0.3 % low.
+Otherwise: the last level of a coarse sensor is called its range. Origin: steps of a sixth of the deviation give 2.8
+for a range of one deviation, 1.4 for one of three, where N is 0.3 % low.
 """
 NEXT_ERRORS = 4.0
 """Chance may change a number of samples by this many of its errors. Unit: standard errors.
 
 Otherwise: a level with few samples is called a limit of the range by chance.
-Origin: chosen.
 """
 MOST_RISE = 1.1
 """With more samples in the outer bin, the density rises outwards: there is no limit of the range. Unit: of the
 samples of the bin within.
 
 Otherwise: the turning points of a sine, which have many samples, are called a range.
-Origin: chosen.
 """
 LEAST_LEVELS = 4
 """With fewer from the least to the greatest value, nothing is said of a range. Unit: quantisation steps.
 
 Otherwise: where levels are few, the outermost one may be the usual one.
-Origin: chosen.
 """
 
 

@@ -24,7 +24,6 @@ FEW_LEVELS = 8
 deviation, a median is sought between levels. Unit: levels.
 
 Otherwise: the least difference of many levels may be several steps.
-Origin: chosen.
 """
 
 HISTOGRAM_BINS = 256

@@ -24,20 +24,18 @@ from imumon.saved_state import restorable
 CHANGE_SIGMA = 5.0
 """An hour differs from the hours before, or a record from a baseline, beyond chance. Unit: standard errors.
 
-Otherwise: chance makes changes: there are 27 comparisons an hour, over years.
-Origin: 6e-7 by chance.
+Otherwise: chance makes changes: there are 27 comparisons an hour, over years. Origin: 6e-7 by chance.
 """
 LEAST_CHANGE_N = 0.05
 """A smaller change of N is none, however significant; also between days. Unit: relative change.
 
 Otherwise: a long record reports differences that no user acts on.
-Origin: chosen.
 """
 LEAST_CHANGE_B = 0.5
 """A smaller change of B is none, however significant; also between days. Unit: relative change.
 
-Otherwise: hours of a sensor whose flicker noise wanders are reported as changes.
-Origin: B of the same sensor varies by as much.
+Otherwise: hours of a sensor whose flicker noise wanders are reported as changes. Origin: B of the same sensor varies
+by as much.
 """
 
 LEAST_CHANGE = {"N": LEAST_CHANGE_N, "B": LEAST_CHANGE_B}

@@ -22,39 +22,36 @@ from imumon.samples import Floats
 DAYS_BEFORE = 7
 """A day with fewer days before it is no step. Unit: days.
 
-Otherwise: the scatter of the days is not known, and any difference may be a step.
-Origin: chosen (`history_study.py`).
+Otherwise: the scatter of the days is not known, and any difference may be a step. See `history_study.py`.
 """
 ALARM = 1e-5
 """A step between days is reported that chance makes less often, over all days of a series. Unit: probability.
 
-Otherwise: a sensor with nine channels has 18 series, each of which is tested every day.
-Origin: chosen; days that resemble each other more than neighbours show make steps likelier: of 30 days of a random
-walk, 2.6 % give one (`history_study.py`).
+Otherwise: a sensor with nine channels has 18 series, each of which is tested every day. Origin: chosen; days that
+resemble each other more than neighbours show make steps likelier: of 30 days of a random walk, 2.6 % give one
+(`history_study.py`).
 """
 LEAST_DAYS_SPAN_DEGC = 1.0
 """The temperature is a regressor of the days where their standard deviation is above it. Unit: degC.
 
-Otherwise: a temperature that hardly varies gets a large slope, which takes the step.
-Origin: chosen (`history_study.py`).
+Otherwise: a temperature that hardly varies gets a large slope, which takes the step. See `history_study.py`.
 """
 STRONGEST = 0.9
 """Greatest correlation of neighbouring days that the standard error of a step counts with. Unit: correlation.
 
-Otherwise: with a larger one, no step can be seen.
-Origin: chosen: the standard error is then 4.4 times as large, sqrt((1 + r) / (1 - r)) (`history_study.py`).
+Otherwise: with a larger one, no step can be seen. Chosen: the standard error is then 4.4 times as large, sqrt((1 + r)
+/ (1 - r)) (`history_study.py`).
 """
 LEAST_SCATTER = 2e-3
 """Scatter of the days that is assumed at least. Unit: of the value.
 
-Otherwise: days that agree by chance make any difference a step.
-Origin: chosen: a shorter record than the variations of the sensor would show less (`history_study.py`).
+Otherwise: days that agree by chance make any difference a step. Chosen: a shorter record than the variations of the
+sensor would show less (`history_study.py`).
 """
 LEAST_DOF = 8.0
 """Degrees that Student's t has at least where days are strongly correlated. Unit: degrees of freedom.
 
-Otherwise: the quantile of few degrees is so large that no step can be seen.
-Origin: chosen (`history_study.py`).
+Otherwise: the quantile of few degrees is so large that no step can be seen. See `history_study.py`.
 """
 
 

@@ -19,33 +19,31 @@ from imumon.samples import Floats
 CANDIDATES_S = (120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 5400.0)
 """Possible ends of a warm-up; beyond the last one, the temperature shows no warm-up. Unit: s.
 
-Otherwise: with fewer, more is excluded than settles; a finer grid excludes little less.
-Origin: chosen (`real_effects.py --only warm-up`).
+Otherwise: with fewer, more is excluded than settles; a finer grid excludes little less. See `real_effects.py --only
+warm-up`.
 """
 DECISION_LENGTH = 2.5
 """Length of the record at which the candidate is decided. Unit: of a candidate.
 
-Otherwise: a shorter record does not show its exponential; in a longer one, the decision comes late.
-Origin: chosen (`real_effects.py --only warm-up`).
+Otherwise: a shorter record does not show its exponential; in a longer one, the decision comes late. See
+`real_effects.py --only warm-up`.
 """
 STILL = 0.22
 """Time constant up to which a settling is over at the end of the record. Unit: of the record.
 
-Otherwise: what is excluded ends before the settling does, or a settling that is over is never excluded.
-Origin: of a shorter one at most 1 % remains at the end, and a sixth at a candidate that is decided there
-(`real_effects.py --only warm-up`).
+Otherwise: what is excluded ends before the settling does, or a settling that is over is never excluded. Origin: of a
+shorter one at most 1 % remains at the end, and a sixth at a candidate that is decided there (`real_effects.py --only
+warm-up`).
 """
 WARMING_DEGC = 1.0
 """A temperature that rises by less shows no warm-up. Unit: degC.
 
 Otherwise: the noise of the thermometer is reported as a warm-up.
-Origin: chosen.
 """
 HIGHEST_SHARE = 0.1
 """A last mean of the temperature that is farther below the highest shows no warm-up. Unit: of the rise.
 
 Otherwise: a cycle of the ambient temperature is reported as a warm-up.
-Origin: chosen.
 """
 
 
