@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields, replace
 
 from imumon.clock import HostClock
 from imumon.daemon.run_limits import DataTimeout
 from imumon.devices import registry
 from imumon.devices.base import DeviceDriver, DeviceError
+from imumon.ledger import ledger_text
 from imumon.report import DeviceDescription, State
 from imumon.samples import DeviceCounters, DeviceInfo
+
+UNEXPLAINED_S = 3.0
+"""s from the first byte on after which a report without a sample says what arrives. Samples at 100 Hz show after half a
+second."""
+SHOWN_BYTES = 60
+"""Bytes of the first line that are shown."""
 
 
 class Connection:
@@ -37,6 +45,9 @@ class Connection:
         self._timeout = DataTimeout()
         self._lost_at: float | None = None  # s, `HostClock.uptime_s`
         self._known_remarks: set[str] = set()
+        self._first_bytes = b""  # of the stream, before its first sample
+        self._first_bytes_at: float | None = None  # s, monotonic
+        self._without_samples = ""  # remark on these bytes
 
     def update(self, info: DeviceInfo) -> list[str]:
         """Keep what is known of the device; return its remarks that are new."""
@@ -66,6 +77,35 @@ class Connection:
         self._lost_at, self.connected = None, True
         return away_s
 
+    def runs(self) -> None:
+        """Note that samples arrive."""
+        self.state, self._without_samples = "running", ""
+
+    def note_bytes(self, data: bytes) -> None:
+        """Keep how a stream without a sample begins."""
+        if self._first_bytes_at is None:
+            self._first_bytes_at = self._clock.monotonic_s()
+        if len(self._first_bytes) < SHOWN_BYTES:
+            self._first_bytes += data[:SHOWN_BYTES]
+
+    def unexplained(self, ledger: Mapping[str, int]) -> str | None:
+        """Return, once, that nothing that was received is a sample, with what became of it and how it begins.
+
+        Parameters
+        ----------
+        ledger : what became of everything that was received.
+        """
+        begin_s = self._first_bytes_at
+        if self._without_samples or begin_s is None:
+            return None
+        if self._clock.monotonic_s() - begin_s < UNEXPLAINED_S:
+            return None
+        received = ledger_text(ledger) or f"{self.counters.received_bytes:,} bytes received"
+        # as Python writes bytes: each of them is a printable character or an escape
+        first = repr(self._first_bytes.partition(b"\n")[0][:SHOWN_BYTES])[1:]
+        self._without_samples = f"no sample yet: {received}; the first line is {first}"
+        return self._without_samples
+
     def silence(self, *, data: bool, samples: bool, rate_hz: float | None) -> str | None:
         """Return that a connected device is silent, once; None otherwise.
 
@@ -93,4 +133,6 @@ class Connection:
         shared = {f.name for f in fields(DeviceDescription)} & {f.name for f in fields(info)}
         driver = registry.driver(info.driver) if info.driver else None
         known = DeviceDescription(**{field: getattr(info, field) for field in shared})
+        if self._without_samples:
+            known = replace(known, remarks=(*known.remarks, self._without_samples))
         return replace(known, id=name, setting_texts=registry.setting_texts(driver, info.settings))

@@ -192,6 +192,7 @@ class Daemon:
                     self._set_aside(record.feed(item, connection.info))
                 case RawBytes():
                     record.recorder.write(item.data)
+                    connection.note_bytes(item.data)
                 case Gap(length_s):
                     record.gap(length_s)
                 case Notice(kind, text, level):
@@ -219,7 +220,7 @@ class Daemon:
         if self._connection.state != "running":
             self._report_timer.expire()  # publish the first numbers at once
             self._notifier.ready()
-        self._connection.state = "running"
+        self._connection.runs()
         self._record.running()
 
     def _on_info(self, info: DeviceInfo, level: Level | None = None) -> None:
@@ -240,6 +241,10 @@ class Daemon:
 
     def _check_silence(self, *, data: bool, samples: bool) -> None:
         rate_hz = self._record.monitor.sample_rate_hz
+        if not self._record.monitor.samples:
+            ledger = self._record.session(self._connection.counters).ledger
+            if remark := self._connection.unexplained(ledger):
+                self._outputs.event("remark", remark, "warning")
         if problem := self._connection.silence(data=data, samples=samples, rate_hz=rate_hz):
             self._outputs.event("silent", problem)
 

@@ -138,6 +138,7 @@ def status_table(report: Report, width: int, late: str | None) -> str:
         *([late] if late else []),
         f"{record_title(report)}{_temperature(report)}",
         counters_text(report),
+        *(device.remarks if not report.session.samples else ()),
     ]
     facts = [alarm.text(value) for alarm, value, _ in known(report) if value]
     if excluded := exclusions(report, duration):

@@ -159,6 +159,9 @@ def headlines(state: ViewState, width: int, height: int) -> list[Line]:
     fits = [text for text in notes if length(ready) + len(text) <= width] or notes[-1:]
     note = fits[0] if names else ""
     lines: list[Line] = [[*padded(ready, width - len(note)), (note, "warn")]]
+    if not report.session.samples:  # why there is none matters more than grades that are not known
+        texts = [text for remark in report.device.remarks for text in wrap(remark, max(width - 2, 10))]
+        lines += [[(f" {text}", "warn")] for text in texts]
     spacious = height > 2 * len(INERTIAL)
     for sensor in INERTIAL if height > len(INERTIAL) else ():
         grade = report.grade.get(sensor, SensorGrade())

@@ -6,8 +6,10 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -17,12 +19,14 @@ import pytest
 from daemons import Daemon, free_endpoint, n_is_within_a_tenth
 from faulty_sensor import spawn
 from foreign_device import on_a_terminal
+from free_ports import free_port
 from paths import ROOT
 from waiting import until
 
 from imumon.config import load
 from imumon.daemon import Daemon as Reader
 from imumon.daemon import RunOptions
+from imumon.datasheet.tables import status_table
 from imumon.devices.base import Interrupted
 from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.ascii import encode
@@ -91,6 +95,30 @@ def test_bytes_without_samples_of_the_stream_are_no_running_sensor(tmp_path: Pat
         later = daemon.wait(lambda r: r.time > told.time)
         assert (later.state, later.session.samples) == ("waiting", told.session.samples)
         assert "data arrive, but no samples of the stream" in daemon.stop()[2]
+
+
+def test_bytes_that_never_become_samples_are_shown(tmp_path: Path) -> None:
+    """Within seconds, in the report and in the log: what became of them, and how they begin."""
+    port, ending = free_port(), threading.Event()
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as board:
+            while not ending.wait(0.02):
+                board.sendto(b"IMU \x1b[2J ready\n", ("127.0.0.1", port))
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        with Daemon(f"lines:udp://:{port}", tmp_path) as daemon:
+            made = daemon.wait(lambda r: any("no sample yet" in text for text in r.device.remarks))
+            assert made.state == "starting"
+            (remark,) = (text for text in made.device.remarks if "no sample yet" in text)
+            assert " start; the first line is 'IMU \\x1b[2J ready'" in remark
+            assert remark in status_table(made, 80, None)
+            assert remark in daemon.stop()[2]
+    finally:
+        ending.set()
+        thread.join()
 
 
 @pytest.mark.parametrize("away_s", [1.0, pytest.param(75.0, marks=pytest.mark.slow)])
