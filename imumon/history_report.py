@@ -36,9 +36,8 @@ class DayScatter:
     """How much one coefficient scatters between the days of the history."""
 
     days: int  # days of which it is measured
-    needed: int  # days from which the scatter is known
-    std: float | None  # SI, standard deviation between the days, with n - 1; null: too few days
-    statistics: float | None  # SI, root mean square of the standard errors of the days
+    std: float  # SI, standard deviation between the days, with n - 1
+    statistics: float  # SI, root mean square of the standard errors of the days
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

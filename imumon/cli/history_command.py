@@ -16,7 +16,7 @@ from imumon.cli.options import Parser
 from imumon.cli.output import print_message_once
 from imumon.coefficients import BIAS_TERMS, COEFFICIENTS, NOISE, Estimate, mean_unit
 from imumon.errors import ImumonError
-from imumon.history_report import LEAST_DAYS, STEPS, HistoryRow, history_rows, objects
+from imumon.history_report import STEPS, HistoryRow, history_rows, objects
 
 ESTIMATE = 25
 """Cells of a coefficient in the table."""
@@ -132,37 +132,30 @@ def _file_rows(file: Path, chosen: Any) -> Iterator[dict[str, Any]]:
             print_message_once(store.damage)
 
 
-SHEET_STEPS = (("1d", 366.0), ("1h", 10.0))
-"""Steps of the rows in a datasheet, with the days that are shown: hours, while there are fewer than three days."""
-SHEET_CHANNELS = ("gyro", "accel", "mag")
+LIMIT_DAYS = "_time=[now(-366d)..now()];step=1d;channel=gyro,accel,mag"
+"""Rows of the history that widen the limits of a document: days of a year."""
 
 
 def published_days(subscriber: Any, id: str) -> list[HistoryRow]:
-    """Return the rows of a running daemon that the datasheet shows; empty without a history."""
-    return _sheet_rows(lambda asked: objects(subscriber.history(id, asked) or b"[]"))
+    """Return the days of a running daemon that widen the limits of a document; empty without a history."""
+    return _days(lambda: objects(subscriber.history(id, LIMIT_DAYS) or b"[]"))
 
 
 def stored_days(path: Path) -> list[HistoryRow]:
-    """Return the rows that the datasheet shows beside a saved state, of the history in its directory."""
+    """Return the days of the history in the directory of a saved state, which widen the limits of a document."""
     if (file := _beside(path)) is None:
         return []
     from imumon.history.selection import of_parameters
 
-    return _sheet_rows(lambda asked: _file_rows(file, of_parameters(asked, time.time())))
+    return _days(lambda: _file_rows(file, of_parameters(LIMIT_DAYS, time.time())))
 
 
-def _sheet_rows(answer: Callable[[str], Iterable[Any]]) -> list[HistoryRow]:
-    """Return the rows of the longest step of which there are enough; empty after an error."""
-    rows: list[HistoryRow] = []
-    for step, days in SHEET_STEPS:
-        asked = f"_time=[now(-{days:.0f}d)..now()];step={step};channel={','.join(SHEET_CHANNELS)}"
-        try:
-            rows = [*history_rows(answer(asked))]
-        except ImumonError:
-            return []
-        if len({row.begin for row in rows}) >= LEAST_DAYS:
-            break
-    return rows
+def _days(answer: Callable[[], Iterable[Any]]) -> list[HistoryRow]:
+    """Return the rows of an answer; empty after an error."""
+    try:
+        return [*history_rows(answer())]
+    except ImumonError:
+        return []
 
 
 def with_turn_on(report: Any, path: Path) -> Any:

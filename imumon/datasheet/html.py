@@ -139,7 +139,7 @@ def _element(element: Element) -> str:
             inner = f"{html.escape(sensor)}<b>{html.escape(grade)}</b><span>{html.escape(text)}</span>"
             return f'<div class="grade">{inner}</div>'
         case DataTable():
-            return _table(element)
+            return table_html(element)
         case Figure(caption, _, svg, legend):
             drawn, text = svg(), html.escape(f"{caption} {legend}".rstrip())
             return f"<figure>{drawn}<figcaption>{text}</figcaption></figure>" if drawn else ""
@@ -147,7 +147,7 @@ def _element(element: Element) -> str:
             return f"<pre>{html.escape(text)}</pre>"
 
 
-def _table(table: DataTable) -> str:
+def table_html(table: DataTable) -> str:
     """Return a table as HTML; one without heads is a list of facts."""
     rows = []
     for first, *rest in table.rows:

@@ -71,14 +71,14 @@ def datasheet(report: Report, filters: FilterReport, program: str) -> Document:
 
 
 def _sheet(report: Report, filters: FilterReport, program: str) -> Iterator[Element]:
-    sensors = [sensor for sensor in SENSOR_TITLES if any(_axes(report, sensor))]
+    sensors = shown_sensors(report)
     for sensor, grade in report.grade.items():
         yield GradeSummary(SENSOR_TITLES.get(sensor, sensor), grade_text(grade), _grade_reason(sensor, grade))
     yield from _cautions(report)
     if not sensors:
         yield Paragraph("Nothing is known yet: the record is too short.")
     for sensor in sensors:
-        yield _coefficient_table(report, sensor)
+        yield coefficient_table(report, sensor)
     yield from _notes(report)
     yield Paragraph(f"{counters_text(report).rstrip('.')}. {excluded_sentence(report)}")
     if not (inertial := [sensor for sensor in INERTIAL if sensor in sensors]):
@@ -96,6 +96,11 @@ def _sheet(report: Report, filters: FilterReport, program: str) -> Iterator[Elem
         f"Random walks hold for at most {filters.horizon_s:g} s without a fix. imumon report --format {program} writes "
         "the whole file, with the unit, the origin and the axes of each number."
     )
+
+
+def shown_sensors(report: Report) -> list[str]:
+    """Return the sensors that have coefficients."""
+    return [sensor for sensor in SENSOR_TITLES if any(_axes(report, sensor))]
 
 
 def _axes(report: Report, sensor: str) -> Iterator[tuple[str, Channel]]:
@@ -132,7 +137,7 @@ def _cautions(report: Report) -> Iterator[Element]:
 # ---------------------------------------------------------------- coefficients
 
 
-def _coefficient_table(report: Report, sensor: str) -> DataTable:
+def coefficient_table(report: Report, sensor: str) -> DataTable:
     """Return the coefficients of a sensor with their limits, beside the values of its data sheet."""
     axes = dict(_axes(report, sensor))
     sheet = report.data_sheet.values if report.data_sheet is not None else ()
@@ -233,10 +238,7 @@ def _sheet_text(report: Report) -> str:
             if key in printed
         ),
         "Above: the whole interval is above the value",
-        *(
-            f"N of {' and '.join(sensors)} is not said to be above: {text}"
-            for text, sensors in reasons.items()
-        ),
+        *(f"N of {' and '.join(sensors)} may be above: {text}" for text, sensors in reasons.items()),
         " ".join((sheet.note or "").split()).rstrip("."),
     ]
     return f"{'. '.join(filter(None, parts))}."

@@ -8,19 +8,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
+from imumon.datasheet.html import table_html
+from imumon.datasheet.sheet import coefficient_table, shown_sensors
 from imumon.datasheet.tables import (
     channel_rows,
-    coefficient_text,
     counters_text,
     grade_lines,
     record_title,
     sensor_title,
-    shown_letters,
 )
 from imumon.messages import caveats, exclusions, joined, line
 from imumon.report import Report
-from imumon.samples import sensor_of
-from imumon.units import pretty
 
 WIDTH = 110
 """Characters of a line of channels."""
@@ -43,31 +41,10 @@ def summary_text(report: Report, remarks: Sequence[str]) -> str:
 
 def summary_html(report: Report, remarks: Sequence[str]) -> str:
     """Return a report as tables of HTML, one per sensor, between its title and its remarks."""
-    parts = [f"<p>{'<br>'.join(map(escape, _head(report)))}</p>"]
-    sensors = dict.fromkeys(sensor_of(name) for name, channel in report.channels.items() if channel.estimates)
-    for sensor in sensors:
-        channels = {n: c for n, c in report.channels.items() if sensor_of(n) == sensor and c.estimates}
-        letters = [
-            letter
-            for letter in shown_letters(channels.values())
-            if any(letter in c.estimates for c in channels.values())
-        ]
-        known = {
-            letter: next(c.estimates[letter] for c in channels.values() if letter in c.estimates)
-            for letter in letters
-        }
-        heads = "".join(
-            f"<th>{letter}, {escape(pretty(known[letter].readable.unit))}</th>" for letter in letters
-        )
-        rows = "".join(
-            f"<tr><th>{escape(name)}</th>"
-            + "".join(f"<td>{escape(coefficient_text(c.estimates.get(letter)))}</td>" for letter in letters)
-            + "</tr>"
-            for name, c in channels.items()
-        )
-        parts.append(f"<table><thead><tr><th></th>{heads}</tr></thead><tbody>{rows}</tbody></table>")
+    head = "<br>".join(map(escape, _head(report)))
+    tables = "".join(table_html(coefficient_table(report, sensor)) for sensor in shown_sensors(report))
     notes = "".join(f"<li>{escape(text)}</li>" for text in _notes(report, remarks))
-    return f"<div>{''.join(parts)}<ul>{notes}</ul></div>"
+    return f"<div><p>{head}</p>{tables}<ul>{notes}</ul></div>"
 
 
 def _head(report: Report) -> list[str]:

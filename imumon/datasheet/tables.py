@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from imumon.alarms import known
-from imumon.coefficients import COEFFICIENTS, NOISE, Estimate, mean_unit, unit_of
+from imumon.coefficients import COEFFICIENTS, NOISE, Estimate, mean_unit
 from imumon.devices import registry
 from imumon.ledger import RECEIVED, SAMPLES, ledger_text
 from imumon.messages import (
@@ -29,7 +29,7 @@ from imumon.report import Allan, Channel, DeviceDescription, Report
 from imumon.samples import ALIASED, AXES, INERTIAL, sensor_of
 from imumon.units import counted, duration, figures, measured, pretty, share_text
 
-MOST_OF_A_KIND = 6
+MOST_OF_A_KIND = 12
 """Events of one kind that are listed one by one; the forms json and csv have all."""
 
 NUMBER = 11
@@ -388,21 +388,17 @@ def event_rows(report: Report) -> Iterator[tuple[str, str]]:
 
 
 def data_sheet_lines(report: Report) -> list[str]:
-    """Return the values of the data sheet of the sensor, and where the measured ones are above."""
+    """Return which coefficients are above the data sheet of the sensor, and why others may be."""
     if report.data_sheet is None or not report.data_sheet.values:
         return []
-    lines = [f"data sheet: {report.data_sheet.title} ({report.data_sheet.document})"]
-    for value in report.data_sheet.values:
-        measured = report.channels[value.channel].estimates.get(value.coefficient)
-        typical = " typical" if value.basis == "typical" else ""
-        published = f"{value.printed:g} {pretty(value.printed_unit)}{typical}"
-        unit = unit_of(sensor_of(value.channel), value.coefficient, value.unit)
-        text = (
-            f"{value.quantity} {published}, which is {figures(value.value * unit.factor)} {pretty(unit.unit)}"
-        )
-        above = ": above" if value.above else f": {value.reason}" if value.reason else ""
-        lines.append(f"  {value.channel:<8} {text}; measured {coefficient_text(measured)}{above}")
-    return lines
+    sheet = report.data_sheet
+    above = [f"{value.channel} {value.coefficient}" for value in sheet.values if value.above]
+    lines = [f"data sheet: {sheet.title} ({sheet.document}); above it: {', '.join(above) or 'nothing'}"]
+    doubts: dict[str, list[str]] = {}
+    for value in sheet.values:
+        if value.reason:
+            doubts.setdefault(value.reason, []).append(value.channel)
+    return lines + [f"  N of {joined(names)} may be above: {reason}" for reason, names in doubts.items()]
 
 
 def exact_lines(report: Report) -> list[str]:

@@ -15,7 +15,7 @@ from imumon.units import DAY, HOUR
 
 
 def day_scatter(rows: Iterable[HistoryRow]) -> dict[str, dict[str, DayScatter]]:
-    """Return the scatter of the days, by channel and letter; empty without rows.
+    """Return the scatter of the days, by channel and letter, where there are enough days.
 
     Parameters
     ----------
@@ -28,18 +28,15 @@ def day_scatter(rows: Iterable[HistoryRow]) -> dict[str, dict[str, DayScatter]]:
             if (measured := _measured(row.coefficients.get(letter))) is not None:
                 letters[letter].append(measured)
     return {
-        name: {letter: _scatter(values) for letter, values in letters.items()}
+        name: {letter: _scatter(values) for letter, values in letters.items() if len(values) >= LEAST_DAYS}
         for name, letters in known.items()
     }
 
 
 def _scatter(measured: list[tuple[float, float]]) -> DayScatter:
-    if len(measured) < LEAST_DAYS:
-        return DayScatter(days=len(measured), needed=LEAST_DAYS, std=None, statistics=None)
     values, errors = np.array(measured).T
     return DayScatter(
         days=len(measured),
-        needed=LEAST_DAYS,
         std=float(np.std(values, ddof=1)),
         statistics=float(np.sqrt(np.mean(errors**2))),
     )

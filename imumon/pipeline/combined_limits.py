@@ -81,7 +81,7 @@ def _combined(report: Report, name: str, letter: str, part: Estimate, days: DayS
     if part.excess is not None and part.excess.value:
         scatter = uncertainty.of_scatter(value, part.excess.value, statistics.standard)
     components = [statistics, scatter]  # `combine` expects that of the limits first
-    if days is not None and days.std is not None and days.statistics is not None:
+    if days is not None:
         components.append(uncertainty.of_days(days.days, days.std, days.statistics, scatter.standard))
     components += _shared(report, name, report.channels[name], letter, value)
     whole = uncertainty.combine(value, part.low, part.high, components)

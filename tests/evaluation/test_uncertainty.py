@@ -67,13 +67,11 @@ def test_scatter_that_shows_has_three_degrees_of_freedom() -> None:
 def test_days_of_the_history_widen_the_limits() -> None:
     report = make_report()
     alone = n_of(with_combined(report))
-    days = DayScatter(days=20, needed=3, std=0.1 * alone.value, statistics=0.01 * alone.value)
+    days = DayScatter(days=20, std=0.1 * alone.value, statistics=0.01 * alone.value)
     known = n_of(with_combined(report, {"gyro/x": {"N": days}}))
     assert width(known) > np.sqrt(0.1**2 - 0.01**2) * 1.95
     agreeing = replace(days, std=0.005 * alone.value)
     assert width(n_of(with_combined(report, {"gyro/x": {"N": agreeing}}))) == pytest.approx(width(alone))
-    few = DayScatter(days=2, needed=3, std=None, statistics=None)
-    assert n_of(with_combined(report, {"gyro/x": {"N": few}})) == alone
 
 
 def test_rounding_counts_where_the_noise_is_not_finer_than_the_steps() -> None:
