@@ -518,19 +518,6 @@ class DataSheet:
     values: tuple[SheetValue, ...] = ()  # one per channel and value
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExactCurve:
-    """Fully overlapping Allan deviation of one channel, computed from all samples."""
-
-    tau_s: tuple[float, ...] = ()  # s, averaging times
-    sigma: tuple[float, ...] = ()  # channel unit, Allan deviation
-    low: tuple[float | None, ...] = ()  # channel unit, lower 95 % limit
-    high: tuple[float | None, ...] = ()  # channel unit, upper 95 % limit
-    terms: tuple[int, ...] = ()  # 1, differences that were averaged
-    # 1, sigma of `allan` over this one, less 1; null: no such octave
-    difference: tuple[float | None, ...] = ()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Report:
     """Everything known about one device at one moment."""
@@ -553,7 +540,6 @@ class Report:
     alarm_limits: Mapping[str, float] = field(default_factory=dict)  # 1, configured, by alarm: loss
     events: tuple[Event, ...] = ()  # of the record, at most 256; only in a report of `replay` or `report`
     data_sheet: DataSheet | None = None  # of the sensor, in a document; null: none of this device is known
-    exact: Mapping[str, ExactCurve] = field(default_factory=dict)  # by channel; with --exact only
 
     def __repr__(self) -> str:
         lines = [f"  {name}: {channel!r}" for name, channel in self.channels.items()]
@@ -635,14 +621,13 @@ def _check_session(session: SessionCounters) -> None:
 
 def _check_report(report: Report) -> None:
     _check(report.period_s > 0.0 and report.speed > 0.0, "a period or speed that is not positive")
-    for names in (report.channels, report.exact, report.grade, report.limits, report.limit_curves):
+    for names in (report.channels, report.grade, report.limits, report.limit_curves):
         _check_channels(names)
 
 
 _CHECKS: Mapping[Any, Callable[[Any], None]] = {
     Report: _check_report,
     SheetValue: lambda part: _check(part.value > 0.0 < part.printed, "a value of a data sheet not above 0"),
-    ExactCurve: lambda part: _check(all(tau > 0.0 for tau in part.tau_s), "a tau that is not positive"),
     SessionCounters: _check_session,
     Estimate: _check_estimate,
     Allan: _check_curve,

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.errors import ImumonError
-from imumon.report import Allan, Channel, Report
+from imumon.report import Allan, Channel
 from imumon.samples import Bools, Floats
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ class CurveTable:
     confidence : of the limits.
     tau_s : (k,) s, averaging times.
     sigma, low, high : (k,) channel unit, deviation and its limits.
-    edf : (k,) 1, equivalent degrees of freedom; of an exact curve the differences that were averaged.
+    edf : (k,) 1, equivalent degrees of freedom.
     model, noise : (k,) channel unit, all that the report states, and its noise alone.
     used : (k,) whether the fit uses the octave.
     """
@@ -95,44 +95,14 @@ def frame_of(rows: list[dict[str, Any]]) -> pandas.DataFrame:
     return pandas.DataFrame(rows)
 
 
-def curve_table(
-    report: Report, name: str, channel: Channel, confidence: float, *, exact: bool = False
-) -> CurveTable:
+def curve_table(name: str, channel: Channel, confidence: float) -> CurveTable:
     """Return the curve of a channel; raise `ImumonError` if it has none."""
-    exact_curve = report.exact.get(name)
-    if exact and exact_curve is None:
-        text = f"the measurement has no exact curve of {name}"
-        raise ImumonError("no_curve", text, "analyse the record with taus=, such as taus='decade'")
     if channel.allan is None or not channel.allan.tau_s:
         raise ImumonError(
             "no_curve", f"{name} has no Allan deviation", "name a channel of a sensor, or record longer"
         )
     curve = channel.allan
     edf = _floats(curve.edf)
-    if exact and exact_curve is not None:
-        taus = np.array(exact_curve.tau_s)
-        known = np.isfinite(edf)
-        dof = (
-            np.interp(np.log(taus), np.log(np.array(curve.tau_s))[known], edf[known])
-            if known.any()
-            else taus * np.nan
-        )
-        low, high = _limits(np.array(exact_curve.sigma), dof, confidence)
-        empty = np.full(len(taus), np.nan)
-        used = np.zeros(len(taus), bool)
-        return CurveTable(
-            name,
-            channel.unit,
-            confidence,
-            taus,
-            np.array(exact_curve.sigma),
-            low,
-            high,
-            dof,
-            empty,
-            empty,
-            used,
-        )
     low, high = _allan_limits(curve, edf, confidence)
     return CurveTable(
         name,

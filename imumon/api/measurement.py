@@ -181,18 +181,14 @@ class Measurement:
 
         return list(table_rows(self.report))
 
-    def allan(self, channel: str, confidence: float | None = None, *, exact: bool = False) -> CurveTable:
+    def allan(self, channel: str, confidence: float | None = None) -> CurveTable:
         """Return the Allan deviation of a channel with its limits, the drawn model, and its noise alone.
-
-        Parameters
-        ----------
-        exact : the fully overlapping one, at the averaging times of ``analyse(..., taus=...)``.
 
         Raises
         ------
         ImumonError : the record has no such channel, or the channel no such curve.
         """
-        return curve_table(self.report, channel, self[channel], self._chosen(confidence), exact=exact)
+        return curve_table(channel, self[channel], self._chosen(confidence))
 
     def _chosen(self, confidence: float | None) -> float:
         return self.confidence if confidence is None else checked_confidence(confidence)

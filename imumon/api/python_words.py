@@ -21,12 +21,12 @@ from imumon.errors import ImumonError
 
 ARGUMENTS = {
     "--rate": "rate_hz", "--map": "columns", "--topic": "topic", "--sensor": "sensor", "--stream": "stream",
-    "--filter": "filter", "--taus": "taus", "--baseline": "baseline", "--datasheet": "datasheet",
+    "--filter": "filter", "--baseline": "baseline", "--datasheet": "datasheet",
     "--horizon": "horizon_s", "--where": "where", "--msg": "msg",
 }  # fmt: skip
 """Arguments of `imumon.analyse` and of `Measurement.filter`, by the option of a command."""
 
-FLAGS = {"--no-guards": "guards=False", "--exact": "exact=True"}
+FLAGS = {"--no-guards": "guards=False"}
 """The same of options without a value."""
 
 NUMBERS = ("--rate", "--horizon")
@@ -34,7 +34,7 @@ NUMBERS = ("--rate", "--horizon")
 
 _MAP = re.compile(r"--(?:map|where) (?:'([^']*)'|(\w[\w/]*=[^\s;]*?,\.\.\.|\w[\w/]*=[^\s;]*[^\s;,.:)]))")
 _VALUE = re.compile(
-    r"(--(?:rate|topic|sensor|stream|filter|taus|baseline|datasheet|horizon|msg)) "
+    r"(--(?:rate|topic|sensor|stream|filter|baseline|datasheet|horizon|msg)) "
     r"(\d[\w.@+-]*|[A-Z]{2,}\b|gyro\b|accel\b|deltas\b|uncompensated\b|compensated\b|/[\w/]+)"
 )
 _FLAG = re.compile("|".join(map(re.escape, FLAGS)))

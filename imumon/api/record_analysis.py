@@ -17,7 +17,7 @@ Equal samples give equal reports, whichever way they come.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +28,6 @@ from imumon.api.python_words import python_wording
 from imumon.api.sensor_arrays import checked_rate, has_time, named_source
 from imumon.coefficients import NOISE, default_precision
 from imumon.errors import ImumonError
-from imumon.pipeline.exact_curve import Taus
 from imumon.recordings.base import OptionError, Samples
 from imumon.recordings.columns import KINDS, parse_map
 from imumon.replay import ReplayOptions, SensorFilter, replay
@@ -70,8 +69,6 @@ def analyse(
     baseline: Measurement | Report | str | os.PathLike[str] | None = None,
     datasheet: str | os.PathLike[str] | None = None,
     convergence: bool = False,
-    exact: bool = False,
-    taus: str | Sequence[float] | None = None,
     confidence: float = 0.95,
 ) -> Measurement:
     """Return the noise of a sensor from a record of it at rest.
@@ -98,8 +95,6 @@ def analyse(
     baseline : an earlier measurement of the sensor to compare with, or the path of its report.
     datasheet : file with limits of a data sheet, or the name of one that imumon has.
     convergence : also state what a shorter record would have shown, at each doubling of its length.
-    exact : also compute the fully overlapping Allan deviation; memory grows with the record.
-    taus : averaging times of it: ``octave``, ``decade`` (ten points each), or times in s. Implies `exact`.
     confidence : of the limits in tables and curves of the result. Those of its report are for 95 %.
 
     Raises
@@ -125,7 +120,6 @@ def analyse(
             where=where,
             definitions=None if msg is None else os.fspath(msg),
             filter=None if filter is None else SensorFilter.parse(filter),
-            exact=_taus(taus) or ("octave" if exact else None),
             units=dict(units or {}),
             samples=kind,
         )
@@ -185,23 +179,6 @@ def _stream(name: str | None) -> Any:
     if name is not None and name not in KINDS:
         raise OptionError("stream_invalid", f"stream={name!r} is no stream", f"use one of {', '.join(KINDS)}")
     return name
-
-
-def _taus(taus: str | Sequence[float] | None) -> Taus | None:
-    """Return the averaging times; raise `OptionError` if they are none."""
-    if taus is None:
-        return None
-    if taus == "octave" or taus == "decade":
-        return "octave" if taus == "octave" else "decade"
-    try:
-        times = tuple(sorted(float(tau) for tau in taus if not isinstance(taus, str)))
-    except (TypeError, ValueError):
-        times = ()
-    if not times or not 0.0 < times[0] <= times[-1] < float("inf"):
-        raise OptionError(
-            "taus_invalid", f"taus={taus!r} are no averaging times", "use octave, decade, or times in s"
-        )
-    return times
 
 
 def array_remarks(options: ReplayOptions, report: Report) -> tuple[str, ...]:

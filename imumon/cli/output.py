@@ -144,10 +144,10 @@ def print_report(report: Any, as_json: bool, baseline: Any = None, *, verbose: b
     import shutil
 
     from imumon.datasheet.signal_text import baseline_summary, signal_lines
-    from imumon.datasheet.tables import data_sheet_lines, exact_lines, report_table
+    from imumon.datasheet.tables import data_sheet_lines, report_table
 
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     comparison = baseline_summary(report, baseline) if baseline is not None else None
     lines = [report_table(report, width, verbose=verbose), "", *signal_lines(report, width)]
-    lines += [*data_sheet_lines(report), *exact_lines(report), *([comparison] if comparison else [])]
+    lines += [*data_sheet_lines(report), *([comparison] if comparison else [])]
     print("\n".join(lines).rstrip())

@@ -49,10 +49,6 @@ def add_read_options(parser: argparse._ActionsContainer) -> None:
         "filter of the sensor, where the recording does not say: the samples that it averages, and their rate"
     )
     add("--filter", type=sensor_filter, metavar="none|factory|WINDOW|WINDOW@HZ", help=text)
-    text = "also compute the fully overlapping Allan deviation; memory grows with the record"
-    add("--exact", action="store_true", help=text)
-    text = "averaging times of --exact: octaves (default), or ten per decade"
-    add("--taus", choices=("octave", "decade"), help=text)
 
 
 def add_datasheet(parser: argparse._ActionsContainer) -> None:
@@ -89,8 +85,6 @@ def replay_options(arguments: argparse.Namespace, path: str, **more: Any) -> Any
 
     loaded = options.settings(arguments)
     required = loaded.report
-    if arguments.taus is not None and not arguments.exact:
-        raise CommandError("exact_required", "--taus needs --exact", "add it", USAGE)
     return ReplayOptions(
         path=path,
         rate_hz=arguments.rate or loaded.device.rate_hz or None,
@@ -104,7 +98,6 @@ def replay_options(arguments: argparse.Namespace, path: str, **more: Any) -> Any
         where=parse_where(arguments.where) if arguments.where else {},
         filter=arguments.filter,
         definitions=arguments.msg,
-        exact=(arguments.taus or "octave") if arguments.exact else None,
         **more,
     )
 
@@ -174,7 +167,7 @@ def _combined(arguments: argparse.Namespace, sheet: Any, baseline: Any) -> Any:
     from imumon.api.combination import combine
     from imumon.api.document_report import document_report
 
-    given = {"--publish": arguments.publish, "--speed": arguments.speed != "max", "--exact": arguments.exact}
+    given = {"--publish": arguments.publish, "--speed": arguments.speed != "max"}
     for option, value in given.items():
         if value:
             message = f"{option} is for one recording, and there are {len(arguments.files)}"

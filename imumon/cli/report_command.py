@@ -241,11 +241,9 @@ def _from_file(arguments: argparse.Namespace) -> Any:
 
 def _check_recording(arguments: argparse.Namespace, source: str) -> None:
     """Raise an error if an option needs the samples, and the source has none."""
-    given = {"--exact": arguments.exact, "--taus": arguments.taus, "--filter": arguments.filter}
-    for name, value in given.items():
-        if value:
-            message = f"{name} needs a recording, and this is {source}"
-            raise CommandError("recording_required", message, "name a recording", USAGE)
+    if arguments.filter:
+        message = f"--filter needs a recording, and this is {source}"
+        raise CommandError("recording_required", message, "name a recording", USAGE)
 
 
 def _from_report(path: Path) -> Any:

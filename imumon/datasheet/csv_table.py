@@ -10,7 +10,6 @@ coefficient  its letter                with 95 % limits; only `high` where it is
 corrected    N                         without aliasing, by the nominal factor of the sensor, where that is known
 allan        sigma                     Allan deviation at tau_s, with limits, model, noise and whether the fit uses it
 bias         degree 0, hysteresis ...  terms of the bias against the temperature, with limits
-exact        sigma                     fully overlapping Allan deviation; `difference` of the other one, a share
 sheet        its quantity              of the data sheet (`source`: maximum or typical); `status` above: the interval is
 event        kind of the event         length in s at time_s
 """
@@ -26,7 +25,7 @@ from typing import Any
 from imumon.coefficients import Estimate
 from imumon.datasheet.tables import sensor_title, without_aliasing
 from imumon.messages import spreadsheet_cell
-from imumon.report import Allan, Channel, ExactCurve, Report
+from imumon.report import Allan, Channel, Report
 
 COLUMNS = (
     "kind", "channel", "name", "unit", "tau_s", "time_s", "value", "low", "high", "status", "edf", "model",
@@ -70,10 +69,6 @@ def _rows(report: Report) -> Iterator[Row]:
             yield {"kind": "coefficient", "channel": name} | row
             if letter == "N" and (corrected := without_aliasing(report, name, part)) is not None:
                 yield {"kind": "corrected", "channel": name} | row | _coefficient(corrected)
-    for name, curve in report.exact.items():
-        unit = report.channels[name].unit if name in report.channels else None
-        exact: Row = {"kind": "exact", "channel": name, "name": "sigma", "unit": unit}
-        yield from (exact | point for point in _points(curve))
     for value in report.data_sheet.values if report.data_sheet is not None else ():
         yield {
             "kind": "sheet", "channel": value.channel, "name": value.quantity, "unit": value.printed_unit,
@@ -123,7 +118,7 @@ def _channel_rows(channel: Channel) -> Iterator[Row]:
             yield base | row | {"used": int(row["used"])}
 
 
-def _points(curve: Allan | ExactCurve) -> Iterator[Row]:
+def _points(curve: Allan) -> Iterator[Row]:
     """Yield a row for each point of a curve, with those of its columns that the table has."""
     names = [column.name for column in fields(curve) if column.name in (*COLUMNS, "sigma")]
     for point in zip(*(getattr(curve, name) for name in names), strict=True):

@@ -123,7 +123,6 @@ def _value_text(letter: str, part: Estimate | None) -> str:
 def legend_text(report: Report, sensors: Sequence[str]) -> str:
     """Return what the marks of a figure mean."""
     limits = "; dotted: the limits of the grades" if any(s in report.limit_curves for s in sensors) else ""
-    dots = "; dots: fully overlapping, exact" if report.exact else ""
     hump = dashes = ""
     if any(channel.M is not None for sensor in sensors for _, channel in sensor_axes(report, sensor)):
         hump, dashes = ", 0.617 M", "; dashed: correlated noise (Gauss–Markov, M) alone"
@@ -131,7 +130,7 @@ def legend_text(report: Report, sensors: Sequence[str]) -> str:
         "Overlapping Allan deviation with 95 % limits (bands) and fitted model (lines; thin: its noise alone, "
         f"where it has more); hollow: octaves that the fit does not use; bars: N/√τ, 0.664 B{hump} and K√(τ/3) with "
         f"95 % limits; arrows: 95 % upper bounds{dashes}"
-        f"{dots}{limits}{f'; {INDISTINCT_WORD}: {NOT_APART}' if has_indistinct(report) else ''}"
+        f"{limits}{f'; {INDISTINCT_WORD}: {NOT_APART}' if has_indistinct(report) else ''}"
     )
 
 
@@ -197,10 +196,9 @@ def _draw(panel: Axes, report: Report, sensor: str) -> None:
         _draw_limit(panel, grade, limit, scale.factor)
     for axis, curve in curves.items():
         _draw_curve(panel, axis, curve)
-    exact = _draw_exact(panel, report, sensor, curves)
     _draw_markov(panel, report, sensor, curves)
     _draw_marks(panel, marks)
-    _draw_legend(panel, list(curves), exact=exact)
+    _draw_legend(panel, list(curves))
 
 
 def _extent(
@@ -251,18 +249,6 @@ def _draw_curve(panel: Axes, axis: str, curve: Allan) -> None:
             curve.tau_s, np.where(shown, sigma, math.nan), linestyle="none", marker=MARKERS[axis],
             markersize=4.5, color=colour, markerfacecolor=face, markeredgewidth=1.0,
         )  # fmt: skip
-
-
-def _draw_exact(panel: Axes, report: Report, sensor: str, curves: Mapping[str, Allan]) -> bool:
-    """Draw the exact curves as dots on a thin line; return whether there are some."""
-    for axis in curves:
-        if (curve := report.exact.get(f"{sensor}/{axis}")) is not None:
-            sigma = [COEFFICIENTS["B"].units[sensor].factor * value or math.nan for value in curve.sigma]
-            panel.plot(
-                curve.tau_s, sigma, color=COLOURS[axis], linewidth=0.5, marker=".", markersize=2.2,
-                markeredgewidth=0.0, zorder=2.2,
-            )  # fmt: skip
-    return any(f"{sensor}/{axis}" in report.exact for axis in curves)
 
 
 @dataclass(frozen=True, slots=True)
@@ -382,7 +368,7 @@ def _draw_letter(
     return place
 
 
-def _draw_legend(panel: Axes, axes: Sequence[str], *, exact: bool) -> None:
+def _draw_legend(panel: Axes, axes: Sequence[str]) -> None:
     """Name the axes above the frame, and explain band, line and hollow marks."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -396,6 +382,4 @@ def _draw_legend(panel: Axes, axes: Sequence[str], *, exact: bool) -> None:
             [], [], color=muted, marker="o", markersize=4.5, fillstyle="none", linestyle="", label="not used"
         ),
     ]
-    if exact:
-        entries.append(Line2D([], [], color=muted, linewidth=0.5, marker=".", markersize=4.0, label="exact"))
     draw_legend(panel, entries)

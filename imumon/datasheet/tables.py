@@ -401,18 +401,6 @@ def data_sheet_lines(report: Report) -> list[str]:
     return lines + [f"  N of {joined(names)} may be above: {reason}" for reason, names in doubts.items()]
 
 
-def exact_lines(report: Report) -> list[str]:
-    """Return how much the curve of the report differs from the exact one, where that was asked for."""
-    lines = ["exact Allan deviation: largest difference of the curve of the fit"] if report.exact else []
-    for name, curve in report.exact.items():
-        pairs = [(d, tau) for d, tau in zip(curve.difference, curve.tau_s, strict=True) if d is not None]
-        if pairs:
-            difference, tau = max(pairs, key=lambda pair: abs(pair[0]))
-            sign = "+" * (difference > 0.0)
-            lines.append(f"  {name:<8} {sign}{share_text(difference)} at {tau:.4g} s ({len(pairs)} octaves)")
-    return lines
-
-
 def _events(report: Report) -> list[str]:
     lines = [f"{time:>14}  {text}" for time, text in event_rows(report)]
     return ["", "events, by the time since the first sample", *lines] if lines else []

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imumon.noise.allan.overlapping import SampleStore
 from imumon.noise.detection import Guard, GuardedSamples
 from imumon.noise.detection.disturbance import Disturbance
 from imumon.noise.statistics.differences import DifferenceAccumulator, RobustDeviation
@@ -62,7 +61,6 @@ class GuardedStatistics:
     histogram : of all columns.
     differences : of neighbouring samples in the columns with a curve, warm-up included.
     extremes : of these columns.
-    store : the samples of these columns, warm-up included; None: they are not kept.
     """
 
     allan_channels: int
@@ -71,20 +69,17 @@ class GuardedStatistics:
     histogram: HistogramAccumulator
     differences: DifferenceAccumulator
     extremes: ExtremeVisits
-    store: SampleStore | None = None
 
     def update(self, items: Iterable[GuardedSamples]) -> None:
         """Add what the guard passed on."""
         for item in items:
             # A difference of neighbours across a gap would hold the drift of the gap, so both kinds of gaps end the
-            # differences and the stored runs. The sums of the noise keep their grid over a gap of known length: only
+            # differences. The sums of the noise keep their grid over a gap of known length: only
             # one of unknown length ends them.
             if item.broken or item.skipped:
                 self.differences.break_()
             if item.broken:
                 self.noise.break_()
-            if self.store is not None and (item.broken or item.skipped):
-                self.store.break_()
             if item.skipped:
                 self.noise.skip(item.skipped)
             if len(item.values):
@@ -92,8 +87,6 @@ class GuardedStatistics:
                 valid = None if item.valid.all() else item.valid
                 allan_valid = None if valid is None else valid[:, : self.allan_groups]
                 self.noise.update(item.values, valid)
-                if self.store is not None:
-                    self.store.update(item.values, valid)
                 self.histogram.update(item.values, valid)
                 self.differences.update(item.values[:, : self.allan_channels], allan_valid)
                 self.extremes.update(item.values[:, : self.allan_channels], allan_valid)
@@ -109,7 +102,6 @@ class Accumulators:
     interval_s : s between two ticks.
     averaged : (c,) channels that are true averages over their interval.
     guarded : exclude disturbances and warm-up.
-    stored : keep the samples of the channels with a curve, for exact curves.
 
     Attributes
     ----------
@@ -126,7 +118,6 @@ class Accumulators:
         *,
         averaged: Sequence[bool],
         guarded: bool,
-        stored: bool = False,
     ) -> None:
         self.channels = channels
         self.interval_s = interval_s
@@ -137,7 +128,7 @@ class Accumulators:
         self.allan_channels = sum(sensor in ALLAN_SENSORS for sensor in sensors)
         self.samples = self.missing = self.gaps = self.span = 0
         rate = 1.0 / interval_s
-        self.guarded, self._averaged, self._stored = guarded, averaged, stored
+        self.guarded, self._averaged = guarded, averaged
         self.guard = Guard(sensors, rate, excludes=guarded)  # without excluding it still detects motion
         self.envelope = Envelope(self.groups, rate)
         self.temperature = sensors.index("temperature") if "temperature" in sensors else None
@@ -286,5 +277,4 @@ class Accumulators:
             histogram,
             DifferenceAccumulator(groups),
             ExtremeVisits(groups),
-            SampleStore(groups) if self._stored else None,
         )

@@ -15,13 +15,11 @@ from imumon.errors import RateRequired
 from imumon.history_report import HistoryPeriod
 from imumon.ledger import RECEIVED, SAMPLES, Ledger, merged, with_received
 from imumon.pipeline.events import DetectedEvent, EventLog
-from imumon.pipeline.exact_curve import Taus, exact_curves
 from imumon.pipeline.gap_fill import InvalidSamples
 from imumon.pipeline.record import MonitorOptions, Record, RecordMismatch, SavedRecord, mismatch_of
 from imumon.pipeline.report_builder import signal
 from imumon.report import (
     DeviceDescription,
-    ExactCurve,
     Report,
     SessionCounters,
     Signal,
@@ -269,15 +267,6 @@ class Monitor:
             name: partial(signal, name, strips, column, record.interval_s)
             for column, name in enumerate(record.channels)
         }
-
-    def exact_curves(self, report: Report, *, taus: Taus) -> dict[str, ExactCurve]:
-        """Return the fully overlapping Allan deviation by channel; empty unless the samples are stored."""
-        record = self._record.accumulators if self._record is not None else None
-        if record is None or (store := record.statistics.store) is None:
-            return {}
-        channels = {name: report.channels[name] for name in record.channels[: record.allan_channels]}
-        begin = round(record.statistics.noise.begin_s / record.interval_s)
-        return exact_curves(store, channels, record.interval_s, begin=begin, taus=taus)
 
     # ------------------------------------------------------------------ saved state
 

@@ -52,7 +52,6 @@ class MonitorOptions:
     precision : target of the 95 % half-width by coefficient, as a share of the value.
     period_s : s, between two reports.
     baseline : an earlier report of this sensor to compare with; None: there is none.
-    stored : keep all samples, for `Monitor.exact_curves`: memory grows with the record.
     periods : keep what happens in every 10 minutes, hour and day until `Monitor.periods` returns it.
     convergence : fit the record at each doubling of its length, for `Channel.convergence`; fits that happen anyway are
         noted in any case.
@@ -63,7 +62,6 @@ class MonitorOptions:
     precision: Mapping[str, float] = field(default_factory=default_precision)
     period_s: float = 1.0
     baseline: Report | None = None
-    stored: bool = False
     periods: bool = False
     convergence: bool = False
     alarm_limits: Mapping[str, float] = field(default_factory=lambda: DEFAULT_LIMITS)
@@ -108,9 +106,7 @@ class Record:
         self.accumulators = (
             saved.accumulators
             if saved is not None
-            else Accumulators(
-                stream.channels, interval_s, averaged=averaged, guarded=options.guarded, stored=options.stored
-            )
+            else Accumulators(stream.channels, interval_s, averaged=averaged, guarded=options.guarded)
         )
         self.loss = LossWindow(interval_s)
         self._analysis = Analysis(self.accumulators, averaged=averaged, precision=options.precision)

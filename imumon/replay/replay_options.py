@@ -15,7 +15,6 @@ from imumon.coefficients import default_precision
 from imumon.devices import registry
 from imumon.devices.base import DeviceDriver
 from imumon.errors import ImumonError
-from imumon.pipeline.exact_curve import Taus
 from imumon.recordings import ReadOptions, Recording, open_recording
 from imumon.recordings.base import BLOCK_BYTES, OptionError, Samples
 from imumon.recordings.column_meaning import check_meaning
@@ -112,7 +111,6 @@ class ReplayOptions:
     units : unit by sensor, also of ``time``; others are found by the names of columns.
     samples : ``point``, ``average`` or ``increment``; None: by the names of columns.
     definitions : path of a ``.msg`` file, or of a directory of them, for messages that a bag does not define.
-    exact : averaging times of the exact Allan deviation, which needs memory for all samples; None: leave it out.
     """
 
     path: str = ""
@@ -130,7 +128,6 @@ class ReplayOptions:
     sensor: str | None = None
     where: Mapping[str, str] | None = None
     filter: SensorFilter | None = None
-    exact: Taus | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     samples: Samples | None = None
     definitions: str | None = None

@@ -53,7 +53,6 @@ class ReplayedRecord:
             alarm_limits=options.alarm_limits,
             baseline=options.baseline,
             convergence=options.convergence,
-            stored=options.exact is not None,
         )
         self.monitor = Monitor(monitored, rate_hz=options.rate_hz or header.get("rate_hz"))
         serial, scheme = header.get("serial"), header.get("driver", registry.DEFAULT_SCHEME)
@@ -72,7 +71,7 @@ class ReplayedRecord:
             alias_factor=header.get("alias_factor"),
             settings=settings,
         )
-        self.started, self._exact = header.get("time"), options.exact
+        self.started = header.get("time")
         self._driver, self._filter = driver or _driver_of(recording), options.filter
         self.ledger: Mapping[str, int] | None = None
         self.earlier_ledger: Mapping[str, int] = {}
@@ -172,9 +171,6 @@ class ReplayedRecord:
         """
         self.monitor.flush()
         final = replace(self.report("stopped"), events=self.record_events())
-        if self._exact is not None:
-            curves = self.monitor.exact_curves(final, taus=self._exact)
-            final = replace(final, exact=curves)
         if not final.session.samples:
             raise self.recording.no_samples()
         return final

@@ -15,7 +15,6 @@ from imumon import Measurement
 from imumon.coefficients import Estimate
 from imumon.datasheet.program_settings import PROGRAMS
 from imumon.errors import ImumonError
-from imumon.noise.allan.overlapping import overlapping_deviation
 
 mpl.use("Agg")
 RATE = 200.0
@@ -27,9 +26,7 @@ def m() -> Measurement:
     accel = imumon.simulate(60_000, RATE, N=[1e-3] * 3, B=3e-4, bias=[0.0, 0.0, 9.80665], seed=3)
     gyro[30_000:30_200] += np.random.default_rng(1).normal(0.0, 0.05, (200, 3))
     degrees = 25.0 + 3.0 * np.sin(np.arange(60_000) / 9000.0)
-    return imumon.analyse(
-        gyro=gyro, accel=accel, temperature=degrees, rate_hz=RATE, kind="average", exact=True
-    )
+    return imumon.analyse(gyro=gyro, accel=accel, temperature=degrees, rate_hz=RATE, kind="average")
 
 
 def known(estimate: Estimate | None) -> Estimate:
@@ -105,15 +102,6 @@ def test_limits_of_another_confidence(m: Measurement) -> None:
     curve, wide = m.allan("gyro/x"), m.allan("gyro/x", confidence=0.99)
     assert np.all((wide.low < curve.low) & (curve.high < wide.high))
     np.testing.assert_allclose(m.allan("gyro/x", confidence=0.95 + 1e-12).low, curve.low, rtol=1e-6)
-
-
-def test_the_exact_curve_is_that_of_the_formula(m: Measurement) -> None:
-    gyro = imumon.simulate(3000, RATE, N=1e-3, seed=1)
-    table = imumon.analyse(gyro, rate_hz=RATE, kind="average", guards=False, taus=[0.05, 1.0]).allan(
-        "gyro/x", exact=True
-    )
-    sigma, _ = overlapping_deviation(gyro, np.ones(3000, np.int64), [10, 200])
-    np.testing.assert_allclose(table.sigma, sigma, rtol=1e-9)
 
 
 def test_figures_are_drawn_on_the_axes_of_the_caller(m: Measurement) -> None:

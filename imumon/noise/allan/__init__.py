@@ -1,7 +1,7 @@
 """Allan variance of an endless stream.
 
 `cascade` states the statistic and its rules, `octave` computes the differences of one averaging time after the other,
-`curve` turns their sums into variances. `overlapping` is the textbook estimator of stored samples, for comparison.
+`curve` turns their sums into variances.
 """
 
 from imumon.noise.allan.cascade import OctaveCascade
