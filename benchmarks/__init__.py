@@ -40,7 +40,7 @@ constant of `imumon/noise` names the one that shows its effect; a table of a doc
 | **the program** | | |
 | `screen` | processor time and memory of the screen | docs/PERFORMANCE.md |
 | `stall` | an hour at 800 Hz with a slow disk (`slow_disk.c`) and a stopped viewer: samples lost | docs/SERVICE.md |
-| `doors` | attacks on every door, with 256 descriptors: samples lost, saves, memory, log, end | SECURITY.md |
+| `doors` | connections that say nothing: samples lost, saves, answers, memory, end | SECURITY.md |
 | `mutations` | damaged files of each kind that is read: what becomes of them | SECURITY.md |
 | `fleet` | 20 daemons with one router | docs/SERVICE.md |
 | `ros2_hour` | a ROS 2 topic at 1 kHz for an hour | docs/ROS2.md |

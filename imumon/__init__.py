@@ -10,7 +10,7 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   tui/           terminal UI
   datasheet/     report to documents, figures and settings of other software
   doctor/        checks of port, device, Zenoh, state and service
-  history/       reports over months: store, query, change over days, metrics
+  history/       reports over months: store, query, change over days; metrics
   recordings/    files as sources: raw captures, CSV, NumPy, ROS bags, PX4, ArduPilot
   ros2/          ROS 2 without ROS: messages, keys, nodes over Zenoh and DDS
   bus/           Zenoh: publisher, subscriber, queries
@@ -41,7 +41,6 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   system_errors.py  errors of the operating system, and what to do about them
   files.py       files that other users may have prepared
   clock.py       time of the host, and what a second of the record takes of it
-  door_limits.py limits of what accepts connections from other programs
 """
 
 from typing import TYPE_CHECKING, Any

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -14,7 +13,6 @@ from pathlib import Path
 
 from forked import Forked
 from free_ports import free_port
-from scraping import scraped, values
 
 from imumon.bus import Subscriber
 from imumon.report import Channel, Report
@@ -88,12 +86,6 @@ class Daemon:
     def log(self) -> str:
         """What it has said on stderr so far."""
         return self._said["err"]
-
-    @property
-    def metrics(self) -> dict[tuple[str, ...], float]:
-        """What it serves, by name and labels without the device."""
-        (address,) = re.findall(r"metrics on http://([\d.:]+)/metrics", self.log)
-        return values(scraped(address))
 
     def ended(self, within_s: float = 60.0) -> tuple[str, str]:
         """What it said, once it has ended."""

@@ -244,21 +244,8 @@ def test_the_index_names_every_document() -> None:
     assert not [name for name in pages if f"({name}" not in index]
 
 
-def test_every_attack_in_security_names_a_test_that_exists(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A test, or inputs of the corpus, all of whose doors are named."""
-    monkeypatch.syspath_prepend(str(ROOT / "tests" / "hostile"))
-    from corpus import CORPUS
-
-    text = (ROOT / "SECURITY.md").read_text("utf-8").partition("## What was tried")[2]
-    rows = [row for row in text.splitlines() if row.startswith("|")][2:]
-    tests = "".join(path.read_text("utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
-    inputs = [f"{hostile.door}-{hostile.name}" for hostile in CORPUS]
-    assert len(inputs) == len(set(inputs))
-    assert rows
-    for row in rows:
-        named = re.search(r"`(\S+)` \|$", row)
-        assert named is not None, row
-        assert f"def {named[1]}(" in tests or any(name.startswith(named[1]) for name in inputs), row
+def test_the_threat_model_is_short() -> None:
+    assert len((ROOT / "SECURITY.md").read_text("utf-8").splitlines()) <= 120
 
 
 def test_the_walk_of_a_sample_is_short_and_never_returns() -> None:

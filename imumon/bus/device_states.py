@@ -6,7 +6,7 @@ If several sessions publish one device, the first with a valid report is shown u
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass, field, replace
 
 from imumon.bus.queryable import EVENTS_KEPT
@@ -38,6 +38,7 @@ class DeviceState:
     marked: tuple[Report, Report] | None = None  # the newest report, and the same with the caveat of rivals
     arrived_s: float = 0.0  # s of the monotonic clock, newest report
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=EVENTS_KEPT))
+    event_counts: Counter[str] = field(default_factory=Counter)  # of the known kinds that were received
 
     @property
     def gone_s(self) -> float:

@@ -40,7 +40,6 @@ class Publisher:
     listen : endpoints; empty: the first free of tcp/127.0.0.1:7448 to 7463; None: those of `settings`.
     connect : endpoints of routers, which may be absent; None: those of `settings`.
     settings : `SessionOptions`, or an object with attributes of the same names; None for the defaults.
-    limits : the table ``[limits]``, of sessions and queries; None for the defaults.
 
     Attributes
     ----------
@@ -58,9 +57,8 @@ class Publisher:
         listen: Sequence[str] | None = None,
         connect: Sequence[str] | None = None,
         settings: object | None = None,
-        limits: object | None = None,
     ) -> None:
-        options = SessionOptions.of(settings) if limits is None else SessionOptions.of(settings, limits)
+        options = SessionOptions.of(settings)
         listen = tuple(options.listen if listen is None else listen)
         connect = tuple(options.connect if connect is None else connect)
         self.id = clean_id(id)
@@ -79,11 +77,9 @@ class Publisher:
         self._reported_error: str | None = None
         router = options.mode == "router"  # routers find routes between each other within one session
         self._session, self.endpoints = open_local(options, listen, connect if router else (), self.id)
-        self._last_values = LastValues(self._root, options.queries)
+        self._last_values = LastValues(self._root)
         self._timestamp = self._session.new_timestamp
-        self._links = Links(
-            Uplink(self._session, self._root, self._reply, options.queries), self._last_values
-        )
+        self._links = Links(Uplink(self._session, self._root, self._reply), self._last_values)
         self._thread = threading.Thread(target=self._run, name="imumon-bus", daemon=True)
         self._thread.start()
         atexit.register(self.close)
@@ -241,7 +237,7 @@ class Publisher:
                     first.set_result(None)
                 self._stop_connecting.wait(RETRY_S)
             else:
-                self._links.add(endpoint, Uplink(session, self._root, self._reply, options.queries))
+                self._links.add(endpoint, Uplink(session, self._root, self._reply))
                 if not first.done():
                     first.set_result(None)
                 return

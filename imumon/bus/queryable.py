@@ -27,6 +27,8 @@ JSON = "application/json"
 EVENTS_KEPT = 100
 """Events that are replied to a ``get`` and cached for advanced subscribers."""
 
+MOST_QUERIES = 16
+"""Queries that wait for their reply; the oldest, or one that does not fit, gets none."""
 MAX_QUEUED = 1024  # events, or tokens, in a queue; the oldest is dropped
 _CLOSE_S = 0.2  # s; limits the delay of the exit by a reply that blocks
 _MAX_SELECTOR = 1024  # characters of a key with parameters; a query with more is not replied to
@@ -38,25 +40,21 @@ Signals: TypeAlias = Mapping[str, Callable[[], Signal]]
 class LastValues:
     """Stores the last message of each key below `root` and replies to queries. Thread-safe.
 
-    Parameters
-    ----------
-    queries : that wait; the oldest, or one that does not fit, gets no reply.
-
     Attributes
     ----------
     answer_history : from the name of a key below ``history`` and the parameters of a query to JSON; None: there
         is no history.
     """
 
-    def __init__(self, root: str, queries: int) -> None:
+    def __init__(self, root: str) -> None:
         self._root = root
         self._lock = threading.Lock()
         self._last: dict[str, tuple[str, zenoh.Timestamp]] = {}
         self._events: deque[tuple[str, zenoh.Timestamp]] = deque(maxlen=EVENTS_KEPT)
         self._signals: Signals | None = None  # of the newest report
-        self._early: deque[zenoh.Query] = deque(maxlen=queries)  # wait for the first report
+        self._early: deque[zenoh.Query] = deque(maxlen=MOST_QUERIES)  # wait for the first report
         self.answer_history: Callable[[str, str], str] | None = None
-        self._due: Queue[Callable[[], None] | None] = Queue(queries)
+        self._due: Queue[Callable[[], None] | None] = Queue(MOST_QUERIES)
         self._replier = start_listener(iter(self._due.get, None), self._reply_due)
 
     def store(self, name: str, text: str, timestamp: zenoh.Timestamp) -> None:

@@ -35,6 +35,7 @@ from imumon.bus.zenoh_session import (
     open_session,
     start_listener,
 )
+from imumon.messages import EVENT_LEVELS
 from imumon.report import Event, Report, Signal, from_json, is_device_name
 from imumon.report_json import plain
 
@@ -153,6 +154,11 @@ class Subscriber:
         """Return the last events of a device, newest last."""
         with self._changed:
             return list(self._devices[id].events) if id in self._devices else []
+
+    def event_counts(self, id: str) -> dict[str, int]:
+        """Return how many events of each kind have arrived of a device, also those that its daemon had kept."""
+        with self._changed:
+            return dict(self._devices[id].event_counts) if id in self._devices else {}
 
     def rivals(self) -> dict[str, tuple[str, ...]]:
         """Return the devices that several sessions publish now, with their Zenoh ids, that which is shown first."""
@@ -344,6 +350,8 @@ class Subscriber:
                 self.malformed += 1
             elif event not in device.events:  # a reconnection repeats the cached events
                 device.events.append(event)
+                if event.kind in EVENT_LEVELS:  # others could be any number
+                    device.event_counts[event.kind] += 1
                 self._notify()
 
     def _request_signals(self) -> None:

@@ -18,7 +18,7 @@ from zenoh import ext
 from zenoh.handlers import RingChannel
 
 from imumon.bus.bus_error import BusError
-from imumon.bus.queryable import EVENTS_KEPT, JSON, LastValues
+from imumon.bus.queryable import EVENTS_KEPT, JSON, MOST_QUERIES, LastValues
 from imumon.bus.zenoh_session import LEASE_S, SessionOptions, local_endpoints, open_session, start_listener
 
 _CACHED = {"report": 1, "grade": 1, "event": EVENTS_KEPT}
@@ -33,16 +33,9 @@ _LOST = "connection lost; trying again"
 
 
 class Uplink:
-    """Publishers of the keys below `root`, a queryable for all of them, and a liveliness token.
+    """Publishers of the keys below `root`, a queryable for all of them, and a liveliness token."""
 
-    Parameters
-    ----------
-    queries : that wait; a further one takes the place of the oldest.
-    """
-
-    def __init__(
-        self, session: zenoh.Session, root: str, reply: Callable[[zenoh.Query], None], queries: int
-    ) -> None:
+    def __init__(self, session: zenoh.Session, root: str, reply: Callable[[zenoh.Query], None]) -> None:
         self.session = session
         self._root = root
         self._publishers: dict[str, ext.AdvancedPublisher | zenoh.Publisher] = {
@@ -57,7 +50,9 @@ class Uplink:
             )
             for name, kept in _CACHED.items()
         }
-        self._listener = start_listener(session.declare_queryable(f"{root}/**", RingChannel(queries)), reply)
+        self._listener = start_listener(
+            session.declare_queryable(f"{root}/**", RingChannel(MOST_QUERIES)), reply
+        )
         self._token = session.liveliness().declare_token(f"{root}/alive")
 
     def put(self, name: str, text: str, timestamp: zenoh.Timestamp) -> None:

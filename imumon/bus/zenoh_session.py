@@ -34,6 +34,8 @@ _MAX_QUERY_BYTES = 1 << 16
 """Size of a message that a session accepts if it accepts no data: queries and subscriptions, without a payload.
 Zenoh's limit of 1 GB would let anyone who may read fill the memory with the payloads of queries."""
 _BLOCKED_S = 1.0  # s; a link that takes no reply for this time is closed: other queries wait
+_MOST_SESSIONS = 100
+"""Peers of a session at once; Zenoh may keep 16 unfinished messages, so 1 MB, for each."""
 _HANDSHAKE_S = 2.0
 """s that the handshake of a connection may take, on both sides. Zenoh waits for a limited number of unfinished ones, so
 that connections that say nothing keep viewers out until their time is over, which is 10 s without this setting."""
@@ -70,18 +72,13 @@ class SessionOptions:
     allow: tuple[str, ...] = ()  # common names of certificates, or users, that may read; empty: all
     insecure: bool = False  # whether to listen on other interfaces than the loopback without TLS
     raw: Mapping[str, Any] = field(default_factory=dict)  # further settings of Zenoh, path to value
-    sessions: int = 100  # peers at once; Zenoh may keep 16 unfinished messages, so 1 MB, for each
-    queries: int = 16  # that wait for their reply; the oldest, or one that does not fit, gets none
 
     @classmethod
-    def of(cls, *tables: object | None) -> Self:
-        """Return the options in objects with attributes of these names: ``[zenoh]``, ``[limits]``; None: defaults."""
-        if len(tables) == 1 and isinstance(tables[0], cls):
-            return tables[0]
-        names = {f.name for f in fields(cls)}
-        return cls(
-            **{name: getattr(table, name) for table in tables for name in names if hasattr(table, name)}
-        )
+    def of(cls, settings: object | None) -> Self:
+        """Return the options in an object with attributes of these names, such as ``[zenoh]``; None: the defaults."""
+        if isinstance(settings, cls):
+            return settings
+        return cls(**{f.name: getattr(settings, f.name) for f in fields(cls) if hasattr(settings, f.name)})
 
 
 def clean_id(name: str) -> str:
@@ -229,7 +226,7 @@ def _zenoh_config(
         "transport/link/tx/queue/congestion_control/block/wait_before_close": round(_BLOCKED_S * 1e6),
         "transport/unicast/accept_timeout": round(_HANDSHAKE_S * 1000),
         "transport/unicast/open_timeout": round(_HANDSHAKE_S * 1000),
-        "transport/unicast/max_sessions": options.sessions,
+        "transport/unicast/max_sessions": _MOST_SESSIONS,
         "timestamping/enabled": True,
     }
     values |= _credentials(options, users)

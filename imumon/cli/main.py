@@ -33,6 +33,7 @@ COMMANDS = {
     "demo": ("run_command", "emulator, daemon and terminal UI in one command"),
     "tui": ("query", "show the live terminal UI"),
     "web": ("web_command", "show the terminal UI in a browser"),
+    "metrics": ("metrics_command", "serve the newest numbers to Prometheus, or write them to a file"),
     "status": ("query", "print one report from a running daemon"),
     "check": ("check_command", "monitoring plugin: one line and an exit code"),
     "wait": ("query", "wait until a grade or a precision is reached"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import fcntl
 import os
+import re
 import tempfile
 import time
 from collections.abc import Iterable
@@ -154,6 +155,17 @@ def share(text: str) -> float:
     if not 0.0 < value < 1.0:
         raise argparse.ArgumentTypeError(f"{text!r} is not a precision; write 0.05 or 5%")
     return value
+
+
+def address(text: str) -> str:
+    """Return a host and port to listen on."""
+    from imumon.config import ADDRESS
+
+    if not re.fullmatch(ADDRESS, text) or not 0 < int(text.rpartition(":")[2]) < 65536:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not an address; write HOST:PORT, such as 127.0.0.1:8448"
+        )
+    return text
 
 
 def add_listen(parser: Parser) -> None:

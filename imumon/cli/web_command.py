@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 
 from imumon.cli import options
 from imumon.cli.exit_codes import INTERRUPTED, SUCCESS, USAGE, CommandError
@@ -19,15 +18,8 @@ PASSED_ON = ("config", "id")
 def add_web(parser: Parser) -> None:
     add = parser.add_argument
     text = f"address of the page; default {LISTEN}. Other machines can reach it only on another address than 127.0.0.1"
-    add("--listen", type=_address, default=LISTEN, metavar="HOST:PORT", help=text)
+    add("--listen", type=options.address, default=LISTEN, metavar="HOST:PORT", help=text)
     add("--id", metavar="NAME", help="device to show first")
-
-
-def _address(text: str) -> str:
-    match = re.fullmatch(r"(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})", text)
-    if match is None or not 0 < int(match[2]) < 65536:
-        raise argparse.ArgumentTypeError(f"{text!r} is not an address; write HOST:PORT, such as {LISTEN}")
-    return text
 
 
 def web(arguments: argparse.Namespace) -> int:
@@ -54,6 +46,6 @@ def web(arguments: argparse.Namespace) -> int:
 
     close_log = configure_logging(settings.log.level, settings.log.format)  # of aiohttp and asyncio, too
     try:
-        return INTERRUPTED if serve(words, host, int(port), ready, settings.limits) else SUCCESS
+        return INTERRUPTED if serve(words, host, int(port), ready) else SUCCESS
     finally:
         close_log()

@@ -7,6 +7,7 @@ toml_file  lines and places of a TOML file, faults
 
 from imumon.config.loading import load, origin_lines, search
 from imumon.config.settings import (
+    ADDRESS,
     NAMES,
     SECTIONS,
     DeviceSettings,
@@ -18,6 +19,7 @@ from imumon.config.settings import (
 from imumon.config.toml_file import ConfigError
 
 __all__ = [
+    "ADDRESS",
     "NAMES",
     "SECTIONS",
     "ConfigError",

@@ -20,7 +20,6 @@ from imumon.config.settings import (
     NAMES,
     SECTIONS,
     DeviceSettings,
-    MetricsSettings,
     Settings,
     Share,
     ZenohSettings,
@@ -225,6 +224,7 @@ def _within(value: Any, limits: Mapping[str, float]) -> bool:
     checks: dict[str, Callable[[Any, Any], bool]] = {
         "ge": operator.ge, "gt": operator.gt, "le": operator.le, "lt": operator.lt,
         "max_length": lambda text, most: len(text) <= most,
+        "pattern": lambda text, pattern: re.search(pattern, text) is not None,
     }  # fmt: skip
     return all(checks[name](value, limit) for name, limit in limits.items())
 
@@ -297,6 +297,8 @@ def _allowed(detail: Any, info: Any) -> str:
         return f"a number from {limits[Ge].ge:.9g} to {limits[Le].le:.9g}"
     if Gt in limits:
         return f'a number between {limits[Gt].gt:g} and {limits[Lt].lt:g}, or a text in percent, such as "5%"'
+    if detail["type"] == "string_pattern_mismatch":
+        return "HOST:PORT, such as 127.0.0.1:9847"
     if detail["type"] == "string_too_long":
         return f"at most {limits[MaxLen].max_length} characters"
     return _TYPES.get(detail["type"]) or str(detail["msg"]).lower()
@@ -336,10 +338,6 @@ def _contradictions(sections: Mapping[str, Any], places: Places) -> Iterator[Con
         if 0.0 < (rate := getattr(device, name)) < SLOWEST_HZ:
             cure = f"give 0, or a number from {SLOWEST_HZ:g} to {FASTEST_HZ:g}"
             yield fault(f"device.{name}", f"{rate:g} is not valid", cure, "invalid_value")
-    metrics = sections.get("metrics", MetricsSettings())
-    if metrics.listen and not re.fullmatch(r"(\[[0-9a-fA-F:]+\]|[^\s:/\[\]]+):\d{1,5}", metrics.listen):
-        message = f"{toml_text(metrics.listen)} is not valid"
-        yield fault("metrics.listen", message, "write HOST:PORT, such as 127.0.0.1:9847", "invalid_value")
     if device.id and not re.search(r"[a-z0-9_]", device.id.lower()):
         message = f"{toml_text(device.id)} is not valid"
         yield fault("device.id", message, "use letters and digits, such as imu-1", "invalid_value")

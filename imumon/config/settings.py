@@ -28,6 +28,10 @@ RATE_HZ = {"ge": 0.0, "le": FASTEST_HZ}
 """Limits of a rate; 0: not given."""
 
 
+ADDRESS = r"^(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):\d{1,5}$"
+"""Host and port to listen on."""
+
+
 class Section:
     """Section of the file: values have exactly the declared type."""
 
@@ -84,22 +88,10 @@ class HistorySettings(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class MetricsSettings(Section):
-    """Numbers for Prometheus, over HTTP"""
+    """Numbers for Prometheus, by imumon metrics"""
 
-    listen: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LimitSettings(Section):
-    """What other programs may take of a daemon and of imumon web"""
-
-    connections: int = field(default=16, metadata={"ge": 1, "le": 1000})
-    request_s: float = field(default=5.0, metadata={"ge": 0.1, "le": 600.0})
-    browsers: int = field(default=8, metadata={"ge": 1, "le": 100})
-    sessions: int = field(default=100, metadata={"ge": 1, "le": 1000})
-    queries: int = field(default=16, metadata={"ge": 1, "le": 1000})
-    line_bytes: int = field(default=4096, metadata={"ge": 80, "le": 1 << 20})
-    lines_hz: float = field(default=20_000.0, metadata={"ge": 1.0, "le": FASTEST_HZ})
+    listen: str = field(default="127.0.0.1:9847", metadata={"pattern": ADDRESS})
+    file: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +176,6 @@ class Settings:
     report: ReportSettings = field(default_factory=ReportSettings)
     guards: GuardSettings = field(default_factory=GuardSettings)
     metrics: MetricsSettings = field(default_factory=MetricsSettings)
-    limits: LimitSettings = field(default_factory=LimitSettings)
     ros2: Ros2Settings = field(default_factory=Ros2Settings)
     log: LogSettings = field(default_factory=LogSettings)
     alert: AlertSettings = field(default_factory=AlertSettings)

@@ -3,7 +3,7 @@
 daemon         the loop
 connection     what is known of the device: identity, state, silence
 kept_record    the record with everything that keeps it: state, history, recording
-outputs        where reports and events go: log, bus, ROS 2, metrics, alert command
+outputs        where reports and events go: log, bus, ROS 2, alert command
 run_limits     what to run, what ends it, how long a device may be silent, when a duty is due
 persistence    the record on disk: restored, saved, set aside
 recorder       the raw bytes on disk

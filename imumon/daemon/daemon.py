@@ -61,7 +61,6 @@ class Daemon:
             url=options.url,
             settings=settings.device,
             table=getattr(settings, driver.scheme, None),
-            limits=settings.limits,
             state_directory=options.state_directory,
             time_lapse=not options.clock.is_real_time,
         )

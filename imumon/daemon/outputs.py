@@ -1,7 +1,7 @@
 """Outputs: where the daemon sends its reports and events.
 
-Events go to the log, the bus, the history, the metrics and the alert command. Reports go to the bus, the metrics and
-ROS 2. The bus has no name before the device has one.
+Events go to the log, the bus, the history and the alert command. Reports go to the bus and ROS 2. The bus has no name
+before the device has one.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from imumon.daemon.alert_command import CLOSE_S, AlertCommand
 from imumon.daemon.kept_record import KeptRecord
 from imumon.daemon.log import LEVELS
 from imumon.daemon.run_limits import RunOptions
-from imumon.history.metrics import MetricsServer
 from imumon.messages import EVENT_LEVELS
 from imumon.pipeline.events import DetectedEvent
 from imumon.report import Event, Report, Signal, stamp
@@ -35,15 +34,10 @@ class Outputs:
     Raises
     ------
     RosError : what is to be published in ROS 2 is not possible.
-    MetricsError : metrics are configured and cannot be served.
     """
 
     def __init__(self, settings: Settings, options: RunOptions, record: KeptRecord) -> None:
         self._settings, self._record, self._clock = settings, record, options.clock
-        self._metrics: MetricsServer | None = None
-        if settings.metrics.listen:
-            self._metrics = MetricsServer(settings.metrics.listen, settings.limits)
-            log.info("%s", f"metrics on http://{self._metrics.address}/metrics")
         self._alert = AlertCommand(settings.alert.command if self._clock.is_real_time else "")
         self._ros = RosOutput(settings.ros2, options.url)
         self.bus: Publisher | None = None
@@ -56,8 +50,7 @@ class Outputs:
         BusError : an endpoint cannot be used, or another daemon has the name.
         """
         if self.bus is None:
-            zenoh, limits = self._settings.zenoh, self._settings.limits
-            self.bus = Publisher(self._settings.device.id or info.id, settings=zenoh, limits=limits)
+            self.bus = Publisher(self._settings.device.id or info.id, settings=self._settings.zenoh)
         return self.bus
 
     def release(self) -> None:
@@ -89,8 +82,6 @@ class Outputs:
         if self.bus is not None:
             self.bus.event(event)
             self._record.event(event)
-            if self._metrics is not None:
-                self._metrics.event(event)
 
     def report(self, report: Report, signals: Mapping[str, Callable[[], Signal]]) -> None:
         """Send a report."""
@@ -98,8 +89,6 @@ class Outputs:
             self._ros.update(report)
         if self.bus is not None:
             self.bus.publish(report, signals)
-        if self._metrics is not None:
-            self._metrics.update(report)
 
     def problems(self) -> Iterator[tuple[str, Level | None]]:
         """Yield what is new about the connections, with its level; None: that of the kind ``bus``."""
@@ -109,9 +98,7 @@ class Outputs:
             yield text, "notice" if over else None
 
     def leave(self) -> None:
-        """Serve no metrics any more; send the last report in ROS 2 and leave it."""
-        if self._metrics is not None:
-            self._metrics.close()
+        """Send the last report in ROS 2 and leave it."""
         self._ros.close()
 
     def end_alerts(self, within_s: float = CLOSE_S) -> None:

@@ -72,7 +72,6 @@ class DeviceOptions:
     settings : the table ``[device]``, with attributes of the names in `imumon.config.DeviceSettings`: options of
         the command line and the settings file. A driver lists those that it uses in `DeviceDriver.settings`.
     table : the table that has the name of the scheme, such as ``[ros2]``, in the same way; None: there is none.
-    limits : the table ``[limits]``, what a network may deliver; None: its defaults.
     state_directory : for what must survive a crash, such as settings to put back; None: keep nothing.
     time_lapse : the device is an emulator whose clock does not run as the host clock, and which waits for its reader.
     """
@@ -80,7 +79,6 @@ class DeviceOptions:
     url: str
     settings: Any = None
     table: Any = None
-    limits: Any = None
     state_directory: Path | None = None
     time_lapse: bool = False
 

@@ -17,7 +17,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar
 
-from imumon.config.settings import LimitSettings
 from imumon.devices.base import (
     ARRIVAL_SAMPLES,
     BATCH_S,
@@ -34,7 +33,6 @@ from imumon.devices.base import (
 from imumon.devices.linux_tty import pseudo_terminal
 from imumon.devices.ports import POLL_S, PortInfo, find_again, find_ports
 from imumon.devices.serial_port import QUEUE_BYTES, SerialPort
-from imumon.door_limits import LinePace
 from imumon.files import SMALL_BYTES, read_bounded, write_new
 from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Notice, RawBytes
 from imumon.timebase.interval import RATE_TOLERANCE
@@ -173,7 +171,6 @@ class PortDevice(Device):
         self._baud, self._decoder, self._lossless = baud, decoder, lossless
         self._state_directory = options.state_directory
         self._time_lapse = options.time_lapse
-        self._pace = LinePace((options.limits or LimitSettings()).lines_hz)
         self._port: SerialPort | None = None
         self._session: Session | None = None
         self._earlier = DeviceCounters()  # of earlier connections
@@ -252,7 +249,6 @@ class PortDevice(Device):
             queue_bytes=limit,
             lossless=self._time_lapse or self._lossless,
             mark=self.mark,
-            pace=self._pace,
             interrupted=self.interrupted,
         )
         try:

@@ -6,7 +6,6 @@ What cannot be opened is an error that names the cause. This is the only module 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import errno
 import fcntl
 import getpass
@@ -14,14 +13,12 @@ import os
 import re
 import socket
 import stat
-import struct
 import sys
 import termios
 import time
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from ipaddress import IPv4Address, IPv6Address, ip_address
+from ipaddress import ip_address
 from typing import Any
 
 import serial as _pyserial
@@ -38,26 +35,12 @@ READ_BYTES = 1 << 16
 """Bytes of one read: more than a tty holds, and the longest datagram; after a stall, megabytes may be queued."""
 DATAGRAM_BYTES = 1 << 22
 """Bytes of datagrams for which the kernel is asked, in case the reader is late; it may give less."""
-NETWORK = ("tcp://", "udp://", "socket://", "rfc2217://")
-"""Begins of paths whose bytes come over a network, as fast as another program sends them."""
 SENDER_S = 2.0
 """s of silence after which another sender of the same address takes the place of a sender of datagrams."""
 SENDER_DATAGRAMS = 100
 """Datagrams after which a sender is the sensor for good; before, any other takes its place when it is silent."""
-OTHERS, OTHERS_S = 1000, 1.0
-"""Datagrams of others, and s in which they arrive, from which the kernel discards them. To read one takes as long as
-one of the sensor."""
 RIVAL_S = 30.0
 """s after the last datagram of another sender for which there counts as one."""
-LOOK_S = 600.0
-"""s after which the kernel lets others through again, to see whether they still send. A flood may then cost a sample
-before the kernel discards it again, so that this is rare."""
-SO_ATTACH_FILTER, SO_DETACH_FILTER = 26, 27
-"""Options of a socket on Linux (asm-generic/socket.h)."""
-_LOAD_WORD, _LOAD_HALF, _JUMP_IF_EQUAL, _RETURN = 0x20, 0x28, 0x15, 0x06
-"""Instructions of the classic BPF: BPF_LD of a word or half a word at a place, BPF_JMP | BPF_JEQ, BPF_RET."""
-_NETWORK = 0xFFF00000
-"""SKF_NET_OFF: place of the IP header."""
 FROM = "?from="
 """In the path of a port for datagrams, before the address of their sender."""
 BAUD_RATES = (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600)
@@ -177,7 +160,7 @@ class Datagrams(ReadOnlyPort):
 
     Attributes
     ----------
-    other_lines : lines of other senders, which are ignored; not those that the kernel has discarded.
+    other_lines : lines of other senders, which are ignored.
     other_sender : the first of them, as text; None: there is none.
     """
 
@@ -187,12 +170,6 @@ class Datagrams(ReadOnlyPort):
         self._address = ip_address(address) if address else None
         self._sender: Any = None  # address and port of the sensor
         self._heard, self._count = 0.0, 0  # s monotonic of its last datagram; their number
-        self._others: deque[float] = deque(
-            maxlen=OTHERS
-        )  # s monotonic of datagrams of others, the oldest first
-        self._alone_since: float | None = (
-            None  # s monotonic, the kernel lets only the sensor through; None: everybody
-        )
         self._other_heard = float("-inf")  # s monotonic, of the last datagram of another sender
         self.other_lines = 0
         self.other_sender: str | None = None
@@ -210,37 +187,12 @@ class Datagrams(ReadOnlyPort):
                 else:
                     self.other_lines += data.count(b"\n")
                     self.other_sender = self.other_sender or f"{sender[0]} port {sender[1]}"
-                    self._others.append(now)
                     self._other_heard = now
-        if self._alone_since is None and len(self._others) == OTHERS and now - self._others[0] < OTHERS_S:
-            self._let_only_the_sensor_through(now)
         return b"".join(pieces)
 
     def has_rival(self, now: float) -> bool:
         """Return whether others send at present, s monotonic, and the sensor is the first of them, not a given one."""
-        others = self._alone_since is not None or now - self._other_heard < RIVAL_S
-        return others and self._address is None
-
-    def look_for_others(self, now: float) -> None:
-        """Let everybody through again, s monotonic: if the sensor is silent, for another to follow it, and rarely."""
-        if self._alone_since is None:
-            return
-        if now - self._heard > SENDER_S or now - self._alone_since > LOOK_S:
-            with contextlib.suppress(OSError):
-                self._datagrams.setsockopt(socket.SOL_SOCKET, SO_DETACH_FILTER, 0)
-            self._alone_since = None
-            self._others.clear()
-
-    def _let_only_the_sensor_through(self, now: float) -> None:
-        """Have the kernel discard what others send: their flood would take the buffer of the sensor."""
-        address = self._address or ip_address(self._sender[0])
-        port = None if self._address is not None else self._sender[1]
-        with contextlib.suppress(OSError):
-            filter_program = _only_from(address, port)
-            code = ctypes.create_string_buffer(filter_program, len(filter_program))
-            program = struct.pack("@HP", len(filter_program) // 8, ctypes.addressof(code))
-            self._datagrams.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, program)
-            self._alone_since = now
+        return now - self._other_heard < RIVAL_S and self._address is None
 
     def _is_sensor(self, sender: Any, now: float) -> bool:
         """Return whether a datagram is of the sensor."""
@@ -256,23 +208,6 @@ class Datagrams(ReadOnlyPort):
             self._sender, self._count = sender, 0
         self._heard, self._count = now, self._count + 1
         return True
-
-
-def _only_from(address: IPv4Address | IPv6Address, port: int | None) -> bytes:
-    """Return a program of the classic BPF that lets datagrams of one address, and port, through (linux/filter.h).
-
-    The data of a datagram begin with its UDP header; its IP header is at `_NETWORK`.
-    """
-    first = _NETWORK + (12 if address.version == 4 else 8)
-    tests = [(_LOAD_WORD, first + k, int.from_bytes(address.packed[k : k + 4], "big"))
-             for k in range(0, len(address.packed), 4)]  # fmt: skip
-    tests += [(_LOAD_HALF, 0, port)] if port is not None else []
-    lines = []
-    for number, (load, place, value) in enumerate(tests):
-        # to the end if it differs: over the other tests, of two lines each, and over the line that accepts
-        lines += [(load, 0, 0, place), (_JUMP_IF_EQUAL, 0, 2 * (len(tests) - number - 1) + 1, value)]
-    lines += [(_RETURN, 0, 0, READ_BYTES), (_RETURN, 0, 0, 0)]
-    return b"".join(struct.pack("=HBBI", *line) for line in lines)
 
 
 def _open_tcp(url: str) -> socket.socket:

@@ -21,7 +21,6 @@ from imumon.devices import linux_tty
 from imumon.devices.base import DeviceError, DeviceLost, Interrupted
 from imumon.devices.ports import (
     LOSS_ERRORS,
-    NETWORK,
     POLL_S,
     READ_BYTES,
     STANDARD_INPUT,
@@ -29,7 +28,6 @@ from imumon.devices.ports import (
     loss_of,
     open_port,
 )
-from imumon.door_limits import LinePace
 
 QUEUE_BYTES = 8 << 20
 """Bytes in the queue: 90 s at 921600 baud."""
@@ -40,8 +38,6 @@ COLLECT_S = 0.05
 FEW_BYTES = 512
 """Bytes of one read from which it collects for less time: at a steady rate, a read then has at most half of what a
 tty holds up to 1 Mbit/s. The baud rate does not show it: a board on USB ignores it."""
-DATAGRAMS_S = 1.0
-"""s of waiting for the pace of a network after which datagrams are lost: the kernel keeps a second of them at most."""
 COLLECT_BYTES = 2048
 """Bytes from which the reader does not wait: half of what a tty holds."""
 BAUD_TOLERANCE = 0.03
@@ -61,7 +57,6 @@ class SerialPort:
     lossless : stop draining while the queue is full, so that the other end waits: for an emulator in
         time-lapse or a pipe, never for a sensor.
     mark : bytes put where others were dropped.
-    pace : how fast bytes of a network are read; None: as fast as they come. A line of a tty limits itself.
     interrupted : makes `read` raise `Interrupted`, also while it waits.
 
     Attributes
@@ -83,15 +78,12 @@ class SerialPort:
         queue_bytes: int = QUEUE_BYTES,
         lossless: bool = False,
         mark: bytes = b"",
-        pace: LinePace | None = None,
         interrupted: threading.Event | None = None,
     ) -> None:
         self.name = path
         self.received_bytes = self.dropped_bytes = self.most_queued = 0
         self._baud, self._limit, self._lossless, self._mark = baud, queue_bytes, lossless, mark
         self._interrupted = interrupted or threading.Event()
-        self._pace = pace if path.startswith(NETWORK) else None
-        self._rested_s = 0.0  # waited for the pace, in all
         self._queue: deque[bytes] = deque()
         self._queued = self._episodes = 0
         self._changed = threading.Condition()
@@ -130,11 +122,6 @@ class SerialPort:
     def other_lines(self) -> int:
         """Lines of other senders so far, which are ignored."""
         return self._serial.other_lines if isinstance(self._serial, Datagrams) else 0
-
-    @property
-    def datagrams_wait(self) -> bool:
-        """Whether datagrams have waited for as long as makes the kernel drop some."""
-        return isinstance(self._serial, Datagrams) and self._rested_s > DATAGRAMS_S
 
     @property
     def overruns(self) -> int:
@@ -283,28 +270,15 @@ class SerialPort:
                 data = self._receive()
                 if data:
                     self._keep(data)
-                    self._rest(data)
                     if len(data) < COLLECT_BYTES and time.monotonic() > self._dialogue_until:
                         time.sleep(COLLECT_S * min(1.0, FEW_BYTES / len(data)))
         except Exception as error:  # whatever it is, `read` must raise it
             self._fail(error)
 
-    def _rest(self, data: bytes) -> None:
-        """Wait after bytes of a network for as long as their lines may take; the rest waits in the kernel."""
-        if self._pace is None:
-            return
-        wait_s = self._pace.wait_s(data, time.monotonic())
-        self._rested_s += wait_s
-        end = time.monotonic() + wait_s
-        while not self._closing and (left := end - time.monotonic()) > 0.0:
-            time.sleep(min(left, POLL_S))
-
     def _receive(self) -> bytes:
         """Return what the port holds, b"" if nothing arrived for a while."""
         if self._fd is None:
             return bytes(self._serial.read(max(1, self._serial.in_waiting)))
-        if isinstance(self._serial, Datagrams):
-            self._serial.look_for_others(time.monotonic())
         if not select.select([self._fd], [], [], POLL_S)[0]:  # with a limit: `close` only sets a flag
             self._empty = 0
             return b""

@@ -125,8 +125,7 @@ def _examine_device(
         # the check of the baud rate compares the configured one with that of the device: detect the latter
         settings = SimpleNamespace(**{**vars(case.settings.device), "baud": "auto"})
         table = getattr(case.settings, driver.scheme, None)
-        limits_of_doors = case.settings.limits
-        options = DeviceOptions(url=port.path, settings=settings, table=table, limits=limits_of_doors)
+        options = DeviceOptions(url=port.path, settings=settings, table=table)
         device = driver.create(options)
         device.progress = progress
         with closing(device):

@@ -1,13 +1,10 @@
 """Web server of the terminal UI, by textual-serve: each browser gets a process of its own that draws the screen.
 
-The page is for people who may read the bus anyway, and it has no password. Three things protect it: a page of another
-site cannot connect to it (the origin must be the page itself, and on a loopback address the host must be one), nothing
-is loaded from other hosts, and connections, their requests and browsers are bounded (`imumon.door_limits`). Nothing is
-written on the server: what a user saves goes to the browser.
+The page is for people who may read the bus anyway, and it has no password. A page of another site cannot connect to it:
+the origin must be the page itself, and on a loopback address the host must be one. Nothing is loaded from other hosts.
+Nothing is written on the server: what a user saves goes to the browser.
 
-A browser has a seat while it reads. One that is gone gives no sign of it on some connections: textual-serve asks each
-browser every 15 s for an answer, and closes the connection of one that gives none within 8 s; but it then waits until
-the bytes that the browser did not take are sent, without end. So a connection on which nothing moves is aborted here.
+textual-serve asks each browser every 15 s for an answer, and ends the screen of one that gives none.
 """
 
 from __future__ import annotations
@@ -17,7 +14,6 @@ import logging
 import os
 import shlex
 import signal
-import socket
 import sys
 from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
@@ -25,21 +21,13 @@ from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
-from imumon.config.settings import LimitSettings
-from imumon.door_limits import OpenConnections, within_files
 from imumon.errors import ImumonError
 from imumon.system_errors import cure_of_writing
 
 log = logging.getLogger(__name__)
 
-POLL_S = 0.5
-"""s between two looks at the connections."""
-BATCHES = 5
-"""Turns of the loop whose connections are open together."""
-QUEUED = 4096
-"""Connections that may wait in the kernel to be accepted; it allows as many (net.core.somaxconn)."""
-STALLED_S = 10.0
-"""s after which a browser has no seat any more that takes none of the bytes that wait for it."""
+MOST_BROWSERS = 8
+"""Screens at once; each is a process of about 60 MB."""
 END_S = 2.0
 """s that connections may take to end at the end of the server; with a busy machine, it is then gone in 5 s."""
 POLICY = (
@@ -67,22 +55,19 @@ class WebError(ImumonError):
     """The page cannot be served."""
 
 
-def serve(
-    arguments: Sequence[str], host: str, port: int, ready: Callable[[str], None], limits: LimitSettings
-) -> bool:
+def serve(arguments: Sequence[str], host: str, port: int, ready: Callable[[str], None]) -> bool:
     """Serve the terminal UI until SIGINT or SIGTERM; return whether it was SIGINT.
 
     Parameters
     ----------
     arguments : of `imumon tui`.
     ready : called with the address of the page before it is served.
-    limits : of connections, requests and browsers.
 
     Raises
     ------
     WebError : ``web_not_installed``, or ``web_not_served``: the address is in use or not of this machine.
     """
-    page = _Page(host, port, limits)
+    page = _Page(host, port)
     command = shlex.join([sys.executable, "-P", "-m", "imumon", "tui", *arguments])
     server = _server(f"exec {command}", host, port, page.answer)
     try:
@@ -120,14 +105,11 @@ def _server(command: str, host: str, port: int, answer: Answer) -> Any:
 
 
 class _Page:
-    """The page while it is served: its connections, and the browsers that have a seat."""
+    """The page while it is served, and how many browsers have a screen."""
 
-    def __init__(self, host: str, port: int, limits: LimitSettings) -> None:
+    def __init__(self, host: str, port: int) -> None:
         self._host, self._port = host, port
-        self._most_browsers = limits.browsers
-        self._most_connections = within_files(limits.connections)
-        self._connections = OpenConnections[Any](self._most_connections, limits.request_s, _disconnect)
-        self._seats: dict[asyncio.Transport, _Seat] = {}
+        self._browsers = 0
 
     @property
     def address(self) -> str:
@@ -141,27 +123,19 @@ class _Page:
         if not allowed(self._host, request.headers.get("Host", ""), request.headers.get("Origin")):
             raise web.HTTPForbidden(text="this page is for another address")
         if request.path == "/ws":
-            if len(self._seats) >= self._most_browsers:
+            if self._browsers >= MOST_BROWSERS:
                 raise web.HTTPServiceUnavailable(text="too many browsers")
-            return await self._seated(request, handler)
+            self._browsers += 1
+            try:
+                return await handler(request)
+            finally:
+                self._browsers -= 1
         response = await handler(request)
         if request.path == "/":
             response.text = response.text.replace("</body>", f"{FOCUS}</body>")
         response.headers["Content-Security-Policy"] = POLICY
         response.headers["Referrer-Policy"] = "no-referrer"
-        response.force_close()  # the deadline of a connection is that of its request
         return response
-
-    async def _seated(self, request: Any, handler: Handler) -> Any:
-        """Let a browser have its screen until it is gone."""
-        transport = request.transport
-        self._connections.discard(request.protocol)  # a screen may be shown for days
-        self._seats[transport] = _Seat(transport)
-        try:
-            return await handler(request)
-        finally:
-            del self._seats[transport]
-            transport.abort()  # a browser that does not take the end of the connection would keep it
 
     async def serve(self, server: Any, ready: Callable[[str], None]) -> bool:
         """Serve until a signal arrives; return whether it was SIGINT."""
@@ -175,68 +149,12 @@ class _Page:
             await server._make_app(), access_log=None, shutdown_timeout=END_S, handler_cancellation=True
         )
         await runner.setup()
-        listener = await self._listen(runner.server)
+        await web.TCPSite(runner, self._host, self._port).start()
         ready(f"http://{self.address}")
-        stopped_by = await self._watch_until(signals)
-        listener.close()
-        self._connections.close_all()
-        for transport in list(self._seats):
-            transport.abort()
+        stopped_by = await signals.get()
         with suppress(TimeoutError):
             await asyncio.wait_for(runner.cleanup(), END_S)
         return stopped_by == signal.SIGINT
-
-    async def _listen(self, protocols: Any) -> asyncio.Server:
-        """Listen at the address; each connection has a protocol and a deadline."""
-        loop = asyncio.get_running_loop()
-
-        def admit() -> asyncio.Protocol:
-            protocol: asyncio.Protocol = protocols()
-            self._connections.add(protocol, loop.time())
-            return protocol
-
-        # asyncio accepts as many connections at each turn as the backlog, and reads from one some turns later: the
-        # others of these turns must not make it the oldest before its request is seen
-        backlog = max(1, self._most_connections // BATCHES)
-        listener = await loop.create_server(admit, self._host, self._port, backlog=backlog)
-        for opened in listener.sockets:
-            with socket.fromfd(opened.fileno(), opened.family, opened.type) as same:
-                same.listen(QUEUED)  # in the kernel: a burst of others must not make a browser try again
-        return listener
-
-    async def _watch_until(self, signals: asyncio.Queue[int]) -> int:
-        """Abort connections that are late and browsers that read nothing, until a signal arrives; return it."""
-        loop = asyncio.get_running_loop()
-        while True:
-            self._connections.expire(loop.time())
-            for seat in self._seats.values():
-                seat.look(loop.time())
-            with suppress(TimeoutError):
-                return await asyncio.wait_for(signals.get(), POLL_S)
-
-
-def _disconnect(protocol: Any) -> None:
-    """Abort a connection that is open."""
-    if protocol.transport is not None:
-        protocol.transport.abort()
-
-
-class _Seat:
-    """The connection of a browser, which is aborted if it takes no bytes although some wait for it."""
-
-    def __init__(self, transport: asyncio.Transport) -> None:
-        self._transport = transport
-        self._waiting = 0  # bytes
-        self._moved: float | None = None  # when the browser has last taken some, s
-
-    def look(self, now: float) -> None:
-        """Compare what waits with what has waited at the last look."""
-        waiting, before = self._transport.get_write_buffer_size(), self._waiting
-        self._waiting = waiting
-        if self._moved is None or waiting == 0 or waiting < before:
-            self._moved = now
-        elif now - self._moved > STALLED_S:
-            self._transport.abort()
 
 
 def _run(serving: Coroutine[Any, Any, bool]) -> bool:

@@ -19,13 +19,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from waiting import until
 
-from imumon.bus import BusError, Publisher, SessionOptions, Subscriber, clean_id
+from imumon.bus import BusError, Publisher, SessionOptions, Subscriber, clean_id, zenoh_session
 from imumon.bus.bus_error import classify
 from imumon.bus.publisher import CURVES
 from imumon.bus.queryable import MAX_QUEUED
 from imumon.bus.zenoh_session import check_endpoint, is_local
 from imumon.config import ZenohSettings
-from imumon.config.settings import LimitSettings
 from imumon.report import Event, Report, from_json
 from imumon.report_json import to_json
 
@@ -360,15 +359,13 @@ def test_the_settings_of_the_file_are_the_session_options() -> None:
     assert SessionOptions.of(ZenohSettings(user="ann", raw={"a": 1})) == SessionOptions(
         user="ann", raw={"a": 1}
     )
-    limits = LimitSettings(sessions=3, queries=2)
-    assert SessionOptions.of(ZenohSettings(), limits) == SessionOptions(sessions=3, queries=2)
-    assert SessionOptions.of(ZenohSettings(), LimitSettings()) == SessionOptions()
 
 
-def test_a_daemon_has_no_more_sessions_than_its_limits() -> None:
+def test_a_daemon_has_no_more_sessions_than_its_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """One viewer too many is refused, and the first one is served on."""
     address = free_endpoint()
-    with Publisher("x", listen=[address], limits=LimitSettings(sessions=1)) as publisher:
+    monkeypatch.setattr(zenoh_session, "_MOST_SESSIONS", 1)
+    with Publisher("x", listen=[address]) as publisher:
         publisher.publish(report("x", 1))
         with Subscriber([address]) as first:
             assert first.wait_report("x", timeout=30.0)

@@ -13,8 +13,8 @@ import pytest
 from commands import run_inside
 from daemons import Daemon
 from faulty_sensor import spawn
-from free_ports import free_port
 from laws import WHITE
+from metrics_viewer import metrics_of
 from test_history_daemon import ask
 
 from imumon.devices.vn100.emulator import EmulatorSettings
@@ -41,14 +41,11 @@ def test_six_sensors_of_which_three_have_a_fault(tmp_path: Path) -> None:
             )
             sensors[name] = stack.enter_context(spawn(settings))
         daemons: dict[str, Daemon] = {}
-        metrics = (
-            f"[metrics]\nlisten = '127.0.0.1:{free_port()}'\n"  # the same for all: each takes the next one
-        )
         for name in NAMES:
             words = ["--id", name]
             config = tmp_path / f"{name}.toml"
             config.write_text(
-                f"[alert]\ncommand = 'cat >> {tmp_path}/{name}.alerts'\n{metrics}[log]\nformat = 'json'\n"
+                f"[alert]\ncommand = 'cat >> {tmp_path}/{name}.alerts'\n[log]\nformat = 'json'\n"
             )
             if name == DEGRADED:  # compared with what a good sensor has
                 good = daemons[NAMES[0]].samples(2000)
@@ -82,11 +79,11 @@ def test_six_sensors_of_which_three_have_a_fault(tmp_path: Path) -> None:
         assert {name for name, line in lines.items() if "  waiting  " in line} == {UNPLUGGED}
 
         kinds = set(KINDS.values())
-        found = {name: daemon.metrics for name, daemon in daemons.items()}
-        assert {name for name in NAMES if found[name]["imumon_up",] == 0.0} == {UNPLUGGED}
+        shown = {name: metrics_of(daemon.endpoint) for name, daemon in daemons.items()}
+        assert {name for name in NAMES if shown[name]["imumon_up",] == 0.0} == {UNPLUGGED}
         changed = ("imumon_caveat", "changed", "gyro/x")
-        assert {name for name in NAMES if changed in found[name]} == {DEGRADED}
-        counted = {name: {k for k in kinds if found[name]["imumon_events_total", k]} for name in NAMES}
+        assert {name for name in NAMES if changed in shown[name]} == {DEGRADED}
+        counted = {name: {k for k in kinds if shown[name]["imumon_events_total", k]} for name in NAMES}
         assert {name: there for name, there in counted.items() if there} == {n: {k} for n, k in KINDS.items()}
 
         rows = {}

@@ -23,9 +23,8 @@ from imumon.devices import linux_tty
 from imumon.devices import ports as port_module
 from imumon.devices.base import DeviceError, DeviceLost
 from imumon.devices.linux_tty import holders, pseudo_terminal
-from imumon.devices.ports import READ_BYTES, PortInfo, find_again
+from imumon.devices.ports import PortInfo, find_again
 from imumon.devices.serial_port import SerialPort
-from imumon.door_limits import LinePace
 
 
 def gather(port: SerialPort, size: int, seconds: float = 5.0) -> bytes:
@@ -228,23 +227,6 @@ def test_socket_is_a_port() -> None:
         far.close()
         with pytest.raises(DeviceLost):
             gather(port, 1)
-
-
-def test_a_server_that_sends_without_end_is_read_at_the_rate_of_the_limits() -> None:
-    """Each line arrives; the server waits for its reader."""
-    count, lines_hz = 3000, 1000.0
-    begin = time.monotonic()
-    server = socket.create_server(("127.0.0.1", 0))
-    path = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-    with server, SerialPort(path, lossless=True, pace=LinePace(lines_hz)) as port:
-        far, _ = server.accept()
-        sender = threading.Thread(target=far.sendall, args=((b"1" * 199 + b"\n") * count,))
-        sender.start()
-        assert len(gather(port, 200 * count)) == 200 * count
-        sender.join()
-        far.close()
-    # A second of lines may come at once. After a piece, only the time of those before it is waited for: two are left.
-    assert time.monotonic() - begin > (count - 2 * READ_BYTES / 200) / lines_hz - 1.0
 
 
 def test_invalid_port_is_one_line_with_a_code_and_a_cure(tmp_path: Path, line: Line) -> None:

@@ -20,6 +20,7 @@ import pytest
 from daemons import Daemon
 from faulty_sensor import spawn
 from free_ports import free_port
+from metrics_viewer import MetricsViewer
 from paths import ROOT
 from prometheus_client.parser import text_string_to_metric_families
 from scraping import scraped
@@ -153,11 +154,11 @@ class Prometheus:
 
 
 @contextmanager
-def prometheus(folder: Path, port: int) -> Iterator[Prometheus]:
+def prometheus(folder: Path, address: str) -> Iterator[Prometheus]:
     own = free_port()
     (folder / "prometheus.yml").write_text(
         f"global: {{scrape_interval: 1s, evaluation_interval: 1s}}\nrule_files: ['{DOCS}/alerts.yml']\n"
-        f'scrape_configs:\n  - job_name: imumon\n    static_configs: [{{targets: ["127.0.0.1:{port}"]}}]\n'
+        f'scrape_configs:\n  - job_name: imumon\n    static_configs: [{{targets: ["{address}"]}}]\n'
     )
     command = [
         "prometheus", f"--config.file={folder}/prometheus.yml", f"--storage.tsdb.path={folder}/data",
@@ -174,13 +175,14 @@ def prometheus(folder: Path, port: int) -> Iterator[Prometheus]:
 @installed
 def test_every_panel_and_every_rule_finds_its_series_in_prometheus(tmp_path: Path) -> None:
     """A sensor that loses messages, and whose B shows soon; what a panel names, its series have."""
-    port, link = free_port(), str(tmp_path / "port")
-    lapse = (*LAPSE, f'metrics.listen="127.0.0.1:{port}"', 'device.id="lab"')
+    link = str(tmp_path / "port")
+    lapse = (*LAPSE, 'device.id="lab"')
     settings = EmulatorSettings(seed=4, speed=SPEED, baud=57600, link=link, gyro=CLEAR_B)
     with (
         spawn(settings) as sensor,
         Daemon(link, tmp_path / "state", before=lapse) as daemon,
-        prometheus(tmp_path, port) as server,
+        MetricsViewer(daemon.endpoint) as viewer,
+        prometheus(tmp_path, viewer.address) as server,
     ):
         assert server.until('imumon_events_total{kind="loss"}')[0]["value"][1] == "0"
         sensor.ask("fault drop=0.2")
@@ -200,7 +202,7 @@ def test_every_panel_and_every_rule_finds_its_series_in_prometheus(tmp_path: Pat
         assert server.until(rules["ImumonAlarm"]["query"])[0]["metric"]["alarm"] == "loss"
         labels = {
             sample.name: set(sample.labels)
-            for family in text_string_to_metric_families(scraped(f"127.0.0.1:{port}"))
+            for family in text_string_to_metric_families(scraped(viewer.address))
             for sample in family.samples
         }
         daemon.stop()

@@ -10,10 +10,8 @@ import json
 import os
 import resource
 import signal
-import socket
 import subprocess
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -139,47 +137,6 @@ def sessions(endpoint: str, id: str, seconds: float) -> int:
     return count
 
 
-def half_open(endpoint: str, id: str, seconds: float, said: bytes = b"") -> int:
-    """1,500 connections that send nothing; they are closed and opened again each second."""
-    host, port = endpoint.removeprefix("tcp/").split(":")
-    end, count, opened = time.monotonic() + seconds, 0, []
-    while time.monotonic() < end:
-        for connection in opened:
-            connection.close()
-        opened = [socket.socket() for _ in range(1500)]
-        for connection in opened:
-            connection.setblocking(False)
-            connection.connect_ex((host, int(port)))
-        for connection in opened if said else ():
-            with suppress(OSError):
-                connection.send(said)
-        count += len(opened)
-        time.sleep(1.0)
-    return count
-
-
-def half_said(endpoint: str, id: str, seconds: float) -> int:
-    """1,500 connections that send the first byte of a message."""
-    return half_open(endpoint, id, seconds, b"\x22")
-
-
-def greeted(endpoint: str, id: str, seconds: float) -> int:
-    """1,500 connections that send a whole first message, and nothing after it."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        listening = f"tcp/127.0.0.1:{server.getsockname()[1]}"
-        asking = threading.Thread(target=refused, args=(listening,), daemon=True)
-        asking.start()
-        client, _ = server.accept()
-        with client:
-            first = client.recv(4096)
-    return half_open(endpoint, id, seconds, first)
-
-
-def refused(endpoint: str) -> None:
-    with suppress(zenoh.ZError):
-        session(endpoint, **{"connect/timeout_ms": 300})
-
-
 def stopped(endpoint: str, id: str, seconds: float) -> int:
     """A subscriber that queries signals, with replies that must not be dropped, and then stops."""
     patient = {"transport/link/tx/lease": 60_000, "connect/timeout_ms": 10_000}
@@ -212,9 +169,6 @@ WAYS = (
     storm,
     forge,
     sessions,
-    half_open,
-    half_said,
-    greeted,
     stopped,
 )
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -165,24 +164,6 @@ def test_a_stopped_querier_delays_no_other_subscriber() -> None:
             arrivals = [message["at"] for message in subscriber.messages[first:]]
     assert len(arrivals) > 20
     assert max(b - a for a, b in pairwise(arrivals)) < 1.0
-
-
-@contextmanager
-def _few(endpoint: str, count: int) -> Iterator[None]:
-    host, port = endpoint.removeprefix("tcp/").split(":")
-    connections = [socket.create_connection((host, int(port))) for _ in range(count)]
-    try:
-        yield
-    finally:
-        for connection in connections:
-            connection.close()
-
-
-def test_idle_connections_do_not_keep_a_subscriber_out() -> None:
-    with publisher() as (_, address, _), _few(address, 200):
-        time.sleep(0.2)
-        with Subscriber([address]) as subscriber:
-            assert subscriber.wait_report("a", timeout=30.0) is not None
 
 
 def _attack_together(tmp_path: Path, seconds: float) -> None:

@@ -336,7 +336,7 @@ class QuickSensor:
 def test_32_a_month(tmp_path: Path) -> None:
     """Killed after a third and stopped after two: samples, ledger and history add up at the end."""
     config, state, third = tmp_path / "config.toml", tmp_path / "state", SAMPLES // 3
-    config.write_text(CONFIG + "[limits]\nlines_hz = 100000\n")
+    config.write_text(CONFIG)
     words, known = ("--config", str(config), "--id", ID, "--json"), 0
     sensor = QuickSensor()
     for how in (signal.SIGKILL, signal.SIGTERM, signal.SIGTERM):

@@ -10,7 +10,7 @@ Rules, which do not depend on the chunks:
   time, or a value of gyroscope or accelerometer, is no finite number. Other values may be no number: they are unknown.
 - Blank lines, lines that begin with ``#``, and header lines are no samples and nothing is lost by them. A header sets
   the columns, unless they are given or samples came before it.
-- A line longer than ``line_bytes`` is discarded up to its end.
+- A line longer than `LONGEST_LINE` is discarded up to its end.
 - A header has at most `MOST_NAMES` names, and lines are tried as one `MOST_TRIALS` times: to read a name takes a
   hundred times as long as a number, so that a sender of invented names would hold the program.
 - A time without a unit has the one that the first `UNIT_ROWS` samples show (`unit_of_time`); they wait for it.
@@ -48,8 +48,6 @@ from imumon.timebase.counter_wraps import wrap_ns
 from imumon.timebase.live_stamps import LiveStamps
 from imumon.units import STANDARD_GRAVITY
 
-LINE_BYTES = "line_bytes"
-"""Setting of the decoder: bytes of a line at most, if they are not `LONGEST_LINE`."""
 LONGEST_LINE = 4096
 """Bytes of a line at most, where the settings say nothing."""
 MOST_NAMES = 128
@@ -113,7 +111,6 @@ class LineDecoder:
         self._ledger = Ledger()
         self.columns: LineColumns | None = None
         self._settings, self._given = settings, "columns" in settings
-        self._longest = longest_line(settings)
         self._headers: set[tuple[str, ...]] = set()  # that were recognised
         self._trials = 0
         if not needs_header:
@@ -172,7 +169,7 @@ class LineDecoder:
                     blocks += self._blocks(rows, final=True)
                     rows, self._stamps, self._offset = [], None, 0
                 rows.append(replace(row, time_ns=row.time_ns + self._offset) if self._offset else row)
-        if len(self._rest) > self._longest:
+        if len(self._rest) > LONGEST_LINE:
             self.discarded += len(self._rest)
             self._skipping, self._rest = True, b""
         return [*blocks, *self._blocks(rows, final=False)]
@@ -201,7 +198,7 @@ class LineDecoder:
         skipped, self._skipping = self._skipping, False
         self._ledger.receive()
         try:
-            if skipped or len(line) > self._longest:
+            if skipped or len(line) > LONGEST_LINE:
                 raise _NoSample("is too long", "damaged")
             row = None if not text or text.startswith(b"#") else self._parsed(text)
         except _NoSample as fault:
@@ -393,12 +390,6 @@ class LineDecoder:
             return None
         length = f"{ratio * STANDARD_GRAVITY:.3g} m/s^2"
         return f"the acceleration is {length}, and at rest it is 9.81: check its unit, accel="
-
-
-def longest_line(settings: Mapping[str, str]) -> int:
-    """Return the bytes that a line has at most; a recording, which has the settings, may be forged."""
-    text = settings.get(LINE_BYTES, "")
-    return int(text) if re.fullmatch(r"[1-9]\d{1,6}", text, re.ASCII) else LONGEST_LINE
 
 
 def _unit_of_rates(columns: LineColumns | None) -> str:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
-from imumon.config.settings import LimitSettings
 from imumon.devices.base import DeviceOptions
 from imumon.devices.lines.line_columns import SENSORS, LineColumns, LinesUrl
-from imumon.devices.lines.line_decoder import LINE_BYTES, LONGEST_LINE, LineDecoder, longest_line
+from imumon.devices.lines.line_decoder import LONGEST_LINE, LineDecoder
 from imumon.devices.port_device import PortDevice, RateCheck, Session
 from imumon.devices.ports import STANDARD_INPUT
 from imumon.devices.serial_port import SerialPort
@@ -48,7 +46,6 @@ class LinesSession(Session):
 
     def __init__(self, port: SerialPort, url: LinesUrl, name: str, decoder: LineDecoder) -> None:
         self._port, self._url, self._name, self._decoder = port, url, name, decoder
-        self._longest = longest_line(url.settings)
         self._paced = not url.path.startswith(STANDARD_INPUT)  # a file arrives faster than it was measured
         self._rate_check = RateCheck()
         self._clock_begin: tuple[float, int] | None = None  # s of the host clock and ns of the lines
@@ -60,7 +57,7 @@ class LinesSession(Session):
         decoder, columns = self._decoder, self._decoder.columns
         known: dict[str, Any] = {}
         if columns is not None:
-            known = {"settings": {**columns.settings, **self._limit}, **columns.stream.facts}
+            known = {"settings": columns.settings, **columns.stream.facts}
         if self._port.has_rival:
             known["caveats"] = (*known.get("caveats", ()), "other_sender")
         rate_doubts = tuple(self._rate_doubts())
@@ -78,17 +75,9 @@ class LinesSession(Session):
             **known,
         )
 
-    @property
-    def _limit(self) -> dict[str, str]:
-        """Setting of the longest line, if it is not the default: a recording is decoded with the same."""
-        return {LINE_BYTES: str(self._longest)} if self._longest != LONGEST_LINE else {}
-
     def _doubts(self) -> Iterator[str]:
-        """Yield who else sends, and whether lines are lost."""
+        """Yield who else sends."""
         # without a number of lines: a remark that changes would be an event each time
-        if self._port.datagrams_wait:
-            cure = "raise it, or let the sensor print less"
-            yield f"more lines arrive than limits.lines_hz allows, and some are lost: {cure}"
         if (sender := self._port.other_sender) is not None:
             cure = "name the sensor with from=ADDRESS if it is not the first one, or sends from several ports"
             yield f"lines of another sender, {sender}, are ignored: {cure}"
@@ -113,7 +102,7 @@ class LinesSession(Session):
             return data
         self._first += data
         first, end, rest = self._first.partition(b"\n")
-        if not end and len(first) < self._longest:
+        if not end and len(first) < LONGEST_LINE:
             return b""
         # half a line begins with a digit, sign, comma or blank; a server sends its header once, at the connection
         if end and first[:1].isalpha():
@@ -149,8 +138,6 @@ class LinesDevice(PortDevice):
     mark = DROPPED
 
     def __init__(self, options: DeviceOptions, url: LinesUrl) -> None:
-        longest = (options.limits or LimitSettings()).line_bytes
-        url = replace(url, settings={**url.settings, LINE_BYTES: str(longest)})
         self._url, self._name = url, options.url
         self._lines = LineDecoder(self._url.settings)
         # the other end of these stops when nothing is read; a serial board and a sender of datagrams do not notice

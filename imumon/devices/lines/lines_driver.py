@@ -23,9 +23,7 @@ from imumon.devices.ports import BAUD_RATES, FROM
 from imumon.samples import FASTEST_HZ, SLOWEST_HZ
 
 FILTER = "Lines do not say how the sensor filters: see the settings that its program writes."
-TEXTS = {"columns": "numbers of a line", "line_bytes": "bytes of a line at most"} | dict.fromkeys(
-    SENSORS, "unit"
-)
+TEXTS = {"columns": "numbers of a line"} | dict.fromkeys(SENSORS, "unit")
 PARAMETERS = ("columns", *SENSORS, "baud", "rate", "id", "from")
 URL_CURE = "write lines:/dev/ttyACM0, lines:tcp://HOST:PORT, lines:udp://:PORT or lines:-"
 

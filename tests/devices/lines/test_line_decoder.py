@@ -116,12 +116,9 @@ def test_invented_names_are_tried_as_a_header_so_many_times_only(monkeypatch: py
     assert max(trials) == 4
 
 
-@pytest.mark.parametrize(
-    ("bytes_", "longest"), [("100", 100), ("0", 4096), ("1e9", 4096), ("9" * 4400, 4096)]
-)
-def test_the_longest_line_is_a_setting_of_the_decoder(bytes_: str, longest: int) -> None:
-    line = b"1,2,3" + b" " * (longest - 5)
-    blocks, decoder = decoded(line + b"\n" + line + b" \n", {"columns": "gx,gy,gz", "line_bytes": bytes_})
+def test_a_line_that_is_too_long_is_no_sample() -> None:
+    line = b"1,2,3" + b" " * (LONGEST_LINE - 5)
+    blocks, decoder = decoded(line + b"\n" + line + b" \n", {"columns": "gx,gy,gz"})
     assert len(rows(blocks)) == decoder.bad_checksums == 1
 
 
