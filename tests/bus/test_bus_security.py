@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from bus_actors import stage
+import zenoh
+from bus_actors import free_endpoint, stage
 from free_ports import free_port
 from test_bus_docs import blocks
 from waiting import until
 
 from imumon.bus import BusError, Publisher, SessionOptions, Subscriber
+from imumon.bus.zenoh_session import open_session
 
 
 def receives(address: str, *, timeout: float, **settings: object) -> bool:
@@ -89,8 +93,8 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (recipe,) = blocks("sh")
     root = tmp_path_factory.mktemp("keys")
     (root / "other").mkdir()
-    for directory, names in ((root, "daemon viewer guest"), (root / "other", "viewer")):
-        commands = recipe.replace("daemon viewer", names)
+    for directory, names in ((root, "router daemon viewer guest"), (root / "other", "viewer")):
+        commands = recipe.replace("router daemon viewer", names)
         subprocess.run(["sh", "-euc", commands], cwd=directory, check=True, capture_output=True)
     return root
 
@@ -138,3 +142,32 @@ def test_invalid_key_and_certificate_files_have_their_codes(keys: Path) -> None:
     assert code(**{**right, "key": right["ca"]}) == "key_invalid"
     assert code(**{**right, "certificate": right["key"]}) == "certificate_invalid"
     assert code(**{**right, "key": str(keys / "viewer.key")}) == "key_invalid"
+
+
+def test_a_router_lets_daemons_publish_and_viewers_read(keys: Path) -> None:
+    """With the configuration of docs/ZENOH.md: what a viewer or an unknown certificate publishes reaches nobody."""
+    (text,) = blocks("json5")
+    address = f"tls/127.0.0.1:{free_port()}"
+    text = text.replace("/etc/zenoh", str(keys)).replace("tls/0.0.0.0:7449", address)
+    with stage() as start, zenoh.open(zenoh.Config.from_json5(text)):
+        start("daemon", listen=[free_endpoint()], connect=[address], **identity(keys, "daemon")).ready()
+        assert receives(address, timeout=30.0, **identity(keys, "viewer"))
+        assert not receives(address, timeout=0.5, **identity(keys, "other/viewer"))
+        with Subscriber([address], settings=SessionOptions(**identity(keys, "guest"))) as guest:
+            until(guest.connected)
+            assert guest.wait_report(timeout=0.4) is None
+        with Subscriber([address], settings=SessionOptions(**identity(keys, "viewer"))) as viewer:
+            assert viewer.wait_report("a", timeout=30.0) is not None
+            for name in ("viewer", "guest"):
+                with forger(address, **identity(keys, name)) as session:
+                    for _ in range(20):
+                        session.put("imumon/a/report", "forged")
+                        time.sleep(0.02)
+            assert not viewer.rivals()
+            with forger(address, **identity(keys, "daemon")) as session:
+                until(lambda: session.put("imumon/a/report", "forged") or viewer.rivals())
+
+
+def forger(address: str, **settings: str) -> zenoh.Session:
+    options = replace(SessionOptions(**settings), mode="client")
+    return open_session(options, (), [address], access_control=False)
