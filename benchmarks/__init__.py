@@ -41,7 +41,7 @@ constant of `imumon/noise` names the one that shows its effect; a table of a doc
 | `screen` | processor time and memory of the screen | docs/PERFORMANCE.md |
 | `stall` | an hour at 800 Hz with a slow disk (`slow_disk.c`) and a stopped viewer: samples lost | docs/SERVICE.md |
 | `doors` | connections that say nothing: samples lost, saves, answers, memory, end | SECURITY.md |
-| `mutations` | damaged files of each kind that is read: what becomes of them | SECURITY.md |
+| `mutations` | damaged files of each kind that is read: what becomes of them | |
 | `fleet` | 20 daemons with one router | docs/SERVICE.md |
 | `ros2_hour` | a ROS 2 topic at 1 kHz for an hour | docs/ROS2.md |
 | `example` | makes docs/example: the datasheet of a day | docs/example |
