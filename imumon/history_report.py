@@ -1,4 +1,4 @@
-"""Period of the history: what a record showed in 10 minutes, an hour or a day, as a message between packages.
+"""Period of the history: what a record showed in an hour or a day, as a message between packages.
 
 The pipeline makes it, the daemon gives it the time of the host clock, the history stores it. A row of the published
 history is one channel of one period (docs/HISTORY.md). Any program may publish rows, so what is no row is left out.
@@ -16,7 +16,7 @@ from typing import Any
 from imumon.coefficients import BIAS_TERMS, COEFFICIENTS, Estimate, GradeName
 from imumon.report_json import JsonReader, check, entries
 
-STEPS = {"10m": 600, "1h": 3600, "1d": 86400}
+STEPS = {"1h": 3600, "1d": 86400}
 """s, lengths of the periods by name."""
 LEAST_DAYS = 3
 """Days from which their scatter is given: two show a standard deviation only within a factor of 30."""

@@ -26,7 +26,7 @@ def coefficient(value: float) -> Estimate:
 def period(
     number: int,
     *,
-    step_s: int = 600,
+    step_s: int = 3600,
     begin: float | None = None,
     noise: float = 1.0,
     mean: float = 0.1,
@@ -87,7 +87,7 @@ def with_slopes(slopes: list[float], error: float, begin: float = BEGIN) -> list
 def year(days: int = 365, seed: int = 1) -> Iterator[TimedPeriod]:
     """All periods of a year, shorter ones first, with noise that differs in every row."""
     rng = np.random.default_rng(seed)
-    for step_s in (600, 3600, 86400):
+    for step_s in (3600, 86400):
         for number in range(days * 86400 // step_s):
             factor, mean, heat = 1.0 + 0.01 * rng.standard_normal(3)
             yield period(number, step_s=step_s, noise=factor, mean=0.1 * mean, temperature=30.0 * heat)

@@ -347,7 +347,7 @@ def events(id: str = ID) -> list[Event]:
 @cache
 def history_reply(channel: str, span: float, step: str) -> tuple[bytes, bytes]:
     """Return rows and events of a sensor whose N grew, as a daemon replies."""
-    length = {"10m": 600, "1h": 3600, "1d": 86400}[step]
+    length = {"1h": 3600, "1d": 86400}[step]
     count, rng = round(span / length), np.random.default_rng(5)
     rows = []
     for k in range(count):

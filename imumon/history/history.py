@@ -197,8 +197,8 @@ class History:
         self._thread.join(CLOSE_S)
 
     def _settle(self, timed: TimedPeriod, now: float) -> None:
-        """Take the settled bias of this power-up from a period of 10 minutes."""
-        if self._power_ups is None or self._sensor_clock is None or timed.period.step_s != 600:
+        """Take the settled bias of this power-up from an hour."""
+        if self._power_ups is None or self._sensor_clock is None or timed.period.step_s != STEPS["1h"]:
             return
         clock_s, seen = self._sensor_clock
         begin_s = clock_s - timed.period.begin_age_s - self._clock.to_sample_s(seen - now)

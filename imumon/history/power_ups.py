@@ -4,8 +4,8 @@ A gyroscope wakes up with another bias each time; data sheets call the standard 
 repeatability. A restart of the daemon is no power-up: the clock of the sensor shows which it was. The clock of the
 same power-up has advanced by as much as that of the host; one that restarted is behind.
 
-The settled bias is the mean of the first whole 10 minutes that begin half an hour after the power-up, of a sensor that
-is not warming up any more.
+The settled bias is the mean of the first whole hour that begins half an hour after the power-up, of a sensor that is
+not warming up any more.
 """
 
 from __future__ import annotations

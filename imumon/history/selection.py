@@ -15,8 +15,8 @@ from imumon.errors import ImumonError
 from imumon.history_report import STEPS
 from imumon.units import DAY, seconds
 
-FINE_S, MIDDLE_S = 2.0 * DAY, 62.0 * DAY
-"""s, longest spans that are answered in steps of 10 minutes and of an hour if no step is asked for."""
+HOURS_S = 62.0 * DAY
+"""s, longest span that is answered in steps of an hour if no step is asked for."""
 
 
 class SelectionError(ImumonError):
@@ -37,7 +37,7 @@ class Selection:
     since: float
     until: float
     channels: tuple[str, ...] = ()
-    step: str = "10m"
+    step: str = "1h"
 
     def wants(self, channel: str) -> bool:
         """Return whether a channel is asked for.
@@ -68,8 +68,7 @@ def selection(
     if since > until:
         raise SelectionError("time_invalid", "the end is before the beginning", "exchange the two times")
     if step is None:
-        span = until - since
-        step = "10m" if span <= FINE_S else "1h" if span <= MIDDLE_S else "1d"
+        step = "1h" if until - since <= HOURS_S else "1d"
     if step not in STEPS:
         raise SelectionError("step_invalid", f"{step[:20]!r} is not a step", f"give {', '.join(STEPS)}")
     return Selection(since=since, until=until, channels=channels, step=step)

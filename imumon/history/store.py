@@ -1,6 +1,6 @@
 """Store: the SQLite file of the history of one device.
 
-A period of 10 minutes, an hour or a day is one row of ``period``; each of its channels is one row of ``noise``. Nine
+A period of an hour or a day is one row of ``period``; each of its channels is one row of ``noise``. Nine
 channels take 80 MB in a year. The file is in WAL mode: readers never wait for the writer, and a killed writer leaves
 a whole file. A file that is damaged, foreign or of another version is renamed to a name with the reason, like a state
 (`imumon.checkpoint`), and a new one begins.
@@ -38,6 +38,10 @@ from imumon.report import Event
 SUFFIX = ".history.sqlite"
 _STATUSES: tuple[Status, ...] = ("measured", "upper_bound", "pending", "indistinct")
 """Numbers of the statuses in a file, which hold for every file: a further one goes to the end."""
+
+
+SAME_EVENT_S = 600.0
+"""s within which events of one kind and channel are one row: a cable that flaps would fill the file."""
 
 
 class HistoryError(ImumonError):
@@ -301,7 +305,7 @@ class HistoryStore:
                 known = cursor.execute(
                     "SELECT id, time, text, count FROM event WHERE kind = ? AND channel IS ? AND time > ? AND time <= ?"
                     " ORDER BY time DESC",
-                    (event.kind, event.channel, time - STEPS["10m"], time),
+                    (event.kind, event.channel, time - SAME_EVENT_S, time),
                 ).fetchone()
                 number, first, text, count = known or (None, time, event.text, 0)
                 row = first, event.kind, event.channel, text, count + 1

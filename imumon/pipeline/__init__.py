@@ -10,7 +10,7 @@ report_builder  results as parts of the report
 combined_limits  limits of its coefficients with all that is known of their uncertainty
 filter_report_builder  a report as parameters for filters
 events          what happened, each thing once
-periods         10 minutes, hours and days, for the history
+periods         hours and days, for the history
 loss            the share of samples that the link loses
 """
 

@@ -1,4 +1,4 @@
-"""Periods: what the record showed in each 10 minutes, hour and day, for the history.
+"""Periods: what the record showed in each hour and day, for the history.
 
 N, B and K belong to the period alone. Counters are read when a period ends, while the guard still holds some samples
 back; so they may belong to samples of some seconds later, but their sums are those of the record. What is in progress

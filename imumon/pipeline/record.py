@@ -52,7 +52,7 @@ class MonitorOptions:
     precision : target of the 95 % half-width by coefficient, as a share of the value.
     period_s : s, between two reports.
     baseline : an earlier report of this sensor to compare with; None: there is none.
-    periods : keep what happens in every 10 minutes, hour and day until `Monitor.periods` returns it.
+    periods : keep what happens in every hour and day until `Monitor.periods` returns it.
     convergence : fit the record at each doubling of its length, for `Channel.convergence`; fits that happen anyway are
         noted in any case.
     alarm_limits : by name of the alarm; see `imumon.alarms`.

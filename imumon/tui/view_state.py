@@ -20,7 +20,7 @@ READABLE = Notation()
 VIEWS = ("overview", "signal", "device", "events", "sensors", "over time")
 RECORD = "record"
 """Span of the view over time: the record itself. The others are of the history."""
-SPANS = {"day": (86400.0, "10m"), "month": (31 * 86400.0, "1h"), "year": (366 * 86400.0, "1d")}
+SPANS = {"day": (86400.0, "1h"), "month": (31 * 86400.0, "1h"), "year": (366 * 86400.0, "1d")}
 """Spans of the history: s, and step of its rows."""
 WINDOWS = ("minute", "hour", "everything")
 SHOWN_CAVEATS = {"moving": "not_at_rest", "warming_up": "warming_up"}

@@ -157,7 +157,7 @@ def test_a_change_is_reported_once_also_after_a_restart(tmp_path: Path) -> None:
 
 
 def settled(bias: float, now: float) -> TimedPeriod:
-    return period(0, begin=now - 600.0, mean=bias)
+    return period(0, begin=now - 3600.0, mean=bias)
 
 
 def test_a_restart_of_the_daemon_is_no_power_up_and_one_of_the_sensor_is() -> None:
@@ -220,7 +220,7 @@ def test_power_ups_are_in_the_file(tmp_path: Path) -> None:
         while history._power_ups is None:
             assert time.monotonic() < end
             time.sleep(0.01)
-        history.clock(3000.0 - number, now)
+        history.clock(9000.0 - number, now)
         history.add([period(number, mean=bias, complete=True).period], "r", now)
         history.close()
         assert history._power_ups.biases("gyro/x") == [0.1, 0.2][: number + 1]

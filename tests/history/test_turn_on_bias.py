@@ -55,7 +55,7 @@ def test_the_report_gives_the_repeatability_over_six_power_ups(tmp_path: Path) -
     low, std, high = (getattr(shape(report), f"turn_on_{name}") for name in ("low", "std", "high"))
     assert low < std < high
     _, text, _ = run_inside(
-        ["history", "--state", str(state), "--channel", "gyro/x", "--step", "10m", "--json"]
+        ["history", "--state", str(state), "--channel", "gyro/x", "--step", "1h", "--json"]
     )
     means = np.array([row["mean"] for row in json.loads(text) if row["complete"]])
     with HistoryStore(next(state.glob(f"*{SUFFIX}"))) as store:

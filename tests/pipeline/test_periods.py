@@ -12,7 +12,7 @@ from imumon.saved_state import pack, unpack
 
 RATE = 4.0
 STREAM = Stream(kind="deltas", source="made", clock="startup", channels=("gyro/x", "gyro/y", "temperature"))
-STEPS = (600, 3600, 86400)
+STEPS = (3600, 86400)
 
 
 def values(hours: float, noise: float = 1e-3, seed: int = 1) -> Floats:
@@ -87,7 +87,7 @@ def test_a_day_has_the_slope_against_its_temperature() -> None:
     assert "slope" not in day.channels["temperature"].coefficients
 
 
-@pytest.mark.parametrize(("rate", "hours"), [(4.0, 1.05), (100.0, 0.005)])
+@pytest.mark.parametrize(("rate", "hours"), [(4.0, 0.5), (100.0, 0.005)])
 def test_a_young_period_of_any_length_shows_what_it_has(
     rate: float, hours: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -99,17 +99,16 @@ def test_a_young_period_of_any_length_shows_what_it_has(
         if at < 400:
             made.periods_in_progress()  # a daemon asks from the first samples on, which the guard still holds
     young, *longer = made.periods_in_progress()
-    assert [each.step_s for each in longer] == [3600, 86400]
+    assert [each.step_s for each in longer] == [86400]
     assert longer[0].samples == young.samples > 0
     assert (longer[0].begin_age_s, longer[0].channels) == (young.begin_age_s, young.channels)
-    assert [each.number for each in longer] == [round(hours), 0]
 
 
 @pytest.mark.parametrize("chunk", [64, 5000])
 def test_any_chunking_gives_the_same_periods(chunk: int) -> None:
-    samples = values(1.1)
+    samples = values(2.1)
     one, other = (feed(monitor(), samples, chunk=n) for n in (777, chunk))
-    assert len(one) == 7
+    assert len(one) == 2
     for a, b in zip(one, other, strict=True):
         for name, channel in a.channels.items():
             again = b.channels[name]
@@ -120,7 +119,7 @@ def test_any_chunking_gives_the_same_periods(chunk: int) -> None:
 
 
 def test_a_restart_in_the_middle_of_a_period_does_not_show() -> None:
-    samples = values(1.2)
+    samples = values(2.2)
     whole = feed(monitor(), samples)
     first = monitor()
     half = round(len(samples) * 0.7)
@@ -141,7 +140,7 @@ def test_a_gap_of_days_has_no_periods_and_is_counted_as_missing() -> None:
     periods = feed(made, values(0.5))
     days = round(3 * 86400 * RATE)
     periods += feed(made, values(0.5, seed=3), first=days)
-    assert len(of(periods, 600)) < 10
+    assert len(of(periods, 3600)) < 2
     made.flush()
     periods += made.periods() + made.periods_in_progress(force=True)
     for step in STEPS:
@@ -154,5 +153,5 @@ def test_a_new_record_ends_the_periods_of_the_old_one() -> None:
     feed(made, values(0.2))
     made.end_record()
     ended = made.periods()
-    assert [p.complete for p in ended] == [True] * 3
+    assert [p.complete for p in ended] == [True] * 2
     assert of(ended, 86400)[0].samples == made.samples

@@ -43,11 +43,11 @@ def test_it_draws_every_quantity_that_fits_with_its_events(span: str, size: tupl
 
 @pytest.mark.parametrize("span", SPANS)
 def test_a_young_record_fills_the_chart(span: str) -> None:
-    rows, _ = reports.history_reply("gyro/x", 1800.0, "10m")
+    rows, _ = reports.history_reply("gyro/x", 10_800.0, "1h")
     lines = text(
         over_time_chart(replace(state(span), history=parse("gyro/x", rows, b"[]")), 80, 24)
     ).splitlines()
-    assert lines[-1].split()[:3] == ["01", "Mar", "07:30"]
+    assert lines[-1].split()[:3] == ["01", "Mar", "05:00"]
     assert lines[-1].split()[-1] == "08:00"
     points = [k for line in lines[2:-1] for k in range(12, 80) if "\u2801" <= line[k] <= "\u28ff"]
     assert min(points) < 30
@@ -55,7 +55,7 @@ def test_a_young_record_fills_the_chart(span: str) -> None:
 
 
 def test_the_minutes_of_a_very_young_record_have_seconds() -> None:
-    rows, _ = reports.history_reply("gyro/x", 600.0, "10m")
+    rows, _ = reports.history_reply("gyro/x", 3600.0, "1h")
     begin = json.loads(rows)[0] | {"time": "2026-03-01T07:58:10Z", "end": "2026-03-01T07:58:40Z"}
     series = parse("gyro/x", json.dumps([begin]).encode(), b"[]")
     assert "07:58:10" in text(over_time_chart(replace(state(), history=series), 80, 24))

@@ -2,14 +2,14 @@
 
 `parts` returns the sums between two places of a record. `record_statistics` decides where the places are, and holds all
 statistics of one record. `warmup`, `quarters`, `stretches` and `change` are what it asks: has the sensor settled, how
-much does a coefficient move, what did each 10 minutes show, did an hour differ from those before. `day_change` asks the
+much does a coefficient move, what did each hour show, did an hour differ from those before. `day_change` asks the
 last of whole days of the history.
 
 | word | here |
 |---|---|
 | place | samples of the grid before it |
 | part | from one marked place to another, or to now |
-| stretch | a part of 10 minutes, an hour or a day, at a multiple of its length |
+| stretch | an hour or a day of the record, at a multiple of its length |
 | quarter | a fourth of the record, from the end of its warm-up on |
 """
 

@@ -3,7 +3,7 @@
 The problem
 -----------
 A warm-up is recognised long after it has ended, an hour is compared with all hours before it, the scatter of N needs
-the quarters of the record, and the history needs every ten minutes alone. Each of these is a part of the record, from
+the quarters of the record, and the history needs every hour alone. Each of these is a part of the record, from
 one place to another or to now. The plain solution is a copy of all sums that is fed from the place on. With ten
 channels, a copy costs 80 % of the time per sample that the record itself does, and up to nine would run at once.
 
@@ -17,13 +17,13 @@ begin, each taken at the moment when the last term that begins before the place 
     level s                a segment reaches over 256 * 2^s samples     complete as many samples after it
 
 A `Mark` is a place with these snapshots. Marks are few (candidates for the end of a warm-up, ends of quarters, begins
-of ten minutes, hour and day), and the state of one is bounded: about 4 kB in a file for ten channels.
+of hour and day), and the state of one is bounded: about 4 kB in a file for ten channels.
 
 Two statistics are not differences:
 
 * Moments have extremes, which cannot be subtracted. They are kept from each mark to the next, and joined.
 * Block means are rows, of which a part has those that lie within it. The blocks of a record of months are longer than
-  ten minutes; a part that must resolve more has finer blocks of its own, fed from its begin on.
+  an hour; a part that must resolve more has finer blocks of its own, fed from its begin on.
 
 Moments begin exactly at a place, the other sums at the last end of a block of 256 samples before it, where the cascade
 has processed all samples. So any chunking gives the same sums.

@@ -7,7 +7,7 @@ and what happens there:
 |---|---|
 | candidate end of a warm-up, c (`warmup.CANDIDATES_S`) | mark, until c is decided |
 | 2.5 c | the fit of the record shows whether a warm-up ended at c; then the samples before c are excluded |
-| end of 10 minutes, hour, day | a stretch ends and the next one begins (`stretches`) |
+| end of hour, day | a stretch ends and the next one begins (`stretches`) |
 | end of an hour | its noise is compared with that of all hours before it (`change`) |
 | end of a length of the quarters | mark (`quarters`) |
 
@@ -34,7 +34,7 @@ from imumon.noise.stretches.warmup import CANDIDATES_S, DECISION_LENGTH, is_over
 from imumon.samples import Bools, Floats
 from imumon.saved_state import restorable
 
-_, HOUR_S, _ = LENGTHS_S
+HOUR_S, _ = LENGTHS_S
 """s, length of the parts that are compared with those before: long enough for B."""
 
 

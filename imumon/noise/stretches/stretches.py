@@ -1,8 +1,8 @@
-"""Stretches of a record: every 10 minutes, hour and day alone, for the history.
+"""Stretches of a record: every hour and day alone, for the history.
 
 A record of months hides what happens in it: its N is the mean over all of its time. The history therefore keeps the
-noise of each stretch alone. N shows in 10 minutes, B needs an hour, K a day; so there are stretches of three lengths,
-and none is computed from another one. They begin at multiples of their length on the grid of the record. A stretch
+noise of each stretch alone. N and B show in an hour, K in a day; so there are stretches of two lengths, and none is
+computed from the other one. They begin at multiples of their length on the grid of the record. A stretch
 without samples, as in a long gap, is left out.
 """
 
@@ -15,8 +15,8 @@ from imumon.noise.statistics.moments import Moments
 from imumon.noise.stretches.parts import RecordParts
 from imumon.saved_state import restorable
 
-LENGTHS_S = (600, 3600, 86400)
-"""s, lengths of the stretches; each is a multiple of the one before."""
+LENGTHS_S = (3600, 86400)
+"""s, lengths of the stretches; the longer one is a multiple of the shorter one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +55,7 @@ class Stretches:
     def __init__(self, parts: RecordParts, rate_hz: float) -> None:
         self._parts = parts
         shortest = max(1, round(LENGTHS_S[0] * rate_hz))
-        # multiples of the shortest one, so that an hour ends where its last ten minutes do, whatever the rate
+        # multiples of the shorter one, so that a day ends where its last hour does, whatever the rate
         self._samples = [shortest * (length // LENGTHS_S[0]) for length in LENGTHS_S]
         self.starts = [parts.mark(finer=True)] * len(LENGTHS_S)
 
