@@ -15,8 +15,10 @@ thread compresses and writes, so a slow disk does not delay the samples.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import hashlib
+import math
 import os
 import stat
 import threading
@@ -46,6 +48,9 @@ PLAIN_BYTES = 1 << 28
 
 _MAGIC = b"imumon-state "
 """First bytes of a state of any format."""
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
+"""Errors of a full disk. A small one may have room for two states, but not for three."""
 _OUT_OF_MEMORY = "out of memory: grant more"
 
 
@@ -169,6 +174,7 @@ class Checkpoint:
     Attributes
     ----------
     failed : why the last save did not reach the disk; None if it did.
+    made_again : how often the state was written again after its lock, or its directory, was removed.
 
     Raises
     ------
@@ -179,6 +185,7 @@ class Checkpoint:
         self.path = directory / f"{device}.state"
         self.previous = directory / f"{device}.state.1"
         self.failed: str | None = None
+        self.made_again = 0
         self._device, self._lock = device, -1
         self._deferred: list[tuple[str, Path | None]] = []  # arguments of `_move` that failed, to try again
         try:
@@ -326,9 +333,11 @@ class Checkpoint:
 
     def _write_state(self, state: bytes) -> None:
         try:
-            if not self._has_lock():
+            removed = self._lock >= 0 and not self._has_lock()
+            if self._lock < 0 or removed:
                 self._release_lock()
                 self._acquire_lock()
+                self.made_again += removed
             while self._deferred:  # before the files are overwritten
                 self._move(*self._deferred[0])
                 self._deferred.pop(0)
@@ -366,7 +375,19 @@ class Checkpoint:
 
     def _write(self, data: bytes) -> None:
         new = self.path.with_suffix(".state.new")
-        write_new(new, data)
+        try:
+            try:
+                write_new(new, data)
+            except OSError as error:
+                if error.errno not in NO_ROOM or not (os.path.lexists(self.path) and self.previous.exists()):
+                    raise
+                self.previous.unlink()  # the newest state stays until the new one is whole
+                write_new(new, data)
+        except OSError as error:
+            if error.errno not in NO_ROOM:
+                raise
+            text = f"{os.strerror(error.errno)}, {math.ceil(len(data) / 1000)} kB are needed"
+            raise OSError(error.errno, text) from None
         if os.path.lexists(self.path):
             self._keep_previous()
         os.replace(new, self.path)

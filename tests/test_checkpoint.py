@@ -17,6 +17,7 @@ import pytest
 
 from imumon import checkpoint as format_of
 from imumon.checkpoint import Checkpoint, StateError, decode, encode, is_state
+from imumon.files import write_new
 from imumon.saved_state import pack, unpack
 
 STATE = pack({"serial": "0100000001", "samples": 7, "sum": [1.5, 2.5]})
@@ -286,3 +287,35 @@ def test_a_state_that_is_set_aside_can_still_be_read(tmp_path: Path) -> None:
     aside = checkpoint.set_aside("before-fresh")
     assert checkpoint.load() == (None, [])
     assert same(decode(aside.read_bytes()), STATE)
+
+
+def test_a_disk_with_room_for_two_states_keeps_the_newest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The older generation makes room: the newest state stays until the next one is whole."""
+    room = int(2.5 * len(encode(pack({"samples": 9, "sum": [1.5] * 40}))))
+
+    def small(path: Path, data: bytes) -> None:
+        used = {file.stat().st_ino: file.stat().st_size for file in tmp_path.iterdir() if file != path}
+        if sum(used.values()) + len(data) > room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write_new(path, data)
+        assert path.name == "d.state.new"
+
+    monkeypatch.setattr(format_of, "write_new", small)
+    checkpoint = Checkpoint(tmp_path, "d")
+    for samples in range(5):
+        checkpoint.save(pack({"samples": samples, "sum": [1.5] * 40}))
+        assert checkpoint.flush()
+        assert checkpoint.failed is None
+    other = tmp_path / "other"
+    other.write_bytes(bytes(room))
+    newest = checkpoint.path.read_bytes()
+    checkpoint.save(STATE)
+    assert checkpoint.flush()
+    assert checkpoint.failed is not None
+    assert checkpoint.path.read_bytes() == newest
+    other.unlink()
+    checkpoint.close(STATE)
+    assert checkpoint.failed is None
+    assert same(Checkpoint(tmp_path, "d").load()[0], STATE)

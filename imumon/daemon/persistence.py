@@ -6,7 +6,7 @@ state of another one is never mixed in and never overwritten: it is renamed, and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, fields, replace
 from datetime import datetime
 from functools import cache
@@ -66,6 +66,7 @@ class Persistence:
         self._device: SavedDevice | None = None
         self._before = SessionCounters()
         self._reported_problem: str | None = None
+        self._reported_again = 0
         self.started: str | None = None
         self.fed_s: float | None = None
 
@@ -158,14 +159,21 @@ class Persistence:
         state = self._state(session) if self._monitor.samples else None
         self._checkpoint.close(state, before)
 
-    def problem(self) -> tuple[str, Level] | None:
-        """Return why the last save failed, or that saving works again: once, though the reason may change meanwhile."""
-        if (self._checkpoint.failed is None) == (self._reported_problem is None):
-            return None
-        self._reported_problem = self._checkpoint.failed
-        if self._reported_problem is None:
-            return "the state is saved again", "notice"
-        return f"the state cannot be saved: {self._reported_problem}", "error"
+    def problems(self) -> Iterator[tuple[str, Level]]:
+        """Yield what is new: that a removed state was made again, why the last save failed, that saving works again.
+
+        Each is said once, though the reason of a failure may change meanwhile.
+        """
+        made_again, failed = self._checkpoint.made_again, self._checkpoint.failed
+        if made_again != self._reported_again:
+            self._reported_again = made_again
+            yield f"the state in {self._checkpoint.path.parent} was removed: it is written again", "warning"
+        if (failed is None) != (self._reported_problem is None):
+            self._reported_problem = failed
+            if failed is None:
+                yield "the state is saved again", "notice"
+            else:
+                yield f"the state cannot be saved: {failed}", "error"
 
     def _state(self, session: SessionCounters) -> bytes:
         assert self._device is not None

@@ -9,6 +9,9 @@ SQLite notices damage to its own structure only: a changed digit would be anothe
 checksum of what it holds (`checksum`). A row with a wrong one is left out and counted, and the others are read: one bad
 sector must not take a year. Rows of a file that is older than the checksums have none.
 
+What is written to a file that was removed, or renamed, is lost when the writer ends: `HistoryStore.place` says whether
+the open file still has its name, and `HistoryStore.copy_back` gives the name a file with all rows of the open one.
+
 One process writes: the daemon that holds the lock of the state. A period is identified by its record and its number
 in it, so one that is written again, as after a crash, replaces itself.
 """
@@ -25,7 +28,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 from imumon.coefficients import GRADES, Estimate, GradeName, Status
 from imumon.errors import ImumonError, why
@@ -36,6 +39,10 @@ from imumon.history_report import STEPS, HistoryPeriod, PeriodChannel
 from imumon.report import Event
 
 SUFFIX = ".history.sqlite"
+EXTRAS = ("-wal", "-shm")
+"""Endings of the files that SQLite keeps beside an open one."""
+Place: TypeAlias = Literal["own", "removed", "taken"]
+"""What has the name of an open file: the file itself, nothing (or one of its files is gone), or another file."""
 _STATUSES: tuple[Status, ...] = ("measured", "upper_bound", "pending", "indistinct")
 """Numbers of the statuses in a file, which hold for every file: a further one goes to the end."""
 
@@ -57,10 +64,18 @@ def damaged(path: Path) -> HistoryError:
 def set_aside(path: Path, reason: str) -> Path:
     """Rename a file and what belongs to it; return its new path, ``DEVICE.REASON-N.history.sqlite``."""
     aside = rename_aside(path, path.name.removesuffix(SUFFIX), reason, SUFFIX)
-    for extra in ("-wal", "-shm"):
+    for extra in EXTRAS:
         with suppress(OSError):
             os.rename(f"{path}{extra}", f"{aside}{extra}")
     return aside
+
+
+def is_empty(path: Path) -> bool:
+    """Return whether there is a file of 0 bytes, which no history has: somebody, or a full disk, has emptied it."""
+    try:
+        return os.lstat(path).st_size == 0
+    except OSError:
+        return False
 
 
 def check_file(path: Path, write: bool) -> None:
@@ -179,6 +194,9 @@ class HistoryStore:
     def _open(self, write: bool) -> None:
         connection = self._connection
         version = connection.execute("PRAGMA user_version").fetchone()[0]
+        if version == 0 and not write and is_empty(self.path):
+            message = f"history {self.path} is empty (0 bytes)"
+            raise HistoryError("history_damaged", message, "the daemon writes a new one in its place")
         if version != VERSION and (version or not write):
             message = f"history {self.path} is of another version of imumon (schema {version})"
             raise HistoryError(
@@ -200,6 +218,49 @@ class HistoryStore:
                 connection.execute(f"ALTER TABLE {table} ADD COLUMN checksum INTEGER")
         if connection.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok":
             raise damaged(self.path)
+        self._files = self._identities()
+
+    def _identities(self) -> dict[str, tuple[int, int]]:
+        """Return device and inode of the files that have the names of the open ones, by ending."""
+        found = {}
+        for extra in ("", *EXTRAS):
+            with suppress(OSError):
+                status = os.lstat(f"{self.path}{extra}")
+                found[extra] = status.st_dev, status.st_ino
+        return found
+
+    @property
+    def place(self) -> Place:
+        """Whether the open files still have their names."""
+        now = self._identities()
+        if any(now.get(extra) != known for extra, known in self._files.items()):
+            return "taken" if now.get("", self._files[""]) != self._files[""] else "removed"
+        return "own"
+
+    def forsake(self) -> None:
+        """Remove the log of the open file, whose name another file has taken: it would be read as a log of that one."""
+        for extra, known in self._identities().items():
+            if extra and known == self._files.get(extra):
+                Path(f"{self.path}{extra}").unlink(missing_ok=True)
+
+    def copy_back(self) -> None:
+        """Give the name of the history to a copy of the open file, which has lost it.
+
+        Raises
+        ------
+        OSError, sqlite3.Error : the copy cannot be written; the open file is as before, and so is what has its name.
+        """
+        new = self.path.with_name(f"{self.path.name}.new")
+        new.unlink(missing_ok=True)
+        try:
+            with closing(sqlite3.connect(new)) as copy:
+                self._connection.backup(copy)
+        except BaseException:
+            new.unlink(missing_ok=True)
+            raise
+        for extra in EXTRAS:  # a log of the open file would be read as one of the copy
+            Path(f"{self.path}{extra}").unlink(missing_ok=True)
+        os.replace(new, self.path)
 
     @property
     def damage(self) -> str | None:

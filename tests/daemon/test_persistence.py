@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -173,8 +174,25 @@ def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Pa
     place.mkdir()  # nothing can be written under this name
     kept.save(SessionCounters())
     kept._checkpoint.flush()
-    assert (kept.problem() or ("", ""))[1] == "error"
-    assert kept.problem() is None  # once per change
+    assert [level for _, level in kept.problems()] == ["error"]
+    assert not list(kept.problems())  # once per change
     place.rmdir()
     kept.close(SessionCounters())
     assert Checkpoint(tmp_path, "lab").load()[0] is not None
+
+
+def test_a_state_that_is_removed_is_made_again_and_said_once(tmp_path: Path) -> None:
+    directory = tmp_path / "state"
+    kept, monitor, _ = begun(directory, facts())
+    monitor.feed(block(0))
+    kept.save(SessionCounters())
+    assert kept._checkpoint.flush()
+    assert not list(kept.problems())
+    shutil.rmtree(directory)
+    kept.save(SessionCounters())
+    assert kept._checkpoint.flush()
+    ((text, level),) = kept.problems()
+    assert ("removed" in text, level) == (True, "warning")
+    kept.close(SessionCounters())
+    assert not list(kept.problems())
+    assert Checkpoint(directory, "lab").load()[0] is not None

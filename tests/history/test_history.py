@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -24,7 +25,7 @@ from imumon.cli.history_command import _readable
 from imumon.cli.main import main
 from imumon.coefficients import Estimate
 from imumon.history import HistoryStore
-from imumon.history.history import MOST_PENDING, History
+from imumon.history.history import MOST_PENDING, TIGHT_BYTES, History
 from imumon.history.rows import csv_pieces, json_pieces, rows
 from imumon.history.schema import CHECKED, ESTIMATE_COLUMNS, VERSION
 from imumon.history.selection import Selection, SelectionError, moment, of_parameters, selection
@@ -137,6 +138,91 @@ def test_a_file_that_cannot_be_used_is_set_aside(tmp_path: Path, damage: str) ->
     assert (tmp_path / f"imu.{reason}-1.history.sqlite").read_bytes() == before
     assert "a new history begins" in notes[0]
     assert len(read(path)) == len(NAMES) + 1
+
+
+def noted(history: History) -> list[str]:
+    """What a history says of its file, once it does."""
+    notes: list[str] = []
+    until(lambda: notes.extend(text for text, _ in history.problems()) or notes)
+    return notes
+
+
+@pytest.mark.parametrize("lost", ["file", "log", "directory", "renamed"])
+def test_a_history_that_is_removed_is_made_again_with_all_its_rows(tmp_path: Path, lost: str) -> None:
+    """Without this, what follows goes to a file without a name, and is lost with the daemon."""
+    history = History(tmp_path / "state", "imu", keep_days=400)
+    history.add([period(0).period], RECORD, BEGIN)
+    until(lambda: not history._pending and history.path.exists())
+    assert history.problems() == []
+    if lost == "directory":
+        shutil.rmtree(history.path.parent)
+    elif lost == "renamed":
+        history.path.rename(tmp_path / "elsewhere")
+    else:
+        Path(f"{history.path}{'-wal' if lost == 'log' else ''}").unlink()
+    for number in (1, 2):
+        history.add([period(number).period], RECORD, BEGIN + 600.0 * number)
+        until(lambda: not history._pending)
+    (note,) = noted(history)
+    assert "removed or renamed" in note
+    history.close()
+    assert len(read(history.path)) == 3 * (len(NAMES) + 1)
+
+
+def test_rows_of_a_removed_history_wait_until_it_can_be_made_again(tmp_path: Path) -> None:
+    directory = tmp_path / "state"
+    history = History(directory, "imu", keep_days=400)
+    history.add([period(0).period], RECORD, BEGIN)
+    until(lambda: not history._pending and history.path.exists())
+    shutil.rmtree(directory)
+    directory.write_text("")  # in place of the directory
+    history.add([period(1).period], RECORD, BEGIN + 600.0)
+    assert "cannot be written" in noted(history)[0]
+    directory.unlink()
+    history.add([period(2).period], RECORD, BEGIN + 1200.0)
+    history.close()
+    assert len(read(history.path)) == 3 * (len(NAMES) + 1)
+
+
+def test_a_history_that_takes_the_place_of_another_continues(tmp_path: Path) -> None:
+    history = History(tmp_path, "imu", keep_days=400)
+    history.add([period(0).period], RECORD, BEGIN)
+    until(lambda: not history._pending and history.path.exists())
+    (tmp_path / "kept").mkdir()
+    os.replace(write(tmp_path / "kept", "imu", [period(number) for number in range(5, 9)]), history.path)
+    history.add([period(1).period], RECORD, BEGIN + 600.0)
+    until(lambda: not history._pending)
+    assert "another file" in noted(history)[0]
+    history.close()
+    assert len(read(history.path)) == 5 * (len(NAMES) + 1)
+
+
+def test_a_history_of_0_bytes_is_said_to_be_empty_and_begins_again(tmp_path: Path) -> None:
+    (tmp_path / "imu.history.sqlite").touch()
+    said = imumon("history", "--state", str(tmp_path), code=1)
+    assert "empty (0 bytes): the daemon writes a new one" in said
+    history = History(tmp_path, "imu", keep_days=400)
+    history.add([period(0).period], RECORD, BEGIN)
+    assert "was empty (0 bytes): a new history begins" in noted(history)[0]
+    history.close()
+    assert len(read(history.path)) == len(NAMES) + 1
+
+
+@pytest.mark.parametrize("tight", [True, False])
+def test_a_history_leaves_the_room_of_a_small_disk_to_the_state(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tight: bool
+) -> None:
+    """The log beside an open history takes what a small disk has, and cannot be copied once the disk is full."""
+    sizes = list(os.statvfs(tmp_path))
+    sizes[4] = (TIGHT_BYTES + (-1 if tight else 1 << 20)) // sizes[1]  # blocks that are free
+    monkeypatch.setattr(os, "statvfs", lambda _: os.statvfs_result(sizes))
+    history = History(tmp_path, "imu", keep_days=400)
+    for number in range(3):
+        history.add([period(number).period], RECORD, BEGIN + 600.0 * number)
+        history.barrier()()
+        assert os.path.exists(f"{history.path}-wal") is not tight
+    history.close()
+    assert len(read(history.path)) == 3 * (len(NAMES) + 1)
 
 
 @pytest.mark.parametrize(

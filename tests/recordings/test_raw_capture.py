@@ -6,6 +6,7 @@ import contextlib
 import gzip
 import os
 import random
+import shutil
 import subprocess
 import sys
 import time
@@ -80,13 +81,22 @@ def test_an_old_recording_is_never_overwritten_nor_mixed(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", ["run.bin", "run.bin.gz"])
-def test_a_removed_recording_continues_in_its_next_part(tmp_path: Path, name: str) -> None:
-    recorder = CaptureWriter(str(tmp_path / name), {})
-    (tmp_path / name).unlink()
+@pytest.mark.parametrize("lost", ["file", "directory", "renamed"])
+def test_a_removed_recording_continues_in_its_next_part(tmp_path: Path, name: str, lost: str) -> None:
+    path = tmp_path / "runs" / name
+    path.parent.mkdir()
+    recorder = CaptureWriter(str(path), {})
+    if lost == "directory":
+        shutil.rmtree(path.parent)
+    else:
+        path.rename(tmp_path / "elsewhere") if lost == "renamed" else path.unlink()
     recorder.write(b"what comes next")
     recorder.close()
     assert recorder.stopped is None
-    assert contents(part_path(str(tmp_path / name), 1)) == b"what comes next"
+    assert contents(part_path(str(path), 1)) == b"what comes next"
+    (note,) = recorder.notes()
+    assert str(path) in note
+    assert part_path(str(path), 1) in note
 
 
 def test_a_pipe_without_a_reader_is_an_error(tmp_path: Path) -> None:
