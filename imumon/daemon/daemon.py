@@ -42,10 +42,11 @@ HANG_S = 60.0
 """s without activity of the device's thread after which the watchdog is not answered any more: a device must not wait
 so long in one call. The service manager then restarts the daemon."""
 END_S = 3.0
-"""s that the device may take at the end to deliver what has arrived."""
-RESTORE_S = 6.0
-"""s that the device may take at the end to get its settings back: a sensor on a bad line takes some tries. With
-`END_S` it is below the 10 s after which the service manager kills the daemon."""
+"""s from a stop to the end of what the daemon waits for, on a machine that has time for it."""
+DRAIN_S = 1.0
+"""s of them that the device may take to deliver what has arrived."""
+LEAST_S = 1.0
+"""s that the settings of the device, and then the alert command, get at least, however long the last report takes."""
 
 
 class Daemon:
@@ -294,17 +295,25 @@ class Daemon:
     # ------------------------------------------------------------------ end
 
     def _finish(self) -> report.Report | None:
-        """Take what has arrived, publish and save the last report; meanwhile the device gets its settings back."""
+        """Save, take what has arrived, save it too, and publish the last report.
+
+        What was measured is on its way to the disk before anything is waited for. Meanwhile the device gets its
+        settings back.
+        """
         self._notifier.stopping()
         self._reader.stop()
-        end = self._clock.monotonic_s() + END_S
-        while not self._reader.ended and self._clock.monotonic_s() < end:
+        begin = self._clock.monotonic_s()
+        self._record.save_now(self._connection.counters)
+        while not self._reader.ended and self._clock.monotonic_s() < begin + DRAIN_S:
             self._handle(self._reader.get(WAIT_S))
-        # on a busy machine, the last counts may come when the time is over: what is there already costs no time
-        while not self._reader.ended and (event := self._reader.get(0.0)) is not None:
+        # On a busy machine, the last counts may come when the time is over: what is there already costs little time. An
+        # emulator in time-lapse has filled the queue with hours, which nobody has measured.
+        real = self._clock.is_real_time
+        while real and not self._reader.ended and (event := self._reader.get(0.0)) is not None:
             self._handle(event)
         self._reader.stop(discard=True)
         self._set_aside(self._record.flush())
+        self._record.save_now(self._connection.counters)  # the last report may take seconds
         final = None
         self._connection.state = "stopped"
         if self._outputs.bus is not None:
@@ -315,14 +324,14 @@ class Daemon:
         for kind, text, level in self._record.problems():
             self._outputs.log(text, level or EVENT_LEVELS[kind])
         self._outputs.leave()
-        self._wait_for_restore()
-        self._outputs.end_alerts(end + RESTORE_S - self._clock.monotonic_s())
+        self._wait_for_restore(max(begin + END_S - self._clock.monotonic_s(), LEAST_S))
+        self._outputs.end_alerts(max(begin + END_S - self._clock.monotonic_s(), LEAST_S))
         self._outputs.release()
         self._outputs.log(self._record.end_text())
         return final if identified else None  # None: no device was ever there
 
-    def _wait_for_restore(self) -> None:
-        self._reader.join(RESTORE_S)
+    def _wait_for_restore(self, within_s: float = END_S) -> None:
+        self._reader.join(within_s)
         if self._reader.restored is False:
             text = "the sensor does not have its own settings back; the next run restores them at its end"
             self._outputs.log(text, "warning")

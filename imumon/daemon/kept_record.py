@@ -205,6 +205,11 @@ class KeptRecord:
     def save(self, now: float, counters: DeviceCounters) -> None:
         """Let the state and the history be written, if that is due at `now`, s, monotonic."""
         if self.persistence is not None and self.monitor.samples and self._save_timer.is_due(now):
+            self.save_now(counters)
+
+    def save_now(self, counters: DeviceCounters) -> None:
+        """Let the state and the history be written; return at once."""
+        if self.persistence is not None and self.monitor.samples:
             self.keep()
             self.persistence.save(self.session(counters), self._history_barrier())
 

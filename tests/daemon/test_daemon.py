@@ -23,6 +23,7 @@ from free_ports import free_port
 from paths import ROOT
 from waiting import until
 
+from imumon.checkpoint import decode
 from imumon.config import load
 from imumon.daemon import Daemon as Reader
 from imumon.daemon import RunOptions
@@ -222,6 +223,25 @@ def test_what_has_come_by_the_stop_counts(tmp_path: Path) -> None:
         assert after["replies"] == 0
         assert last.session.samples - first.session.samples == after["sent"] - before["sent"]
         adds_up(last)
+
+
+def test_a_stop_saves_before_its_last_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A last report may take seconds, and a service manager kills what takes too long."""
+    publish, saved = Reader._publish, []
+
+    def late(reader: Reader) -> Report:
+        if reader._connection.state == "stopped":
+            (path,) = until(lambda: list(tmp_path.glob("*.state")))
+            samples = reader._record.monitor.samples
+            until(lambda: decode(path.read_bytes()).monitor.record.accumulators.samples == samples)
+            saved.append(samples)
+        return publish(reader)
+
+    monkeypatch.setattr(Reader, "_publish", late)
+    with spawn(EmulatorSettings(seed=2)) as sensor:
+        outcome = here(sensor.path, tmp_path, duration_s=4.0).run()
+    assert outcome.report is not None
+    assert saved == [outcome.report.session.samples]
 
 
 @pytest.mark.slow
