@@ -1,12 +1,10 @@
-"""States and decisions of the guard: each transition happens, and each decision excludes what it is for."""
+"""Decisions of the guard: each excludes what it is for."""
 
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from imumon.noise.detection import Guard, disturbance, guard
-from imumon.noise.detection.disturbance import DisturbanceDetector
+from imumon.noise.detection import Guard
 from imumon.noise.detection.stuck import StuckWatch
 from imumon.samples import Floats
 
@@ -27,78 +25,18 @@ def guarded(values: Floats, rate: float) -> tuple[Guard, np.ndarray]:
     return watched, np.concatenate([item.valid[:, 0] for item in items + watched.flush()])
 
 
-# ---------------------------------------------------------------------- the tables of states
-
-
-def seen_transitions(values: Floats, monkeypatch: pytest.MonkeyPatch) -> set[tuple[object, object]]:
-    """Return the states and events of a detector that assesses (frames, 3) noise of a gyroscope, rad/s."""
-    seen: set[tuple[object, object]] = set()
-    go = DisturbanceDetector._go
-
-    def note(detector: DisturbanceDetector, event: disturbance.DetectorEvent) -> None:
-        seen.add((detector.state, event))
-        go(detector, event)
-
-    monkeypatch.setattr(DisturbanceDetector, "_go", note)
-    guarded(values, 100.0)
-    return seen
-
-
-def record_of(name: str) -> Floats:
-    """Return ten minutes of a gyroscope, and what happens from the third minute on."""
-    values, rng = quiet(60_000)[:, :3], np.random.default_rng(2)
-    later, time_s = values[18_000:], np.arange(42_000) / 100.0
-    if name == "noisier axis":  # for good, or for 12 s
-        later[:, 0] *= 3.0
-    elif name == "noisier for a while":
-        later[:1200, 0] *= 3.0
-    elif name == "tilt":
-        later[:, 1] += 1e-2
-    elif name == "motion":
-        later[:1500] += 0.05 * np.sin(time_s[:1500, None])
-    elif name == "one axis, then all":
-        later[:3000, 0] += 3e-3 * rng.standard_normal(3000)
-        later[1000:3000] += 0.05 * np.sin(time_s[:2000, None])
-    elif name == "slow":
-        values += 4e-4 * np.cumsum(0.02 * rng.standard_normal(values.shape), axis=0)
-        values += 2e-3 * np.cumsum(rng.standard_normal((600, 3)), axis=0).repeat(100, axis=0)
-    return values
-
-
-RECORDS = ("noisier axis", "noisier for a while", "tilt", "motion", "one axis, then all", "slow")
-
-
-def test_the_table_of_the_detector_has_the_transitions_that_happen(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = set().union(*(seen_transitions(record_of(name), monkeypatch) for name in RECORDS))
-    assert seen == set(disturbance.TRANSITIONS)
-
-
-@pytest.mark.parametrize("module", [disturbance, guard], ids=["disturbance", "guard"])
-def test_the_theory_shows_the_table_of_transitions(module: object) -> None:
-    """Each row of the docstring is a row of the table that the code uses, with a method of this name."""
-    transitions = module.TRANSITIONS  # type: ignore[attr-defined]
-    words = [line.split() for line in (module.__doc__ or "").splitlines()]  # type: ignore[attr-defined]
-    names = {state.name for state, _ in transitions}
-    rows = [row for row in words if len(row) > 4 and row[0] in names and row[1].isupper()]
-    shown = {(row[0], row[1]): row[2] for row in rows}
-    assert shown == {(s.name, e.name): target.name for (s, e), target in transitions.items()}
-    owner = Guard if module is guard else DisturbanceDetector
-    assert all(callable(getattr(owner, row[3])) for row in rows)
-
-
 def test_the_guard_begins_once() -> None:
-    watched = Guard(BOTH, 100.0)
-    states = []
+    watched, short = Guard(BOTH, 100.0), Guard(BOTH, 100.0)
+    waits = []
     for values in np.split(quiet(800), 8):
         watched.update(values)
-        states.append(watched.state)
-    assert states == [guard.GuardState.BEGINNING] * 3 + [guard.GuardState.RUNNING] * 5
-    short = Guard(BOTH, 100.0)
+        waits.append(watched.pending is not None)
+    assert waits == [True] * 3 + [False] * 5
     short.flush()
-    assert short.state is guard.GuardState.BEGINNING  # nothing came
+    assert short.pending is not None  # nothing came
     short.update(quiet(150))
     short.flush()
-    assert short.state is guard.GuardState.RUNNING
+    assert short.pending is None
 
 
 def test_a_gap_does_not_change_whether_a_sensor_is_stuck() -> None:
@@ -110,9 +48,6 @@ def test_a_gap_does_not_change_whether_a_sensor_is_stuck() -> None:
     assert watch.stuck
     watch.update(~stuck, stuck, 30)
     assert watch.changes == [(20, True), (40, False)]
-
-
-# ---------------------------------------------------------------------- what no other test of the guard decides
 
 
 def test_an_outlier_of_both_sensors_at_once_is_a_knock() -> None:

@@ -14,17 +14,15 @@ One frame
 Many frames
 -----------
 A knock takes a second or two. What lasts needs a decision: does the sensor move, or has its usual noise changed? The
-detector is a state machine. `TRANSITIONS` has its states and events, and one function belongs to each event:
+detector has three states (`DetectorState`):
 
-    state      event            next       by                  what happens
-    QUIET      MOSTLY_UNUSUAL   DISTURBED  _begin              8 of the last 10 frames are unusual
-    QUIET      MOSTLY_SEVERAL   MOVING     _begin              8 of 10 in several axes, or by a new mean
-    QUIET      NOT_REST         MOVING     _discard_baseline   the usual noise turns out to be motion
-    DISTURBED  MOSTLY_SEVERAL   MOVING     _recognise_motion   8 of 10 in several axes, or by a new mean
-    DISTURBED  USUAL_AGAIN      QUIET      _return             5 frames without anything unusual, or a gap
-    DISTURBED  NEW_REST         QUIET      _adopt              16 frames can be rest by themselves
-    MOVING     USUAL_AGAIN      QUIET      _return             5 frames without anything unusual, or a gap
-    MOVING     NEW_REST         QUIET      _adopt              16 frames can be rest by themselves
+    state      next       by                 what happens
+    QUIET      DISTURBED  _begin             8 of the last 10 frames are unusual
+    QUIET      MOVING     _begin             8 of 10 in several axes, or by a new mean
+    QUIET      MOVING     _discard_baseline  the usual noise turns out to be motion
+    DISTURBED  MOVING     _begin             8 of 10 in several axes, or by a new mean
+    both       QUIET      _return            usual again: 5 frames without anything unusual, or a gap
+    both       QUIET      _adopt             new rest: 16 frames can be rest by themselves
 
 In QUIET, single frames are excluded and the others are learned from. In DISTURBED and MOVING everything is excluded, as
 knock or as motion, usual and unknown frames included, and nothing is learned; a moving sensor is also reported as not
@@ -33,9 +31,9 @@ at rest. Only several axes, or a mean that has changed, are motion: an axis whos
 Five frames without anything unusual may be unknown ones, and a gap of four whole frames or more, or of unknown length,
 does as much at once: what was seen to move is not seen any more. Motion that continues behind it is excluded frame
 by frame until it is recognised again. A gap also ends both windows, of ten frames and of sixteen, because they are of
-neighbours. Before there is a baseline, only NEW_REST ends motion.
+neighbours. Before there is a baseline, only a new rest ends motion.
 
-NEW_REST is a started engine or a tilted table: the last 16 frames become the baseline, and the record breaks behind
+A new rest is a started engine or a tilted table: the last 16 frames become the baseline, and the record breaks behind
 them, because a difference across the change is not noise.
 
 Example: 20 s of noise, then the level of one axis jumps by 10 sigma and stays there, as on a tilted table. The eighth
@@ -60,9 +58,9 @@ True
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import IntEnum
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -192,35 +190,6 @@ class DetectorState(IntEnum):
     """Excludes it as a knock: most frames are unusual, but not by what moves."""
     MOVING = 2
     """Excludes it as motion."""
-
-
-class DetectorEvent(Enum):
-    """What changes the state; see the table at the top of the file."""
-
-    MOSTLY_UNUSUAL = "MOTION_FRAMES of the last WINDOW_FRAMES are unusual"
-    MOSTLY_SEVERAL = "MOTION_FRAMES of them show several axes, or another mean"
-    NOT_REST = "the baseline cannot be that of a sensor at rest"
-    USUAL_AGAIN = "RETURN_FRAMES in a row have nothing unusual"
-    NEW_REST = "REST_FRAMES in a row can be rest by themselves"
-
-
-TRANSITIONS: Mapping[tuple[DetectorState, DetectorEvent], DetectorState] = {
-    (DetectorState.QUIET, DetectorEvent.MOSTLY_UNUSUAL): DetectorState.DISTURBED,
-    (DetectorState.QUIET, DetectorEvent.MOSTLY_SEVERAL): DetectorState.MOVING,
-    (DetectorState.QUIET, DetectorEvent.NOT_REST): DetectorState.MOVING,
-    (DetectorState.DISTURBED, DetectorEvent.MOSTLY_SEVERAL): DetectorState.MOVING,
-    (DetectorState.DISTURBED, DetectorEvent.USUAL_AGAIN): DetectorState.QUIET,
-    (DetectorState.DISTURBED, DetectorEvent.NEW_REST): DetectorState.QUIET,
-    (DetectorState.MOVING, DetectorEvent.USUAL_AGAIN): DetectorState.QUIET,
-    (DetectorState.MOVING, DetectorEvent.NEW_REST): DetectorState.QUIET,
-}
-"""Next state by state and event. Other pairs cannot happen."""
-
-EXCLUDED_AS: Mapping[DetectorState, ReasonCode] = {
-    DetectorState.DISTURBED: ReasonCode.KNOCK,
-    DetectorState.MOVING: ReasonCode.MOTION,
-}
-"""Code of every frame in a state that excludes everything."""
 
 
 @restorable
@@ -561,10 +530,6 @@ class DisturbanceDetector:
 
     # ------------------------------------------------------------------ transitions
 
-    def _go(self, event: DetectorEvent) -> None:
-        """Change the state; a KeyError says that the event cannot happen in it."""
-        self.state = TRANSITIONS[self.state, event]
-
     def _unusual_frames(self, least: Verdict = Verdict.ONE_AXIS) -> int:
         """Return how many of the last frames show at least this."""
         return sum(verdict >= least for verdict in self._window)
@@ -573,16 +538,21 @@ class DisturbanceDetector:
         return self._unusual_frames(Verdict.SEVERAL) >= MOTION_FRAMES
 
     def _begin(self, codes: Codes) -> None:
-        """Begin to exclude everything: MOSTLY_UNUSUAL, or MOSTLY_SEVERAL."""
-        self._go(DetectorEvent.MOSTLY_SEVERAL if self._mostly_several() else DetectorEvent.MOSTLY_UNUSUAL)
+        """Begin to exclude everything: most frames are unusual."""
+        self.state = DetectorState.MOVING if self._mostly_several() else DetectorState.DISTURBED
         self._candidates = []
-        codes[:] = EXCLUDED_AS[self.state]
+        codes[:] = self._code
+
+    @property
+    def _code(self) -> ReasonCode:
+        """Code of every frame in a state that excludes everything."""
+        return ReasonCode.KNOCK if self.at_rest else ReasonCode.MOTION
 
     def _exclude_frame(self, frames: FrameStatistics, codes: Codes) -> bool:
         """Exclude a frame as the state says; return whether a new baseline begins behind it, and the record breaks."""
         if self.state is DetectorState.DISTURBED and self._mostly_several():
-            self._recognise_motion()
-        codes[:] = EXCLUDED_AS[self.state]
+            self.state = DetectorState.MOVING  # what began in one axis is motion
+        codes[:] = self._code
         if frames.known[0]:
             self._candidates.append(frames)
         elif self._unknown_frames >= FIRST_FRAMES:  # as long as the gaps for which the guard calls `end`
@@ -608,19 +578,13 @@ class DisturbanceDetector:
         # a break is one of all sensors: a magnet nearby must not break the gyroscope's record
         return self.inertial
 
-    def _recognise_motion(self) -> None:
-        """MOSTLY_SEVERAL: what began in one axis is motion."""
-        self._go(DetectorEvent.MOSTLY_SEVERAL)
-
     def _return(self) -> None:
-        """USUAL_AGAIN: the baseline still holds."""
-        self._go(DetectorEvent.USUAL_AGAIN)
-        self._candidates = []
+        """Return to learning: the baseline still holds."""
+        self.state, self._candidates = DetectorState.QUIET, []
 
     def _adopt(self, baseline: NoiseBaseline) -> None:
-        """NEW_REST: the noise of the last frames is the usual one from now on."""
-        self._go(DetectorEvent.NEW_REST)
-        self.baseline = baseline
+        """Take the noise of the last frames as the usual one from now on."""
+        self.state, self.baseline = DetectorState.QUIET, baseline
         self._window = [Verdict.USUAL] * WINDOW_FRAMES  # the old verdicts compare with the old baseline
 
     def _still_rests(self) -> bool:
@@ -631,9 +595,7 @@ class DisturbanceDetector:
         return False
 
     def _discard_baseline(self) -> None:
-        """NOT_REST: what was learned is motion."""
-        self._go(DetectorEvent.NOT_REST)
+        """Begin again: what was learned is motion."""
+        self.state = DetectorState.MOVING
         self.baseline = self._new_baseline()
         self._candidates = []
-
-    # ------------------------------------------------------------------ state

@@ -22,12 +22,8 @@ Life of a frame
               before a disturbance reaches half a frame back
     passed    margins are applied, the samples leave, and `exclusions` counts and reports
 
-The guard itself is a state machine (`TRANSITIONS`, one function for each row):
-
-    state      event            next       by                what happens
-    BEGINNING  FIRST_FRAMES     RUNNING    _assess_first     four frames are complete: they are assessed by one another
-    BEGINNING  ENDS_EARLY       RUNNING    _assess_first     the record ends or breaks before: fewer frames, the same
-    RUNNING    FRAMES_COMPLETE  RUNNING    _assess_next      each frame is compared with the noise before it
+A record begins once: its first four frames, or fewer if it ends or breaks before, are assessed by one another
+(`_assess_first`). Each frame behind them is compared with the noise before it (`_assess_next`).
 
 Statistics do not wait for the first assessment: until then, `pending` holds the samples that it will pass on,
 unfiltered. Later results differ by the excluded samples only.
@@ -97,9 +93,8 @@ glitch 800 1 1.0
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 
 import numpy as np
 
@@ -130,30 +125,6 @@ MARGIN_AFTER = PARTS
 Otherwise: the end stays: a table rings down below the threshold, and the filter of the sensor settles. Chosen: a
 frame, ten times as long as a table rings (PARTS) (`guards.py`).
 """
-
-
-@restorable
-class GuardState(Enum):
-    """What the guard does with a complete frame."""
-
-    BEGINNING = "holds the first frames"
-    RUNNING = "assesses every frame"
-
-
-class GuardEvent(Enum):
-    """What makes the guard assess frames; see the table at the top of the file."""
-
-    FIRST_FRAMES = "FIRST_FRAMES frames are complete"
-    ENDS_EARLY = "the record ends or breaks, and has a complete frame"
-    FRAMES_COMPLETE = "one or more frames are complete"
-
-
-TRANSITIONS: Mapping[tuple[GuardState, GuardEvent], GuardState] = {
-    (GuardState.BEGINNING, GuardEvent.FIRST_FRAMES): GuardState.RUNNING,
-    (GuardState.BEGINNING, GuardEvent.ENDS_EARLY): GuardState.RUNNING,
-    (GuardState.RUNNING, GuardEvent.FRAMES_COMPLETE): GuardState.RUNNING,
-}
-"""Next state by state and event. Other pairs cannot happen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +177,7 @@ class Guard:
         self._repeats = RepeatDetector(self.groups, self._frame_samples)
         inertial_groups = self._inertial.groups if self._inertial else []
         self._stuck_watch = StuckWatch(inertial_groups, self._frame_samples)
-        self.state = GuardState.BEGINNING
+        self._begun = False  # whether the first frames are assessed
         # Held samples, and codes of the assessed parts of them. Column-major, because detectors read one channel
         # after the other.
         self._values = np.zeros((len(self.groups), 0)).T
@@ -273,7 +244,7 @@ class Guard:
     @property
     def pending(self) -> GuardedSamples | None:
         """Samples that the first assessment will pass on; None after it."""
-        if self.state is not GuardState.BEGINNING:
+        if self._begun:
             return None
         rows = slice((FIRST_FRAMES - 1) * self._frame_samples)  # the last of these frames waits for the next
         return GuardedSamples(self._values[rows], self._valid[rows])
@@ -322,8 +293,8 @@ class Guard:
         self._values = np.concatenate((self._values.T, values.T), axis=1).T
         self._valid = np.concatenate((self._valid, received))
         self._saturated = np.concatenate((self._saturated, out_of_range))
-        if self.state is GuardState.BEGINNING and self._unassessed_frames >= FIRST_FRAMES:
-            self._assess_first(GuardEvent.FIRST_FRAMES, FIRST_FRAMES)
+        if not self._begun and self._unassessed_frames >= FIRST_FRAMES:
+            self._assess_first(FIRST_FRAMES)
         self._assess_next()
         return self._pass_on(len(self._codes) // PARTS - 1)
 
@@ -373,8 +344,8 @@ class Guard:
     def _drain(self, fill: int) -> list[GuardedSamples]:
         """Complete the last frame with `fill` missing samples; return all samples, and end disturbances."""
         out = self._missing(fill)
-        if self.state is GuardState.BEGINNING and self._unassessed_frames:
-            self._assess_first(GuardEvent.ENDS_EARLY, self._unassessed_frames)
+        if not self._begun and self._unassessed_frames:  # the record ends or breaks before
+            self._assess_first(self._unassessed_frames)
         out += self._pass_on(len(self._codes) // PARTS)
         self._exclusions.end_all()
         self._passed_codes = np.zeros_like(self._passed_codes)  # a margin does not reach over a gap
@@ -387,28 +358,23 @@ class Guard:
         groups = self._valid.shape[1]
         return self.update(np.zeros((n, len(self.groups))), np.zeros((n, groups), dtype=bool))
 
-    # ------------------------------------------------------------------ transitions: assess frames
-
-    def _go(self, event: GuardEvent) -> None:
-        """Change the state; a KeyError says that the event cannot happen in it."""
-        self.state = TRANSITIONS[self.state, event]
+    # ------------------------------------------------------------------ assess frames
 
     @property
     def _unassessed_frames(self) -> int:
         """Complete frames without codes."""
         return len(self._values) // self._frame_samples - len(self._codes) // PARTS
 
-    def _assess_first(self, event: GuardEvent, frames: int) -> None:
+    def _assess_first(self, frames: int) -> None:
         """Assess the first frames together."""
         self._assess(frames)
-        self._go(event)
+        self._begun = True
 
     def _assess_next(self) -> None:
         """Assess complete frames, up to the next change of the usual noise or repeats at once."""
-        while self.state is GuardState.RUNNING and (frames := self._unassessed_frames):
+        while self._begun and (frames := self._unassessed_frames):
             changes = [self._repeats.next_change, *(d.baseline.next_change for d in self._detectors)]
             self._assess(min(frames, *changes))
-            self._go(GuardEvent.FRAMES_COMPLETE)
 
     def _assess(self, frames: int) -> None:
         """Determine the codes of the parts of the next frames."""
@@ -434,7 +400,7 @@ class Guard:
                 # enough for a knock, and the sensor beside it must not pass unassessed.
                 usable = (received & ~repeats).reshape(by_part)
             detector.hold(self._repeats.held[detector.channels])
-            if self.state is GuardState.RUNNING:
+            if self._begun:
                 self._breaks += detector.assess(samples, usable, detector_codes, place)
             elif (reference := detector.assess_first(samples, usable, detector_codes, place)) is not None:
                 recorder = self._exclusions.recorders[w]
