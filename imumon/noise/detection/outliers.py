@@ -124,14 +124,6 @@ COINCIDENCE_SAMPLES = 3
 Otherwise: a short knock of both sensors is two outliers, and its ringing stays. Origin: one sample to each side: the
 filters of the two sensors delay by different times (`test_outliers.py`).
 """
-COINCIDENCE_FACTOR = 9.0
-"""From which shares on a coincidence is chance: 0.12 % in both sensors, if in the same sample. Unit: times the
-share of outliers of each sensor.
-
-Otherwise: where both sensors have outliers as noise, their chance coincidences are knocks. Origin:
-COINCIDENCE_SAMPLES squared, on each share: 81 in the product of two (`OutlierDetector._coincide`)
-(`test_outliers.py`).
-"""
 
 
 class FarSamples(Enum):
@@ -238,11 +230,11 @@ class OutlierDetector:
         """
         window = np.ones(COINCIDENCE_SAMPLES)
         near = np.logical_and.reduce([np.convolve(far, window, "same") > 0.5 for far in sensors])
-        # By chance, a sample is near to outliers of both sensors with (3 q1)(3 q2) = 9 q1 q2. COINCIDENCE_FACTOR is 9
-        # on each share, which makes 81 q1 q2, because one pair in the same sample is near in three samples and enters
+        # By chance, a sample is near to outliers of both sensors with (3 q1)(3 q2) = 9 q1 q2. The square of 3 on each
+        # share makes 81 q1 q2, because one pair in the same sample is near in three samples and enters
         # below with the third power: it is a knock while both shares are below 0.12 %; a pair of neighbours, near in
         # two, below 0.012 %. Where a sensor had no outlier before, any pair is one.
-        chance = float(np.prod(np.minimum(COINCIDENCE_FACTOR * shares, 1.0)))
+        chance = float(np.prod(np.minimum(COINCIDENCE_SAMPLES**2 * shares, 1.0)))
         return bool(near.any()) and (chance <= 0.0 or chance ** int(near.sum()) < UNUSUAL_CHANCE)
 
     def count(self, outliers: Bools | None, frames: int) -> None:

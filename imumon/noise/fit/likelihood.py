@@ -94,12 +94,6 @@ MOST_MOVES = 6
 Otherwise: a likelihood with two maxima would move the grid to and fro without end. Origin: a likelihood with one
 maximum is held after two or three; a grid that is never held is stated as `unbounded`.
 """
-LEAST_POWER = 1e-3
-"""No expectation is smaller than this share of what was observed. Unit: of the observed power.
-
-Otherwise: a band without expected power (N = 0 in the grid) has an infinite misfit, which hides every other band.
-Origin: 30 dB: far below what any model that is not rejected leaves open.
-"""
 SLOW_GROUPS = (0, 3, 7, 15, 31)
 """First single coefficients of the groups in which their misfit is judged. Unit: coefficients.
 
@@ -317,7 +311,8 @@ class Likelihood:
     @cached_property
     def _floor(self) -> Floats:
         """(r,) least power of a model."""
-        share = np.maximum(LEAST_POWER * self.bands.power, ROUNDING**2 * self.bands.power.max())
+        # 30 dB below what was observed: without power, a band (N = 0 in the grid) has an infinite misfit
+        share = np.maximum(1e-3 * self.bands.power, ROUNDING**2 * self.bands.power.max())
         return np.asarray(np.maximum(share, LEAST_VARIANCE))
 
     @cached_property

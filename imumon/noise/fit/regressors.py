@@ -38,23 +38,6 @@ from imumon.noise.fit.observations import LEAST_BLOCKS, BlockSeries, Coefficient
 from imumon.noise.validity_groups import ROUNDING
 from imumon.samples import Floats, Ints
 
-SAME_PERIOD = 0.2
-"""Two oscillations with closer periods are one. Unit: relative difference.
-
-Otherwise: what is left of an oscillation beside its columns is named as a second one. Origin: an oscillation of four
-cycles lies at the eighth coefficient: half a coefficient is 6 % of its period.
-"""
-ALIAS_WIDTHS = 3.0
-"""Distance up to which a slow oscillation is the alias of a line. Unit: widths of the line.
-
-Otherwise: a strong hum is named twice, once with a false period. Origin: the share of a Gaussian line beyond is 0.3
-%.
-"""
-ALIAS_SHARE = 0.1
-"""Least part of it that the line must leave behind the average of a block. Unit: of the oscillation.
-
-Otherwise: any line would hide any oscillation at its alias.
-"""
 COLLINEAR = 0.95
 """A temperature slope is stated where its estimate is less correlated with that of the drift. Unit: correlation.
 
@@ -89,11 +72,6 @@ STEP_WIDTHS = (1, 4, 16)
 
 Otherwise: with single blocks a small step of a long segment is not among the candidates. Chosen: powers of four
 (`real_effects.py`).
-"""
-STEP_PLACES = 2
-"""Candidates for a step of each width. Unit: places.
-
-Otherwise: with one, an outlying block hides the step.
 """
 
 LEAST_SPAN_DEGC = 0.3
@@ -395,7 +373,8 @@ def likely_steps(series: BlockSeries) -> list[Regressor]:
         for width in STEP_WIDTHS:
             if count >= 2 * max(width, margin):
                 jumps = np.abs(sums[2 * width :] - 2.0 * sums[width:-width] + sums[: -2 * width])
-                ends = np.argsort(-jumps)[:STEP_PLACES] + width
+                # two candidates: with one, an outlying block would hide the step
+                ends = np.argsort(-jumps)[:2] + width
                 ends = ends[(ends >= margin) & (ends <= count - margin)]
                 # the step is within the block before or after the place where the means differ most
                 candidates |= {*ends.tolist(), *(ends - 1).tolist()}

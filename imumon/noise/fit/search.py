@@ -105,12 +105,6 @@ WINDOWS = (2, 3, 4, 5, 6, 8, 10, 12, 16)
 Otherwise: its spectrum is fitted as a low-pass, and octaves are left out that show N. Origin: lengths that sensors
 have: VN-100 and ADIS16405 powers of two, others divisors of their rates (`real_effects.py`).
 """
-WINDOW_BANDS = 8
-"""Highest bands by which a moving average is recognised. Unit: bands.
-
-Otherwise: more of them compare B and K with the white noise of the average. Origin: an average bends the highest
-octaves most; eight bands are the first four octaves.
-"""
 
 INSTEAD_GAIN = 1.0
 """A walk that Gauss–Markov noise in its place explains better by as much is `indistinct`. Unit: log likelihood.
@@ -279,7 +273,9 @@ class ModelSearch:
             powers = self._powers(window)
             if powers.top.size <= len(NOISE_TERMS):
                 break
-            rows = np.argsort(-powers.top)[:WINDOW_BANDS]
+            rows = np.argsort(-powers.top)[
+                :8
+            ]  # four octaves: an average bends the highest most, B and K the others
             # white noise behind the average has a constant ratio; its size is free
             ratio = np.log(np.maximum(powers.power[rows], 1e-300) / powers.expected[WHITE][rows])
             weight = 1.0 / (2.0 / powers.dof[rows] + TOLERANCE**2)

@@ -65,7 +65,7 @@ from imumon.noise.fit.model_curve import (
 )
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.popcorn import TwoLevels, two_levels
-from imumon.noise.fit.regressors import ALIAS_SHARE, ALIAS_WIDTHS, BENT, COLLINEAR, OSCILLATION, SAME_PERIOD
+from imumon.noise.fit.regressors import BENT, COLLINEAR, OSCILLATION
 from imumon.noise.fit.search import Model
 from imumon.noise.fit.slow_terms import CERTAIN, CHANCE
 from imumon.noise.fit.time_to_precision import seconds_to
@@ -626,7 +626,8 @@ def line_bands(sums: NoiseSums, channel: int) -> Floats:
 def oscillations(model: Model, lines: Floats) -> list[Ints]:
     """Return the coefficients of each oscillation that is beyond chance and no alias of a line.
 
-    A block averages over most of a line, and what remains of a strong one shows at the wrong frequency.
+    A block averages over most of a line, and what remains of a strong one shows at the wrong frequency. A tenth of an
+    oscillation is enough to say so: the width of a line is known no better.
 
     Parameters
     ----------
@@ -643,8 +644,8 @@ def oscillations(model: Model, lines: Floats) -> list[Ints]:
         step = 0.5 / (count * series.length)
         if float((model.excess[group] / noise[group]).sum()) > CERTAIN:
             low, high = series.f[group[[0, -1]]] + np.array([-step, step])
-            near = (low - ALIAS_WIDTHS * width <= aliases) & (aliases <= high + ALIAS_WIDTHS * width)
-            if not (near & (remains > ALIAS_SHARE * float(model.excess[group].sum()) / count)).any():
+            near = (low - width <= aliases) & (aliases <= high + width)
+            if not (near & (remains > 0.1 * float(model.excess[group].sum()) / count)).any():
                 groups.append(group)
     return groups
 
@@ -670,8 +671,6 @@ def _periods(model: Model, lines: Floats, tau0: float) -> tuple[float, ...]:
         for column in model.slow.regressors
         if column.name == OSCILLATION[0]
     ]
-    for period in described:  # what is left of one beside its regressors is no other one
-        left_out = [other for other in left_out if abs(other / period - 1.0) > SAME_PERIOD]
     return tuple(sorted([*left_out, *described]))
 
 

@@ -53,11 +53,6 @@ LEVEL_ERRORS = 3.0
 
 Otherwise: a median that is too low by chance makes a line of noise. See `guards.py --lines`.
 """
-SAME_LINE = 0.03
-"""Two lines of two levels whose frequencies differ by less are one. Unit: relative difference.
-
-Otherwise: a line between two levels is named twice.
-"""
 HARMONICS = 3
 """Highest harmonic of the mains that a line, or its alias, is compared with.
 
@@ -229,7 +224,8 @@ def distinct(candidates: list[T], strength: Callable[[T], float]) -> tuple[T, ..
     """Return lines or bands of different frequencies, strongest first: once, not once from each of two levels."""
     out: list[T] = []
     for line in sorted(candidates, key=strength, reverse=True):
-        if all(abs(line.frequency_hz - other.frequency_hz) > SAME_LINE * line.frequency_hz for other in out):
+        # two levels see a line at frequencies that differ by up to 3 %
+        if all(abs(line.frequency_hz - other.frequency_hz) > 0.03 * line.frequency_hz for other in out):
             out.append(line)
     return tuple(out)
 

@@ -32,23 +32,10 @@ LEAST_VISITS = 5
 
 Otherwise: values with fine steps meet once in a while by chance.
 """
-ABOVE_NEXT = 1.25
-"""An extreme value with more visits is a limit of the range, which gathers what lies beyond. Unit: of the samples
-beside.
-
-Otherwise: the last level of a coarse sensor is called its range. Origin: steps of a sixth of the deviation give 2.8
-for a range of one deviation, 1.4 for one of three, where N is 0.3 % low.
-"""
 NEXT_ERRORS = 4.0
 """Chance may change a number of samples by this many of its errors. Unit: standard errors.
 
 Otherwise: a level with few samples is called a limit of the range by chance.
-"""
-MOST_RISE = 1.1
-"""With more samples in the outer bin, the density rises outwards: there is no limit of the range. Unit: of the
-samples of the bin within.
-
-Otherwise: the turning points of a sine, which have many samples, are called a range.
 """
 LEAST_LEVELS = 4
 """With fewer from the least to the greatest value, nothing is said of a range. Unit: quantisation steps.
@@ -88,9 +75,9 @@ def _gathers(visits: int, beside: float, within: float) -> bool:
     ----------
     beside, within : samples of the bin beside its own, and of the one after that.
     """
-    more = max(ABOVE_NEXT * beside, beside + NEXT_ERRORS * math.sqrt(beside))
-    falls = beside <= MOST_RISE * within + NEXT_ERRORS * math.sqrt(within)
-    return visits >= LEAST_VISITS and visits > more and falls
+    more = visits > beside + NEXT_ERRORS * math.sqrt(beside)
+    falls = beside <= 1.1 * within + NEXT_ERRORS * math.sqrt(within)  # of equal ones, one is a little higher
+    return visits >= LEAST_VISITS and more and falls
 
 
 @restorable
