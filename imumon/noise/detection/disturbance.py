@@ -388,11 +388,11 @@ class DisturbanceDetector:
         limit = limit_of_samples(distance, usable)
         for f in range(distance.shape[1]):
             frame = slice(f, f + 1)
-            search = self.outliers.search(
+            single = self.outliers.search(
                 distance[:, frame], None if usable is None else usable[frame], limit
             )
-            if search.outliers is not None:
-                outliers[:, frame] = search.outliers
+            if single is not None:
+                outliers[:, frame] = single
         return outliers
 
     def _statistics(self, values: Floats, usable: Bools | None) -> tuple[FrameStatistics, Floats]:
@@ -444,7 +444,7 @@ class DisturbanceDetector:
         limit = limit_of_samples(distance, usable)
         if not untried:  # a knock fills a part of its frame and raises the frame's own scale
             limit = np.minimum(limit, self.baseline.peak_limit)
-        outliers = self.outliers.search(distance, usable, limit).outliers
+        outliers = self.outliers.search(distance, usable, limit)
         if outliers is None:
             return AssessedFrame(frames, unusual)
         rest = self._without(outliers, distance, usable)

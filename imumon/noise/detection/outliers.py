@@ -43,19 +43,16 @@ Example: ten parts of ten samples; one bit error is single, five in a row are a 
 >>> detector = OutlierDetector([0], frame_samples=100)
 >>> frame = np.random.default_rng(1).standard_normal((1, 1, PARTS, 10))
 >>> frame[0, 0, 4, 2] = 50.0
->>> single = detector.search(frame, None, limit_of_samples(frame, None))
->>> single.kind.name, np.argwhere(single.far).tolist()
-('SINGLE', [[0, 0, 4, 2]])
+>>> np.argwhere(detector.search(frame, None, limit_of_samples(frame, None))).tolist()
+[[0, 0, 4, 2]]
 >>> frame[0, 0, 4, 2:7] = 50.0
->>> detector.search(frame, None, limit_of_samples(frame, None)).kind.name
-'RUN'
+>>> detector.search(frame, None, limit_of_samples(frame, None)) is None
+True
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from scipy.special import fdtri
@@ -126,35 +123,6 @@ filters of the two sensors delay by different times (`test_outliers.py`).
 """
 
 
-class FarSamples(Enum):
-    """What the far samples of a frame are."""
-
-    NONE = "no sample is far"
-    SINGLE = "outliers"
-    RUN = "too many in a row for chance: a knock"
-    NOISY = "among samples with more noise than the others: a knock"
-    COINCIDENCE = "in both sensors at once: a knock"
-
-
-@dataclass(frozen=True, slots=True)
-class OutlierSearch:
-    """What a search for outliers returns.
-
-    Attributes
-    ----------
-    kind : what the far samples are.
-    far : (c, k, PARTS, part) the far samples.
-    """
-
-    kind: FarSamples
-    far: Bools
-
-    @property
-    def outliers(self) -> Bools | None:
-        """(c, k, PARTS, part) The far samples if they are outliers; None: see `kind`."""
-        return self.far if self.kind is FarSamples.SINGLE else None
-
-
 @restorable
 class OutlierDetector:
     """Find the outliers of the sensors on one table, and decide which channels have them as noise.
@@ -184,8 +152,8 @@ class OutlierDetector:
         self.tails = np.zeros(len(groups), dtype=bool)
         self.excluded_squares = np.zeros(len(groups))
 
-    def search(self, distance: Floats, usable: Bools | None, limit: Floats) -> OutlierSearch:
-        """Return the far samples of frames, and whether they are outliers.
+    def search(self, distance: Floats, usable: Bools | None, limit: Floats) -> Bools | None:
+        """Return (c, k, PARTS, part) the outliers of frames; None: no sample is far, or the far ones are a knock.
 
         Parameters
         ----------
@@ -197,16 +165,13 @@ class OutlierDetector:
         far = size > limit[:, None, None, None]
         if usable is not None:
             far &= usable
-        kind = self._kind(far)
+        if not far.any() or self._are_together(far):
+            return None
         rare = ~(self.noise | self.tails)  # where outliers are noise, so is what is just short of them
-        if kind is FarSamples.SINGLE and _noisy_beside(size[rare], usable, far[rare]):
-            kind = FarSamples.NOISY
-        return OutlierSearch(kind, far)
+        return None if _noisy_beside(size[rare], usable, far[rare]) else far
 
-    def _kind(self, far: Bools) -> FarSamples:
-        """Return what far samples (c, k, PARTS, part) are."""
-        if not far.any():
-            return FarSamples.NONE
+    def _are_together(self, far: Bools) -> bool:
+        """Return whether far samples (c, k, PARTS, part) are a knock: a run, or in both sensors at once."""
         shares = self._sensor_counts / max(int(self._frames[0]) * self._frame_samples, 1)
         # An axis that is far makes its sensor far: a transmission error changes one axis or all of them.
         sensors = [far[members].any(axis=0).reshape(-1) for members in self._members]
@@ -216,10 +181,8 @@ class OutlierDetector:
             # are whole numbers, so half a sample below decides like "at least".
             window = np.ones(min(2 * run - 1, len(sensor_far)))
             if np.convolve(sensor_far, window).max() > run - 0.5:
-                return FarSamples.RUN
-        if len(sensors) > 1 and self._coincide(sensors, shares):
-            return FarSamples.COINCIDENCE
-        return FarSamples.SINGLE
+                return True
+        return len(sensors) > 1 and self._coincide(sensors, shares)
 
     def _coincide(self, sensors: list[Bools], shares: Floats) -> bool:
         """Return whether far samples (n,) of all sensors meet more often than by chance.
