@@ -73,6 +73,12 @@ from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.validity_groups import ROUNDING_VARIANCE
 from imumon.samples import Bools, Floats, Ints
 
+ALIAS_WIDTHS = 3.0
+"""Distance up to which a slow oscillation is the alias of a line. Unit: widths of the line.
+
+Otherwise: a strong hum is named twice, once with a false period, and with 1 the model of two recordings has an
+oscillation that is none. Origin: the share of a Gaussian line beyond is 0.3 %.
+"""
 LEAST_B_K_S = 10.0
 """B and K are pending before. Unit: s.
 
@@ -627,7 +633,7 @@ def oscillations(model: Model, lines: Floats) -> list[Ints]:
     """Return the coefficients of each oscillation that is beyond chance and no alias of a line.
 
     A block averages over most of a line, and what remains of a strong one shows at the wrong frequency. A tenth of an
-    oscillation is enough to say so: the width of a line is known no better.
+    oscillation is enough to say so: the power of a line in a block is known no better.
 
     Parameters
     ----------
@@ -644,7 +650,8 @@ def oscillations(model: Model, lines: Floats) -> list[Ints]:
         step = 0.5 / (count * series.length)
         if float((model.excess[group] / noise[group]).sum()) > CERTAIN:
             low, high = series.f[group[[0, -1]]] + np.array([-step, step])
-            near = (low - width <= aliases) & (aliases <= high + width)
+            reach = ALIAS_WIDTHS * width
+            near = (low - reach <= aliases) & (aliases <= high + reach)
             if not (near & (remains > 0.1 * float(model.excess[group].sum()) / count)).any():
                 groups.append(group)
     return groups
