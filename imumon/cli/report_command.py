@@ -60,11 +60,6 @@ def add_report(parser: Parser) -> None:
     text += "its bias, although flicker is no random walk; K, the coefficient alone, as other tools give it"
     add("--walk", choices=("filter", "K"), help=text)
     add("-o", "--output", metavar="OUT", help="file to write; default: standard output")
-    add(
-        "--strict",
-        action="store_true",
-        help="settings for other software from measured numbers only, else exit 1",
-    )
     add_datasheet(parser)
     add_read_options(parser.add_argument_group("of a recording"))
 
@@ -90,8 +85,6 @@ def report(arguments: argparse.Namespace) -> int:
     sheet = reference_sheet(arguments)
     source, rows = _source(arguments)
     source = document_report(source, sheet, rows)
-    if arguments.strict:
-        _check_measured(source, form)
     filter_numbers = FORMS[form].settings and not FORMS[form].curves
     if filter_numbers and (warning := short_record_text(source)) is not None:
         print_message(warning)
@@ -125,9 +118,6 @@ def _check_fits_form(arguments: argparse.Namespace, form: str) -> None:
     """Raise an error if an option, or a terminal as the output, does not fit the form."""
     from imumon.datasheet import FORMS, PAGES
 
-    if arguments.strict and not FORMS[form].settings:
-        message = f"--strict is for settings of other software, and {form} is none"
-        raise CommandError("strict_not_applicable", message, "leave it out, or name such a --format", USAGE)
     if arguments.walk and not (FORMS[form].settings or form in PAGES):
         message = f"--walk is for numbers of other programs, and {form} has none"
         raise CommandError("walk_not_applicable", message, "leave it out, or name such a --format", USAGE)
@@ -155,18 +145,6 @@ def _source(arguments: argparse.Namespace) -> tuple[Any, Any]:
         source = replace(source, events=tuple(subscriber.events(source.device.id)))
         rows = published_days(subscriber, source.device.id)
     return source, rows
-
-
-def _check_measured(report: Any, form: str) -> None:
-    """Raise an error if a number of the settings would be half a bound, or is missing."""
-    from imumon.datasheet import FORMS, not_measured
-
-    if missing := not_measured(report, form):
-        message = f"--strict: not measured, but at most bounded: {', '.join(missing)}"
-        cure = "record longer, or leave --strict away: half of a bound is then used"
-        if FORMS[form].curves:
-            cure = "record over more temperatures, or leave --strict away: 0 is written for what is not seen"
-        raise CommandError("not_measured", message, cure)
 
 
 def _filters(report: Any, horizon_s: float | None, needed: bool, walk: Any) -> Any:

@@ -16,7 +16,7 @@ temperature_settings  bias against the temperature for flight controllers
 program_settings settings of other programs: templates and factors
 """
 
-from imumon.datasheet.datasheet import DEFAULT_PROGRAM, FORMS, PAGES, document, not_measured
+from imumon.datasheet.datasheet import DEFAULT_PROGRAM, FORMS, PAGES, document
 from imumon.datasheet.figures import NoCurve
 from imumon.datasheet.filter_values import short_record_text
 
@@ -26,6 +26,5 @@ __all__ = [
     "PAGES",
     "NoCurve",
     "document",
-    "not_measured",
     "short_record_text",
 ]

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from imumon.coefficients import NOISE
 from imumon.datasheet import figures
 from imumon.datasheet.csv_table import csv_table
 from imumon.datasheet.elements import Document, markdown
 from imumon.datasheet.html import html_page
 from imumon.datasheet.program_settings import PROGRAMS, settings_document
 from imumon.datasheet.sheet import datasheet
-from imumon.datasheet.temperature_settings import curves_not_shown
 from imumon.filter_report import FilterReport
 from imumon.report import Report
 from imumon.report_json import to_json
-from imumon.samples import AXES, INERTIAL
 
 DEFAULT_PROGRAM = "kalibr"
 """Program whose settings a datasheet has unless another one is named."""
@@ -31,22 +28,6 @@ class DocumentForm(NamedTuple):
     binary: bool = False  # whether it must not go to a terminal
     settings: bool = False  # whether it holds numbers for other software
     curves: bool = False  # whether these are of the bias against the temperature, else of a filter
-
-
-def not_measured(report: Report, form: str) -> list[str]:
-    """Return the numbers that settings in one of the `FORMS` rest on, and that the report only bounds or lacks."""
-    if FORMS[form].curves:
-        return curves_not_shown(report)
-    letters = PROGRAMS[form].letters if form in PROGRAMS else NOISE
-    names = [f"{sensor}/{axis}" for sensor in INERTIAL for axis in AXES]
-    return [
-        f"{name} {letter}"
-        for name in names
-        for letter in letters
-        if name not in report.channels
-        or (part := report.channels[name].coefficients.get(letter)) is None
-        or part.status != "measured"
-    ]
 
 
 def document(report: Report, form: str, filters: FilterReport, program: str = DEFAULT_PROGRAM) -> bytes:

@@ -105,22 +105,6 @@ def _curve_text(curve: BiasCurve) -> str:
     )
 
 
-def curves_not_shown(report: Report) -> list[str]:
-    """Return what keeps the parameters from resting on measured numbers alone."""
-    missing = []
-    for sensor in NAMES:
-        curves = sensor_curve(report, sensor)
-        if curves.reason:
-            missing.append(f"{sensor} ({no_bias_curve(curves.reason)[0]})")
-            continue
-        if curves.span_degC < LEAST_SPAN_DEGC:
-            missing.append(f"{sensor} (spans {curves.span_degC:.1f} of at least {LEAST_SPAN_DEGC:g} degC)")
-        for axis, channel in sensor_axes(report, sensor):
-            if channel.bias_curve is not None and not is_shown(channel.bias_curve):
-                missing.append(f"{sensor}/{axis} (no slope seen)")
-    return missing
-
-
 def curve_header(report: Report) -> list[str]:
     """Return the comments in front of the parameters.
 

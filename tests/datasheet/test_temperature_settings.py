@@ -65,7 +65,7 @@ def expected(report: Report, name: str) -> tuple[Floats, Floats]:
 
 def test_px4_subtracts_the_curve(warm: tuple[Path, Report]) -> None:
     path, report = warm
-    found = read(imumon("report", path, "--format", "px4-tc", "--strict"), r"^param set (\w+) (\S+)$")
+    found = read(imumon("report", path, "--format", "px4-tc"), r"^param set (\w+) (\S+)$")
     assert found["TC_G_ENABLE"] == found["TC_A_ENABLE"] == 1
     assert "TC_G0_ID" not in found  # nobody knows it
     fields = ["TMIN", "TMAX", "TREF", *(f"X{power}_{number}" for power in range(4) for number in range(3))]
@@ -155,9 +155,6 @@ def test_a_small_span_and_an_unseen_slope_are_no_facts(tmp_path: Path) -> None:
     source = table(tmp_path / "record.csv", 20.0 + 5.0 * WARMING, terms=False)
     saved = tmp_path / "report.json"
     imumon("report", source, "--format", "json", "-o", saved)
-    error = imumon("report", saved, "--format", "px4-tc", "--strict", code=1)
-    assert "of at least 10 degC" in error
-    assert "no slope seen" in error
     text = imumon("report", saved, "--format", "px4-tc")
     assert "WARNING" in text
     unseen = re.findall(r"^#   ([xyz]): no slope seen", text, re.MULTILINE)

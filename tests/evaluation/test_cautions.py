@@ -64,15 +64,3 @@ def test_a_model_that_does_not_fit_has_a_caveat(age: float) -> None:
 def test_a_real_record_that_does_not_fit_has_a_caveat(name: str) -> None:
     # one of them at least: Gauss–Markov noise describes others
     assert _misfits_are_caveats(replayed(RECORDINGS / name)) >= 1
-
-
-def test_strict_settings_rest_on_measured_numbers_only(saved: Path, tmp_path: Path) -> None:
-    out = tmp_path / "imu.yaml"
-    message = imumon("report", saved, "--strict", "-o", out, code=1)
-    assert message.startswith("imumon: --strict: not measured, but at most bounded: gyro/x B, gyro/x K")
-    assert not out.exists()
-    assert "--strict is for settings" in imumon(
-        "report", saved, "--strict", "-o", tmp_path / "x.html", code=2
-    )
-    assert "linear_acceleration_covariance" in imumon("report", saved, "--strict", "--format", "ros")
-    assert "# " in imumon("report", saved, "--format", "kalibr")

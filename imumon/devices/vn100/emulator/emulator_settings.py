@@ -45,7 +45,7 @@ FASTEST = 1e4
 GYRO = Noise.equal(6.1e-5, 2.4e-5, 1e-6)
 ACCEL = Noise.equal(1.37e-3, 2e-4, 1e-5)
 MAG = Noise.equal(1.4e-4, 2e-5, 1e-6)
-_UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "gauss"}
+_UNITS = {"gyro": "rad/s", "accel": "m/s^2"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,11 +125,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the emulator; the help shows their defaults."""
     standard = EmulatorSettings()
     line = parser.add_argument_group("serial line")
-    noise = parser.add_argument_group(
-        "noise",
-        "one number for all axes, or x,y,z; that of the magnetometer applies to its 250 readings per second",
-    )
-    device = parser.add_argument_group("device")
+    noise = parser.add_argument_group("noise", "one number for all axes, or x,y,z")
 
     def number(group: Any, name: str, metavar: str, text: str) -> None:
         default = getattr(standard, name)
@@ -151,11 +147,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "seed of the noise (default: a different one each time)"
     noise.add_argument("--seed", type=int, metavar="N", help=text)
     number(noise, "warm_up", "DEGC", "temperature rise after power-up, degC")
-    number(noise, "warm_up_s", "S", "time constant of the warm-up, s")
-    number(noise, "gyro_thermal", "CHANGE", "change of the gyroscope bias per degC, rad/s")
-    for name, text in (("serial", "serial number"), ("firmware", "version, 2.x or 3.x")):
-        value = getattr(standard, name)
-        device.add_argument(f"--{name}", default=value, help=f"{text} (default {value})")
 
 
 def from_arguments(arguments: argparse.Namespace) -> EmulatorSettings:
