@@ -14,7 +14,6 @@ import sys
 import time
 
 from imumon.devices.base import InvalidOption
-from imumon.devices.vn100.emulator.emulator import Emulator
 from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings
 from imumon.devices.vn100.registers import FACTORY_BAUD
 
@@ -31,6 +30,9 @@ def run(settings: EmulatorSettings, inputs: tuple[int, ...] = ()) -> int:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda received, _: stop.append(received))
     try:
+        # it needs numpy, which the parser of the options does not: the manual page is built without
+        from imumon.devices.vn100.emulator.emulator import Emulator
+
         emulator = Emulator(settings, time.monotonic())
     except (InvalidOption, OSError) as error:
         text = f"--link {settings.link}: {error.strerror}" if isinstance(error, OSError) else error
