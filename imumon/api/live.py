@@ -68,6 +68,10 @@ class SavedLive:
     ledger: dict[str, int]
 
 
+MOST_MISSING = 1 << 48
+"""Rows of a gap that are counted: a longer one is of unknown length at any rate, and sums of it fit 64 bits."""
+
+
 class PushedTable(Table):
     """Table of arrays whose rows are pushed.
 
@@ -96,6 +100,11 @@ class PushedTable(Table):
         chosen = np.ascontiguousarray(rows[:, self._order])
         self.fed += chosen.nbytes
         return self._since_origin(self._blocks(chosen, range(first, self._pushed + 1)))
+
+    def skip(self, count: int) -> None:
+        """Note `count` more missing rows, after a block of them was pushed."""
+        self._pushed += count
+        self._rows.skip(count)
 
     def end(self) -> list[SampleBlock]:
         """Return the samples that still wait."""
@@ -176,18 +185,15 @@ class Live:
         ImumonError : the block has another shape, or its samples cannot be those of a sensor.
         """
         with python_wording():
-            rows = self._rows(block, time_s, missing)
+            before, rows = self._rows(block, time_s, missing)
             if self._table is None:
                 self._begin(timed=time_s is not None)
             elif self._timed != (time_s is not None) and len(rows):
                 text = "some updates have times and others have none"
                 raise OptionError("time_missing", text, "give time_s in every update, or in none")
-            self._waiting.append(rows)
-            self._rows_waiting += len(rows)
-            if self._rows_waiting >= ROWS:
-                with one_thread():
-                    for chunk in self._full_blocks():
-                        self._feed(chunk)
+            if before:
+                self._skip(before)
+            self._add(rows)
 
     def result(self) -> Measurement:
         """Return the measurement of all samples so far.
@@ -274,8 +280,11 @@ class Live:
         self._record = ReplayedRecord(options, self._table)
         self._timed = timed
 
-    def _rows(self, block: Any, time_s: Any, missing: Any) -> Floats:
-        """Return the rows of a block with NaN where they are missing, and their times as the last column."""
+    def _rows(self, block: Any, time_s: Any, missing: Any) -> tuple[int, Floats]:
+        """Return the rows that are missing before a block, and its rows with NaN where they are missing.
+
+        Times are the last column. They show what is missing themselves.
+        """
         values = float_array("the block", block)
         values = values.reshape(-1, 1) if values.ndim == 1 and len(self.channels) == 1 else values
         if values.ndim != 2 or values.shape[1] != len(self.channels):
@@ -297,15 +306,35 @@ class Live:
                 cure = f"give ({len(values)},) bools, or the number of samples before the block"
                 raise OptionError("missing_invalid", text, cure)
             values = np.where(flags[:, None], np.nan, values)
-        if before and time_s is None:
-            values = np.concatenate([np.full((before, values.shape[1]), np.nan), values])
         if time_s is None:
-            return values
+            return before, values
         times = float_array("time_s", time_s)
         if times.shape != (len(values),):
             text = f"time_s has the shape {times.shape}, and the block {len(values)} samples"
             raise RecordingError("array_shape", text, "give one time for each sample")
-        return np.asarray(np.column_stack([values, times]))
+        return 0, np.asarray(np.column_stack([values, times]))
+
+    def _skip(self, count: int) -> None:
+        """Add missing rows: the block in progress and a whole one as rows, further whole blocks as a number."""
+        count = min(count, MOST_MISSING)
+        whole = max(0, count - (2 * ROWS - self._rows_waiting)) // ROWS * ROWS
+        no_row = np.full(len(self.channels), np.nan)
+        if whole:
+            filling = 2 * ROWS - self._rows_waiting
+            self._add(np.tile(no_row, (filling, 1)))
+            assert self._table is not None
+            self._table.skip(whole)
+            count -= filling + whole
+        self._add(np.tile(no_row, (count, 1)))
+
+    def _add(self, rows: Floats) -> None:
+        """Queue rows, and feed the blocks that are full."""
+        self._waiting.append(rows)
+        self._rows_waiting += len(rows)
+        if self._rows_waiting >= ROWS:
+            with one_thread():
+                for chunk in self._full_blocks():
+                    self._feed(chunk)
 
     def _full_blocks(self) -> Iterator[Floats]:
         """Yield blocks of `ROWS` rows: the size of a block decides nothing if it is always the same."""

@@ -136,6 +136,15 @@ class RowDecoder:
         self.fed += len(rows)
         return list(self._used_blocks(rows, np.asarray(places, dtype=np.int64)))
 
+    def skip(self, count: int) -> None:
+        """Note `count` more rows without a number, after a block of such rows was fed."""
+        self.fed += count
+        if self._start is not None:  # rows before the first sample are no losses
+            self.incomplete += count
+            self._lost_before += count
+            self._lacking += count
+        self._ledger.add("not_finite", count)
+
     def finish(self) -> list[SampleBlock]:
         """Return the samples that still wait, at the end of the table; raise a `RecordingError` as `feed`."""
         return list(self._last_blocks())

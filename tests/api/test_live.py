@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from analyses import comparable
 
 import imumon
 from imumon.errors import ImumonError
+from imumon.recordings.base import ROWS
 
 RATE = 200.0
 CHANNELS = ("gyro/x", "gyro/y", "gyro/z", "temperature")
@@ -67,6 +69,24 @@ def test_missing_samples_are_a_mask_or_a_number_before_the_block() -> None:
     counted.update(gyro[:1000])
     counted.update(gyro[1040:], missing=40)
     assert comparable(masked.result().report) == comparable(counted.result().report) == expected
+
+
+def test_a_number_of_missing_samples_is_arithmetic() -> None:
+    """It equals as many rows, and costs no memory: a gap of more than a month has no known length."""
+    gyro, count = imumon.simulate(2000, RATE, N=[6.1e-5] * 3, seed=2), 5 * ROWS + 7
+    rows, counted, longest = (imumon.Live(rate_hz=RATE) for _ in range(3))
+    for live in (rows, counted, longest):
+        live.update(gyro[:1000])
+    rows.update(np.full((count, 3), np.nan))
+    rows.update(gyro[1000:])
+    counted.update(gyro[1000:], missing=count)
+    assert comparable(rows.result().report) == comparable(counted.result().report)
+    tracemalloc.start()
+    longest.update(gyro[1000:], missing=10**18)
+    assert tracemalloc.get_traced_memory()[1] < 50e6
+    tracemalloc.stop()
+    session = longest.result().report.session
+    assert (session.samples, session.missing, session.restarts) == (2000, 0, 1)
 
 
 @pytest.mark.parametrize(
