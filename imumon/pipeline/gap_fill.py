@@ -21,6 +21,9 @@ from imumon.timebase.sample_clock import BREAK, PlacedSamples
 LONG_GAP = 256
 """Ticks, longest step that is filled row by row: a longer gap would cost more than two calls do."""
 
+MOST_ROWS = 1 << 15
+"""Ticks after which a dense block ends: a block of samples with a gap before each would be `LONG_GAP` times as long."""
+
 
 class InvalidSamples:
     """Takes the samples whose gyroscope or accelerometer is no number out of a stream: they are lost.
@@ -84,7 +87,11 @@ def fill_gaps(placed: PlacedSamples) -> Iterator[Part]:
     """Yield the grid of placed samples in order."""
     steps = placed.steps
     cuts = set(np.flatnonzero((steps == BREAK) | (steps > LONG_GAP)).tolist())
-    edges = sorted({0, len(steps), *cuts})  # a set: the first sample may be a cut, too
+    # in ticks, with long gaps as one: where a dense block is full, another one begins
+    full = np.diff(np.cumsum(np.minimum(steps, LONG_GAP)) // MOST_ROWS, prepend=0) > 0
+    edges = sorted(
+        {0, len(steps), *cuts, *np.flatnonzero(full).tolist()}
+    )  # a set: the first may be a cut, too
     for start, end in itertools.pairwise(edges):
         if start in cuts:
             yield Break() if steps[start] == BREAK else LongGap(int(steps[start]) - 1)

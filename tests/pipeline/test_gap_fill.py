@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imumon.pipeline.gap_fill import LONG_GAP, Break, DenseBlock, LongGap, fill_gaps
+from imumon.pipeline.gap_fill import LONG_GAP, MOST_ROWS, Break, DenseBlock, LongGap, fill_gaps
 from imumon.timebase.sample_clock import BREAK, PlacedSamples
 
 
@@ -30,3 +30,11 @@ def test_ticks_and_samples_are_conserved(steps: list[int]) -> None:
     assert ticks == sum(1 if s == BREAK else s for s in steps)
     place = np.cumsum([1 if s == BREAK else s for s in steps]) - 1
     assert [p for p, _ in at] == place.tolist()
+
+
+def test_many_short_gaps_make_no_long_block() -> None:
+    steps = np.full(1 << 15, LONG_GAP)
+    placed = PlacedSamples(np.zeros((len(steps), 1)), steps, None)
+    lengths = [len(part.values) for part in fill_gaps(placed) if isinstance(part, DenseBlock)]
+    assert sum(lengths) == len(steps) * LONG_GAP
+    assert max(lengths) <= MOST_ROWS + LONG_GAP
