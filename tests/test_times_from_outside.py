@@ -1,0 +1,166 @@
+"""Times that jump by any length, at every door: bounded memory, an orderly end, and what came before is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from itertools import accumulate
+from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
+
+import numpy as np
+import pytest
+import vn100_wire
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from ros2_actors import imu_payload
+
+import imumon
+from imumon.devices.base import sample_blocks
+from imumon.devices.lines.line_decoder import LineDecoder
+from imumon.devices.ros2.imu_assembler import ImuAssembler
+from imumon.devices.vn100.decoder import Vn100Decoder
+from imumon.errors import ImumonError
+from imumon.ledger import imbalance
+from imumon.pipeline import Monitor, MonitorOptions
+from imumon.report import DeviceDescription, SessionCounters
+from imumon.ros2.node import Received
+from imumon.ros2.topic_url import parse_url
+from imumon.samples import SampleBlock
+from imumon.saved_state import pack, unpack
+
+BEFORE, BETWEEN = 300, 100  # samples before the first jump, and after each
+STEP_NS, START_NS = 10_000_000, 10**12
+MOST_KB = 250_000
+VALUES = np.random.default_rng(1).normal([0, 0, 0, 0, 0, 9.81], 1e-3, (BEFORE + 3 * BETWEEN, 6))
+
+JUMPS = st.lists(
+    st.builds(lambda sign, exponent: sign * 10**exponent, st.sampled_from([-1, 1]), st.integers(0, 18)),
+    min_size=1,
+    max_size=3,
+)
+
+
+def stamps(jumps: list[int]) -> list[int]:
+    """ns, of samples at 100 Hz with some jumps of the clock between them."""
+    steps = [STEP_NS] * (BEFORE + BETWEEN * len(jumps) - 1)
+    for k, jump in enumerate(jumps):
+        steps[BEFORE + k * BETWEEN - 1] += jump
+    return list(accumulate(steps, initial=START_NS))
+
+
+def within(times: Iterable[int], low: int, high: int) -> list[int]:
+    """Times as a field of a message holds them."""
+    return [max(low, min(int(time), high)) for time in times]
+
+
+@contextmanager
+def bounded_memory() -> Iterator[None]:
+    """The most that was ever resident grows by no more than libraries take."""
+    before = getrusage(RUSAGE_SELF).ru_maxrss  # kB
+    yield
+    assert getrusage(RUSAGE_SELF).ru_maxrss - before < MOST_KB
+
+
+def lines(form: str, divisor: int) -> Callable[[list[int]], Iterator[SampleBlock]]:
+    def blocks(times: list[int]) -> Iterator[SampleBlock]:
+        decoder = LineDecoder({})
+        for time, row in zip(times, VALUES, strict=False):
+            whole, rest = divmod(abs(time), divisor)
+            digits = f"{'-' * (time < 0)}{whole}.{rest:0{len(str(divisor)) - 1}d}"
+            yield from decoder.feed(f"{form.format(digits, *row)}\n".encode())
+        yield from decoder.finish()
+
+    return blocks
+
+
+def vn100(times: list[int]) -> Iterator[SampleBlock]:
+    decoder = Vn100Decoder()
+    for time, row in zip(within(times, 0, 2**64 - 1), VALUES, strict=False):
+        message = {(1, 0): (time,), (3, 2): tuple(row[3:]), (3, 3): tuple(row[:3])}
+        yield from sample_blocks(decoder.feed(vn100_wire.packet(message)))
+    yield from sample_blocks(decoder.finish())
+
+
+def ros2(times: list[int]) -> Iterator[SampleBlock]:
+    assembler = ImuAssembler(parse_url("ros2:/imu"))
+    stamped = within(times, -(2**31) * 10**9, (2**31 - 1) * 10**9)
+    for k, (time, row) in enumerate(zip(stamped, VALUES, strict=False)):
+        payload = imu_payload(time, row[:3].tolist(), row[3:].tolist())
+        message = Received(payload, k + 1, int(times[k]), b"a")
+        items = assembler.add([message], {}, START_NS + k * STEP_NS)
+        yield from (item for item in items if isinstance(item, SampleBlock))
+    yield from (item for item in assembler.finish() if isinstance(item, SampleBlock))
+
+
+LABELLED = "t={} gx={} gy={} gz={} ax={} ay={} az={}"
+DOORS = {
+    "labelled s": lines(LABELLED, 10**9),
+    "labelled ms": lines(LABELLED, 10**6),
+    "us": lines("{},{},{},{},{},{},{}", 10**3),
+    "vn100": vn100,
+    "ros2": ros2,
+}
+
+
+@pytest.mark.parametrize("door", DOORS)
+@given(jumps=JUMPS)
+@settings(deadline=None, max_examples=4, suppress_health_check=[HealthCheck.too_slow])
+def test_live_times_that_jump(door: str, jumps: list[int]) -> None:
+    times = stamps(jumps)
+    monitor = Monitor(MonitorOptions(periods=True))
+    with bounded_memory():
+        for block in DOORS[door](times):
+            monitor.feed(block)
+        monitor.flush()
+        monitor.end_record()
+        report = monitor.report(datetime.now(UTC), DeviceDescription(id="x"), "stopped", SessionCounters())
+        saved = pack(monitor.save())
+    assert report.session.samples == monitor.samples > 0
+    kept = monitor.samples + monitor.left_out().get("earlier_record", 0)
+    assert BEFORE <= kept <= len(times)
+    restored = Monitor(MonitorOptions(periods=True))
+    restored.restore(unpack(saved), 0.0)
+    restored.accept_restored()
+    assert restored.samples == monitor.samples
+
+
+def csv(path: Path, times: np.ndarray) -> object:
+    head = "t [s],gx [rad/s],gy [rad/s],gz [rad/s],ax [m/s2],ay [m/s2],az [m/s2]"
+    table = np.column_stack([times, VALUES[: len(times)]])
+    np.savetxt(path.with_suffix(".csv"), table, delimiter=",", header=head, comments="", fmt="%.12g")
+    return imumon.analyse(path.with_suffix(".csv"))
+
+
+def npz(path: Path, times: np.ndarray) -> object:
+    values = VALUES[: len(times)]
+    np.savez(path.with_suffix(".npz"), time_s=times, gyro_rad_s=values[:, :3], accel_m_s2=values[:, 3:])
+    return imumon.analyse(path.with_suffix(".npz"))
+
+
+def arrays(path: Path, times: np.ndarray) -> object:
+    return imumon.analyse(gyro=VALUES[: len(times), :3], time_s=times)
+
+
+def live(path: Path, times: np.ndarray) -> object:
+    measured = imumon.Live()
+    for first in range(0, len(times), 50):
+        measured.update(VALUES[first : min(first + 50, len(times)), :3], times[first : first + 50])
+    measured.save(path)
+    return imumon.Live.load(path).result()
+
+
+@pytest.mark.parametrize("door", [csv, npz, arrays, live])
+@given(jumps=JUMPS)
+@settings(deadline=None, max_examples=3, suppress_health_check=list(HealthCheck))
+def test_recorded_times_that_jump(
+    door: Callable[[Path, np.ndarray], object], jumps: list[int], tmp_path: Path
+) -> None:
+    """A table that cannot be one of a sensor is refused in words."""
+    times = np.array(stamps(jumps), dtype=np.float64) * 1e-9
+    with bounded_memory(), suppress(ImumonError):
+        measured = door(tmp_path / "record", times)
+        assert isinstance(measured, imumon.Measurement)
+        assert imbalance(measured.report.session.ledger) == 0
+        assert measured.report.session.samples > 0
