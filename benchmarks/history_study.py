@@ -65,8 +65,8 @@ def samples(seed: int) -> Floats:
 class _Days(Periods):
     """Periods of which only days are fitted."""
 
-    def _channels(self, stretch: Any, moments: Any, *, complete: bool) -> dict[str, PeriodChannel]:
-        return super()._channels(stretch, moments, complete=complete) if stretch.length_s == 86400 else {}
+    def _channels(self, stretch: Any, moments: Any) -> dict[str, PeriodChannel]:
+        return super()._channels(stretch, moments) if stretch.length_s == 86400 else {}
 
 
 def days_of(seed: int) -> list[TimedPeriod]:

@@ -21,7 +21,8 @@ from imumon.noise.fit.slow_terms import CHANCE
 from imumon.noise.grading import LIMITS, Headline, grade_sensor
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.distribution_shape import DistributionShape
-from imumon.noise.stretches.quarters import contradict, excess
+from imumon.noise.stretches.change import compare
+from imumon.noise.stretches.quarters import excess
 from imumon.noise.stretches.warmup import still_settles
 from imumon.pipeline import report_builder
 from imumon.pipeline.accumulators import Accumulators
@@ -178,7 +179,7 @@ class Analysis:
         )
         for column, one, two in zip(columns, first, second, strict=True):
             self._contradictions.pop(column, None)
-            if contradict(one.K, two.K):
+            if compare("K", one.K, two.K, pairs=len(fits)) is not None:
                 self._contradictions[column] = max(one.K.high or 0.0, two.K.high or 0.0)
 
     def _channel(self, curve: AllanCurve, column: int, name: str) -> Channel:

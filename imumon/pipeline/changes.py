@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from imumon.noise.fit import ChannelFit
-from imumon.noise.stretches.change import CoefficientChange, detect_changes
+from imumon.noise.stretches.change import LEAST_CHANGE, CoefficientChange, detect_changes
 from imumon.report import Against, Change, Channel, Report
 
 HOURS_BEFORE: Against = "hours before"
@@ -27,7 +27,9 @@ def compare_with_report(baseline: Report, name: str, now: ChannelFit | Channel) 
     channel = baseline.channels.get(name)
     if channel is None:  # the saved report is of a stream without it: nothing is compared
         return []
-    return [_reported(change, BASELINE) for change in detect_changes(channel.coefficients, now.coefficients)]
+    pairs = len(baseline.channels) * len(LEAST_CHANGE)
+    changes = detect_changes(channel.coefficients, now.coefficients, pairs=pairs)
+    return [_reported(change, BASELINE) for change in changes]
 
 
 def _reported(change: CoefficientChange, against: Against) -> Change:
@@ -38,4 +40,5 @@ def _reported(change: CoefficientChange, against: Against) -> Change:
         now=change.now,
         ratio=change.ratio,
         sigma=change.sigma,
+        p_value=change.p_value,
     )

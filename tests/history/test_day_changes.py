@@ -21,7 +21,6 @@ from imumon.history.rows import iso
 from imumon.history.store import TimedPeriod
 from imumon.messages import change_text
 from imumon.noise.statistics.moments import deviation_limits
-from imumon.noise.stretches.day_change import find_day_change
 from imumon.report import Distribution, Event
 
 DAY = 86400.0
@@ -69,14 +68,6 @@ def test_days_in_time_lapse_count_by_the_sample_clock() -> None:
     assert judged.changes["gyro/y"][0].quantity == "N"
 
 
-def test_noise_that_follows_the_temperature_is_no_change() -> None:
-    rng = np.random.default_rng(2)
-    heat = np.where(np.arange(40) < 30, 20.0, 32.0) + rng.normal(0.0, 1.5, 40)
-    values = np.exp(0.01 * (heat - 20.0) + 0.005 * rng.standard_normal(40))
-    assert find_day_change(values, heat, 0.05) is None
-    assert find_day_change(values, np.full(40, np.nan), 0.05) is not None
-
-
 def test_a_step_of_the_slope_is_judged_by_the_errors_of_the_days() -> None:
     """Of any sign; a day with a wide error, however far off, is no change."""
     scatter = 1e-7 * np.random.default_rng(5).standard_normal(30)
@@ -107,29 +98,23 @@ def test_the_history_prints_the_slope_of_a_day(tmp_path: Path) -> None:
     assert '"slope":{"value":-1e-06,"low":-1.2e-06,' in imumon(*ask, "--json")
 
 
-def test_slopes_that_scatter_give_no_false_alarms() -> None:
-    """1,000 series of 30 days whose errors differ tenfold."""
-    rng = np.random.default_rng(6)
-    alarms = 0
-    for _ in range(1000):
-        errors = np.exp(rng.uniform(0.0, np.log(10.0), 30))
-        series = errors * rng.standard_normal(30)
-        alarms += find_day_change(series, np.full(30, 25.0), 0.0, errors) is not None
-    assert alarms <= 1
-
-
-@pytest.mark.parametrize(("correlation", "most"), [(0.0, 0), (0.8, 16), (1.0, 36)])
-def test_scatter_of_any_kind_gives_few_false_alarms(correlation: float, most: int) -> None:
-    """1,000 series of 30 days: white, strongly correlated, and a random walk."""
-    rng = np.random.default_rng(3)
-    alarms = 0
-    for _ in range(1000):
-        shocks = 0.03 * rng.standard_normal(30)
-        series = np.zeros(30)
-        for k in range(1, 30):
-            series[k] = correlation * series[k - 1] + shocks[k]
-        alarms += find_day_change(np.exp(series), np.full(30, 25.0), 0.05) is not None
-    assert alarms <= most
+@pytest.mark.parametrize("correlation", [0.0, 0.8, 1.0])
+def test_scatter_of_any_kind_makes_few_changes(correlation: float) -> None:
+    """500 series of 30 days: white, strongly correlated, and a random walk."""
+    rng, changed = np.random.default_rng(3), 0
+    for _ in range(500):
+        series = [0.0]
+        for shock in 0.03 * rng.standard_normal(29):
+            series.append(correlation * series[-1] + float(shock))
+        judged = DayChanges()
+        judged.add(
+            [
+                period(day, step_s=86400, noise=float(np.exp(level)), names=("gyro/x",))
+                for day, level in enumerate(series)
+            ]
+        )
+        changed += bool(judged.changes)
+    assert changed <= 15  # one of a hundred by chance: 15 have a probability of 1e-4
 
 
 def test_a_change_is_reported_once_also_after_a_restart(tmp_path: Path) -> None:

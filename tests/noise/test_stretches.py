@@ -228,13 +228,13 @@ def limited(n: float) -> dict[str, Estimate]:
 
 
 def test_a_change_is_beyond_chance_and_large() -> None:
-    assert detect_changes(limited(1e-4), limited(1.01e-4)) == ()
-    assert detect_changes(limited(1e-4), limited(1.03e-4)) == ()
-    (change,) = detect_changes(limited(1e-4), limited(1.4e-4))
+    assert detect_changes(limited(1e-4), limited(1.01e-4), pairs=18) == ()
+    assert detect_changes(limited(1e-4), limited(1.03e-4), pairs=18) == ()
+    (change,) = detect_changes(limited(1e-4), limited(1.4e-4), pairs=18)
     assert (change.letter, change.ratio) == ("N", pytest.approx(1.4))
-    assert detect_changes({}, limited(1e-4)) == ()
+    assert detect_changes({}, limited(1e-4), pairs=18) == ()
     without_limits = {"N": Estimate(value=1e-4, low=1e-4, high=1e-4, status="measured")}
-    assert detect_changes(without_limits, limited(1.4e-4)) == ()
+    assert detect_changes(without_limits, limited(1.4e-4), pairs=18) == ()
 
 
 # --- warm-up -----------------------------------------------------------------------------------------------

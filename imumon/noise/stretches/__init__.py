@@ -2,7 +2,7 @@
 
 `parts` returns the sums between two places of a record. `record_statistics` decides where the places are, and holds all
 statistics of one record. `warmup`, `quarters`, `stretches` and `change` are what it asks: has the sensor settled, how
-much does a coefficient move, what did each hour show, did an hour differ from those before. `day_change` asks the
+much does a coefficient move, what did each hour show, did an hour differ from those before. `change` asks the
 last of whole days of the history.
 
 | word | here |

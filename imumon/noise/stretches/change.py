@@ -1,15 +1,23 @@
-"""Changes of N and B between two parts of a record, or two records.
+"""Changes of a coefficient between two parts: is it another one, beyond chance and by as much as matters?
 
-An hour is compared with the hours before it, and a record with a saved one: has the sensor changed in the field? Two
-values differ by chance by the limits of both. N and B are compared by the logarithm of their ratio, whose standard
-error is the width of the limits on that scale over 2 * 1.96, both errors added in quadrature. A change is reported if
-it is beyond chance and large enough to matter. A sudden change of the bias is a step of the fit, not a change of N or
-B.
+One comparison serves all pairs of parts:
+
+    before                      now                    of
+    the hours before            an hour                N, B
+    the first half of a record  its second half        K
+    a saved report              the record             N, B
+    the days before             a day of the history   N, B, the slope against the temperature
+
+Two values differ by chance by the errors of both. The error of each is that of its limits towards the other value. A
+coefficient that does not show counts as 0 with its upper limit. The difference over the errors, added in quadrature, is
+in standard errors. A record, or a history, is compared many times: a pair counts as a change if chance makes one so
+large in `CHANCE` of all records, over all their pairs (Bonferroni). A sudden change of the bias is a step of the fit,
+not a change of N or B.
 
 >>> old = {"N": Estimate(value=1.0e-4, low=0.99e-4, high=1.01e-4, status="measured")}
 >>> new = {"N": Estimate(value=1.4e-4, low=1.38e-4, high=1.42e-4, status="measured")}
->>> [(change.letter, round(change.ratio, 2), round(change.sigma)) for change in detect_changes(old, new)]
-[('N', 1.4, 38)]
+>>> [(change.letter, round(change.ratio, 2), round(change.sigma)) for change in detect_changes(old, new, pairs=18)]
+[('N', 1.4, 35)]
 """
 
 from __future__ import annotations
@@ -18,28 +26,22 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from scipy.special import ndtr, stdtr
+
 from imumon.coefficients import LIMIT_95, Estimate
 from imumon.saved_state import restorable
 
-CHANGE_SIGMA = 5.0
-"""An hour differs from the hours before, or a record from a baseline, beyond chance. Unit: standard errors.
+CHANCE = 0.01
+"""Probability that chance makes a change in a record, over all pairs of its parts that are compared.
 
-Otherwise: chance makes changes: there are 27 comparisons an hour, over years. Origin: 6e-7 by chance.
+Otherwise: with 18 comparisons an hour, each month would have changes; with less, a change must be larger. For 18 pairs
+it is 3.5 standard errors, after a month 5.
 """
-LEAST_CHANGE_N = 0.05
-"""A smaller change of N is none, however significant; also between days. Unit: relative change.
+LEAST_CHANGE = {"N": 0.05, "B": 0.5}
+"""Relative changes of the coefficients below which one does not matter, however significant it is.
 
-Otherwise: a long record reports differences that no user acts on.
+Otherwise: a long record reports differences that no user acts on. B of the same sensor varies by half.
 """
-LEAST_CHANGE_B = 0.5
-"""A smaller change of B is none, however significant; also between days. Unit: relative change.
-
-Otherwise: hours of a sensor whose flicker noise wanders are reported as changes. Origin: B of the same sensor varies
-by as much.
-"""
-
-LEAST_CHANGE = {"N": LEAST_CHANGE_N, "B": LEAST_CHANGE_B}
-"""Relative changes of the coefficients that are compared, below which one does not matter."""
 
 
 @restorable
@@ -49,15 +51,17 @@ class CoefficientChange:
 
     Attributes
     ----------
-    letter : of the coefficient, one of `LEAST_CHANGE`.
+    letter : of the coefficient.
     before, now : channel unit of the coefficient.
-    sigma : standard errors of the logarithm of the ratio by which they differ.
+    sigma : standard errors by which they differ.
+    p_value : probability of such a difference by chance, over all pairs.
     """
 
     letter: str
     before: float
     now: float
     sigma: float
+    p_value: float
 
     @property
     def ratio(self) -> float:
@@ -65,42 +69,49 @@ class CoefficientChange:
         return self.now / self.before
 
 
-def detect_changes(
-    before: Mapping[str, Estimate], now: Mapping[str, Estimate]
-) -> tuple[CoefficientChange, ...]:
-    """Return the significant changes of N and B.
+def compare(
+    letter: str, before: Estimate, now: Estimate, *, pairs: int, dof: float = math.inf
+) -> CoefficientChange | None:
+    """Return the change of a coefficient; None if there is none, or if one of the two has no limits.
 
     Parameters
     ----------
-    before, now : coefficients of the same channel by letter; one that is missing or not measured is not compared.
+    pairs : compared parts of the record so far, with all channels and coefficients.
+    dof : degrees of freedom of the error of `before`; infinite where it follows from a fit.
     """
-    changes = (
-        _compare(letter, before[letter], now[letter], least)
-        for letter, least in LEAST_CHANGE.items()
-        if letter in before and letter in now
+    if before.low is None or before.high is None or now.low is None or now.high is None:
+        return None
+    if not (before.low < before.high and now.low < now.high):  # limits of a saved report may be anything
+        return None
+    old, new = before.value or 0.0, now.value or 0.0  # what does not show is 0, up to its bound
+    error = math.hypot(
+        (before.high - old if new > old else old - before.low) / LIMIT_95,
+        (new - now.low if new > old else now.high - new) / LIMIT_95,
     )
-    return tuple(change for change in changes if change is not None)
-
-
-def _compare(letter: str, before: Estimate, now: Estimate, least: float) -> CoefficientChange | None:
-    """Return the change of a coefficient; None if there is none, or if one of the values has no limits."""
-    old, new = _with_error(before), _with_error(now)
-    if old is None or new is None:
+    if not error > 0.0:  # a value may lie at its limit
         return None
-    distance = abs(math.log(new[0] / old[0]))
-    sigma = distance / math.hypot(old[1], new[1])
-    if sigma < CHANGE_SIGMA or distance < math.log1p(least):
+    sigma = abs(new - old) / error
+    tail = float(ndtr(-sigma) if math.isinf(dof) else stdtr(dof, -sigma))
+    p_value = min(1.0, 2.0 * tail * pairs)
+    if p_value > CHANCE or abs(new - old) < LEAST_CHANGE.get(letter, 0.0) * old:
         return None
-    return CoefficientChange(letter, old[0], new[0], sigma)
+    return CoefficientChange(letter, old, new, sigma, p_value)
 
 
-def _with_error(estimate: Estimate) -> tuple[float, float] | None:
-    """Return a value and the standard error of its logarithm; None without a value or limits.
+def detect_changes(
+    before: Mapping[str, Estimate], now: Mapping[str, Estimate], *, pairs: int
+) -> tuple[CoefficientChange, ...]:
+    """Return the significant changes of N and B where both parts show them.
 
-    Limits of a saved report may be anything: without `low < high` the error would be zero or negative, and any
-    difference a change.
+    Parameters
+    ----------
+    before, now : coefficients of the same channel by letter.
+    pairs : as of `compare`.
     """
-    value, low, high = estimate.value, estimate.low, estimate.high
-    if not value or not low or not high or not 0.0 < low < high:
-        return None
-    return value, math.log(high / low) / (2.0 * LIMIT_95)
+    shown = [
+        letter
+        for letter in LEAST_CHANGE
+        if all(letter in part and part[letter].value for part in (before, now))
+    ]
+    changes = (compare(letter, before[letter], now[letter], pairs=pairs) for letter in shown)
+    return tuple(change for change in changes if change is not None)

@@ -5,7 +5,7 @@ Real sensors are not: N moves by 0.5 to 1 % within an hour, a multiple of its li
 between the quarters shows that; `excess` says which part of it statistics do not explain.
 
 K is another case. What moves the mean without being noise, a sensor that warms or a hand beside it, looks like a walk
-and happens once. Then one half of the record has it and the other does not: `contradict` says so by their limits.
+and happens once. Then one half of the record has it and the other does not: `change` compares them.
 
 The length of a record is not known in advance, so the places between its quarters cannot be marked at once. Marks lie
 at equal distances instead. The ninth one makes every second one drop, and the distance doubles. So once the record is
@@ -19,7 +19,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
-from imumon.coefficients import QUARTERS, Estimate, Excess
+from imumon.coefficients import QUARTERS, Excess
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.fit.bias_curve import NEGLECTED_P
 from imumon.noise.noise_sums import NoiseSums
@@ -79,19 +79,6 @@ def excess(values: Floats, errors: Floats) -> Excess:
     value = deviation_of(2.0 * half_dof)
     low, high = deviation_of(quantile(0.025)), deviation_of(quantile(0.975))
     return Excess(value=value, low=low, high=high, p_value=p_value)
-
-
-def contradict(one: Estimate, two: Estimate) -> bool:
-    """Return whether the limits of a coefficient in two parts of a record exclude each other.
-
-    By chance 95 % limits of equal width do so in one of 180 pairs.
-
-    >>> contradict(Estimate(low=0.0, high=1.0, status="upper_bound"), Estimate(value=2.0, low=1.5, high=3.0))
-    True
-    """
-    if one.low is None or one.high is None or two.low is None or two.high is None:
-        return False
-    return one.low > two.high or two.low > one.high
 
 
 @restorable

@@ -26,7 +26,7 @@ from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import Estimator, settling_times_s
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.statistics.moments import MomentsResult
-from imumon.noise.stretches.change import CoefficientChange, detect_changes
+from imumon.noise.stretches.change import LEAST_CHANGE, CoefficientChange, detect_changes
 from imumon.noise.stretches.parts import RecordParts
 from imumon.noise.stretches.quarters import Quarters
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch, Stretches
@@ -256,7 +256,8 @@ class RecordStatistics:
         parts = ((before, hour.start - self._start), (hour.sums, hour.end - hour.start))
         old, new = (Estimator(averaged=self._averaged, time_to=False).fit_sums(*part) for part in parts)
         by_column = {}
+        pairs = self._allan_channels * len(LEAST_CHANGE) * (self.position // self._hour)
         for column in range(self._allan_channels):
-            if changes := detect_changes(old[column].coefficients, new[column].coefficients):
+            if changes := detect_changes(old[column].coefficients, new[column].coefficients, pairs=pairs):
                 by_column[column] = changes
         return by_column
