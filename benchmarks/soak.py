@@ -2,7 +2,7 @@
 
     python benchmarks/soak.py live --minutes 30             800 Hz, real time, a subscriber, a recording
     python benchmarks/soak.py days --days 7                 the whole pipeline, a sensor in time-lapse
-    python benchmarks/soak.py days --days 7 --direct        blocks straight into the monitor: no port, no bus
+    python benchmarks/soak.py days --days 7 --direct        blocks from memory to the daemon: no port
     python benchmarks/soak.py days --days 2 --no-history    a daemon that keeps no history
 
 The pipeline is a real one: the emulator's bytes through a pseudo-terminal to the daemon, to its state on disk
@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import statistics
 import sys
 import tempfile
@@ -35,14 +34,15 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from daemons import Daemon
 from faulty_sensor import spawn
 from figures import Figure, at_most
+from lapse import install_memory
 from stall import pause
 from usage import cpu_s, resident_kb
 
 from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.report import Report
-from imumon.saved_state import pack
 
 STILL_EVERY = 4  # looks at memory, in time-lapse
+NEAR_A_DAY = 0.15  # d, on each side: looks at memory that count as those of a day
 
 
 def growth_kb(taken: list[int]) -> float | None:
@@ -184,46 +184,32 @@ def measure(minutes: float) -> Iterator[Figure]:
     yield at_most("from SIGTERM to its end, settings put back", made["stop_s"], 1.0, "s")
 
 
-def straight(words: argparse.Namespace) -> dict[str, object]:
-    """Blocks of an exact clock straight into the monitor, with a report every hour of the record."""
-    from imumon.pipeline import Monitor
-    from imumon.report import DeviceDescription, SessionCounters
-    from imumon.samples import SampleBlock, Stream
-
-    rate, n = words.rate, 8192
-    names = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")
-    stream = Stream(
-        kind="deltas", source="made", clock="startup", channels=(*names, "temperature", "pressure")
-    )
-    noise = np.random.default_rng(1)
-    level = np.array([0.0] * 3 + [0.0, 0.0, 9.8] + [0.2, 0.0, 0.4] + [25.0, 101.3])
-    spread = np.array([6e-4] * 3 + [1.4e-2] * 3 + [1.4e-3] * 3 + [1e-3, 1e-3])
-    monitor, sent, next_s = Monitor(rate_hz=rate), 0, 0.0
-    taken: list[int] = []
-    sizes: list[int] = []
+def without_a_port(words: argparse.Namespace, scratch: Path) -> dict[str, object]:
+    """A daemon with its state, history and a subscriber, on blocks from memory: days pass in minutes."""
+    install_memory(scratch / "site")
+    lapse = (sys.executable, str(Path(__file__).with_name("lapse.py")), f"{words.speed:g}")
+    taken: list[tuple[float, int]] = []
     began = time.monotonic()
-    while sent < words.days * 86400.0 * rate:
-        values = level + spread * noise.standard_normal((n, len(level)))
-        ticks = np.arange(sent, sent + n, dtype=np.int64)
-        stamps = (ticks * round(1e9 / rate)).astype(np.int64)
-        monitor.feed(SampleBlock(stream, values, stamps, np.zeros(n, dtype=np.int64)))
-        sent += n
-        if sent / rate >= next_s:
-            next_s += 3600.0
-            monitor.report(datetime.now(UTC), DeviceDescription(id="soak"), "running", SessionCounters())
-            monitor.events()
-            sizes.append(len(pack(monitor.save())))
-            taken.append(resident_kb(os.getpid()))
-    monitor.flush()
-    latest = monitor.report(datetime.now(UTC), DeviceDescription(id="soak"), "stopped", SessionCounters())
+    with Daemon("memory:", scratch / "state", before=lapse) as daemon:
+        latest = daemon.samples(1)
+        while latest.session.elapsed_s < words.days * 86400.0 and daemon.process.poll() is None:
+            time.sleep(5.0)
+            latest = daemon.wait(lambda r: True)
+            taken.append((latest.session.elapsed_s, resident_kb(daemon.process.pid)))
+            if words.verbose:
+                print(f"{taken[-1][0] / 86400.0:.2f} d  {taken[-1][1]} kB", file=sys.stderr, flush=True)
+    by_day = {
+        day: statistics.median(values)
+        for day in range(1, int(words.days) + 1)
+        if (values := [kb for elapsed, kb in taken if abs(elapsed / 86400.0 - day) < NEAR_A_DAY])
+    }
     return {
-        "rate_hz": rate,
-        **laws(latest, sent, latest.session.samples),
-        "resident_kb_first_last_max": [taken[0], taken[-1], max(taken)],
-        "growth_kb": growth_kb(taken),
-        "resident_kb_by_tenth": by_tenth(taken),
-        "state_array_bytes_by_tenth": by_tenth(sizes),
-        "room_s": round(time.monotonic() - began, 1),
+        **laws(latest, latest.session.samples, latest.session.samples),
+        "resident_kb_first_last_max": [taken[0][1], taken[-1][1], max(kb for _, kb in taken)],
+        "resident_kb_by_day": by_day,
+        "growth_from_day_1_kb": by_day[max(by_day)] - by_day[1] if by_day else None,
+        "state_bytes": state_bytes(scratch / "state"),
+        "times_as_fast_as_the_clock": round(latest.session.elapsed_s / (time.monotonic() - began), 1),
     }
 
 
@@ -233,7 +219,6 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--days", type=float, default=7.0)
     parser.add_argument("--speed", type=float, default=5000.0, help="of the sensor in time-lapse")
-    parser.add_argument("--rate", type=float, default=100.0, help="Hz, with --direct")
     parser.add_argument("--baud", type=int, help="of a sensor in time-lapse; fewer samples at a lower one")
     parser.add_argument("--direct", action="store_true")
     parser.add_argument("--no-history", action="store_true", help="in time-lapse")
@@ -242,7 +227,7 @@ def main() -> int:
     words.speed = 1.0 if words.mode == "live" else words.speed
     direct = words.direct and words.mode == "days"
     with tempfile.TemporaryDirectory(prefix="imumon-soak-") as scratch:
-        made = straight(words) if direct else through_the_pipeline(words, Path(scratch))
+        made = without_a_port(words, Path(scratch)) if direct else through_the_pipeline(words, Path(scratch))
     print(json.dumps(made, indent=1))
     return 0 if all(value is not False for value in made.values()) else 1
 

@@ -30,8 +30,10 @@ from imumon.samples import DeviceCounters, DeviceInfo, Item, SampleBlock
 
 log = logging.getLogger(__name__)
 
-BATCHES = 32
-"""Batches in the queue; one holds what one `Device.read` returned."""
+BATCHES = 4
+"""Batches in the queue; one holds what one `Device.read` returned. They are a second of a live stream; behind them, a
+port has a queue of bytes for more than a minute. Of a sensor in time-lapse, each has thousands of numbers and their
+bytes: 32 of them kept 5 MB more."""
 RETRY_S = 0.5
 """s between two attempts to open a device that was lost, and at least from one opening to the next."""
 LONGEST_RETRY_S = 16.0
