@@ -205,30 +205,10 @@ def caveat_lines(report: Report) -> list[str]:
 
 
 def short_record_text(report: Report) -> str | None:
-    """Return a warning about a short record, with what it shows of N, B and K; None if it is long enough."""
+    """Return a warning about a short record; None if it is long enough."""
     if report.session.elapsed_s >= RECOMMENDED_RECORD_S:
         return None
-    known = ", ".join(_precision(report, letter) for letter in NOISE)
-    length = duration(report.session.elapsed_s)
-    return f"recorded {length}: {known}; record at least {RECOMMENDED_RECORD_S / 3600.0:.0f} h"
-
-
-def _precision(report: Report, letter: str) -> str:
-    """Return how well a coefficient is known on the worst axis of gyroscope and accelerometer."""
-    by_sensor = {
-        sensor: [
-            channel.coefficients[letter]
-            for _, channel in sensor_axes(report, sensor)
-            if letter in channel.coefficients
-        ]
-        for sensor in NAMES
-    }
-    parts = [part for of_sensor in by_sensor.values() for part in of_sensor]
-    if not parts or any(part.status == "pending" for part in parts):
-        return f"{letter} not known yet"
-    bounded = [sensor for sensor, of_sensor in by_sensor.items() if any(part.is_bound for part in of_sensor)]
-    if bounded:
-        measured = any(of_sensor for sensor, of_sensor in by_sensor.items() if sensor not in bounded)
-        return f"{letter} of {' and '.join(bounded)} only bounded" if measured else f"{letter} only bounded"
-    widths = [100.0 * half for part in parts if (half := part.stated.half_width) is not None]
-    return f"{letter} ±{figures(max(widths), 2)} %" if widths else f"{letter} measured"
+    return (
+        f"recorded {duration(report.session.elapsed_s)}: what the record does not show is a comment; "
+        f"record at least {RECOMMENDED_RECORD_S / 3600.0:.0f} h"
+    )
