@@ -88,7 +88,9 @@ def markdown(document: Document) -> str:
     parts = [f"# {_escaped(document.title)}", _escaped(document.subtitle)]
     parts += map(_markdown_element, document.sheet)
     for section in document.appendix:
-        parts += [f"## Appendix: {_escaped(section.title)}", *map(_markdown_element, section.elements)]
+        # a section of figures alone has no text
+        if texts := list(filter(None, map(_markdown_element, section.elements))):
+            parts += [f"## Appendix: {_escaped(section.title)}", *texts]
     return "\n\n".join([*filter(None, parts), _escaped(document.foot)]) + "\n"
 
 
