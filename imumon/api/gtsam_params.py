@@ -33,7 +33,9 @@ def combined_params(numbers: Mapping[str, float], gravity: float) -> Any:
     missing = [name for name in SETTERS if name not in numbers]
     if missing:
         text = f"the record does not show what {', '.join(missing)} needs"
-        raise ImumonError("not_measured", text, "record gyroscope and accelerometer, and record longer")
+        raise ImumonError(
+            "not_measured", text, "record gyroscope and accelerometer, and record longer, or pass bounds=True"
+        )
     try:
         import gtsam
     except ModuleNotFoundError:

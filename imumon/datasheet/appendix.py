@@ -7,7 +7,7 @@ from functools import partial
 
 from imumon.coefficients import unit_of
 from imumon.datasheet.convergence_figure import convergence_svg, convergence_table, convergences
-from imumon.datasheet.elements import Caution, DataTable, Element, Figure, Paragraph, Section
+from imumon.datasheet.elements import AppendixSection, Caution, DataTable, Element, Figure, Paragraph
 from imumon.datasheet.figures import curve_table, svg
 from imumon.datasheet.signal_text import notes, spectral_lines, with_half_width
 from imumon.datasheet.spectrum_figure import spectra, spectrum_svg
@@ -27,7 +27,7 @@ from imumon.samples import INERTIAL
 from imumon.units import counted, pretty
 
 
-def appendix(report: Report) -> Iterator[Section]:
+def appendix(report: Report) -> Iterator[AppendixSection]:
     """Yield the sections that the report has something for."""
     parts = {
         "caveats": _caveats,
@@ -40,7 +40,7 @@ def appendix(report: Report) -> Iterator[Section]:
     }
     for title, elements_of in parts.items():
         if elements := tuple(elements_of(report)):
-            yield Section(title, elements)
+            yield AppendixSection(title, elements)
 
 
 def _caveats(report: Report) -> Iterator[Element]:

@@ -67,7 +67,7 @@ Element: TypeAlias = Heading | Paragraph | Caution | GradeSummary | DataTable | 
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class AppendixSection:
     """A part of the appendix: closed on a screen, until somebody opens it."""
 
     title: str
@@ -79,7 +79,7 @@ class Document:
     title: str
     subtitle: str
     sheet: tuple[Element, ...]
-    appendix: tuple[Section, ...]
+    appendix: tuple[AppendixSection, ...]
     foot: str  # what wrote it
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 
 from imumon.datasheet.elements import (
+    AppendixSection,
     Caution,
     DataTable,
     Document,
@@ -14,7 +15,6 @@ from imumon.datasheet.elements import (
     Heading,
     Listing,
     Paragraph,
-    Section,
 )
 
 SHORT = 14  # rows up to which a table is not broken between two printed pages
@@ -106,7 +106,7 @@ def html_page(document: Document) -> str:
     )
 
 
-def _section(section: Section) -> str:
+def _section(section: AppendixSection) -> str:
     summary = f"<summary>{html.escape(section.title.capitalize())}</summary>"
     return f"<details>{summary}{''.join(map(_element, section.elements))}</details>"
 

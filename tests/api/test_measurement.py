@@ -140,9 +140,10 @@ def test_filters_have_the_covariance_of_a_step(m: Measurement) -> None:
 
 @pytest.mark.parametrize("program", [name for name, program in PROGRAMS.items() if program.letters])
 def test_settings_are_the_numbers_of_the_file(m: Measurement, program: str) -> None:
-    numbers = m.settings(program)
+    numbers = m.settings(program, bounds=True)
     text = m.text(program)
     assert len(numbers) >= 4
+    assert m.settings(program).items() <= numbers.items()
     assert all(np.isfinite(value) for value in numbers.values())
     assert all(name.partition("[")[0] in text for name in numbers)
 
@@ -158,7 +159,7 @@ def test_settings_of_kalibr(m: Measurement) -> None:
 
 def test_the_object_of_gtsam(m: Measurement) -> None:
     pytest.importorskip("gtsam")
-    params = m.gtsam_params()
+    params = m.gtsam_params(bounds=True)
     covariance = params.getGyroscopeCovariance()
     assert covariance[0, 0] == pytest.approx(m.settings("gtsam")["setGyroscopeCovariance"])
 

@@ -129,7 +129,7 @@ def test_the_datasheet_has_terms_curve_and_span(warm: tuple[Path, Report]) -> No
     rows = [
         line for line in imumon("report", path, "--format", "csv").splitlines() if line.startswith("bias,")
     ]
-    assert "## Bias against the temperature" in sheet
+    assert "## Appendix: temperature" in sheet
     for sensor, title in (("gyro", "Gyroscope"), ("accel", "Accelerometer")):
         assert f'aria-label="Bias of the {title.lower()} against the temperature"' in page
         curve = report.channels[f"{sensor}/x"].bias_curve

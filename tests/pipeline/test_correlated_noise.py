@@ -254,8 +254,8 @@ def test_the_datasheet_and_the_settings_explain_it(report: Report) -> None:
     settings = document(report, "kalibr", filters).decode()
     assert "from N, B, K and M: the smallest" in settings
     assert "; with M " in settings
-    lines = [line for line in settings.splitlines() if line.startswith("gyroscope_random_walk")]
-    assert float(lines[0].split()[1]) == pytest.approx(
+    lines = [line for line in settings.splitlines() if "gyroscope_random_walk: " in line]
+    assert float(lines[0].removeprefix("# ").split()[1]) == pytest.approx(
         max(filters.channels[f"gyro/{axis}"].walk for axis in "xyz"), rel=1e-5
     )
 
