@@ -60,4 +60,4 @@ class GrowingSource:
 
 if __name__ == "__main__":
     app.TERMINAL_POLL_S = 0.3
-    sys.exit(run(GrowingSource(), ascii="--ascii" in sys.argv))
+    sys.exit(run(GrowingSource()))

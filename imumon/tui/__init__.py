@@ -16,6 +16,6 @@ export         the saved report, and numbers for other programs
 terminal       what the screen needs of the terminal
 """
 
-from imumon.tui.tui import run, themes
+from imumon.tui.tui import run
 
-__all__ = ["run", "themes"]
+__all__ = ["run"]

@@ -12,7 +12,7 @@ from imumon.coefficients import MARKOV, NOISE
 from imumon.readiness import state_of
 from imumon.report import Channel, Report
 from imumon.samples import INERTIAL, sensor_of
-from imumon.tui.formatting import CELL, Line, fitted, padded, remaining_time, with_background
+from imumon.tui.formatting import CELL, Line, fitted, padded, with_background
 from imumon.tui.view_state import ViewState
 from imumon.units import number, short
 
@@ -33,9 +33,9 @@ def letters_of(*reports: Report | None) -> tuple[str, ...]:
     return (*NOISE, *(letter for letter in MARKOV if letter in shown))
 
 
-def columns(width: int, letters: Sequence[str] = NOISE, *, times: bool = False) -> list[str]:
-    """Return the columns that fit; `times`: those of the time to each precision, which M and T do not have."""
-    left_out = {"mean", "std", *MARKOV} if times else {*MARKOV} - {*letters}
+def columns(width: int, letters: Sequence[str] = NOISE) -> list[str]:
+    """Return the columns that fit."""
+    left_out = {*MARKOV} - {*letters}
     kept: set[str] = set()
     # N, the first one, is kept on any screen; M is more than the mean, which may fit where M does not
     for name in (*NOISE, "grade", MARKOV.sigma, "mean", MARKOV.time_constant_s, "std"):
@@ -67,10 +67,9 @@ def rows_of(state: ViewState, width: int = TABLE, *, spaced: bool = False) -> li
     report = state.report
     if report is None:
         return []
-    shown = columns(width, letters_of(report), times=state.show_times)
+    shown = columns(width, letters_of(report))
     whole = LABEL + sum(COLUMNS[name] for name in shown)
     rows: list[tuple[Line, str | None]] = []
-    hint: list[Line] = [[("   p", "key"), (" values", "muted")]] if state.show_times else []
     last = None
     for name, channel in report.channels.items():
         group = sensor_of(name) if "/" in name else "surroundings"
@@ -80,8 +79,7 @@ def rows_of(state: ViewState, width: int = TABLE, *, spaced: bool = False) -> li
             if spaced and rows:
                 rows.append(([], None))
             if "/" in name:
-                rows.append((fitted([_heading(state, group, shown), *hint], width), None))
-                hint = []
+                rows.append((fitted([_heading(state, group, shown)], width), None))
         last = group
         line = _row(state, name, channel, shown) if "/" in name else _single(state, name, channel, width)
         line = padded(line, min(max(TABLE, whole), width))
@@ -91,18 +89,16 @@ def rows_of(state: ViewState, width: int = TABLE, *, spaced: bool = False) -> li
 
 def _heading(state: ViewState, sensor: str, shown: Sequence[str]) -> Line:
     """Return names and units of the columns for one sensor."""
-    notation, precision = state.notation, state.report.precision if state.report is not None else {}
+    notation = state.notation
     cells: dict[str, Line] = {
         "mean": [(f"mean {notation.scale(f'{sensor}/x')[1]}".rjust(COLUMNS["mean"]), "muted")],
         "std": [("std".rjust(COLUMNS["std"]), "muted")],
         "grade": [_headline(state, sensor)],
     }
     for name in set(shown).intersection((*NOISE, *MARKOV)):
-        goal = notation.goal(precision[name]) if name in precision else ""
-        text = f"{name} {goal if state.show_times else notation.coefficient_scale(sensor, name)[1]}"
-        symbol = 0 if state.show_times else 2  # cells of the symbol of a state
-        gap = " " * (COLUMNS[name] - len(text) - symbol)
-        cells[name] = [(gap, "text"), (name, name), (text[1:] + " " * symbol, "muted")]
+        text = f"{name} {notation.coefficient_scale(sensor, name)[1]}"
+        gap = " " * (COLUMNS[name] - len(text) - 2)  # 2: the cells of the symbol of a state
+        cells[name] = [(gap, "text"), (name, name), (f"{text[1:]}  ", "muted")]
     return [(f" {sensor:<5}", "title"), *(span for name in shown for span in cells[name])]
 
 
@@ -117,16 +113,12 @@ def _row(state: ViewState, name: str, channel: Channel, shown: Sequence[str]) ->
     }
     estimates = channel.estimates
     for part in set(shown).intersection((*NOISE, *MARKOV)):
-        seconds, estimate = (channel.time_to or {}).get(part), estimates.get(part)
-        cells[part] = (
-            remaining_time(estimate, seconds)
-            if state.show_times
-            else state.notation.coefficient(estimate, seconds)
-        )
+        seconds = (channel.time_to or {}).get(part)
+        cells[part] = state.notation.coefficient(estimates.get(part), seconds)
     line: Line = [("▌" if name == state.channel else " ", "accent"), (f"  {name[-1]}  ", "strong")]
     for column in shown:
         text, role = cells[column]
-        if column in NOISE and not state.show_times:
+        if column in NOISE:
             symbol, symbol_role = SYMBOLS[state_of(channel, column)]
             line += [(text.rjust(COLUMNS[column] - 2), role), (f" {symbol}", symbol_role)]
         else:

@@ -10,7 +10,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from imumon.coefficients import BOUNDS, INDISTINCT_WORD, Estimate, mean_unit, unit_of
+from imumon.coefficients import INDISTINCT_WORD, Estimate, mean_unit, unit_of
 from imumon.messages import no_value_text
 from imumon.samples import UNITS, sensor_of
 from imumon.units import measured, number, pretty
@@ -133,22 +133,6 @@ def decade(exponent: int) -> str:
     '10⁻²'
     """
     return "10" + str(exponent).translate(_SUPERSCRIPT)
-
-
-def remaining_time(part: Estimate | None, seconds: float | None) -> Span:
-    """Return the time until a coefficient has its configured precision in at most `CELL` cells.
-
-    Parameters
-    ----------
-    seconds : as in a report: 0 has it, None is unknown or more than a year.
-    """
-    if seconds is not None:
-        return (f"in {approximate_duration(seconds)}", "text") if seconds else ("reached", "good")
-    if part is None:
-        return "–", "faint"
-    return {"measured": ("> 1 year", "text"), **dict.fromkeys(BOUNDS, ("only a bound", "bound"))}.get(
-        part.status, ("pending", "faint")
-    )
 
 
 def approximate_duration(seconds: float) -> str:

@@ -79,7 +79,6 @@ VIEW_KEYS = {
         ("c", "copy"),
         ("z", "chart"),
         ("o", "axes"),
-        ("p", "times"),
         ("g", "grades"),
         ("b", "keep"),
     ),

@@ -16,13 +16,12 @@ if TYPE_CHECKING:
     from imumon.bus.subscriber import Subscriber
 
 
-def run(source: Subscriber, *, ascii: bool = False, **options: Any) -> int:
+def run(source: Subscriber, **options: Any) -> int:
     """Show a source until the user quits.
 
     Parameters
     ----------
     source : where reports come from.
-    ascii : draw with ASCII characters only; implied if the terminal has no others.
     options : as for `imumon.tui.app.ImumonApp`.
 
     Returns
@@ -31,18 +30,9 @@ def run(source: Subscriber, *, ascii: bool = False, **options: Any) -> int:
     """
     from imumon.tui.app import ImumonApp
 
-    app = ImumonApp(source, ascii=ascii or terminal.only_ascii(), **options)
+    app = ImumonApp(source, ascii=terminal.only_ascii(), **options)
     app.run()
     return _flushed(app.return_code or 0)
-
-
-def themes() -> tuple[str, ...]:
-    """Return the names of the themes, those of imumon first."""
-    from textual.theme import BUILTIN_THEMES
-
-    from imumon.tui.widgets import THEMES
-
-    return (*(theme.name for theme in THEMES), *sorted(BUILTIN_THEMES))
 
 
 def _flushed(code: int) -> int:

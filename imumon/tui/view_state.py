@@ -84,7 +84,6 @@ class ViewState:
     alive : ids of devices with a running daemon.
     requested_id : device that the user asked for; None: any.
     id, channel : selected device and channel.
-    show_times : show the time to each precision instead of the values.
     detailed : the selected channel is shown in full beside the chart.
     compact : there is little room: the grades are in the table.
     folded : sensors without a grade are left out of the table, until one of their channels is selected.
@@ -108,7 +107,6 @@ class ViewState:
     history: HistorySeries | None = None
     span: str = RECORD
     show_limits: bool = False
-    show_times: bool = False
     detailed: bool = True
     compact: bool = False
     folded: bool = False

@@ -75,7 +75,6 @@ class Overview(ChannelView):
         Binding("z,enter", "app.switch('zoomed')", "only the chart, or all"),
         Binding("escape", "app.all_panels", ""),
         Binding("o", "app.switch('overlay')", "all three axes in one chart"),
-        Binding("p", "app.switch('show_times')", "time to each precision, or the values"),
         Binding("g", "app.switch('show_limits')", "limits of the grades"),
         Binding("b", "app.baseline", "keep this curve for comparison"),
         Binding("c", "app.copy", "copy N and K for other programs"),

@@ -23,7 +23,6 @@ from imumon.datasheet.tables import channel_rows, report_table
 from imumon.messages import CAVEATS, FILTER_NOT_KNOWN, uncertainty
 from imumon.pipeline.report_builder import effective_samples
 from imumon.report import Allan, Report, from_json
-from imumon.tui.formatting import Notation
 
 
 @pytest.mark.parametrize("age", AGES)
@@ -282,4 +281,3 @@ def test_wide_limits_are_a_factor() -> None:
     shown = report_table(replace(report, channels={"gyro/x": one}), 100)
     assert "3.5 ×÷3.0" in shown
     assert uncertainty() in shown
-    assert Notation(ascii=True).coefficient(k, None) == ("3.5 x/3.0", "text")

@@ -413,26 +413,6 @@ def test_the_time_to_the_configured_precision_is_visible(size: tuple[int, int]) 
     drive(reports.FakeSource(report), script, size)
 
 
-@pytest.mark.parametrize("size", [(60, 20), (80, 24), (150, 40)])
-def test_the_time_to_each_precision_is_visible_at_once(size: tuple[int, int]) -> None:
-    report = with_times(reports.report(), {"N": 0.0, "B": 1500.0, "K": None})
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        await pilot.press("p")
-        rows = visible_text(app).splitlines()
-        (heading,) = (row for row in rows if row.startswith(" gyro") and "N ±" in row)
-        assert heading.split()[1:10] == ["N", "±1", "%", "B", "±15", "%", "K", "±50", "%"]
-        assert "p values" in heading or size[0] < 72
-        row = next(row for row in rows if row.startswith("   z"))
-        assert "reached" in row
-        assert "in 25 min" in row
-        assert "only a bound" in row
-        await pilot.press("p")
-        assert "reached" not in visible_text(app)
-
-    drive(reports.FakeSource(report), script, size)
-
-
 @driven(size=(80, 24))
 async def test_the_first_screen_has_a_curve_of_twelve_rows_and_folds_the_magnetometer(
     app: ImumonApp, pilot: Pilot[int]
