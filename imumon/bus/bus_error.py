@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import socket
 from collections.abc import Sequence
 
 import zenoh
@@ -33,7 +32,6 @@ _CERTIFICATE_INVALID = "zenoh.certificate or zenoh.ca is not a certificate in PE
 _PRIVILEGE = "choose a port above 1023, or a directory that you may write to"
 _ANOTHER = "choose another with --listen"
 _UNREACHABLE = "check that a daemon or router listens there, and the password or certificate"
-_NO_HOST = "failed to lookup address"
 _KNOWN_ERRORS = (
     (
         "unable to connect to any",
@@ -45,13 +43,7 @@ _KNOWN_ERRORS = (
     ("cannot assign requested address", "address_not_local", "not an address of this machine", _ANOTHER),
     ("permission denied", "permission_denied", "no permission", _PRIVILEGE),
     ("no such file or directory", "path_not_found", "no such directory", "create the directory {directory}"),
-    (_NO_HOST, "host_unknown", "no such host", "check the name of the host"),
-    (
-        "usrpwd",
-        "users_file_invalid",
-        "the file of users {users_file} is invalid",
-        "write user:password on each line",
-    ),
+    ("failed to lookup address", "host_unknown", "no such host", "check the name of the host"),
     ("keymismatch", "key_invalid", _KEY_INVALID, "check both files"),
     ("private key", "key_invalid", _KEY_INVALID, "check both files"),
     ("certificate", "certificate_invalid", _CERTIFICATE_INVALID, "check both files"),
@@ -59,20 +51,19 @@ _KNOWN_ERRORS = (
 """Text in an error of Zenoh (lower case), code, message and cure. The first match counts."""
 
 
-def classify(error: zenoh.ZError | OSError, endpoints: Sequence[str], users_file: str = "") -> BusError:
-    """Return an error of Zenoh, or of a socket, as a `BusError`; code ``session_failed`` if it is unknown.
+def classify(error: zenoh.ZError, endpoints: Sequence[str]) -> BusError:
+    """Return an error of Zenoh as a `BusError`; code ``session_failed`` if it is unknown.
 
     This is the only place where the text of an error decides: `zenoh.ZError` has one type and no code for all
     causes. An unknown text, also one that a new release of Zenoh changes, is shown as it is.
     """
-    text = _NO_HOST if isinstance(error, socket.gaierror) else str(error)
+    text = str(error)
     where = next((e for e in endpoints if e in text), None) or (endpoints[0] if endpoints else "Zenoh")
     for pattern, code, message, cure in _KNOWN_ERRORS:
         if pattern in text.lower():
             kind = Unreachable if code == "unreachable" else BusError
             directory = os.path.dirname(where.partition("/")[2])
-            message, cure = (t.format(users_file=users_file, directory=directory) for t in (message, cure))
-            return kind(code, f"{where}: {message}", cure)
+            return kind(code, f"{where}: {message}", cure.format(directory=directory))
     return BusError("session_failed", f"{where}: {readable(text)}", "check the settings of [zenoh]")
 
 

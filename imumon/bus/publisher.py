@@ -75,15 +75,14 @@ class Publisher:
         self._stop_connecting = threading.Event()
         self._reported_uplinks: dict[str, str | None] = {}
         self._reported_error: str | None = None
-        router = options.mode == "router"  # routers find routes between each other within one session
-        self._session, self.endpoints = open_local(options, listen, connect if router else (), self.id)
+        self._session, self.endpoints = open_local(options, listen, self.id)
         self._last_values = LastValues(self._root)
         self._timestamp = self._session.new_timestamp
         self._links = Links(Uplink(self._session, self._root, self._reply), self._last_values)
         self._thread = threading.Thread(target=self._run, name="imumon-bus", daemon=True)
         self._thread.start()
         atexit.register(self.close)
-        self._connect(options, () if router else connect)
+        self._connect(options, connect)
 
     def _connect(self, options: SessionOptions, endpoints: Sequence[str]) -> None:
         """Start to connect to routers; unreachable ones are tried until the publisher closes."""

@@ -18,7 +18,6 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any, TypeAlias, TypeVar
 
 import zenoh
@@ -83,7 +82,6 @@ class Subscriber:
         most_bytes: int | None = None,
     ) -> None:
         options = SessionOptions.of(settings)
-        options = replace(options, mode="peer", users_file="")
         configured = tuple(connect or ()) or options.connect or tuple(map(_loopback, options.listen))
         self.endpoints = configured or local_endpoints()
         self.version = 0

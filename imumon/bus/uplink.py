@@ -137,7 +137,7 @@ class Links:
 
 
 def open_local(
-    options: SessionOptions, listen: Sequence[str], connect: Sequence[str], id: str
+    options: SessionOptions, listen: Sequence[str], id: str
 ) -> tuple[zenoh.Session, tuple[str, ...]]:
     """Open the session that listens: on `listen`, or if that is empty on the first free default port.
 
@@ -148,10 +148,10 @@ def open_local(
     BusError : no endpoint can be used, or another running daemon has this name.
     """
     if listen:
-        return open_session(options, listen, connect, access_control=True), tuple(listen)
+        return open_session(options, listen, (), access_control=True), tuple(listen)
     for endpoint in local_endpoints():
         try:
-            session = open_session(options, [endpoint], connect, access_control=True)
+            session = open_session(options, [endpoint], (), access_control=True)
         except BusError as error:
             if error.code != "address_in_use":
                 raise
@@ -159,7 +159,7 @@ def open_local(
         try:
             # also those after it: where a daemon has ended, its neighbours go on behind a free port
             others = [other for other in local_endpoints() if other != endpoint and _listens(other)]
-            check_name_is_free(replace(options, mode="peer"), others, id)
+            check_name_is_free(options, others, id)
         except BusError:
             session.close()
             raise

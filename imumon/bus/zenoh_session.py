@@ -12,19 +12,15 @@ import ipaddress
 import json
 import os
 import re
-import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
-from pathlib import Path
 from typing import Any, Self, TypeVar
 
 import zenoh
 
 from imumon.bus.bus_error import BusError, classify, readable
-from imumon.errors import why
-from imumon.system_errors import cure_of_writing
 
 DEFAULT_PORTS = range(7448, 7464)  # TCP: a daemon listens on the first free one, a subscriber connects to all
 LEASE_S = 2.0  # s; a link without traffic for this time is closed
@@ -39,15 +35,30 @@ _MOST_SESSIONS = 100
 _HANDSHAKE_S = 2.0
 """s that the handshake of a connection may take, on both sides. Zenoh waits for a limited number of unfinished ones, so
 that connections that say nothing keep viewers out until their time is over, which is 10 s without this setting."""
-_RESERVED_RAW = {
-    "mode": "zenoh.mode",
-    "listen": "zenoh.listen",
-    "connect": "zenoh.connect",
-    "access_control": "zenoh.read_only and zenoh.allow",
-}  # top-level keys, and the settings for them
+_RESERVED_RAW = ("mode", "listen", "connect", "access_control")
+"""Top-level settings of Zenoh that imumon sets itself."""
+_KEYS = ["imumon/**", "imumon/**/@adv/**"]  # ** does not match the verbatim chunk in the keys of caches
+_ACCESS = {
+    "enabled": True,
+    "default_permission": "deny",
+    "rules": [
+        {
+            "id": "egress", "permission": "allow", "flows": ["egress"], "key_exprs": _KEYS,
+            "messages": ["put", "delete", "reply", "declare_queryable", "liveliness_token"],
+        },
+        {
+            "id": "ingress", "permission": "allow", "flows": ["ingress"], "key_exprs": _KEYS,
+            "messages": [
+                "declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"
+            ],
+        },
+    ],
+    "subjects": [{"id": "everybody"}],
+    "policies": [{"rules": ["egress", "ingress"], "subjects": ["everybody"]}],
+}  # fmt: skip
+"""Access rules of a daemon: publications go out, subscriptions and queries come in, data does not come in."""
 _LOCAL_PROTOCOLS = ("unixsock-stream", "unixpipe")
 _NETWORK_PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws")
-_ENCRYPTED = ("tls/", "quic/")
 
 T = TypeVar("T")
 
@@ -58,19 +69,13 @@ class SessionOptions:
 
     listen: tuple[str, ...] = ()  # endpoints such as ``tcp/127.0.0.1:7448``
     connect: tuple[str, ...] = ()  # endpoints
-    mode: str = "peer"  # or ``router``; ``client`` for the uplinks and the tests of an endpoint
-    user: str = ""  # for login; peers that present the same user and password may connect to this session
+    mode: str = "peer"  # ``client`` for the uplinks and the tests of an endpoint
+    user: str = ""  # to log in with at a router
     password: str = ""
-    users_file: str = ""  # file of lines ``user:password``: further users that may connect to this session
-    certificate: str = (
-        ""  # PEM file for mutual TLS on endpoints of ``tls/`` and ``quic/``, as are the next two
-    )
+    certificate: str = ""  # PEM file for mutual TLS with a router, as are the next two
     key: str = ""
     ca: str = ""
-    verify_name: bool = True  # whether the certificate of the other side must name the host in the endpoint
-    read_only: bool = True  # whether data that peers publish is rejected
-    allow: tuple[str, ...] = ()  # common names of certificates, or users, that may read; empty: all
-    insecure: bool = False  # whether to listen on other interfaces than the loopback without TLS
+    insecure: bool = False  # whether to listen on other interfaces than the loopback
     raw: Mapping[str, Any] = field(default_factory=dict)  # further settings of Zenoh, path to value
 
     @classmethod
@@ -148,7 +153,7 @@ def open_session(
     Parameters
     ----------
     most_bytes : size of a message that the session accepts, if it accepts data.
-    access_control : whether `SessionOptions.read_only` and `SessionOptions.allow` apply to peers.
+    access_control : whether peers may subscribe and query only, as with a daemon.
 
     Raises
     ------
@@ -160,27 +165,22 @@ def open_session(
         check_endpoint(endpoint)
     for endpoint in listen:
         _check_listen(options, endpoint)
-    for path in (options.users_file, options.certificate, options.key, options.ca):
+    for path in (options.certificate, options.key, options.ca):
         if path and not os.access(path, os.R_OK):
             raise BusError("file_unreadable", f"{path}: cannot be read", "check the path and its permissions")
-    with _users_file(options, bool(listen)) as users:
-        config = _zenoh_config(options, listen, connect, users, access_control, most_bytes)
-        try:
-            return zenoh.open(config)
-        except zenoh.ZError as error:
-            raise classify(error, (*listen, *connect), options.users_file) from None
+    config = _zenoh_config(options, listen, connect, access_control, most_bytes)
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise classify(error, (*listen, *connect)) from None
 
 
 def _check_listen(options: SessionOptions, endpoint: str) -> None:
     """Raise `BusError` if the options do not allow to listen on this endpoint."""
-    encrypted = endpoint.startswith(_ENCRYPTED)
-    if not (is_local(endpoint) or encrypted or options.insecure):
+    if not (is_local(endpoint) or options.insecure):
         message = f"{endpoint}: every host on the network could read the data"
-        cure = "use tls/ with certificates, or set zenoh.insecure = true"
+        cure = "publish through a router with --connect, or set zenoh.insecure = true"
         raise BusError("listen_insecure", message, cure)
-    if encrypted and not options.certificate:
-        message = f"{endpoint}: no certificate"
-        raise BusError("certificate_missing", message, "set zenoh.certificate and zenoh.key")
 
 
 def start_listener(source: Iterable[T], handle: Callable[[T], None]) -> threading.Thread:
@@ -204,12 +204,10 @@ def _zenoh_config(
     options: SessionOptions,
     listen: Sequence[str],
     connect: Sequence[str],
-    users: str,
     access_control: bool,
     most_bytes: int,
 ) -> zenoh.Config:
-    """Return the configuration of a session; `users` is the path of the file of users."""
-    only_queries = access_control and options.read_only
+    """Return the configuration of a session."""
     values: dict[str, Any] = {
         "mode": options.mode,
         "listen/endpoints": list(listen),
@@ -222,16 +220,17 @@ def _zenoh_config(
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": round(LEASE_S * 1000),
-        "transport/link/rx/max_message_size": _MAX_QUERY_BYTES if only_queries else most_bytes,
+        "transport/link/rx/max_message_size": _MAX_QUERY_BYTES if access_control else most_bytes,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": round(_BLOCKED_S * 1e6),
         "transport/unicast/accept_timeout": round(_HANDSHAKE_S * 1000),
         "transport/unicast/open_timeout": round(_HANDSHAKE_S * 1000),
         "transport/unicast/max_sessions": _MOST_SESSIONS,
         "timestamping/enabled": True,
     }
-    values |= _credentials(options, users)
-    if access_control and (options.read_only or options.allow):
-        values["access_control"] = _access_rules(options)
+    if not listen:
+        values |= _credentials(options)
+    if access_control:
+        values["access_control"] = _ACCESS
     config = zenoh.Config()
     for path, value in values.items():
         config.insert_json5(path, json.dumps(value))
@@ -240,21 +239,16 @@ def _zenoh_config(
     return config
 
 
-def _credentials(options: SessionOptions, users: str) -> dict[str, Any]:
-    """Return the settings of passwords and certificates; `users` is the path of the file of users."""
+def _credentials(options: SessionOptions) -> dict[str, Any]:
+    """Return the settings of password and certificate for a router."""
     password, tls = "transport/auth/usrpwd/", "transport/link/tls/"
-    given: dict[str, Any] = {
-        tls + "enable_mtls": bool(options.ca and options.certificate),
-        tls + "verify_name_on_connect": options.verify_name,
-    }
+    given: dict[str, Any] = {tls + "enable_mtls": bool(options.ca and options.certificate)}
     if options.user:
         given |= {password + "user": options.user, password + "password": options.password}
-    if users:
-        given[password + "dictionary_file"] = users
     if options.ca:
         given[tls + "root_ca_certificate"] = options.ca
-    for side in ("listen", "connect") if options.certificate else ():
-        given |= {f"{tls}{side}_certificate": options.certificate, f"{tls}{side}_private_key": options.key}
+    if options.certificate:
+        given |= {tls + "connect_certificate": options.certificate, tls + "connect_private_key": options.key}
     return given
 
 
@@ -262,62 +256,10 @@ def _insert_raw(config: zenoh.Config, path: str, value: Any) -> None:
     """Set one setting of ``[zenoh.raw]``."""
     if path.partition("/")[0] in _RESERVED_RAW:
         message = f'zenoh.raw: "{path}" cannot be set there'
-        cure = f"use {_RESERVED_RAW[path.partition('/')[0]]}"
-        raise BusError("raw_not_allowed", message, cure, setting="zenoh.raw")
+        raise BusError("raw_not_allowed", message, "use the settings of [zenoh]", setting="zenoh.raw")
     try:
         config.insert_json5(path, json.dumps(value))
     except (zenoh.ZError, TypeError) as error:
         message = f'zenoh.raw: "{path}" = {json.dumps(value, default=str)}: {readable(str(error))}'
         cure = "see the configuration of Zenoh"
         raise BusError("raw_invalid", message, cure, setting="zenoh.raw") from None
-
-
-def _access_rules(options: SessionOptions) -> dict[str, Any]:
-    """Return access rules: publications go out, subscriptions and queries come in, data does not come in."""
-    keys = ["imumon/**", "imumon/**/@adv/**"]  # ** does not match the verbatim chunk in the keys of caches
-    publishing = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
-    reading = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
-    both = sorted({*publishing, *reading})
-    egress, ingress = (publishing, reading) if options.read_only else (both, both)
-    rules = [
-        {"id": flow, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
-        for flow, messages in (("egress", egress), ("ingress", ingress))
-    ]
-    names = list(options.allow)
-    subjects: list[dict[str, Any]] = [{"id": "everybody"}]
-    if names:
-        subjects = [{"id": "certificates", "cert_common_names": names}, {"id": "users", "usernames": names}]
-    policy = {"rules": [rule["id"] for rule in rules], "subjects": [subject["id"] for subject in subjects]}
-    access = {"rules": rules, "subjects": subjects, "policies": [policy]}
-    return {"enabled": True, "default_permission": "deny", **access}
-
-
-@contextmanager
-def _users_file(options: SessionOptions, listens: bool) -> Iterator[str]:
-    """Yield the path of a file with all users that may connect; empty: no restriction.
-
-    Zenoh refuses every peer if only `user` is set. Therefore a temporary file (mode 0600) holds this user and
-    those of `users_file`.
-    """
-    if not listens or not options.user:
-        yield options.users_file if listens else ""
-        return
-    if ":" in options.user or "\n" in options.user + options.password:
-        message, cure = (
-            "zenoh.user: contains a colon or a line break",
-            "choose another user name and password",
-        )
-        raise BusError("user_invalid", message, cure, setting="zenoh.user")
-    lines = f"{options.user}:{options.password}\n".encode()
-    try:
-        if options.users_file:
-            lines += Path(options.users_file).read_bytes()
-        file = tempfile.NamedTemporaryFile(prefix="imumon-")  # noqa: SIM115
-    except OSError as error:
-        message = f"zenoh.user: the file of users cannot be written: {why(error)}"
-        cure = cure_of_writing(error, "choose another temporary directory with TMPDIR")
-        raise BusError("users_file_failed", message, cure, setting="zenoh.user") from None
-    with file:
-        file.write(lines)
-        file.flush()
-        yield file.name

@@ -25,8 +25,6 @@ _USAGE_CODES = (
     "endpoint_invalid",
     "id_invalid",
     "listen_insecure",
-    "certificate_missing",
-    "users_file_invalid",
     "datasheet_unreadable",
     "datasheet_invalid",
     "datasheet_of_other_device",

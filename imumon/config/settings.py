@@ -56,16 +56,11 @@ class ZenohSettings(Section):
 
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ()
-    mode: Literal["peer", "router"] = "peer"
     user: str = ""
     password: str = ""
-    users_file: str = ""
     certificate: str = ""
     key: str = ""
     ca: str = ""
-    verify_name: bool = True
-    read_only: bool = True
-    allow: tuple[str, ...] = ()
     insecure: bool = False
     raw: Mapping[str, Any] = field(default_factory=dict)
 

@@ -69,7 +69,7 @@ class ZenohProbe:
 
     def _unreachable(self) -> tuple[str, ...]:
         """Return the configured routers that do not answer."""
-        client = replace(self._options, mode="client", listen=(), users_file="")
+        client = replace(self._options, mode="client", listen=())
         unreachable = []
         for endpoint in self._options.connect:
             try:

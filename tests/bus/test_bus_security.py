@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import time
@@ -27,62 +28,27 @@ def receives(address: str, *, timeout: float, **settings: object) -> bool:
         return received
 
 
-def test_only_users_with_the_right_password_get_reports(tmp_path: Path) -> None:
-    users = tmp_path / "users"
-    users.write_text("ann:secret\nbob:other\n")
-    with stage() as start:
-        address = f"tcp/127.0.0.1:{free_port()}"
-        start("daemon", listen=[address], users_file=str(users)).ready()
-        assert receives(address, timeout=30.0, user="ann", password="secret")
-        assert receives(address, timeout=30.0, user="bob", password="other")
+def test_a_router_may_ask_for_a_password(tmp_path: Path) -> None:
+    users, address = tmp_path / "users", free_endpoint()
+    users.write_text("ann:secret\n")
+    config = zenoh.Config()
+    values = {"mode": "router", "listen/endpoints": [address], "scouting/multicast/enabled": False}
+    for path, value in {**values, "transport/auth/usrpwd/dictionary_file": str(users)}.items():
+        config.insert_json5(path, json.dumps(value))
+    login = {"user": "ann", "password": "secret"}
+    with stage() as start, zenoh.open(config):
+        start("daemon", listen=[free_endpoint()], connect=[address], **login).ready()
+        assert receives(address, timeout=30.0, **login)
         assert not receives(address, timeout=0.4, user="ann", password="other")
-        assert not receives(address, timeout=0.4, user="eve", password="secret")
         assert not receives(address, timeout=0.4)
 
 
-def test_the_user_of_the_settings_and_those_of_the_file_get_reports(tmp_path: Path) -> None:
-    users = tmp_path / "users"
-    users.write_bytes(b"ann:s\xc3\xa4cret\n")
+def test_the_login_of_a_router_is_not_asked_of_viewers_of_this_machine() -> None:
     with stage() as start:
-        address = f"tcp/127.0.0.1:{free_port()}"
-        settings = {"users_file": str(users), "user": "bob", "password": "other"}
-        start("daemon", listen=[address], **settings).ready()
-        assert receives(address, timeout=30.0, user="bob", password="other")
-        assert receives(address, timeout=30.0, user="ann", password="säcret")
-    with pytest.raises(BusError) as caught:
-        Publisher("a", listen=[address], settings=SessionOptions(user="a:b", password="c"))
-    assert (caught.value.code, caught.value.setting) == ("user_invalid", "zenoh.user")
-
-
-def test_the_same_settings_serve_daemon_and_subscriber() -> None:
-    with stage() as start:
-        address = f"tcp/127.0.0.1:{free_port()}"
+        address = free_endpoint()
         start("daemon", listen=[address], user="ann", password="secret").ready()
+        assert receives(address, timeout=30.0)
         assert receives(address, timeout=30.0, user="ann", password="secret")
-        assert not receives(address, timeout=0.4)
-
-
-def test_users_that_are_not_allowed_get_no_reports(tmp_path: Path) -> None:
-    users = tmp_path / "users"
-    users.write_text("ann:secret\nbob:other\n")
-    with stage() as start:
-        address = f"tcp/127.0.0.1:{free_port()}"
-        start("daemon", listen=[address], users_file=str(users), allow=["ann"]).ready()
-        assert receives(address, timeout=30.0, user="ann", password="secret")
-        with Subscriber([address], settings=SessionOptions(user="bob", password="other")) as subscriber:
-            until(subscriber.connected)
-            assert subscriber.wait_report(timeout=0.4) is None
-
-
-def test_an_invalid_file_of_users_has_its_code(tmp_path: Path) -> None:
-    users = tmp_path / "users"
-    users.write_text("no colon here\n")
-    with pytest.raises(BusError, match=r"^[^\n]*$") as caught:
-        Publisher(
-            "a", listen=[f"tcp/127.0.0.1:{free_port()}"], settings=SessionOptions(users_file=str(users))
-        )
-    assert caught.value.code == "users_file_invalid"
-    assert str(users) in caught.value.message
 
 
 @pytest.fixture(scope="module")
@@ -107,34 +73,15 @@ def identity(keys: Path, name: str, *, ca: str = "ca") -> dict[str, str]:
     }
 
 
-def test_only_certificates_of_the_authority_get_reports(keys: Path) -> None:
-    with stage() as start:
-        port = free_port()
-        address = f"tls/127.0.0.1:{port}"
-        start("daemon", listen=[address], **identity(keys, "daemon")).ready()
-        assert receives(address, timeout=30.0, **identity(keys, "viewer"))
-        assert not receives(address, timeout=0.5, **identity(keys, "other/viewer"))
-        assert not receives(address, timeout=0.5, **identity(keys, "other/viewer", ca="other/ca"))
-        assert not receives(address, timeout=0.5, **identity(keys, "viewer", ca="other/ca"))
-        assert not receives(address, timeout=0.5, ca=str(keys / "ca.pem"))
-        assert not receives(f"tcp/127.0.0.1:{port}", timeout=0.5)
-
-
-def test_allow_lists_common_names_and_tls_may_listen_on_every_interface(keys: Path) -> None:
-    with stage() as start:
-        port = free_port()
-        address = f"tls/127.0.0.1:{port}"
-        start("daemon", listen=[f"tls/0.0.0.0:{port}"], allow=["viewer"], **identity(keys, "daemon")).ready()
-        assert receives(address, timeout=30.0, **identity(keys, "viewer"))
-        with Subscriber([address], settings=SessionOptions(**identity(keys, "guest"))) as subscriber:
-            until(subscriber.connected)
-            assert subscriber.wait_report(timeout=0.4) is None
-
-
 def test_invalid_key_and_certificate_files_have_their_codes(keys: Path) -> None:
     def code(**settings: str) -> str:
         with pytest.raises(BusError, match=r"^[^\n]*$") as caught:
-            Publisher("a", listen=[f"tls/127.0.0.1:{free_port()}"], settings=SessionOptions(**settings))
+            Publisher(
+                "a",
+                listen=[free_endpoint()],
+                connect=[f"tls/127.0.0.1:{free_port()}"],
+                settings=SessionOptions(**settings),
+            )
         return caught.value.code
 
     right = identity(keys, "daemon")
@@ -153,6 +100,8 @@ def test_a_router_lets_daemons_publish_and_viewers_read(keys: Path) -> None:
         start("daemon", listen=[free_endpoint()], connect=[address], **identity(keys, "daemon")).ready()
         assert receives(address, timeout=30.0, **identity(keys, "viewer"))
         assert not receives(address, timeout=0.5, **identity(keys, "other/viewer"))
+        assert not receives(address, timeout=0.5, **identity(keys, "viewer", ca="other/ca"))
+        assert not receives(address, timeout=0.5, ca=str(keys / "ca.pem"))
         with Subscriber([address], settings=SessionOptions(**identity(keys, "guest"))) as guest:
             until(guest.connected)
             assert guest.wait_report(timeout=0.4) is None

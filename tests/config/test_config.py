@@ -348,7 +348,7 @@ def test_what_is_shown_is_read_back(text: str, period: float, names: list[str]) 
     settings = Settings(
         device=config.DeviceSettings(port=text),
         report=config.ReportSettings(period_s=period),
-        zenoh=config.ZenohSettings(allow=tuple(names), raw={"a/b": text, "c": [1, True]}),
+        zenoh=config.ZenohSettings(connect=tuple(names), raw={"a/b": text, "c": [1, True]}),
     )
     read = tomllib.loads("\n".join(origin_lines(settings)))
     assert read["device"]["port"] == text
