@@ -1,8 +1,7 @@
 """Last value of every key of a device, as the reply to a ``get``.
 
-Signals are large, so their text is made for a query only; one before the first report waits for it. A thread of its own
-replies to the queries that waited, and to those for the history: it is read from the disk, and a querier may ask for
-replies that wait for its congested link.
+Signals are large, so their text is made for a query only. A thread of its own replies to queries for the history: it
+is read from the disk, and a querier may ask for replies that wait for its congested link.
 """
 
 from __future__ import annotations
@@ -28,10 +27,9 @@ EVENTS_KEPT = 100
 """Events that are replied to a ``get`` and cached for advanced subscribers."""
 
 MOST_QUERIES = 16
-"""Queries that wait for their reply; the oldest, or one that does not fit, gets none."""
+"""Queries that wait for their reply; one that does not fit gets none."""
 MAX_QUEUED = 1024  # events, or tokens, in a queue; the oldest is dropped
 _CLOSE_S = 0.2  # s; limits the delay of the exit by a reply that blocks
-_MAX_SELECTOR = 1024  # characters of a key with parameters; a query with more is not replied to
 
 Signals: TypeAlias = Mapping[str, Callable[[], Signal]]
 """What makes the signal of each channel."""
@@ -51,8 +49,7 @@ class LastValues:
         self._lock = threading.Lock()
         self._last: dict[str, tuple[str, zenoh.Timestamp]] = {}
         self._events: deque[tuple[str, zenoh.Timestamp]] = deque(maxlen=EVENTS_KEPT)
-        self._signals: Signals | None = None  # of the newest report
-        self._early: deque[zenoh.Query] = deque(maxlen=MOST_QUERIES)  # wait for the first report
+        self._signals: Signals = {}  # of the newest report
         self.answer_history: Callable[[str, str], str] | None = None
         self._due: Queue[Callable[[], None] | None] = Queue(MOST_QUERIES)
         self._replier = start_listener(iter(self._due.get, None), self._reply_due)
@@ -69,11 +66,6 @@ class LastValues:
         """Store what makes the signals of the newest report."""
         with self._lock:
             self._signals = signals
-            early = list(self._early)
-            self._early.clear()
-        for query in early:
-            with suppress(Full):
-                self._due.put_nowait(partial(self._reply_signals, query, signals))
 
     def messages(self) -> Iterator[tuple[str, str, zenoh.Timestamp]]:
         """Yield name, text and timestamp of every stored message."""
@@ -85,11 +77,7 @@ class LastValues:
             yield "event", *value
 
     def reply(self, query: zenoh.Query) -> None:
-        """Reply to a query for any key, also with wildcards; drop one with data, which would be kept while it waits."""
-        data = query.payload is not None or query.attachment is not None
-        if data or len(str(query.selector)) > _MAX_SELECTOR:
-            query.drop()
-            return
+        """Reply to a query for any key, also with wildcards."""
         for name, text, timestamp in self.messages():
             key = f"{self._root}/{name}"
             if query.key_expr.intersects(key):
@@ -100,10 +88,7 @@ class LastValues:
                 return
         with self._lock:
             signals = self._signals
-            if signals is None and "/signal/" in str(query.key_expr):
-                self._early.append(query)
-                return
-        self._reply_signals(query, signals or {})
+        self._reply_signals(query, signals)
 
     def close(self) -> None:
         """End the thread that replies; the sessions are closed by then, so it waits for no link."""

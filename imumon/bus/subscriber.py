@@ -5,9 +5,8 @@ the newest report of each device, its last events, which daemons are alive, and 
 Reports are stored as bytes and parsed when they are read, so a display parses those that it draws.
 
 Any peer may publish on these keys. Messages that are invalid or too long, names that are no device names, and
-reports of another device than their key are counted and ignored; the number of devices and the bytes of their
-reports are bounded (`device_states`). A session is known by its Zenoh id, which a hostile program can forge: this
-prevents mistakes, not attacks.
+reports of another device than their key are counted and ignored. A session is known by its Zenoh id, which a hostile
+program can forge: this prevents mistakes, not attacks.
 """
 
 from __future__ import annotations
@@ -25,10 +24,9 @@ from zenoh import ext
 from zenoh.handlers import RingChannel
 
 from imumon.bus.bus_error import BusError
-from imumon.bus.device_states import DeviceState, DeviceStates
+from imumon.bus.device_states import DeviceState
 from imumon.bus.queryable import EVENTS_KEPT, MAX_QUEUED
 from imumon.bus.zenoh_session import (
-    MAX_MESSAGE_BYTES,
     SessionOptions,
     local_endpoints,
     open_session,
@@ -41,8 +39,6 @@ from imumon.report_json import plain
 _MAX_MESSAGE = 1_000_000  # bytes; a report of 11 channels has 72 kB, one of 64 has 0.4 MB
 _MAX_EVENT = 20_000  # bytes; a text has at most 4096 characters
 _MAX_QUEUED_REPORTS = 64  # reports in the queue, which bounds its bytes
-KEPT_BYTES = 32_000_000
-"""Bytes of the newest reports of all devices, and of a reply with rows of the history; a daemon sends at most 10 MB."""
 GATHER_S = 0.3
 """s to wait for further daemons, or others of the same name, after the last one has answered."""
 _SIGNAL_S = 3.0  # s that the reply with a signal may take
@@ -65,7 +61,6 @@ class Subscriber:
     connect : endpoints; None: those of `settings` (`connect`, else `listen`), else the local defaults.
     settings : `SessionOptions`, or an object with attributes of the same names; None for the defaults.
     id : the only device to subscribe to; None: all.
-    most_bytes : size of a message that is accepted; None: enough for a report.
 
     Attributes
     ----------
@@ -79,7 +74,6 @@ class Subscriber:
         *,
         settings: object | None = None,
         id: str | None = None,
-        most_bytes: int | None = None,
     ) -> None:
         options = SessionOptions.of(settings)
         configured = tuple(connect or ()) or options.connect or tuple(map(_loopback, options.listen))
@@ -88,7 +82,7 @@ class Subscriber:
         self.malformed = 0
         self._root = f"imumon/{id or '*'}"
         self._changed = threading.Condition()
-        self._devices = DeviceStates()
+        self._devices: dict[str, DeviceState] = {}
         self._selected: tuple[str, str] | None = None
         self._signal: tuple[Signal, float] | None = None
         self._closed = False
@@ -97,9 +91,7 @@ class Subscriber:
         self._answer: HistoryAnswer | None = None
         self._history_due = threading.Event()
         self._history_thread: threading.Thread | None = None
-        # larger than `_MAX_MESSAGE`, so that a report that is too long is counted
-        accepted = MAX_MESSAGE_BYTES if most_bytes is None else most_bytes
-        self._session = open_session(options, (), self.endpoints, access_control=False, most_bytes=accepted)
+        self._session = open_session(options, (), self.endpoints, access_control=False)
         queue: RingChannel[Any] = RingChannel(MAX_QUEUED)
         alive = self._session.liveliness().declare_subscriber(f"{self._root}/alive", queue, history=True)
         self._threads = (
@@ -291,7 +283,7 @@ class Subscriber:
         """Return the device of a message with its name; None if the message is to be ignored. Call it with the lock."""
         id, device = str(sample.key_expr).split("/")[1], None
         if is_device_name(id) and len(sample.payload) <= most:
-            device = self._devices.seen(id, time.monotonic())
+            device = self._devices.setdefault(id, DeviceState())
         if device is None:
             self.malformed += 1
             return None
@@ -322,12 +314,8 @@ class Subscriber:
         if not claimed and self._parse_report(id, data) is None:
             return  # only a session with valid reports may claim a device
         with self._changed:
-            kept = sum(other.size for other in self._devices.values()) - device.size
-            if kept + len(data) > KEPT_BYTES:
-                self.malformed += 1
-                return
             device.session, device.clock = session, clock
-            device.data, device.size, device.arrived_s = data, len(data), now
+            device.data, device.arrived_s = data, now
             selected = self._selected is not None and self._selected[0] == id
             self._notify()
         if selected:

@@ -25,7 +25,7 @@ from imumon.bus.bus_error import BusError, classify, readable
 DEFAULT_PORTS = range(7448, 7464)  # TCP: a daemon listens on the first free one, a subscriber connects to all
 LEASE_S = 2.0  # s; a link without traffic for this time is closed
 RETRY_S = 0.5  # s between two attempts to connect
-MAX_MESSAGE_BYTES = 1 << 20  # a report has less than 100 kB
+MAX_REPLY_BYTES = 32 << 20  # of rows of the history, of which a daemon sends at most 10 MB
 _MAX_QUERY_BYTES = 1 << 16
 """Size of a message that a session accepts if it accepts no data: queries and subscriptions, without a payload.
 Zenoh's limit of 1 GB would let anyone who may read fill the memory with the payloads of queries."""
@@ -146,13 +146,11 @@ def open_session(
     connect: Sequence[str],
     *,
     access_control: bool,
-    most_bytes: int = MAX_MESSAGE_BYTES,
 ) -> zenoh.Session:
     """Open a session on these endpoints.
 
     Parameters
     ----------
-    most_bytes : size of a message that the session accepts, if it accepts data.
     access_control : whether peers may subscribe and query only, as with a daemon.
 
     Raises
@@ -168,7 +166,7 @@ def open_session(
     for path in (options.certificate, options.key, options.ca):
         if path and not os.access(path, os.R_OK):
             raise BusError("file_unreadable", f"{path}: cannot be read", "check the path and its permissions")
-    config = _zenoh_config(options, listen, connect, access_control, most_bytes)
+    config = _zenoh_config(options, listen, connect, access_control)
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
@@ -205,7 +203,6 @@ def _zenoh_config(
     listen: Sequence[str],
     connect: Sequence[str],
     access_control: bool,
-    most_bytes: int,
 ) -> zenoh.Config:
     """Return the configuration of a session."""
     values: dict[str, Any] = {
@@ -220,7 +217,7 @@ def _zenoh_config(
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": round(LEASE_S * 1000),
-        "transport/link/rx/max_message_size": _MAX_QUERY_BYTES if access_control else most_bytes,
+        "transport/link/rx/max_message_size": _MAX_QUERY_BYTES if access_control else MAX_REPLY_BYTES,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": round(_BLOCKED_S * 1e6),
         "transport/unicast/accept_timeout": round(_HANDSHAKE_S * 1000),
         "transport/unicast/open_timeout": round(_HANDSHAKE_S * 1000),

@@ -76,10 +76,9 @@ def _objects(arguments: argparse.Namespace, chosen: Any) -> Iterator[dict[str, A
 
 def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] | None:
     """Return the rows of a running daemon; None if there is none and no endpoint was given."""
-    from imumon.bus.subscriber import KEPT_BYTES
     from imumon.history.rows import iso
 
-    with options.subscriber(arguments, most_bytes=KEPT_BYTES) as subscriber:
+    with options.subscriber(arguments) as subscriber:
         cure = "read its file with --state"
         try:
             report = options.first_report(subscriber, arguments.id, options.ANSWER_S, cure, arguments)

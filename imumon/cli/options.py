@@ -211,14 +211,10 @@ def state_directory(settings: Any) -> Path:
     return Path(home) / "imumon"
 
 
-def subscriber(arguments: argparse.Namespace, *, most_bytes: int | None = None) -> Any:
+def subscriber(arguments: argparse.Namespace) -> Any:
     """Return a subscriber to the daemons of ``--connect`` or of the settings, as a context manager.
 
     ``--id`` becomes the name, or the beginning of it, that the daemon uses in its keys.
-
-    Parameters
-    ----------
-    most_bytes : size of a message that is accepted; None: enough for a report.
     """
     from imumon.bus import BusError, Subscriber, clean_id
 
@@ -229,7 +225,7 @@ def subscriber(arguments: argparse.Namespace, *, most_bytes: int | None = None) 
         except BusError as error:
             raise CommandError(error.code, error.message, error.cure, USAGE) from None
     try:
-        return Subscriber(arguments.connect, settings=loaded.zenoh, most_bytes=most_bytes)
+        return Subscriber(arguments.connect, settings=loaded.zenoh)
     except BusError as error:
         raise with_origin(error, loaded) from None
 

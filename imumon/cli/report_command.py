@@ -136,10 +136,8 @@ def _source(arguments: argparse.Namespace) -> tuple[Any, Any]:
 
     if arguments.file:
         return _from_file(arguments), stored_days(Path(arguments.file))
-    from imumon.bus.subscriber import KEPT_BYTES
-
     _check_recording(arguments, "a running daemon")
-    with options.subscriber(arguments, most_bytes=KEPT_BYTES) as subscriber:
+    with options.subscriber(arguments) as subscriber:
         cure = "give a FILE (imumon report --help)"
         source = options.first_report(subscriber, arguments.id, options.ANSWER_S, cure, arguments)
         source = replace(source, events=tuple(subscriber.events(source.device.id)))

@@ -353,7 +353,7 @@ def test_what_is_shown_is_read_back(text: str, period: float, names: list[str]) 
     read = tomllib.loads("\n".join(origin_lines(settings)))
     assert read["device"]["port"] == text
     assert read["report"]["period_s"] == period
-    assert read["zenoh"]["allow"] == names
+    assert read["zenoh"]["connect"] == names
     assert read["zenoh"]["raw"] == {"a/b": text, "c": [1, True]}
 
 

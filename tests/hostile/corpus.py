@@ -15,7 +15,6 @@ control character and no traceback, and time and memory are bounded.
 | save | a directory with something in the way of a save | `replaced` |
 | sensor-settings | a file of settings that a sensor had | `ignored`; `read` |
 | query | a way to ask a daemon for the impossible, again and again | `bounded`: its memory; it measures on |
-| waiting-query | options of one query | `no reply` |
 | message | key and text on the bus | `ignored` by viewers, and counted |
 | command | words of a command beside a daemon with hostile reports | exit code |
 

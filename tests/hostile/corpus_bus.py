@@ -31,9 +31,6 @@ BUS = (
             attackers.many, attackers.forge,
         )
     ),
-    Hostile("waiting-query", "payload", lambda _: ("", {"payload": b"x"}), "no reply"),
-    Hostile("waiting-query", "attachment", lambda _: ("", {"attachment": b"x"}), "no reply"),
-    Hostile("waiting-query", "long-selector", lambda _: (f"?{'x' * 2000}", {}), "no reply"),
     *(
         Hostile("message", f"{kind}-of-{name}", lambda _, key=f"{text}/{kind}", data=data: (key, data), "ignored")
         for name, text in BAD_NAMES.items()
