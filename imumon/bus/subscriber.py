@@ -76,8 +76,10 @@ class Subscriber:
         id: str | None = None,
     ) -> None:
         options = SessionOptions.of(settings)
-        configured = tuple(connect or ()) or options.connect or tuple(map(_loopback, options.listen))
-        self.endpoints = configured or local_endpoints()
+        self.endpoints = tuple(connect or ()) or options.connect
+        if not self.endpoints:
+            self.endpoints = tuple(map(_loopback, options.listen)) or local_endpoints()
+            options = options.without_login()
         self.version = 0
         self.malformed = 0
         self._root = f"imumon/{id or '*'}"

@@ -159,7 +159,7 @@ def open_local(
         try:
             # also those after it: where a daemon has ended, its neighbours go on behind a free port
             others = [other for other in local_endpoints() if other != endpoint and _listens(other)]
-            check_name_is_free(options, others, id)
+            check_name_is_free(options.without_login(), others, id)
         except BusError:
             session.close()
             raise

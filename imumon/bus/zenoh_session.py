@@ -15,7 +15,7 @@ import re
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self, TypeVar
 
 import zenoh
@@ -84,6 +84,10 @@ class SessionOptions:
         if isinstance(settings, cls):
             return settings
         return cls(**{f.name: getattr(settings, f.name) for f in fields(cls) if hasattr(settings, f.name)})
+
+    def without_login(self) -> Self:
+        """Return the options for daemons of this machine, which refuse a login that they do not ask for."""
+        return replace(self, user="", password="")
 
 
 def clean_id(name: str) -> str:
