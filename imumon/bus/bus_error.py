@@ -27,8 +27,6 @@ class Unreachable(BusError):
     """No connection to an endpoint. Zenoh does not say whether it is absent or refuses the credentials."""
 
 
-_KEY_INVALID = "zenoh.key is not the private key of zenoh.certificate in PEM format"
-_CERTIFICATE_INVALID = "zenoh.certificate or zenoh.ca is not a certificate in PEM format"
 _PRIVILEGE = "choose a port above 1023, or a directory that you may write to"
 _ANOTHER = "choose another with --listen"
 _UNREACHABLE = "check that a daemon or router listens there, and the password or certificate"
@@ -44,9 +42,6 @@ _KNOWN_ERRORS = (
     ("permission denied", "permission_denied", "no permission", _PRIVILEGE),
     ("no such file or directory", "path_not_found", "no such directory", "create the directory {directory}"),
     ("failed to lookup address", "host_unknown", "no such host", "check the name of the host"),
-    ("keymismatch", "key_invalid", _KEY_INVALID, "check both files"),
-    ("private key", "key_invalid", _KEY_INVALID, "check both files"),
-    ("certificate", "certificate_invalid", _CERTIFICATE_INVALID, "check both files"),
 )
 """Text in an error of Zenoh (lower case), code, message and cure. The first match counts."""
 

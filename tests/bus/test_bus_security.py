@@ -16,7 +16,7 @@ from free_ports import free_port
 from test_bus_docs import blocks
 from waiting import until
 
-from imumon.bus import BusError, Publisher, SessionOptions, Subscriber
+from imumon.bus import SessionOptions, Subscriber
 from imumon.bus.zenoh_session import open_session
 
 
@@ -70,24 +70,6 @@ def identity(keys: Path, name: str, *, ca: str = "ca") -> dict[str, str]:
         "key": str(keys / f"{name}.key"),
         "ca": str(keys / f"{ca}.pem"),
     }
-
-
-def test_invalid_key_and_certificate_files_have_their_codes(keys: Path) -> None:
-    def code(**settings: str) -> str:
-        with pytest.raises(BusError, match=r"^[^\n]*$") as caught:
-            Publisher(
-                "a",
-                listen=[free_endpoint()],
-                connect=[f"tls/127.0.0.1:{free_port()}"],
-                settings=SessionOptions(**settings),
-            )
-        return caught.value.code
-
-    right = identity(keys, "daemon")
-    assert code(**{**right, "key": "/none.key"}) == "file_unreadable"
-    assert code(**{**right, "key": right["ca"]}) == "key_invalid"
-    assert code(**{**right, "certificate": right["key"]}) == "certificate_invalid"
-    assert code(**{**right, "key": str(keys / "viewer.key")}) == "key_invalid"
 
 
 def test_a_router_lets_daemons_publish_and_viewers_read(keys: Path) -> None:
