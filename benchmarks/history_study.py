@@ -106,7 +106,8 @@ def stepped(days: list[TimedPeriod], name: str, factor: float) -> list[TimedPeri
         channels = dict(day.period.channels)
         if number >= STEP_DAY:
             known = channels[name].coefficients
-            n = replace(known["N"], value=known["N"].value and known["N"].value * factor)
+            sizes = {size: getattr(known["N"], size) for size in ("value", "low", "high")}
+            n = replace(known["N"], **{size: value and value * factor for size, value in sizes.items()})
             channels[name] = replace(channels[name], coefficients={**known, "N": n})
         changed.append(replace(day, period=replace(day.period, channels=channels)))
     return changed

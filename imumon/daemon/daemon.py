@@ -287,6 +287,7 @@ class Daemon:
             connection.state,
             self._record.session(connection.counters),
             device_caveats=connection.info.caveats if connection.info else (),
+            renew=False,  # a fit of all channels may take longer than the end of a daemon
         )
         columns = connection.info.columns if connection.info else ()
         recording = report.RecordingDescription(columns=columns) if columns else None

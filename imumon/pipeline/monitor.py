@@ -237,6 +237,7 @@ class Monitor:
         session: SessionCounters,
         *,
         device_caveats: tuple[str, ...] = (),
+        renew: bool | None = None,
     ) -> Report:
         """Return everything known at the time `now`.
 
@@ -244,6 +245,8 @@ class Monitor:
         ----------
         device, session : what the caller knows (identity, link counters); the monitor adds the rest.
         device_caveats : from the stream and the settings of the sensor, such as ``aliased``.
+        renew : compute every result again, from the samples alone; False: keep those that are not due, as a daemon does
+            that has a second to end; None: renew them unless the state is ``running``.
         """
         bare = Report(
             time=stamp(now),
@@ -254,7 +257,10 @@ class Monitor:
             precision=self.options.precision,
             alarm_limits=self.options.alarm_limits,
         )
-        return bare if self._record is None else self._record.report(bare, device_caveats, self._events)
+        if self._record is None:
+            return bare
+        again = state != "running" if renew is None else renew
+        return self._record.report(bare, device_caveats, self._events, renew=again)
 
     def signals(self) -> dict[str, Callable[[], Signal]]:
         """Return what makes the minimum and maximum per time column of each channel, as they are now."""

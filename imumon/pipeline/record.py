@@ -180,17 +180,17 @@ class Record:
         """Return the periods in progress as they are: no samples follow."""
         return [] if self._periods is None else self._periods.end()
 
-    def report(self, bare: Report, caveats: tuple[str, ...], log: EventLog) -> Report:
+    def report(self, bare: Report, caveats: tuple[str, ...], log: EventLog, *, renew: bool) -> Report:
         """Return a report with the results of this record.
 
         Parameters
         ----------
         bare : identity and counters.
         caveats : from the stream and the settings of the sensor.
+        renew : see `Monitor.report`.
         """
         accumulators, analysis = self.accumulators, self._analysis
-        # A report of a stream that has stopped may be the last: it must hold all samples, due or not.
-        analysis.update(force=bare.state != "running")
+        analysis.update(force=renew)
         caveats = (
             *caveats,
             *assessment.record_caveats(accumulators, analysis, guarded=self._options.guarded),
