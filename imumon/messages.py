@@ -222,7 +222,7 @@ def line(caveat: str) -> str:
     return CAVEATS[caveat].line if caveat in CAVEATS else caveat.replace("_", " ")
 
 
-def uncertainty(about: str = "±", times: str = "×÷", *, indistinct: bool = False) -> str:
+def uncertainty(*, indistinct: bool = False) -> str:
     """Return the meaning of the signs beside a coefficient in one line.
 
     Parameters
@@ -233,7 +233,7 @@ def uncertainty(about: str = "±", times: str = "×÷", *, indistinct: bool = Fa
     '±: 95 % limits. ×÷: the same as a factor. <: bound.'
     """
     about_open = f" {INDISTINCT_WORD}: {NOT_APART}." if indistinct else ""
-    return f"{about}: 95 % limits. {times}: the same as a factor. <: bound.{about_open}"
+    return f"±: 95 % limits. ×÷: the same as a factor. <: bound.{about_open}"
 
 
 def has_indistinct(report: Report) -> bool:

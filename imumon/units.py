@@ -102,7 +102,7 @@ WIDE_PERCENT = 50.0
 """Percent, half-width of limits beyond which they are shown as a factor: they are skewed, and above 0."""
 
 
-def measured(value: float, low: float | None, high: float | None, about: str = "±", times: str = "×÷") -> str:
+def measured(value: float, low: float | None, high: float | None) -> str:
     """Return a value with the half-width of its limits in percent, or with their factor if they are wide.
 
     >>> measured(0.30451, 0.301, 0.308), measured(0.00123, 0.0002, 0.0031), measured(1.2, None, None)
@@ -113,9 +113,9 @@ def measured(value: float, low: float | None, high: float | None, about: str = "
     relative = 50.0 * (high - low) / value
     if relative > WIDE_PERCENT:
         factor = math.sqrt(high / low) if low > 0.0 else math.inf
-        return f"{number(value, 2)} {times}{f'{factor:.1f}' if factor < 9.95 else '>9'}"
+        return f"{number(value, 2)} ×÷{f'{factor:.1f}' if factor < 9.95 else '>9'}"
     digits = 4 if relative < 0.5 else 3 if relative < 10.0 else 2
-    return f"{number(value, digits)} {about}{percent(relative)}"
+    return f"{number(value, digits)} ±{percent(relative)}"
 
 
 def plus_minus(value: float, low: float | None, high: float | None, digits: int) -> str:
