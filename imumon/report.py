@@ -361,9 +361,7 @@ class Change:
     ratio: float | None  # now over before; null for the bias and the slope
     sigma: float  # standard errors by which they differ
     since: str | None = None  # ISO 8601 in UTC, first day after the change; null: not against the history
-    p_value: float | None = (
-        None  # probability of such a difference by chance, over all comparisons; null: a step
-    )
+    p_value: float | None = None  # probability of it by chance, over all comparisons; null: a step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
