@@ -39,11 +39,6 @@ LEAST_STEPS = 3.0
 
 Otherwise: the median of fewer levels says little.
 """
-LEAST_EXCESS = 0.05
-"""A deviation that exceeds the robust one by more disagrees with it. Unit: of the deviation.
-
-Otherwise: long records report outliers that change nothing.
-"""
 
 PER_OCTAVE, BINS = 16, 1024
 """Bins in an octave, within which the density is taken as even: an error of 0.1 % of the median. And in all."""
@@ -199,9 +194,9 @@ class DifferenceAccumulator:
         if robust <= 0.0:
             return None
         error = math.sqrt((RATIO_VARIANCE + 0.25 * max(excess, 0.0)) / n)
-        # at least 5 %: with a million samples, any small difference is significant
         ratio = sigma / robust
-        return RobustDeviation(robust, ratio, ratio > 1.0 + max(LEAST_EXCESS, MOMENT_ERRORS * error))
+        # at least 5 %: with a million samples, any small difference is significant
+        return RobustDeviation(robust, ratio, ratio > 1.0 + max(0.05, MOMENT_ERRORS * error))
 
 
 def _edges() -> Floats:
