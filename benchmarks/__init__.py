@@ -25,7 +25,7 @@ constant of `imumon/noise` names the one that shows its effect; a table of a doc
 | `markov` | what is stated of Gauss–Markov, popcorn and other noise | docs/ACCURACY.md |
 | `growing` | what is drawn of a record at each length of two days, with a temperature | docs/ACCURACY.md |
 | `model_law` | octaves whose limits do not hold the drawn model | exit code |
-| `temperature` | limits of the bias against the temperature | docs/TEMPERATURE.md |
+| `temperature` | limits of the bias against the temperature | docs/ACCURACY.md |
 | `wander` | combined limits of sensors whose N and B wander | docs/ACCURACY.md |
 | `filters` | Kalman filters with the exported numbers: NEES | docs/FILTERS.md |
 | `gtsam_filters` | the same in GTSAM | docs/FILTERS.md |

@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 RESULTS = Path(__file__).parent / "results"
-NAMES = ("ACCURACY.md", "PERFORMANCE.md", "TEMPERATURE.md")
+NAMES = ("ACCURACY.md", "PERFORMANCE.md")
 DOCUMENTS = [Path(__file__).parents[1] / name for name in ("README.md", *(f"docs/{name}" for name in NAMES))]
 _TABLE = re.compile(r"^<!-- table: ([\w-]+) -->\n((?:\|.*\n)*)", re.MULTILINE)
 

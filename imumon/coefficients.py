@@ -268,8 +268,8 @@ def mean_unit(sensor: str, si: str) -> tuple[float, str]:
     return _MEANS.get(sensor, (1.0, si))
 
 
-BIAS_TERMS = ("slope", "degree_2", "degree_3")
-"""Terms of the bias against the temperature in the history, channel unit per degC, degC^2 and degC^3."""
+BIAS_SLOPE = "slope"
+"""Slope of the bias against the temperature in the history, channel unit per degC."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

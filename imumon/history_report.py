@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
-from imumon.coefficients import BIAS_TERMS, COEFFICIENTS, Estimate, GradeName
+from imumon.coefficients import BIAS_SLOPE, COEFFICIENTS, Estimate, GradeName
 from imumon.report_json import JsonReader, check, entries
 
 STEPS = {"1h": 3600, "1d": 86400}
@@ -71,7 +71,7 @@ class HistoryRow:
     end: str  # ISO 8601
     step: str = ""  # one of `STEPS`
     coefficients: Mapping[str, Estimate] = field(  # by letter, SI, of this period alone
-        default_factory=dict, metadata=entries((*COEFFICIENTS, *BIAS_TERMS))
+        default_factory=dict, metadata=entries((*COEFFICIENTS, BIAS_SLOPE))
     )
     mean: float | None = None  # channel unit
     temperature: float | None = None  # degC
@@ -100,7 +100,7 @@ def _check_row(row: HistoryRow) -> None:
     for letter, part in row.coefficients.items():
         known = [size for size in (part.low, part.value, part.high) if size is not None]
         check(known == sorted(known), "a value outside of its limits")
-        check(letter in BIAS_TERMS or min(known, default=0.0) >= 0.0, "a negative size")
+        check(letter == BIAS_SLOPE or min(known, default=0.0) >= 0.0, "a negative size")
 
 
 _READER = JsonReader({HistoryRow: _check_row})

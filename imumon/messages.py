@@ -409,7 +409,6 @@ NO_BIAS_CURVE: Mapping[str, tuple[str, str]] = {
         "it jumps by half of its range, as that of a thermometer that fails",
         "record with one that works",
     ),
-    "no_axis": ("the record does not hold its three axes", "record all three axes"),
 }
 """Why the bias has no curve against the temperature, and what to do, by the reason of the report."""
 NO_THERMOMETER = ("implausible", "jumps")

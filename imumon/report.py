@@ -280,21 +280,19 @@ class ModelColumn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BiasCurve:
-    """Bias against the temperature: a polynomial about a reference, of the whole record with its warm-up."""
+    """Bias against the temperature: a straight line, of the whole record with its warm-up."""
 
     # why there are no terms: "no_temperature", "small_range", "collinear", "too_short", "implausible", "jumps"
     reason: str | None = None
     reference_degC: float | None = None  # degC, middle of the temperatures that the record covers
-    terms: tuple[ModelColumn, ...] = ()  # "degree 0" (the bias at the reference) to at most "degree 3"
-    # greatest difference, warming less cooling; null: not both in the record
-    hysteresis: ModelColumn | None = None
-    degC: tuple[float, ...] = ()  # degC, temperatures of the curve; the curve does not hold beyond
-    bias: tuple[float, ...] = ()  # channel unit, the curve
+    terms: tuple[ModelColumn, ...] = ()  # "degree 0" (the bias at the reference), "degree 1" (the slope)
+    degC: tuple[float, ...] = ()  # degC, temperatures of the line; it does not hold beyond
+    bias: tuple[float, ...] = ()  # channel unit, the line
     low: tuple[float, ...] = ()  # channel unit, lower 95 % limits
     high: tuple[float, ...] = ()  # channel unit, upper 95 % limits
     # channel unit, standard deviation of the means over blocks about their drift
     std_without: float | None = None
-    std_with: float | None = None  # channel unit, the same about drift and curve
+    std_with: float | None = None  # channel unit, the same about drift and line
 
     @property
     def is_known(self) -> bool:

@@ -14,8 +14,7 @@ from imumon.pipeline.filter_report_builder import filter_report
 from imumon.report import Report
 
 AGES = {"nothing": 0.0, "seconds": 3.0, "minutes": 200.0, "hours": LENGTH_S, "long": LONG_S}
-SETTINGS = [f for f, what in FORMS.items() if what.settings and not what.curves and f != "filter"]
-CURVES = [form for form, what in FORMS.items() if what.curves]
+SETTINGS = [f for f, what in FORMS.items() if what.settings and f != "filter"]
 COVARIANCES = ("ros", "robot_localization")
 FIGURES = ("svg", "png")
 

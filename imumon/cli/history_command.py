@@ -14,7 +14,7 @@ from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message_once
-from imumon.coefficients import BIAS_TERMS, COEFFICIENTS, NOISE, Estimate, mean_unit
+from imumon.coefficients import BIAS_SLOPE, COEFFICIENTS, NOISE, Estimate, mean_unit
 from imumon.errors import ImumonError
 from imumon.history_report import STEPS, HistoryRow, history_rows, objects
 
@@ -204,7 +204,7 @@ def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
         notes = ["in progress"] * (not row.complete)
         others = [letter for letter in COEFFICIENTS if letter not in NOISE and letter in known]
         notes += [f"{letter} {_readable(sensor, letter, known[letter])}" for letter in others]
-        notes += _slope(sensor, known.get(BIAS_TERMS[0]))
+        notes += _slope(sensor, known.get(BIAS_SLOPE))
         notes += [f"{duration(row.excluded_s)} excluded"] * (row.excluded_s >= 1.0)
         yield f"{line}  {', '.join(notes)}".rstrip() + "\n"
     if empty:

@@ -85,7 +85,7 @@ def report(arguments: argparse.Namespace) -> int:
     sheet = reference_sheet(arguments)
     source, rows = _source(arguments)
     source = document_report(source, sheet, rows)
-    filter_numbers = FORMS[form].settings and not FORMS[form].curves
+    filter_numbers = FORMS[form].settings
     if filter_numbers and (warning := short_record_text(source)) is not None:
         print_message(warning)
     filters = _filters(source, arguments.horizon, FORMS[form].filters, arguments.walk or "filter")

@@ -12,7 +12,6 @@ filter_values    numbers for filters, with comments: unit, origin, factor agains
 convergence_figure  what was stated of a shorter record: figure and table
 spectrum_figure  power spectral density
 signal_text      bias, drift, spectral lines and changes as lines of text
-temperature_settings  bias against the temperature for flight controllers
 program_settings settings of other programs: templates and factors
 """
 

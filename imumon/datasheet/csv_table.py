@@ -9,7 +9,7 @@ statistic    mean, std, min, max       of the samples that count
 coefficient  its letter                with 95 % limits; only `high` where it is a bound (upper_bound, indistinct)
 corrected    N                         without aliasing, by the nominal factor of the sensor, where that is known
 allan        sigma                     Allan deviation at tau_s, with limits, model, noise and whether the fit uses it
-bias         degree 0, hysteresis ...  terms of the bias against the temperature, with limits
+bias         degree 0, degree 1        bias and slope against the temperature, with limits
 sheet        its quantity              of the data sheet (`source`: maximum or typical); `status` above: the interval is
 event        kind of the event         length in s at time_s
 """
@@ -108,7 +108,7 @@ def _channel_rows(channel: Channel) -> Iterator[Row]:
     for name in STATISTICS:
         yield {"kind": "statistic", "name": name, "unit": channel.unit, "value": getattr(channel, name)}
     if (bias := channel.bias_curve) is not None:
-        for term in (*bias.terms, *filter(None, [bias.hysteresis])):
+        for term in bias.terms:
             yield {"kind": "bias"} | {
                 key: getattr(term, key) for key in ("name", "unit", "value", "low", "high")
             }

@@ -27,7 +27,6 @@ class DocumentForm(NamedTuple):
     filters: bool = True  # whether it uses the parameters for filters
     binary: bool = False  # whether it must not go to a terminal
     settings: bool = False  # whether it holds numbers for other software
-    curves: bool = False  # whether these are of the bias against the temperature, else of a filter
 
 
 def document(report: Report, form: str, filters: FilterReport, program: str = DEFAULT_PROGRAM) -> bytes:
@@ -41,7 +40,6 @@ def document(report: Report, form: str, filters: FilterReport, program: str = DE
     Raises
     ------
     NoCurve : the format is a figure, and the report has no curve yet.
-    NoBiasCurve : the format is of bias curves, and the report has none.
     """
     data = FORMS[form].make(report, filters, program)
     # the name of a file may hold bytes that no encoding has
@@ -59,13 +57,10 @@ def _figure(form: str, text: str) -> DocumentForm:
 
 
 def _settings(name: str) -> DocumentForm:
-    program = PROGRAMS[name]
     return DocumentForm(
         lambda report, filters, _: settings_document(name, report, filters),
-        program.text,
-        filters=bool(program.letters),
+        PROGRAMS[name].text,
         settings=True,
-        curves=not program.letters,
     )
 
 

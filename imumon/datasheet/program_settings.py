@@ -19,7 +19,6 @@ from pathlib import Path
 from imumon.coefficients import NOISE
 from imumon.datasheet.filter_values import axis_values, bound_text, settings_header, value_text, worst_axis
 from imumon.datasheet.tables import sensor_axes
-from imumon.datasheet.temperature_settings import ardupilot_lines, curve_header, px4_lines
 from imumon.filter_report import FilterReport
 from imumon.report import Report
 from imumon.samples import AXES
@@ -53,7 +52,7 @@ class Program:
     rate_hz : Hz, of the steps of the program; None: the sample rate of the record.
     power : 1 for a standard deviation, 2 for a variance.
     known, unknown : lines of a number, and those of one that is not known.
-    letters : coefficients that its numbers rest on; empty: the curves of the bias against the temperature.
+    letters : coefficients that its numbers rest on.
     """
 
     text: str
@@ -115,9 +114,6 @@ PROGRAMS: Mapping[str, Program] = {
     "orbslam3": Program("ORB-SLAM3 IMU noise"),
     # variance of a sample
     "robot_localization": Program("covariances of a ROS sensor_msgs/Imu for robot_localization"),
-    # the bias against the temperature
-    "px4-tc": Program("PX4 temperature compensation parameters", letters=()),
-    "ardupilot-tcal": Program("ArduPilot temperature calibration parameters", letters=()),
     # navigation units: see `AXIS_FACTORS`
     "kfgins": Program("KF-GINS imunoise"),
 }
@@ -331,9 +327,6 @@ LINES: Mapping[str, Callable[[TemplateContext, str], list[str]]] = {
     "sample_covariance": _sample_covariance,
     "covariance_with_walk": _covariance_with_walk,
     "axes": _axes,
-    "curve_header": lambda context, _: comments(curve_header(context.report)),
-    "px4_curve": lambda context, words: px4_lines(context.report, *words.split()),
-    "ardupilot_curve": lambda context, _: ardupilot_lines(context.report),
     "correlation_time": lambda context, name: [f"{name}: {context.correlation_time_h:.6g}  # [hr]"],
 }
 """Functions that make the lines for a word of a template, from the context and the rest of the line."""

@@ -11,7 +11,7 @@ import math
 import textwrap
 from collections.abc import Iterator
 
-from imumon.coefficients import BIAS_TERMS, GRADED, SIGNIFICANT, mean_unit, unit_of
+from imumon.coefficients import BIAS_SLOPE, GRADED, SIGNIFICANT, mean_unit, unit_of
 from imumon.messages import drifts_with_temperature, follows_temperature, joined
 from imumon.report import Change, Channel, Drift, Report
 from imumon.samples import sensor_of
@@ -139,7 +139,7 @@ def _notes(name: str, channel: Channel) -> Iterator[str]:
 
 def _change_note(name: str, unit: str, change: Change) -> str:
     """Return a change as a sentence, with what it is against."""
-    si = f"{unit}/degC" if change.quantity == BIAS_TERMS[0] else unit
+    si = f"{unit}/degC" if change.quantity == BIAS_SLOPE else unit
     scale = unit_of(sensor_of(name), change.quantity, si)
     before, now = (figures(value * scale.factor) for value in (change.before, change.now))
     against = f"against the {change.against}"
@@ -156,12 +156,9 @@ def _temperature_notes(channel: Channel, unit: str, factor: float) -> Iterator[s
     if drift is not None and follows_temperature(drift):
         yield _slope(drift, unit, factor)
     if curve is not None and curve.is_known and follows_temperature(drift):
-        text = f"bias against the temperature of degree {len(curve.terms) - 1}, {curve.degC[0]:.1f} to "
         slope = with_half_width(*curve.terms[1].limits(factor))
-        text += f"{curve.degC[-1]:.1f} {pretty('degC')}: {slope} {unit} per degree"
-        if curve.hysteresis is not None:
-            text += f", hysteresis {with_half_width(*curve.hysteresis.limits(factor))} {unit}"
-        yield text
+        span = f"{curve.degC[0]:.1f} to {curve.degC[-1]:.1f} {pretty('degC')}"
+        yield f"bias against the temperature, {span}: {slope} {unit} per degree"
 
 
 def baseline_summary(report: Report, baseline: Report) -> str | None:

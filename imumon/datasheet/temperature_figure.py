@@ -1,6 +1,6 @@
-"""Bias against the temperature in the datasheet: terms, and the curve with its 95 % band as a figure of the page.
+"""Bias against the temperature in the datasheet: the slope, and its line with the 95 % band as a figure of the page.
 
-The figure has the difference from the bias at the reference. Dashed is hysteresis: warming, and cooling.
+The figure has the difference from the bias at the reference.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from imumon.datasheet.plotting import COLOURS, MARKERS, axes_for, draw_legend, p
 from imumon.datasheet.tables import SENSOR_TITLES, sensor_axes
 from imumon.errors import ImumonError
 from imumon.messages import no_bias_curve
-from imumon.report import BiasCurve, ModelColumn, Report
+from imumon.report import BiasCurve, Report
 from imumon.units import figures, pretty
 
 if TYPE_CHECKING:
@@ -30,9 +30,9 @@ def temperature_elements(report: Report) -> Iterator[Element]:
         yield from _sensor_elements(sensor, curves)
     if any(curve.is_known for curves in known.values() for curve in curves.values()):
         yield Paragraph(
-            "A polynomial of the temperature, with 95 % limits: those of the bias are for another record as long. It "
+            "A straight line, with 95 % limits: those of the bias are for another record as long. It "
             "holds within the span of the record only. The residual noise is that of means over blocks. The bias of "
-            "an accelerometer holds gravity. For a flight controller: imumon report --format px4-tc or ardupilot-tcal."
+            "an accelerometer holds gravity."
         )
 
 
@@ -48,17 +48,15 @@ def _sensor_elements(sensor: str, curves: Mapping[str, BiasCurve]) -> Iterator[E
         return
     unit, some = unit_of(sensor, "B"), next(iter(shown.values()))
     name, reference = pretty(unit.unit), f"{some.reference_degC or 0.0:.1f} °C"
-    heads = [f"slope there, {name}/°C", *(f"degree {n}, {name}/°C{'²³'[n - 2]}" for n in (2, 3))]
     head = (
         title,
         f"bias at {reference}, {name}",
-        *heads,
-        f"hysteresis, {name}",
+        f"slope, {name}/°C",
         "residual noise, without → with",
     )
     yield DataTable(head, tuple((axis, *_cells(curve, unit.factor)) for axis, curve in shown.items()))
     text = f"{title}, bias less that at {reference}, in {name}; {some.degC[0]:.1f} to {some.degC[-1]:.1f} °C."
-    legend = "Band: 95 %, for another record as long; dashed: warming and cooling apart, where both occur."
+    legend = "Band: 95 %, for another record as long."
     numbers = DataTable(
         (f"{title}: °C", *(f"{axis}, {name}" for axis in shown)), tuple(_rows(shown, unit.factor))
     )
@@ -94,7 +92,7 @@ def draw_bias(report: Report, sensor: str, ax: Axes | None = None) -> Axes:
 
 
 def _draw(panel: Axes, sensor: str, shown: Mapping[str, BiasCurve]) -> None:
-    """Draw the rise of the bias of each axis from that at the reference, with its band and its hysteresis."""
+    """Draw the rise of the bias of each axis from that at the reference, with its band."""
     unit = unit_of(sensor, "B")
     for axis, curve in shown.items():
         low, middle, high = (
@@ -102,16 +100,6 @@ def _draw(panel: Axes, sensor: str, shown: Mapping[str, BiasCurve]) -> None:
         )
         panel.fill_between(curve.degC, low, high, color=COLOURS[axis], alpha=0.18, linewidth=0.0)
         panel.plot(curve.degC, middle, color=COLOURS[axis], marker=MARKERS[axis], markersize=3.5, label=axis)
-        if curve.hysteresis is not None:
-            # The fit has the two directions as parabolas about the curve: they meet it at the ends of the span, and
-            # are the hysteresis apart in the middle.
-            half, ends = 0.5 * curve.hysteresis.value * unit.factor, (curve.degC[0], curve.degC[-1])
-            for way in (half, -half):
-                apart = [
-                    y + way * (1.0 - ((2.0 * t - sum(ends)) / ((ends[1] - ends[0]) or 1.0)) ** 2)
-                    for t, y in zip(curve.degC, middle, strict=True)
-                ]
-                panel.plot(curve.degC, apart, color=COLOURS[axis], linewidth=0.9, linestyle=(0, (4, 2)))
     panel.set(xlabel="temperature, °C", ylabel=f"bias, {pretty(unit.unit)}")
     draw_legend(panel)
 
@@ -139,9 +127,8 @@ def _curves(report: Report, sensor: str) -> Iterator[tuple[str, BiasCurve]]:
 
 
 def _cells(curve: BiasCurve, factor: float) -> Iterator[str]:
-    terms: list[ModelColumn | None] = [*curve.terms, None, None]
-    for term in (*terms[:4], curve.hysteresis):
-        yield "–" if term is None else with_error(term.value * factor, 0.5 * (term.high - term.low) * factor)
+    for term in curve.terms:
+        yield with_error(term.value * factor, 0.5 * (term.high - term.low) * factor)
     noise = (curve.std_without, curve.std_with)
     yield " → ".join("–" if std is None else figures(std * factor, 2) for std in noise)
 

@@ -19,7 +19,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from imumon.clock import REAL_TIME, HostClock
-from imumon.coefficients import BIAS_TERMS, LIMIT_95, Estimate
+from imumon.coefficients import BIAS_SLOPE, LIMIT_95, Estimate
 from imumon.history.store import TimedPeriod
 from imumon.noise.stretches.change import LEAST_CHANGE, CoefficientChange, compare
 from imumon.report import Against, Change, stamp
@@ -28,7 +28,7 @@ from imumon.units import DAY, HOUR
 
 AGAINST: Against = "history"
 """What such a change is a change against, in the report."""
-SLOPE = BIAS_TERMS[0]
+SLOPE = BIAS_SLOPE
 DAYS_BEFORE = 7
 """Days that must precede one that is compared: the scatter of fewer is not known."""
 DAYS_KEPT = 90

@@ -7,7 +7,7 @@ file of version 2 when it is opened for writing, older programs ignore: columns 
 
 from __future__ import annotations
 
-from imumon.coefficients import BIAS_TERMS, COEFFICIENTS
+from imumon.coefficients import BIAS_SLOPE, COEFFICIENTS
 
 SCHEMA = """
 CREATE TABLE channel (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE);
@@ -63,6 +63,6 @@ CHECKED = ("period", "noise", "event", "power_up", "turn_on")
 
 ESTIMATE_COLUMNS = {
     letter: tuple(f"{letter.lower()}{part}" for part in ("", "_low", "_high", "_status"))
-    for letter in (*COEFFICIENTS, *BIAS_TERMS)
+    for letter in (*COEFFICIENTS, BIAS_SLOPE)
 }
 """Columns of ``noise`` by letter. A file that does not have some of them gets them when it is opened for writing."""

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from imumon.coefficients import BIAS_TERMS, Estimate, by_letter
+from imumon.coefficients import BIAS_SLOPE, Estimate, by_letter
 from imumon.history_report import HistoryPeriod, PeriodChannel
 from imumon.noise.fit import Estimator
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch
@@ -139,10 +139,11 @@ class Periods:
         for column, name in enumerate(record.channels):
             fit = fits[column] if column < len(fits) else None
             known = {} if fit is None else by_letter(fit.coefficients, fit.markov)
-            # the term of degree 0 is the bias at the reference, which `mean` shows
-            terms = curves[column].terms[1:] if column < len(curves) else ()
-            for letter, term in zip(BIAS_TERMS, terms, strict=False):
-                known[letter] = Estimate(value=term.value, low=term.low, high=term.high, status="measured")
+            if column < len(curves) and curves[column].terms:
+                _, slope = curves[column].terms  # `mean` shows the bias at the reference
+                known[BIAS_SLOPE] = Estimate(
+                    value=slope.value, low=slope.low, high=slope.high, status="measured"
+                )
             mean, std = moments[column].mean, moments[column].std
             channels[name] = PeriodChannel(mean=mean, std=std, coefficients=known)
         return channels

@@ -381,12 +381,11 @@ def bias_curve(sensor: str, curve: BiasFit | None) -> report.BiasCurve | None:
     if curve is None:
         return None
     unit = UNITS[sensor]
-    units = [unit, f"{unit}/degC", f"{unit}/degC^2", f"{unit}/degC^3"]
+    units = [unit, f"{unit}/degC"]
     return report.BiasCurve(
         reason=curve.reason,
         reference_degC=curve.reference_degC,
         terms=tuple(model_column(*pair) for pair in zip(curve.terms, units, strict=False)),
-        hysteresis=None if curve.hysteresis is None else model_column(curve.hysteresis, unit),
         degC=curve.degC,
         bias=curve.bias,
         low=curve.low,

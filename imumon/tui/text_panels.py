@@ -299,7 +299,4 @@ def _effect(channel: Channel, factor: float, unit: str) -> list[Line]:
         if drift.explained is not None:
             parts.append([(f", {100 * drift.explained:.0f} % of the drift", "muted")])
         return parts
-    slope, loop = curve.terms[1], curve.hysteresis
-    rest = f", degree {len(curve.terms) - 1}"
-    rest += "" if loop is None else f", hysteresis {plus_minus(*loop.limits(factor), 2)} {unit}"
-    return [[(f"   {plus_minus(*slope.limits(factor), 3)} {unit} per degree", "text")], [(rest, "muted")]]
+    return [[(f"   {plus_minus(*curve.terms[1].limits(factor), 3)} {unit} per degree", "text")]]

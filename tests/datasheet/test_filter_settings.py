@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from documents import AGES, COVARIANCES, CURVES, SETTINGS, aged, filters, text, worst
+from documents import AGES, COVARIANCES, SETTINGS, aged, filters, text, worst
 from reports import LONG_RATE, LONG_S, RATE, with_coefficients
 from reports import report as make_report
 
@@ -116,7 +116,7 @@ def test_a_longer_record_is_advised_only_where_it_helps(code: str | None, gyro: 
         assert ("record longer" in shown) == (cure == "record longer")
 
 
-@pytest.mark.parametrize("form", [*SETTINGS, *CURVES])
+@pytest.mark.parametrize("form", SETTINGS)
 def test_caveats_precede_the_numbers(form: str) -> None:
     report = make_report()
     caveats = tuple(sorted({*CAVEATS} - {"aliased"}))

@@ -20,7 +20,6 @@ from imumon.cli.wait_condition import WaitCondition
 from imumon.datasheet import FORMS, NoCurve, document
 from imumon.datasheet.signal_text import baseline_summary, signal_lines
 from imumon.datasheet.tables import report_table
-from imumon.datasheet.temperature_settings import NoBiasCurve
 from imumon.filter_report import DEFAULT_HORIZON_S
 from imumon.pipeline.filter_report_builder import filter_report
 from imumon.report import Event, Report, Signal, from_json
@@ -204,8 +203,6 @@ def show_everywhere(report: Report, signal: Signal | None, events: tuple[Event, 
                 document(report, form, filters)
             except NoCurve:
                 assert form in DRAWN_FORMS
-            except NoBiasCurve:
-                assert form in ("px4-tc", "ardupilot-tcal")
     show_on_screen(report, signal, events)
 
 

@@ -1,10 +1,9 @@
 """Bias of one channel against the temperature, from the means of the whole record.
 
-The same restricted likelihood as of N, B and K, of the block means alone, with other columns: a polynomial of the
-temperature beside the drift of each segment. The degree is the highest whose last term is not near zero. A
-record that warms and cools has one column more, the difference between the two directions: hysteresis. What the noise
-may do between the blocks widens every limit. A warm-up is no part of N, B and K, and the best part of a record for this
-curve.
+The same restricted likelihood as of N, B and K, of the block means alone, with other columns: the temperature beside
+the drift of each segment. What the noise may do between the blocks widens every limit. A warm-up is no part of N, B and
+K, and the best part of a record for this slope. A bend of the effect is no part of it: the line is the mean over the
+span.
 """
 
 from __future__ import annotations
@@ -13,9 +12,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtr
 
-from imumon.coefficients import BIAS_TERMS, LIMIT_95
+from imumon.coefficients import LIMIT_95
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit import regressors as columns_of
 from imumon.noise.fit.likelihood import Likelihood, Surface, grid_mean
@@ -27,20 +25,6 @@ from imumon.noise.fit.slow_terms import SlowTerms
 from imumon.noise.fit.statement import RegressorEstimate
 from imumon.samples import Floats
 
-NEGLECTED_P = 0.25
-"""A higher degree of the bias curve, or the variance between quarters, counts where chance makes as much in fewer
-records. Unit: probability.
-
-Otherwise: at 0.05 limits beside a neglected term hold 88 %, at 0.25 92 %. Origin: Bancroft 1944; Biometrics 20, 1964
-(`temperature.py`).
-"""
-
-SPAN_PER_DEGREE_DEGC = 2.0
-"""Span of temperatures that each degree above the first needs. Unit: degC.
-
-Otherwise: a cubic through 1 degC is extrapolated to 40 degC by whoever compensates with it. Origin: sensors bend
-little within 2 degC (`temperature.py`).
-"""
 LOWEST_DEGC = -60.0
 """Below, a temperature is implausible and no bias curve is stated. Unit: degC.
 
@@ -68,22 +52,21 @@ Otherwise: the steps of a coarse thermometer count as jumps. Chosen: twenty step
 POINTS = 9
 """Points of the bias curve. Unit: temperatures.
 
-Otherwise: a cubic is drawn with corners. Origin: chosen for the figure and the size of the report.
+Otherwise: the band, which bends, is drawn with corners. Origin: chosen for the figure and the size of the report.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BiasFit:
-    """Bias of a channel against the temperature: a polynomial about a reference.
+    """Bias of a channel against the temperature: a straight line.
 
     Attributes
     ----------
     reason : why there are no terms: ``too_short``, ``no_temperature``, ``small_range``, ``collinear``, ``implausible``
         or ``jumps``; None: there are some.
     reference_degC : degC, middle of the temperatures of the record.
-    terms : ``degree 0`` (the bias at the reference, channel unit) to at most ``degree 3`` (channel unit per degC^3).
-    hysteresis : channel unit, greatest difference, warming less cooling; None: not both in the record.
-    degC, bias, low, high : temperatures of the curve, and the curve with its 95 % limits, channel unit.
+    terms : ``degree 0`` (the bias at the reference, channel unit) and ``degree 1`` (the slope, channel unit per degC).
+    degC, bias, low, high : temperatures of the line, and the line with its 95 % limits, channel unit.
     std_without, std_with : channel unit, standard deviation of the block means about their drift, and about drift and
         curve.
     """
@@ -91,7 +74,6 @@ class BiasFit:
     reason: str | None = None
     reference_degC: float | None = None
     terms: tuple[RegressorEstimate, ...] = ()
-    hysteresis: RegressorEstimate | None = None
     degC: tuple[float, ...] = ()
     bias: tuple[float, ...] = ()
     low: tuple[float, ...] = ()
@@ -108,10 +90,6 @@ class _Fit:
     value: Floats  # (q,) in the scale of each column, as is the covariance
     covariance: Floats  # (q, q)
     mean_variance: float  # (channel unit)^2, of the mean of the record against that of another one as long
-
-    def sigma(self, number: int) -> float:
-        """Return the standard errors by which a coefficient differs from zero."""
-        return float(abs(self.value[number]) / math.sqrt(self.covariance[number, number]))
 
 
 def bias_curve(
@@ -146,29 +124,17 @@ def bias_curve(
     if jumps.max() > max(JUMP_SHARE * (high - low), JUMP_DEGC):
         return BiasFit(reason="jumps")
     reference, half = 0.5 * (low + high), 0.5 * (high - low)
-    u, loop = columns_of.unit_span(straight.series), columns_of.hysteresis(series, straight.series)
-    fit = _fitted(series, u, loop, 1, noise)
+    fit = _fitted(series, columns_of.unit_span(straight.series), noise)
     names = [column.name for column in fit.regressors]
-    one, drift = names.index("temperature"), names.index("drift") if "drift" in names else None
-    if drift is not None and _correlation(fit.covariance, one, drift) > COLLINEAR:
+    drift = names.index("drift") if "drift" in names else None
+    if drift is not None and _correlation(fit.covariance, -1, drift) > COLLINEAR:
         return BiasFit(reason="collinear")
-    degree = 1
-    for more in range(2, len(BIAS_TERMS) + 1):
-        if high - low >= SPAN_PER_DEGREE_DEGC * more:
-            other = _fitted(series, u, loop, more, noise)
-            if 2.0 * ndtr(-other.sigma(one + more - 1)) < NEGLECTED_P:
-                fit, degree = other, more
-    return _stated(series, fit, blocks.offset[column], one, degree, reference, half)
+    return _stated(series, fit, blocks.offset[column], reference, half)
 
 
-def _fitted(
-    series: BlockSeries, u: Floats, loop: Regressor | None, degree: int, noise: Surface | None
-) -> _Fit:
-    """Return the regression on a polynomial of u (n,), and on hysteresis where both directions occur."""
-    heat = [columns_of.of_series(series, "temperature", u**power) for power in range(1, degree + 1)]
-    if loop is not None:
-        heat.append(loop)
-    regressors = [*columns_of.drifts(series), *heat]
+def _fitted(series: BlockSeries, u: Floats, noise: Surface | None) -> _Fit:
+    """Return the regression on the drifts and, last, on a temperature u (n,), -1 to 1 over the span."""
+    regressors = [*columns_of.drifts(series), columns_of.of_series(series, "temperature", u)]
     masked = np.zeros(series.y.size, dtype=bool)
     terms = SlowTerms(series, regressors, masked, [], 0.0, "")
     top = meeting_frequency(series)
@@ -202,42 +168,30 @@ def _stated(
     series: BlockSeries,
     fit: _Fit,
     offset: float,
-    one: int,
-    degree: int,
     reference: float,
     half: float,
 ) -> BiasFit:
-    """Return the curve of a regression whose temperature columns begin at number `one`."""
+    """Return the line of a regression whose last column is the temperature."""
     columns = np.stack([column.series for column in fit.regressors], axis=1)
-    polynomial = slice(one, one + degree)
-    # the bias at the reference temperature, in the middle of the record and between the two directions
+    # the bias at the reference temperature, in the middle of the record
     middle = columns.mean(axis=0)
     bias = float(offset + series.series.mean() - middle @ fit.value)
-    rows = [(bias, fit.mean_variance + float(middle @ fit.covariance @ middle))]
-    rows += [
-        (
-            float(fit.value[one + i]) / half ** (i + 1),
-            float(fit.covariance[one + i, one + i]) / half ** (2 * i + 2),
-        )
-        for i in range(degree)
-    ]
+    rise, variance = float(fit.value[-1]), float(fit.covariance[-1, -1])
     span = np.linspace(-1.0, 1.0, POINTS)
-    powers = span[:, None] ** np.arange(1, degree + 1)
     # the bias at a temperature is that of the middle plus what the columns say between the two: one linear combination
     combination = np.tile(-middle, (POINTS, 1))
-    combination[:, polynomial] += powers
-    curve = bias + powers @ fit.value[polynomial]
+    combination[:, -1] += span
+    curve = bias + span * rise
     spread = np.einsum("pq,qr,pr->p", combination, fit.covariance, combination)
     error = LIMIT_95 * np.sqrt(fit.mean_variance + spread)
     drifts = [i for i, column in enumerate(fit.regressors) if column.name == "drift"]
     without = series.series - columns[:, drifts] @ fit.value[drifts]
-    hysteresis = None
-    if fit.regressors[-1].name == "hysteresis":
-        hysteresis = _column("hysteresis", float(fit.value[-1]), float(fit.covariance[-1, -1]))
     return BiasFit(
         reference_degC=reference,
-        terms=tuple(_column(f"degree {i}", *row) for i, row in enumerate(rows)),
-        hysteresis=hysteresis,
+        terms=(
+            _column("degree 0", bias, fit.mean_variance + float(middle @ fit.covariance @ middle)),
+            _column("degree 1", rise / half, variance / half**2),
+        ),
         degC=tuple((reference + half * span).tolist()),
         bias=tuple(curve.tolist()),
         low=tuple((curve - error).tolist()),

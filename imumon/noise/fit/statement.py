@@ -101,7 +101,7 @@ class RegressorEstimate:
     Attributes
     ----------
     name : ``drift``, ``temperature``, ``temperature_2`` (its square), ``temperature_3``, ``hysteresis``, ``settling``
-        or ``step``; of a bias curve ``degree 0`` to ``degree 3``.
+        or ``step``; of a bias curve ``degree 0`` and ``degree 1``.
     value, low, high : channel unit, per s of a drift, per degC (its square, its cube) of a temperature; 95 % limits.
     time_constant_s : s, of a settling.
     """

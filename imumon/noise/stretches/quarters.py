@@ -21,11 +21,16 @@ from scipy.special import gammaincc, gammainccinv
 
 from imumon.coefficients import QUARTERS, Excess
 from imumon.noise.blocks.block_means import BLOCK
-from imumon.noise.fit.bias_curve import NEGLECTED_P
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.stretches.parts import RecordParts
 from imumon.samples import Floats
 from imumon.saved_state import restorable
+
+NEGLECTED_P = 0.25
+"""The variance between quarters counts where chance makes as much in fewer records. Unit: probability.
+
+Otherwise: at 0.05 limits beside a neglected term hold 88 %, at 0.25 92 %. Origin: Bancroft 1944; Biometrics 20, 1964.
+"""
 
 SHORTEST_S = 8.0
 """s, shortest distance of two marks: a quarter must be long enough for N."""
