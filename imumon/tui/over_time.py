@@ -131,13 +131,7 @@ def over_time_chart(state: ViewState, width: int, height: int) -> list[Line]:
         text = ["nothing yet", "a record fills this after its first seconds, a history after its first row"]
         return [padded(title, width), *centred_text(text, width, height - 1)]
     events = series.events if series is not None and state.span != RECORD else ()
-    notes: list[Line] = [
-        [(f"   {legend}", "muted")],
-        [("   ", "text"), ("  ", "text/band"), (" 95 %", "muted")],
-        [("   ↓", "bound"), (" 95 % upper bound", "muted")],
-        *([[("   ╌", "good"), (" to be within", "muted")]] if state.span == RECORD else []),
-        *([[("   ▏", "warn"), ("event", "muted")]] if events else []),
-    ]
+    notes = _notes(legend, of_record=state.span == RECORD, has_events=bool(events))
     shown = panels[: max((height - 2) // LEAST_ROWS, 1)]
     lines, left = [padded(fitted([title, *notes], width), width)], height - 2
     for k, panel in enumerate(shown):
@@ -146,6 +140,17 @@ def over_time_chart(state: ViewState, width: int, height: int) -> list[Line]:
         lines += _drawn(panel, axis, events, width, rows)
     labels = _lengths(axis, width) if state.span == RECORD else _dates(axis, width)
     return [*lines, _axis_line(axis, labels, width)][:height]
+
+
+def _notes(legend: str, *, of_record: bool, has_events: bool) -> list[Line]:
+    """Return what the marks mean, the most important first."""
+    return [
+        [(f"   {legend}", "muted")],
+        [("   ", "text"), ("  ", "text/band"), (" 95 %", "muted")],
+        [("   ↓", "bound"), (" 95 % upper bound", "muted")],
+        *([[("   ╌", "good"), (" to be within", "muted")]] if of_record else []),
+        *([[("   ▏", "warn"), ("event", "muted")]] if has_events else []),
+    ]
 
 
 def _of_record(state: ViewState, stated: Convergence) -> list[Panel]:
