@@ -29,7 +29,6 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   column_names.py  quantity, axis and unit in the name of a column
   rest_sizes.py  what the numbers of a sensor at rest say about their unit
   cures.py       options in advice, as the parser of options reads them
-  alarms.py      what of a report is too much, with its limit
   readiness.py   which numbers of a report are precise enough
   report.py      published data model; standard library only
   report_json.py  JSON of its messages, with bounds for what comes from outside

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from imumon.alarms import ALARMS
 from imumon.coefficients import GRADES, INDISTINCT_WORD, LIMIT_95, SIGNIFICANT, Estimate
 from imumon.report import Change, Drift, Event, Report, SensorGrade
 from imumon.samples import INERTIAL, Level, sensor_of
@@ -157,7 +156,7 @@ EVENT_LEVELS: Mapping[str, Level] = {
     "no_samples": "warning",
     "sensor_error": "warning",
     "gap": "debug",
-    **{alarm.name: "warning" for alarm in ALARMS},
+    "loss": "warning",
     "disturbance": "info",
     "warmup": "info",
     "rest": "info",
@@ -243,6 +242,21 @@ def has_indistinct(report: Report) -> bool:
         for channel in report.channels.values()
         for part in channel.estimates.values()
     )
+
+
+def loss_text(share: float) -> str:
+    """Return the loss of the last minute as a sentence.
+
+    >>> loss_text(0.03)
+    '3 % of the samples of the last minute are missing'
+    """
+    return f"{share_text(share)} of the samples of the last minute are missing"
+
+
+def loss_label(report: Report) -> str:
+    """Return the loss of the last minute in two words, such as ``loss 3 %``."""
+    share = report.session.recent_loss
+    return f"loss {'not known' if share is None else share_text(share)}"
 
 
 def filter_not_known(report: Report) -> str | None:

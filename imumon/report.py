@@ -41,6 +41,8 @@ MAX_DEGC = 1e3
 """degC, beyond which a number in a message is no temperature."""
 MAX_CHANNELS = 64  # channels of a report; a sensor has about 11
 MOST_CHARACTERS = 500  # of a text that a user or a file gives: a paragraph of a page
+MAX_LOSS = 0.01
+"""Share of missing samples in the last minute from which there is an alarm, where the setting says nothing else."""
 UNGRADED_SHARE = 0.5
 """Share of the samples excluded or stuck above which nothing is graded: the rest is not representative."""
 WARM_S = 1800.0
@@ -548,6 +550,16 @@ class Report:
     def time_lapse(self) -> float | None:
         """Factor by which the emulator runs faster than real time; None: it is real time."""
         return None if self.speed == 1.0 else self.speed
+
+    @property
+    def max_loss(self) -> float:
+        """Share of missing samples in the last minute from which there is an alarm, as its daemon has it configured."""
+        return self.alarm_limits.get("loss", MAX_LOSS)
+
+    @property
+    def is_lossy(self) -> bool:
+        """Whether more samples of the last minute are missing than `max_loss` allows."""
+        return self.session.recent_loss is not None and self.session.recent_loss > self.max_loss
 
     def host_s(self, elapsed_s: float) -> float:
         """Return the s of the host clock in which the record grew by `elapsed_s`, s of the sample clock."""

@@ -21,7 +21,6 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
-from imumon.alarms import DEFAULT_LIMITS
 from imumon.api.document_report import document_report
 from imumon.api.measurement import Measurement, report_of
 from imumon.api.python_words import python_wording
@@ -110,7 +109,6 @@ def analyse(
             rate_hz=checked_rate(rate_hz, alone=arrays is not None and not has_time(arrays) and not columns),
             guarded=guards,
             precision=checked_precision(precision),
-            alarm_limits=DEFAULT_LIMITS,
             baseline=None if baseline is None else report_of(baseline),
             convergence=convergence,
             kind=_stream(stream),

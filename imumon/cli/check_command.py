@@ -15,7 +15,6 @@ from decimal import Decimal
 from enum import IntEnum
 from typing import Any
 
-from imumon.alarms import ALARMS, exceeded, known, labels
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, CommandError
 from imumon.cli.options import Parser
@@ -46,9 +45,8 @@ def add_check(parser: Parser) -> None:
     options.add_id(parser)
     text = f"critical if the report is older than T (5, 90s, 10m); default {MAX_AGE_S:g}"
     add("--max-age", type=options.seconds, default=MAX_AGE_S, metavar="T", help=text)
-    for alarm in ALARMS:
-        text = f"warning if more {alarm.what}; default: the setting {alarm.setting} of the daemon"
-        add(f"--max-{alarm.name}", type=options.percentage, metavar="PERCENT", help=text)
+    text = "warning if more of the samples of the last minute are missing; default: the setting max_loss of the daemon"
+    add("--max-loss", type=options.percentage, metavar="PERCENT", help=text)
     text = "critical if gyroscope or accelerometer is certainly worse than this grade"
     add("--grade", choices=GRADES, help=text)
     add("--baseline", metavar="FILE", help="warning if N or B differs from an earlier report (JSON)")
@@ -57,6 +55,7 @@ def add_check(parser: Parser) -> None:
 def check(arguments: argparse.Namespace) -> int:
     """Print the line of a plugin and return its exit code."""
     from imumon.cli.daemon_state import current_reports, current_trouble, grades_text
+    from imumon.messages import loss_label, loss_text
 
     baseline = options.baseline(arguments.baseline)
     with options.subscriber(arguments) as subscriber:
@@ -66,9 +65,8 @@ def check(arguments: argparse.Namespace) -> int:
         ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
         stopped = current_trouble(subscriber, report, time.monotonic() + options.ANSWER_S)
         rivals = report.device.id in subscriber.rivals()
-    given = {alarm.name: getattr(arguments, f"max_{alarm.name}") for alarm in ALARMS}
-    chosen = {name: share for name, share in given.items() if share is not None}
-    report = replace(report, alarm_limits={**report.alarm_limits, **chosen})
+    if arguments.max_loss is not None:
+        report = replace(report, alarm_limits={"loss": arguments.max_loss})
     critical, warnings = [], []
     if report.state == "stopped":
         critical.append("the daemon has ended")
@@ -80,9 +78,10 @@ def check(arguments: argparse.Namespace) -> int:
         critical += _worse(report, arguments.grade)
     if rivals:  # the numbers are of the one that was seen first, which need not be the right one
         warnings.append(f"two programs publish {report.device.id}: give each daemon its own --id")
-    warnings += exceeded(report)
+    if report.session.recent_loss is not None and report.is_lossy:
+        warnings.append(loss_text(report.session.recent_loss))
     warnings += _caveats(report, baseline)
-    facts = [", ".join((grades_text(report), *labels(report)))]
+    facts = [f"{grades_text(report)}, {loss_label(report)}"]
     code = Code.CRITICAL if critical else Code.WARNING if warnings else Code.OK
     if code == Code.OK and not report.session.samples:
         code, facts = Code.UNKNOWN, ["no sample yet"]
@@ -154,11 +153,11 @@ def _caveats(report: Any, baseline: Any) -> Iterator[str]:
 
 
 def _performance(report: Any, age_s: float, max_age_s: float) -> list[str]:
-    """Return the performance data: age, alarms, counters, temperature, and N in the unit that people read."""
+    """Return the performance data: age, loss, counters, temperature, and N in the unit that people read."""
     session = report.session
     data = [f"age={_fixed(age_s)}s;;{max_age_s:g};0"]
-    for alarm, value, limit in known(report):
-        data.append(f"{alarm.name}={_fixed(100.0 * value)}%;{_fixed(100.0 * limit)};;0;100")
+    if session.recent_loss is not None:
+        data.append(f"loss={_fixed(100.0 * session.recent_loss)}%;{_fixed(100.0 * report.max_loss)};;0;100")
     data += [f"samples={session.samples}c;;;0", f"missing={session.missing}c;;;0"]
     temperature = report.channels.get("temperature")
     if temperature is not None and temperature.last is not None:

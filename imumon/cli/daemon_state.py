@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from imumon.alarms import labels
-from imumon.messages import caveats, grade_text
+from imumon.messages import caveats, grade_text, loss_label
 from imumon.report import Report
 from imumon.units import duration
 
@@ -81,14 +80,14 @@ def grades_text(report: Report) -> str:
 
 
 def status_lines(reports: dict[str, tuple[Report, float]]) -> list[str]:
-    """Return a line about each device: name, state, age, grades, alarms and caveats, in columns."""
+    """Return a line about each device: name, state, age, grades, loss and caveats, in columns."""
     rows = [
         (
             name,
             report.state,
             f"{duration(age_s) if age_s >= 1.0 else f'{age_s:.1f} s'} old",
             grades_text(report),
-            *labels(report),
+            loss_label(report),
             ", ".join(caveats(report)) or "no caveats",
         )
         for name, (report, age_s) in reports.items()

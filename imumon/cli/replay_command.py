@@ -78,7 +78,6 @@ def reference_sheet(arguments: argparse.Namespace) -> Any:
 
 def replay_options(arguments: argparse.Namespace, path: str, **more: Any) -> Any:
     """Return the options of a replay; raise `ImumonError` if one of them is malformed."""
-    from imumon.alarms import limits
     from imumon.recordings.columns import parse_map
     from imumon.recordings.sensor_column import parse_where
     from imumon.replay import ReplayOptions
@@ -89,7 +88,7 @@ def replay_options(arguments: argparse.Namespace, path: str, **more: Any) -> Any
         path=path,
         rate_hz=arguments.rate or loaded.device.rate_hz or None,
         guarded=loaded.guards.enabled and not arguments.no_guards,
-        alarm_limits=limits(loaded.alert),
+        max_loss=loaded.alert.max_loss,
         precision=required.precision,
         kind=arguments.stream,
         columns=parse_map(arguments.map) if arguments.map else {},

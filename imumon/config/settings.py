@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, get_type_hints
 
-from imumon.alarms import DEFAULT_LIMITS
 from imumon.coefficients import NOISE, GradeName
 from imumon.readiness import ProgramName
+from imumon.report import MAX_LOSS
 from imumon.samples import FASTEST_HZ
 
 BaudRate: TypeAlias = Literal[9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
@@ -148,7 +148,7 @@ class AlertSettings(Section):
     """What to run at a warning, and the limits from which there is one"""
 
     command: str = ""
-    max_loss: Share = field(default=DEFAULT_LIMITS["loss"], metadata=FRACTION)
+    max_loss: Share = field(default=MAX_LOSS, metadata=FRACTION)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from imumon import alarms
 from imumon.bus import Publisher
 from imumon.config import Settings
 from imumon.daemon.persistence import Persistence
@@ -44,7 +43,7 @@ class KeptRecord:
             period_s=precision.period_s,
             baseline=options.baseline,
             periods=settings.history.enabled,
-            alarm_limits=alarms.limits(settings.alert),
+            max_loss=settings.alert.max_loss,
         )
         self._rate_hz = settings.device.rate_hz or None
         self.monitor = self._new_monitor()

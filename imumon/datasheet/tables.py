@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from imumon.alarms import known
 from imumon.coefficients import COEFFICIENTS, NOISE, Estimate, mean_unit
 from imumon.devices import registry
 from imumon.ledger import RECEIVED, SAMPLES, ledger_text
@@ -22,6 +21,7 @@ from imumon.messages import (
     has_indistinct,
     joined,
     line_with_size,
+    loss_text,
     no_value_text,
     uncertainty,
 )
@@ -140,7 +140,7 @@ def status_table(report: Report, width: int, late: str | None) -> str:
         counters_text(report),
         *(device.remarks if not report.session.samples else ()),
     ]
-    facts = [alarm.text(value) for alarm, value, _ in known(report) if value]
+    facts = [loss_text(report.session.recent_loss)] if report.session.recent_loss else []
     if excluded := exclusions(report, duration):
         facts.append(f"{' and '.join(excluded)} excluded")
     lines += ["; ".join(facts)] if facts else []
@@ -210,7 +210,8 @@ def _header(report: Report, *, verbose: bool = False) -> list[str]:
         f"{duration(session.elapsed_s)}, {counters_text(report)}, "
         f"{counted(session.discarded_bytes, 'byte')} discarded",
     ]
-    lines += [alarm.text(value) for alarm, value, _ in known(report) if value]
+    if session.recent_loss:
+        lines.append(loss_text(session.recent_loss))
     excluded = exclusions(report, lambda seconds: f"{seconds:.1f} s")
     if session.disturbances or excluded:
         text = f"{' and '.join(excluded)} excluded" if excluded else "nothing excluded"

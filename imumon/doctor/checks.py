@@ -7,9 +7,8 @@ The checks of a device apply to any kind; its driver replaces or adds those that
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 
-from imumon.alarms import DEFAULT_LIMITS
 from imumon.config import Settings
 from imumon.devices.base import (
     ARRIVAL_SAMPLES,
@@ -20,6 +19,7 @@ from imumon.devices.base import (
     Observation,
 )
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
+from imumon.report import MAX_LOSS
 from imumon.samples import ALIASED
 from imumon.timebase.interval import RATE_TOLERANCE
 from imumon.units import counted
@@ -131,17 +131,14 @@ def no_device(error: DeviceError) -> Check:
     return Check("sensor", "failed", error.message, error.cure or None)
 
 
-def device(
-    observation: Observation, specific: Iterable[Check], alarm_limits: Mapping[str, float] = DEFAULT_LIMITS
-) -> list[Check]:
+def device(observation: Observation, specific: Iterable[Check], max_loss: float = MAX_LOSS) -> list[Check]:
     """Return the checks of a device in order.
 
     Parameters
     ----------
     specific : checks of its driver; each replaces the generic one of the same name.
-    alarm_limits : by name of the alarm; see `imumon.alarms`.
+    max_loss : share of missing or damaged messages that is no fault.
     """
-    max_loss = alarm_limits.get("loss", DEFAULT_LIMITS["loss"])
     by_name = {check.name: check for check in (*_generic(observation, max_loss), *specific)}
     known = [by_name.pop(name) for name in DEVICE_CHECKS if name in by_name]
     return [*known, *by_name.values()]

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
-from imumon.alarms import limits
 from imumon.config import Settings
 from imumon.devices import registry
 from imumon.devices.base import Check, DeviceError, DeviceOptions
@@ -116,7 +115,7 @@ def _examine_device(
 ) -> list[Check]:
     """Return the checks of the device on a port, or of the daemon that reads it."""
     driver = registry.driver_of(port.path)
-    alarm_limits = limits(case.settings.alert) if report is None else report.alarm_limits
+    max_loss = case.settings.alert.max_loss if report is None else report.max_loss
     if report is not None and probe.subscriber is not None:
         progress(f"observing the daemon {report.device.id} for {case.seconds:g} s")
         observation = observe_daemon(probe.subscriber, report, case.seconds)
@@ -134,7 +133,7 @@ def _examine_device(
             progress(f"observing the device for {case.seconds:g} s")
             observation = observe_device(device, case.seconds)
     specific = driver.checks(observation, case.settings.device)
-    return [*checks.latency(port), *checks.device(observation, specific, alarm_limits)]
+    return [*checks.latency(port), *checks.device(observation, specific, max_loss)]
 
 
 def _same_port(one: str, other: str) -> bool:

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from imumon.alarms import known
 from imumon.coefficients import GRADES
 from imumon.errors import ImumonError, why
 from imumon.messages import EVENT_LEVELS
@@ -154,5 +153,5 @@ def _gauges(report: Report, age_s: float) -> Rows:
     caveats = [(name, caveat, 1.0) for name, channel in channels for caveat in channel.caveats]
     yield "imumon_caveat", "1 for each caveat of a channel", ("channel", "caveat"), caveats
     text = "1 for an alarm whose value is above its limit, 0 for the others"
-    alarms = [(row.name, float(value > limit)) for row, value, limit in known(report)]
+    alarms = [] if report.session.recent_loss is None else [("loss", float(report.is_lossy))]
     yield "imumon_alarm", text, ("alarm",), alarms

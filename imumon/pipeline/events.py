@@ -13,11 +13,10 @@ from datetime import datetime
 
 import numpy as np
 
-from imumon.alarms import ALARMS, RECOVERED, known
-from imumon.messages import EVENT_LEVELS, change_text, nearest_text
+from imumon.messages import EVENT_LEVELS, change_text, loss_text, nearest_text
 from imumon.pipeline.accumulators import Accumulators, Happened
 from imumon.pipeline.changes import hour_changes
-from imumon.report import WARM_S, Change, Event, Report, SensorGrade, stamp
+from imumon.report import WARM_S, Change, Event, SensorGrade, stamp
 from imumon.samples import Ints, Level
 from imumon.timebase.sample_clock import BREAK
 from imumon.units import counted, duration
@@ -32,6 +31,9 @@ the limit of two grades changes sides with every fit."""
 
 CHANGE_HOLD_S = 60.0
 """s of the record without a change after which it is over: one near the limit comes and goes with every fit."""
+
+RECOVERED = 0.5
+"""Share of the limit of the loss below which its alarm is over: a share near the limit crosses it all the time."""
 
 NOTICE: Level = "notice"
 
@@ -66,7 +68,7 @@ class EventLog:
         self._next_reset_s = 0.0  # the same for resets of the clock
         self._warming_up = self._warmup_reported = False
         self._constant: set[str] = set()
-        self._alarms: set[str] = set()  # that were above their limit
+        self._lossy = False  # the loss was above its limit
         # by column, what it differs from, and quantity: when the change was last there, s of the record
         self._changes_between_hours: dict[tuple[int, str, str], float] = {}
         self._other_changes: dict[tuple[int, str, str], float] = {}
@@ -207,25 +209,16 @@ class EventLog:
             self.add(DetectedEvent("constant", text, record.elapsed_s, channel=name, level=NOTICE))
         self._constant = now
 
-    def update_alarm(
-        self, name: str, value: float, limit: float, elapsed_s: float, *, ends: bool = True
-    ) -> None:
-        """Add that the value of an alarm exceeds its limit, or, if it can end now, does so no more."""
-        alarm = next(alarm for alarm in ALARMS if alarm.name == name)
-        # RECOVERED is below 1: a value that stays near the limit would raise and end the alarm in turns.
-        if name not in self._alarms and value > limit:
-            self._alarms.add(name)
-            self.add(DetectedEvent(name, alarm.text(value), elapsed_s))
-        elif ends and name in self._alarms and value <= RECOVERED * limit:
-            self._alarms.remove(name)
-            text = f"the alarm is over: {alarm.text(value)}"
-            self.add(DetectedEvent(name, text, elapsed_s, level=NOTICE))
-
-    def update_alarms(self, report: Report, record: Accumulators) -> None:
-        """Add the alarms that a report shows, other than those that the samples show."""
-        for alarm, value, limit in known(report):
-            if not alarm.by_samples:
-                self.update_alarm(alarm.name, value, limit, record.elapsed_s)
+    def update_loss(self, share: float, limit: float, elapsed_s: float, *, ends: bool = True) -> None:
+        """Add that the loss of the last minute exceeds its limit, or, if the alarm can end now, does so no more."""
+        # RECOVERED is below 1: a share that stays near the limit would raise and end the alarm in turns.
+        if not self._lossy and share > limit:
+            self._lossy = True
+            self.add(DetectedEvent("loss", loss_text(share), elapsed_s))
+        elif ends and self._lossy and share <= RECOVERED * limit:
+            self._lossy = False
+            text = f"the alarm is over: {loss_text(share)}"
+            self.add(DetectedEvent("loss", text, elapsed_s, level=NOTICE))
 
     def update_changes(self, changes: Mapping[int, tuple[Change, ...]], record: Accumulators) -> None:
         """Add changes that are new and those that are over, other than those between hours.

@@ -255,7 +255,7 @@ class Monitor:
             session=self._counted(session),
             period_s=self.options.period_s,
             precision=self.options.precision,
-            alarm_limits=self.options.alarm_limits,
+            alarm_limits={"loss": self.options.max_loss},
         )
         if self._record is None:
             return bare

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from imumon.alarms import DEFAULT_LIMITS
 from imumon.coefficients import default_precision
 from imumon.errors import ImumonError
 from imumon.history_report import HistoryPeriod
@@ -27,7 +26,7 @@ from imumon.pipeline.events import EventLog
 from imumon.pipeline.loss import LossWindow
 from imumon.pipeline.periods import Periods
 from imumon.pipeline.report_builder import limit_curves
-from imumon.report import Report, SessionCounters
+from imumon.report import MAX_LOSS, Report, SessionCounters
 from imumon.samples import Ints, Stream
 from imumon.saved_state import restorable
 from imumon.timebase.sample_clock import BREAK, PlacedSamples
@@ -55,7 +54,7 @@ class MonitorOptions:
     periods : keep what happens in every hour and day until `Monitor.periods` returns it.
     convergence : fit the record at each doubling of its length, for `Channel.convergence`; fits that happen anyway are
         noted in any case.
-    alarm_limits : by name of the alarm; see `imumon.alarms`.
+    max_loss : share of missing samples in a minute from which there is an alarm.
     """
 
     guarded: bool = True
@@ -64,7 +63,7 @@ class MonitorOptions:
     baseline: Report | None = None
     periods: bool = False
     convergence: bool = False
-    alarm_limits: Mapping[str, float] = field(default_factory=lambda: DEFAULT_LIMITS)
+    max_loss: float = MAX_LOSS
 
 
 @restorable
@@ -154,11 +153,10 @@ class Record:
         log.update_clock(placed.steps, accumulators)
         log.update_gaps(placed.steps, accumulators)
         log.update_happened(happened, accumulators)
-        limit = self._options.alarm_limits["loss"]
         for age_s, share, full in self.loss.update(placed.steps):
             # A window that is half full needs twice the share: as many missing samples as in a full one.
             elapsed_s = accumulators.elapsed_s - age_s
-            log.update_alarm("loss", share, limit / full, elapsed_s, ends=full >= 1.0)
+            log.update_loss(share, self._options.max_loss / full, elapsed_s, ends=full >= 1.0)
         return ended
 
     def flush(self, log: EventLog) -> list[HistoryPeriod]:
@@ -209,7 +207,7 @@ class Record:
         log.update_grades(grades, accumulators)
         warming_up = any("warming_up" in channel.caveats for channel in channels.values())
         log.update_warmup(accumulators, warming_up, heats_up=analysis.heats_up)
-        report = replace(
+        return replace(
             bare,
             grade=grades,
             channels=channels,
@@ -217,8 +215,6 @@ class Record:
             limits=LIMITS,
             limit_curves=LIMIT_CURVES,
         )
-        log.update_alarms(report, accumulators)
-        return report
 
     def counted(self, link: SessionCounters) -> SessionCounters:
         """Return the counters of the link with those of the record."""

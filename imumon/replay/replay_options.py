@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from imumon import report
-from imumon.alarms import DEFAULT_LIMITS
 from imumon.clock import HostClock
 from imumon.coefficients import default_precision
 from imumon.devices import registry
@@ -99,7 +98,7 @@ class ReplayOptions:
     pace : clock beside which the recording passes, as from a sensor; None: as fast as possible.
     guarded : exclude disturbances, motion and warm-up.
     precision : 95 % half-width to reach by coefficient, as a share of its value.
-    alarm_limits : by name of the alarm; see `imumon.alarms`.
+    max_loss : share of missing samples in a minute from which there is an alarm.
     baseline : an earlier report of the same sensor, to compare with.
     convergence : also state what a shorter record would have shown, at each doubling of its length.
     kind : stream of a table that has several; None: the best.
@@ -118,7 +117,7 @@ class ReplayOptions:
     rate_hz: float | None = None
     pace: HostClock | None = None
     guarded: bool = True
-    alarm_limits: Mapping[str, float] = field(default_factory=lambda: DEFAULT_LIMITS)
+    max_loss: float = report.MAX_LOSS
     precision: Mapping[str, float] = field(default_factory=default_precision)
     baseline: report.Report | None = None
     convergence: bool = False

@@ -50,7 +50,7 @@ class ReplayedRecord:
         monitored = pipeline.MonitorOptions(
             guarded=options.guarded,
             precision=options.precision,
-            alarm_limits=options.alarm_limits,
+            max_loss=options.max_loss,
             baseline=options.baseline,
             convergence=options.convergence,
         )

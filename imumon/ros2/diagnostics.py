@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from enum import IntEnum
 
-from imumon.alarms import exceeded
 from imumon.coefficients import Estimate
-from imumon.messages import grade_text, line
+from imumon.messages import grade_text, line, loss_text
 from imumon.report import Channel, Report, SensorGrade
 from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, encode, header, message
 from imumon.samples import AXES, sensor_of
@@ -77,9 +76,8 @@ def _stream(report: Report) -> tuple[str, int, str, list[tuple[str, str]]]:
     """Return name, level, message and values of the status of the stream."""
     session, device = report.session, report.device
     level, message = STATES[report.state]
-    alarms = exceeded(report)
-    if level == DiagnosticLevel.OK and alarms:
-        level, message = DiagnosticLevel.WARN, "; ".join(alarms)
+    if level == DiagnosticLevel.OK and session.recent_loss is not None and report.is_lossy:
+        level, message = DiagnosticLevel.WARN, loss_text(session.recent_loss)
     rate = device.sample_rate_hz
     return (
         "stream",

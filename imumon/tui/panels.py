@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from imumon.alarms import known
 from imumon.coefficients import INDISTINCT_WORD, Estimate
-from imumon.messages import GRADE_MEANING, NOT_APART, caveat_lines, caveats, grade_text
+from imumon.messages import GRADE_MEANING, NOT_APART, caveat_lines, caveats, grade_text, loss_label
 from imumon.readiness import ready_text
 from imumon.report import Channel, Report, SensorGrade
 from imumon.samples import INERTIAL, sensor_of
@@ -58,11 +57,7 @@ def _facts(report: Report, state: ViewState) -> list[Line]:
         (None if device.sample_rate_hz is None else f"{device.sample_rate_hz:.4g} Hz", "text"),
         (duration(session.elapsed_s), "text"),
         (f"time-lapse ×{report.time_lapse:g}" if report.time_lapse is not None else None, "bound"),
-        *(
-            (alarm.label(value), "warn" if value > limit else "text")
-            for alarm, value, limit in known(report)
-            if value
-        ),
+        (loss_label(report) if session.recent_loss else None, "warn" if report.is_lossy else "text"),
         (counted(session.gaps, "gap"), "warn" if session.gaps else "text"),
         (counted(session.bad_checksums, "error"), "warn" if session.bad_checksums else "text"),
         (None if degrees is None else f"{degrees:.1f} {pretty('degC')}", "text"),

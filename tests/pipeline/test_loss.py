@@ -13,11 +13,10 @@ from daemons import Daemon
 from faulty_sensor import spawn
 from paths import ROOT
 
-from imumon.alarms import RECOVERED
 from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.messages import EVENT_LEVELS
 from imumon.pipeline import Monitor, MonitorOptions
-from imumon.pipeline.events import EventLog
+from imumon.pipeline.events import RECOVERED, EventLog
 from imumon.pipeline.loss import WINDOW_S, LossWindow
 from imumon.report import DeviceDescription, SessionCounters
 from imumon.samples import Ints, SampleBlock
@@ -59,7 +58,7 @@ class JudgedWindow(LossWindow):
 
     def alarms(self, steps: Ints) -> list[tuple[bool, float]]:
         for _, share, full in self.update(steps):
-            self._log.update_alarm("loss", share, 0.01 / full, 0.0, ends=full >= 1.0)
+            self._log.update_loss(share, 0.01 / full, 0.0, ends=full >= 1.0)
         return [(event.level is None, self.share) for event in self._log.drain()]
 
 
@@ -111,7 +110,7 @@ def test_the_share_of_a_short_record_refers_to_its_length() -> None:
 
 
 def test_the_monitor_reports_loss_with_its_level_and_time() -> None:
-    monitor = Monitor(MonitorOptions(alarm_limits={"loss": 0.05}))
+    monitor = Monitor(MonitorOptions(max_loss=0.05))
     whole = block(12_000)
     there = np.random.default_rng(1).random(12_000) >= np.where(np.arange(12_000) < 2000, 0.0, 0.2)
     values, time, lost = whole.values[there], whole.time_ns[there], whole.lost[there]
