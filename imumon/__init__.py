@@ -31,6 +31,7 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   cures.py       options in advice, as the parser of options reads them
   readiness.py   which numbers of a report are precise enough
   report.py      published data model; standard library only
+  saved_state.py  objects as bytes, and back
   report_json.py  JSON of its messages, with bounds for what comes from outside
   coefficients.py  table of N, B, K, Q and R, and the estimate of one
   samples.py     what devices and recordings deliver
