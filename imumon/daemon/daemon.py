@@ -287,7 +287,8 @@ class Daemon:
             connection.state,
             self._record.session(connection.counters),
             device_caveats=connection.info.caveats if connection.info else (),
-            renew=False,  # a fit of all channels may take longer than the end of a daemon
+            # a fit of all channels may take longer than a daemon has to end
+            renewal="none" if connection.state == "stopped" else "due",
         )
         columns = connection.info.columns if connection.info else ()
         recording = report.RecordingDescription(columns=columns) if columns else None

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -38,6 +39,11 @@ SCATTER_GROWTH = 1.5
 HALVES = "the halves of the record contradict each other"
 LONGEST_PAUSE_S = 60.0
 """s, longest pause, so that the end of the curve moves every minute."""
+
+
+Renewal: TypeAlias = Literal["all", "due", "none"]
+"""Which results are computed again: all of them, from the samples alone; those that are due; or none that there are, as
+of a daemon that has a second to end."""
 
 
 def pause_s(elapsed_s: float) -> float:
@@ -92,8 +98,11 @@ class Analysis:
         self.grades: dict[str, Headline] = {}
         self.resolution: list[float] | None = None
 
-    def update(self, *, force: bool) -> None:
-        """Recompute everything if it is due, or, with `force`, if anything has changed."""
+    def update(self, renewal: Renewal) -> None:
+        """Recompute everything if it is due, or, with ``all``, if anything has changed."""
+        if renewal == "none" and self.channels:
+            return
+        force = renewal == "all"
         record, statistics = self._record, self._record.statistics
         current = (record.span, statistics.noise.position, record.warmup_s, force)
         elapsed = record.elapsed_s

@@ -14,6 +14,7 @@ from functools import partial
 from imumon.errors import RateRequired
 from imumon.history_report import HistoryPeriod
 from imumon.ledger import RECEIVED, SAMPLES, Ledger, merged, with_received
+from imumon.pipeline.analysis import Renewal
 from imumon.pipeline.events import DetectedEvent, EventLog
 from imumon.pipeline.gap_fill import InvalidSamples
 from imumon.pipeline.record import MonitorOptions, Record, RecordMismatch, SavedRecord, mismatch_of
@@ -237,7 +238,7 @@ class Monitor:
         session: SessionCounters,
         *,
         device_caveats: tuple[str, ...] = (),
-        renew: bool | None = None,
+        renewal: Renewal | None = None,
     ) -> Report:
         """Return everything known at the time `now`.
 
@@ -245,8 +246,7 @@ class Monitor:
         ----------
         device, session : what the caller knows (identity, link counters); the monitor adds the rest.
         device_caveats : from the stream and the settings of the sensor, such as ``aliased``.
-        renew : compute every result again, from the samples alone; False: keep those that are not due, as a daemon does
-            that has a second to end; None: renew them unless the state is ``running``.
+        renewal : of the results that are expensive; None: ``due`` of a record that is running, else ``all``.
         """
         bare = Report(
             time=stamp(now),
@@ -259,8 +259,8 @@ class Monitor:
         )
         if self._record is None:
             return bare
-        again = state != "running" if renew is None else renew
-        return self._record.report(bare, device_caveats, self._events, renew=again)
+        renewal = renewal or ("due" if state == "running" else "all")
+        return self._record.report(bare, device_caveats, self._events, renewal)
 
     def signals(self) -> dict[str, Callable[[], Signal]]:
         """Return what makes the minimum and maximum per time column of each channel, as they are now."""

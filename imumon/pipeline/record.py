@@ -18,7 +18,7 @@ from imumon.history_report import HistoryPeriod
 from imumon.noise.grading import LIMITS
 from imumon.pipeline import assessment
 from imumon.pipeline.accumulators import Accumulators, Happened
-from imumon.pipeline.analysis import Analysis
+from imumon.pipeline.analysis import Analysis, Renewal
 from imumon.pipeline.changes import hour_changes
 from imumon.pipeline.combined_limits import with_combined
 from imumon.pipeline.convergence import StatementLog, next_due_s
@@ -178,17 +178,17 @@ class Record:
         """Return the periods in progress as they are: no samples follow."""
         return [] if self._periods is None else self._periods.end()
 
-    def report(self, bare: Report, caveats: tuple[str, ...], log: EventLog, *, renew: bool) -> Report:
+    def report(self, bare: Report, caveats: tuple[str, ...], log: EventLog, renewal: Renewal) -> Report:
         """Return a report with the results of this record.
 
         Parameters
         ----------
         bare : identity and counters.
         caveats : from the stream and the settings of the sensor.
-        renew : see `Monitor.report`.
+        renewal : see `Monitor.report`.
         """
         accumulators, analysis = self.accumulators, self._analysis
-        analysis.update(force=renew)
+        analysis.update(renewal)
         caveats = (
             *caveats,
             *assessment.record_caveats(accumulators, analysis, guarded=self._options.guarded),
