@@ -28,7 +28,7 @@ report to the screen and to other tools. SampleBlock and Report are the types th
   history_report.py  one period of the history, as a message
   column_names.py  quantity, axis and unit in the name of a column
   rest_sizes.py  what the numbers of a sensor at rest say about their unit
-  cures.py       options in advice, as the parser of options reads them
+  cures.py       options in advice, as the caller types them
   readiness.py   which numbers of a report are precise enough
   report.py      published data model; standard library only
   saved_state.py  objects as bytes, and back

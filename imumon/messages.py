@@ -186,7 +186,7 @@ CLOCKS: Mapping[str, str] = {
 EXCLUSION_CURES: Mapping[str, str] = {
     "glitch": "check the cable and the baud rate",
     "knock": "put it where nothing touches it",
-    "motion": "keep it still, or check its unit (deg/s? --map)",
+    "motion": "keep it still, or check its unit (deg/s?)",
     "clipped": "choose a wider range of the sensor",
     "stuck": "restart the sensor",
     "magnetic": "keep magnets and currents away",

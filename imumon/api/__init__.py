@@ -7,7 +7,6 @@ live             `Live`: the same for samples that come block by block
 combination      `combine` and `compare`: several records
 simulation       `simulate`: noise with known truth
 traceability     where the numbers come from, their uncertainty, their check against a data sheet
-python_words     names of options in messages, as a program writes them
 """
 
 from importlib import import_module

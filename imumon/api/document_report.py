@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from imumon.cures import option
 from imumon.history_report import HistoryRow
 from imumon.messages import one_warmup
 from imumon.report import Report
@@ -42,7 +43,7 @@ def _checked(report: Report, sheet: Any) -> Any:
 
     model = report.device.model
     if sheet is not None and sheet.models and model and not sheet.is_of(model):
-        message = f"--datasheet: it is of {', '.join(sheet.models)}, and the record is of a {model}"
+        message = f"{option('datasheet')}: it is of {', '.join(sheet.models)}, and the record is of a {model}"
         raise SheetError("datasheet_of_other_device", message, "name the data sheet of this sensor")
     return sheet
 

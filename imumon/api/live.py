@@ -26,7 +26,6 @@ import numpy as np
 
 from imumon.api.document_report import document_report
 from imumon.api.measurement import Measurement
-from imumon.api.python_words import python_wording
 from imumon.api.record_analysis import (
     array_remarks,
     checked_precision,
@@ -35,6 +34,7 @@ from imumon.api.record_analysis import (
 )
 from imumon.api.sensor_arrays import checked_rate
 from imumon.checkpoint import StateError, decode, encode
+from imumon.cures import python_caller
 from imumon.errors import ImumonError
 from imumon.files import replace_file
 from imumon.ledger import merged
@@ -150,7 +150,7 @@ class Live:
         filter: str | None = None,
         precision: Mapping[str, float] | None = None,
     ) -> None:
-        with python_wording():
+        with python_caller():
             unknown = [name for name in channels if name not in CHANNELS]
             if unknown or not channels or len(set(channels)) < len(channels):
                 text = f"channels={tuple(channels)!r} are not those of a sensor"
@@ -184,7 +184,7 @@ class Live:
         ------
         ImumonError : the block has another shape, or its samples cannot be those of a sensor.
         """
-        with python_wording():
+        with python_caller():
             before, rows = self._rows(block, time_s, missing)
             if self._table is None:
                 self._begin(timed=time_s is not None)
@@ -202,7 +202,7 @@ class Live:
         ------
         ImumonError : there are none, or they cannot be those of a sensor.
         """
-        with python_wording(), one_thread():
+        with python_caller(), one_thread():
             ended = copy.deepcopy(self)
             report = ended._ended()
             require_noise(self._options, report)
@@ -216,7 +216,7 @@ class Live:
         ------
         ImumonError : there are no samples yet, or the file cannot be written.
         """
-        with python_wording(), one_thread():
+        with python_caller(), one_thread():
             ended = copy.deepcopy(self)
             ended._push_all()
             record, table = ended._record, ended._table

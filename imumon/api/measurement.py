@@ -119,9 +119,7 @@ class Measurement:
     @property
     def remarks(self) -> tuple[str, ...]:
         """What was assumed, left out or is doubtful, one line each."""
-        from imumon.api.python_words import python_words
-
-        return tuple(map(python_words, (*self.report.device.remarks, *self.notes)))
+        return (*self.report.device.remarks, *self.notes)
 
     @property
     def ledger(self) -> Mapping[str, int]:

@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Any
 
 from imumon.api.document_report import document_report
 from imumon.api.measurement import Measurement, report_of
-from imumon.api.python_words import python_wording
 from imumon.api.sensor_arrays import checked_rate, has_time, named_source
 from imumon.coefficients import NOISE, default_precision
+from imumon.cures import python_caller
 from imumon.errors import ImumonError
 from imumon.recordings.base import OptionError, Samples
 from imumon.recordings.columns import KINDS, parse_map
@@ -100,7 +100,7 @@ def analyse(
     ------
     ImumonError : with code, message and cure, if the record cannot be read or cannot be that of a sensor.
     """
-    with python_wording(), one_thread():
+    with python_caller(), one_thread():
         sensors = {"gyro": gyro, "accel": accel, "mag": mag, "temperature": temperature}
         path, arrays = named_source(source, sensors, time_s)
         options = ReplayOptions(

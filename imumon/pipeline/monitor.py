@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
 
+from imumon.cures import option
 from imumon.errors import RateRequired
 from imumon.history_report import HistoryPeriod
 from imumon.ledger import RECEIVED, SAMPLES, Ledger, merged, with_received
@@ -87,7 +88,7 @@ class _WithoutRate:
 
     def error(self) -> RateRequired:
         text = f"{self.source} has no clock"
-        return RateRequired("rate_required", text, "give its sample rate with --rate")
+        return RateRequired("rate_required", text, f"give its sample rate with {option('rate_hz')}")
 
 
 class Monitor:

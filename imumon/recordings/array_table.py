@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from imumon.column_names import SENSOR_WORDS, parse_name, words_of
-from imumon.cures import OPTIONS, option_text
+from imumon.cures import example_text, option_text
 from imumon.recordings.base import ROWS, ReadOptions, RecordingError, RowSource
 from imumon.recordings.columns import LISTED, SENSORS, layout
 from imumon.recordings.table import Table
@@ -91,9 +91,7 @@ class ArrayTable(Table):
             text = ", ".join(f"{array} {length:,}" for length, array in sorted(lengths.items()))
             cure = "save arrays of one length"
             if readable := [sensor for sensor in INERTIAL if _is_readable(columns, options, sensor)]:
-                cure += (
-                    f", or read a sensor alone, {' or '.join(f'--sensor {sensor}' for sensor in readable)}"
-                )
+                cure += f", or read a sensor alone, {' or '.join(option_text(sensor=sensor) for sensor in readable)}"
             raise RecordingError("array_lengths", f"{path}: its arrays have different lengths: {text}", cure)
 
     @contextmanager
@@ -133,7 +131,7 @@ def _example_map(columns: Sequence[ArrayColumn]) -> str:
         named = {f"gyro/{axis}": f"{name}:rad/s" for axis, name in zip(AXES, axes, strict=True)}
         return option_text(columns=named)
     first = next((column.name for column in columns if column.key is not None or not column.array), "NAME")
-    return f"{OPTIONS['columns']} gyro/x={first}:rad/s,..."
+    return example_text(f"{first}:rad/s")
 
 
 def columns_of(array: str, shape: Shape, fields: Sequence[str]) -> list[ArrayColumn]:

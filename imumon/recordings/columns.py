@@ -29,7 +29,7 @@ from imumon.column_names import (
     unit_of,
     words_of,
 )
-from imumon.cures import OPTIONS, option_text
+from imumon.cures import example_text, option, option_text
 from imumon.recordings.base import OptionError, RecordingError
 from imumon.rest_sizes import is_one_g, median_size, too_noisy
 from imumon.samples import AXES, CHANNELS, Floats, Kind, sensor_of
@@ -46,9 +46,6 @@ POINTS, INCREMENTS = ("gyro", "accel"), ("angle", "velocity")
 INERTIAL = set(POINTS)
 """Sensors of which a table must have one."""
 
-READ_ALONE = f"read each alone, {option_text(sensor='gyro')} and {option_text(sensor='accel')}"
-"""Cure for sensors of different rates."""
-
 SIMILAR = 0.3
 """Similarity of names (difflib ratio) from which one is suggested for another."""
 
@@ -64,7 +61,10 @@ UNIT_QUATERNION = 1e-3
 NOUNS = {"t": "time", "dt": "interval"}
 """Nouns for quantities of columns that are no channels."""
 
-MAP_EXAMPLE = f"{OPTIONS['columns']} gyro/x=COLUMN:UNIT,..."
+
+def read_alone() -> str:
+    """Return the cure for sensors of different rates."""
+    return f"read each alone, {option_text(sensor='gyro')} and {option_text(sensor='accel')}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,7 @@ def _check_distinct(assigned: Mapping[str, Column]) -> None:
     twice = [index for index, n in Counter(column.index for column in assigned.values()).items() if n > 1]
     if twice:
         channels = [channel for channel, column in assigned.items() if column.index == twice[0]]
-        text = f"--map gives one column, {assigned[channels[0]].name}, to {_list(channels)}"
+        text = f"{option('columns')} gives one column, {assigned[channels[0]].name}, to {_list(channels)}"
         raise RecordingError("column_twice", text, "name another column for each axis")
 
 
@@ -227,7 +227,8 @@ def _check_complete(table_layout: ColumnLayout, assigned: Mapping[str, Column]) 
         sensor = sensor_of(channel)
         if sensor in SENSORS and channel not in table_layout.channels:
             missing = [f"{sensor}/{axis}" for axis in AXES if f"{sensor}/{axis}" not in assigned]
-            text = f"--map names only a part of a sensor: {_list(missing)} is missing and no name shows it"
+            part = f"{option('columns')} names only a part of a sensor"
+            text = f"{part}: {_list(missing)} is missing and no name shows it"
             raise RecordingError("map_incomplete", text, f"name it too, {missing[0]}=COLUMN:UNIT")
 
 
@@ -247,7 +248,7 @@ def _with_one_time(table_layout: ColumnLayout, head: Floats | None) -> ColumnLay
     if head is not None and _equal(head[:, by_sensor["gyro"].index], head[:, by_sensor["accel"].index]):
         return table_layout
     text = f"gyro has the time {by_sensor['gyro'].name} and accel {by_sensor['accel'].name}"
-    raise RecordingError("different_rates", text, READ_ALONE)
+    raise RecordingError("different_rates", text, read_alone())
 
 
 def _equal(one: Floats, other: Floats) -> bool:
@@ -277,10 +278,10 @@ def _why_unused(column: Column, columns: Sequence[Column], table_layout: ColumnL
     if column.axis is None:
         return "the name has no axis x, y or z"
     if missing:
-        return f"{_list(missing)} is missing, name it with --map {missing[0]}=COLUMN:UNIT"
+        return f"{_list(missing)} is missing, name it with {option_text(columns={missing[0]: 'COLUMN:UNIT'})}"
     if any(_same(column, other) for other in table_layout.columns):
         return "another column is the same axis"
-    return f"the stream used is {table_layout.kind}, --stream or --map selects another"
+    return f"the stream used is {table_layout.kind}, {option('kind')} or {option('columns')} selects another"
 
 
 def _reasons(
@@ -302,7 +303,7 @@ def _reasons(
         elif sensor is not None and named.quantity is not None:
             reasons[index] = f"{option_text(sensor=sensor)} leaves it out"
         elif named.quantity is not None:
-            reasons[index] = f"{OPTIONS['columns']} names another column"
+            reasons[index] = f"{option('columns')} names another column"
         else:
             reasons[index] = "no name or unit of a sensor or a time"
     return reasons
@@ -395,10 +396,10 @@ def _check_units(names: Sequence[str], table_layout: ColumnLayout, head: Floats 
             axes = [c for c in table_layout.columns if c.quantity == column.quantity]
             if column.quantity not in INERTIAL or len(axes) < len(AXES):
                 raise RecordingError("unknown_unit", text, f"use {units}")
-            option = option_text(
+            proposed = option_text(
                 columns=_proposal(names, tuple(c.index for c in axes), column.quantity, head)
             )
-            raise RecordingError("unknown_unit", text, f"{option}, with the unit that it has, {units}")
+            raise RecordingError("unknown_unit", text, f"{proposed}, with the unit that it has, {units}")
 
 
 def _stream(columns: Sequence[Column], kind: Kind) -> ColumnLayout | None:
@@ -489,17 +490,19 @@ def _find(names: Sequence[str], text: str, quantity: str) -> tuple[int, str | No
         name, _, unit = text.rpartition(":")
         tries.insert(0, (name, _map_unit(unit, quantity)))
         if tries[0][1] is None and _scaled(names, name) is not None:
-            text = f"the unit {unit!r} in --map is unknown"
+            text = f"the unit {unit!r} in {option('columns')} is unknown"
             raise RecordingError("unknown_unit", text, f"use one of {_list(UNITS[quantity])}")
     for name, given_unit in tries:
         if (column := _scaled(names, name)) is not None:
             return column[0], given_unit, column[1]
     name = tries[0][0]
     if (scale := re.fullmatch(r"(.+)[/*](\w+)", name)) and _index(names, scale[1]) is not None:
-        text = f"{scale[2]!r} in --map {name} is no number"
+        text = f"{scale[2]!r} in {option('columns')} {name} is no number"
         raise RecordingError("unknown_column", text, "write the counts in a unit, from the data sheet")
     whole = [name.strip() for name in names]
-    raise RecordingError("unknown_column", f"no column {name!r} for --map", _similar(name, whole))
+    raise RecordingError(
+        "unknown_column", f"no column {name!r} for {option('columns')}", _similar(name, whole)
+    )
 
 
 def _map_unit(text: str, quantity: str) -> str | None:
@@ -538,7 +541,7 @@ def _index(names: Sequence[str], text: str) -> int | None:
             numbers = " or ".join(str(k + 1) for k in places)
             raise RecordingError(
                 "ambiguous_column",
-                f"--map names {text!r}, and {len(places)} columns have that name",
+                f"{option('columns')} names {text!r}, and {len(places)} columns have that name",
                 f"write {numbers}",
             )
         if places:
@@ -580,7 +583,7 @@ def parse_map(text: str) -> dict[str, str]:
             named = channel_of(parse_name(0, channel))  # of gx, gyro/x; mag/x has more similar letters
             similar = difflib.get_close_matches(channel, channels, 1, SIMILAR) or ["gyro/x"]
             cure = f"write {named if named in channels else similar[0]}=COLUMN:UNIT"
-            raise OptionError("map_syntax", f"--map {part.strip()!r} names no channel", cure)
+            raise OptionError("map_syntax", f"{option('columns')} {part.strip()!r} names no channel", cure)
         columns[channel] = column.strip()
     return columns
 
@@ -591,18 +594,18 @@ def _no_stream(
     """Return the error that names what is missing and the similar columns."""
     if kind and any(_stream(columns, other) for other in KINDS):
         text = f"the recording has no {kind} stream"
-        return RecordingError("no_stream", text, "leave --stream out to use the best stream")
+        return RecordingError("no_stream", text, f"leave {option('kind')} out to use the best stream")
     incomplete = [c.name for c in columns if c.quantity in SENSORS and c.quantity != "mag"]
     if incomplete:
         text = f"only {_list(incomplete)} of gyroscope and accelerometer"
-        cure = f"add the three axes, or name them with {MAP_EXAMPLE}"
+        cure = f"add the three axes, or name them with {example_text()}"
         return RecordingError("sensor_incomplete", text, cure)
     text = (
         f"no name or unit of a column is that of a gyroscope or accelerometer ({_similar('gyro_x', names)})"
     )
     unknown = _number_triples(names, head)
     if not unknown:
-        return RecordingError("no_sensor", text, f"name them with {MAP_EXAMPLE}")
+        return RecordingError("no_sensor", text, f"name them with {example_text()}")
     first = _proposal(names, unknown[0], "gyro", head)
     listed = _list(names[k].strip() for k in unknown[0])
     cure = f"if {listed} are a gyroscope, {option_text(columns=first)}, with their unit"

@@ -40,7 +40,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from imumon.cures import option_text
+from imumon.cures import example_text, option, option_text
 from imumon.errors import QUOTED
 from imumon.ledger import Ledger, merged
 from imumon.recordings.base import (
@@ -52,7 +52,7 @@ from imumon.recordings.base import (
     RecordingError,
     RowSource,
 )
-from imumon.recordings.columns import MAP_EXAMPLE, ColumnLayout, layout, proposed_map
+from imumon.recordings.columns import ColumnLayout, layout, proposed_map
 from imumon.recordings.date_reader import DateReader
 from imumon.recordings.raw_capture import RawCapture
 from imumon.recordings.sensor_column import (
@@ -339,7 +339,7 @@ class CsvFile(TextTable):
         unnamed, first = ("column", 1) if count == 1 else (f"{count} columns", 2)
         rows = [split(line, separator) for line in seen[begin : begin + HEAD_ROWS] if has_cells(line)]
         proposed = proposed_map(head_numbers(rows, separator, count))
-        cure = f"add one, or --map gyro/x={first}:rad/s,... by number"
+        cure = f"add one, or {example_text(f'{first}:rad/s')} by number"
         if proposed:
             cure = (
                 f"by the size of their numbers, {option_text(columns=proposed)}; check it, or add such a line"
@@ -366,7 +366,7 @@ class CsvFile(TextTable):
         if unreadable and not times:
             if any(has_thousands(row[column.index]) for row in cells[:1] for column in table_layout.times):
                 raise RecordingError("thousands", f"{self.path}: {unreadable}: {THOUSANDS}", NO_THOUSANDS)
-            cure = f"write numbers or 2026-01-31T12:00:00.000, or omit it with {MAP_EXAMPLE} and --rate"
+            cure = f"write numbers or 2026-01-31T12:00:00.000, or omit it with {example_text()} and {option('rate_hz')}"
             raise RecordingError("time_not_readable", f"{self.path}: {unreadable}", cure)
         return replace(table_layout, times=tuple(times))
 

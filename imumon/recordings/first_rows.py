@@ -24,11 +24,11 @@ from datetime import UTC, datetime
 import numpy as np
 
 from imumon.column_names import UNITS, Column
-from imumon.cures import OPTIONS, option_text
+from imumon.cures import option, option_text
 from imumon.errors import RateRequired
 from imumon.noise.validity_groups import LARGEST
 from imumon.recordings.base import RecordingError, RowSource
-from imumon.recordings.columns import INERTIAL, LISTED, READ_ALONE, ColumnLayout
+from imumon.recordings.columns import INERTIAL, LISTED, ColumnLayout, read_alone
 from imumon.recordings.row_selection import (
     COPIED,
     FEWEST_HELD,
@@ -83,14 +83,18 @@ INTERVAL_SPAN = 30.0
 """Ratio of the interval of a sample and the step of its stamps up to which both may be right, chosen: units differ by
 1000, and a program that writes one sample in ten has a tenth of the step as its interval."""
 
-RATE_CURE = f"give the sample rate with {OPTIONS['rate_hz']}"
+
+def rate_cure() -> str:
+    """Return the cure for samples without a rate."""
+    return f"give the sample rate with {option('rate_hz')}"
+
 
 NO_RATE: dict[str, tuple[str, str]] = {
-    "single_row": ("has one row, and a rate needs two", "check that the file is complete, or record longer"),
-    "time_descending": ("runs backwards", f"sort the rows by it, or {RATE_CURE}"),
-    "time_constant": ("does not change", f"write it with more digits, or {RATE_CURE}"),
-    "time_too_coarse": ("changes in hardly any row", f"write it with more digits, or {RATE_CURE}"),
-    "time_rate_impossible": ("shows no rate that a sensor has", f"check its unit, or {RATE_CURE}"),
+    "single_row": ("has one row, and a rate needs two", "check that the file is complete, record longer"),
+    "time_descending": ("runs backwards", "sort the rows by it"),
+    "time_constant": ("does not change", "write it with more digits"),
+    "time_too_coarse": ("changes in hardly any row", "write it with more digits"),
+    "time_rate_impossible": ("shows no rate that a sensor has", "check its unit"),
 }
 """Message and cure for a time that shows no rate, by the name of its kind of stamps."""
 
@@ -289,7 +293,7 @@ class FirstRows:
             one, other = held.values()
             if len(one) != len(other) or float((one != other).mean()) > HELD_SHARE:
                 text = f"{self._source.name}: the rows repeat {' and '.join(shares)} of them: both have other rates"
-                raise RecordingError("different_rates", text, READ_ALONE)
+                raise RecordingError("different_rates", text, read_alone())
         elif held and len(inertial) > 1:
             sensor = next(iter(held))
             text = f"the rows repeat {shares[0]} of them: it is slower than they are, and left out"
@@ -531,8 +535,8 @@ class FirstRows:
         ]
         hint = f" (other columns: {', '.join(others[:LISTED])})" if others else ""
         text = f"{self._source.name} has no clock: no column with numbers has the name of a time{hint}"
-        option = self.layout.time_option
-        cure = f"if it is the time, {option}, or {RATE_CURE}" if option else RATE_CURE
+        time, rate = self.layout.time_option, rate_cure()
+        cure = f"if it is the time, {time}, or {rate}" if time else rate
         return RateRequired("rate_required", text, cure)
 
     def _compare(self, interval_s: float, *, keeps_stamps: bool) -> None:
@@ -540,7 +544,7 @@ class FirstRows:
         if self._rate is None or abs(self._rate * interval_s - 1.0) <= RATE_TOLERANCE:
             return
         clock = " and are those of a sample clock" if keeps_stamps else ", but are those of a host"
-        used = f"--rate {self._rate:g} is {'not used' if keeps_stamps else 'used'}"
+        used = f"{option_text(rate_hz=self._rate)} is {'not used' if keeps_stamps else 'used'}"
         self.remarks.append(f"its time stamps show {1.0 / interval_s:.6g} Hz{clock}: {used}")
 
     def _clock(self, times: Floats) -> tuple[Clock, float, TableTimes | None]:
@@ -608,9 +612,11 @@ class FirstRows:
         fault, cure = NO_RATE[code]
         text = f"the time in {self.layout.times[0].name} {fault}"
         if self._rate is None:
-            raise RecordingError(code, f"{self._source.name}: {text}", cure)
+            raise RecordingError(code, f"{self._source.name}: {text}", f"{cure}, or {rate_cure()}")
         self.no_time = f"it {fault}"
-        self.remarks.append(f"{text}: --rate {self._rate:g} is used, lost samples cannot be detected")
+        self.remarks.append(
+            f"{text}: {option_text(rate_hz=self._rate)} is used, lost samples cannot be detected"
+        )
         return 1.0 / self._rate
 
 

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from imumon.cures import OPTIONS, option_text
+from imumon.cures import example_text, option, option_text
 from imumon.recordings.base import (
     SQLITE,
     OptionError,
@@ -56,9 +56,6 @@ MAGIC = {
 }
 """First bytes of the files of each kind."""
 
-NAME_FIELDS = "name the fields, --topic TOPIC --map gyro/x=FIELD:UNIT,...; --topic TOPIC alone lists them"
-"""Cure for a log without a known IMU."""
-
 IMU = "sensor_msgs/msg/Imu"
 PROGRAM = (sys.executable, "-P", "-m", "imumon.recordings.log_process")
 """The program that reads a log; its arguments are kind, path, and the descriptor of a connection."""
@@ -80,11 +77,11 @@ def _definitions(options: ReadOptions, kind: str) -> list[str]:
     path = options.definitions
     if path is None:
         return []
-    option = OPTIONS["definitions"]
+    name = option("definitions")
     if kind != "bag":
-        raise OptionNotApplicable("msg_not_applicable", f"{option} is for bags of ROS", "leave it out")
+        raise OptionNotApplicable("msg_not_applicable", f"{name} is for bags of ROS", "leave it out")
     if not os.path.exists(path):
-        raise OptionError("no_such_file", f"no file or directory {path} for {option}", "check its name")
+        raise OptionError("no_such_file", f"no file or directory {path} for {name}", "check its name")
     return [path]
 
 
@@ -189,7 +186,8 @@ class LogFile(Table):
         """Return the index of the given topic, else of the best or only one with an IMU."""
         imus = self._imus()
         names = sorted({self._topics[k].name for k in imus})
-        cure = f"choose --topic {' or '.join(names)}" if names else f"choose one of {self._listed()}"
+        topics = " or ".join(option_text(topic=name) for name in names)
+        cure = f"choose {topics}" if names else f"choose one of {self._listed()}"
         if options.topic is not None:
             # instances have a number, which is left out for the first one
             wanted = (options.topic, f"{options.topic}/0")
@@ -202,7 +200,9 @@ class LogFile(Table):
         if not imus:
             wanted_topic = IMU if is_bag else "topic with a gyroscope or an accelerometer"
             text = f"{self.path} has no {wanted_topic}; there are {self._listed() or 'no messages'}"
-            raise RecordingError("no_imu_topic", text, NAME_FIELDS)
+            fields = option_text(topic="TOPIC", columns={"gyro/x": "FIELD:UNIT", "...": ""})
+            cure = f"name the fields, {fields}; {option_text(topic='TOPIC')} alone lists them"
+            raise RecordingError("no_imu_topic", text, cure)
         if is_bag and len(names) > 1:
             raise RecordingError("several_topics", f"{self.path} has several topics with {IMU}", cure)
         if options.kind is None or is_bag:
@@ -225,7 +225,7 @@ class LogFile(Table):
             raise self._unknown_fields(names)
         if options.kind == "deltas" and not topic.averaged:
             text = f"{topic.name} of {self.path} has no averages over its interval"
-            raise RecordingError("no_stream", text, "leave --stream out")
+            raise RecordingError("no_stream", text, f"leave {option('kind')} out")
         if not given:
             used = {text.partition(":")[0] for text in known.values()}
             # the known fields are all: a name such as x of another field would be taken for an axis
@@ -245,8 +245,8 @@ class LogFile(Table):
                 "no_definition", text, "write it with messages in JSON, or as a bag of ROS 2"
             )
         # rosbag2 before Iron keeps none in a .db3
-        option = option_text(topic=topic.name, definitions=f"{topic.type.rpartition('/')[2]}.msg")
-        cure = f"{option} with the file of its package or the directory, or record it with ros2 bag record -s mcap"
+        given = option_text(topic=topic.name, definitions=f"{topic.type.rpartition('/')[2]}.msg")
+        cure = f"{given} with the file of its package or the directory, or record it with ros2 bag record -s mcap"
         return RecordingError("no_definition", text, cure)
 
     def _unknown_fields(self, names: list[str]) -> RecordingError:
@@ -257,12 +257,12 @@ class LogFile(Table):
         try:
             proposed = mapped(layout(names), names)
         except RecordingError:
-            cure = f"name its fields with --map gyro/x=FIELD:UNIT,...; there are {fields}"
+            cure = f"name its fields with {example_text('FIELD:UNIT')}; there are {fields}"
             return RecordingError("unknown_fields", text, cure)
         if "t" in topic.map and "t" not in proposed:
             proposed["t"] = topic.map["t"]
-        option = option_text(topic=topic.name, columns=proposed)
-        return RecordingError("unknown_fields", text, f"by their names, {option}; there are {fields}")
+        by_names = option_text(topic=topic.name, columns=proposed)
+        return RecordingError("unknown_fields", text, f"by their names, {by_names}; there are {fields}")
 
     def _notes(self, options: ReadOptions, remarks: Any) -> list[str]:
         """Return remarks on the choice of the topic and on the log."""
@@ -271,7 +271,11 @@ class LogFile(Table):
             rate = f" at {topic.rate_hz:.4g} Hz" if topic.rate_hz else ""
             samples = "averages over the interval" if topic.averaged else "point samples"
             others = [self._topics[k].name for k in self._imus() if k != self._topic_index]
-            more = f"; --topic selects another: {', '.join(others)}" if others and not options.topic else ""
+            more = (
+                f"; {option('topic')} selects another: {', '.join(others)}"
+                if others and not options.topic
+                else ""
+            )
             notes.insert(0, f"{topic.name} is used: {samples}{rate}{more}")
         return [*notes, *([plain(topic.note)] if topic.note else [])]
 

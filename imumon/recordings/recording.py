@@ -6,11 +6,12 @@ import contextlib
 import os
 import re
 import shlex
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 
 from imumon.checkpoint import is_state
 from imumon.column_names import parse_names, triples
-from imumon.cures import OPTIONS, option_text
+from imumon.cures import option, option_text
 from imumon.devices.base import DeviceError, sample_blocks
 from imumon.devices.registry import DEFAULT_SCHEME, driver, scheme_of_bytes
 from imumon.files import open_regular
@@ -151,28 +152,28 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
         _refuse_where(path, options)
         return LogFile(path, kind, options)
     if options.definitions is not None:
-        text = f"{OPTIONS['definitions']} is for bags of ROS, and {path} is none"
+        text = f"{option('definitions')} is for bags of ROS, and {path} is none"
         raise OptionNotApplicable("msg_not_applicable", text, "leave it out")
     arrays = array_kind(path, head)
     opened = RawCapture(path) if arrays is None else ArrayFile(path, arrays, options)
     if options.topic is not None:
-        text = f"--topic is for bags and logs of autopilots, and {path} is none"
+        text = f"{option('topic')} is for bags and logs of autopilots, and {path} is none"
         raise OptionNotApplicable("topic_not_applicable", text, "leave it out")
     if isinstance(opened, ArrayFile):
         _refuse_where(path, options)
         return opened
     if opened.header is None and is_telemetry(opened.head):
         text = f"{path} is a telemetry log of MAVLink (.tlog)"
-        raise RecordingError("format_tlog", text, _with_name(TLOG_CURE, path))
+        raise RecordingError("format_tlog", text, _with_name(_tlog_cure(), path))
     text_file = _text_file(opened, options) if opened.header is None else None
     if text_file is not None:
         return text_file
     if options.sensor is not None:
-        text = f"--sensor is for tables and logs, and {path} is neither"
+        text = f"{option('sensor')} is for tables and logs, and {path} is neither"
         raise OptionNotApplicable("sensor_not_applicable", text, "leave it out")
     _refuse_where(path, options)
     if options.columns:
-        text = f"{OPTIONS['columns']} is for tables and logs, and {path} has messages of a sensor"
+        text = f"{option('columns')} is for tables and logs, and {path} has messages of a sensor"
         raise OptionNotApplicable("map_not_applicable", text, "leave it out")
     check_nothing_stated(path, options)
     if opened.header is None and (advice := _text_cure(opened.head[:HEAD_BYTES])) is not None:
@@ -201,17 +202,19 @@ def _with_name(cure: str, path: str) -> str:
 MAVLINK = (0xFD, 0xFE)
 """First bytes of messages of MAVLink 2 and 1."""
 
-TLOG_CURE = (
-    "write one of its messages as CSV, mavlogdump.py --types SCALED_IMU2 --format csv FILE > imu.csv, then "
-    + option_text(
-        columns={
-            "t": "SCALED_IMU2.time_boot_ms:ms",
-            **{f"gyro/{axis}": f"SCALED_IMU2.{axis}gyro:mrad/s" for axis in AXES},
-            **{f"accel/{axis}": f"SCALED_IMU2.{axis}acc:mg" for axis in AXES},
-        }
-    )
-)
-"""The program is a part of pymavlink (extra ``ardupilot``); SCALED_IMU2 has mrad/s and mg (MAVLink common.xml)."""
+
+def _tlog_cure() -> str:
+    """Return how to make a table of a telemetry log.
+
+    The program is a part of pymavlink (extra ``ardupilot``); SCALED_IMU2 has mrad/s and mg (MAVLink common.xml).
+    """
+    command = "mavlogdump.py --types SCALED_IMU2 --format csv FILE > imu.csv"
+    columns = {
+        "t": "SCALED_IMU2.time_boot_ms:ms",
+        **{f"gyro/{axis}": f"SCALED_IMU2.{axis}gyro:mrad/s" for axis in AXES},
+        **{f"accel/{axis}": f"SCALED_IMU2.{axis}acc:mg" for axis in AXES},
+    }
+    return f"write one of its messages as CSV, {command}, then {option_text(columns=columns)}"
 
 
 def is_telemetry(head: bytes) -> bool:
@@ -227,7 +230,7 @@ def is_telemetry(head: bytes) -> bool:
 def _refuse_where(path: str, options: ReadOptions) -> None:
     """Raise `OptionNotApplicable` if rows are chosen by a column."""
     if options.where:
-        text = f"{OPTIONS['where']} is for tables of text, and {path} is none"
+        text = f"{option('where')} is for tables of text, and {path} is none"
         raise OptionNotApplicable("where_not_applicable", text, "leave it out")
 
 
@@ -257,14 +260,15 @@ def _novatel_cure(log: str, time: int) -> str:
     Logs Reference Manual, RAWIMU, RAWIMUSX).
     """
     axes = {"accel": ("z=2*", "y=3*-", "x=4*"), "gyro": ("z=5*", "y=6*-", "x=7*")}
-    scaled = [
-        f"{sensor}/{axis}{sensor.upper()}_SCALE:{unit}"
+    scaled = {
+        f"{sensor}/{axis[0]}": f"{axis[2:]}{sensor.upper()}_SCALE:{unit}"
         for (sensor, of_sensor), unit in zip(axes.items(), ("m/s", "rad"), strict=True)
         for axis in of_sensor
-    ]
+    }
+    given = option_text(kind="deltas", columns={"t": "1:s", **scaled})
     return (
         f"write its numbers as CSV: grep {log} FILE | cut -d ';' -f 2 | tr '*' ',' | cut -d , -f "
-        f"{time},{time + 2}-{time + 7} > imu.csv, then --stream deltas --map t=1:s,{','.join(scaled)}"
+        f"{time},{time + 2}-{time + 7} > imu.csv, then {given}"
         "; the scales of the IMU are in the manual"
     )
 
@@ -288,13 +292,13 @@ def _utf_16(head: bytes) -> str | None:
     return "UTF-16LE" if any(even) and all(even) else "UTF-16BE" if all(odd) else None
 
 
-KNOWN_TEXTS: tuple[tuple[re.Pattern[str], str, str], ...] = (
-    (re.compile(r"^[#%]RAWIMUS?XA?,", re.MULTILINE), NOVATEL, _novatel_cure("'^[#%]RAWIMUS*X'", 4)),
-    (re.compile(r"^[#%]RAWIMUS?A?,", re.MULTILINE), NOVATEL, _novatel_cure("'^[#%]RAWIMU'", 2)),
+KNOWN_TEXTS: tuple[tuple[re.Pattern[str], str, Callable[[], str]], ...] = (
+    (re.compile(r"^[#%]RAWIMUS?XA?,", re.MULTILINE), NOVATEL, partial(_novatel_cure, "'^[#%]RAWIMUS*X'", 4)),
+    (re.compile(r"^[#%]RAWIMUS?A?,", re.MULTILINE), NOVATEL, partial(_novatel_cure, "'^[#%]RAWIMU'", 2)),
     (
         re.compile(r"^[#%](IMURATE|INSPVA|CORRIMU)\w*,", re.MULTILINE),
         "a log of NovAtel in ASCII that has no raw increments",
-        "log RAWIMUSXA instead",
+        lambda: "log RAWIMUSXA instead",
     ),
 )
 """Texts of known programs that are not read: how one begins, what it is, and how to convert it."""
@@ -307,7 +311,7 @@ def _text_cure(head: bytes) -> tuple[str, str] | None:
         return None
     for begin, noun, cure in KNOWN_TEXTS:
         if begin.search(text):
-            return noun, cure
+            return noun, cure()
     noun = "text, but no table with a line that names its columns"
     return noun, "write one line of names and one line of numbers per sample, with one separator"
 

@@ -19,7 +19,7 @@ from bisect import bisect_right
 import numpy as np
 
 from imumon.recordings.base import RecordingError
-from imumon.recordings.columns import READ_ALONE, ColumnLayout
+from imumon.recordings.columns import ColumnLayout, read_alone
 from imumon.samples import AXES, Bools, Floats, Ints, sensor_of
 from imumon.timebase.interval import SINGLE_EXCESS
 from imumon.units import share_text
@@ -163,7 +163,7 @@ class SensorRows:
             f"{self._path}: gyro and accel have different rows: of {self._rows:,}, {counts[0]:,} have gyro, "
         )
         text += f"{counts[1]:,} have accel, {self._both:,} have both"
-        raise RecordingError("different_rates", text, READ_ALONE)
+        raise RecordingError("different_rates", text, read_alone())
 
 
 class HeldNumbers:

@@ -26,7 +26,7 @@ from itertools import pairwise
 import numpy as np
 
 from imumon.column_names import NO_SENSOR, UNITS, parse_names, triples, words_of
-from imumon.cures import OPTIONS, option_text
+from imumon.cures import option, option_text
 from imumon.recordings.base import OptionError, RecordingError
 from imumon.recordings.columns import SENSORS, reference
 from imumon.recordings.table_header import TAG, is_number
@@ -82,7 +82,7 @@ def parse_where(text: str) -> dict[str, str]:
     for part in text.split(","):
         column, equals, value = part.partition("=")
         if not equals or not column.strip():
-            message = f"{OPTIONS['where']} {part.strip()!r} names no column"
+            message = f"{option('where')} {part.strip()!r} names no column"
             raise OptionError("where_syntax", message, "write COLUMN=VALUE, such as sensor=4")
         values[column.strip()] = value.strip()
     return values
@@ -101,7 +101,7 @@ def row_choices(
             place = int(column) - 1
         else:
             listed = ", ".join(name.strip() for name in names[:MOST_VALUES])
-            text = f"no column {column!r} for {OPTIONS['where']}"
+            text = f"no column {column!r} for {option('where')}"
             raise RecordingError("unknown_column", text, f"there are {listed}")
         choice = RowChoice(place, value)
         if not any(map(choice.holds, rows)):

@@ -42,7 +42,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imumon.column_names import UNITS, Column
-from imumon.cures import option_text
+from imumon.cures import option, option_text
 from imumon.recordings.base import RecordingError, RowSource
 from imumon.recordings.columns import ColumnLayout, channel_of, reference, without_unit
 from imumon.rest_sizes import are_counts, is_one_g, median_size, sample_noise, too_noisy
@@ -405,9 +405,10 @@ def _doubt_of_unit(
 def _choices(source: RowSource, column: Column, units: Sequence[str], rates: dict[str, float]) -> str:
     """Return which units a time can have, and how to give one."""
     if not units:
-        return "no unit makes that the rate of a sensor; name another column with --map t=COLUMN:UNIT"
+        another = option_text(columns={"t": "COLUMN:UNIT"})
+        return f"no unit makes that the rate of a sensor; name another column with {another}"
     readings = " or ".join(f"{rates[unit]:.4g} Hz if that is {unit}" for unit in units)
-    rate = " (or --rate)" if column.unit is None else ""
+    rate = f" (or {option('rate_hz')})" if column.unit is None else ""
     return f"{readings}; {unit_cure(source, [column], units[0])}{rate}"
 
 

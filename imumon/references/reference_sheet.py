@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from imumon.coefficients import COEFFICIENTS, MG
+from imumon.cures import option_text
 from imumon.errors import ImumonError, why
 from imumon.files import SMALL_BYTES, open_regular
 from imumon.report_json import check, plain
@@ -111,7 +112,9 @@ def read_sheet(path: Path | str) -> ReferenceSheet:
             data = file.read(SMALL_BYTES + 1)
     except OSError as error:
         cure = f"{cure_of_reading(error)}, or name one of {', '.join(published())}"
-        raise SheetError("datasheet_unreadable", f"--datasheet {path}: {why(error)}", cure) from None
+        raise SheetError(
+            "datasheet_unreadable", f"{option_text(datasheet=path)}: {why(error)}", cure
+        ) from None
     return _parsed(data, str(path))
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
+from contextvars import copy_context
 from queue import Empty, Queue
 from threading import Thread
 
@@ -49,7 +50,9 @@ def read_ahead(recording: Recording) -> Generator[Ahead, None, None]:
         else:
             blocks.put(None)
 
-    thread = Thread(target=read, name="reading", daemon=True)  # a daemon: a pipe must not keep the program
+    thread = Thread(
+        target=copy_context().run, args=(read,), name="reading", daemon=True
+    )  # a daemon: a pipe must not keep the program
     thread.start()
     try:
         while (received := blocks.get()) is not None:

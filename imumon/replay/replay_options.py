@@ -11,6 +11,7 @@ from typing import Any
 from imumon import report
 from imumon.clock import HostClock
 from imumon.coefficients import default_precision
+from imumon.cures import option_text
 from imumon.devices import registry
 from imumon.devices.base import DeviceDriver
 from imumon.errors import ImumonError
@@ -73,7 +74,7 @@ class SensorFilter:
             return max(1.0, math.sqrt(self.loop_hz / (self.window * rate_hz)))
         factor = (driver or registry.driver()).alias_factor(self.window, rate_hz)
         if factor is None:
-            message = f"--filter {self.text}: the filter of this device is not known"
+            message = f"{option_text(filter=self.text)}: the filter of this device is not known"
             raise FilterUnknown("filter_unknown", message, "give its samples and their rate, such as 8@1000")
         return factor
 

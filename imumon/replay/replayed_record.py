@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from imumon import pipeline, report
+from imumon.cures import option, option_text
 from imumon.devices import registry
 from imumon.devices.base import DeviceDriver
 from imumon.ledger import merged
@@ -181,13 +182,16 @@ class ReplayedRecord:
         if self._filter is None or stream is None or rate is None:
             return self.device, ()
         if stream.kind == "deltas":
-            return self.device, ("deltas are true averages: --filter is not used",)
+            return self.device, (f"deltas are true averages: {option('filter')} is not used",)
         if self.device.alias_factor is not None:
-            return self.device, ("it names the filter of the sensor: --filter is not used",)
+            return self.device, (f"it names the filter of the sensor: {option('filter')} is not used",)
         factor = self._filter.alias_factor(self._driver, rate)
-        given, assumed = f"{self._filter.text}, as given with --filter", self._filter.assumption(self._driver)
+        given, assumed = (
+            f"{self._filter.text}, as given with {option('filter')}",
+            self._filter.assumption(self._driver),
+        )
         settings = {**self.device.settings, "filter": f"{given}; {assumed}" if assumed else given}
-        remark = f"--filter {self._filter.text}: {assumed}; give window and rate, such as 8@1000"
+        remark = f"{option_text(filter=self._filter.text)}: {assumed}; give window and rate, such as 8@1000"
         return replace(self.device, alias_factor=factor, settings=settings), (remark,) if assumed else ()
 
     def _note(self, event: Event) -> None:

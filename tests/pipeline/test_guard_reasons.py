@@ -44,7 +44,7 @@ def test_a_table_in_degrees_names_motion_and_the_unit() -> None:
     """Noise of 0.06 deg/s and a bias of 0.66 deg/s, read as rad/s."""
     current = report(record(np.degrees(record()[:, :3] + np.array([0.005, -0.01, 0.003]))))
     (reason,) = reasons(current)
-    assert reason == "100 % excluded as motion: keep it still, or check its unit (deg/s? --map)"
+    assert reason == "100 % excluded as motion: keep it still, or check its unit (deg/s?)"
     assert "not_at_rest" in current.caveats
 
 

@@ -11,9 +11,11 @@ import pytest
 from followed_cures import outcomes
 from tables import DEG, G, csv, truth
 
+import imumon
 from imumon.cli import parsers
 from imumon.cures import OPTIONS, option_text
-from imumon.replay import ReplayOptions
+from imumon.errors import ImumonError
+from imumon.replay import ReplayOptions, replay
 
 T, GYRO, ACCEL = truth(800)
 NAMES = ["t", "gx", "gy", "gz", "ax", "ay", "az"]
@@ -96,6 +98,18 @@ def test_every_cure_works(tmp_path: Path, name: str) -> None:
             ]
             if axes and not (sensor == "accel" and name == "blank cells"):
                 assert np.linalg.norm(np.array(axes)) == pytest.approx(size, rel=0.02)
+
+
+@pytest.mark.parametrize("name", CORPUS)
+def test_a_program_reads_arguments_and_no_options(tmp_path: Path, name: str) -> None:
+    """Its errors and remarks have the arguments of a call."""
+    path = CORPUS[name](tmp_path)
+    with pytest.raises(ImumonError) as of_command:
+        replay(ReplayOptions(path=str(path)))
+    with pytest.raises(ImumonError) as of_program:
+        imumon.analyse(path)
+    assert of_program.value.code == of_command.value.code
+    assert "--" not in str(of_program.value)
 
 
 def test_the_parser_takes_the_options_that_cures_are_printed_with() -> None:

@@ -331,7 +331,7 @@ def test_a_raw_accelerometer_of_another_rate_is_a_topic_of_its_own(tmp_path: Pat
     path = log.write(tmp_path / "a.BIN")
     report, remarks = replayed(path)
     assert report.device.source == "ardupilot GYR/0 (gyro)"
-    assert "ACC/0 not used: its samples are at other times, --topic reads it alone" in remarks
+    assert "ACC/0 not used: its samples are at other times; as the chosen topic it is read alone" in remarks
     assert len(read(path, topic="ACC/0")) == N // 4
 
 

@@ -199,7 +199,7 @@ def _topic(name: str, kind: str, count: int, fields: MessageFields | None) -> To
         stamps = [f"{prefix}header.stamp"]
         if len(prefixes) > 1:
             others = ", ".join(prefix.rstrip(".") for prefix in prefixes[1:])
-            note = f"{prefix.rstrip('.')} of {kind} is used; name another with --map: {others}"
+            note = f"{prefix.rstrip('.')} of {kind} is used, and not {others}, unless columns are named"
     stamps.sort(key=lambda column: not column.endswith("header.stamp"))
     known["t"] = f"{[*stamps, LOG_TIME][0]}:ns"
     return Topic(name=name, type=kind, count=count, columns=columns, map=known, note=note)

@@ -233,7 +233,7 @@ class DataFlashLog(Log):
             ]
             matches = rows_at(*times) if len(times) == 2 and "accel/x" in other.map else None
             if matches is None:
-                note = f"{other.name} not used: its samples are at other times, --topic reads it alone"
+                note = f"{other.name} not used: its samples are at other times; as the chosen topic it is read alone"
                 yield replace(topic, note=note)
                 continue
             self._joined[topic.name] = accel, matches

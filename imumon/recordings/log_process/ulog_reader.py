@@ -203,7 +203,7 @@ def _add_accelerometer(arrays: Arrays, other: Arrays, time: str, known: dict[str
         return ""
     rows = rows_at(arrays[time], other[time])
     if rows is None:
-        return "sensor_accel not used: its samples are at other times, --topic reads it alone"
+        return "sensor_accel not used: its samples are at other times; as the chosen topic it is read alone"
     for axis in AXES:
         arrays[f"sensor_accel.{axis}"] = np.where(rows >= 0, other[axis].astype(np.float64)[rows], np.nan)
         known[f"accel/{axis}"] = f"sensor_accel.{axis}:m/s2"
