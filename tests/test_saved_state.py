@@ -21,7 +21,7 @@ from imumon.timebase.sample_clock import BREAK, PlacedSamples
 
 RATE = 20.0
 STREAM = Stream("deltas", ("gyro/x", "gyro/y", "accel/x", "mag/x", "temperature"), "made", "startup")
-LAYOUT = "fe56909f"
+LAYOUT = "ddaaccd9"
 """Digest of the names of all attributes that a state has. If it changes, so must `imumon.checkpoint.FORMAT`."""
 LAYOUT_FORMAT = 13
 

@@ -309,7 +309,7 @@ class Daemon:
         while not self._reader.ended and self._clock.monotonic_s() < begin + DRAIN_S:
             self._handle(self._reader.get(WAIT_S))
         # On a busy machine, the last counts may come when the time is over: what is there already costs little time. An
-        # emulator in time-lapse has filled the queue with hours, which nobody has measured.
+        # emulator in time-lapse has filled the queue with hours, which no sensor measured.
         real = self._clock.is_real_time
         while real and not self._reader.ended and (event := self._reader.get(0.0)) is not None:
             self._handle(event)
