@@ -34,8 +34,9 @@ from imumon.noise.fit.model_curve import (
     possible_differences,
 )
 from imumon.noise.fit.observations import meeting_frequency, observed_density
+from imumon.noise.fit.oscillations import line_bands
 from imumon.noise.fit.search import Model
-from imumon.noise.fit.statement import ChannelFit, FittedModel, line_bands
+from imumon.noise.fit.statement import ChannelFit, FittedModel
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.expectation import window_power
 from imumon.noise.spectrum.level_sums import SEGMENT

@@ -35,13 +35,13 @@ A model (`search.Model`) is a likelihood of powers in units of tau0. Three thing
 - *Regressors*: what moves the mean, as slopes and sizes with their limits.
 - *Caveats*: what limits the meaning of the numbers.
 
-What follows for the curve is in `curve_statement`.
+What follows for the curve is in `curve_statement`; which oscillations and lines there are, in `oscillations`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -64,21 +64,16 @@ from imumon.noise.fit.model_curve import (
     moved_variances,
 )
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
+from imumon.noise.fit.oscillations import line_bands, moved, periods
 from imumon.noise.fit.popcorn import TwoLevels, two_levels
 from imumon.noise.fit.regressors import BENT, COLLINEAR, OSCILLATION
 from imumon.noise.fit.search import Model
-from imumon.noise.fit.slow_terms import CERTAIN, CHANCE
+from imumon.noise.fit.slow_terms import CHANCE
 from imumon.noise.fit.time_to_precision import seconds_to
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.validity_groups import ROUNDING_VARIANCE
-from imumon.samples import Bools, Floats, Ints
+from imumon.samples import Bools, Floats
 
-ALIAS_WIDTHS = 3.0
-"""Distance up to which a slow oscillation is the alias of a line. Unit: widths of the line.
-
-Otherwise: a strong hum is named twice, once with a false period, and with 1 the model of two recordings has an
-oscillation that is none. Origin: the share of a Gaussian line beyond is 0.3 %.
-"""
 LEAST_B_K_S = 10.0
 """B and K are pending before. Unit: s.
 
@@ -292,7 +287,7 @@ def state_model(
     none, lines = np.zeros(0), line_bands(sums, channel)
     markov = _markov(model, coefficients.pop("M", None), tau0)
     jumps = _jumps(model, tau0) if markov is not None and markov.sigma.status == "measured" else None
-    periods_s = _periods(model, lines, tau0)
+    periods_s = periods(model, lines, tau0)
     caveats = {
         "misfit": model.p_value < CHANCE,
         "correlated": model.upper_end.window > 1 or model.upper_end.low_pass,
@@ -617,86 +612,3 @@ def _explained(model: Model) -> float | None:
     if variance - white <= VISIBLE * variance:
         return None  # the means are white noise: there is nothing to explain
     return min(1.0, max(0.0, (variance - rest) / (variance - white)))
-
-
-# ------------------------------------------------------------------------------------------------ oscillations, lines
-
-
-def line_bands(sums: NoiseSums, channel: int) -> Floats:
-    """Return (l, 3) frequency and width, cycles per sample, and power of the lines of a channel, strongest first."""
-    bands = () if sums.spectrum is None else sums.spectrum.bands[channel]
-    scaled = [(band.frequency_hz * sums.tau0, band.width_hz * sums.tau0, band.power) for band in bands]
-    return np.array(scaled).reshape(-1, 3)
-
-
-def oscillations(model: Model, lines: Floats) -> list[Ints]:
-    """Return the coefficients of each oscillation that is beyond chance and no alias of a line.
-
-    A block averages over most of a line, and what remains of a strong one shows at the wrong frequency. A tenth of an
-    oscillation is enough to say so: the power of a line in a block is known no better.
-
-    Parameters
-    ----------
-    lines : (l, 3) frequency and width, cycles per sample, and power of each line of the spectrum.
-    """
-    series, groups = model.slow.series, []
-    f, width, power = lines.T
-    noise = model.slow.noise_variances(model.surface)
-    aliases = np.abs(f - np.round(f * series.length) / series.length)
-    remains = power / (np.pi * f * series.length) ** 2  # sinc^2 of the block, at most
-    for group, count in _left_out_runs(model):
-        if np.isin(group, model.slow.slowest).any():
-            continue  # the end of a slow change is no oscillation
-        step = 0.5 / (count * series.length)
-        if float((model.excess[group] / noise[group]).sum()) > CERTAIN:
-            low, high = series.f[group[[0, -1]]] + np.array([-step, step])
-            reach = ALIAS_WIDTHS * width
-            near = (low - reach <= aliases) & (aliases <= high + reach)
-            if not (near & (remains > 0.1 * float(model.excess[group].sum()) / count)).any():
-                groups.append(group)
-    return groups
-
-
-def _left_out_runs(model: Model) -> Iterator[tuple[Ints, int]]:
-    """Yield neighbouring coefficients that are left out, and the number of blocks of their segment."""
-    series = model.slow.series
-    for begin, count in zip(series.begin - np.arange(series.begin.size), series.count, strict=True):
-        left_out = np.flatnonzero(model.slow.masked[begin : begin + count - 1])
-        for neighbours in np.split(left_out, np.flatnonzero(np.diff(left_out) > 1) + 1):
-            if neighbours.size:
-                yield begin + neighbours, int(count)
-
-
-def _periods(model: Model, lines: Floats, tau0: float) -> tuple[float, ...]:
-    """Return the periods, s, of the oscillations: of those that are left out the middle of each."""
-    left_out = []
-    for group in oscillations(model, lines):
-        weight = model.excess[group]
-        left_out.append(float(tau0 * weight.sum() / (weight @ model.slow.series.f[group])))
-    described = [
-        column.place * model.slow.series.length * tau0
-        for column in model.slow.regressors
-        if column.name == OSCILLATION[0]
-    ]
-    return tuple(sorted([*left_out, *described]))
-
-
-def moved(model: Model, lines: Floats) -> Floats:
-    """Return (n,) channel unit, what moves the mean at each block; oscillations and slow changes as they are."""
-    import scipy.fft
-
-    series, beta = model.slow.series, model.surface.beta[model.surface.best]
-    out = np.zeros(series.series.size)
-    for column, value in zip(model.slow.regressors, beta.tolist(), strict=True):
-        out = out + value * column.scale * column.series
-    left_out = np.zeros(series.y.size)
-    slow = [run for run, _ in _left_out_runs(model) if np.isin(run, model.slow.slowest).any()]
-    for group in [*oscillations(model, lines), *slow]:
-        left_out[group] = np.sqrt(model.excess[group])
-    if left_out.any():
-        # of an oscillation the excess is known, and its sign in each coefficient is that of the data
-        left_out = np.copysign(left_out, series.y - series.transform(out))
-        for number, (begin, count) in enumerate(zip(series.begin, series.count, strict=True)):
-            segment = np.concatenate(([0.0], left_out[begin - number : begin - number + count - 1]))
-            out[begin : begin + count] += scipy.fft.idct(segment, norm="ortho")
-    return out
