@@ -35,8 +35,6 @@ from imumon.tui.view_state import ViewState
         (("sim", "--accel-k", "nan"), "'nan': give one number"),
         (("sim", "--seed", "x"), "'x' is not a whole number"),
         (("sim", "--warm-up", "x"), "'x' is not a number"),
-        (("tui", "--theme", "nosuch"), "no theme 'nosuch'; there are imumon-dark, imumon-light, "),
-        (("demo", "--theme", "nosuch"), "no theme 'nosuch'"),
         (
             ("run", "--port", "sim", "--speed", "x"),
             "--speed: 'x' is not a positive number: give one, such as 60",

@@ -166,7 +166,6 @@ def test_a_second_signal_does_not_interrupt_the_cleaning_up(second: signal.Signa
     program = f"""
 import os, pathlib, signal
 from imumon.cli.run_command import _temporary
-from imumon.saved_state import pack, unpack
 with _temporary() as directory:
     try:
         os.kill(os.getpid(), signal.SIGHUP)
