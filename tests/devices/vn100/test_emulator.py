@@ -75,7 +75,7 @@ def test_a_command_is_accepted_or_refused_with_its_code() -> None:
         ("VNXYZ", "VNERR,04"),
         ("VNWRG,27,1", "VNERR,09"),
         ("VNWRG,07,3", "VNERR,07"),
-        ("VNWRG,75,1,400,1,321", "VNWRG,75,1,400,01,0321"),
+        ("VNWRG,75,1,400,1,321", "VNWRG,75,1,400,1,321"),
         ("VNWRG,75,1,400,1,0321,0001", "VNERR,07"),
         ("VNWRG,07,100", "VNERR,0C"),
         ("VNTAR", "VNERR,04"),  # of firmware 2
@@ -175,10 +175,10 @@ def test_the_lowest_baud_that_carries_the_rate_is_chosen() -> None:
 def test_the_command_line_gives_the_settings() -> None:
     chosen = EmulatorSettings(
         rate=100, baud=230400, speed=60, gyro=Noise((1e-4, 2e-4, 3e-4), (0, 0, 0), (0, 0, 0)), seed=3,
-        serial="0100000001", firmware="2.1.0.0", warm_up=0.0,
+        warm_up=0.0,
     )  # fmt: skip
     words = "--rate 100 --baud 230400 --speed 60 --gyro-n 1e-4,2e-4,3e-4 --gyro-b 0 --gyro-k 0,0,0 --seed 3 "
-    words += "--serial 0100000001 --firmware 2.1.0.0 --warm-up 0"
+    words += "--warm-up 0"
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     assert from_arguments(parser.parse_args(words.split())) == chosen

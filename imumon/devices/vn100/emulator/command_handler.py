@@ -88,7 +88,8 @@ class CommandHandler:
 
     def set_register(self, register: int, *values: str) -> None:
         """Write a register of the active port and save it."""
-        self.registers.write(register, REGISTERS[register].normalise(values, self.registers.generation))
+        REGISTERS[register].check(values, self.registers.generation)
+        self.registers.write(register, values)
         self.registers.save()
         self.outputs.update()
 
@@ -169,7 +170,7 @@ class CommandHandler:
 
     def _error(self, code: int, kind: ChecksumKind) -> None:
         """Reply with an error, as register 30 configures it."""
-        mode = self.registers.parse(RegisterNumber.PROTOCOL)["error_mode"]
+        *_, mode = self.registers.numbers(RegisterNumber.PROTOCOL)
         if mode:
             self._replies.append(ascii.encode(f"VNERR,{code:02X}", kind))
         if (
@@ -219,27 +220,25 @@ class CommandHandler:
     def _write_register(self, number: str, *values: str) -> Sequence[str]:
         """Write a register; refuse what the sensor refuses."""
         register = self._register(number)
-        if register.access != "setting":
-            raise RegisterError(ErrorCode.NOT_ALLOWED, "read only")
         port, echoed = None, ""
         if register.ports and len(values) == 2:
             port = self._port_number(values[1])
             values, echoed = values[:1], f",{port}"
-        stored = register.normalise(values, self.registers.generation)
-        if register.id in registers.BINARY_OUTPUTS and int(stored[2], 16):
-            binary_layout(stored[2:])
+        register.check(values, self.registers.generation)
+        if register.id in registers.BINARY_OUTPUTS and int(values[2], 16):
+            binary_layout(values[2:])
         if register.id in _AFFECT_LOAD:
             # the sum of all streams of a port has to fit; a binary output may be on both ports
-            trial = self.registers.with_values(register.id, stored, port)
+            trial = self.registers.with_values(register.id, values, port)
             for loaded_port in (1, 2) if register.id in registers.BINARY_OUTPUTS else (port,):
                 if (
                     self.outputs.bytes_per_second(trial, loaded_port)
                     > int(trial.read(RegisterNumber.BAUD, loaded_port)[0]) / 10
                 ):
                     raise RegisterError(ErrorCode.BAUD_RATE_TOO_LOW, "the output does not fit the baud")
-        self.registers.write(register.id, stored, port)
+        self.registers.write(register.id, values, port)
         self.outputs.update()
-        return (f"{register.id:02d}", ",".join(stored) + echoed)
+        return (f"{register.id:02d}", ",".join(values) + echoed)
 
     # ------------------------------------------------------------------ other commands
 

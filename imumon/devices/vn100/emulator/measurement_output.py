@@ -8,7 +8,7 @@ and the configuration of the increments (registers 21 to 26, 44, 82 and 84) are 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, radians, sin
 from typing import Any
@@ -25,7 +25,7 @@ from imumon.devices.vn100.emulator.sensor_model import (
     TEMPERATURE,
     SensorModel,
 )
-from imumon.devices.vn100.registers import LOOP_RATE, Value
+from imumon.devices.vn100.registers import FILTERED, LOOP_RATE
 from imumon.samples import Floats, Ints
 
 STEP = 80
@@ -83,11 +83,11 @@ class FilterWindows:
     modes: Mapping[str, int]
 
     @staticmethod
-    def of(register: Mapping[str, Value]) -> FilterWindows:
-        """Return the windows of the values of the register."""
+    def of(register: Sequence[int]) -> FilterWindows:
+        """Return the windows of the values of the register: those of each sensor, then their modes."""
         return FilterWindows(
-            windows={sensor: int(register[f"{sensor}_window"]) for sensor in _COLUMNS},
-            modes={sensor: int(register[f"{sensor}_mode"]) for sensor in _COLUMNS},
+            windows=dict(zip(FILTERED, register[:5], strict=True)),
+            modes=dict(zip(FILTERED, register[5:], strict=True)),
         )
 
     def window(self, sensor: str, compensated: bool) -> int:

@@ -87,7 +87,7 @@ class OutputStreams:
 
     def update(self) -> None:
         """Derive the filter and the streams from the registers."""
-        self._windows = FilterWindows.of(self._registers.parse(RegisterNumber.IMU_FILTER))
+        self._windows = FilterWindows.of(self._registers.numbers(RegisterNumber.IMU_FILTER))
         self._streams = self._make_streams(self._registers, self._registers.port)
 
     def set_paused(self, port: int, paused: bool) -> None:
@@ -126,12 +126,12 @@ class OutputStreams:
 
     def _sentences(self, message: str, measurements: MeasurementOutput | None) -> list[bytes]:
         """Return one sentence per row of `measurements`; one of zeros without them."""
-        protocol = self._registers.parse(RegisterNumber.PROTOCOL)
-        kind: ChecksumKind = "crc" if protocol["serial_checksum"] == 3 else "xor"
+        count, status, _, _, checksum, *_ = self._registers.numbers(RegisterNumber.PROTOCOL)
+        kind: ChecksumKind = "crc" if checksum == 3 else "xor"
         columns = self.columns(message, measurements)
 
         # nothing happens at the synchronisation pins and the estimator is well: counts and status are zero
-        extra = ["T0000000000"] * bool(protocol["serial_count"]) + ["S0000"] * bool(protocol["serial_status"])
+        extra = ["T0000000000"] * bool(count) + ["S0000"] * bool(status)
         return [ascii.encode(ascii.sentence(message, row, *extra), kind) for row in columns.tolist()]
 
     def columns(self, message: str, measurements: MeasurementOutput | None) -> Floats:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeAlias
 
-from imumon.devices.vn100.registers import REGISTERS, Generation, Value
+from imumon.devices.vn100.registers import REGISTERS, Generation
 
 Key: TypeAlias = tuple[int, int]
 """Register and port; port 0 if the register is common to both."""
@@ -41,9 +41,9 @@ class RegisterFile:
         """Return the fields of a register; of the active port unless another one is given."""
         return self._current[self._key(register, port)]
 
-    def parse(self, register: int) -> dict[str, Value]:
-        """Return the values of a register by field name."""
-        return REGISTERS[register].parse(self.read(register))
+    def numbers(self, register: int) -> list[int]:
+        """Return the values of a register of whole numbers."""
+        return [int(text) for text in self.read(register)]
 
     def write(self, register: int, values: Sequence[str], port: int | None = None) -> None:
         """Replace the fields of a register; the caller has validated them."""
