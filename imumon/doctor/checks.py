@@ -6,7 +6,6 @@ The checks of a device apply to any kind; its driver replaces or adds those that
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
 
 from imumon.config import Settings
@@ -26,7 +25,6 @@ from imumon.units import counted
 
 MAX_MISSING = 0.1  # share of missing samples, or relative deficit of the rate, above which a line is unusable
 MAX_PAUSE_S = 1.0  # s without data that need no warning
-MAX_LATENCY_MS = 2  # ms, latency timer of an adapter that needs no warning
 MIN_FREE_BYTES = 10_000_000  # bytes on the file system of the state directory: ten states
 
 DEVICE_CHECKS = (
@@ -107,20 +105,6 @@ def _usage(port: PortObservation) -> Check:
     if not port.all_users:
         return Check("usage", "ok", f"no other program of {port.user} uses the port")
     return Check("usage", "ok", "no other program uses the port")
-
-
-def latency(port: PortObservation) -> Iterator[Check]:
-    """Check the latency timer of an FTDI adapter, if there is one."""
-    if port.latency_ms is None:
-        return
-    text = f"the adapter delivers bytes every {port.latency_ms} ms"
-    if port.latency_ms <= MAX_LATENCY_MS:
-        yield Check("latency", "ok", text)
-    else:
-        name = os.path.basename(os.path.realpath(port.path))
-        timer = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
-        cure = f"echo 1 | sudo tee {timer}; the coefficients use the sample clock and are not affected"
-        yield Check("latency", "warning", text, cure)
 
 
 # ---------------------------------------------------------------------- device

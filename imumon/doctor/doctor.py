@@ -119,7 +119,6 @@ def _examine_device(
     if report is not None and probe.subscriber is not None:
         progress(f"observing the daemon {report.device.id} for {case.seconds:g} s")
         observation = observe_daemon(probe.subscriber, report, case.seconds)
-        port = probe_host.with_latency(port)
     else:
         # the check of the baud rate compares the configured one with that of the device: detect the latter
         settings = SimpleNamespace(**{**vars(case.settings.device), "baud": "auto"})
@@ -129,11 +128,10 @@ def _examine_device(
         device.progress = progress
         with closing(device):
             device.open()
-            port = probe_host.with_latency(port)
             progress(f"observing the device for {case.seconds:g} s")
             observation = observe_device(device, case.seconds)
     specific = driver.checks(observation, case.settings.device)
-    return [*checks.latency(port), *checks.device(observation, specific, max_loss)]
+    return checks.device(observation, specific, max_loss)
 
 
 def _same_port(one: str, other: str) -> bool:

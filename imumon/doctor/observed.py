@@ -30,7 +30,6 @@ class PortObservation:
     holders: tuple[str, ...] = ()  # processes beside the daemon that have it open, ``command (pid)``
     all_users: bool = True  # holders include the processes of other users
     daemon: str | None = None  # id of the daemon that reads it, according to its report; None: none
-    latency_ms: int | None = None  # ms, timer of an open FTDI adapter; None: another adapter, or unknown
     description: str = ""  # of the adapter
     other_ports: tuple[str, ...] = ()  # paths of the other ports of this machine
 

@@ -54,15 +54,6 @@ def observe_port(path: str, daemon: str | None = None) -> PortObservation:
     )
 
 
-def with_latency(port: PortObservation, root: Path = Path("/sys/class/tty")) -> PortObservation:
-    """Return the observation with the latency timer of the adapter; call it while the port is open."""
-    name = Path(os.path.realpath(port.path)).name
-    try:
-        return replace(port, latency_ms=int((root / name / "device" / "latency_timer").read_text()))
-    except (OSError, ValueError):
-        return port
-
-
 def observe_state(path: Path) -> StateObservation:
     """Observe the state directory: whether a file, or the directory itself, can be created in it."""
     existing = path

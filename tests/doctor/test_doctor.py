@@ -32,7 +32,7 @@ from imumon.doctor import Case, checks, examine
 from imumon.doctor.doctor import candidate_ports
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
 from imumon.doctor.probe_device import observe_device
-from imumon.doctor.probe_host import observe_port, observe_state, with_latency
+from imumon.doctor.probe_host import observe_port, observe_state
 from imumon.errors import ImumonError
 from imumon.samples import DeviceInfo
 
@@ -255,19 +255,6 @@ def test_a_port_that_may_not_be_used(port: PortObservation, cure: str) -> None:
     bad = [check for check in checks.port(port) if check.status == "failed"]
     assert len(bad) == 1
     assert cure in str(bad[0].cure)
-
-
-def test_the_latency_timer_is_read_if_there_is_one(tmp_path: Path) -> None:
-    timer = tmp_path / "ttyUSB0" / "device" / "latency_timer"
-    timer.parent.mkdir(parents=True)
-    timer.write_text("16\n")
-    port = with_latency(PORT, tmp_path)
-    (slow,) = checks.latency(port)
-    assert (slow.status, port.latency_ms) == ("warning", 16)
-    assert "latency_timer" in str(slow.cure)
-    (good,) = checks.latency(replace(port, latency_ms=1))
-    assert good.status == "ok"
-    assert list(checks.latency(with_latency(PORT, tmp_path / "none"))) == []
 
 
 def test_ports_are_observed_without_opening_them(tmp_path: Path) -> None:
