@@ -33,6 +33,7 @@ DEVICE_CHECKS = (
 )  # fmt: skip
 """Order of the checks of a device; others follow."""
 
+REQUEST = "imumon run requests a better stream, if the sensor has one"
 RECONNECT_CURE = "check the plug, cable and power of the sensor; the daemon reconnects by itself"
 OTHER_READER = " or another user's program (sudo fuser -v PORT)"
 NO_PORT = Check(
@@ -148,7 +149,10 @@ def _model(observation: Observation) -> Check:
     info = observation.info
     if info.model is None:
         return Check(
-            "model", "warning", f"the {info.kind} does not report its model", "identify it by its port"
+            "model",
+            "warning",
+            f"the {info.kind} does not report its model",
+            "identify it by its port, or let imumon ask it",
         )
     serial = info.serial or "without a serial number"
     return Check("model", "ok", f"{info.model} {serial}, firmware {info.firmware or 'unknown'}")
@@ -178,25 +182,26 @@ def _stream(observation: Observation) -> Check:
 def _aliasing(observation: Observation) -> Check:
     """Check whether the alias factor is known and harmless."""
     info = observation.info
-    if info.alias_factor is None:
+    cure = f"{REQUEST}; else configure its filter to average over the output interval"
+    if info.alias_factor is None and info.stream != "deltas":
         text = f"unknown: the {info.kind} does not report its filter or its rate"
-        return Check("aliasing", "warning", text, "configure its filter to average over the output interval")
-    if info.alias_factor <= ALIASED:
+        return Check("aliasing", "warning", text, cure)
+    if info.alias_factor is None or info.alias_factor <= ALIASED:
         return Check("aliasing", "ok", "none")
     text = f"N of {info.source} reads {info.alias_factor:.2f} times too high"
-    return Check("aliasing", "warning", text, "configure its filter to average over the output interval")
+    return Check("aliasing", "warning", text, cure)
 
 
 def _compensation(observation: Observation) -> Check:
     """Check whether the samples are those of the sensor or of a filter behind it."""
     info = observation.info
-    if info.stream == "unknown":
+    if info.stream == "compensated" or "compensated" in info.caveats:
+        text = f"{info.source} is compensated by a filter: B and K would be those of the filter"
+        return Check("compensation", "warning", text, f"{REQUEST}; else select an uncompensated one")
+    if info.stream == "unknown" or "unknown_compensation" in info.caveats:
         text = f"unknown whether {info.source} is compensated: B and K may be those of a filter"
         return Check("compensation", "warning", text, "see the settings of its driver or of the sensor")
-    if info.stream != "compensated":
-        return Check("compensation", "ok", f"the stream is {info.stream}: B and K are those of the sensor")
-    text = f"{info.source} is compensated by a filter: B and K would be those of the filter"
-    return Check("compensation", "warning", text, "use an uncompensated stream of the sensor")
+    return Check("compensation", "ok", f"the stream is {info.stream}: B and K are those of the sensor")
 
 
 def _checksums(observation: Observation, max_loss: float) -> Check:

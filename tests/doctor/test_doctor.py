@@ -334,7 +334,7 @@ def test_a_slow_baud_rate_is_a_warning() -> None:
 
 
 def test_compensated_deltas_are_a_warning() -> None:
-    info = replace(OBSERVATION.info, settings={"82 delta control": "0,1,0,0,0"}, alias_factor=1.0)
+    info = replace(OBSERVATION.info, caveats=("compensated",), alias_factor=1.0)
     results = device_checks(replace(OBSERVATION, info=info))
     assert results["compensation"].status == "warning"
     assert results["aliasing"].status == "ok"

@@ -23,7 +23,6 @@ from imumon.devices.ports import BAUD_RATES, FROM
 from imumon.samples import FASTEST_HZ, SLOWEST_HZ
 
 FILTER = "Lines do not say how the sensor filters: see the settings that its program writes."
-TEXTS = {"columns": "numbers of a line"} | dict.fromkeys(SENSORS, "unit")
 PARAMETERS = ("columns", *SENSORS, "baud", "rate", "id", "from")
 URL_CURE = "write lines:/dev/ttyACM0, lines:tcp://HOST:PORT, lines:udp://:PORT or lines:-"
 
@@ -47,17 +46,12 @@ class LinesDriver(DeviceDriver):
 
     def checks(self, observation: Observation, settings: Any) -> Iterator[Check]:
         yield Check("model", "ok", f"columns {observation.info.settings.get('columns', 'not known yet')}")
-        cure = "configure the sensor to average over the interval of its lines"
-        yield Check("aliasing", "warning", "unknown: lines do not say how the sensor filters", cure)
         for remark in observation.info.remarks:
             cure = "see docs/SENSORS.md: columns=, units and baud= of the URL"
             yield Check("lines", "warning", remark, cure)
 
     def filter_advice(self, rate_hz: float | None) -> Mapping[str, str]:
         return {"unknown": FILTER}
-
-    def setting_text(self, name: str, value: str) -> str | None:
-        return TEXTS.get(name)
 
 
 def parse_url(url: str, device: Any = None) -> LinesUrl:

@@ -34,7 +34,6 @@ class Ros2Driver(DeviceDriver):
         """
         info = observation.info
         yield _publisher(info.settings.get("publisher"))
-        yield _aliasing()
         for remark in info.remarks:
             yield Check("topics", "warning", remark, TOPICS_CURE)
         if observation.bad_checksums:
@@ -45,9 +44,6 @@ class Ros2Driver(DeviceDriver):
     def filter_advice(self, rate_hz: float | None) -> Mapping[str, str]:
         return {"unknown": FILTER}
 
-    def setting_text(self, name: str, value: str) -> str | None:
-        return "node that publishes the topic" if name == "publisher" else None
-
 
 def _publisher(nodes: str | None) -> Check:
     """Return the check of the nodes that publish the topic, instead of that of a model."""
@@ -55,9 +51,3 @@ def _publisher(nodes: str | None) -> Check:
         return Check("model", "ok", f"published by {nodes}")
     text = "the publisher does not show in the graph"
     return Check("model", "warning", text, "a node of ROS 2 declares liveliness tokens: check its program")
-
-
-def _aliasing() -> Check:
-    """Return the check of the filter, which no message describes."""
-    cure = "configure the driver to average over the interval of the topic"
-    return Check("aliasing", "warning", "unknown: the messages do not say how the driver filters", cure)

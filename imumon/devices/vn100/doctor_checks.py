@@ -1,4 +1,4 @@
-"""Doctor checks of a VN-100: baud rate, load of the line, and the registers that change the noise."""
+"""Doctor checks of a VN-100: baud rate, load of the line, and other models of the family."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any
 
 from imumon.devices.base import Check, Observation
 from imumon.devices.vn100.device_info import FAMILY, PROTOCOL, family_of
-from imumon.devices.vn100.registers import LOOP_RATE, RegisterNumber
+from imumon.devices.vn100.registers import LOOP_RATE
 from imumon.devices.vn100.stream_settings import divisors
-from imumon.samples import ALIASED, DeviceInfo
+from imumon.samples import DeviceInfo
 from imumon.units import share_text
 
 SLOW_HZ = 40.0
@@ -33,10 +33,10 @@ def checks(observation: Observation, settings: Any) -> Iterator[Check]:
     """
     info = observation.info
     yield _baud(info, settings.baud)
-    yield from _model(info)
-    if info.stream is not None:
-        yield _aliasing(info)
-        yield from _compensation(info)
+    if info.model is not None and family_of(info.model) != FAMILY:
+        serial = info.serial or "without a serial number"
+        text = f"{info.model} {serial}, firmware {info.firmware or 'unknown'}: {PROTOCOL}"
+        yield Check("model", "warning", text, "check its filter yourself")
     if observation.messages:
         yield _load(observation)
 
@@ -53,49 +53,6 @@ def _baud(info: DeviceInfo, configured: int | str) -> Check:
         text = f"{info.baud} baud is enough for the deltas at {rate:g} Hz only"
         return Check("baud", "warning", text, "imumon run --set-baud 115200 (until the next power-up)")
     return Check("baud", "ok", f"{info.baud} baud, enough for the deltas at {rate:g} Hz")
-
-
-def _model(info: DeviceInfo) -> Iterator[Check]:
-    if info.model is None:
-        text = "unknown: device.listen_only prevents imumon from asking the sensor"
-        yield Check("model", "warning", text, "set device.listen_only = false to read model and settings")
-    elif family_of(info.model) != FAMILY:
-        serial = info.serial or "without a serial number"
-        text = f"{info.model} {serial}, firmware {info.firmware or 'unknown'}: {PROTOCOL}"
-        yield Check("model", "warning", text, "check its filter yourself")
-
-
-def _register(info: DeviceInfo, number: int) -> str | None:
-    """Return the value of a register; None if it was not read."""
-    return next((text for name, text in info.settings.items() if name.startswith(f"{number} ")), None)
-
-
-def _aliasing(info: DeviceInfo) -> Check:
-    """Check whether the filter of the sensor is as long as the output interval."""
-    windows = _register(info, RegisterNumber.IMU_FILTER)
-    register = f", register {RegisterNumber.IMU_FILTER} is {windows}" if windows else ""
-    if info.alias_factor is None:
-        text = "unknown: the filter or the rate of the sensor could not be read"
-        return Check(
-            "aliasing", "warning", text, "set device.listen_only = false to read them, or use the deltas"
-        )
-    if info.alias_factor <= ALIASED:
-        return Check("aliasing", "ok", f"none{register}")
-    text = f"N of {info.source} reads {info.alias_factor:.2f} times too high{register}"
-    cure = "use the deltas, as imumon run does; docs/VN100.md explains why, and lists other cures"
-    return Check("aliasing", "warning", text, cure)
-
-
-def _compensation(info: DeviceInfo) -> Iterator[Check]:
-    """Check whether the sensor subtracts its bias from the samples; nothing if it does not."""
-    control = _register(info, RegisterNumber.DELTA_CONTROL) or ""
-    # fields: frame, compensation of the gyroscope, of the accelerometer
-    if info.stream == "deltas" and any(field.strip("0") for field in control.split(",")[1:3]):
-        text = f"the deltas are compensated, register {RegisterNumber.DELTA_CONTROL} is {control}"
-        yield Check("compensation", "warning", text, "imumon run sets it to 0 while it runs")
-    elif info.stream == "compensated":
-        text = f"the onboard filter removes the bias from {info.source}: B and K would be those of the filter"
-        yield Check("compensation", "warning", text, "imumon run uses the uncompensated deltas")
 
 
 def _load(observation: Observation) -> Check:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
 
 from imumon.clock import REAL_TIME, HostClock
 from imumon.devices.base import (
-    Check,
     Device,
     DeviceDriver,
     DeviceOptions,
     InvalidOption,
-    Observation,
     RawDecoder,
 )
 
@@ -35,26 +32,10 @@ class XsensDriver(DeviceDriver):
 
         return MtDecoder()
 
-    def checks(self, observation: Observation, settings: Any) -> Iterator[Check]:
-        info = observation.info
-        if info.model is None:
-            text = "unknown: device.listen_only prevents imumon from asking the sensor"
-            yield Check("model", "warning", text, "set device.listen_only = false to read model and settings")
-        if info.stream == "deltas":
-            yield Check("aliasing", "ok", "none: DeltaQ and DeltaV are integrals over their interval")
-        elif info.stream is not None:
-            cure = 'set device.stream = "deltas"'
-            yield Check(
-                "aliasing", "warning", "unknown: rate of turn and acceleration are point samples", cure
-            )
-
     def filter_advice(self, rate_hz: float | None) -> Mapping[str, str]:
         return {
             "unknown": "Use DeltaQ and DeltaV (--stream deltas), which are integrals over their interval."
         }
-
-    def setting_text(self, name: str, value: str) -> str | None:
-        return "fields of a message and their rates" if name == "output configuration" else None
 
     @contextmanager
     def emulator(self, *, clock: HostClock = REAL_TIME, seed: int | None = None) -> Iterator[str]:
