@@ -6,7 +6,8 @@ import math
 import struct
 from pathlib import Path
 
-from imumon.devices.xsens.mt_emulator import MtEmulator
+from mt_emulator import MtEmulator
+
 from imumon.devices.xsens.mt_messages import DataId
 
 IMPOSSIBLE = (math.nan, math.inf, -math.inf, 1e38)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 
-from imumon.clock import REAL_TIME, HostClock
 from imumon.devices.base import (
     Device,
     DeviceDriver,
     DeviceOptions,
-    InvalidOption,
     RawDecoder,
 )
 
@@ -36,14 +33,3 @@ class XsensDriver(DeviceDriver):
         return {
             "unknown": "Use DeltaQ and DeltaV (--stream deltas), which are integrals over their interval."
         }
-
-    @contextmanager
-    def emulator(self, *, clock: HostClock = REAL_TIME, seed: int | None = None) -> Iterator[str]:
-        from imumon.devices.xsens.mt_emulator import MtEmulator
-
-        if not clock.is_real_time:
-            raise InvalidOption(
-                "speed_invalid", "the emulator of the MTi has no time-lapse", "leave --speed out"
-            )
-        with MtEmulator(seed=seed) as running:
-            yield f"xsens:{running.path}"

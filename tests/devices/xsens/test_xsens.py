@@ -18,6 +18,7 @@ from daemons import Daemon
 from faulty_senders import ImpossibleMt
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mt_emulator import ACCEL_N, FACTORY, GYRO_N, MtEmulator
 from waiting import until
 
 from imumon.config import DeviceSettings
@@ -25,7 +26,6 @@ from imumon.devices.base import Device, DeviceError, DeviceNotFound, DeviceOptio
 from imumon.devices.conformance import Bench, DeviceConformance, read_for
 from imumon.devices.registry import driver
 from imumon.devices.xsens.mt_decoder import MtDecoder, rotation
-from imumon.devices.xsens.mt_emulator import ACCEL_N, FACTORY, GYRO_N, MtEmulator
 from imumon.devices.xsens.mt_messages import DataId, Message, MessageId, encode, fields, outputs
 from imumon.report import Report, from_json
 from imumon.samples import Notice
