@@ -25,14 +25,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import accuracy
 import cascade
-import codec
 import daemon_cost
-import memory
 import replay
-import scaling
 import soak
-from document_tables import head, row
-from figures import COLUMNS, Figure, lines
+from document_tables import COLUMNS, Figure, head, lines, row
 
 
 def parts(quick: bool, plot: str | None) -> dict[str, Iterator[Figure]]:
@@ -41,9 +37,8 @@ def parts(quick: bool, plot: str | None) -> dict[str, Iterator[Figure]]:
         "Accuracy": accuracy.measure(40 if quick else 100, 10 if quick else 20),
         "A sample": cascade.measure(),
         "The pipeline": daemon_cost.measure(),
-        "A day of samples": memory.measure(6.0 if quick else 24.0),
-        "The length of the record": scaling.measure(8, plot),
-        "Bytes": codec.measure(),
+        "A day of samples": cascade.day(6.0 if quick else 24.0),
+        "The length of the record": cascade.growth(8, plot),
         "A recording": replay.measure(0.5, 50_000, 100_000, 50_000, 1) if quick else replay.measure(),
         "The daemon": soak.measure(1.0 if quick else 3.0),
     }

@@ -2,6 +2,7 @@
 
     python benchmarks/cascade.py            one table, about 15 s
     python benchmarks/cascade.py --long     also 10^8 samples against exact integer arithmetic, about 1 min
+    python benchmarks/cascade.py --day      also a day of one channel beside allantools, and growth with the length
 
 All figures come from one run; every time is the least processor time of its repetitions. One pass of np.sum
 over the same array is the yardstick.
@@ -10,12 +11,17 @@ over the same array is the yardstick.
 from __future__ import annotations
 
 import argparse
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Iterator
 from fractions import Fraction
+from itertools import chain
+from typing import NamedTuple
 
 import allantools
 import numpy as np
-from figures import Figure, at_most, seconds, show
+from document_tables import Figure, at_most, seconds, show
 
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.statistics.moments import Moments
@@ -161,6 +167,209 @@ def exactness(n: int) -> Figure:
     return Figure(what, f"{error:.0e}", "", "≤ 1e-9", error <= 1e-9)
 
 
+# A day, beside allantools --------------------------------------------------------------
+
+RATE = 100.0
+REALTIME_SHARE = 0.02
+BEGIN = """
+import sys, time, numpy as np
+n = int(sys.argv[1])
+block = np.random.default_rng(1).standard_normal(1000)
+def peak():
+    return int(next(l for l in open("/proc/self/status") if l.startswith("VmHWM")).split()[1])
+"""
+END = """
+print(time.process_time() - began, (peak() - before) / 1024)
+"""
+CASCADE = """
+from imumon.noise.allan import OctaveCascade
+cascade = OctaveCascade(1, 0.01)
+cascade.update(block[:, None]); cascade.result()
+before, began = peak(), time.process_time()
+for _ in range(n // 1000):
+    cascade.update(block[:, None])
+cascade.result()
+"""
+OFFLINE = """
+import allantools
+allantools.oadev(block, rate=100.0, data_type="freq", taus="octave")
+before, began = peak(), time.process_time()
+allantools.oadev(np.tile(block, n // 1000), rate=100.0, data_type="freq", taus="octave")
+"""
+REALTIME = """
+from allantools.realtime import oadev_realtime
+tool = oadev_realtime(afs=2 ** np.arange(10), tau0=0.01)
+phase = np.cumsum(np.tile(block, n // 1000)) / 100.0
+before, began = peak(), time.process_time()
+for x in phase:
+    tool.add_phase(x)
+"""
+
+
+class Cost(NamedTuple):
+    """Processor time, s, and memory, MB."""
+
+    cpu_s: float
+    memory_mb: float
+
+
+def cost_of(program: str, samples: int) -> Cost:
+    """Of a program over so many samples."""
+    done = subprocess.run(
+        [sys.executable, "-c", BEGIN + program + END, str(samples)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return Cost(*map(float, done.stdout.split()))
+
+
+def day(hours: float = 24.0) -> Iterator[Figure]:
+    """Time and memory of one channel at 100 Hz, beside allantools, each in a process of its own.
+
+    The realtime class of allantools gets a share of the record only, and its figures are scaled up: both grow in step
+    with it. Memory is the peak of the process less what it needed before the first sample.
+    """
+    n = round(hours * 3600 * RATE)
+    ours, offline = cost_of(CASCADE, n), cost_of(OFFLINE, n)
+    part = cost_of(REALTIME, round(n * REALTIME_SHARE))
+    live = Cost(part.cpu_s / REALTIME_SHARE, part.memory_mb / REALTIME_SHARE)
+    what = f"one channel of {hours:g} h at {RATE:g} Hz"
+    yield Figure(
+        f"{what}, time",
+        f"{ours.cpu_s:.2f} s",
+        f"allantools offline {offline.cpu_s:.2f} s, realtime {live.cpu_s:,.0f} s",
+    )
+    yield Figure(
+        f"{what}, memory",
+        f"{max(ours.memory_mb, 0.1):.1f} MB or less",
+        f"allantools offline {offline.memory_mb:,.0f} MB, realtime {live.memory_mb:,.0f} MB",
+        "≤ 1 MB",
+        ours.memory_mb <= 1.0,
+    )
+
+
+# Growth with the length of the record --------------------------------------------------
+
+BLOCK = 1000
+OFFLINE_MOST, MOMENTS_MOST, REALTIME_MOST = 7, 7, 5
+
+
+class Length(NamedTuple):
+    """Processor time, ns a sample, and bytes that are held; None: not tried."""
+
+    n: int
+    cascade_ns: float
+    with_moments_ns: float | None
+    offline_ns: float | None
+    realtime_ns: float | None
+    state_one: int
+    state_nine: int
+    offline_bytes: int
+
+
+def fed(n: int, block: np.ndarray, moments: bool) -> tuple[float, OctaveCascade]:
+    """Processor seconds to feed n samples."""
+    cascade, running = OctaveCascade(1, 1 / 200), Moments(1, (0,))
+    start = time.process_time()
+    for _ in range(n // len(block)):
+        cascade.update(block)
+        if moments:
+            running.update(block)
+    cascade.result()
+    return time.process_time() - start, cascade
+
+
+def offline(values: np.ndarray) -> float:
+    start = time.process_time()
+    allantools.oadev(values, rate=200.0, data_type="freq", taus="octave")
+    return time.process_time() - start
+
+
+def of_length(exponent: int) -> Length:
+    n, repeat = 10**exponent, max(1, min(5, 10 ** (7 - exponent)))
+    rng = np.random.default_rng(SEED)
+    block = 9.8 + 1e-3 * rng.standard_normal((BLOCK, 1))
+    runs = [fed(n, block, False) for _ in range(repeat)]
+    both = None
+    if exponent <= MOMENTS_MOST:
+        both = min(fed(n, block, True)[0] for _ in range(repeat)) / n * 1e9
+    peer = None
+    if exponent <= OFFLINE_MOST:
+        record = np.tile(block[:, 0], n // BLOCK)
+        peer = min(offline(record) for _ in range(repeat)) / n * 1e9
+    live = None
+    if exponent <= REALTIME_MOST:
+        record = np.tile(block[:, 0], n // BLOCK)
+        start = time.process_time()
+        realtime(record)
+        live = (time.process_time() - start) / n * 1e9
+    nine = OctaveCascade(9, 1 / 200, groups=GROUPS)
+    nine.skip(n)
+    return Length(
+        n,
+        min(r[0] for r in runs) / n * 1e9,
+        both,
+        peer,
+        live,
+        runs[-1][1].nbytes,
+        nine.nbytes,
+        8 * n,
+    )
+
+
+def plot(rows: list[Length], path: str) -> None:
+    import matplotlib
+
+    matplotlib.use("svg")
+    matplotlib.rcParams["svg.hashsalt"] = "imumon"
+    from matplotlib import pyplot
+
+    n = [row.n for row in rows]
+    figure, (cost, state) = pyplot.subplots(1, 2, figsize=(10, 3.6), layout="constrained")
+    cost.loglog(n, [row.cascade_ns for row in rows], "o-", label="imumon: octaves")
+    done = [row for row in rows if row.with_moments_ns is not None]
+    cost.loglog([r.n for r in done], [r.with_moments_ns or 0.0 for r in done], "s-", label="with moments")
+    done = [row for row in rows if row.offline_ns is not None]
+    cost.loglog([r.n for r in done], [r.offline_ns or 0.0 for r in done], "^--", label="allantools, offline")
+    done = [row for row in rows if row.realtime_ns is not None]
+    cost.loglog(
+        [r.n for r in done], [r.realtime_ns or 0.0 for r in done], "v--", label="allantools, realtime"
+    )
+    cost.set(
+        xlabel="samples n", ylabel="processor time, ns a sample", title="Cost of one channel", ylim=(10, 1e5)
+    )
+    state.loglog(n, [row.state_nine for row in rows], "o-", label="imumon: octaves of 9 channels")
+    state.loglog(n, [row.state_one for row in rows], "s-", label="imumon: octaves of 1 channel")
+    state.loglog(n, [row.offline_bytes for row in rows], "^--", label="a record of 1 channel")
+    state.set(xlabel="samples n", ylabel="bytes", title="Memory of one and of nine channels")
+    for axes in (cost, state):
+        axes.grid(True, which="major", alpha=0.3)
+        axes.legend(fontsize=8)
+    figure.savefig(path, metadata={"Date": None})
+
+
+def growth(most: int = 7, path: str | None = None) -> Iterator[Figure]:
+    """Rows of the table from 10^4 to 10^most samples; the plot, if it is to go somewhere."""
+    rows = []
+    for exponent in range(4, most + 1):
+        found = of_length(exponent)
+        rows.append(found)
+        peer = f"allantools {found.offline_ns:.0f} ns, " if found.offline_ns is not None else ""
+        peer += f"realtime {found.realtime_ns:,.0f} ns, " if found.realtime_ns is not None else ""
+        moments = f"{found.with_moments_ns:.0f}" if found.with_moments_ns is not None else "–"
+        yield Figure(
+            f"n = 10^{exponent}: a sample (with moments); state of 1 (9)",
+            f"{found.cascade_ns:.0f} ({moments}) ns; "
+            f"{found.state_one / 1e3:.1f} ({found.state_nine / 1e3:.1f}) kB",
+            f"{peer}record {found.offline_bytes / 1e6:g} MB",
+        )
+    ratio = rows[-1].cascade_ns / rows[1].cascade_ns
+    yield Figure(f"cost of a sample at n = 10^{most} over that at 10^5", f"{ratio:.2f} ×")
+    if path is not None:
+        plot(rows, path)
+
+
 def measure(long: bool = False) -> Iterator[Figure]:
     yield from costs()
     yield agreement()
@@ -171,4 +380,7 @@ def measure(long: bool = False) -> Iterator[Figure]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--long", action="store_true", help="10^8 samples against exact arithmetic")
-    show("cascade", measure(parser.parse_args().long))
+    parser.add_argument("--day", action="store_true", help="a day of one channel, and growth with the length")
+    words = parser.parse_args()
+    parts = [measure(words.long), *([day(), growth()] if words.day else [])]
+    show("cascade", chain.from_iterable(parts))

@@ -28,7 +28,7 @@ from typing import Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
-from figures import Figure, at_most, show
+from document_tables import Figure, at_most, show
 
 from imumon.checkpoint import encode
 from imumon.noise import Estimator, OctaveCascade, synthesise

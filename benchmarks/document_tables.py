@@ -15,11 +15,13 @@ import argparse
 import csv
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 RESULTS = Path(__file__).parent / "results"
-NAMES = ("ACCURACY.md", "PERFORMANCE.md")
+NAMES = ("ACCURACY.md", "PERFORMANCE.md", "dev/ACCURACY.md")
 DOCUMENTS = [Path(__file__).parents[1] / name for name in ("README.md", *(f"docs/{name}" for name in NAMES))]
 _TABLE = re.compile(r"^<!-- table: ([\w-]+) -->\n((?:\|.*\n)*)", re.MULTILINE)
 
@@ -41,6 +43,56 @@ def row(cells: Sequence[object]) -> str:
 def head(name: str, *columns: str) -> str:
     """Return the mark of a table and its first two lines."""
     return "\n".join([mark(name), row(columns), "|---" * len(columns) + "|"])
+
+
+class Figure(NamedTuple):
+    """What a benchmark finds: one line of the table of figures.
+
+    Attributes
+    ----------
+    beside : the same of another tool or the bound, in the same run.
+    met : whether the goal is; None where there is none.
+    """
+
+    what: str
+    value: str
+    beside: str = ""
+    goal: str = ""
+    met: bool | None = None
+
+
+COLUMNS = ("what", "imumon", "beside it", "goal", "")
+MARKS = {True: "met", False: "**missed**", None: ""}
+
+
+def lines(figures: Iterable[Figure]) -> Iterable[str]:
+    """Rows of the table as they are found."""
+    for each in figures:
+        yield row([*each[:4], MARKS[each.met]])
+
+
+def show(name: str, figures: Iterable[Figure]) -> None:
+    """The table of one benchmark."""
+    print(head(name, *COLUMNS))
+    for line in lines(figures):
+        print(line, flush=True)
+
+
+def at_most(what: str, value: float, goal: float, unit: str, beside: str = "", digits: int = 3) -> Figure:
+    """A figure that is to be no more than its goal."""
+    return Figure(what, f"{value:.{digits}g} {unit}", beside, f"≤ {goal:g} {unit}", value <= goal)
+
+
+def seconds(work: Callable[[], object], repeat: int, warm: int = 2) -> float:
+    """Processor time of one call, the least: what other work on the machine disturbed least."""
+    for _ in range(warm):
+        work()
+    times = []
+    for _ in range(repeat):
+        start = time.process_time()
+        work()
+        times.append(time.process_time() - start)
+    return min(times)
 
 
 def save(output: str) -> list[str]:

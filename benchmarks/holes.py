@@ -19,8 +19,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 from document_tables import head, row
-from threshold import missed
 
+from imumon.coefficients import Estimate
 from imumon.noise import ChannelFit, OctaveCascade, fit_curve, synthesise
 
 N, RATE, LENGTH, BATCH = 6e-5, 40.0, 144_000, 10
@@ -46,6 +46,13 @@ def fits_of(K: float, holes: tuple[int, int], seeds: range) -> list[ChannelFit]:
     cascade = OctaveCascade(len(seeds), tau0=1.0 / RATE, groups=range(len(seeds)))
     cascade.update(values, valid)
     return list(fit_curve(cascade.result(), averaged=False, time_to=False))
+
+
+def missed(parts: list[Estimate], truth: float) -> str:
+    """Return the numbers of limits that miss the truth below and above."""
+    below = sum(part.low is not None and part.low > truth for part in parts)
+    above = sum(part.high is not None and part.high < truth for part in parts)
+    return f"{below}, {above}"
 
 
 def cell(K: float, holes: tuple[int, int], first: int, records: int) -> str:

@@ -23,7 +23,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import scipy.fft
 import scipy.signal
-from bounds import markov_bound
+from simulated import markov_bound
 
 from imumon.coefficients import Estimate
 from imumon.noise import ChannelFit, OctaveCascade, fit_curve, synthesise

@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from figures import Figure, at_most, show
+from document_tables import Figure, at_most, show
 
 from imumon.devices.vn100 import ascii, binary
 from imumon.noise.synthesis import NoiseStream

@@ -1,7 +1,8 @@
-"""Limits of N, B and K where samples are wrong: outliers, heavy tails, bursts, clipping, rounding and counts.
+"""Limits of N, B and K where samples are wrong (outliers, tails, bursts, clipping, rounding, counts), or their stamps.
 
     python benchmarks/sample_errors.py | python benchmarks/document_tables.py -       102 records a cell, an hour
     python benchmarks/sample_errors.py --only "t(3)" --records 402 --first 1000       other seeds of some cells
+    python benchmarks/sample_errors.py --stamps                                       host stamps that jitter
 
 Each record goes through the whole pipeline with guards, three channels a run. Truth, unless the row says another one:
 N = 6.1e-5 rad/s/sqrt(Hz), B = 2.4e-5 rad/s, K = 1e-5 rad/s sqrt(Hz), half an hour at 40 Hz, point samples. What a row
@@ -12,6 +13,10 @@ counts:
   samples as they are differ: the lower limit has to be below the one, the upper limit above the other
 - N off by, mean, and the share of samples that is excluded
 - caveats: records with one about the samples, of the two most frequent ones
+
+Stamps: ten minutes at 40 Hz, a clock that is 30 ppm fast, three channels a run with the same truth. Jitter is the width
+of an even distribution, or the standard deviation of a normal one, in intervals. A row has the share of the losses that
+are found, and of steps that are wrong, and the largest error of the interval. N is wrong by half of that error.
 """
 
 from __future__ import annotations
@@ -35,6 +40,7 @@ from imumon.api import Measurement
 from imumon.coefficients import Estimate
 from imumon.noise import synthesise
 from imumon.report import Channel
+from imumon.timebase.stamp_kinds import StampCandidate, decide
 
 N, B, K, RATE, LENGTH = 6.1e-5, 2.4e-5, 1e-5, 40.0, 72_000
 SIGMA = N * math.sqrt(RATE)
@@ -236,6 +242,63 @@ CELLS: dict[str, Cell] = {
 }
 
 
+# Host stamps that jitter, with losses ---------------------------------------------------
+
+STAMPED, DRIFT = 24_000, 3e-5
+"""Samples of a record with host stamps, and what their clock gains."""
+JITTER = (("even", 0.0), ("even", 0.1), ("even", 0.25), ("normal", 0.04), ("normal", 0.12))
+LOSSES = (0.01, 0.07, 0.15, 0.3)
+
+
+class Placing:
+    """What the time base makes of the stamps of some records."""
+
+    def __init__(self) -> None:
+        self._off: list[float] = []
+        self._found: list[float] = []
+        self._wrong: list[float] = []
+
+    def add(self, stamps: np.ndarray, received: np.ndarray) -> None:
+        """Count the steps of one record: stamps in ns, and which samples (n,) arrived."""
+        decision = decide([StampCandidate(stamps)])
+        assert decision.interval is not None
+        placed = decision.placer(stamps[:2048]).place(stamps, np.zeros(len(stamps), np.int64), final=True)
+        steps, true = placed.steps[1:], np.diff(np.flatnonzero(received))
+        self._off.append(abs(decision.interval * RATE * 1e-9 / (1.0 + DRIFT) - 1.0))
+        self._found.append(int((steps - 1).sum()) / max(int((true - 1).sum()), 1))
+        self._wrong.append(float(np.mean(steps != true)))
+
+    def cells(self) -> list[str]:
+        """Return the cells of a row."""
+        return [f"{np.mean(self._found):.1%}", f"{np.mean(self._wrong):.2%}", f"{max(self._off):.1e}"]
+
+
+def add_run(name: str, width: float, share: float, seed: int, placing: Placing, tally: Tally) -> None:
+    """Count a run of three channels."""
+    rng = np.random.default_rng([round(1000.0 * width), round(1000.0 * share), seed])
+    received = rng.random(STAMPED) >= share
+    late = rng.uniform(0.0, 1.0, STAMPED) if name == "even" else rng.standard_normal(STAMPED)
+    times = np.sort(((np.arange(STAMPED) + width * late) * (1.0 + DRIFT) / RATE * 1e9)[received])
+    stamps = times.astype(np.int64)
+    values = synthesise(STAMPED, RATE, N=[N] * 3, B=[B] * 3, K=[K] * 3, seed=rng, averaged=False)[received]
+    placing.add(stamps, received)
+    tally.add(imumon.analyse(gyro=values, time_s=1.7e9 + stamps * 1e-9))
+
+
+def stamps(first: int, records: int, only: list[str]) -> None:
+    """Print the table of host stamps."""
+    print(head("stamps", "jitter", "loss", "found", "wrong steps", "interval off", *COLUMNS), flush=True)
+    for name, width in JITTER:
+        for share in LOSSES:
+            if any(part in f"{name} {width:g}" for part in only):
+                placing, tally = Placing(), Tally((N, B, K))
+                for seed in range(first, first + records // 3):
+                    add_run(name, width, share, seed, placing, tally)
+                print(
+                    row([f"{name} {width:g}", f"{share:.0%}", *placing.cells(), *tally.cells()]), flush=True
+                )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -243,7 +306,13 @@ def main() -> None:
     parser.add_argument("--records", type=int, default=102)
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--only", default=[""], nargs="+", help="parts of the names of cells")
+    parser.add_argument(
+        "--stamps", action="store_true", help="host stamps that jitter, in place of wrong samples"
+    )
     options = parser.parse_args()
+    if options.stamps:
+        stamps(options.first, options.records, options.only)
+        return
     print(head("sample-errors", "samples", *COLUMNS), flush=True)
     for name, cell in CELLS.items():
         if any(part in name for part in options.only):

@@ -23,26 +23,61 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from daemons import Daemon
-from faulty_sensor import spawn
-from figures import Figure, at_most
+from document_tables import Figure, at_most
+from faulty_sensor import FaultySensorProcess, spawn
 from lapse import install_memory
-from stall import pause
 from usage import cpu_s, resident_kb
 
 from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.report import Report
+from imumon.report import Report, stamp
 
 STILL_EVERY = 4  # looks at memory, in time-lapse
 NEAR_A_DAY = 0.15  # d, on each side: looks at memory that count as those of a day
+
+
+class Pause(NamedTuple):
+    """Both sides while no message is in transit.
+
+    Attributes
+    ----------
+    counted : by the emulator.
+    report : of the daemon.
+    resident_kb : memory of the daemon, kB.
+    """
+
+    counted: dict[str, Any]
+    report: Report
+    resident_kb: int
+
+
+def pause(sensor: FaultySensorProcess, daemon: Daemon, command: str) -> Pause:
+    """Pause the output of the emulator and return the counters of both sides.
+
+    With ``silence`` its output during the pause is lost; with ``stall`` it waits, and so do its replies.
+    """
+    start = stamp(datetime.now(UTC) + timedelta(seconds=0.5))
+    replies = sensor.ask(f"{command} 600")["replies"]
+    reports: list[Report] = []
+
+    def newer(report: Report) -> bool:
+        return report.time > (reports[-1].time if reports else start)
+
+    while len(reports) < 2 or reports[-1].session.samples != reports[-2].session.samples:
+        reports.append(daemon.wait(newer))
+    counted = sensor.ask("counters")
+    time.sleep(0.1)  # the memory of the report is freed
+    memory = resident_kb(daemon.process.pid)
+    sensor.ask(f"{command} 0")
+    return Pause(counted | {"replies": replies}, reports[-1], memory)
 
 
 def growth_kb(taken: list[int]) -> float | None:

@@ -34,6 +34,7 @@ DOCUMENTS = [
     ROOT / "CONTRIBUTING.md",
     ROOT / "SECURITY.md",
     *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs" / "dev").glob("*.md")),
 ]
 OWN_TESTS = {"ZENOH.md"}  # tests/bus/test_bus_docs.py
 REASONS = {"", "slow", "sensor", "service", "root", "setup", "long", "example", "lines", "board", "hook"}

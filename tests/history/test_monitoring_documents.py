@@ -32,7 +32,7 @@ PANELS = json.loads((DOCS / "grafana-dashboard.json").read_text())["panels"]
 RULES = re.findall(r"- alert: (\w+)", (DOCS / "alerts.yml").read_text())
 CLEAR_B = Noise.equal(6.1e-5, 3e-4, 0.0)
 SPEED = 60.0
-LAPSE = (sys.executable, str(ROOT / "benchmarks" / "lapse.py"), f"{SPEED:g}")
+LAPSE = (sys.executable, str(ROOT / "tests" / "lapse.py"), f"{SPEED:g}")
 SCRAPED = {"instance", "job"}
 """Labels that Prometheus adds."""
 

@@ -21,7 +21,7 @@ from imumon.report import Distribution, Report
 
 POWER_UPS = 6
 SPEED = 5000.0
-LAPSE = (sys.executable, str(ROOT / "benchmarks" / "lapse.py"), f"{SPEED:g}")
+LAPSE = (sys.executable, str(ROOT / "tests" / "lapse.py"), f"{SPEED:g}")
 
 
 def shape(report: Report) -> Distribution:

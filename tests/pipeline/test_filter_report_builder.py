@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 
 import pytest
@@ -15,8 +14,6 @@ from imumon.filter_report import DEFAULT_HORIZON_S
 from imumon.noise.filter_parameters import MOST_NEES
 from imumon.pipeline.filter_report_builder import assumed_noise, filter_report
 from imumon.report import Report
-
-BENCHMARKS = str(ROOT / "benchmarks")
 
 
 def with_bounds(report: Report) -> Report:
@@ -105,14 +102,12 @@ def test_correlated_noise_is_a_state_of_the_filter() -> None:
 
 
 @pytest.mark.slow
-def test_gtsam_with_the_exported_parameters_is_consistent() -> None:
+def test_gtsam_with_the_exported_parameters_is_consistent(monkeypatch: pytest.MonkeyPatch) -> None:
     """Preintegrated rotation and velocity after 300 s of fixes; N and K alone are overconfident."""
     pytest.importorskip("gtsam", reason="gtsam is not installed (extra peers)")
-    sys.path.insert(0, BENCHMARKS)
-    try:
-        import gtsam_filters
-    finally:
-        sys.path.pop(0)
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import gtsam_filters
+
     report = gtsam_filters.report_of_record()
     alone, exported = (
         gtsam_filters.nees_of(make(report, 600.0), 20, 0.0, 300, (10, 60)).mean(axis=0)

@@ -48,14 +48,6 @@ def test_a_public_format_is_read_right_or_cured(tmp_path: Path, plain: Report, f
     assert seen | named >= set(form.sensors) or (form.asked and not seen)
 
 
-def test_the_page_lists_each_format_with_its_source() -> None:
-    page = (ROOT / "docs" / "FORMATS.md").read_text("utf-8")
-    for form in FORMATS:
-        name, _, address = form.source.rpartition(", ")
-        assert f"| {form.name} ([{name}]) |" in page, form.name
-        assert f"\n[{name}]: {address}\n" in page, form.name
-
-
 # ---------------------------------------------------------------- the cases beside the checkout
 
 N_OF_AXES = {"gyro": (1.0e-4, 2.0e-4, 3.0e-4), "accel": (1.0e-3, 1.5e-3, 2.0e-3)}

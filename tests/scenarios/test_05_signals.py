@@ -20,7 +20,7 @@ from imumon.report import Report, from_json
 
 pytestmark = pytest.mark.slow
 
-SLOW_DISK = Path(__file__).parents[2] / "benchmarks" / "slow_disk.c"
+SLOW_DISK = Path(__file__).parents[1] / "slow_disk.c"
 
 
 def starting(play: Scene) -> None:

@@ -1,6 +1,6 @@
 """GTSAM with the exported parameters on simulated data: NEES of preintegrated rotation and velocity.
 
-    python benchmarks/gtsam_filters.py [--runs N]
+It needs the folder `benchmarks` in the path.
 
 A simulated record of a sensor at rest goes through imumon and `--format gtsam`. With these parameters a graph of
 combined IMU factors, one per second, gets a rotation fix of 1 mrad and a velocity fix of 10 mm/s once a second.
@@ -9,7 +9,6 @@ One factor more preintegrates the time without a fix. NEES is that of rotation a
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import numpy as np
@@ -117,23 +116,3 @@ def nees_of(
 ) -> np.ndarray:
     """Return the NEES of every run, (runs, 2, h)."""
     return np.array([one_run(params, seed, aided_s, horizons, gravity) for seed in range(runs)])
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=100)
-    runs = parser.parse_args().runs
-    report = report_of_record()
-    print(f"| where | parameters | quantity | {' | '.join(f'{h} s' for h in HORIZONS)} |")
-    print(f"|---|---|---|{'---|' * len(HORIZONS)}")
-    for where, gravity in (("without gravity", 0.0), ("with gravity", GRAVITY)):
-        for name, params in (("N and K alone", plain(report, 600.0)), ("exported", exported(report, 600.0))):
-            nees = nees_of(params, runs, gravity)
-            for i, quantity in enumerate(("rotation", "velocity")):
-                mean, error = nees[:, i].mean(axis=0), nees[:, i].std(axis=0, ddof=1) / np.sqrt(runs)
-                cells = " | ".join(f"{m:.2f} ±{e:.2f}" for m, e in zip(mean, error, strict=True))
-                print(f"| {where} | {name} | {quantity} | {cells} |", flush=True)
-
-
-if __name__ == "__main__":
-    main()
