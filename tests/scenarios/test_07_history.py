@@ -18,7 +18,7 @@ EVER = Selection(since=0.0, until=1e12)
 
 
 def kept(path: Path) -> int:
-    """Samples in the periods of 10 minutes of a file."""
+    """Samples in the hours of a file."""
     copy = (
         Path(tempfile.mkdtemp()) / path.name
     )  # SQLite cannot follow the path into the view of another process
