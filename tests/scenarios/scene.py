@@ -34,7 +34,7 @@ CATCHES_UP_S = 0.05
 """s by which a report is less late than the one before while the daemon works off what has waited for it."""
 SETTLED_SAMPLES = 800
 """Samples that a new process takes before its first calm moment: by then it has saved and made fits some times. Without
-a fault, it grows by 7 MB in these 8 s, and by 3 to 5 MB in the minute after them."""
+a fault, it grows by 7 MB in these 8 s."""
 STOP_S = 10.0
 """What the service unit grants; a clean stop takes half a second where the machine is free."""
 

@@ -92,10 +92,7 @@ def test_09_disk_is_full_and_has_room_again(tmp_path: Path, size: str, records: 
         assert after.report.session.missing == 0
         state = decode((seen / f"{ID}.state").read_bytes())
         assert state.monitor.record.accumulators.samples > before.report.session.samples
-        if records:
-            play.end(before, after, code=1)  # the recording has ended before the record
-        else:
-            play.stop()
+        play.end(before, after, code=int(records))  # 1: the recording has ended before the record
         assert play.said.count("the state cannot be saved") == 1
         assert play.said.count(" error: recording to ") == int(records)
 
