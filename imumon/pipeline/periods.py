@@ -21,9 +21,6 @@ from imumon.pipeline.analysis import Analysis
 PAUSE_S = 30.0
 """s from one fit of the periods in progress to the next."""
 
-COUNTED = ("samples", "missing", "excluded")
-"""Counters of the record whose growth belongs to a period."""
-
 
 class Periods:
     """Periods of one record, those in progress included.

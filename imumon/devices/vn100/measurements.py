@@ -70,8 +70,6 @@ class VpeStatus(IntFlag):
 
     GYRO_SATURATED = 1 << 2
     ACCEL_SATURATED = 1 << 9
-    MAG_DISTURBED = 1 << 11
-    ACCEL_DISTURBED = 1 << 12
 
 
 SATURATION_BITS: dict[str, dict[str, int]] = {
