@@ -6,22 +6,22 @@ All faults of a file are reported at once, each with its line, what is allowed a
 
 from __future__ import annotations
 
-import operator
+import difflib
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import fields
-from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, cast, get_args, get_origin
+
+from annotated_types import Ge, Gt, Le, Lt, MaxLen
+from pydantic import ValidationError
 
 from imumon.config.settings import (
     NAMES,
     SECTIONS,
     DeviceSettings,
     Settings,
-    Share,
     ZenohSettings,
 )
 from imumon.config.toml_file import (
@@ -102,34 +102,6 @@ def _checked_sections(values: Mapping[str, Any], places: Places) -> dict[str, An
     return sections
 
 
-@cache
-def _model(section: str) -> Any:
-    """Return a model of pydantic that checks a section."""
-    from pydantic import BeforeValidator, ConfigDict, Strict, create_model
-    from pydantic import Field as ModelField
-
-    cls = SECTIONS[section]
-    hints = _kinds(section)
-    config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-    members: dict[str, Any] = {}
-    for field in fields(cls):
-        kind = hints[field.name]
-        if kind == Share:
-            kind = Annotated[float, BeforeValidator(_from_percent)]
-        elif get_origin(kind) is tuple:  # a TOML list is not a tuple
-            kind = Annotated[kind, Strict(False)]
-        members[field.name] = kind, ModelField(None, **field.metadata)
-    return create_model(cls.__name__, __config__=config, **members)
-
-
-def _from_percent(value: Any) -> Any:
-    """Return the share that a text such as ``2%`` gives; other values as they are."""
-    if isinstance(value, str) and value.endswith("%"):
-        with suppress(ValueError):
-            return float(value[:-1]) / 100.0
-    return value
-
-
 def origin_lines(settings: Settings) -> list[str]:
     """Return a line of TOML for each setting, with its origin as a comment; a password is not shown."""
     lines = []
@@ -160,14 +132,8 @@ def _check_section(section: str, table: Any, places: Places) -> Any:
         ConfigFault("invalid_character", places.of(name), name, *_INVALID_CHARACTER)
         for name in (f"{section}.{name}" for name in bad)
     ]
-    if not faults and (plain := _plain_section(section, table)) is not None:
-        return plain
-    from pydantic import ValidationError
-
     try:
-        checked = _model(section).model_validate(
-            {name: value for name, value in table.items() if name not in bad}
-        )
+        checked = cls(**{name: value for name, value in table.items() if name not in bad})
     except ValidationError as error:
         # a list has a fault for each of its items: the first is enough
         first = {str(detail["loc"][0]): detail for detail in reversed(error.errors())}
@@ -175,75 +141,17 @@ def _check_section(section: str, table: Any, places: Places) -> Any:
         faults += [_fault(section, name, detail, table, places) for name, detail in shown]
     if faults:
         raise ConfigError(*faults)
-    return cls(**{name: getattr(checked, name) for name in table})
-
-
-def _plain_section(section: str, table: Mapping[str, Any]) -> Any:
-    """Return the section if each value has its type and keeps its limits; else None, and pydantic decides.
-
-    A command such as ``status`` reads the same settings as the daemon. To import pydantic takes as long as all the rest
-    of the command, and several seconds on a machine that is under attack.
-    """
-    cls = SECTIONS[section]
-    hints, limits = _kinds(section), {field.name: field.metadata for field in fields(cls)}
-    if not table.keys() <= limits.keys():
-        return None
-    if not all(_is_plain(value, hints[name], limits[name]) for name, value in table.items()):
-        return None
-    return cls(**{name: _converted(value, hints[name]) for name, value in table.items()})
-
-
-@cache
-def _kinds(section: str) -> dict[str, Any]:
-    """Return the declared type of each setting of a section."""
-    return get_type_hints(SECTIONS[section], include_extras=True)
-
-
-def _is_plain(value: Any, kind: Any, limits: Mapping[str, float]) -> bool:
-    """Return whether a value is certainly valid. True is no number here, although it is an int in Python."""
-    if get_origin(kind) is Literal:
-        return any(value == choice and type(value) is type(choice) for choice in _choices(kind))
-    if get_origin(kind) is tuple:
-        return isinstance(value, list | tuple) and all(type(item) is str for item in value)
-    if kind in (float, Share):
-        # a bound is what keeps infinite numbers and NaN out: a number without one is for pydantic
-        return type(value) in (int, float) and bool(limits) and _within(value, limits)
-    if get_origin(kind) is Mapping:  # ``zenoh.raw``: anything that TOML can say
-        return type(value) is dict
-    return kind in (str, int, bool) and type(value) is kind and _within(value, limits)
-
-
-def _choices(kind: Any) -> Iterator[Any]:
-    """Yield the values of a type of choices, also of those within it."""
-    for choice in get_args(kind):
-        yield from _choices(choice) if get_origin(choice) is Literal else (choice,)
-
-
-def _within(value: Any, limits: Mapping[str, float]) -> bool:
-    """Return whether a value keeps its limits; NaN keeps none."""
-    checks: dict[str, Callable[[Any, Any], bool]] = {
-        "ge": operator.ge, "gt": operator.gt, "le": operator.le, "lt": operator.lt,
-        "max_length": lambda text, most: len(text) <= most,
-        "pattern": lambda text, pattern: re.search(pattern, text) is not None,
-    }  # fmt: skip
-    return all(checks[name](value, limit) for name, limit in limits.items())
-
-
-def _converted(value: Any, kind: Any) -> Any:
-    """Return a plain value in the type of its setting."""
-    if get_origin(kind) is tuple:
-        return tuple(value)
-    return float(value) if kind in (float, Share) else value
+    return checked
 
 
 def _fault(section: str, name: str, detail: Any, table: Mapping[str, Any], places: Places) -> ConfigFault:
     """Return pydantic's error of a setting as a fault."""
     full = f"{section}.{name}"
-    if detail["type"] == "extra_forbidden":
+    if detail["type"] == "unexpected_keyword_argument":
         return _unknown(full, False, places)
     value = toml_text(_value_at(table, detail["loc"]))
     shown = value if len(value) <= QUOTED else value[: QUOTED - 3] + "..."
-    cure = f"give {_allowed(detail, _model(section).model_fields[name])}"
+    cure = f"give {_allowed(detail, SECTIONS[section].__pydantic_fields__[name])}"
     return ConfigFault("invalid_value", places.of(full), full, f"{shown} is not valid", cure)
 
 
@@ -252,8 +160,6 @@ _NAMES_CURE = "imumon config show prints all of them"
 
 def _unknown(name: str, is_section: bool, places: Places) -> ConfigFault:
     """Return the fault of an unknown name, with the nearest valid one."""
-    import difflib
-
     place = places.of(name)
     if is_section:
         near = difflib.get_close_matches(name, SECTIONS, n=1)
@@ -288,8 +194,6 @@ _TYPES = {
 
 def _allowed(detail: Any, info: Any) -> str:
     """Return what a setting may be."""
-    from annotated_types import Ge, Gt, Le, Lt, MaxLen
-
     if get_origin(info.annotation) is Literal:
         return "one of " + ", ".join(map(toml_text, get_args(info.annotation)))
     limits = {type(limit): limit for limit in info.metadata}

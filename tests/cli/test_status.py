@@ -71,4 +71,4 @@ def test_a_short_command_imports_nothing_heavy(report: Report, command: str, tmp
         )
     loaded = {name.partition(".")[0] for name in done.stdout.split()}
     assert "zenoh" in loaded
-    assert not loaded & {"numpy", "scipy", "pydantic", "textual", "matplotlib", "serial", "rosbags"}
+    assert not loaded & {"numpy", "scipy", "textual", "matplotlib", "serial", "rosbags"}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import re
 import tomllib
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,7 @@ from hypothesis import strategies as st
 from paths import ROOT
 
 from imumon import config
-from imumon.config import ConfigError, Settings, load, loading, origin_lines, search
+from imumon.config import ConfigError, Settings, load, origin_lines, search
 
 SHIPPED = ROOT / "config.toml"
 
@@ -363,15 +362,3 @@ def test_no_text_does_worse_than_a_config_error(tmp_path_factory: pytest.TempPat
     file.write_bytes(text.encode("utf-8", "surrogatepass"))
     with contextlib.suppress(ConfigError):
         load(file)
-
-
-@given(data=st.data())
-def test_what_is_accepted_without_pydantic_is_what_pydantic_makes_of_it(data: st.DataObject) -> None:
-    """The short way of plain values accepts nothing that pydantic refuses, and makes the same of it."""
-    section = data.draw(st.sampled_from(sorted(loading.SECTIONS)))
-    name = data.draw(st.sampled_from([field.name for field in fields(loading.SECTIONS[section])]))
-    value = data.draw(st.sampled_from(VALUES) | st.floats() | st.integers() | st.text(max_size=80))
-    plain = loading._plain_section(section, {name: value})
-    if plain is not None:
-        checked = getattr(loading._model(section).model_validate({name: value}), name)
-        assert (type(getattr(plain, name)), getattr(plain, name)) == (type(checked), checked)
