@@ -308,7 +308,7 @@ class Measurement:
     def __repr__(self) -> str:
         from imumon.datasheet.summary import summary_text
 
-        return summary_text(self.report, self.remarks)
+        return summary_text(self.report, remarks=self.remarks)
 
     def _repr_html_(self) -> str:
         from imumon.datasheet.summary import summary_html

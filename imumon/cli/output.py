@@ -27,6 +27,9 @@ _ASCII = str.maketrans(
     }
 )  # fmt: skip
 
+WHOLE = "--verbose prints the whole datasheet; imumon report -o X.html writes it."
+"""Last line of a summary."""
+
 
 def _replace_unencodable(error: UnicodeError) -> tuple[str, int]:
     """Return the ASCII spelling of the characters that an encoding lacks, and where encoding continues.
@@ -134,20 +137,31 @@ def print_json(text: str) -> None:
     print(text)
 
 
-def print_report(report: Any, as_json: bool, baseline: Any = None, *, verbose: bool = False) -> None:
-    """Print a report as JSON, or as a table with the changes against a baseline; `verbose`: and the whole account."""
+def print_report(
+    report: Any, as_json: bool, baseline: Any = None, *, verbose: bool = False, late: str | None = None
+) -> None:
+    """Print a report as JSON, as the whole datasheet if `verbose`, else as a summary of one screen.
+
+    Parameters
+    ----------
+    baseline : earlier report that it was compared with.
+    late : why the numbers are not current; None: they are.
+    """
     if as_json:
         from imumon.report_json import to_json
 
         print_json(to_json(report))
-        return
-    import shutil
+    elif verbose:
+        from imumon.datasheet import document
+        from imumon.filter_report import DEFAULT_HORIZON_S
+        from imumon.pipeline.filter_report_builder import filter_report
 
-    from imumon.datasheet.signal_text import baseline_summary, signal_lines
-    from imumon.datasheet.tables import data_sheet_lines, report_table
+        print(document(report, "md", filter_report(report, DEFAULT_HORIZON_S)).decode(), end="")
+    else:
+        import shutil
 
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-    comparison = baseline_summary(report, baseline) if baseline is not None else None
-    lines = [report_table(report, width, verbose=verbose), "", *signal_lines(report, width)]
-    lines += [*data_sheet_lines(report), *([comparison] if comparison else [])]
-    print("\n".join(lines).rstrip())
+        from imumon.datasheet.summary import comparison_text, summary_text
+
+        comparison = comparison_text(report, baseline) if baseline is not None else None
+        last = [comparison, WHOLE] if comparison else [WHOLE]
+        print(summary_text(report, shutil.get_terminal_size().columns, late=late, last=last))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from imumon.cli import options
@@ -30,11 +30,7 @@ def add_status(parser: Parser) -> None:
     options.add_id(parser, "device; default: all, one line each if there are several")
     text = "print the report as JSON, or a list of them if several daemons answer"
     parser.add_argument("--json", action="store_true", help=text)
-    text = (
-        "print everything: limits, biases, each caveat with its meaning, the time until each axis is precise, what "
-        "became of each message and column"
-    )
-    parser.add_argument("--verbose", action="store_true", help=text)
+    parser.add_argument("--verbose", action="store_true", help="print the whole datasheet as text")
 
 
 def add_wait(parser: Parser) -> None:
@@ -111,10 +107,10 @@ def status(arguments: argparse.Namespace) -> int:
         names = options.answering(subscriber, arguments.id, options.ANSWER_S, _cure(arguments))
         if len(names) == 1 or arguments.id:
             report = options.report_of(subscriber, arguments.id, names, arguments)
-            if arguments.json or arguments.verbose:
-                print_report(report, arguments.json, verbose=arguments.verbose)
-            else:
-                _print_status_table(subscriber, report)
+            late = None if arguments.json else _why_late(subscriber, report)
+            if arguments.verbose:
+                report = replace(report, events=tuple(subscriber.events(report.device.id)))
+            print_report(report, arguments.json, verbose=arguments.verbose, late=late)
             return SUCCESS
         reports = current_reports(subscriber, names)
         for name in names:
@@ -126,17 +122,15 @@ def status(arguments: argparse.Namespace) -> int:
     return SUCCESS
 
 
-def _print_status_table(subscriber: Any, report: Any) -> None:
-    """Print a report on one screen, with its age and with why the sensor delivers nothing."""
+def _why_late(subscriber: Any, report: Any) -> str | None:
+    """Return why the sensor delivers nothing, or how old the report is; None: its numbers are current."""
     from imumon.cli.daemon_state import current_reports, current_trouble
-    from imumon.datasheet.tables import status_table
     from imumon.units import duration
 
     ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
-    late = current_trouble(subscriber, report, time.monotonic() + options.ANSWER_S)
     if age_s > report.late_s:
-        late = f"the report is {duration(age_s)} old"
-    print(status_table(report, shutil.get_terminal_size().columns, late))
+        return f"the report is {duration(age_s)} old"
+    return current_trouble(subscriber, report, time.monotonic() + options.ANSWER_S)
 
 
 def _condition(arguments: argparse.Namespace) -> Any:

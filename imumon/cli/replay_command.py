@@ -126,7 +126,7 @@ def add_replay(parser: Parser) -> None:
     add_datasheet(parser)
     add("--speed", default="max", metavar="X|max", help="times as fast as real time; default max")
     add("--json", action="store_true", help="the report as JSON")
-    add("--verbose", action="store_true", help="also print what became of each row and column")
+    add("--verbose", action="store_true", help="print the whole datasheet as text")
     text = "also state what shorter parts of the record would have shown, which takes a fifth more time"
     add("--convergence", action="store_true", help=text)
     add("--publish", action="store_true", help="publish on Zenoh while replaying")

@@ -55,6 +55,7 @@ def add_run(parser: Parser) -> None:
     text = "stop after T (90, 90s, 10m, 2h, 7d) and print the final report"
     add("--duration", type=options.seconds, metavar="T", help=text)
     add("--json", action="store_true", help="print the final report as JSON")
+    add("--verbose", action="store_true", help="print the final report as the whole datasheet")
     add("--no-guards", action="store_true", default=None, help="exclude no sample")
     add("--speed", type=options.speed, default=1.0, metavar="X", help="run the emulator X times faster")
     add("--seed", type=int, metavar="N", help="seed of the random noise of the emulator")
@@ -225,7 +226,7 @@ def _run_daemon(
     _check_found(result, url, arguments)
     interrupted = result.signal == signal.SIGINT  # by a person, who wants to see what was measured
     if result.report is not None and (arguments.duration or arguments.json or result.ended or interrupted):
-        print_report(result.report, arguments.json, run_options.baseline)
+        print_report(result.report, arguments.json, run_options.baseline, verbose=arguments.verbose)
     _check_complete(result, arguments)
     return INTERRUPTED if result.signal == signal.SIGINT else SUCCESS
 

@@ -6,12 +6,12 @@ appendix         what supports them, section by section
 elements         the elements, and their form in Markdown
 html             the form as one self-contained HTML page
 figures          Allan deviation as an element of the page and as SVG and PNG, by matplotlib
-tables           table for a terminal, and texts that several forms share
+tables           texts and numbers that several forms share
+summary          the report on one screen
 csv_table        every number as one tidy CSV table
 filter_values    numbers for filters, with comments: unit, origin, factor against plain K, record length
 convergence_figure  what was stated of a shorter record: figure and table
 spectrum_figure  power spectral density
-signal_text      bias, drift, spectral lines and changes as lines of text
 program_settings settings of other programs: templates and factors
 """
 

@@ -2,29 +2,34 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Iterator
 from functools import partial
 
-from imumon.coefficients import unit_of
+from imumon.coefficients import SIGNIFICANT, unit_of
 from imumon.datasheet.convergence_figure import convergence_svg, convergence_table, convergences
 from imumon.datasheet.elements import AppendixSection, Caution, DataTable, Element, Figure, Paragraph
 from imumon.datasheet.figures import curve_table, svg
-from imumon.datasheet.signal_text import notes, spectral_lines, with_half_width
 from imumon.datasheet.spectrum_figure import spectra, spectrum_svg
 from imumon.datasheet.tables import (
     SENSOR_TITLES,
     driver_advice,
-    event_rows,
     invalid_noun,
     readable_curves,
     stream_noun,
 )
-from imumon.datasheet.temperature_figure import temperature_elements
+from imumon.datasheet.temperature_figure import temperature_elements, with_error
 from imumon.ledger import ledger_text
-from imumon.messages import CLOCKS, advice, caveats
+from imumon.messages import CLOCKS, advice, caveats, drifts_with_temperature, joined
 from imumon.report import Channel, Report
-from imumon.samples import INERTIAL
-from imumon.units import counted, pretty
+from imumon.samples import INERTIAL, sensor_of
+from imumon.units import counted, duration, figures, pretty
+
+MOST_LINES = 4  # spectral lines shown per channel, the strongest
+CORRELATED = 0.3  # correlation from which two axes are reported as moving together
+MOST_OF_A_KIND = 12
+"""Events of one kind that are listed one by one; the forms json and csv have all."""
 
 
 def appendix(report: Report) -> Iterator[AppendixSection]:
@@ -56,32 +61,103 @@ def _spectrum(report: Report) -> Iterator[Element]:
         if spectra(report, sensor):
             caption = f"{SENSOR_TITLES[sensor]}, root of the power spectral density; dashed: N; dotted: spectral lines."
             yield Figure(caption, None, partial(spectrum_svg, report, sensor))
-    spectral = {f"{name}, {pretty(c.unit)}": spectral_lines(c) for name, c in report.channels.items()}
+    spectral = {f"{name}, {pretty(c.unit)}": _lines(c) for name, c in report.channels.items()}
     if rows := [(name, ", ".join(texts)) for name, texts in spectral.items() if texts]:
         yield DataTable(("", "strongest spectral lines, frequency and amplitude"), tuple(rows))
 
 
+def _lines(channel: Channel) -> list[str]:
+    """Return the strongest spectral lines with frequency and amplitude, and how many more there are."""
+    lines = channel.spectrum.lines if channel.spectrum is not None else ()
+    texts = [
+        f"{line.frequency_hz:.4g} Hz of {line.amplitude:.2g}" + (f" ({line.name})" if line.name else "")
+        for line in lines[:MOST_LINES]
+    ]
+    return texts + ([f"{len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else [])
+
+
 def _distribution(report: Report) -> Iterator[Element]:
-    """Yield how the values are distributed, and what else each channel shows."""
+    """Yield how the values are distributed, and what only some channels show."""
     if not report.channels:
         return
-    head = ("", "mean", "standard deviation", "minimum", "maximum", "drift per hour", "distribution")
+    head = (
+        *("", "mean", "standard deviation", "minimum", "maximum"),
+        *("bias", "drift per hour", "distribution"),
+    )
     yield DataTable(head, tuple(_statistics_row(name, c) for name, c in report.channels.items()))
-    yield Paragraph("Statistics of the samples that count, as received. Only the drift has 95 % limits.")
-    for note, names in notes(report).items():
-        yield Paragraph(f"{names}: {note}.")
+    yield Paragraph("Statistics of the samples that count, as received. Bias and drift have 95 % limits.")
+    by_note: dict[str, list[str]] = {}  # one that is true of several channels is written once
+    for name, channel in report.channels.items():
+        for note in _notes(name, channel, report):
+            by_note.setdefault(note, []).append(name)
+    for note, names in by_note.items():
+        yield Paragraph(f"{names[0] if len(names) == 1 else joined(names)}: {note}.")
 
 
 def _statistics_row(name: str, channel: Channel) -> tuple[str, ...]:
-    """Return mean, standard deviation, extremes, drift and shape of a channel; – where they are not known."""
+    """Return mean, standard deviation, extremes, bias, drift and shape of a channel; – where they are not known."""
     shape, drift = channel.distribution, channel.drift
-    slope = ""
+    bias = slope = verdict = ""
+    if shape is not None:
+        bias = _with_limits(shape.bias, shape.bias_low, shape.bias_high) or shape.bias_reason or ""
+        verdict = shape.verdict or ""
     if drift is not None:
-        slope = with_half_width(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
+        slope = _with_limits(drift.per_hour, drift.per_hour_low, drift.per_hour_high)
     statistics = (channel.mean, channel.std, channel.min, channel.max)
     cells = ("–" if value is None else f"{value:.4g}" for value in statistics)
-    verdict = (shape.verdict if shape else None) or "–"
-    return (f"{name}, {pretty(channel.unit)}", *cells, slope or "–", verdict)
+    return (f"{name}, {pretty(channel.unit)}", *cells, bias or "–", slope or "–", verdict or "–")
+
+
+def _with_limits(value: float | None, low: float | None, high: float | None) -> str:
+    """Return a value with the half-width of its limits; empty if it is unknown."""
+    if value is None:
+        return ""
+    return with_error(value, 0.0 if low is None or high is None else (high - low) / 2.0)
+
+
+def _notes(name: str, channel: Channel, report: Report) -> Iterator[str]:
+    """Yield the properties that only some channels have, one sentence each."""
+    if channel.model is not None and (jumps := channel.model.jumps) is not None:
+        times = f"for {duration(jumps.low_s)} and {duration(jumps.high_s)} on the average"
+        yield f"jumps between {jumps.low:.4g} and {jumps.high:.4g} {pretty(channel.unit)}, {times}"
+    if channel.drift is not None and channel.drift.significant:
+        yield "the drift exceeds what the noise explains"
+    if drifts_with_temperature(channel.drift):
+        yield "time and temperature are not separable: the drift includes the effect of the temperature"
+    if turn_on := _turn_on_text(name, channel):
+        yield f"turn-on bias repeatability {turn_on}"
+    yield from _correlations(name, report)
+
+
+def _turn_on_text(name: str, channel: Channel) -> str:
+    """Return the repeatability of the turn-on bias with its limits; empty if it is unknown."""
+    shape = channel.distribution
+    if shape is None or shape.turn_on_std is None:
+        return ""
+    unit = unit_of(sensor_of(name), "B", channel.unit)
+    numbers = (shape.turn_on_std, shape.turn_on_low or 0.0, shape.turn_on_high or 0.0)
+    std, low, high = (figures(number * unit.factor) for number in numbers)
+    return f"{std} {pretty(unit.unit)} (95 %: {low} to {high}, {shape.turn_on_count} power-ups)"
+
+
+def _correlations(name: str, report: Report) -> Iterator[str]:
+    """Yield the later channels that this one correlates with beyond chance, so that each pair occurs once."""
+    shape, names = report.channels[name].distribution, list(report.channels)
+    others = [
+        f"{other} ({r:+.2f})"
+        for other, r in (shape.correlation.items() if shape is not None else ())
+        if other in names[names.index(name) :]  # an earlier one has named this pair
+        and abs(r) >= CORRELATED
+        and abs(r) > SIGNIFICANT * _standard_error(report, name, other)
+    ]
+    if others:
+        yield f"moves together with {', '.join(others)}"
+
+
+def _standard_error(report: Report, *names: str) -> float:
+    """Return the standard error of a correlation of 0 between two channels."""
+    shapes = [report.channels[name].distribution for name in names]
+    return math.sqrt(1.0 / min((shape and shape.effective_samples) or 1.0 for shape in shapes))
 
 
 def _convergence(report: Report) -> Iterator[Element]:
@@ -127,3 +203,20 @@ def _record(report: Report) -> Iterator[Element]:
     yield DataTable(("", ""), tuple(rows))
     if events := tuple(event_rows(report)):
         yield DataTable(("at", "event"), events)
+
+
+def event_rows(report: Report) -> Iterator[tuple[str, str]]:
+    """Yield time and text of the events of a record; many of one kind are one row."""
+    timed = [(event.elapsed_s, event) for event in report.events if event.elapsed_s is not None]
+    counts = Counter(event.kind for _, event in timed)
+    summed: set[str] = set()
+    for begin_s, event in timed:
+        if counts[event.kind] <= MOST_OF_A_KIND:
+            yield f"{begin_s:,.1f} s", event.text
+        elif event.kind not in summed:
+            summed.add(event.kind)
+            same = [(other_s, other) for other_s, other in timed if other.kind == event.kind]
+            length_s = sum(other.length_s or 0.0 for _, other in same)
+            whole = f", {length_s:,.1f} s in all" if length_s else ""
+            count = counted(len(same), event.kind.replace("_", " "))
+            yield f"{begin_s:,.1f} s", f"{count} until {same[-1][0]:,.1f} s{whole}"

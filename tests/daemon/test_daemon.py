@@ -27,7 +27,7 @@ from imumon.checkpoint import decode
 from imumon.config import load
 from imumon.daemon import Daemon as Reader
 from imumon.daemon import RunOptions
-from imumon.datasheet.tables import status_table
+from imumon.datasheet.summary import summary_text
 from imumon.devices.base import Interrupted
 from imumon.devices.serial_port import SerialPort
 from imumon.devices.vn100.ascii import encode
@@ -115,7 +115,7 @@ def test_bytes_that_never_become_samples_are_shown(tmp_path: Path) -> None:
             assert made.state == "starting"
             (remark,) = (text for text in made.device.remarks if "no sample yet" in text)
             assert " start; the first line is 'IMU \\x1b[2J ready'" in remark
-            assert remark in status_table(made, 80, None)
+            assert remark in summary_text(made, 1000)
             assert remark in daemon.stop()[2]
     finally:
         ending.set()

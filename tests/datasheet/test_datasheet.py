@@ -18,8 +18,8 @@ from imumon.datasheet import FORMS
 from imumon.datasheet.csv_table import COLUMNS as CSV_COLUMNS
 from imumon.datasheet.elements import DataTable
 from imumon.datasheet.sheet import datasheet
-from imumon.datasheet.signal_text import baseline_summary, signal_lines
-from imumon.datasheet.tables import channel_rows, report_table
+from imumon.datasheet.summary import LINES, comparison_text, summary_text
+from imumon.datasheet.tables import excluded_sentence
 from imumon.messages import CAVEATS, FILTER_NOT_KNOWN, uncertainty
 from imumon.pipeline.report_builder import effective_samples
 from imumon.report import Allan, Report, from_json
@@ -133,22 +133,17 @@ def test_json_is_the_report_itself() -> None:
 
 
 def test_records_without_common_coefficients_are_not_called_unchanged() -> None:
-    unchanged = baseline_summary(make_report(), make_report())
+    unchanged = comparison_text(make_report(), make_report())
     assert unchanged == "nothing changed against the baseline"
-    assert baseline_summary(make_report(), nothing_yet()) not in (None, unchanged)
+    assert comparison_text(make_report(), nothing_yet()) not in (None, unchanged)
 
 
 def test_a_slope_over_temperature_is_shown_only_beyond_noise() -> None:
     report = make_report()
     channel = report.channels["gyro/x"]
     assert channel.drift.per_degC is not None
-    assert not any("per degree" in line for line in signal_lines(report))
     for form in ("md", "html"):
         assert f"{channel.drift.per_degC:.2e}" not in text(report, form)
-    clear = replace(channel.drift, per_degC=1e-4, per_degC_low=9e-5, per_degC_high=1.1e-4)
-    beyond = replace(channel, drift=clear)
-    shown = signal_lines(replace(report, channels={"gyro/x": beyond}))
-    assert any("gyro/x: follows the temperature by" in line for line in shown)
 
 
 def test_a_model_name_is_no_tag() -> None:
@@ -161,23 +156,27 @@ def test_a_model_name_is_no_tag() -> None:
 
 
 @pytest.mark.parametrize("age", AGES)
-def test_the_table_fits_the_terminal_without_truncation(age: str) -> None:
-    """A narrow table has uncertainties in percent instead of limits; a pipe gets the full table."""
+@pytest.mark.parametrize("width", [80, 120])
+def test_the_summary_is_one_screen_of_whole_lines(age: str, width: int) -> None:
     report = aged(age)
-    full = max(map(len, channel_rows(report, None)), default=100)
-    for width in (80, 95, 100, full):
-        lines = report_table(report, width).splitlines()
-        rows = lines[lines.index("") : len(lines) - lines[::-1].index("")]
-        assert max((len(line) for line in rows), default=0) <= width
-        assert "…" not in "".join(lines)
-    assert channel_rows(report, None) == channel_rows(report, full)
+    remarks, last = ["a remark that is longer than a line of the terminal " * 3] * 9, ["who has the rest"]
+    lines = summary_text(report, width, late="no sample", remarks=remarks, last=last).splitlines()
+    assert len(lines) <= LINES < 24
+    assert max(map(len, lines)) <= width
+    assert lines[-1:] == last
+    assert "…" not in "".join(lines)
+    for name, channel in report.channels.items():
+        assert sum(line.startswith(f"{name} ") for line in lines) == bool(channel.estimates)
 
 
-def test_the_table_explains_its_caveats_and_counts_in_the_singular() -> None:
-    table = report_table(replace(make_report(), caveats=("aliased",)))
-    assert f"caveat aliased: {CAVEATS['aliased'].line}" in table
-    assert f"caveat vibration (accel y): {CAVEATS['vibration'].line}" in table
-    assert "1 disturbance," in table
+def test_the_summary_names_its_caveats_and_counts_in_the_singular() -> None:
+    report = replace(make_report(), caveats=("aliased",))
+    report = replace(report, session=replace(report.session, gaps=1))
+    shown = summary_text(report, 200)
+    assert "caveats: aliased, " in shown
+    assert "vibration (accel y)" in shown
+    assert f"aliased: {CAVEATS['aliased'].line}" in shown
+    assert "in 1 gap," in shown
 
 
 @pytest.mark.parametrize("form", ["text", "md", "html"])
@@ -186,19 +185,19 @@ def test_tables_and_datasheet_name_both_grades(form: str, provisional: bool) -> 
     report = make_report()
     grade = replace(report.grade["gyro"], nearest="industrial", meets="consumer", provisional=provisional)
     report = replace(report, grade={"gyro": grade})
-    shown = report_table(report) if form == "text" else words(report, form)
+    shown = summary_text(report) if form == "text" else words(report, form)
     assert "consumer" in shown
     assert ("consumer, provisional" in shown) == provisional
 
 
-@pytest.mark.parametrize("form", ["text", *SETTINGS, "md"])
+@pytest.mark.parametrize("form", [*SETTINGS, "md"])
 def test_every_form_warns_of_an_unknown_filter(form: str) -> None:
     """N of a stream in listen-only mode is too high by a factor that depends on its rate."""
     report = make_report(200.0)
 
     def shown(**known: object) -> str:
         changed = replace(report, caveats=(), device=replace(report.device, **known))
-        return report_table(changed) if form == "text" else text(changed, form)
+        return text(changed, form)
 
     unknown = shown(alias_factor=None, stream="compensated", sample_rate_hz=40.0)
     assert FILTER_NOT_KNOWN in unknown
@@ -216,24 +215,23 @@ def test_excluded_seconds_add_up() -> None:
     """Seconds of the magnetometer alone are no part of those that are excluded from all channels."""
     report = make_report()
 
-    def line(seconds: float, **by: float) -> str:
-        session = replace(report.session, disturbances=1, excluded_s=seconds, excluded_by=by)
-        return report_table(replace(report, session=session)).splitlines()[2]
+    def shown(seconds: float, **by: float) -> str:
+        session = replace(report.session, excluded_s=seconds, excluded_by=by, warmup_s=0.0)
+        return excluded_sentence(replace(report, session=session))
 
-    assert line(0.0, magnetic=6.5) == "1 disturbance, 6.5 s of the magnetometer alone excluded"
-    assert line(5.0, knock=5.0) == "1 disturbance, 5.0 s (knock 5.0 s) excluded"
-    both = "1 disturbance, 5.0 s (knock 5.0 s) and 6.5 s of the magnetometer alone excluded"
-    assert line(5.0, knock=5.0, magnetic=6.5) == both
+    alone, knock = "6.5 s of the magnetometer alone as disturbed", "5.0 s (knock 5.0 s) as disturbed"
+    assert shown(0.0, magnetic=6.5) == f"Excluded: {alone}."
+    assert shown(5.0, knock=5.0) == f"Excluded: {knock}."
+    assert shown(5.0, knock=5.0, magnetic=6.5) == f"Excluded: {knock}; {alone}."
 
 
-def test_the_text_has_the_time_to_the_configured_precision_and_the_loss() -> None:
+def test_the_summary_has_the_time_to_the_configured_precision_and_the_loss() -> None:
     report = replace(make_report(), precision={"N": 0.001, "B": 0.15, "K": 0.5})
-    gyro = report.channels["gyro/z"]
-    channels = {**report.channels, "gyro/z": replace(gyro, time_to={"N": 0.0, "B": 7200.0, "K": 259_200.0})}
+    ahead = {"N": 0.0, "B": 7200.0, "K": 259_200.0}
+    channels = {n: replace(c, time_to=ahead) if c.grade else c for n, c in report.channels.items()}
     lossy = replace(report.session, recent_loss=0.201)
-    lines = report_table(replace(report, channels=channels, session=lossy)).splitlines()
-    assert next(line for line in lines if line.startswith("B within ±15 %: ")).count("gyro/z in 2 h") == 1
-    assert "gyro/z in 3 d" in next(line for line in lines if line.startswith("K within ±50 %: "))
+    lines = summary_text(replace(report, channels=channels, session=lossy)).splitlines()
+    assert "still to come: B within ±15 % in 2 h, K within ±50 % in 3 d" in lines
     assert "20 % of the samples of the last minute are missing" in lines
 
 
@@ -248,12 +246,12 @@ def test_axes_move_together_only_beyond_chance() -> None:
             assert shape is not None
             shape = replace(shape, correlation={other: 0.76}, effective_samples=independent)
             channels[name] = replace(channels[name], distribution=shape)
-        shown = signal_lines(replace(report, channels=channels))
+        shown = text(replace(report, channels=channels), "md").splitlines()
         return [line for line in shown if line.startswith("gyro") and "moves together" in line]
 
     for independent in (None, 4.0, 20.0):
         assert lines(independent) == []
-    assert lines(400.0) == ["gyro/x: moves together with gyro/y (+0.76)"]
+    assert lines(400.0) == ["gyro/x: moves together with gyro/y (+0.76)."]
 
 
 def test_white_noise_has_as_many_effective_samples_as_samples_and_a_walk_few() -> None:
@@ -266,9 +264,9 @@ def test_white_noise_has_as_many_effective_samples_as_samples_and_a_walk_few() -
     assert effective_samples(white, None, 1024) is None
 
 
-def test_both_tables_name_their_units() -> None:
-    heads = [line for line in signal_lines(make_report(200.0)) if "drift per hour" in line]
-    assert [head.split("  ")[0] for head in heads] == ["in °/s", "in m/s²", "in mG", "in °C", "in kPa"]
+def test_the_summary_names_its_units() -> None:
+    heads = [line for line in summary_text(make_report(200.0)).splitlines() if line.startswith("in ")]
+    assert [head.split("  ")[0] for head in heads] == ["in °/s", "in m/s²", "in mG"]
 
 
 def test_wide_limits_are_a_factor() -> None:
@@ -277,6 +275,6 @@ def test_wide_limits_are_a_factor() -> None:
     si = 1.0 / COEFFICIENTS["K"].units["gyro"].factor
     k = replace(k, value=3.5 * si, low=1.0 * si, high=9.0 * si, combined_low=None)
     one = with_coefficients(report.channels["gyro/x"], K=k)
-    shown = report_table(replace(report, channels={"gyro/x": one}), 100)
+    shown = summary_text(replace(report, channels={"gyro/x": one}), 100)
     assert "3.5 ×÷3.0" in shown
     assert uncertainty() in shown

@@ -13,7 +13,7 @@ from reports import RATE, with_coefficients
 from imumon.api.document_report import document_report
 from imumon.cli.wait_condition import WaitCondition
 from imumon.coefficients import COEFFICIENTS, Estimate, Excess, coefficient_ratio
-from imumon.datasheet.tables import channel_rows, coefficient_text
+from imumon.datasheet.tables import coefficient_text
 from imumon.history_report import DayScatter
 from imumon.noise.synthesis import synthesise
 from imumon.pipeline.combined_limits import shared_share, with_combined
@@ -140,7 +140,7 @@ def test_every_command_and_the_screen_state_the_combined_limits() -> None:
     factor = part.readable.value / value
     assert Notation(si=True).limits(part) == (value, low, high)
     assert Notation().limits(part) == pytest.approx((factor * value, factor * low, factor * high))
-    assert figures(factor * high) in "\n".join(channel_rows(made, None))
+    assert figures(factor * high) in coefficient_text(part)
     condition = WaitCondition(channels=("gyro/x",), coefficient="N", precision=0.05)
     assert "known to 1.0" in (condition.unmet(made) or "")
     assert not coefficient_ratio(part, replace(part, value=1.1 * value)).differs

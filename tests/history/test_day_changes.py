@@ -13,7 +13,7 @@ from histories import BEGIN, NAMES, period, with_slopes, write
 from reports import warming_up as report
 
 from imumon.clock import HostClock
-from imumon.datasheet.signal_text import signal_lines
+from imumon.datasheet.summary import summary_text
 from imumon.history.day_changes import DayChanges
 from imumon.history.history import History
 from imumon.history.power_ups import LEAST_POWER_UPS, PowerUps
@@ -86,7 +86,7 @@ def test_a_step_of_the_slope_is_judged_by_the_errors_of_the_days() -> None:
     shown = replace(
         shown, channels={**shown.channels, "gyro/x": replace(shown.channels["gyro/x"], changes=(change,))}
     )
-    assert "rad/s/°C (against the history" in "\n".join(signal_lines(shown))
+    assert text in summary_text(shown, 200)
 
 
 def test_the_history_prints_the_slope_of_a_day(tmp_path: Path) -> None:

@@ -18,8 +18,7 @@ from paths import ROOT
 
 from imumon.cli.wait_condition import WaitCondition
 from imumon.datasheet import FORMS, NoCurve, document
-from imumon.datasheet.signal_text import baseline_summary, signal_lines
-from imumon.datasheet.tables import report_table
+from imumon.datasheet.summary import comparison_text, summary_text
 from imumon.filter_report import DEFAULT_HORIZON_S
 from imumon.pipeline.filter_report_builder import filter_report
 from imumon.report import Event, Report, Signal, from_json
@@ -182,10 +181,9 @@ def _exchanged(draw: random.Random, value: Any) -> Any:
 
 def show_everywhere(report: Report, signal: Signal | None, events: tuple[Event, ...], drawn: bool) -> None:
     """Show a report in every viewer; `drawn`: with the figures of matplotlib too."""
-    for width in (None, 20, 80):
-        report_table(report, width)
-        signal_lines(report, width)
-    baseline_summary(report, real_report())
+    for width in (20, 80):
+        summary_text(report, width)
+    comparison_text(report, real_report())
     to_json(report)
     for condition in (
         WaitCondition(),

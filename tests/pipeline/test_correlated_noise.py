@@ -17,9 +17,9 @@ from imumon.api import analyse
 from imumon.cli.wait_condition import WaitCondition
 from imumon.coefficients import COEFFICIENTS, MARKOV, Estimate, MarkovEstimate, by_letter, markov_deviation
 from imumon.datasheet import document
+from imumon.datasheet.appendix import _notes
 from imumon.datasheet.csv_table import csv_table
-from imumon.datasheet.signal_text import _notes
-from imumon.datasheet.tables import report_table, status_table
+from imumon.datasheet.summary import summary_text
 from imumon.history import HistoryStore
 from imumon.history.metrics import _gauges
 from imumon.history.rows import rows
@@ -138,14 +138,13 @@ def test_the_share_of_m_is_its_allan_deviation(report: Report) -> None:
 
 
 def test_the_tables_have_columns_for_both_and_a_word_for_what_is_open(report: Report) -> None:
-    text = report_table(report)
+    text = summary_text(report, 120)
     head = next(line for line in text.splitlines() if line.startswith("in °/s"))
-    assert head.index(" M in ") < head.index(" T in s")
+    assert head.index(" M ") < head.index(" T s")
     row = next(line for line in text.splitlines() if line.startswith("gyro/y"))
     assert row.count(" open") == 3
-    short = status_table(report, 120, None)
-    assert "open: it is B, K or M." in short
-    assert "open:" not in status_table(reports.report(60.0), 120, None)
+    assert "open: it is B, K or M." in text
+    assert "open:" not in summary_text(reports.report(60.0), 120)
 
 
 def test_a_table_has_a_row_for_each(report: Report) -> None:
@@ -274,7 +273,8 @@ def test_popcorn_noise_is_named_by_its_levels() -> None:
     rng = np.random.default_rng(5)
     noise = synthesise(samples, rate_hz, N=[6e-5], B=[2.4e-5], seed=5, averaged=False)
     upper = np.cumsum(rng.random(samples) < 1.0 / (dwell_s * rate_hz)) % 2
-    channel = analyse(noise[:, 0] + size * (2.0 * upper - 1.0), rate_hz=rate_hz).report.channels["gyro/x"]
+    report = analyse(noise[:, 0] + size * (2.0 * upper - 1.0), rate_hz=rate_hz).report
+    channel = report.channels["gyro/x"]
     assert "popcorn" in channel.caveats
     assert channel.model is not None
     jumps = channel.model.jumps
@@ -282,7 +282,7 @@ def test_popcorn_noise_is_named_by_its_levels() -> None:
     assert jumps.high - jumps.low == pytest.approx(2.0 * size, rel=0.1)
     assert dwell_s / 2.0 < jumps.low_s < 2.0 * dwell_s
     assert dwell_s / 2.0 < jumps.high_s < 2.0 * dwell_s
-    assert any(note.startswith("jumps between -") for note in _notes("gyro/x", channel))
+    assert any(note.startswith("jumps between -") for note in _notes("gyro/x", channel, report))
 
 
 # ---------------------------------------------------------------------- noise that the model does not have

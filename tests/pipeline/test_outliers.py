@@ -9,7 +9,7 @@ import pytest
 from paths import RECORDINGS
 
 import imumon
-from imumon.datasheet.tables import report_table
+from imumon.datasheet.summary import summary_text
 from imumon.messages import caveat_lines
 from imumon.noise.detection import Guard
 from imumon.pipeline import Monitor
@@ -183,7 +183,7 @@ def test_the_report_gives_the_size_of_what_outliers_add() -> None:
     robust = report.channels["gyro/x"].robust
     assert robust.ratio > 1.9
     assert any(f"{robust.ratio:.2f} times" in text for text in caveat_lines(report))
-    assert any(f"{robust.ratio:.2f} times" in text for text in report_table(report).splitlines())
+    assert any(f"{robust.ratio:.2f} times" in text for text in summary_text(report).splitlines())
 
 
 def test_a_clipped_axis_is_named_with_its_range_and_its_sensor_has_no_grade() -> None:

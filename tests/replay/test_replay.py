@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import documents
 import forked
 import numpy as np
 import pytest
@@ -20,8 +21,7 @@ from paths import RECORDINGS, needs_recordings
 from tables import csv, truth
 
 from imumon.bus import Publisher, Subscriber
-from imumon.datasheet.signal_text import signal_lines
-from imumon.datasheet.tables import event_rows
+from imumon.datasheet.appendix import event_rows
 from imumon.devices.vn100 import ascii as sentences
 from imumon.recordings import RecordingError
 from imumon.replay import ReplayedRecord, ReplayOptions, replay
@@ -113,7 +113,7 @@ def test_the_report_has_the_fields_of_the_contract(tmp_path: Path, name: str) ->
 
 def test_table_names_every_channel(tmp_path: Path) -> None:
     shown = imumon("replay", capture(tmp_path / "a.txt"), "--rate", "40")
-    for name in ("gyro/x", "accel/z", "mag/y", "°/√h", "caveat compensated"):
+    for name in ("gyro/x", "accel/z", "mag/y", "°/√h", "caveats: ", "compensated"):
         assert name in shown
 
 
@@ -133,7 +133,7 @@ def test_a_table_of_unknown_origin_is_unknown_and_gets_no_advice_about_a_vn100(t
     )
     assert not re.search(r"VN-?100|register|factory|listen-only", shown, re.IGNORECASE)
     assert "The filter of the sensor is unknown" in shown
-    raw = imumon("replay", capture(tmp_path / "a.txt"), "--rate", "40")
+    raw = imumon("replay", capture(tmp_path / "a.txt"), "--rate", "40", "--verbose")
     assert "If it is a VN-100 with factory settings" in raw
     assert "--filter names it" in raw
 
@@ -155,7 +155,7 @@ def test_a_report_lists_what_was_excluded_and_when(tmp_path: Path) -> None:
         assert any(event.elapsed_s - 5.0 < k / 40.0 < event.elapsed_s + event.length_s + 5.0 for k in at)
     times = [event.elapsed_s or 0.0 for event in report.events]
     assert times == sorted(times)
-    for shown in (imumon("replay", path), imumon("report", path)):
+    for shown in (imumon("replay", path, "--verbose"), imumon("report", path)):
         assert all(event.text in shown and f"{event.elapsed_s:,.1f} s" in shown for event in excluded)
     many = replace(report, events=tuple(replace(excluded[0], elapsed_s=100.0 + k) for k in range(24)))
     ((begin, sentence),) = event_rows(many)
@@ -187,13 +187,13 @@ def test_signal_findings_are_reported(tmp_path: Path) -> None:
     np.savez(path, t_s=t, gyro_uncomp=gyro, accel_uncomp=accel, mag_gauss=mag, temperature_C=degrees)
     text = imumon("replay", path, "--json")
     channels = json.loads(text)["channels"]
-    shown = "\n".join(signal_lines(from_json(Report, text)))
+    shown = documents.text(from_json(Report, text), "md")
     bias = channels["gyro/x"]["distribution"]
     assert bias["bias_low"] < 1e-3 < bias["bias_high"]
     upright = channels["accel/z"]["distribution"]
     assert upright["bias_low"] < 0.02 < upright["bias_high"]
     assert channels["accel/x"]["distribution"]["bias"] is None
-    assert f"accel/x{'not separable from tilt':>29}" in shown
+    assert re.search(r"^\| accel/x, .*\| not separable from tilt ", shown, re.M)
     drift = channels["gyro/y"]["drift"]
     assert drift["per_degC_low"] < 1e-4 < drift["per_degC_high"]
     assert drift["explained"] > 0.9
@@ -203,10 +203,8 @@ def test_signal_findings_are_reported(tmp_path: Path) -> None:
     assert "temperature" in channels["gyro/y"]["caveats"]
     assert channels["accel/x"]["distribution"]["correlation"]["accel/y"] > 0.5
     for text in (
-        f"gyro/y: follows the temperature by {np.degrees(drift['per_degC']):.2e}",
-        "accel/x: lines at 13.3 Hz of 0.0",
         "accel/x: moves together with accel/y (+0.5",
-        "mag/x: lines at 10",
+        "13.3 Hz of 0.0",
         "(50 Hz mains)",
     ):
         assert text in shown
