@@ -11,8 +11,8 @@ Rules, which do not depend on the chunks:
 - Blank lines, lines that begin with ``#``, and header lines are no samples and nothing is lost by them. A header sets
   the columns, unless they are given or samples came before it.
 - A line longer than `LONGEST_LINE` is discarded up to its end.
-- A header has at most `MOST_NAMES` names, and lines are tried as one `MOST_TRIALS` times: to read a name takes a
-  hundred times as long as a number, so that a sender of invented names would hold the program.
+- A header has at most `MOST_NAMES` names. Once samples came, it has as many names as they have numbers: to read a name
+  takes a hundred times as long as a number, and a board may print other text all the time.
 - A time without a unit has the one that the first `UNIT_ROWS` samples show (`unit_of_time`); they wait for it.
 - A counter that wraps continues. A time that goes back otherwise is that of a restarted sensor.
 
@@ -52,11 +52,6 @@ LONGEST_LINE = 4096
 """Bytes of a line at most, where the settings say nothing."""
 MOST_NAMES = 128
 """Names of a header at most: there are eleven channels, and a board prints some columns of its own."""
-MOST_HEADERS = 16
-"""Headers that are known again without a trial: a board prints the same one at each start."""
-MOST_TRIALS = 1000
-"""Lines of two words or more, other than a header that is known, that are tried as a header. A board that starts
-prints some hundred at most."""
 GRAVITY_SAMPLES = 100
 """Samples whose acceleration is compared with gravity."""
 PROPOSED_ROWS = 25
@@ -111,8 +106,6 @@ class LineDecoder:
         self._ledger = Ledger()
         self.columns: LineColumns | None = None
         self._settings, self._given = settings, "columns" in settings
-        self._headers: set[tuple[str, ...]] = set()  # that were recognised
-        self._trials = 0
         if not needs_header:
             self.columns = columns_of({"columns": DEFAULT_COLUMNS} | dict(settings))
         self._rest = b""
@@ -242,16 +235,14 @@ class LineDecoder:
 
     def _is_header(self, names: Sequence[str]) -> bool:
         """Return whether names are those of columns; the first ones set the columns, unless these are given."""
-        if (key := tuple(names)) in self._headers:
-            return True
-        if not 2 <= len(names) <= MOST_NAMES or self._trials >= MOST_TRIALS:
+        # a name takes a hundred times as long as a number: beside samples, text of another length is not tried
+        if self._begun and self.columns is not None and len(names) != self.columns.count:
             return False
-        self._trials += 1
+        if not 2 <= len(names) <= MOST_NAMES:
+            return False
         header = header_columns(names, self._settings) if all(map(_is_name, names)) else None
         if header is None:
             return False
-        if len(self._headers) < MOST_HEADERS:
-            self._headers.add(key)
         if not self._begun and not self._given:
             self.columns, self._begun, self._lost = header, True, 0
         return True
