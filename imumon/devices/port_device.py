@@ -53,23 +53,28 @@ class RateCheck:
     """Compare the rate at which samples arrive with the configured one.
 
     A stream without a clock gets its time from a configured rate alone, and a wrong one makes all of N, B and K
-    wrong. So it is compared with the host clock.
+    wrong. So it is compared with the host clock. The seconds of a clock of the samples are compared in the same way,
+    as a rate of 1 Hz.
+
+    Attributes
+    ----------
+    rate_hz : Hz, at which samples arrive; None: at the configured rate, or not known yet.
     """
 
     def __init__(self) -> None:
-        self._rate_hz: float | None = None  # at which samples arrive; None: the configured one
+        self.rate_hz: float | None = None
         self._start: float | None = None
-        self._last, self._count = 0.0, 0
+        self._last, self._count = 0.0, 0.0
 
     def restart(self) -> None:
         """Discard earlier samples."""
         self._start = None
 
-    def update(self, count: int, now: float, nominal_hz: float) -> None:
+    def update(self, count: float, now: float, nominal_hz: float) -> None:
         """Add `count` samples, lost ones included, that arrived at `now`, s monotonic."""
         if self._start is None or now - self._last > max(QUIET_UNKNOWN_S, 4.0 / nominal_hz):
             # the samples of this block were measured before `now`, where the comparison begins: they do not count
-            self._start, self._last, self._count = now, now, 0
+            self._start, self._last, self._count = now, now, 0.0
             return
         self._last = now
         self._count += count
@@ -79,18 +84,18 @@ class RateCheck:
         error_s = abs(self._count / nominal_hz - span)
         if error_s > RATE_TOLERANCE * span + READ_S + ARRIVAL_SAMPLES / nominal_hz:
             rate = self._count / span
-            if self._rate_hz is None or abs(rate / self._rate_hz - 1.0) > RATE_TOLERANCE:
-                self._rate_hz = rate
+            if self.rate_hz is None or abs(rate / self.rate_hz - 1.0) > RATE_TOLERANCE:
+                self.rate_hz = rate
         elif error_s < RATE_TOLERANCE * span:  # between the two, late batches decide: what was said stays
-            self._rate_hz = None
+            self.rate_hz = None
         if span > RATE_LONGEST_S:
             self._start = None
 
     def remark(self, nominal_hz: float) -> str | None:
         """Return the remark for the report; None if the rate is correct."""
-        if self._rate_hz is None:
+        if self.rate_hz is None:
             return None
-        return f"samples arrive at {self._rate_hz:.3g} Hz, not at the configured {nominal_hz:g} Hz: correct the rate"
+        return f"samples arrive at {self.rate_hz:.3g} Hz, not at the configured {nominal_hz:g} Hz: correct the rate"
 
 
 class Session(ABC):

@@ -15,8 +15,6 @@ from imumon.devices.serial_port import SerialPort
 from imumon.ledger import column_account
 from imumon.samples import DeviceInfo, SampleBlock
 
-CLOCK_S = 5.0
-"""s for which the time of the lines is compared with the host clock."""
 CLOCK_RATIO = 2.0
 """Factor between the two beyond which the unit of the time is doubted; wrong units differ by 1000."""
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -48,8 +46,7 @@ class LinesSession(Session):
         self._port, self._url, self._name, self._decoder = port, url, name, decoder
         self._paced = not url.path.startswith(STANDARD_INPUT)  # a file arrives faster than it was measured
         self._rate_check = RateCheck()
-        self._clock_begin: tuple[float, int] | None = None  # s of the host clock and ns of the lines
-        self._clock_ratio: float | None = None
+        self._newest_ns = 0  # time of the newest line
         # a datagram and an input begin with a whole line; a port or a server may be in the middle of one
         self._first: bytes | None = None if url.path.startswith(("udp:", STANDARD_INPUT)) else b""
 
@@ -84,12 +81,12 @@ class LinesSession(Session):
 
     def _rate_doubts(self) -> Iterator[str]:
         """Yield what does not fit the host clock: the time of the lines, or the given rate."""
-        ratio, columns = self._clock_ratio, self._decoder.columns
-        if columns is not None and ratio is not None and not 1.0 / CLOCK_RATIO < ratio < CLOCK_RATIO:
-            shown = f"{float(f'{ratio:.2g}'):,g}"
-            yield f"the time of the lines advances by {shown} s in a second: {_unit_cure(columns, ratio)}"
-        rate_hz = self._url.rate_hz
-        if rate_hz is not None and (remark := self._rate_check.remark(rate_hz)) is not None:
+        ratio, columns, rate_hz = self._rate_check.rate_hz, self._decoder.columns, self._url.rate_hz
+        if columns is not None and columns.time is not None:
+            if ratio is not None and not 1.0 / CLOCK_RATIO < ratio < CLOCK_RATIO:
+                shown = f"{float(f'{ratio:.2g}'):,g}"
+                yield f"the time of the lines advances by {shown} s in a second: {_unit_cure(columns, ratio)}"
+        elif rate_hz is not None and (remark := self._rate_check.remark(rate_hz)) is not None:
             yield remark
 
     def read(self, timeout: float) -> bytes:
@@ -119,16 +116,13 @@ class LinesSession(Session):
             now = time.monotonic()
             if block.time_ns is None and self._url.rate_hz is not None:
                 self._rate_check.update(len(block) + int(block.lost.sum()), now, self._url.rate_hz)
-            elif block.time_ns is not None and len(block):
-                self._compare_clock(now, int(block.time_ns[-1]))
+            elif block.time_ns is not None:
+                step_ns = int(block.time_ns[-1]) - self._newest_ns
+                self._newest_ns += step_ns
+                if step_ns < 0:  # a restarted sensor
+                    self._rate_check.restart()
+                self._rate_check.update(step_ns * 1e-9, now, 1.0)
         return blocks
-
-    def _compare_clock(self, now: float, time_ns: int) -> None:
-        """Compare the time of the lines with the host clock, once there is enough of it."""
-        if self._clock_begin is None or time_ns < self._clock_begin[1]:
-            self._clock_begin = now, time_ns
-        elif self._clock_ratio is None and now - self._clock_begin[0] > CLOCK_S:
-            self._clock_ratio = (time_ns - self._clock_begin[1]) * 1e-9 / (now - self._clock_begin[0])
 
 
 class LinesDevice(PortDevice):
