@@ -14,6 +14,8 @@ from pathlib import Path
 from imumon.report_json import plain
 
 PSEUDO_TERMINALS = "/dev/pts/"
+MEMORY = 1
+"""Major number of the devices of Linux that are memory (Documentation/admin-guide/devices.txt)."""
 COMMAND = 60
 """Longest command line in a message, characters."""
 # requests that the module termios does not have; numbers of asm-generic/ioctls.h
@@ -48,7 +50,9 @@ def holders(path: str) -> dict[int, str]:
     it open itself and takes no bytes of it.
     """
     programs, target, owner = {}, os.path.realpath(path), locker(path)
-    for process in Path("/proc").glob("[0-9]*") if _has_terminal_driver(target) else ():
+    if _is_memory(target):
+        return {}
+    for process in Path("/proc").glob("[0-9]*"):
         pid = int(process.name)
         with contextlib.suppress(OSError):
             if pid != os.getpid() and (pid == owner or _reads(process, target)):
@@ -56,13 +60,10 @@ def holders(path: str) -> dict[int, str]:
     return programs
 
 
-def _has_terminal_driver(path: str) -> bool:
-    """Return whether a path names a terminal, without opening it: that resets some boards."""
+def _is_memory(path: str) -> bool:
+    """Return whether a path is a device such as /dev/null, which most processes have open."""
     with contextlib.suppress(OSError):
-        major = str(os.major(os.stat(path).st_rdev))
-        drivers = Path("/proc/tty/drivers").read_text().splitlines()
-        # columns from the right: major number, range of minor numbers, type
-        return any(line.split()[-3] == major for line in drivers)
+        return os.major(os.stat(path).st_rdev) == MEMORY
     return False
 
 

@@ -37,8 +37,6 @@ DATAGRAM_BYTES = 1 << 22
 """Bytes of datagrams for which the kernel is asked, in case the reader is late; it may give less."""
 SENDER_S = 2.0
 """s of silence after which another sender of the same address takes the place of a sender of datagrams."""
-SENDER_DATAGRAMS = 100
-"""Datagrams after which a sender is the sensor for good; before, any other takes its place when it is silent."""
 RIVAL_S = 30.0
 """s after the last datagram of another sender for which there counts as one."""
 FROM = "?from="
@@ -151,8 +149,7 @@ class Datagrams(ReadOnlyPort):
     """A socket of datagrams from one sender: whoever reaches the port may send, and two sensors are no sensor.
 
     The first sender, an address with its port, is the sensor. Two programs of one machine differ in the port alone. A
-    sender that was started again has another port, so that one of the same address follows a sender that is silent. A
-    sender that has sent little, such as a scan of ports, gives way to any other.
+    sender that was started again has another port, so that one of the same address follows a sender that is silent.
 
     Parameters
     ----------
@@ -169,7 +166,7 @@ class Datagrams(ReadOnlyPort):
         self._datagrams = opened
         self._address = ip_address(address) if address else None
         self._sender: Any = None  # address and port of the sensor
-        self._heard, self._count = 0.0, 0  # s monotonic of its last datagram; their number
+        self._heard = 0.0  # s monotonic of its last datagram
         self._other_heard = float("-inf")  # s monotonic, of the last datagram of another sender
         self.other_lines = 0
         self.other_sender: str | None = None
@@ -197,16 +194,12 @@ class Datagrams(ReadOnlyPort):
     def _is_sensor(self, sender: Any, now: float) -> bool:
         """Return whether a datagram is of the sensor."""
         if self._address is not None:
-            named = ip_address(sender[0]) == self._address
-            self._heard = now if named else self._heard
-            return named
-        if sender != self._sender:
+            return ip_address(sender[0]) == self._address
+        if self._sender not in (None, sender):
             silent = now - self._heard > SENDER_S
-            known = self._sender is not None and self._count >= SENDER_DATAGRAMS
-            if self._sender is not None and not (silent and (not known or sender[0] == self._sender[0])):
+            if not silent or sender[0] != self._sender[0]:
                 return False
-            self._sender, self._count = sender, 0
-        self._heard, self._count = now, self._count + 1
+        self._sender, self._heard = sender, now
         return True
 
 
