@@ -38,8 +38,6 @@ RETRY_S = 5.0
 """s between two scans for a sensor that does not reply. A scan takes up to ten seconds."""
 GARBAGE_BYTES = 64
 """Bytes without a valid message that count as garbage; fewer may be the rest of a message."""
-ERROR_NOTICE_S = 60.0
-"""s between two notices of one error of the sensor, which may repeat a hundred times a second."""
 
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 
@@ -86,9 +84,7 @@ class Vn100Session(Session):
         self._unread = b""
         self._newest_ns, self._garbage, self._silences, self._restarted = 0, 0, 0, False
         self._troubles: set[str] = set()
-        self._errors: dict[
-            int | None, tuple[float, int]
-        ] = {}  # by code: when to report next, how many were not
+        self._errors: set[int | None] = set()  # codes that were reported
         self._reset_health(clock())
 
     # ------------------------------------------------------------------ start and end
@@ -173,7 +169,7 @@ class Vn100Session(Session):
                 self._check_rate(item, now)
                 self._check_restart(item)
             elif isinstance(item, SensorError):
-                self._on_sensor_error(item, now)
+                self._on_sensor_error(item)
         return items
 
     def check_health(self) -> list[Notice]:
@@ -311,16 +307,12 @@ class Vn100Session(Session):
         else:
             self._reconnect("found", "the sensor replies again")
 
-    def _on_sensor_error(self, error: SensorError, now: float) -> None:
-        """Report an error of the sensor, at most once per `ERROR_NOTICE_S`; all unknown codes count as one."""
+    def _on_sensor_error(self, error: SensorError) -> None:
+        """Report an error of the sensor once: it may repeat a hundred times a second. Unknown codes count as one."""
         code = error.code if error.code in ERRORS else None
-        due, unreported = self._errors.get(code, (now, 0))
-        if now < due:
-            self._errors[code] = due, unreported + 1
-            return
-        before = f" ({unreported} more since the last notice)" if unreported else ""
-        self._notices.append(Notice("sensor_error", f"the sensor reports an error: {error.text}{before}"))
-        self._errors[code] = now + ERROR_NOTICE_S, 0
+        if code not in self._errors:
+            self._errors.add(code)
+            self._notices.append(Notice("sensor_error", f"the sensor reports an error: {error.text}"))
 
     def _reconnect(self, kind: str, text: str) -> None:
         """Connect and configure again; if that fails, a later check tries again."""
