@@ -25,7 +25,6 @@ import numpy as np
 import pytest
 
 from imumon.config import Settings
-from imumon.devices import device_reader
 from imumon.devices.base import (
     Device,
     DeviceDriver,
@@ -223,23 +222,6 @@ class DeviceConformance:
         read_to(EndOfStream)
         assert isinstance(events[-1], EndOfStream)
         assert events[-1].error is None
-        assert reader.join(10.0)
-        assert reader.restored is True
-
-    def test_a_full_queue_holds_the_reader_and_the_run_can_still_end(
-        self, bench: Bench, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr(device_reader, "BATCHES", 2)
-        reader = DeviceReader(bench.device())
-        reader.start()
-        end = time.monotonic() + 2.0 * PATIENCE_S
-        while not isinstance(reader.get(1.0), Opened):
-            assert time.monotonic() < end
-        reader.begin()
-        while not isinstance(reader.get(1.0), Started):
-            assert time.monotonic() < end
-        time.sleep(1.0)
-        reader.stop(discard=True)
         assert reader.join(10.0)
         assert reader.restored is True
 

@@ -229,6 +229,25 @@ def test_a_failed_start_is_restored_before_the_next_try(monkeypatch: pytest.Monk
     assert reader.join(60.0)
 
 
+def test_a_full_queue_holds_the_reader_and_the_run_can_still_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "plug").touch()
+    monkeypatch.setattr("imumon.devices.device_reader.BATCHES", 2)
+    reader = DeviceReader(FakeDriver().create(DeviceOptions(url=f"fake:{tmp_path / 'plug'}")))
+    reader.start()
+    end = time.monotonic() + 60.0
+    while not isinstance(reader.get(1.0), Opened):
+        assert time.monotonic() < end
+    reader.begin()
+    while not isinstance(reader.get(1.0), Started):
+        assert time.monotonic() < end
+    until(reader._queue.full)
+    reader.stop(discard=True)
+    assert reader.join(10.0)
+    assert reader.restored is True
+
+
 class ShortDevice(BrokenDevice):
     """A device whose stream has some items and then ends, or is lost."""
 
