@@ -6,7 +6,6 @@ settings of the device, so that it can be decoded.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -17,7 +16,7 @@ from imumon.ledger import ColumnUse
 from imumon.report import MOST_CHARACTERS
 from imumon.report_json import plain
 from imumon.rest_sizes import is_one_g, median_size, too_noisy
-from imumon.samples import ACCEL, AXES, CHANNELS, FASTEST_HZ, GYRO, SLOWEST_HZ, Stream
+from imumon.samples import ACCEL, CHANNELS, FASTEST_HZ, GYRO, SLOWEST_HZ, Stream
 from imumon.timebase.stamp_kinds import typical_step
 
 if TYPE_CHECKING:
@@ -73,12 +72,6 @@ class LineColumns:
         """Unit of the time, ns, if it is a counter that wraps; 0: it does not wrap, or there is no time."""
         # those of Arduino and MicroPython do; no board is known whose counter of s or ns wraps
         return int(self.time.factor) if self.time is not None and self.time.unit in ("ms", "us") else 0
-
-    def acceleration(self, values: Sequence[float]) -> float:
-        """Return the length of the acceleration of a sample, m/s^2; 0.0 unless all three axes are there."""
-        # two axes do not show gravity: at rest, the third one may hold all of it
-        axes = [k for k, name in enumerate(self.stream.channels) if name.startswith("accel/")]
-        return math.hypot(*(values[k] for k in axes)) if len(axes) == len(AXES) else 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,25 +41,22 @@ from imumon.devices.lines.line_columns import (
 from imumon.errors import QUOTED
 from imumon.ledger import Ledger
 from imumon.report_json import plain
-from imumon.rest_sizes import sample_noise, too_noisy
-from imumon.samples import LONGEST_NS, SampleBlock
+from imumon.rest_sizes import is_one_g, median_size, sample_noise, too_noisy
+from imumon.samples import AXES, LONGEST_NS, Floats, SampleBlock
 from imumon.text_fields import RecordAssembler, fields_of
 from imumon.timebase.counter_wraps import wrap_ns
 from imumon.timebase.live_stamps import LiveStamps
-from imumon.units import STANDARD_GRAVITY
 
 LONGEST_LINE = 4096
 """Bytes of a line at most, where the settings say nothing."""
 MOST_NAMES = 128
 """Names of a header at most: there are eleven channels, and a board prints some columns of its own."""
-GRAVITY_SAMPLES = 100
-"""Samples whose acceleration is compared with gravity."""
+SIZE_SAMPLES = 100
+"""First samples, whose sizes are compared with those of a sensor at rest."""
 PROPOSED_ROWS = 25
 """Lines of numbers that are no samples, from which columns are proposed."""
 UNIT_ROWS = 25
 """Samples from which the unit of a time is inferred: a quarter of a second at 100 Hz."""
-GRAVITY_RATIO = 1.5
-"""Factor between the two above which the unit is doubted: no sensor at rest is so wrong."""
 
 _NUMBER = re.compile(rb"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf)", re.IGNORECASE)
 
@@ -123,8 +120,8 @@ class LineDecoder:
         self._waiting: list[_Row] = []  # whose time is not decided
         self._unmatched: list[list[float]] = []  # numbers of lines that are no samples, at the start
         self._proposal: str | None = None  # columns that they fit
-        self._rates: list[list[float]] = []  # rad/s, of the first samples
-        self._lengths: list[float] = []  # m/s^2, of the first accelerations
+        self._first: list[list[float]] = []  # values of the first samples, in SI
+        self._unit_doubts: tuple[str, ...] = ()
 
     @property
     def pending(self) -> int:
@@ -145,8 +142,7 @@ class LineDecoder:
     @property
     def remarks(self) -> tuple[str, ...]:
         stamps = self._stamps.remark if self._stamps is not None else None
-        of_units = [self._assumed_unit, self._doubted_unit(), self._noisy()]
-        doubts = [self._fault, self._proposal, stamps, *of_units]
+        doubts = [self._fault, self._proposal, stamps, self._assumed_unit, *self._unit_doubts]
         return tuple(text for text in doubts if text)
 
     def feed(self, data: bytes) -> list[SampleBlock]:
@@ -291,10 +287,10 @@ class LineDecoder:
         # before the first sample, invalid lines are greetings of the board and the half of a line
         lost, self._lost = self._lost if self._begun else 0, 0
         self._begun = True
-        if len(self._lengths) < GRAVITY_SAMPLES:
-            self._lengths.append(columns.acceleration(values))
-            gyro = [v for v, c in zip(values, columns.used, strict=True) if c.quantity == "gyro"]
-            self._rates.append(gyro)
+        if len(self._first) < SIZE_SAMPLES:
+            self._first.append(values)
+            if len(self._first) == SIZE_SAMPLES:
+                self._unit_doubts = tuple(_unit_doubts(columns, np.array(self._first)))
         return _Row(time, values, lost)
 
     # ------------------------------------------------------------------ time
@@ -357,37 +353,18 @@ class LineDecoder:
         lost = np.array([row.lost for row in rows], np.int64)
         return [SampleBlock(columns.stream, np.array([row.values for row in rows]), times, lost)]
 
-    def _noisy(self) -> str | None:
-        """Return a remark if the gyroscope has more noise than any at rest; None: it has not, or is not known yet."""
-        if (
-            len(self._rates) < GRAVITY_SAMPLES
-            or not self._rates[0]
-            or _unit_of_rates(self.columns) != "rad/s"
-        ):
-            return None
-        rates = np.array(self._rates)
-        if not too_noisy(rates):
-            return None
-        noise = f"{math.degrees(sample_noise(rates)):.2g} deg/s"
-        return f"the noise of the gyroscope is {noise} if it is in rad/s, more than at rest: check its unit, gyro=deg/s"
 
-    def _doubted_unit(self) -> str | None:
-        """Return a remark if the acceleration is far from gravity; None: it is not, or is not known yet."""
-        known = sorted(length for length in self._lengths if length > 0.0)
-        if len(known) < GRAVITY_SAMPLES:
-            return None
-        ratio = known[len(known) // 2] / STANDARD_GRAVITY
-        if 1.0 / GRAVITY_RATIO < ratio < GRAVITY_RATIO:
-            return None
-        length = f"{ratio * STANDARD_GRAVITY:.3g} m/s^2"
-        return f"the acceleration is {length}, and at rest it is 9.81: check its unit, accel="
-
-
-def _unit_of_rates(columns: LineColumns | None) -> str:
-    units = (
-        [column.unit for column in columns.used if column.quantity == "gyro"] if columns is not None else []
-    )
-    return next((unit for unit in units if unit), "rad/s")
+def _unit_doubts(columns: LineColumns, rows: Floats) -> Iterator[str]:
+    """Yield what (n, k) values in SI say against their units: gravity, and more noise than at rest."""
+    accel = [k for k, column in enumerate(columns.used) if column.quantity == "accel"]
+    # two axes do not show gravity: at rest, the third one may hold all of it
+    size = median_size(rows[:, accel]) if len(accel) == len(AXES) else None
+    if size and not is_one_g(size):
+        yield f"the acceleration is {size:.3g} m/s^2, and at rest it is 9.81: check its unit, accel="
+    gyro = [k for k, c in enumerate(columns.used) if c.quantity == "gyro" and c.unit in (None, "rad/s")]
+    if gyro and too_noisy(rows[:, gyro]):
+        noise = f"{math.degrees(sample_noise(rows[:, gyro])):.2g} deg/s"
+        yield f"the noise of the gyroscope is {noise} if it is in rad/s, more than at rest: check its unit, gyro=deg/s"
 
 
 def _is_name(text: str) -> bool:
