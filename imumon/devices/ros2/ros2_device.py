@@ -8,7 +8,6 @@ again within a second is the same one, and its stamps show the gap.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 
 from imumon.devices.base import (
@@ -34,7 +33,7 @@ POLL_S = 0.05
 RIVAL_S = 30.0
 """s after the last message of another publisher for which there counts as one."""
 MOST_NAMED = 4
-"""Publishers of the topic that a report names."""
+"""Publishers of the topic that a report names, at most: others choose how many there are."""
 GONE_S = 1.0
 """s without a publisher and without a message after which the topic is gone."""
 
@@ -128,7 +127,7 @@ class Ros2Device(Device):
             source=f"{IMU} on {self._url.topic}",
             topic=self._url.topic,
             clock=None if stream is None else stream.clock,
-            settings={"publisher": _few(self._nodes)} if self._nodes else {},
+            settings={"publisher": ", ".join(self._nodes[:MOST_NAMED])} if self._nodes else {},
             caveats=("unknown_compensation", *(("other_sender",) if self._has_rival() else ())),
             remarks=tuple(self._assembler.remarks),
         )
@@ -184,13 +183,3 @@ class Ros2Device(Device):
             other_sender=earlier.other_sender + assembler.other_sender,
             ledger=merged(earlier.ledger, assembler.ledger),
         )
-
-
-def _few(names: Sequence[str]) -> str:
-    """Return the first names of any number: others choose how many there are.
-
-    >>> _few(("a", "b")), _few(("a", "b", "c", "d", "e", "f"))
-    ('a, b', 'a, b, c, d and 2 more')
-    """
-    more = len(names) - MOST_NAMED
-    return ", ".join(names[:MOST_NAMED]) + (f" and {more:,} more" if more > 0 else "")
