@@ -193,11 +193,10 @@ class Histogram:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distribution:
-    """Shape of the values: verdict as text, modes, and the last minute."""
+    """Shape of the values: verdict as text, and the last minute."""
 
     verdict: str | None = None  # "Gaussian", "not Gaussian: heavy tails", "constant", "too few samples"
     gaussian: bool | None = None  # whether it is Gaussian; null: too few samples, or constant
-    modes: tuple[float, ...] = ()  # channel unit, places of the maxima, highest first
     recent_mean: float | None = None  # channel unit, of the last minute, excluded samples included
     recent_std: float | None = None  # channel unit, of the last minute, excluded samples included
     bias: float | None = None  # channel unit, mean minus the reading of a sensor at rest

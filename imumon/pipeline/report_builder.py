@@ -188,7 +188,6 @@ def distribution(
     return report.Distribution(
         verdict=shape.verdict if shape else None,
         gaussian=shape.is_gaussian if shape else None,
-        modes=shape.modes if shape else (),
         recent_mean=_finite(recent[0]),
         recent_std=_finite(recent[1]),
         correlation=correlation,

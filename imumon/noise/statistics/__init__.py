@@ -6,7 +6,7 @@ Each is an accumulator of bounded size with `update` and `result`, independent o
 |---|---|---|
 | `moments` | mean, spread, shape, correlation | central moments that join exactly (Chan, Golub & LeVeque 1979) |
 | `histogram` | how are the values distributed? | counts on a lattice that coarsens with the range |
-| `distribution_shape` | is that Gaussian, quantised, of several modes? | effect sizes beyond their sampling errors |
+| `distribution_shape` | is that Gaussian, or quantised? | effect sizes beyond their sampling errors |
 | `differences` | do a few samples dominate N? | median against mean square of neighbouring differences |
 | `extreme_values` | is it clipped? | visits of the least and the greatest value |
 | `envelope` | what does the signal look like? | minimum and maximum in columns of time |

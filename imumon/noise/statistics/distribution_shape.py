@@ -1,4 +1,4 @@
-"""Shape of a distribution: is it Gaussian, quantised, of several modes?
+"""Shape of a distribution: is it Gaussian, or quantised?
 
 The verdict is about effect size: with a million samples every real distribution fails a significance test,
 but the question is whether a Gaussian model would mislead. Limits are on the Kolmogorov distance
@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 from scipy.special import ndtr
 
-from imumon.samples import Floats, Ints
+from imumon.samples import Ints
 
 GAUSSIAN_DISTANCE = 0.025
 """Up to here a distribution counts as Gaussian. Unit: Kolmogorov distance.
@@ -41,8 +41,7 @@ DISTANCE_ERROR = 1.5
 Otherwise: short records are not Gaussian by chance.
 """
 MOMENT_ERRORS = 4.0
-"""Errors of skewness, kurtosis and a ratio of deviations that chance may make; a mode rises by more. Unit: standard
-errors.
+"""Errors of skewness, kurtosis and a ratio of deviations that chance may make. Unit: standard errors.
 
 Otherwise: short records have verdicts by chance.
 """
@@ -50,16 +49,6 @@ QUANTISED_STEPS = 1.5
 """A channel with a smaller standard deviation is called quantised. Unit: quantisation steps.
 
 Otherwise: a distribution of two or three levels is compared with a bell.
-"""
-MODE_HEIGHT = 0.1
-"""A mode rises above the valleys beside it by as much. Unit: of the highest count.
-
-Otherwise: each ripple of the histogram is a mode.
-"""
-MODE_WIDTH = 0.25
-"""Width of the kernel that smooths the counts before modes are sought. Unit: of the standard deviation.
-
-Otherwise: with a narrower one, noise of the counts makes modes; with a wider one, two modes become one.
 """
 LEARN_SAMPLES = 256
 """The step of a quantised channel is read from this many; with fewer there is no verdict and no median. Unit:
@@ -80,9 +69,6 @@ class DistributionShape:
     gaussian : expected counts of a Gaussian with the same mean and deviation.
     is_gaussian : None with fewer than `LEARN_SAMPLES` samples.
     verdict : text, such as ``not Gaussian: heavy tails``.
-    modes : channel unit, places of the maxima, highest first.
-    distance : Kolmogorov distance to the Gaussian; None without spread.
-    skewness, excess_kurtosis : 1; None without spread.
     step : channel unit, quantisation step, or None.
     """
 
@@ -92,10 +78,6 @@ class DistributionShape:
     gaussian: tuple[float, ...]
     is_gaussian: bool | None
     verdict: str
-    modes: tuple[float, ...]
-    distance: float | None = None
-    skewness: float | None = None
-    excess_kurtosis: float | None = None
     step: float | None = None
 
     @property
@@ -108,11 +90,9 @@ def assessed(start: float, width: float, counts: Ints, step: float | None) -> Di
     """Return the shape of the distribution from the counts of equal bins."""
     n = int(counts.sum())
     share = counts / n
-    centres = np.asarray(start + width * (np.arange(len(counts)) + 0.5), dtype=np.float64)
     # in bins, because powers of tiny units underflow; about the middle, because those of large numbers lose digits
     d = np.arange(len(counts)) - float(len(counts) // 2)
-    middle, mean = float(centres[len(counts) // 2]), float(share @ d)
-    d = d - mean
+    d = d - float(share @ d)
     m2 = float(share @ d**2)
     shape = partial(DistributionShape, start=start, width=width, counts=tuple(counts.tolist()), step=step)
     if n < 2 or m2 <= 0.0:
@@ -120,7 +100,6 @@ def assessed(start: float, width: float, counts: Ints, step: float | None) -> Di
             gaussian=(float(n),) * len(counts),
             is_gaussian=None,
             verdict="constant" if n >= LEARN_SAMPLES else "too few samples",
-            modes=(mean * width + middle,),
         )
     # Grouping into bins adds 1/12 to the variance (Sheppard), unless the bins are the levels themselves.
     # It adds m2/2 - 7/240 to the fourth moment and nothing to the third.
@@ -130,8 +109,7 @@ def assessed(start: float, width: float, counts: Ints, step: float | None) -> Di
     kurtosis = (float(share @ d**4) - grouped * (m2 / 2.0 - 7.0 / 240.0)) / variance**2 - 3.0
     phi = ndtr((np.append(d, d[-1] + 1.0) - 0.5) / math.sqrt(variance))
     distance = float(np.abs(np.cumsum(share) - phi[1:]).max())
-    modes = _modes(counts, centres, math.sqrt(variance))
-    deviations = _deviations(n, distance, skewness, kurtosis, len(modes))
+    deviations = _deviations(n, distance, skewness, kurtosis)
     coarse = step is not None and math.sqrt(variance) * width < QUANTISED_STEPS * step
     if coarse and step is not None:
         deviations = [f"quantised: {int(np.count_nonzero(counts))} levels"]
@@ -143,60 +121,18 @@ def assessed(start: float, width: float, counts: Ints, step: float | None) -> Di
         gaussian=tuple((n * np.diff(phi)).tolist()),
         is_gaussian=None if n < LEARN_SAMPLES else not deviations,
         verdict=verdict,
-        modes=modes,
-        distance=distance,
-        skewness=skewness,
-        excess_kurtosis=kurtosis,
     )
 
 
-def _deviations(n: int, distance: float, skewness: float, kurtosis: float, modes: int) -> list[str]:
+def _deviations(n: int, distance: float, skewness: float, kurtosis: float) -> list[str]:
     """Return how a distribution differs from a Gaussian, as text."""
     tails = GAUSSIAN_KURTOSIS + MOMENT_ERRORS * math.sqrt(24.0 / n)
     conditions = {
-        f"{modes} modes": modes > 1,
         "heavy tails": kurtosis > tails,
-        "light tails": kurtosis < -tails and modes == 1,  # two modes alone have light tails
+        "light tails": kurtosis < -tails,
         "skewed": abs(skewness) > GAUSSIAN_SKEWNESS + MOMENT_ERRORS * math.sqrt(6.0 / n),
     }
     deviations = [text for text, applies in conditions.items() if applies]
     # the distance has no direction: it only decides where nothing above explains it
     different = distance > GAUSSIAN_DISTANCE + DISTANCE_ERROR / math.sqrt(n)
     return deviations or (["shape"] if different else [])
-
-
-def _modes(counts: Ints, centres: Floats, sigma: float) -> tuple[float, ...]:
-    """Return the maxima of the smoothed counts, highest first.
-
-    A maximum rises above the valleys beside it by `MODE_HEIGHT` of the highest and by `MOMENT_ERRORS`
-    standard errors. scipy.signal.find_peaks does the same, but costs the daemon 50 MB.
-
-    Parameters
-    ----------
-    counts : (k,)
-    centres : (k,) channel unit.
-    sigma : bins, standard deviation of all samples.
-    """
-    h = MODE_WIDTH * sigma
-    reach = math.ceil(3.0 * h)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / h) ** 2)
-    kernel /= kernel.sum()
-    smooth = np.convolve(np.pad(counts.astype(np.float64), reach), kernel, mode="valid").tolist()
-    error = math.sqrt(float(kernel @ kernel))
-    least = MODE_HEIGHT * max(smooth)
-    maxima: list[int] = []
-    top, bottom, rising = 0, 0, True
-    for i, value in enumerate(smooth):
-        if rising:
-            top = i if value > smooth[top] else top
-            if smooth[top] - value > max(least, MOMENT_ERRORS * error * math.sqrt(max(smooth[top], 1.0))):
-                maxima.append(top)
-                rising, bottom = False, i
-        else:
-            bottom = i if value < smooth[bottom] else bottom
-            if value - smooth[bottom] > max(least, MOMENT_ERRORS * error * math.sqrt(max(value, 1.0))):
-                rising, top = True, i
-    if rising:  # the last maximum has no valley behind it
-        maxima.append(top)
-    maxima.sort(key=lambda i: -smooth[i])
-    return tuple(float(centres[i]) for i in maxima)
