@@ -256,7 +256,7 @@ class Drift:
 class ModelColumn:
     """A regressor of the fit: what moves the mean and is not noise."""
 
-    # "drift", "temperature", "temperature_2" (its square), "temperature_3", "hysteresis", "settling" or "step"
+    # "drift", "temperature", "temperature_2" (its square), "temperature_3", "settling" or "step"
     name: str
     value: float  # in `unit`
     low: float  # in `unit`, lower 95 % limit

@@ -108,13 +108,3 @@ def test_the_noise_beside_a_bent_effect_is_that_without_one() -> None:
         assert warm.N.value == pytest.approx(plain.N.value, rel=0.01)
         assert warm.B.high == pytest.approx(plain.B.high, rel=0.1)
         assert warm.K.high < 2.0 * plain.K.high
-
-
-def test_hysteresis_is_no_random_walk() -> None:
-    degrees = 20.0 + 40.0 * BOTH_WAYS
-    way = np.where(TIME < 0.5, 0.5, -0.5) * (1.0 - (BOTH_WAYS * 2.0 - 1.0) ** 2)
-    plain, bent = fits_beside(0.0 * degrees, degrees), fits_beside(1e-5 * degrees + 4e-4 * way, degrees)
-    for one, other in zip(plain, bent, strict=True):
-        assert other.column("hysteresis") is not None
-        assert other.B.high == pytest.approx(one.B.high, rel=0.05)
-        assert other.K.high < 1.5 * one.K.high

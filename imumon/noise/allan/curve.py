@@ -114,20 +114,6 @@ class AllanSums:
             (self.record, before.span),
         )
 
-    def includes(self, before: AllanSums) -> bool:
-        """Return whether these sums can be those of the same record later: none is smaller."""
-        k = min(len(self.squares), len(before.squares))
-        return bool(
-            all(
-                (getattr(self, name)[:k] >= getattr(before, name)[:k]).all()
-                and not getattr(before, name)[k:].any()
-                for name in ("squares", "terms", "white_excess")
-            )
-            and (self.valid >= before.valid).all()
-            and self.span >= before.span
-            and self.sections >= before.sections
-        )
-
     def curve(self, tau0: float, sums: NoiseSums | None = None) -> AllanCurve:
         """Return the Allan curve of these sums, up to the last octave with a difference.
 

@@ -7,7 +7,7 @@ the cosine coefficients:
 |---|---|---|
 | drift | t, of each segment | the constant is removed by the transform; a ramp is the longest "noise" of all |
 | temperature | T(t) less its mean | the first effect of the room on a sensor |
-| its square, its cube, hysteresis | T^2, T^3, +-(1 - u^2)/2, u from -1 to 1 over the span | a bend of this effect |
+| its square, its cube | T^2, T^3 | a bend of this effect |
 | settling | exp(-t / tau), and its derivative by tau | a warm-up; with the derivative tau is free to first order |
 | step | 0 before its place, 1 after it, between in its block | a knock, a range that changes |
 | oscillation | cos, sin, and both times t | an air conditioner of few cycles; with t, its size or period may change |
@@ -27,7 +27,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 
@@ -93,19 +92,12 @@ deviations.
 
 Otherwise: the noise of the thermometer enters the model of the channel, times the slope. See `temperature.py`.
 """
-BOTH_WAYS = 0.15
-"""The temperature has turned when it has come back by this much; hysteresis needs this share of blocks and of span
-in each direction. Unit: of the span.
-
-Otherwise: noise of the thermometer counts as directions, and hysteresis is fitted where none can be seen. Chosen:
-above the noise of a thermometer, below the swing of a room (`temperature.py`).
-"""
 
 CHI_SQUARE_MEDIAN = 0.455
 """Median of a chi-square variable of one degree of freedom, over its mean."""
 OSCILLATION = ("oscillation", "oscillation_sine", "oscillation_growth", "oscillation_sine_growth")
 """Columns of an oscillation: two phases, and the same growing in time."""
-BENT = ("temperature_2", "temperature_3", "hysteresis")
+BENT = ("temperature_2", "temperature_3")
 """Columns of the effect of a temperature beside a straight line."""
 
 
@@ -115,8 +107,8 @@ class Regressor:
 
     Attributes
     ----------
-    name : ``drift``, ``temperature``, ``temperature_2``, ``temperature_3``, ``hysteresis``, ``settling``,
-        ``settling_time``, ``step`` or one of `OSCILLATION`.
+    name : ``drift``, ``temperature``, ``temperature_2``, ``temperature_3``, ``settling``, ``settling_time``,
+        ``step`` or one of `OSCILLATION`.
     series : (n,) value at each block.
     column : (m,) its coefficients, of norm one.
     scale : norm one over that of the coefficients of the values.
@@ -244,57 +236,13 @@ def _without_noise(series: BlockSeries, degrees: Floats, noise: float) -> Floats
 
 
 def bends(series: BlockSeries, heat: Regressor) -> list[Regressor]:
-    """Return what a straight line leaves of the effect of a temperature: its square, its cube, and hysteresis."""
-    loop = hysteresis(series, heat.series)
-    powers = [of_series(series, name, heat.series**power) for name, power in zip(BENT, (2, 3), strict=False)]
-    return powers if loop is None else [*powers, loop]
-
-
-def hysteresis(series: BlockSeries, degrees: Floats) -> Regressor | None:
-    """Return half the difference between the directions of a temperature (n,), none at the ends of its span.
-
-    None where it does not both rise and fall.
-    """
-    direction = _direction(degrees)
-    if direction is None:
-        return None
-    # at the ends of the span the two directions meet: the loop closes there
-    return of_series(series, BENT[-1], direction * (1.0 - unit_span(degrees) ** 2))
+    """Return what a straight line leaves of the effect of a temperature: its square and its cube."""
+    return [of_series(series, name, heat.series**power) for name, power in zip(BENT, (2, 3), strict=True)]
 
 
 def unit_span(degrees: Floats) -> Floats:
     """Return (n,) a temperature as -1 at the lowest to 1 at the highest."""
     return np.asarray(2.0 * (degrees - degrees.min()) / np.ptp(degrees) - 1.0)
-
-
-def _direction(degrees: Floats) -> Floats | None:
-    """Return (n,) +0.5 while the temperature (n,) rises and -0.5 while it falls; None where not both occur enough.
-
-    The direction changes at an extreme from which the temperature has come back by a share of the span.
-    """
-    span = float(np.ptp(degrees))
-    turns, extreme, rising = [0], 0, None
-    # a turn is an extreme from which the temperature comes back by more than the noise of a thermometer does
-    for i, value in enumerate(degrees.tolist()):
-        ahead = value - degrees[extreme]
-        if rising is None:
-            rising = None if abs(value - degrees[0]) < BOTH_WAYS * span else value > degrees[0]
-            extreme = i
-        elif (ahead > 0.0) == rising:
-            extreme = i
-        elif abs(ahead) > BOTH_WAYS * span:
-            turns.append(extreme)
-            extreme, rising = i, not rising
-    if rising is None or len(turns) == 1:
-        return None  # one direction only: hysteresis is a part of the slope
-    first = rising if len(turns) % 2 else not rising
-    out = np.empty(degrees.size)
-    for number, (begin, end) in enumerate(pairwise([*turns, degrees.size])):
-        out[begin:end] = 0.5 if first == (number % 2 == 0) else -0.5
-    for side in (out > 0.0, out < 0.0):
-        if side.mean() < BOTH_WAYS or np.ptp(degrees[side]) < BOTH_WAYS * span:
-            return None
-    return out
 
 
 def settlings(series: BlockSeries) -> list[list[Regressor]]:

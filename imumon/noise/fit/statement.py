@@ -95,8 +95,8 @@ class RegressorEstimate:
 
     Attributes
     ----------
-    name : ``drift``, ``temperature``, ``temperature_2`` (its square), ``temperature_3``, ``hysteresis``, ``settling``
-        or ``step``; of a bias curve ``degree 0`` and ``degree 1``.
+    name : ``drift``, ``temperature``, ``temperature_2`` (its square), ``temperature_3``, ``settling`` or
+        ``step``; of a bias curve ``degree 0`` and ``degree 1``.
     value, low, high : channel unit, per s of a drift, per degC (its square, its cube) of a temperature; 95 % limits.
     time_constant_s : s, of a settling.
     """
@@ -558,8 +558,7 @@ def _columns(model: Model, tau0: float) -> tuple[tuple[RegressorEstimate, ...], 
 def _is_collinear(model: Model) -> bool:
     """Return whether the estimates of drift and temperature slope are so correlated that neither means anything.
 
-    Without the bends: beside its square, its cube and hysteresis a slope is always less certain, and its limits say by
-    how much.
+    Without the bends: beside its square and its cube a slope is always less certain, and its limits say by how much.
     """
     names = [column.name for column in model.slow.regressors if column.name not in BENT]
     if "temperature" not in names:
