@@ -37,18 +37,6 @@ HIGHEST_DEGC = 110.0
 Otherwise: see LOWEST_DEGC: Fahrenheit, kelvin and counts pass. Origin: sensors are rated to 110 degC at most (Murata
 SCHA634).
 """
-JUMP_SHARE = 0.5
-"""A temperature that changes more between two blocks, and by JUMP_DEGC, is an error of the thermometer. Unit: of
-the span.
-
-Otherwise: a plug that is pulled makes a line through two clouds of points. Chosen: no sensor warms by half of its
-span within a block.
-"""
-JUMP_DEGC = 2.0
-"""Least jump of a temperature that counts as one, see JUMP_SHARE. Unit: degC.
-
-Otherwise: the steps of a coarse thermometer count as jumps. Chosen: twenty steps of a tenth of a degree.
-"""
 POINTS = 9
 """Points of the bias curve. Unit: temperatures.
 
@@ -121,7 +109,9 @@ def bias_curve(
         return BiasFit(reason="implausible")
     jumps = np.abs(np.diff(straight.series))
     jumps[series.begin[1:] - 1] = 0.0
-    if jumps.max() > max(JUMP_SHARE * (high - low), JUMP_DEGC):
+    # A plug that is pulled makes a line through two clouds of points. No sensor warms by half of its span within a
+    # block, and 2 degC are more than the steps of a coarse thermometer.
+    if jumps.max() > max(0.5 * (high - low), 2.0):
         return BiasFit(reason="jumps")
     reference, half = 0.5 * (low + high), 0.5 * (high - low)
     fit = _fitted(series, columns_of.unit_span(straight.series), noise)
