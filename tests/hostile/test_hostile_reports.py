@@ -20,8 +20,6 @@ from imumon.datasheet import document
 from imumon.filter_report import FilterReport
 from imumon.report import Event, Report, Signal, from_json
 from imumon.report_json import plain
-from imumon.tui.export import exported_text
-from imumon.tui.view_state import VIEWS, ViewState
 
 LONGEST_S = 10.0
 """s that all viewers together may take for one report on a busy machine."""
@@ -106,16 +104,12 @@ def test_plain_text_has_no_character_that_a_terminal_obeys() -> None:
     assert plain("°/√h ×÷ τ ⠿ █") == "°/√h ×÷ τ ⠿ █"
 
 
-def test_cells_that_a_spreadsheet_would_execute_are_escaped() -> None:
-    formula = '=HYPERLINK("http://example.org")'
+@pytest.mark.parametrize("formula", ['=HYPERLINK("http://example.org")', "+1", "@x", "-2+3"])
+def test_cells_that_a_spreadsheet_would_execute_are_escaped(formula: str) -> None:
     report = from_json(Report, changed("channels", "gyro/x", "unit", to=formula))
-    event = Event(time="+1", kind="@x", text="-2+3", device=report.device.id, channel=None)
-    state = ViewState(reports={report.device.id: report}, id=report.device.id, events=(event,))
-    texts = [document(report, "csv", FilterReport(time=report.time, device=report.device)).decode()]
-    texts += [exported_text(state.updated(view=view), "csv") for view in VIEWS]
-    cells = [cell for text in texts for row in csv.reader(text.splitlines()) for cell in row]
+    text = document(report, "csv", FilterReport(time=report.time, device=report.device)).decode()
+    cells = [cell for row in csv.reader(text.splitlines()) for cell in row]
     assert f"'{formula}" in cells
-    assert {"'+1", "'@x", "'-2+3"} <= set(cells)
     for cell in cells:
         assert not cell.startswith(("=", "+", "@", "\t", "\r"))
         assert not cell.startswith("-") or float(cell) < 0.0
