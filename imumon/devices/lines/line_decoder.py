@@ -302,15 +302,8 @@ class LineDecoder:
         if columns is None or columns.time is None:
             return rows
         if columns.time.unit is None:
-            rows = [*self._without_unit, *rows]
-            self._without_unit = [] if final or len(rows) >= UNIT_ROWS else rows
-            if self._without_unit or not rows:
-                return []
-            unit = unit_of_time(np.array([float(row.time) for row in rows])) or DEFAULT_UNIT
-            if unit != "s" and columns.settings["columns"] != DEFAULT_COLUMNS:
-                name = plain(columns.time.name)
-                self._assumed_unit = f"{name} has no unit: {unit} is assumed; if it has another, write time="
-            self.columns = columns = columns.with_unit(unit)
+            columns, rows = self._with_unit(columns, rows, final=final)
+            self.columns = columns
         factor, timed = columns.time_factor, []
         for row in rows:
             # a float resolves 256 ns of the time since 1970: whole numbers stay whole
@@ -322,6 +315,20 @@ class LineDecoder:
             else:  # in the unit that the rows before it have shown
                 self._ledger.add("not_finite")
         return timed
+
+    def _with_unit(
+        self, columns: LineColumns, rows: list[_Row], *, final: bool
+    ) -> tuple[LineColumns, list[_Row]]:
+        """Return the columns with a unit of the time, and the samples that have waited for it; before, none of them."""
+        rows = [*self._without_unit, *rows]
+        self._without_unit = [] if final or len(rows) >= UNIT_ROWS else rows
+        if self._without_unit or not rows:
+            return columns, []
+        unit = unit_of_time(np.array([float(row.time) for row in rows])) or DEFAULT_UNIT
+        if columns.time is not None and unit != "s" and columns.settings["columns"] != DEFAULT_COLUMNS:
+            name = plain(columns.time.name)
+            self._assumed_unit = f"{name} has no unit: {unit} is assumed; if it has another, write time="
+        return columns.with_unit(unit), rows
 
     def _restarted(self, row: _Row) -> bool:
         """Return whether the clock has restarted before a sample; a wrap is added to `_offset`."""
