@@ -26,7 +26,7 @@ from document_tables import Figure, at_most, seconds, show
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.statistics.moments import Moments
 from imumon.noise.synthesis import NoiseStream
-from imumon.saved_state import pack
+from imumon.saved_state import pack, unpack
 
 GROUPS = (0, 0, 0, 1, 1, 1, 2, 2, 2)
 SEED = 20240229
@@ -89,7 +89,7 @@ def live(cascade: OctaveCascade, moments: Moments, values: np.ndarray) -> Iterat
     for what, work in (
         ("result()", cascade.result),
         ("pack", lambda: pack(cascade)),
-        ("restore()", lambda: OctaveCascade.restore(state)),
+        ("unpack", lambda: unpack(state)),
         ("skip(10^9)", lambda: cascade.copy().skip(10**9)),
     ):
         yield Figure(f"cascade, {what}", f"{seconds(work, 50) * 1e6:,.0f} µs")

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import signal
 import statistics
 import sys
 import tempfile
@@ -173,7 +174,7 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
         counted, latest, _ = pause(sensor, daemon, "stall")
         cost = {who: cpu_s(number) for who, number in (("emulator", sensor.pid), ("daemon", pid))}
         asked = time.monotonic()
-        daemon.process.terminate()
+        daemon.process.send_signal(signal.SIGTERM)
         daemon.process.wait(20)
         stop_s = time.monotonic() - asked
     sent = (counted["sent"] - counted["replies"]) - (first_counts["sent"] - first_counts["replies"])
