@@ -37,10 +37,9 @@ MOST_SIGMAS = 7.0
 """No value of a Gaussian noise lies farther out in a scenario's samples."""
 CLOCK_S = 5.0
 """A report, and the answer of the emulator that belongs to it, are so far apart on a busy machine."""
-YOUNG_S, YOUNG_KB, MEMORY_KB = 60.0, 8_000, 4_000
-"""s and kB, allowed growth of memory: a record younger than this gets its octaves, and modules are imported late.
-Without a fault, a daemon grows by 6 MB from its 11th to its 90th second. For an older record, half of the 8 MB that a
-week may add: freed pages may stay with the allocator."""
+MEMORY_KB = 8_000
+"""kB, allowed growth of memory: what a week may add. Without a fault, a daemon grows by 6 MB from its 11th to its 90th
+second, as its record gets octaves and fits; a million messages that leave 8 bytes each are more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,4 +184,4 @@ def hold(before: Moment, after: Moment, final: Report, sent: int, fault: Fault) 
     assert fault.lasting or final.session.missing == after.report.session.missing  # the stop loses nothing
     assert all(channel.count == final.session.samples for channel in final.channels.values())
     grown = after.resident_kb - before.resident_kb
-    assert grown < (YOUNG_KB if before.report.session.elapsed_s < YOUNG_S else MEMORY_KB), grown
+    assert grown < MEMORY_KB, grown

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import serial
 from bus_actors import stage
-from laws import ON_THE_WAY, YOUNG_S, Fault
+from laws import ON_THE_WAY, Fault
 from scene import ID, scene
 from waiting import until
 
@@ -20,8 +20,6 @@ pytestmark = pytest.mark.slow
 def test_20_random_messages_and_questions(tmp_path: Path, count: int) -> None:
     """On its own keys and others, and bytes that are no Zenoh at all at its very port."""
     with scene(tmp_path, seed=20) as play, stage() as start:
-        if count > 100_000:
-            play.calm(more=round(YOUNG_S * 100))  # no longer young: memory must stand still
         before = play.calm()
         stranger = start("foreign_client", connect=play.daemon.endpoint, id=ID, count=count, seed=20)
         told = until(lambda: stranger.messages and stranger.messages[-1].get("put"), within_s=150.0)
