@@ -7,8 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 from imumon.cures import option
+from imumon.devices import registry
 from imumon.history_report import HistoryRow
 from imumon.messages import one_warmup
+from imumon.references import SheetError, read_sheet, sheet_of_model
+from imumon.references.comparison import compared
 from imumon.report import Report
 
 
@@ -33,13 +36,11 @@ def document_report(report: Report, sheet: Any = None, rows: Sequence[HistoryRow
     published = _checked(report, sheet) or _sheet_of_model(report)
     if published is None:
         return report
-    from imumon.references.comparison import compared
 
     return replace(report, data_sheet=compared(report, published))
 
 
 def _checked(report: Report, sheet: Any) -> Any:
-    from imumon.references import SheetError
 
     model = report.device.model
     if sheet is not None and sheet.models and model and not sheet.is_of(model):
@@ -50,8 +51,6 @@ def _checked(report: Report, sheet: Any) -> Any:
 
 def _sheet_of_model(report: Report) -> Any:
     """Return the sheet of the model, of its driver or of imumon; None if the model is unknown or has none."""
-    from imumon.devices import registry
-    from imumon.references import read_sheet, sheet_of_model
 
     device = report.device
     driver = registry.installed(device.driver)

@@ -18,8 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imumon.api.curve_table import CurveTable, curve_table, frame_of
+from imumon.api.gtsam_params import combined_params
 from imumon.coefficients import Estimate
 from imumon.errors import ImumonError
+from imumon.files import replace_file
+from imumon.filter_report import LONGEST_HORIZON_S, SHORTEST_HORIZON_S, FilterReport
 from imumon.ledger import SAMPLES, with_received
 from imumon.report import Channel, Event, Report, SensorGrade, from_json
 from imumon.report_json import MAX_BYTES, to_json
@@ -237,7 +240,6 @@ class Measurement:
         return FilterNumbers(self._filters(horizon_s).channels)
 
     def _filters(self, horizon_s: float) -> FilterReport:
-        from imumon.filter_report import LONGEST_HORIZON_S, SHORTEST_HORIZON_S
         from imumon.pipeline.filter_report_builder import filter_report
 
         if not SHORTEST_HORIZON_S <= horizon_s <= LONGEST_HORIZON_S:
@@ -255,7 +257,6 @@ class Measurement:
         ImumonError : there is no such format, or it is no text, or the report has not what it needs.
         """
         from imumon.datasheet import FORMS, document
-        from imumon.filter_report import FilterReport
 
         chosen = FORMS.get(form)
         if chosen is None or chosen.binary:
@@ -290,7 +291,6 @@ class Measurement:
         ------
         ImumonError : it is not installed, or a number is unknown; without `bounds` also if only a bound is known.
         """
-        from imumon.api.gtsam_params import combined_params
 
         return combined_params(self.settings("gtsam", horizon_s, bounds=bounds), gravity)
 
@@ -298,7 +298,6 @@ class Measurement:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the report as JSON, which `imumon.load`, ``--baseline`` and ``imumon report`` read."""
-        from imumon.files import replace_file
 
         try:
             replace_file(os.fspath(path), (to_json(self.report, indent=1) + "\n").encode())

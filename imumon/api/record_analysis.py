@@ -29,6 +29,7 @@ from imumon.cures import python_caller
 from imumon.errors import ImumonError
 from imumon.recordings.base import OptionError, Samples
 from imumon.recordings.columns import KINDS, parse_map
+from imumon.references import read_sheet
 from imumon.replay import ReplayOptions, SensorFilter, replay
 from imumon.report import Report
 from imumon.samples import INERTIAL, sensor_of
@@ -123,8 +124,6 @@ def analyse(
         )
         sheet = None
         if datasheet is not None:
-            from imumon.references import read_sheet
-
             sheet = read_sheet(str(datasheet))
         measurement = measured(options, sheet)
         return measurement.refined(array_remarks(options, measurement.report), confidence)

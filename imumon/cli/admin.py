@@ -14,6 +14,9 @@ from imumon.cli import options
 from imumon.cli.exit_codes import FAILURE, SUCCESS
 from imumon.cli.options import Parser
 from imumon.cli.output import print_json, print_status
+from imumon.devices.registry import driver
+from imumon.report import stamp
+from imumon.report_json import plain
 
 
 def add_doctor(parser: Parser) -> None:
@@ -26,9 +29,7 @@ def add_doctor(parser: Parser) -> None:
 def doctor(arguments: argparse.Namespace) -> int:
     """Run all checks and print one line each; fail if one has failed."""
     from imumon.config import ConfigError, Settings
-    from imumon.devices.registry import driver
     from imumon.doctor import NAMES, Case, examine
-    from imumon.report_json import plain
 
     faults: tuple[str, ...] = ()
     settings = Settings()
@@ -59,7 +60,6 @@ def doctor(arguments: argparse.Namespace) -> int:
 
 
 def _print_checks(checks: Sequence[Any]) -> None:
-    from imumon.report import stamp
 
     counts = {kind: sum(check.status == kind for check in checks) for kind in ("ok", "warning", "failed")}
     summary = {"schema": "imumon.doctor/1", "time": stamp(datetime.now(UTC)), **counts}
@@ -76,7 +76,6 @@ def add_config(parser: Parser) -> None:
 def config(arguments: argparse.Namespace) -> int:
     """Show or check the settings."""
     settings = options.settings(arguments)
-    from imumon.report_json import plain
 
     path = plain(str(settings.path)) if settings.path else ""
     if arguments.action == "check":

@@ -16,10 +16,14 @@ from enum import IntEnum
 from typing import Any
 
 from imumon.cli import options
+from imumon.cli.daemon_state import current_reports, current_trouble, grades_text
 from imumon.cli.exit_codes import NOT_FOUND, CommandError
 from imumon.cli.options import Parser
 from imumon.coefficients import GRADES
 from imumon.errors import ImumonError
+from imumon.messages import caveats, change_text, joined, line, loss_label, loss_text, nearest_text
+from imumon.noise.grading import grade_coefficient
+from imumon.report_json import plain
 from imumon.samples import INERTIAL
 
 
@@ -54,8 +58,6 @@ def add_check(parser: Parser) -> None:
 
 def check(arguments: argparse.Namespace) -> int:
     """Print the line of a plugin and return its exit code."""
-    from imumon.cli.daemon_state import current_reports, current_trouble, grades_text
-    from imumon.messages import loss_label, loss_text
 
     baseline = options.baseline(arguments.baseline)
     with options.subscriber(arguments) as subscriber:
@@ -96,7 +98,6 @@ def fail(error: ImumonError) -> int:
 
 
 def _print(code: Code, text: str, performance: Sequence[str]) -> int:
-    from imumon.report_json import plain
 
     line = " ".join(plain(text.replace("\n", "; ").replace("|", "/")).split())
     print(f"IMUMON {code.name} - {line}" + (f"|{' '.join(performance)}" if performance else ""))
@@ -105,8 +106,6 @@ def _print(code: Code, text: str, performance: Sequence[str]) -> int:
 
 def _worse(report: Any, grade: Any) -> Iterator[str]:
     """Yield the sensors that are certainly worse than a grade: by a final headline or a lower limit."""
-    from imumon.messages import nearest_text
-    from imumon.noise.grading import grade_coefficient
 
     def is_worse(nearest: Any) -> bool:
         return nearest is not None and GRADES.index(nearest) > GRADES.index(grade)
@@ -128,7 +127,6 @@ def _worse(report: Any, grade: Any) -> Iterator[str]:
 
 def _caveats(report: Any, baseline: Any) -> Iterator[str]:
     """Yield what is a warning of the caveats, and what has changed."""
-    from imumon.messages import caveats, change_text, joined, line
 
     channels_of = caveats(report)
     for caveat in WARNED:

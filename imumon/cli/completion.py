@@ -7,6 +7,7 @@ answers then: options, choices, files, ports, and for ``--id`` the devices whose
 from __future__ import annotations
 
 import argparse
+import glob
 import os
 import time
 from collections.abc import Callable, Iterable
@@ -64,7 +65,6 @@ def complete(parsers: Callable[[str], tuple[Parser, dict[str, Parser]]]) -> None
 
 def ports(prefix: str, **_: Any) -> Iterable[str]:
     """Return the serial ports of this machine and the emulator."""
-    import glob
 
     return ["sim", *glob.glob("/dev/ttyUSB*"), *glob.glob("/dev/ttyACM*"), *glob.glob("/dev/ttyS*")]
 

@@ -6,12 +6,14 @@ The codes are in one table, docs/ERRORS.md. A built package has a copy of it; a 
 from __future__ import annotations
 
 import argparse
+import difflib
 import re
 import shutil
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
+from imumon import glossary
 from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 
@@ -24,7 +26,6 @@ def add_explain(parser: Parser) -> None:
 
 def explain(arguments: argparse.Namespace) -> int:
     """Print what a word means, and the page that has more; without a word, all of them."""
-    from imumon import glossary
 
     word = " ".join(arguments.word)
     if not word:
@@ -38,8 +39,6 @@ def explain(arguments: argparse.Namespace) -> int:
         print("More: docs/ERRORS.md")
         return SUCCESS
     if entry is None:
-        import difflib
-
         words = [entry.word for entry in glossary.explanations()]
         words += [code for codes, _, _ in errors_listed() for code in codes]
         close = difflib.get_close_matches(word.lower().replace(" ", "_"), words, 1, 0.6)

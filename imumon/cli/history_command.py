@@ -14,9 +14,15 @@ from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message_once
-from imumon.coefficients import BIAS_SLOPE, COEFFICIENTS, NOISE, Estimate, mean_unit
+from imumon.coefficients import BIAS_SLOPE, COEFFICIENTS, NOISE, Estimate, mean_unit, unit_of
 from imumon.errors import ImumonError
+from imumon.history.rows import csv_pieces, iso, json_pieces, rows
+from imumon.history.selection import moment, of_parameters, selection
+from imumon.history.store import SUFFIX, HistoryError, HistoryStore, devices
 from imumon.history_report import STEPS, HistoryRow, history_rows, objects
+from imumon.messages import matching
+from imumon.samples import UNITS, sensor_of
+from imumon.units import duration, measured, number, plus_minus, pretty
 
 ESTIMATE = 25
 """Cells of a coefficient in the table."""
@@ -40,8 +46,6 @@ def add_history(parser: Parser) -> None:
 
 def history(arguments: argparse.Namespace) -> int:
     """Print rows of the history."""
-    from imumon.history.rows import csv_pieces, json_pieces
-    from imumon.history.selection import moment, selection
 
     now = time.time()
     chosen = selection(
@@ -76,7 +80,6 @@ def _objects(arguments: argparse.Namespace, chosen: Any) -> Iterator[dict[str, A
 
 def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] | None:
     """Return the rows of a running daemon; None if there is none and no endpoint was given."""
-    from imumon.history.rows import iso
 
     with options.subscriber(arguments) as subscriber:
         cure = "read its file with --state"
@@ -98,8 +101,6 @@ def _asked(arguments: argparse.Namespace, chosen: Any) -> list[dict[str, Any]] |
 
 def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, Any]]:
     """Return the rows of a file."""
-    from imumon.history.store import SUFFIX, devices
-    from imumon.messages import matching
 
     known = devices(directory)
     meant = matching(id, known)
@@ -121,8 +122,6 @@ def _read(directory: Path, id: str | None, chosen: Any) -> Iterator[dict[str, An
 
 def _file_rows(file: Path, chosen: Any) -> Iterator[dict[str, Any]]:
     """Yield the rows of a file."""
-    from imumon.history.rows import rows
-    from imumon.history.store import SUFFIX, HistoryStore
 
     with HistoryStore(file) as store:
         for timed in store.periods(chosen):
@@ -144,7 +143,6 @@ def stored_days(path: Path) -> list[HistoryRow]:
     """Return the days of the history in the directory of a saved state, which widen the limits of a document."""
     if (file := _beside(path)) is None:
         return []
-    from imumon.history.selection import of_parameters
 
     return _days(lambda: _file_rows(file, of_parameters(LIMIT_DAYS, time.time())))
 
@@ -162,7 +160,6 @@ def with_turn_on(report: Any, path: Path) -> Any:
     if (file := _beside(path)) is None:
         return report
     from imumon.history.power_ups import PowerUps
-    from imumon.history.store import HistoryError, HistoryStore
 
     try:
         with HistoryStore(file) as store:
@@ -176,7 +173,6 @@ def _beside(path: Path) -> Path | None:
     name, state, _ = path.name.partition(".state")
     if not state:
         return None
-    from imumon.history.store import SUFFIX
 
     file = path.with_name(f"{name}{SUFFIX}")
     return file if file.exists() else None
@@ -184,8 +180,6 @@ def _beside(path: Path) -> Path | None:
 
 def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
     """Yield lines for people: readable units, limits as half-widths."""
-    from imumon.samples import UNITS, sensor_of
-    from imumon.units import duration, number, pretty
 
     empty = True
     for row in history_rows(objects):
@@ -213,8 +207,6 @@ def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
 
 def _slope(sensor: str, part: Estimate | None) -> list[str]:
     """Return the slope of the bias against the temperature in the readable unit, if it is known."""
-    from imumon.coefficients import unit_of
-    from imumon.units import plus_minus, pretty
 
     unit = unit_of(sensor, "B")
     slope = Estimate() if part is None else part.scaled(unit.factor)
@@ -225,7 +217,6 @@ def _slope(sensor: str, part: Estimate | None) -> list[str]:
 
 def _readable(sensor: str, letter: str, part: Estimate | None) -> str:
     """Return a coefficient in the readable unit, with its half-width or the factor of its limits."""
-    from imumon.units import measured, number, pretty
 
     unit = COEFFICIENTS[letter].units.get(sensor)
     if part is None or unit is None:

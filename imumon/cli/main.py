@@ -8,6 +8,7 @@ a defect.
 from __future__ import annotations
 
 import argparse
+import difflib
 import errno
 import os
 import resource
@@ -107,8 +108,6 @@ def _parse(argv: Sequence[str], arguments: argparse.Namespace) -> Handler:
     name = argv[0] if argv else ""
     parser, commands = parsers(only=name)
     if name and not name.startswith("-") and name not in commands:
-        import difflib
-
         close = difflib.get_close_matches(name, commands, 1, 0.5)
         cure = f"did you mean {close[0]}?" if close else "imumon --help lists the commands"
         raise CommandError("unknown_command", f"no command {name!r}", cure, USAGE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import fcntl
 import os
 import re
@@ -17,6 +18,7 @@ from imumon import units
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.output import print_message_once
 from imumon.errors import why
+from imumon.report_json import MAX_BYTES
 from imumon.system_errors import cure_of_reading
 
 STOP_WITH_STDIN = "--stop-with-stdin"
@@ -44,7 +46,6 @@ class Parser(argparse.ArgumentParser):
 
     def suggestion(self, argument: str) -> str:
         """Return ``; did you mean --port?`` if an option of this parser is similar, else empty text."""
-        import difflib
 
         known = {name.lstrip("-"): name for action in self._actions for name in action.option_strings}
         close = difflib.get_close_matches(argument.partition("=")[0].lstrip("-"), known, 1, 0.6)
@@ -369,7 +370,6 @@ def with_origin(error: Any, settings: Any) -> Any:
 def saved_report(path: Path) -> Any:
     """Return the report of a JSON file; raise ValueError if it is none."""
     from imumon.report import Report, from_json
-    from imumon.report_json import MAX_BYTES
 
     with path.open("rb") as file:
         return from_json(Report, file.read(MAX_BYTES + 1))

@@ -10,13 +10,17 @@ from __future__ import annotations
 import codecs
 import errno
 import io
+import json
 import os
+import shutil
 import sys
 from contextlib import suppress
+from dataclasses import asdict
 from functools import cache
 from typing import Any
 
 from imumon.errors import ImumonError
+from imumon.report_json import plain, to_json
 from imumon.system_errors import not_written
 
 _ASCII = str.maketrans(
@@ -92,7 +96,6 @@ def discard_stdout() -> None:
 
 def print_message(text: str) -> None:
     """Print one line on standard error; the text may hold names from files, keys and other programs."""
-    from imumon.report_json import plain
 
     lines = "\n".join(map(plain, text.split("\n")))  # faults of settings are one line each
     with suppress(OSError):  # it has no reader
@@ -107,8 +110,6 @@ def print_error(error: ImumonError, as_json: bool) -> None:
     if not as_json:
         print_message(str(error))
         return
-    import json
-    from dataclasses import asdict
 
     described: dict[str, Any] = {"code": error.code, "message": error.message, "cure": error.cure}
     if faults := getattr(error, "faults", ()):
@@ -119,7 +120,6 @@ def print_error(error: ImumonError, as_json: bool) -> None:
 
 def print_status(text: str) -> None:
     """Overwrite the status line of a terminal; print nothing where standard error is not one."""
-    from imumon.report_json import plain
 
     if sys.stderr.isatty():
         columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80
@@ -131,8 +131,6 @@ def print_json(text: str) -> None:
     try:
         text.encode(sys.stdout.encoding or "utf-8")
     except UnicodeEncodeError:
-        import json
-
         text = json.dumps(json.loads(text))
     print(text)
 
@@ -148,8 +146,6 @@ def print_report(
     late : why the numbers are not current; None: they are.
     """
     if as_json:
-        from imumon.report_json import to_json
-
         print_json(to_json(report))
     elif verbose:
         from imumon.datasheet import document
@@ -158,8 +154,6 @@ def print_report(
 
         print(document(report, "md", filter_report(report, DEFAULT_HORIZON_S)).decode(), end="")
     else:
-        import shutil
-
         from imumon.datasheet.summary import comparison_text, summary_text
 
         comparison = comparison_text(report, baseline) if baseline is not None else None

@@ -10,10 +10,16 @@ from dataclasses import replace
 from typing import Any
 
 from imumon.cli import options
+from imumon.cli.daemon_state import current_reports, current_trouble, status_lines
 from imumon.cli.exit_codes import NOT_FOUND, NOT_REACHED, SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_json, print_message, print_report, print_status
+from imumon.cli.wait_condition import WaitCondition
 from imumon.coefficients import GRADES, MARKOV, NOISE
+from imumon.readiness import letters_for
+from imumon.report_json import to_json
+from imumon.tui import run, terminal
+from imumon.units import duration
 
 SPEAKS_S = 60.0
 """s between two lines about what is missing, where standard error is no terminal."""
@@ -52,7 +58,6 @@ def add_wait(parser: Parser) -> None:
 
 def require_terminal(instead: str) -> None:
     """Raise `CommandError` if there is no terminal; `instead` is the command that needs none."""
-    from imumon.tui import terminal
 
     if not terminal.is_usable():
         cure = f"without one use: {instead}"
@@ -70,8 +75,6 @@ def tui(
     ended : returns why the daemon has ended, None while it runs.
     """
     require_terminal("imumon status --json")
-    from imumon.readiness import letters_for
-    from imumon.tui import run
 
     baseline = options.baseline(arguments.baseline)
     program = options.settings(arguments).report.program
@@ -100,8 +103,6 @@ def _cure(arguments: argparse.Namespace) -> str:
 
 def status(arguments: argparse.Namespace) -> int:
     """Print one report of a running daemon, or a line about each if there are several."""
-    from imumon.cli.daemon_state import current_reports, status_lines
-    from imumon.report_json import to_json
 
     with options.subscriber(arguments) as subscriber:
         names = options.answering(subscriber, arguments.id, options.ANSWER_S, _cure(arguments))
@@ -124,8 +125,6 @@ def status(arguments: argparse.Namespace) -> int:
 
 def _why_late(subscriber: Any, report: Any) -> str | None:
     """Return why the sensor delivers nothing, or how old the report is; None: its numbers are current."""
-    from imumon.cli.daemon_state import current_reports, current_trouble
-    from imumon.units import duration
 
     ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
     if age_s > report.late_s:
@@ -135,7 +134,6 @@ def _why_late(subscriber: Any, report: Any) -> str | None:
 
 def _condition(arguments: argparse.Namespace) -> Any:
     """Return what to wait for, by the options and the settings."""
-    from imumon.cli.wait_condition import WaitCondition
 
     if arguments.precision is not None and arguments.coefficient is None:
         message, cure = "--precision needs a coefficient", f"add --coefficient {' or '.join(NOISE)}"
@@ -151,8 +149,6 @@ def _condition(arguments: argparse.Namespace) -> Any:
 
 def wait(arguments: argparse.Namespace) -> int:
     """Wait until a report meets the condition of the options or of the settings, else for the first sample."""
-    from imumon.cli.daemon_state import current_trouble
-    from imumon.units import duration
 
     condition = _condition(arguments)
     end_s = time.monotonic() + arguments.timeout if arguments.timeout else float("inf")

@@ -6,12 +6,15 @@ import argparse
 from contextlib import nullcontext
 from typing import Any
 
+from imumon.api.document_report import document_report
 from imumon.cli import options
 from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message, print_report
+from imumon.clock import HostClock
 from imumon.cures import OPTIONS
 from imumon.errors import ImumonError
+from imumon.references import read_sheet
 
 FILES = (
     "bytes of the sensor (ASCII, binary, mixed), --record file, CSV, all also gzipped; NPZ, rosbag, MCAP, ulg (PX4), "
@@ -71,7 +74,6 @@ def reference_sheet(arguments: argparse.Namespace) -> Any:
     """Return the reference sheet of ``--datasheet``; None without it."""
     if arguments.datasheet is None:
         return None
-    from imumon.references import read_sheet
 
     return read_sheet(arguments.datasheet)
 
@@ -135,7 +137,6 @@ def add_replay(parser: Parser) -> None:
 
 
 def replay(arguments: argparse.Namespace) -> int:
-    from imumon.clock import HostClock
 
     sheet = reference_sheet(arguments)
     pace = None if arguments.speed == "max" else HostClock(options.speed(arguments.speed))
@@ -164,7 +165,6 @@ def replay(arguments: argparse.Namespace) -> int:
 def _combined(arguments: argparse.Namespace, sheet: Any, baseline: Any) -> Any:
     """Return the report of a sensor from several of its recordings."""
     from imumon.api.combination import combine
-    from imumon.api.document_report import document_report
 
     given = {"--publish": arguments.publish, "--speed": arguments.speed != "max"}
     for option, value in given.items():

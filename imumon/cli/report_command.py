@@ -6,12 +6,15 @@ import argparse
 import os
 import sys
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any, get_args
 
+from imumon.api.document_report import document_report
 from imumon.cli import options
 from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
+from imumon.cli.history_command import published_days, stored_days, with_turn_on
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message
 from imumon.cli.replay_command import (
@@ -22,8 +25,12 @@ from imumon.cli.replay_command import (
     replay_options,
     replayed,
 )
+from imumon.datasheet import DEFAULT_PROGRAM, FORMS, PAGES, document, short_record_text
+from imumon.devices import registry
 from imumon.files import replace_file
+from imumon.filter_report import DEFAULT_HORIZON_S, FilterReport
 from imumon.readiness import ProgramName
+from imumon.report import DeviceDescription, SessionCounters
 from imumon.system_errors import not_read, not_written
 
 PLAIN_K_REMARK = (
@@ -37,7 +44,6 @@ EXTENSIONS = {"": "md", "htm": "html", "markdown": "md", "yaml": "kalibr", "yml"
 
 
 def add_report(parser: Parser) -> None:
-    from imumon.datasheet import DEFAULT_PROGRAM, FORMS
 
     add = parser.add_argument
     text = f"saved report or state, or a recording ({FILES}); default: ask a daemon"
@@ -66,7 +72,6 @@ def add_report(parser: Parser) -> None:
 
 def _forms_text() -> str:
     """Return the forms of a document by what they are for."""
-    from imumon.datasheet import FORMS, PAGES
 
     groups: dict[str, list[str]] = {}
     for name, form in FORMS.items():
@@ -77,8 +82,6 @@ def _forms_text() -> str:
 
 def report(arguments: argparse.Namespace) -> int:
     """Write a document from a running daemon, a recording, a state or a saved report."""
-    from imumon.api.document_report import document_report
-    from imumon.datasheet import DEFAULT_PROGRAM, FORMS, document, short_record_text
 
     form = _form(arguments)
     _check_options(arguments, form)
@@ -116,7 +119,6 @@ def _check_options(arguments: argparse.Namespace, form: str) -> None:
 
 def _check_fits_form(arguments: argparse.Namespace, form: str) -> None:
     """Raise an error if an option, or a terminal as the output, does not fit the form."""
-    from imumon.datasheet import FORMS, PAGES
 
     if arguments.walk and not (FORMS[form].settings or form in PAGES):
         message = f"--walk is for numbers of other programs, and {form} has none"
@@ -132,7 +134,6 @@ def _check_fits_form(arguments: argparse.Namespace, form: str) -> None:
 
 def _source(arguments: argparse.Namespace) -> tuple[Any, Any]:
     """Return the report of the file or the daemon, and the days of its history."""
-    from imumon.cli.history_command import published_days, stored_days
 
     if arguments.file:
         return _from_file(arguments), stored_days(Path(arguments.file))
@@ -147,7 +148,6 @@ def _source(arguments: argparse.Namespace) -> tuple[Any, Any]:
 
 def _filters(report: Any, horizon_s: float | None, needed: bool, walk: Any) -> Any:
     """Return the parameters for filters of a report; without channels where the form does not use them."""
-    from imumon.filter_report import DEFAULT_HORIZON_S, FilterReport
 
     if not needed:
         return FilterReport(time=report.time, device=report.device)
@@ -158,7 +158,6 @@ def _filters(report: Any, horizon_s: float | None, needed: bool, walk: Any) -> A
 
 def _form(arguments: argparse.Namespace) -> str:
     """Return the form of the document: of ``--format``, else by the extension of the output."""
-    from imumon.datasheet import FORMS
 
     if arguments.format:
         return str(arguments.format)
@@ -197,12 +196,10 @@ def _from_file(arguments: argparse.Namespace) -> Any:
         _check_recording(arguments, "a saved report")
         return _from_report(Path(arguments.file))
     from imumon.checkpoint import is_state
-    from imumon.cli.history_command import with_turn_on
 
     if is_state(head):
         _check_recording(arguments, "a saved state")
         return with_turn_on(_from_state(Path(arguments.file)), Path(arguments.file))
-    from imumon.datasheet import FORMS, PAGES
     from imumon.recordings import OptionNotApplicable
 
     wanted = replay_options(arguments, arguments.file, convergence=_form(arguments) in PAGES)
@@ -231,13 +228,9 @@ def _from_report(path: Path) -> Any:
 
 def _from_state(path: Path) -> Any:
     """Return the report of a saved state, as of the time when it was saved."""
-    from dataclasses import asdict
-    from datetime import datetime
 
     from imumon.checkpoint import SavedState, decode
-    from imumon.devices import registry
     from imumon.pipeline import Monitor, MonitorOptions
-    from imumon.report import DeviceDescription, SessionCounters
 
     state = decode(path.read_bytes(), f"the state {path}")
     if not isinstance(state, SavedState):

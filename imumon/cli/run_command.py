@@ -20,6 +20,9 @@ from imumon.cli import options
 from imumon.cli.exit_codes import INTERRUPTED, NOT_FOUND, NOT_REACHED, SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_report
+from imumon.cli.query import require_terminal, tui
+from imumon.clock import HostClock
+from imumon.devices.registry import driver, driver_of
 from imumon.units import duration
 
 STACK_BYTES = 2 << 20
@@ -77,7 +80,6 @@ def add_demo(parser: Parser) -> None:
 
 
 def add_sim(parser: Parser) -> None:
-    from imumon.devices.registry import driver
 
     driver().add_emulator_options(parser)
 
@@ -111,7 +113,6 @@ def _baud(text: str) -> str | int:
 
 def _check_settings(settings: Any) -> None:
     """Refuse settings and options that the device would ignore, such as --listen-only."""
-    from imumon.devices.registry import driver_of
 
     device, default = settings.device, type(settings.device)()
     used = driver_of(device.port).settings | {"port", "id"}
@@ -132,8 +133,6 @@ def _run_emulated(arguments: argparse.Namespace, settings: Any) -> int:
 
     The directory of `demo` is deleted here, because this process outlives a terminal that is closed.
     """
-    from imumon.clock import HostClock
-    from imumon.devices.registry import driver
 
     given = settings.state.directory
     with _temporary(given if arguments.stop_with_stdin else None) as temporary:
@@ -202,7 +201,6 @@ def _run_daemon(
     arguments: argparse.Namespace, settings: Any, url: str, directory: Path, *, temporary: bool = False
 ) -> int:
     from imumon.bus import BusError
-    from imumon.clock import HostClock
     from imumon.daemon import Daemon, RunOptions
     from imumon.daemon.log import configure_logging
 
@@ -266,7 +264,6 @@ def _causes(result: RunResult) -> str:
 
 def demo(arguments: argparse.Namespace) -> int:
     """Run emulator and daemon in another process and the terminal UI here; quitting ends all three."""
-    from imumon.cli.query import require_terminal, tui
 
     require_terminal("imumon run --port sim --duration 60")
     with _temporary() as directory, _demo_daemon(arguments, directory) as (endpoint, last_line):
@@ -307,6 +304,5 @@ def _demo_daemon(arguments: argparse.Namespace, directory: str) -> Iterator[tupl
 
 def sim(arguments: argparse.Namespace) -> int:
     """Run the emulator alone."""
-    from imumon.devices.registry import driver
 
     return driver().run_emulator(arguments)

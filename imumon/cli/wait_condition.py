@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 from imumon.coefficients import GRADED, GRADES, NOISE, GradeName
 from imumon.messages import nearest_text
+from imumon.noise.grading import grade_coefficient
 from imumon.report import Channel, Report
 from imumon.samples import INERTIAL, sensor_of
 from imumon.units import duration, figures, pretty, share_text
@@ -139,7 +140,6 @@ def _uncertain_grade(report: Report, sensor: str, grade: GradeName) -> str | Non
 
 def _uncertain_limit(name: str, channel: Channel, grade: GradeName) -> str | None:
     """Return which coefficient may be worse than the grade, by its upper limit; None: none."""
-    from imumon.noise.grading import grade_coefficient
 
     for letter in GRADED:
         coefficient = channel.estimates.get(letter)

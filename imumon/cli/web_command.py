@@ -9,6 +9,7 @@ from imumon.cli import options
 from imumon.cli.exit_codes import INTERRUPTED, SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message
+from imumon.tui.web import is_loopback, serve
 
 LISTEN = "127.0.0.1:8448"
 PASSED_ON = ("config", "id")
@@ -25,7 +26,6 @@ def add_web(parser: Parser) -> None:
 def web(arguments: argparse.Namespace) -> int:
     """Serve the terminal UI to browsers until interrupted."""
     from imumon.daemon.log import configure_logging
-    from imumon.tui.web import is_loopback, serve
 
     settings = options.settings(arguments)
     host, _, port = arguments.listen.rpartition(":")

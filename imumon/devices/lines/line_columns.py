@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from imumon.column_names import UNITS, Column, parse_names, unit_of
 from imumon.devices.base import InvalidOption
 from imumon.ledger import ColumnUse
@@ -195,7 +197,6 @@ def proposed_settings(rows: Sequence[Sequence[float]]) -> str | None:
     >>> proposed_settings([[0.01, 0.02, 0.99, *still[:3], 7.0] for k in range(30)])
     'columns=ax,ay,az,gx,gy,gz,-&accel=g'
     """
-    import numpy as np
 
     numbers = np.array(rows, dtype=np.float64)
     width = numbers.shape[1]

@@ -17,6 +17,11 @@ from imumon.devices.base import (
     Observation,
     RawDecoder,
 )
+from imumon.devices.vn100.doctor_checks import checks
+from imumon.devices.vn100.emulator import add_arguments, from_arguments, spawn, time_lapse_settings
+from imumon.devices.vn100.emulator.process import run
+from imumon.devices.vn100.register_text import describe_setting
+from imumon.devices.vn100.stream_settings import FACTORY_WINDOW, alias_factor, filter_advice
 
 
 class Vn100Driver(DeviceDriver):
@@ -37,40 +42,32 @@ class Vn100Driver(DeviceDriver):
         return Vn100Decoder()
 
     def checks(self, observation: Observation, settings: Any) -> Iterator[Check]:
-        from imumon.devices.vn100.doctor_checks import checks
 
         return checks(observation, settings)
 
     def alias_factor(self, window: int | None, rate_hz: float) -> float:
-        from imumon.devices.vn100.stream_settings import FACTORY_WINDOW, alias_factor
 
         return alias_factor(FACTORY_WINDOW if window is None else window, rate_hz)
 
     def filter_advice(self, rate_hz: float | None) -> Mapping[str, str]:
-        from imumon.devices.vn100.stream_settings import filter_advice
 
         return filter_advice(rate_hz)
 
     def setting_text(self, name: str, value: str) -> str | None:
-        from imumon.devices.vn100.register_text import describe_setting
 
         return describe_setting(name, value)
 
     @contextmanager
     def emulator(self, *, clock: HostClock = REAL_TIME, seed: int | None = None) -> Iterator[str]:
-        from imumon.devices.vn100.emulator import spawn, time_lapse_settings
 
         with spawn(time_lapse_settings(clock, seed)) as process:
             yield process.path
 
     def add_emulator_options(self, parser: argparse.ArgumentParser) -> None:
-        from imumon.devices.vn100.emulator import add_arguments
 
         add_arguments(parser)
 
     def run_emulator(self, arguments: argparse.Namespace) -> int:
-        from imumon.devices.vn100.emulator import from_arguments
-        from imumon.devices.vn100.emulator.process import run
 
         settings = from_arguments(arguments)
         if settings.rate == 0:  # for tests only: a sensor without output

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rosbags.interfaces import MessageDefinitionFormat
 
 from imumon.recordings.base import ROWS, TABLE_BYTES
 from imumon.recordings.log_process.base import Log, Topic
@@ -151,7 +152,6 @@ def has_unchecked_messages(path: Path) -> bool:
 
 def _definitions(connection: Any) -> dict[str, Any]:
     """Return the definitions of types that a bag holds for a connection."""
-    from rosbags.interfaces import MessageDefinitionFormat
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
     form, text = connection.msgdef

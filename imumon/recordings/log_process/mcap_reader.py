@@ -15,6 +15,7 @@ import struct
 import sys
 from collections.abc import Iterator, Sequence
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -127,7 +128,6 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
 
 def _with_chunks(records: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
     """Yield records, those in a chunk in its place."""
-    from io import BytesIO
 
     for kind, content in records:
         if kind != _CHUNK:
