@@ -30,6 +30,7 @@ from imumon.datasheet.tables import (
     SENSOR_TITLES,
     coefficient_text,
     counters_text,
+    date_text,
     excluded_sentence,
     filter_warning,
     record_line,
@@ -59,11 +60,9 @@ QUANTITIES = {"floor": "in-run bias stability, 0.664 B", "density": "noise densi
 
 def datasheet(report: Report, filters: FilterReport, program: str) -> Document:
     """Return the datasheet of the sensor of a report, with the settings of a program."""
-    started = report.session.started
-    date = f"from {started}" if started else f"date of the record unknown, report of {report.time}"
     return Document(
         sensor_title(report),
-        f"Noise at rest · {record_title(report)} · {date}",
+        f"Noise at rest · {record_title(report)} · {date_text(report)}",
         tuple(_sheet(report, filters, program)),
         tuple(appendix(report)),
         f"imumon {__version__}",

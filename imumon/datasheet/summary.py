@@ -24,6 +24,7 @@ from imumon.datasheet.tables import (
 from imumon.ledger import RECEIVED, SAMPLES, ledger_text
 from imumon.messages import (
     FILTER_NOT_KNOWN,
+    caveat_lines,
     caveats,
     change_text,
     filter_not_known,
@@ -31,7 +32,6 @@ from imumon.messages import (
     grade_word,
     has_indistinct,
     joined,
-    line_with_size,
     loss_text,
     uncertainty,
 )
@@ -67,7 +67,7 @@ def summary_text(
     """
     head = [part for text in _head(report, late) for part in textwrap.wrap(text, width)]
     lines = [*head, *_channel_rows(report, width)]
-    for text in (*_notes(report), *remarks, *_meanings(report)):
+    for text in (*_notes(report), *remarks, *caveat_lines(report)):
         part = textwrap.wrap(text, width, subsequent_indent="  ")
         if len(lines) + len(part) + len(last) <= LINES:
             lines += part
@@ -78,7 +78,7 @@ def summary_html(report: Report, remarks: Sequence[str]) -> str:
     """Return a report as tables of HTML, one per sensor, between its title and its remarks."""
     head = "<br>".join(map(escape, _head(report)))
     tables = "".join(table_html(coefficient_table(report, sensor)) for sensor in shown_sensors(report))
-    notes = "".join(f"<li>{escape(text)}</li>" for text in (*_notes(report), *remarks, *_meanings(report)))
+    notes = "".join(f"<li>{escape(text)}</li>" for text in (*_notes(report), *remarks, *caveat_lines(report)))
     return f"<div><p>{head}</p>{tables}<ul>{notes}</ul></div>"
 
 
@@ -128,12 +128,6 @@ def _notes(report: Report) -> Iterator[str]:
         yield f"above the data sheet {report.data_sheet.title}: {', '.join(above) or 'nothing'}"
     if report.session.ledger.keys() - EXPECTED:
         yield ledger_text(report.session.ledger)
-
-
-def _meanings(report: Report) -> Iterator[str]:
-    """Yield each caveat with its meaning."""
-    for caveat in caveats(report):
-        yield f"{caveat.replace('_', ' ')}: {line_with_size(report, caveat)}"
 
 
 def comparison_text(report: Report, baseline: Report) -> str | None:

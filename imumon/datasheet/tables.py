@@ -38,9 +38,13 @@ def record_title(report: Report) -> str:
 
 def record_line(report: Report) -> str:
     """Return sensor, record and date in one line."""
+    return f"{sensor_title(report)}: {record_title(report)}, {date_text(report)}"
+
+
+def date_text(report: Report) -> str:
+    """Return when the record began, or when the report was made."""
     started = report.session.started
-    date = f"from {started}" if started else f"date of the record unknown, report of {report.time}"
-    return f"{sensor_title(report)}: {record_title(report)}, {date}"
+    return f"from {started}" if started else f"date of the record unknown, report of {report.time}"
 
 
 def stream_noun(device: DeviceDescription) -> str:

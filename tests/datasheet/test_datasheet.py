@@ -175,7 +175,7 @@ def test_the_summary_names_its_caveats_and_counts_in_the_singular() -> None:
     shown = summary_text(report, 200)
     assert "caveats: aliased, " in shown
     assert "vibration (accel y)" in shown
-    assert f"aliased: {CAVEATS['aliased'].line}" in shown
+    assert f"\n{CAVEATS['aliased'].line}" in shown
     assert "in 1 gap," in shown
 
 
