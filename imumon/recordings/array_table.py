@@ -88,11 +88,9 @@ class ArrayTable(Table):
         self._columns = [columns[k] for k in self._begin(RowSource(path, form, names), table_layout, options)]
         lengths = {column.length: column.array for column in self._columns}
         if len(lengths) != 1:
-            text = ", ".join(f"{array} {length:,}" for length, array in sorted(lengths.items()))
-            cure = "save arrays of one length"
-            if readable := [sensor for sensor in INERTIAL if _is_readable(columns, options, sensor)]:
-                cure += f", or read a sensor alone, {' or '.join(option_text(sensor=sensor) for sensor in readable)}"
-            raise RecordingError("array_lengths", f"{path}: its arrays have different lengths: {text}", cure)
+            listed = ", ".join(f"{array} {length:,}" for length, array in sorted(lengths.items()))
+            text = f"{path}: its arrays have different lengths: {listed}"
+            raise RecordingError("array_lengths", text, _cure_of_lengths(columns, options))
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
@@ -111,6 +109,13 @@ class ArrayTable(Table):
 
     def no_samples(self) -> RecordingError:
         return RecordingError("no_rows", f"{self.path} has arrays without a sample", "save it again")
+
+
+def _cure_of_lengths(columns: Sequence[ArrayColumn], options: ReadOptions) -> str:
+    """Return what to do with arrays of different lengths: a sensor that has one length can be read alone."""
+    readable = [option_text(sensor=s) for s in INERTIAL if _is_readable(columns, options, s)]
+    alone = f", or read a sensor alone, {' or '.join(readable)}" if readable else ""
+    return f"save arrays of one length{alone}"
 
 
 def _is_readable(columns: Sequence[ArrayColumn], options: ReadOptions, sensor: str) -> bool:

@@ -132,14 +132,23 @@ def over_time_chart(state: ViewState, width: int, height: int) -> list[Line]:
         return [padded(title, width), *centred_text(text, width, height - 1)]
     events = series.events if series is not None and state.span != RECORD else ()
     notes = _notes(legend, of_record=state.span == RECORD, has_events=bool(events))
-    shown = panels[: max((height - 2) // LEAST_ROWS, 1)]
-    lines, left = [padded(fitted([title, *notes], width), width)], height - 2
+    head = padded(fitted([title, *notes], width), width)
+    labels = _lengths(axis, width) if state.span == RECORD else _dates(axis, width)
+    return [head, *_stacked(panels, axis, events, width, height - 2), _axis_line(axis, labels, width)][
+        :height
+    ]
+
+
+def _stacked(
+    panels: Sequence[Panel], axis: AxisScale, events: Sequence[tuple[float, str]], width: int, height: int
+) -> list[Line]:
+    """Return the panels that have room, one below the other, of heights that differ by one row at most."""
+    shown, lines, left = panels[: max(height // LEAST_ROWS, 1)], list[Line](), height
     for k, panel in enumerate(shown):
         rows = left // (len(shown) - k)
         left -= rows
         lines += _drawn(panel, axis, events, width, rows)
-    labels = _lengths(axis, width) if state.span == RECORD else _dates(axis, width)
-    return [*lines, _axis_line(axis, labels, width)][:height]
+    return lines
 
 
 def _notes(legend: str, *, of_record: bool, has_events: bool) -> list[Line]:

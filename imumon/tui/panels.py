@@ -156,18 +156,25 @@ def headlines(state: ViewState, width: int, height: int) -> list[Line]:
     if not report.session.samples:  # why there is none matters more than grades that are not known
         texts = [text for remark in report.device.remarks for text in wrap(remark, max(width - 2, 10))]
         lines += [[(f" {text}", "warn")] for text in texts]
-    spacious = height > 2 * len(INERTIAL)
-    for sensor in INERTIAL if height > len(INERTIAL) else ():
+    if height > len(INERTIAL):
+        lines += _grades(report, state.notation, width, spacious=height > 2 * len(INERTIAL))
+    return [padded(line, width) for line in lines[:height]]
+
+
+def _grades(report: Report, notation: Notation, width: int, *, spacious: bool) -> list[Line]:
+    """Return the grade of each inertial sensor and what decides it, in one line or in two."""
+    lines = []
+    for sensor in INERTIAL:
         grade = report.grade.get(sensor, SensorGrade())
         role = f"grade-{grade.meets}-strong" if grade.meets else "muted"
         head: Line = [(f" {sensor:<6}", "title"), (grade_text(grade), role)]
-        parts = _basis(sensor, grade, report, state.notation)
+        parts = _basis(sensor, grade, report, notation)
         if not spacious:
             lines.append(fitted([head, [("   ", "text")], *parts], width))
             continue
         meaning: Line = [(f": {GRADE_MEANING}", "faint")] if grade.meets else []
         lines += [fitted([head, meaning], width), fitted([[(" " * 7, "text")], *parts], width)]
-    return [padded(line, width) for line in lines[:height]]
+    return lines
 
 
 def _basis(sensor: str, grade: SensorGrade, report: Report, notation: Notation) -> list[Line]:
