@@ -25,7 +25,7 @@ from imumon.devices import registry
 from imumon.messages import EVENT_LEVELS
 from imumon.noise import OctaveCascade, fit_curve
 from imumon.noise.synthesis import synthesise
-from imumon.pipeline import Monitor
+from imumon.pipeline import Monitor, MonitorOptions
 from imumon.report import Channel, DeviceDescription, Event, Report, SessionCounters, Signal, stamp
 from imumon.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
 
@@ -111,6 +111,7 @@ class Run:
     walk : factor of K.
     moving_s : s of motion at the end of the record.
     warm_up : let the gyroscopes settle with the temperature.
+    convergence : of `MonitorOptions`.
     """
 
     def __init__(
@@ -123,8 +124,9 @@ class Run:
         walk: float = 1.0,
         moving_s: float = 0.0,
         warm_up: bool = False,
+        convergence: bool = False,
     ) -> None:
-        self.monitor = Monitor()
+        self.monitor = Monitor(MonitorOptions(convergence=convergence))
         self._rate_hz = rate_hz
         self._values = _samples(
             round(length_s * rate_hz), rate_hz, seed, (scale, scale, scale * walk), moving_s, warm_up
@@ -206,8 +208,8 @@ def _run(scale: float) -> tuple[dict[float, Report], dict[str, Signal]]:
 
 @once_per_test_run
 def long_report() -> Report:
-    """Return the report of a record that shows every N, B and K."""
-    return Run(LONG_S, LONG_RATE, seed=4, walk=2.0).report_at(LONG_S)
+    """Return the report of a record that shows every N, B and K, and what its first parts showed."""
+    return Run(LONG_S, LONG_RATE, seed=4, walk=2.0, convergence=True).report_at(LONG_S)
 
 
 @once_per_test_run

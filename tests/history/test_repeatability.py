@@ -94,7 +94,7 @@ def test_a_saved_state_shows_the_history_of_its_directory(tmp_path: Path) -> Non
         for k in range(6):
             at = begin + 86400.0 * k
             store.set_power_up(PowerUp(time=at, clock_s=9.0, seen=at + 9.0, means={"gyro/x": 1e-3 * k}))
-    (state,) = tmp_path.glob("imu.state*")
+    state = tmp_path / "imu.state"
     saved = tmp_path / "saved.json"
     imumon("report", state, "-o", saved)
     report = from_json(Report, saved.read_text())
