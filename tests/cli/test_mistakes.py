@@ -195,7 +195,7 @@ def test_output_in_an_encoding_that_lacks_characters(encoding: str, tmp_path: Pa
     file.write_text("\n".join(["t [s],wx [deg/s],wy [deg/s],wz [deg/s]", *rows, ""]))
     arguments = [sys.executable, "-m", "imumon", "replay", str(file)]
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
-    for more in ([], ["--json"]):
+    for more in (["--verbose"], ["--json"]):
         done = subprocess.run(
             [*arguments, *more], env=environment, capture_output=True, timeout=60, check=False
         )
@@ -204,10 +204,10 @@ def test_output_in_an_encoding_that_lacks_characters(encoding: str, tmp_path: Pa
         (remark,) = done.stderr.decode(encoding).splitlines()
         assert remark.endswith("-rest.csv: no value of N: most of the record is excluded")
         text = done.stdout.decode(encoding)
-        if more:
+        if "--json" in more:
             assert json.loads(text)["device"]["port"] == str(file)
         else:
-            assert {"ascii": "N in deg/sqrt h", "latin-1": "N in °/sqrt h"}[encoding] in text
+            assert {"ascii": "N, deg/sqrt h", "latin-1": "N, °/sqrt h"}[encoding] in text
     done = subprocess.run(
         [*arguments[:3], "√"], env=environment, capture_output=True, timeout=60, check=False
     )
