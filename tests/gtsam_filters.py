@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from filters import report_of_samples
 
-from imumon.datasheet import document
+from imumon.datasheet.program_settings import settings_document
 from imumon.noise import synthesise
 from imumon.pipeline.filter_report_builder import filter_report
 from imumon.report import Report
@@ -38,9 +38,9 @@ def report_of_record(hours: float = 5.0, rate: float = 10.0, seed: int = 0) -> R
 
 
 def exported(report: Report, horizon_s: float) -> Any:
-    """Return the parameters that the exported code makes."""
+    """Return the parameters that the exported code makes, with bounds where the record does not show a number."""
     names: dict[str, Any] = {}
-    exec(document(report, "gtsam", filter_report(report, horizon_s)).decode(), names)
+    exec(settings_document("gtsam", report, filter_report(report, horizon_s), bounds=True), names)
     return names["params"]
 
 
