@@ -214,7 +214,7 @@ class Cost(NamedTuple):
 
 
 def cost_of(program: str, samples: int) -> Cost:
-    """Of a program over so many samples."""
+    """Return the time and the memory that a program takes for a number of samples."""
     done = subprocess.run(
         [sys.executable, "-c", BEGIN + program + END, str(samples)],
         capture_output=True,

@@ -181,7 +181,7 @@ def add_shared(parser: Parser, *, of_program: bool = False) -> None:
     Parameters
     ----------
     of_program : the parser is that of the program; those of the commands have no defaults, which would replace what
-        stands before the name of the command.
+        is before the name of the command.
     """
 
     words: dict[str, Any] = {} if of_program else {"default": argparse.SUPPRESS}

@@ -1,7 +1,7 @@
 """Comparison of a report with the data sheet of its sensor: each published value beside the measured interval.
 
-A value of the sheet stands beside the coefficient of the stream. Where the report itself says that the stream does not
-show the sensor, it is not said to be above: N that aliasing raises, or may raise because the filter is unknown.
+A value of the sheet is shown beside the coefficient of the stream. Where the report itself says that the stream does
+not show the sensor, it is not said to be above: N that aliasing raises, or may raise because the filter is unknown.
 """
 
 from __future__ import annotations
