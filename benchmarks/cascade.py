@@ -23,10 +23,10 @@ import allantools
 import numpy as np
 from document_tables import Figure, at_most, seconds, show
 
+from imumon.model.saved_state import pack, unpack
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.statistics.moments import Moments
 from imumon.noise.synthesis import NoiseStream
-from imumon.saved_state import pack, unpack
 
 GROUPS = (0, 0, 0, 1, 1, 1, 2, 2, 2)
 SEED = 20240229

@@ -31,12 +31,12 @@ import numpy as np
 from document_tables import Figure, at_most, show
 
 from imumon.checkpoint import encode
+from imumon.model.report import DeviceDescription, SessionCounters
+from imumon.model.report_json import to_json
+from imumon.model.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
+from imumon.model.saved_state import pack
 from imumon.noise import Estimator, OctaveCascade, synthesise
-from imumon.pipeline import Monitor, MonitorOptions
-from imumon.report import DeviceDescription, SessionCounters
-from imumon.report_json import to_json
-from imumon.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
-from imumon.saved_state import pack
+from imumon.record import Monitor, MonitorOptions
 
 RATE, BLOCK, PER_REPORT, SAVE_S = 100.0, 10, 10, 30
 """Hz; samples a block; blocks a report; s between two saved states."""

@@ -21,22 +21,22 @@ from pathlib import Path
 import numpy as np
 
 from imumon.api.document_report import document_report
-from imumon.coefficients import COEFFICIENTS
-from imumon.datasheet import document
-from imumon.datasheet.tables import coefficient_text
-from imumon.devices import registry
-from imumon.devices.vn100.decoder import Vn100Decoder
-from imumon.devices.vn100.emulator.command_handler import CommandHandler as Emulated
-from imumon.devices.vn100.emulator.emulator_settings import EmulatorSettings, Noise
-from imumon.devices.vn100.emulator.sensor_model import SensorModel
-from imumon.devices.vn100.registers import LOOP_RATE
-from imumon.filter_report import DEFAULT_HORIZON_S
-from imumon.pipeline import Monitor
-from imumon.pipeline.filter_report_builder import filter_report
-from imumon.report import Channel, DeviceDescription, Report, SessionCounters, from_json
-from imumon.report_json import MAX_ITEMS
-from imumon.samples import SampleBlock
-from imumon.units import figures, pretty
+from imumon.documents import document
+from imumon.documents.tables import coefficient_text
+from imumon.model.coefficients import COEFFICIENTS
+from imumon.model.filter_report import DEFAULT_HORIZON_S
+from imumon.model.report import Channel, DeviceDescription, Report, SessionCounters, from_json
+from imumon.model.report_json import MAX_ITEMS
+from imumon.model.samples import SampleBlock
+from imumon.model.units import figures, pretty
+from imumon.record import Monitor
+from imumon.record.filter_report_builder import filter_report
+from imumon.sources import registry
+from imumon.sources.vn100.decoder import Vn100Decoder
+from imumon.sources.vn100.emulator.command_handler import CommandHandler as Emulated
+from imumon.sources.vn100.emulator.emulator_settings import EmulatorSettings, Noise
+from imumon.sources.vn100.emulator.sensor_model import SensorModel
+from imumon.sources.vn100.registers import LOOP_RATE
 
 RATE = 100
 OUTPUT = ("1", str(LOOP_RATE // RATE), "05", "0001", "00F2")

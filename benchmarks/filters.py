@@ -17,15 +17,15 @@ from pathlib import Path
 import numpy as np
 import scipy.signal
 
-from imumon.filter_report import FilterChannel
+from imumon.model.filter_report import FilterChannel
+from imumon.model.report import Channel, DeviceDescription, Report, SessionCounters
+from imumon.model.samples import Kind, SampleBlock, Stream
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.filter_consistency import ChannelTruths, FilterModels, predict
 from imumon.noise.filter_parameters import gauss_markov_terms, smallest_walk
 from imumon.noise.filter_parameters import horizons as imumon_horizons
-from imumon.pipeline import Monitor
-from imumon.pipeline.filter_report_builder import assumed_noise, filter_report
-from imumon.report import Channel, DeviceDescription, Report, SessionCounters
-from imumon.samples import Kind, SampleBlock, Stream
+from imumon.record import Monitor
+from imumon.record.filter_report_builder import assumed_noise, filter_report
 
 RATE = 5.0  # Hz, of the filter
 AIDED_S = 900

@@ -19,13 +19,13 @@ import numpy as np
 
 from imumon.history.day_changes import DayChanges
 from imumon.history.store import TimedPeriod
-from imumon.history_report import PeriodChannel
+from imumon.model.history_report import PeriodChannel
+from imumon.model.samples import Floats, SampleBlock, Stream
 from imumon.noise.stretches import RecordStatistics
 from imumon.noise.synthesis import synthesise
-from imumon.pipeline import Monitor, MonitorOptions
-from imumon.pipeline import record as record_module
-from imumon.pipeline.periods import Periods
-from imumon.samples import Floats, SampleBlock, Stream
+from imumon.record import Monitor, MonitorOptions
+from imumon.record import record as record_module
+from imumon.record.periods import Periods
 
 RATE = 0.2
 """Hz: a day has 17,280 samples, so that a month passes in half a minute. N of a day is known to 0.6 %."""

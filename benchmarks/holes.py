@@ -20,7 +20,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 from document_tables import head, row
 
-from imumon.coefficients import Estimate
+from imumon.model.coefficients import Estimate
 from imumon.noise import ChannelFit, OctaveCascade, fit_curve, synthesise
 
 N, RATE, LENGTH, BATCH = 6e-5, 40.0, 144_000, 10

@@ -25,7 +25,7 @@ import scipy.fft
 import scipy.signal
 from simulated import markov_bound
 
-from imumon.coefficients import Estimate
+from imumon.model.coefficients import Estimate
 from imumon.noise import ChannelFit, OctaveCascade, fit_curve, synthesise
 
 N, B, RATE, LENGTH = 6.1e-5, 2.4e-5, 40.0, 288_000

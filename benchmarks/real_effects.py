@@ -33,11 +33,11 @@ import numpy as np
 from document_tables import head, row
 from simulated import BATCH, B, N, points, walk_bound
 
+from imumon.model.report import DeviceDescription, SessionCounters
+from imumon.model.samples import ACCEL, GYRO, SampleBlock, Stream
 from imumon.noise import AllanCurve, ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.statistics.differences import DifferenceAccumulator
-from imumon.pipeline import Monitor
-from imumon.report import DeviceDescription, SessionCounters
-from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
+from imumon.record import Monitor
 
 # What real sensors add: the cells -------------------------------------------------------
 

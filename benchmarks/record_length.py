@@ -14,11 +14,11 @@ import math
 import numpy as np
 from document_tables import head, row
 
-from imumon.coefficients import default_precision
-from imumon.devices.vn100.emulator.emulator_settings import ACCEL, GYRO
+from imumon.model.coefficients import default_precision
+from imumon.model.samples import INERTIAL
+from imumon.model.units import duration, share_text
 from imumon.noise import Estimator, OctaveCascade, synthesise
-from imumon.samples import INERTIAL
-from imumon.units import duration, share_text
+from imumon.sources.vn100.emulator.emulator_settings import ACCEL, GYRO
 
 GROWTH = 10.0**0.1
 CASES = (("N", 100.0, 3600.0), ("B", 10.0, 86_400.0), ("K", 10.0, 86_400.0))

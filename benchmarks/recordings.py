@@ -24,11 +24,12 @@ from pathlib import Path
 import numpy as np
 from document_tables import head, row
 
-from imumon.coefficients import COEFFICIENTS, Estimate
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions
+from imumon.model.coefficients import COEFFICIENTS, Estimate
+from imumon.model.report import Report
+from imumon.model.units import figures, pretty
 from imumon.noise import AllanCurve, ChannelFit, Estimator, OctaveCascade
-from imumon.replay import ReplayOptions, replay
-from imumon.report import Report
-from imumon.units import figures, pretty
 
 RATE = 40.0
 AXES = ("gyro/x", "gyro/y", "gyro/z", "accel/x", "accel/y", "accel/z")

@@ -31,8 +31,8 @@ from typing import NamedTuple
 import numpy as np
 from document_tables import Figure, at_most, show
 
-from imumon.devices.vn100 import ascii, binary
 from imumon.noise.synthesis import NoiseStream
+from imumon.sources.vn100 import ascii, binary
 
 RATE = 800.0
 LAYOUT = binary.BinaryLayout.of({binary.Group.TIME: 0x0001, binary.Group.IMU: 0x003F})
@@ -65,7 +65,7 @@ with Reader(Path(sys.argv[1])) as bag:
 """
 READ = """
 import sys
-from imumon.recordings import ReadOptions, open_recording
+from imumon.sources.files import ReadOptions, open_recording
 for blocks in open_recording(sys.argv[1], ReadOptions()):
     pass
 """

@@ -37,10 +37,10 @@ from document_tables import head, row
 
 import imumon
 from imumon.api import Measurement
-from imumon.coefficients import Estimate
+from imumon.grid.stamp_kinds import StampCandidate, decide
+from imumon.model.coefficients import Estimate
+from imumon.model.report import Channel
 from imumon.noise import synthesise
-from imumon.report import Channel
-from imumon.timebase.stamp_kinds import StampCandidate, decide
 
 N, B, K, RATE, LENGTH = 6.1e-5, 2.4e-5, 1e-5, 40.0, 72_000
 SIGMA = N * math.sqrt(RATE)

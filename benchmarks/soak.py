@@ -38,8 +38,8 @@ from faulty_sensor import FaultySensorProcess, spawn
 from lapse import install_memory
 from usage import cpu_s, resident_kb
 
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.report import Report, stamp
+from imumon.model.report import Report, stamp
+from imumon.sources.vn100.emulator import EmulatorSettings
 
 STILL_EVERY = 4  # looks at memory, in time-lapse
 NEAR_A_DAY = 0.15  # d, on each side: looks at memory that count as those of a day

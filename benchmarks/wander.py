@@ -19,12 +19,12 @@ import numpy as np
 from accuracy import share
 from document_tables import head, row
 
-from imumon.coefficients import Estimate
+from imumon.model.coefficients import Estimate
+from imumon.model.report import Channel, DeviceDescription, SessionCounters
+from imumon.model.samples import ACCEL, GYRO, SampleBlock, Stream
 from imumon.noise import synthesise
-from imumon.pipeline import Monitor
-from imumon.pipeline.combined_limits import with_combined
-from imumon.report import Channel, DeviceDescription, SessionCounters
-from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
+from imumon.record import Monitor
+from imumon.record.combined_limits import with_combined
 
 TRUTH = {"N": 6.1e-5, "B": 2.4e-5}
 RATE_HZ, LENGTH_S = 40.0, 7200

@@ -8,7 +8,7 @@ If nothing can be written, the existing state is still read, every save tries ag
 gives the reason.
 
 A state begins with a line: a word, the number of its format, and a checksum of what follows, the compressed objects of
-the record (`imumon.saved_state`). A file of another format, or with another checksum, is set aside: what is restored is
+the record (`saved_state`). A file of another format, or with another checksum, is set aside: what is restored is
 exactly what was saved. A state is written thousands of times per day, often to a memory card, so it is compressed. A
 thread compresses and writes, so a slow disk does not delay the samples.
 """
@@ -29,11 +29,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from imumon.errors import ImumonError, why
 from imumon.files import open_regular, read_bounded, rename_aside, write_new
-from imumon.report_json import plain
-from imumon.saved_state import restorable, unpack
-from imumon.system_errors import OTHER_STATE, cure_of_writing
+from imumon.model.errors import ImumonError, why
+from imumon.model.report_json import plain
+from imumon.model.saved_state import restorable, unpack
+from imumon.model.system_errors import OTHER_STATE, cure_of_writing
 
 FORMAT = 13
 """Version of what a state holds: of the attributes of all objects in it, which a test compares with this number."""
@@ -106,7 +106,7 @@ class StateHeader:
 @restorable
 @dataclass(frozen=True, slots=True)
 class SavedState:
-    """Content of a state file: whose it is, and what `imumon.pipeline` saves of the record."""
+    """Content of a state file: whose it is, and what `imumon.record` saves of the record."""
 
     header: StateHeader
     monitor: Any

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from imumon.samples import ACCEL, GYRO, SampleBlock, Stream
+from imumon.model.samples import ACCEL, GYRO, SampleBlock, Stream
 
 NOW = datetime(2026, 1, 2, tzinfo=UTC)
 TICK = 10_000_000

@@ -23,8 +23,8 @@ from typing import Any
 from free_ports import free_port
 from waiting import until
 
-from imumon.coefficients import Estimate
-from imumon.report import (
+from imumon.model.coefficients import Estimate
+from imumon.model.report import (
     Allan,
     Channel,
     DeviceDescription,

@@ -39,7 +39,7 @@ def _fork_emulators() -> None:
     """Fork the process of each emulator: to start Python and to import numpy takes longer than most tests."""
     import forked
 
-    from imumon.devices.vn100.emulator import process
+    from imumon.sources.vn100.emulator import process
 
     process.start_process = forked.ForkedEmulator
 
@@ -47,9 +47,9 @@ def _fork_emulators() -> None:
 @pytest.fixture(scope="session", autouse=True)
 def _balance_every_ledger() -> None:
     """Check of each report that a test makes in its process that what was received is what became of it."""
-    from imumon.ledger import imbalance
-    from imumon.pipeline import Monitor
-    from imumon.report import SessionCounters
+    from imumon.model.ledger import imbalance
+    from imumon.model.report import SessionCounters
+    from imumon.record import Monitor
 
     counted = Monitor._counted
 

@@ -15,7 +15,7 @@ from forked import Forked
 from free_ports import free_port
 
 from imumon.bus import Subscriber
-from imumon.report import Channel, Report
+from imumon.model.report import Channel, Report
 
 
 def free_endpoint() -> str:

@@ -7,11 +7,11 @@ from dataclasses import replace
 from reports import LENGTH_S, LONG_S, nothing_yet
 from reports import report as make_report
 
-from imumon.datasheet import FORMS, document
-from imumon.datasheet.filter_values import FilterValue, worst_axis
-from imumon.filter_report import FilterReport
-from imumon.pipeline.filter_report_builder import filter_report
-from imumon.report import Report
+from imumon.documents import FORMS, document
+from imumon.documents.filter_values import FilterValue, worst_axis
+from imumon.model.filter_report import FilterReport
+from imumon.model.report import Report
+from imumon.record.filter_report_builder import filter_report
 
 AGES = {"nothing": 0.0, "seconds": 3.0, "minutes": 200.0, "hours": LENGTH_S, "long": LONG_S}
 SETTINGS = [f for f, what in FORMS.items() if what.settings and f != "filter"]

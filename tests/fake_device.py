@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from imumon.devices.base import Device, DeviceDriver, DeviceLost, DeviceNotFound, DeviceOptions
-from imumon.samples import ACCEL, GYRO, DeviceCounters, DeviceInfo, Item, SampleBlock, Stream
+from imumon.model.samples import ACCEL, GYRO, DeviceCounters, DeviceInfo, Item, SampleBlock, Stream
+from imumon.sources.device import Device, DeviceDriver, DeviceLost, DeviceNotFound, DeviceOptions
 
 RATE_HZ = 101.0
 JITTER_S = 1e-3

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mt_emulator import MtEmulator
 
-from imumon.devices.xsens.mt_messages import DataId
+from imumon.sources.xsens.mt_messages import DataId
 
 IMPOSSIBLE = (math.nan, math.inf, -math.inf, 1e38)
 

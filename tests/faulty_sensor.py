@@ -34,10 +34,10 @@ from typing import Any
 
 import forked
 
-from imumon.devices.vn100.emulator import EmulatorProcess, EmulatorSettings
-from imumon.devices.vn100.emulator.emulator import Emulator
-from imumon.devices.vn100.emulator.pseudo_terminal import PseudoTerminal
-from imumon.devices.vn100.registers import LOOP_RATE
+from imumon.sources.vn100.emulator import EmulatorProcess, EmulatorSettings
+from imumon.sources.vn100.emulator.emulator import Emulator
+from imumon.sources.vn100.emulator.pseudo_terminal import PseudoTerminal
+from imumon.sources.vn100.registers import LOOP_RATE
 
 FAULTS = ("drop", "duplicate", "cut", "crc", "corrupt")
 """Of a message, and ``corrupt`` of a byte: lost, twice, ended in its middle, with a wrong checksum, another byte."""

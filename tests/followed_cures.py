@@ -10,12 +10,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions
 from imumon.cli import parsers
 from imumon.cli.replay_command import replay_options
-from imumon.cures import OPTIONS
-from imumon.errors import ImumonError
-from imumon.replay import ReplayOptions, replay
-from imumon.report import Report
+from imumon.model.cures import OPTIONS
+from imumon.model.errors import ImumonError
+from imumon.model.report import Report
 
 MOST_STEPS = 2
 """Cures that a user follows at most."""

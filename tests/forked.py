@@ -26,7 +26,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-EMULATOR = "imumon.devices.vn100.emulator"
+EMULATOR = "imumon.sources.vn100.emulator"
 
 MODULES = (
     "imumon.cli.replay_command",
@@ -35,15 +35,15 @@ MODULES = (
     "imumon.cli.report_command",
     "imumon.config.loading",
     "imumon.daemon",
-    "imumon.datasheet",
-    "imumon.devices.vn100.driver",
+    "imumon.documents",
+    "imumon.sources.vn100.driver",
     EMULATOR,
     f"{EMULATOR}.process",
     "faulty_sensor",
-    "imumon.devices.vn100.vn100_session",
+    "imumon.sources.vn100.vn100_session",
     "imumon.doctor",
-    "imumon.pipeline.filter_report_builder",
-    "imumon.replay",
+    "imumon.record.filter_report_builder",
+    "imumon.api.replay",
     "pydantic.json_schema",
     "pydantic.main",
     "pydantic.types",

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from filters import report_of_samples
 
-from imumon.datasheet.program_settings import settings_document
+from imumon.documents.program_settings import settings_document
+from imumon.model.report import Report
 from imumon.noise import synthesise
-from imumon.pipeline.filter_report_builder import filter_report
-from imumon.report import Report
+from imumon.record.filter_report_builder import filter_report
 
 TRUE = {"N": (6.1e-5, 1.4e-3), "B": (2.4e-5, 4e-4), "K": (1e-6, 2e-5)}  # gyroscope, accelerometer; SI
 RATE = 5.0  # Hz, of the samples that are preintegrated

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from imumon.coefficients import Estimate
 from imumon.history import HistoryStore
 from imumon.history.store import SUFFIX, TimedPeriod
-from imumon.history_report import HistoryPeriod, PeriodChannel
+from imumon.model.coefficients import Estimate
+from imumon.model.history_report import HistoryPeriod, PeriodChannel
 
 NAMES = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")
 BEGIN = 1_767_225_600.0

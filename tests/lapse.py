@@ -19,11 +19,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from imumon.clock import HostClock
 from imumon.config import load
 from imumon.daemon import Daemon, RunOptions
-from imumon.devices.base import Device, DeviceDriver, DeviceOptions
-from imumon.samples import ACCEL, GYRO, MAG, DeviceCounters, DeviceInfo, Item, SampleBlock, Stream
+from imumon.model.samples import ACCEL, GYRO, MAG, DeviceCounters, DeviceInfo, Item, SampleBlock, Stream
+from imumon.sources.clock import HostClock
+from imumon.sources.device import Device, DeviceDriver, DeviceOptions
 
 RATE_HZ = 100.0
 BLOCK = 4096

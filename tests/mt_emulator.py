@@ -14,8 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from imumon.devices.xsens.mt_decoder import COUNTER, TICKS, MtDecoder
-from imumon.devices.xsens.mt_messages import (
+from imumon.model.units import STANDARD_GRAVITY
+from imumon.sources.xsens.mt_decoder import COUNTER, TICKS, MtDecoder
+from imumon.sources.xsens.mt_messages import (
     EVERY_PACKET,
     TICK_S,
     DataId,
@@ -24,7 +25,6 @@ from imumon.devices.xsens.mt_messages import (
     encode,
     outputs,
 )
-from imumon.units import STANDARD_GRAVITY
 
 GYRO_N, ACCEL_N = 1.7e-4, 1.2e-3
 """rad/s/√Hz and m/s²/√Hz: 0.01 °/s/√Hz and 120 µg/√Hz, the order of size of a data sheet of this class."""

@@ -20,7 +20,7 @@ from paths import TESTS
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from imumon.report import Report
+from imumon.model.report import Report
 from imumon.tui.app import ImumonApp
 from imumon.tui.view_state import ViewState
 from imumon.tui.widgets import StyledWidget

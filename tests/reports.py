@@ -20,14 +20,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from imumon.coefficients import Estimate
-from imumon.devices import registry
-from imumon.messages import EVENT_LEVELS
+from imumon.model.coefficients import Estimate
+from imumon.model.messages import EVENT_LEVELS
+from imumon.model.report import Channel, DeviceDescription, Event, Report, SessionCounters, Signal, stamp
+from imumon.model.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
 from imumon.noise import OctaveCascade, fit_curve
 from imumon.noise.synthesis import synthesise
-from imumon.pipeline import Monitor, MonitorOptions
-from imumon.report import Channel, DeviceDescription, Event, Report, SessionCounters, Signal, stamp
-from imumon.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
+from imumon.record import Monitor, MonitorOptions
+from imumon.sources import registry
 
 ID = "vn100-0100056785"
 RATE = 20.0

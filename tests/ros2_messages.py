@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from imumon.model.samples import Item, SampleBlock
 from imumon.ros2 import ros_messages
 from imumon.ros2.ros_messages import message, type_store
-from imumon.samples import Item, SampleBlock
 
 
 def encode(type_name: str, data: Mapping[str, Any]) -> bytes:

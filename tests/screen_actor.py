@@ -7,7 +7,7 @@ import time
 
 import reports
 
-from imumon.report import Event, Report, Signal
+from imumon.model.report import Event, Report, Signal
 from imumon.tui import app, run
 
 START_S = 60.0

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from imumon.devices.vn100 import ascii
-from imumon.replay import ReplayOptions, replay
-from imumon.report import Report
-from imumon.samples import SampleBlock
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions
+from imumon.model.report import Report
+from imumon.model.samples import SampleBlock
+from imumon.sources.vn100 import ascii
 
 RATE = 100.0
 DEG, G = np.pi / 180.0, 9.80665

@@ -18,7 +18,7 @@ import pytest
 from imumon import checkpoint as format_of
 from imumon.checkpoint import Checkpoint, StateError, decode, encode, is_state
 from imumon.files import write_new
-from imumon.saved_state import pack, unpack
+from imumon.model.saved_state import pack, unpack
 
 STATE = pack({"serial": "0100000001", "samples": 7, "sum": [1.5, 2.5]})
 

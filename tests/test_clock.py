@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from imumon.clock import HostClock
+from imumon.sources.clock import HostClock
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 60.0, 5000.0])

@@ -10,7 +10,7 @@ from pathlib import Path
 from paths import ROOT
 from source_trees import nodes
 
-from imumon.errors import ImumonError
+from imumon.model.errors import ImumonError
 
 DOCUMENT = (ROOT / "docs" / "ERRORS.md").read_text("utf-8")
 LISTED = [

@@ -18,11 +18,11 @@ from paths import ROOT
 from tables import csv, replayed, sentences, truth
 from vn100_wire import frame
 
-from imumon.devices.lines.line_decoder import LineDecoder
-from imumon.ledger import REASONS, RECEIVED, Ledger, imbalance, merged, with_received
-from imumon.pipeline import Monitor
-from imumon.report import Report, SessionCounters, from_json
-from imumon.report_json import to_json
+from imumon.model.ledger import REASONS, RECEIVED, Ledger, imbalance, merged, with_received
+from imumon.model.report import Report, SessionCounters, from_json
+from imumon.model.report_json import to_json
+from imumon.record import Monitor
+from imumon.sources.lines.line_decoder import LineDecoder
 
 NAMES = ["t [s]", *(f"gyro_{a} [rad/s]" for a in "xyz"), *(f"accel_{a} [m/s2]" for a in "xyz")]
 
@@ -241,7 +241,7 @@ def test_a_rest_that_is_no_table_is_said(tmp_path: Path) -> None:
 
 
 def _problem(path: Path) -> str | None:
-    from imumon.replay import ReplayOptions
+    from imumon.api.replay_options import ReplayOptions
 
     recording = ReplayOptions(path=str(path)).open()
     for _ in recording:

@@ -8,12 +8,12 @@ from typing import cast
 
 import reports
 
-from imumon import messages
-from imumon.messages import CAVEATS
-from imumon.pipeline import assessment
-from imumon.pipeline.accumulators import Accumulators
-from imumon.pipeline.analysis import Analysis
-from imumon.report import NoiseModel
+from imumon.model import messages
+from imumon.model.messages import CAVEATS
+from imumon.model.report import NoiseModel
+from imumon.record import assessment
+from imumon.record.accumulators import Accumulators
+from imumon.record.analysis import Analysis
 
 
 def test_a_caveat_has_a_line_and_advice() -> None:

@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 import reports
 
-from imumon.coefficients import NOISE
-from imumon.datasheet.program_settings import PROGRAMS
-from imumon.readiness import ProgramName, letters_for, readiness, ready_text, state_of
-from imumon.report import Report
-from imumon.samples import INERTIAL, sensor_of
+from imumon.documents.program_settings import PROGRAMS
+from imumon.model.coefficients import NOISE
+from imumon.model.readiness import ProgramName, letters_for, readiness, ready_text, state_of
+from imumon.model.report import Report
+from imumon.model.samples import INERTIAL, sensor_of
 
 
 def with_times(times: dict[str, float | None], **changes: object) -> Report:

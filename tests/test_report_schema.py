@@ -1,4 +1,4 @@
-"""docs/report.schema.json matches imumon.report; ``python tests/test_report_schema.py`` writes it."""
+"""docs/report.schema.json matches imumon.model.report; ``python tests/test_report_schema.py`` writes it."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from typing import Any, Literal
 import pytest
 from paths import ROOT
 
-from imumon import report
-from imumon.coefficients import COEFFICIENTS
-from imumon.filter_report import FILTER_SCHEMA, FilterReport
-from imumon.report import Channel, Event, Report, SensorGrade, Signal, from_json
-from imumon.report_json import to_json
+from imumon.model import report
+from imumon.model.coefficients import COEFFICIENTS
+from imumon.model.filter_report import FILTER_SCHEMA, FilterReport
+from imumon.model.report import Channel, Event, Report, SensorGrade, Signal, from_json
+from imumon.model.report_json import to_json
 
 DOCS = ROOT / "docs"
 FILE = DOCS / "report.schema.json"

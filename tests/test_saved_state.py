@@ -13,11 +13,11 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from imumon.checkpoint import FORMAT, Checkpoint, encode
-from imumon.pipeline import Monitor, MonitorOptions
-from imumon.pipeline.accumulators import Accumulators
-from imumon.samples import SampleBlock, Stream
-from imumon.saved_state import pack, restorable, unpack
-from imumon.timebase.sample_clock import BREAK, PlacedSamples
+from imumon.grid.sample_clock import BREAK, PlacedSamples
+from imumon.model.samples import SampleBlock, Stream
+from imumon.model.saved_state import pack, restorable, unpack
+from imumon.record import Monitor, MonitorOptions
+from imumon.record.accumulators import Accumulators
 
 RATE = 20.0
 STREAM = Stream("deltas", ("gyro/x", "gyro/y", "accel/x", "mag/x", "temperature"), "made", "startup")

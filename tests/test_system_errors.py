@@ -12,8 +12,8 @@ import pytest
 
 from imumon.cli import admin, main
 from imumon.cli import output as command_output
-from imumon.errors import ImumonError
-from imumon.system_errors import cure_of_reading, not_done, not_read, not_written
+from imumon.model.errors import ImumonError
+from imumon.model.system_errors import cure_of_reading, not_done, not_read, not_written
 
 NUMBERS = sorted({*errno.errorcode, 9999})
 """Every number of the system, and one that it does not have."""

@@ -17,18 +17,18 @@ from hypothesis import strategies as st
 from ros2_actors import imu_payload
 
 import imumon
-from imumon.devices.base import sample_blocks
-from imumon.devices.lines.line_decoder import LineDecoder
-from imumon.devices.ros2.imu_assembler import ImuAssembler
-from imumon.devices.vn100.decoder import Vn100Decoder
-from imumon.errors import ImumonError
-from imumon.ledger import imbalance
-from imumon.pipeline import Monitor, MonitorOptions
-from imumon.report import DeviceDescription, SessionCounters
+from imumon.model.errors import ImumonError
+from imumon.model.ledger import imbalance
+from imumon.model.report import DeviceDescription, SessionCounters
+from imumon.model.samples import SampleBlock
+from imumon.model.saved_state import pack, unpack
+from imumon.record import Monitor, MonitorOptions
 from imumon.ros2.node import Received
 from imumon.ros2.topic_url import parse_url
-from imumon.samples import SampleBlock
-from imumon.saved_state import pack, unpack
+from imumon.sources.device import sample_blocks
+from imumon.sources.lines.line_decoder import LineDecoder
+from imumon.sources.ros2.imu_assembler import ImuAssembler
+from imumon.sources.vn100.decoder import Vn100Decoder
 
 BEFORE, BETWEEN = 300, 100  # samples before the first jump, and after each
 STEP_NS, START_NS = 10_000_000, 10**12

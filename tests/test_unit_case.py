@@ -9,9 +9,9 @@ from documents import aged, bare, text
 from paths import ROOT
 
 from imumon.cli import parsers
-from imumon.coefficients import COEFFICIENTS
-from imumon.samples import UNITS
-from imumon.units import pretty
+from imumon.model.coefficients import COEFFICIENTS
+from imumon.model.samples import UNITS
+from imumon.model.units import pretty
 
 
 def units() -> Iterator[str]:

@@ -7,13 +7,13 @@ import random
 import foreign_device
 
 from imumon.config import DeviceSettings
-from imumon.devices.ports import BAUD_RATES
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.devices.vn100.emulator.command_handler import CommandHandler
-from imumon.devices.vn100.emulator.emulator import make_device
-from imumon.devices.vn100.registers import REGISTERS
-from imumon.devices.vn100.vn100_session import Vn100Session
-from imumon.samples import Notice, SampleBlock
+from imumon.model.samples import Notice, SampleBlock
+from imumon.sources.ports import BAUD_RATES
+from imumon.sources.vn100.emulator import EmulatorSettings
+from imumon.sources.vn100.emulator.command_handler import CommandHandler
+from imumon.sources.vn100.emulator.emulator import make_device
+from imumon.sources.vn100.registers import REGISTERS
+from imumon.sources.vn100.vn100_session import Vn100Session
 
 STEP_S = 0.02
 RATE = {9600: 5.0, 19200: 10.0, 38400: 25.0}

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from imumon.devices.vn100 import ascii
-from imumon.devices.vn100.decoder import Vn100Decoder
-from imumon.devices.vn100.emulator import EmulatorSettings, Noise
-from imumon.devices.vn100.emulator.command_handler import SAVING_S, CommandHandler
-from imumon.devices.vn100.emulator.emulator import make_device
-from imumon.samples import Floats, SampleBlock
+from imumon.model.samples import Floats, SampleBlock
+from imumon.sources.vn100 import ascii
+from imumon.sources.vn100.decoder import Vn100Decoder
+from imumon.sources.vn100.emulator import EmulatorSettings, Noise
+from imumon.sources.vn100.emulator.command_handler import SAVING_S, CommandHandler
+from imumon.sources.vn100.emulator.emulator import make_device
 
 WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
 

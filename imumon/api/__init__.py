@@ -18,26 +18,28 @@ if TYPE_CHECKING:
     from imumon.api.measurement import Measurement, load
     from imumon.api.record_analysis import analyse
     from imumon.api.simulation import simulate
+    from imumon.model.errors import ImumonError
 
 OWNERS = {
-    "Live": "live",
-    "Measurement": "measurement",
-    "analyse": "record_analysis",
-    "combine": "combination",
-    "compare": "combination",
-    "load": "measurement",
-    "simulate": "simulation",
+    "ImumonError": "imumon.model.errors",
+    "Live": "imumon.api.live",
+    "Measurement": "imumon.api.measurement",
+    "analyse": "imumon.api.record_analysis",
+    "combine": "imumon.api.combination",
+    "compare": "imumon.api.combination",
+    "load": "imumon.api.measurement",
+    "simulate": "imumon.api.simulation",
 }
 """Module of each public name. It is imported at its first use: `import imumon` takes milliseconds."""
 
-__all__ = ["Live", "Measurement", "analyse", "combine", "compare", "load", "simulate"]
+__all__ = ["ImumonError", "Live", "Measurement", "analyse", "combine", "compare", "load", "simulate"]
 
 
 def __getattr__(name: str) -> Any:
     """Import the module of a public name."""
     if name not in OWNERS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{OWNERS[name]}"), name)
+    return getattr(import_module(OWNERS[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from imumon.api.curve_table import frame_of
 from imumon.api.measurement import Measurement
-from imumon.coefficients import Estimate, coefficient_ratio
-from imumon.errors import ImumonError
-from imumon.pipeline.record_combination import combined_report
+from imumon.model.coefficients import Estimate, coefficient_ratio
+from imumon.model.errors import ImumonError
+from imumon.record.record_combination import combined_report
 
 if TYPE_CHECKING:
     import pandas

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from imumon.errors import ImumonError
-from imumon.report import Allan, Channel
-from imumon.samples import Bools, Floats
+from imumon.model.errors import ImumonError
+from imumon.model.report import Allan, Channel
+from imumon.model.samples import Bools, Floats
 
 if TYPE_CHECKING:
     import pandas

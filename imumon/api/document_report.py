@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from imumon.cures import option
-from imumon.devices import registry
-from imumon.history_report import HistoryRow
-from imumon.messages import one_warmup
-from imumon.references import SheetError, read_sheet, sheet_of_model
-from imumon.references.comparison import compared
-from imumon.report import Report
+from imumon.documents.references import SheetError, read_sheet, sheet_of_model
+from imumon.documents.references.comparison import compared
+from imumon.model.cures import option
+from imumon.model.history_report import HistoryRow
+from imumon.model.messages import one_warmup
+from imumon.model.report import Report
+from imumon.sources import registry
 
 
 def document_report(report: Report, sheet: Any = None, rows: Sequence[HistoryRow] = ()) -> Report:
@@ -30,7 +30,7 @@ def document_report(report: Report, sheet: Any = None, rows: Sequence[HistoryRow
     report = replace(report, events=one_warmup(report.events))
     if rows:
         from imumon.history.repeatability import day_scatter
-        from imumon.pipeline.combined_limits import with_combined
+        from imumon.record.combined_limits import with_combined
 
         report = replace(report, channels=with_combined(report, day_scatter(rows)))
     published = _checked(report, sheet) or _sheet_of_model(report)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from imumon.errors import ImumonError
+from imumon.model.errors import ImumonError
 
 SETTERS = (
     "setAccelerometerCovariance",

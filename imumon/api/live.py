@@ -32,21 +32,22 @@ from imumon.api.record_analysis import (
     one_thread,
     require_noise,
 )
+from imumon.api.replay_options import ReplayOptions, SensorFilter
+from imumon.api.replayed_record import ReplayedRecord
 from imumon.api.sensor_arrays import checked_rate
 from imumon.checkpoint import StateError, decode, encode
-from imumon.cures import python_caller
-from imumon.errors import ImumonError
 from imumon.files import replace_file
-from imumon.ledger import merged
-from imumon.pipeline.monitor import SavedMonitor
-from imumon.recordings.base import ROWS, OptionError, ReadOptions, RecordingError, RowSource, Samples
-from imumon.recordings.columns import layout
-from imumon.recordings.memory_table import FORM, NAME, float_array
-from imumon.recordings.table import Table
-from imumon.replay import ReplayedRecord, ReplayOptions, SensorFilter
-from imumon.samples import CHANNELS, GYRO, Floats, SampleBlock
-from imumon.saved_state import pack, restorable
-from imumon.system_errors import not_read, not_written
+from imumon.model.cures import python_caller
+from imumon.model.errors import ImumonError
+from imumon.model.ledger import merged
+from imumon.model.samples import CHANNELS, GYRO, Floats, SampleBlock
+from imumon.model.saved_state import pack, restorable
+from imumon.model.system_errors import not_read, not_written
+from imumon.record.monitor import SavedMonitor
+from imumon.sources.files.base import ROWS, OptionError, ReadOptions, RecordingError, RowSource, Samples
+from imumon.sources.files.columns import layout
+from imumon.sources.files.memory_table import FORM, NAME, float_array
+from imumon.sources.files.table import Table
 
 
 @restorable

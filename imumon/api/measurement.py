@@ -19,20 +19,20 @@ from typing import TYPE_CHECKING, Any
 
 from imumon.api.curve_table import CurveTable, curve_table, frame_of
 from imumon.api.gtsam_params import combined_params
-from imumon.coefficients import Estimate
-from imumon.errors import ImumonError
 from imumon.files import replace_file
-from imumon.filter_report import LONGEST_HORIZON_S, SHORTEST_HORIZON_S, FilterReport
-from imumon.ledger import SAMPLES, with_received
-from imumon.report import Channel, Event, Report, SensorGrade, from_json
-from imumon.report_json import MAX_BYTES, to_json
-from imumon.system_errors import not_read, not_written
+from imumon.model.coefficients import Estimate
+from imumon.model.errors import ImumonError
+from imumon.model.filter_report import LONGEST_HORIZON_S, SHORTEST_HORIZON_S, FilterReport
+from imumon.model.ledger import SAMPLES, with_received
+from imumon.model.report import Channel, Event, Report, SensorGrade, from_json
+from imumon.model.report_json import MAX_BYTES, to_json
+from imumon.model.system_errors import not_read, not_written
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-    from imumon.filter_report import FilterReport
+    from imumon.model.filter_report import FilterReport
 
 CONFIDENCE = 0.95
 """Probability of the limits of a report."""
@@ -178,7 +178,7 @@ class Measurement:
 
     def rows(self) -> list[dict[str, Any]]:
         """Return every number of the report as a dict: the rows of ``imumon report --format csv``."""
-        from imumon.datasheet.csv_table import table_rows
+        from imumon.documents.csv_table import table_rows
 
         return list(table_rows(self.report))
 
@@ -203,19 +203,19 @@ class Measurement:
         ----------
         ax : where to draw; None: a figure of its own.
         """
-        from imumon.datasheet.figures import draw_allan
+        from imumon.documents.figures import draw_allan
 
         return draw_allan(self.report, self._sensor(sensor), ax)
 
     def plot_spectrum(self, sensor: str = "gyro", *, ax: Axes | None = None) -> Axes:
         """Draw the root of the power spectral density of a sensor with N and the spectral lines; as `plot`."""
-        from imumon.datasheet.spectrum_figure import draw_spectrum
+        from imumon.documents.spectrum_figure import draw_spectrum
 
         return draw_spectrum(self.report, self._sensor(sensor), ax)
 
     def plot_bias(self, sensor: str = "gyro", *, ax: Axes | None = None) -> Axes:
         """Draw the bias of a sensor against the temperature, with 95 % limits; as `plot`."""
-        from imumon.datasheet.temperature_figure import draw_bias
+        from imumon.documents.temperature_figure import draw_bias
 
         return draw_bias(self.report, self._sensor(sensor), ax)
 
@@ -240,7 +240,7 @@ class Measurement:
         return FilterNumbers(self._filters(horizon_s).channels)
 
     def _filters(self, horizon_s: float) -> FilterReport:
-        from imumon.pipeline.filter_report_builder import filter_report
+        from imumon.record.filter_report_builder import filter_report
 
         if not SHORTEST_HORIZON_S <= horizon_s <= LONGEST_HORIZON_S:
             cure = f"give one from {SHORTEST_HORIZON_S:g} s to {LONGEST_HORIZON_S:g} s"
@@ -256,7 +256,7 @@ class Measurement:
         ------
         ImumonError : there is no such format, or it is no text, or the report has not what it needs.
         """
-        from imumon.datasheet import FORMS, document
+        from imumon.documents import FORMS, document
 
         chosen = FORMS.get(form)
         if chosen is None or chosen.binary:
@@ -275,7 +275,7 @@ class Measurement:
         ----------
         bounds : with numbers of which only a bound is known, made for half of it.
         """
-        from imumon.datasheet.program_settings import PROGRAMS, numbers_of, settings_document
+        from imumon.documents.program_settings import PROGRAMS, numbers_of, settings_document
 
         if program not in PROGRAMS:
             cure = f"use one of {', '.join(PROGRAMS)}"
@@ -305,12 +305,12 @@ class Measurement:
             raise not_written(os.fspath(path), error, "name another file") from None
 
     def __repr__(self) -> str:
-        from imumon.datasheet.summary import summary_text
+        from imumon.documents.summary import summary_text
 
         return summary_text(self.report, remarks=self.remarks)
 
     def _repr_html_(self) -> str:
-        from imumon.datasheet.summary import summary_html
+        from imumon.documents.summary import summary_html
 
         return summary_html(self.report, self.remarks)
 

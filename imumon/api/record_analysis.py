@@ -23,16 +23,17 @@ from typing import TYPE_CHECKING, Any
 
 from imumon.api.document_report import document_report
 from imumon.api.measurement import Measurement, report_of
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions, SensorFilter
 from imumon.api.sensor_arrays import checked_rate, has_time, named_source
-from imumon.coefficients import NOISE, default_precision
-from imumon.cures import python_caller
-from imumon.errors import ImumonError
-from imumon.recordings.base import OptionError, Samples
-from imumon.recordings.columns import KINDS, parse_map
-from imumon.references import read_sheet
-from imumon.replay import ReplayOptions, SensorFilter, replay
-from imumon.report import Report
-from imumon.samples import INERTIAL, sensor_of
+from imumon.documents.references import read_sheet
+from imumon.model.coefficients import NOISE, default_precision
+from imumon.model.cures import python_caller
+from imumon.model.errors import ImumonError
+from imumon.model.report import Report
+from imumon.model.samples import INERTIAL, sensor_of
+from imumon.sources.files.base import OptionError, Samples
+from imumon.sources.files.columns import KINDS, parse_map
 
 if TYPE_CHECKING:
     import os

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from imumon.column_names import parse_name
-from imumon.recordings.base import OptionError, RecordingError
-from imumon.samples import AXES, FASTEST_HZ, SLOWEST_HZ
+from imumon.model.samples import AXES, FASTEST_HZ, SLOWEST_HZ
+from imumon.sources.column_names import parse_name
+from imumon.sources.files.base import OptionError, RecordingError
 
 TIME_ROWS = 1 << 16
 """Times that are compared at once."""

@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
-from imumon.errors import ImumonError
+from imumon.model.errors import ImumonError
+from imumon.model.samples import Floats
 from imumon.noise.synthesis import Seed, Strength, markov_noise, synthesise
-from imumon.samples import Floats
 
 
 def simulate(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import zenoh
 
-from imumon.errors import ImumonError
+from imumon.model.errors import ImumonError
 
 
 class BusError(ImumonError):

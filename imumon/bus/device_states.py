@@ -10,7 +10,7 @@ from collections import Counter, deque
 from dataclasses import dataclass, field, replace
 
 from imumon.bus.queryable import EVENTS_KEPT
-from imumon.report import Event, Report
+from imumon.model.report import Event, Report
 
 GONE_S = 5.0
 """s without a report after which a daemon counts as ended; three periods if that is longer."""

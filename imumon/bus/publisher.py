@@ -21,8 +21,8 @@ from imumon.bus.bus_error import BusError, Unreachable
 from imumon.bus.queryable import MAX_QUEUED, LastValues, Signals
 from imumon.bus.uplink import Links, Uplink, open_local, open_uplink
 from imumon.bus.zenoh_session import RETRY_S, SessionOptions, check_endpoint, clean_id
-from imumon.report import Channel, Event, Report
-from imumon.report_json import members, to_json
+from imumon.model.report import Channel, Event, Report
+from imumon.model.report_json import members, to_json
 
 CURVES = ("allan", "histogram", "spectrum", "convergence")
 """Fields of a channel that only the report contains; the key of the channel leaves them out."""

@@ -18,9 +18,9 @@ from typing import TypeAlias
 import zenoh
 
 from imumon.bus.zenoh_session import start_listener
-from imumon.errors import ImumonError
-from imumon.report import Signal
-from imumon.report_json import to_json
+from imumon.model.errors import ImumonError
+from imumon.model.report import Signal
+from imumon.model.report_json import to_json
 
 JSON = "application/json"
 EVENTS_KEPT = 100

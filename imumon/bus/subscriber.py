@@ -32,9 +32,9 @@ from imumon.bus.zenoh_session import (
     open_session,
     start_listener,
 )
-from imumon.messages import EVENT_LEVELS
-from imumon.report import Event, Report, Signal, from_json, is_device_name
-from imumon.report_json import plain
+from imumon.model.messages import EVENT_LEVELS
+from imumon.model.report import Event, Report, Signal, from_json, is_device_name
+from imumon.model.report_json import plain
 
 _MAX_MESSAGE = 1_000_000  # bytes; a report of 11 channels has 72 kB, one of 64 has 0.4 MB
 _MAX_EVENT = 20_000  # bytes; a text has at most 4096 characters

@@ -14,9 +14,9 @@ from imumon.cli import options
 from imumon.cli.exit_codes import FAILURE, SUCCESS
 from imumon.cli.options import Parser
 from imumon.cli.output import print_json, print_status
-from imumon.devices.registry import driver
-from imumon.report import stamp
-from imumon.report_json import plain
+from imumon.model.report import stamp
+from imumon.model.report_json import plain
+from imumon.sources.registry import driver
 
 
 def add_doctor(parser: Parser) -> None:

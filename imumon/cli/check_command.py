@@ -19,12 +19,12 @@ from imumon.cli import options
 from imumon.cli.daemon_state import current_reports, current_trouble, grades_text
 from imumon.cli.exit_codes import NOT_FOUND, CommandError
 from imumon.cli.options import Parser
-from imumon.coefficients import GRADES
-from imumon.errors import ImumonError
-from imumon.messages import caveats, change_text, joined, line, loss_label, loss_text, nearest_text
+from imumon.model.coefficients import GRADES
+from imumon.model.errors import ImumonError
+from imumon.model.messages import caveats, change_text, joined, line, loss_label, loss_text, nearest_text
+from imumon.model.report_json import plain
+from imumon.model.samples import INERTIAL
 from imumon.noise.grading import grade_coefficient
-from imumon.report_json import plain
-from imumon.samples import INERTIAL
 
 
 class Code(IntEnum):
@@ -135,7 +135,7 @@ def _caveats(report: Any, baseline: Any) -> Iterator[str]:
             yield f"{channels}: {line(caveat)}" if channels else line(caveat)
     changes = [(name, change) for name, channel in report.channels.items() for change in channel.changes]
     if baseline is not None:
-        from imumon.pipeline.changes import compare_with_report
+        from imumon.record.changes import compare_with_report
 
         changes += [
             (name, change)

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from imumon.messages import caveats, grade_text, loss_label
-from imumon.report import Report
-from imumon.units import duration
+from imumon.model.messages import caveats, grade_text, loss_label
+from imumon.model.report import Report
+from imumon.model.units import duration
 
 GRACE_S = 0.5
 """s beyond two periods that a report may be old, and that the next one is waited for."""

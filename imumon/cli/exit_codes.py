@@ -6,7 +6,7 @@ that does. An error that arises in a command itself is a `CommandError` and carr
 
 from __future__ import annotations
 
-from imumon.errors import ImumonError, RateRequired
+from imumon.model.errors import ImumonError, RateRequired
 
 SUCCESS = 0
 FAILURE = 1
@@ -59,8 +59,8 @@ def exit_code(error: ImumonError) -> int:
         return NOT_FOUND
     if error.code in _USAGE_CODES or isinstance(error, RateRequired) or getattr(error, "setting", None):
         return USAGE
-    from imumon.devices.base import DeviceError, DeviceNotFound, InvalidOption
-    from imumon.recordings.base import OptionError
+    from imumon.sources.device import DeviceError, DeviceNotFound, InvalidOption
+    from imumon.sources.files.base import OptionError
 
     unknown_device = isinstance(error, DeviceError) and error.code == "unknown_device_scheme"
     if unknown_device or isinstance(error, InvalidOption | OptionError):

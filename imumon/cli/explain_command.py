@@ -13,9 +13,9 @@ import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
-from imumon import glossary
 from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
+from imumon.model import glossary
 
 
 def add_explain(parser: Parser) -> None:

@@ -14,15 +14,15 @@ from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message_once
-from imumon.coefficients import BIAS_SLOPE, COEFFICIENTS, NOISE, Estimate, mean_unit, unit_of
-from imumon.errors import ImumonError
 from imumon.history.rows import csv_pieces, iso, json_pieces, rows
 from imumon.history.selection import moment, of_parameters, selection
 from imumon.history.store import SUFFIX, HistoryError, HistoryStore, devices
-from imumon.history_report import STEPS, HistoryRow, history_rows, objects
-from imumon.messages import matching
-from imumon.samples import UNITS, sensor_of
-from imumon.units import duration, measured, number, plus_minus, pretty
+from imumon.model.coefficients import BIAS_SLOPE, COEFFICIENTS, NOISE, Estimate, mean_unit, unit_of
+from imumon.model.errors import ImumonError
+from imumon.model.history_report import STEPS, HistoryRow, history_rows, objects
+from imumon.model.messages import matching
+from imumon.model.samples import UNITS, sensor_of
+from imumon.model.units import duration, measured, number, plus_minus, pretty
 
 ESTIMATE = 25
 """Cells of a coefficient in the table."""

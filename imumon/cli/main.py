@@ -24,8 +24,8 @@ from imumon import __version__
 from imumon.cli.exit_codes import INTERRUPTED, SUCCESS, USAGE, CommandError, exit_code
 from imumon.cli.options import Parser, add_shared
 from imumon.cli.output import discard_stdout, prepare_streams, print_error
-from imumon.errors import ImumonError
-from imumon.system_errors import not_done
+from imumon.model.errors import ImumonError
+from imumon.model.system_errors import not_done
 
 Handler: TypeAlias = Callable[[argparse.Namespace], int]
 

@@ -14,12 +14,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
-from imumon import units
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.output import print_message_once
-from imumon.errors import why
-from imumon.report_json import MAX_BYTES
-from imumon.system_errors import cure_of_reading
+from imumon.model import units
+from imumon.model.errors import why
+from imumon.model.report_json import MAX_BYTES
+from imumon.model.system_errors import cure_of_reading
 
 STOP_WITH_STDIN = "--stop-with-stdin"
 """Option of `run` for the command `demo` alone."""
@@ -106,7 +106,7 @@ def file_name(text: str) -> str:
 
 def rate(text: str) -> float:
     """Return a sample rate, Hz, within the limits of the settings."""
-    from imumon.samples import FASTEST_HZ, SLOWEST_HZ
+    from imumon.model.samples import FASTEST_HZ, SLOWEST_HZ
 
     value = positive(text)
     if not SLOWEST_HZ <= value <= FASTEST_HZ:
@@ -125,7 +125,7 @@ def seconds(text: str) -> float:
 
 def horizon(text: str) -> float:
     """Return the longest time without a fix, s, within the limits of the parameters for filters."""
-    from imumon.filter_report import LONGEST_HORIZON_S, SHORTEST_HORIZON_S
+    from imumon.model.filter_report import LONGEST_HORIZON_S, SHORTEST_HORIZON_S
 
     value = seconds(text)
     if not SHORTEST_HORIZON_S <= value <= LONGEST_HORIZON_S:
@@ -244,7 +244,7 @@ def answering(subscriber: Any, id: str | None, timeout_s: float, cure: str) -> l
     cure : what to do if no daemon answers, beside starting one.
     """
     from imumon.bus.subscriber import GATHER_S
-    from imumon.messages import matching
+    from imumon.model.messages import matching
 
     end_s = time.monotonic() + timeout_s
     while not matching(id, subscriber.reports()):
@@ -369,7 +369,7 @@ def with_origin(error: Any, settings: Any) -> Any:
 
 def saved_report(path: Path) -> Any:
     """Return the report of a JSON file; raise ValueError if it is none."""
-    from imumon.report import Report, from_json
+    from imumon.model.report import Report, from_json
 
     with path.open("rb") as file:
         return from_json(Report, file.read(MAX_BYTES + 1))

@@ -19,9 +19,9 @@ from dataclasses import asdict
 from functools import cache
 from typing import Any
 
-from imumon.errors import ImumonError
-from imumon.report_json import plain, to_json
-from imumon.system_errors import not_written
+from imumon.model.errors import ImumonError
+from imumon.model.report_json import plain, to_json
+from imumon.model.system_errors import not_written
 
 _ASCII = str.maketrans(
     {
@@ -148,13 +148,13 @@ def print_report(
     if as_json:
         print_json(to_json(report))
     elif verbose:
-        from imumon.datasheet import document
-        from imumon.filter_report import DEFAULT_HORIZON_S
-        from imumon.pipeline.filter_report_builder import filter_report
+        from imumon.documents import document
+        from imumon.model.filter_report import DEFAULT_HORIZON_S
+        from imumon.record.filter_report_builder import filter_report
 
         print(document(report, "md", filter_report(report, DEFAULT_HORIZON_S)).decode(), end="")
     else:
-        from imumon.datasheet.summary import comparison_text, summary_text
+        from imumon.documents.summary import comparison_text, summary_text
 
         comparison = comparison_text(report, baseline) if baseline is not None else None
         last = [comparison, WHOLE] if comparison else [WHOLE]

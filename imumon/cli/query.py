@@ -15,11 +15,11 @@ from imumon.cli.exit_codes import NOT_FOUND, NOT_REACHED, SUCCESS, USAGE, Comman
 from imumon.cli.options import Parser
 from imumon.cli.output import print_json, print_message, print_report, print_status
 from imumon.cli.wait_condition import WaitCondition
-from imumon.coefficients import GRADES, MARKOV, NOISE
-from imumon.readiness import letters_for
-from imumon.report_json import to_json
+from imumon.model.coefficients import GRADES, MARKOV, NOISE
+from imumon.model.readiness import letters_for
+from imumon.model.report_json import to_json
+from imumon.model.units import duration
 from imumon.tui import run, terminal
-from imumon.units import duration
 
 SPEAKS_S = 60.0
 """s between two lines about what is missing, where standard error is no terminal."""

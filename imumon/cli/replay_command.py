@@ -11,10 +11,10 @@ from imumon.cli import options
 from imumon.cli.exit_codes import SUCCESS, USAGE, CommandError
 from imumon.cli.options import Parser
 from imumon.cli.output import print_message, print_report
-from imumon.clock import HostClock
-from imumon.cures import OPTIONS
-from imumon.errors import ImumonError
-from imumon.references import read_sheet
+from imumon.documents.references import read_sheet
+from imumon.model.cures import OPTIONS
+from imumon.model.errors import ImumonError
+from imumon.sources.clock import HostClock
 
 FILES = (
     "bytes of the sensor (ASCII, binary, mixed), --record file, CSV, all also gzipped; NPZ, rosbag, MCAP, ulg (PX4), "
@@ -62,7 +62,7 @@ def add_datasheet(parser: argparse._ActionsContainer) -> None:
 
 def sensor_filter(text: str) -> Any:
     """Return the filter that ``--filter`` names."""
-    from imumon.replay import SensorFilter
+    from imumon.api.replay_options import SensorFilter
 
     try:
         return SensorFilter.parse(text)
@@ -80,9 +80,9 @@ def reference_sheet(arguments: argparse.Namespace) -> Any:
 
 def replay_options(arguments: argparse.Namespace, path: str, **more: Any) -> Any:
     """Return the options of a replay; raise `ImumonError` if one of them is malformed."""
-    from imumon.recordings.columns import parse_map
-    from imumon.recordings.sensor_column import parse_where
-    from imumon.replay import ReplayOptions
+    from imumon.api.replay_options import ReplayOptions
+    from imumon.sources.files.columns import parse_map
+    from imumon.sources.files.sensor_column import parse_where
 
     loaded = options.settings(arguments)
     required = loaded.report
@@ -109,7 +109,7 @@ def replayed(wanted: Any, sheet: Any = None, bus: Any = None) -> Any:
     What is doubtful in the recording is printed behind the bar.
     """
     from imumon.api.record_analysis import measured
-    from imumon.replay import ProgressBar
+    from imumon.cli.progress_bar import ProgressBar
 
     with ProgressBar() as bar:
         measurement = measured(wanted, sheet, progress=bar.update, bus=bus)

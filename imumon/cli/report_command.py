@@ -25,13 +25,13 @@ from imumon.cli.replay_command import (
     replay_options,
     replayed,
 )
-from imumon.datasheet import DEFAULT_PROGRAM, FORMS, PAGES, document, short_record_text
-from imumon.devices import registry
+from imumon.documents import DEFAULT_PROGRAM, FORMS, PAGES, document, short_record_text
 from imumon.files import replace_file
-from imumon.filter_report import DEFAULT_HORIZON_S, FilterReport
-from imumon.readiness import ProgramName
-from imumon.report import DeviceDescription, SessionCounters
-from imumon.system_errors import not_read, not_written
+from imumon.model.filter_report import DEFAULT_HORIZON_S, FilterReport
+from imumon.model.readiness import ProgramName
+from imumon.model.report import DeviceDescription, SessionCounters
+from imumon.model.system_errors import not_read, not_written
+from imumon.sources import registry
 
 PLAIN_K_REMARK = (
     "--walk K: random_walk is K alone. Flicker B moves the bias, too, so a filter with it is too sure of its bias; "
@@ -151,7 +151,7 @@ def _filters(report: Any, horizon_s: float | None, needed: bool, walk: Any) -> A
 
     if not needed:
         return FilterReport(time=report.time, device=report.device)
-    from imumon.pipeline.filter_report_builder import filter_report
+    from imumon.record.filter_report_builder import filter_report
 
     return filter_report(report, horizon_s or DEFAULT_HORIZON_S, walk)
 
@@ -200,7 +200,7 @@ def _from_file(arguments: argparse.Namespace) -> Any:
     if is_state(head):
         _check_recording(arguments, "a saved state")
         return with_turn_on(_from_state(Path(arguments.file)), Path(arguments.file))
-    from imumon.recordings import OptionNotApplicable
+    from imumon.sources.files import OptionNotApplicable
 
     wanted = replay_options(arguments, arguments.file, convergence=_form(arguments) in PAGES)
     try:
@@ -230,7 +230,7 @@ def _from_state(path: Path) -> Any:
     """Return the report of a saved state, as of the time when it was saved."""
 
     from imumon.checkpoint import SavedState, decode
-    from imumon.pipeline import Monitor, MonitorOptions
+    from imumon.record import Monitor, MonitorOptions
 
     state = decode(path.read_bytes(), f"the state {path}")
     if not isinstance(state, SavedState):

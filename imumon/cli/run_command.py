@@ -21,9 +21,9 @@ from imumon.cli.exit_codes import INTERRUPTED, NOT_FOUND, NOT_REACHED, SUCCESS, 
 from imumon.cli.options import Parser
 from imumon.cli.output import print_report
 from imumon.cli.query import require_terminal, tui
-from imumon.clock import HostClock
-from imumon.devices.registry import driver, driver_of
-from imumon.units import duration
+from imumon.model.units import duration
+from imumon.sources.clock import HostClock
+from imumon.sources.registry import driver, driver_of
 
 STACK_BYTES = 2 << 20
 """Stack of each thread of the daemon. The 8 MB of Linux count as data of the process, used or not: with twenty threads

@@ -15,12 +15,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from imumon.coefficients import GRADED, GRADES, NOISE, GradeName
-from imumon.messages import nearest_text
+from imumon.model.coefficients import GRADED, GRADES, NOISE, GradeName
+from imumon.model.messages import nearest_text
+from imumon.model.report import Channel, Report
+from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.units import duration, figures, pretty, share_text
 from imumon.noise.grading import grade_coefficient
-from imumon.report import Channel, Report
-from imumon.samples import INERTIAL, sensor_of
-from imumon.units import duration, figures, pretty, share_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

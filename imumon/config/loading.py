@@ -34,8 +34,8 @@ from imumon.config.toml_file import (
     tables,
     toml_text,
 )
-from imumon.errors import QUOTED
-from imumon.samples import FASTEST_HZ, SLOWEST_HZ
+from imumon.model.errors import QUOTED
+from imumon.model.samples import FASTEST_HZ, SLOWEST_HZ
 
 MOST_FAULTS = 100
 """Faults that are reported of a file."""

@@ -16,10 +16,10 @@ from typing import Annotated, Any, Literal, TypeAlias, get_type_hints
 from pydantic import BeforeValidator, ConfigDict, Field, Strict
 from pydantic.dataclasses import dataclass
 
-from imumon.coefficients import NOISE, GradeName
-from imumon.readiness import ProgramName
-from imumon.report import MAX_LOSS
-from imumon.samples import FASTEST_HZ
+from imumon.model.coefficients import NOISE, GradeName
+from imumon.model.readiness import ProgramName
+from imumon.model.report import MAX_LOSS
+from imumon.model.samples import FASTEST_HZ
 
 BaudRate: TypeAlias = Literal[9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600]
 

@@ -10,10 +10,10 @@ from datetime import date, time
 from pathlib import Path
 from typing import Any
 
-from imumon.errors import ImumonError
 from imumon.files import SMALL_BYTES, read_at_most
-from imumon.report_json import plain
-from imumon.system_errors import cure_of_reading
+from imumon.model.errors import ImumonError
+from imumon.model.report_json import plain
+from imumon.model.system_errors import cure_of_reading
 
 LONGEST_LINE = 1000
 """Characters of a line: the time for a dotted name grows with the square of its length."""

@@ -20,9 +20,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty, Full, Queue
 
-from imumon.errors import why
-from imumon.report import Event
-from imumon.report_json import to_json
+from imumon.model.errors import why
+from imumon.model.report import Event
+from imumon.model.report_json import to_json
 
 KILL_S = 10.0
 """s that the command may take."""

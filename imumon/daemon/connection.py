@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields, replace
 
-from imumon.clock import HostClock
 from imumon.daemon.run_limits import DataTimeout
-from imumon.devices import registry
-from imumon.devices.base import DeviceDriver, DeviceError
-from imumon.ledger import ledger_text
-from imumon.report import DeviceDescription, State
-from imumon.samples import DeviceCounters, DeviceInfo
+from imumon.model.ledger import ledger_text
+from imumon.model.report import DeviceDescription, State
+from imumon.model.samples import DeviceCounters, DeviceInfo
+from imumon.sources import registry
+from imumon.sources.clock import HostClock
+from imumon.sources.device import DeviceDriver, DeviceError
 
 UNEXPLAINED_S = 3.0
 """s from the first byte on after which a report without a sample says what arrives. Samples at 100 Hz show after half a

@@ -10,7 +10,6 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import replace
 
-from imumon import report
 from imumon.bus import BusError
 from imumon.checkpoint import check_directory
 from imumon.config import Settings
@@ -19,8 +18,11 @@ from imumon.daemon.kept_record import KeptRecord
 from imumon.daemon.outputs import Outputs
 from imumon.daemon.run_limits import RunOptions, RunResult, Shutdown, Timer
 from imumon.daemon.sd_notify import ServiceNotifier, status_line
-from imumon.devices.base import DeviceEnded, DeviceError, DeviceNotFound, DeviceOptions, InvalidOption
-from imumon.devices.device_reader import (
+from imumon.model import report
+from imumon.model.messages import EVENT_LEVELS
+from imumon.model.samples import DeviceCounters, DeviceInfo, Gap, Item, Level, Notice, RawBytes, SampleBlock
+from imumon.sources.device import DeviceEnded, DeviceError, DeviceNotFound, DeviceOptions, InvalidOption
+from imumon.sources.device_reader import (
     DeviceReader,
     Disconnected,
     EndOfStream,
@@ -32,9 +34,7 @@ from imumon.devices.device_reader import (
     Started,
     create_device,
 )
-from imumon.devices.registry import driver_of
-from imumon.messages import EVENT_LEVELS
-from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item, Level, Notice, RawBytes, SampleBlock
+from imumon.sources.registry import driver_of
 
 WAIT_S = 0.1
 """s that the loop waits for the device before it looks at signals and duties."""

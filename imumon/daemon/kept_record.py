@@ -14,10 +14,10 @@ from imumon.daemon.persistence import Persistence
 from imumon.daemon.recorder import Recorder
 from imumon.daemon.run_limits import RunOptions, Timer
 from imumon.history.history import History
-from imumon.ledger import RECEIVED, SAMPLES, merged
-from imumon.pipeline import Monitor, MonitorOptions, RecordMismatch
-from imumon.report import Event, Report, SessionCounters, stamp
-from imumon.samples import DeviceCounters, DeviceInfo, Level, SampleBlock
+from imumon.model.ledger import RECEIVED, SAMPLES, merged
+from imumon.model.report import Event, Report, SessionCounters, stamp
+from imumon.model.samples import DeviceCounters, DeviceInfo, Level, SampleBlock
+from imumon.record import Monitor, MonitorOptions, RecordMismatch
 
 UNKEPT = ("gap",)
 """Kinds of events that are not kept: a lossy link has thousands, and the rows count what is missing."""

@@ -31,8 +31,8 @@ from logging.handlers import QueueHandler, QueueListener
 from queue import Full, Queue
 from typing import Any
 
-from imumon.report import stamp
-from imumon.report_json import plain
+from imumon.model.report import stamp
+from imumon.model.report_json import plain
 
 LEVELS: dict[str, int] = {
     "error": logging.ERROR,

@@ -15,11 +15,11 @@ from imumon.daemon.alert_command import CLOSE_S, AlertCommand
 from imumon.daemon.kept_record import KeptRecord
 from imumon.daemon.log import LEVELS
 from imumon.daemon.run_limits import RunOptions
-from imumon.messages import EVENT_LEVELS
-from imumon.pipeline.events import DetectedEvent
-from imumon.report import Event, Report, Signal, stamp
+from imumon.model.messages import EVENT_LEVELS
+from imumon.model.report import Event, Report, Signal, stamp
+from imumon.model.samples import DeviceInfo, Level
+from imumon.record.events import DetectedEvent
 from imumon.ros2.ros_output import RosOutput
-from imumon.samples import DeviceInfo, Level
 
 log = logging.getLogger(__name__)
 

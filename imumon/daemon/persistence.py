@@ -21,13 +21,13 @@ from imumon.checkpoint import (
     SavedState,
     StateHeader,
 )
-from imumon.clock import HostClock
-from imumon.ledger import merged
-from imumon.pipeline import Monitor, RecordMismatch
-from imumon.report import SessionCounters, stamp
-from imumon.report_json import plain
-from imumon.samples import DeviceInfo, Level
-from imumon.saved_state import pack
+from imumon.model.ledger import merged
+from imumon.model.report import SessionCounters, stamp
+from imumon.model.report_json import plain
+from imumon.model.samples import DeviceInfo, Level
+from imumon.model.saved_state import pack
+from imumon.record import Monitor, RecordMismatch
+from imumon.sources.clock import HostClock
 
 COUNTERS = tuple(counter.name for counter in fields(SavedSession) if counter.name != "ledger")
 """Counters of the link that continue in the next run."""

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from imumon.config import RecordSettings
-from imumon.errors import ImumonError
+from imumon.model.errors import ImumonError
 
 if TYPE_CHECKING:  # most daemons record nothing
-    from imumon.recordings import CaptureWriter
+    from imumon.sources.files import CaptureWriter
 
 EARLY_BYTES = 1 << 20
 """Bytes after which a recording starts even if nothing of the stream is known yet."""
@@ -50,7 +50,7 @@ class Recorder:
         RecordingError : it cannot.
         """
         if self.needs_header:
-            from imumon.recordings import check_place
+            from imumon.sources.files import check_place
 
             self._pipe = check_place(self._settings.file)
 
@@ -73,7 +73,7 @@ class Recorder:
         -------
         Path of the file, None if there is a problem: an existing file is not overwritten.
         """
-        from imumon.recordings import CaptureWriter
+        from imumon.sources.files import CaptureWriter
 
         early, self._early, self.needs_header = bytes(self._early), bytearray(), False
         rotate = int(self._settings.rotate_mb * 1e6)

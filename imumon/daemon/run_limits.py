@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
-from imumon.clock import REAL_TIME, HostClock
-from imumon.report import Report
+from imumon.model.report import Report
+from imumon.sources.clock import REAL_TIME, HostClock
 
 ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
 """Signals that end the run."""
@@ -37,7 +37,7 @@ class RunOptions:
 
     Attributes
     ----------
-    url : of the device, see `imumon.devices.registry.driver_of`; empty: the only one that is found.
+    url : of the device, see `imumon.sources.registry.driver_of`; empty: the only one that is found.
     state_directory : of the accumulated statistics.
     duration_s : s of the host clock; None: unlimited.
     fresh : start a new record; the old state is kept under another name.

@@ -9,8 +9,8 @@ from __future__ import annotations
 import os
 import socket
 
-from imumon.messages import grade_text
-from imumon.report import Report
+from imumon.model.messages import grade_text
+from imumon.model.report import Report
 
 
 class ServiceNotifier:

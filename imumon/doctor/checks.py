@@ -9,7 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from imumon.config import Settings
-from imumon.devices.base import (
+from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
+from imumon.grid.interval import RATE_TOLERANCE
+from imumon.model.report import MAX_LOSS
+from imumon.model.samples import ALIASED
+from imumon.model.units import counted
+from imumon.sources.device import (
     ARRIVAL_SAMPLES,
     READ_S,
     Check,
@@ -17,11 +22,6 @@ from imumon.devices.base import (
     DeviceError,
     Observation,
 )
-from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
-from imumon.report import MAX_LOSS
-from imumon.samples import ALIASED
-from imumon.timebase.interval import RATE_TOLERANCE
-from imumon.units import counted
 
 MAX_MISSING = 0.1  # share of missing samples, or relative deficit of the rate, above which a line is unusable
 MAX_PAUSE_S = 1.0  # s without data that need no warning

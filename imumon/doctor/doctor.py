@@ -20,14 +20,14 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from imumon.config import Settings
-from imumon.devices import registry
-from imumon.devices.base import Check, DeviceError, DeviceOptions
-from imumon.devices.ports import find_ports
 from imumon.doctor import checks, probe_host
 from imumon.doctor.observed import PortObservation, ZenohObservation
 from imumon.doctor.probe_device import observe_daemon, observe_device
 from imumon.doctor.probe_zenoh import ZenohProbe
-from imumon.report import Report
+from imumon.model.report import Report
+from imumon.sources import registry
+from imumon.sources.device import Check, DeviceError, DeviceOptions
+from imumon.sources.ports import find_ports
 
 OBSERVE_S = 3.0
 """s for which a device is observed: 1 % of damaged messages show at 40 Hz."""

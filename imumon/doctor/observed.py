@@ -1,6 +1,6 @@
 """Observations of the probes; `checks` turns them into lines with a status and a cure.
 
-The observation of a device is `imumon.devices.base.Observation`.
+The observation of a device is `imumon.sources.device.Observation`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from imumon.errors import ImumonError
-from imumon.report import Report
+from imumon.model.errors import ImumonError
+from imumon.model.report import Report
 
 _URL = re.compile(r"[a-z][a-z0-9+.-]*:")
 

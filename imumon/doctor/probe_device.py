@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from imumon.bus import Subscriber
-from imumon.devices.base import READ_S, Device, DeviceLost, Observation
-from imumon.report import Report
-from imumon.samples import DeviceInfo, Ints, RawBytes, SampleBlock, Stream
+from imumon.model.report import Report
+from imumon.model.samples import DeviceInfo, Ints, RawBytes, SampleBlock, Stream
+from imumon.sources.device import READ_S, Device, DeviceLost, Observation
 
 DEVICE_CAVEATS = ("compensated", "unknown_compensation", "aliased")
 """Caveats of a report that describe the device, not the record."""

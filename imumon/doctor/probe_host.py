@@ -13,10 +13,10 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from imumon.devices.linux_tty import holders, locker
-from imumon.devices.ports import find_ports
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation
-from imumon.errors import why
+from imumon.model.errors import why
+from imumon.sources.linux_tty import holders, locker
+from imumon.sources.ports import find_ports
 
 
 def observe_port(path: str, daemon: str | None = None) -> PortObservation:

@@ -18,13 +18,13 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from imumon.clock import REAL_TIME, HostClock
-from imumon.coefficients import BIAS_SLOPE, LIMIT_95, Estimate
 from imumon.history.store import TimedPeriod
+from imumon.model.coefficients import BIAS_SLOPE, LIMIT_95, Estimate
+from imumon.model.report import Against, Change, stamp
+from imumon.model.samples import sensor_of
+from imumon.model.units import DAY, HOUR
 from imumon.noise.stretches.change import LEAST_CHANGE, CoefficientChange, compare
-from imumon.report import Against, Change, stamp
-from imumon.samples import sensor_of
-from imumon.units import DAY, HOUR
+from imumon.sources.clock import REAL_TIME, HostClock
 
 AGAINST: Against = "history"
 """What such a change is a change against, in the report."""

@@ -18,8 +18,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from imumon.clock import REAL_TIME, HostClock
-from imumon.errors import why
 from imumon.files import lack_of_files
 from imumon.history import selection
 from imumon.history.day_changes import DAYS_KEPT, DayChanges
@@ -36,12 +34,14 @@ from imumon.history.store import (
     is_empty,
     set_aside,
 )
-from imumon.history_report import STEPS, HistoryPeriod
-from imumon.messages import change_text
-from imumon.report import Event, Report
-from imumon.samples import Level
-from imumon.system_errors import OTHER_STATE, cure_of_writing
-from imumon.units import DAY
+from imumon.model.errors import why
+from imumon.model.history_report import STEPS, HistoryPeriod
+from imumon.model.messages import change_text
+from imumon.model.report import Event, Report
+from imumon.model.samples import Level
+from imumon.model.system_errors import OTHER_STATE, cure_of_writing
+from imumon.model.units import DAY
+from imumon.sources.clock import REAL_TIME, HostClock
 
 MOST_PENDING = 2400
 """Periods that wait for the disk, two weeks of them, and events; then the oldest is dropped."""

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from imumon.coefficients import GRADES
-from imumon.errors import ImumonError, why
-from imumon.messages import EVENT_LEVELS
-from imumon.report import Report
-from imumon.system_errors import cure_of_writing
+from imumon.model.coefficients import GRADES
+from imumon.model.errors import ImumonError, why
+from imumon.model.messages import EVENT_LEVELS
+from imumon.model.report import Report
+from imumon.model.system_errors import cure_of_writing
 
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric

@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from imumon.history.store import PowerUp, TimedPeriod
+from imumon.model.report import WARM_S, Distribution, Report
+from imumon.model.samples import sensor_of
 from imumon.noise.statistics.moments import deviation_limits
-from imumon.report import WARM_S, Distribution, Report
-from imumon.samples import sensor_of
 
 SAME_S, SAME_SHARE = 60.0, 1e-3
 """s, and share of the time that passed, by which the clock of the sensor may lag behind that of the host in one

@@ -9,9 +9,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from imumon.coefficients import COEFFICIENTS, LIMIT_95, Estimate
-from imumon.history_report import LEAST_DAYS, DayScatter, HistoryRow
-from imumon.units import DAY, HOUR
+from imumon.model.coefficients import COEFFICIENTS, LIMIT_95, Estimate
+from imumon.model.history_report import LEAST_DAYS, DayScatter, HistoryRow
+from imumon.model.units import DAY, HOUR
 
 
 def day_scatter(rows: Iterable[HistoryRow]) -> dict[str, dict[str, DayScatter]]:

@@ -9,13 +9,13 @@ from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from typing import Any
 
-from imumon.coefficients import Estimate
 from imumon.history.schema import ESTIMATE_COLUMNS
 from imumon.history.selection import Selection
 from imumon.history.store import TimedPeriod
-from imumon.history_report import STEPS
-from imumon.report import stamp
-from imumon.samples import UNITS, sensor_of
+from imumon.model.coefficients import Estimate
+from imumon.model.history_report import STEPS
+from imumon.model.report import stamp
+from imumon.model.samples import UNITS, sensor_of
 
 DIGITS = 7
 """Significant digits of a number in a row; the limits of N are wider."""

@@ -7,7 +7,7 @@ file of version 2 when it is opened for writing, older programs ignore: columns 
 
 from __future__ import annotations
 
-from imumon.coefficients import BIAS_SLOPE, COEFFICIENTS
+from imumon.model.coefficients import BIAS_SLOPE, COEFFICIENTS
 
 SCHEMA = """
 CREATE TABLE channel (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE);

@@ -11,9 +11,9 @@ import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from imumon.errors import ImumonError
-from imumon.history_report import STEPS
-from imumon.units import DAY, seconds
+from imumon.model.errors import ImumonError
+from imumon.model.history_report import STEPS
+from imumon.model.units import DAY, seconds
 
 HOURS_S = 62.0 * DAY
 """s, longest span that is answered in steps of an hour if no step is asked for."""

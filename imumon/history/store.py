@@ -30,13 +30,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from imumon.coefficients import GRADES, Estimate, GradeName, Status
-from imumon.errors import ImumonError, why
 from imumon.files import rename_aside
 from imumon.history.schema import CHECKED, ESTIMATE_COLUMNS, SCHEMA, VERSION
 from imumon.history.selection import Selection
-from imumon.history_report import STEPS, HistoryPeriod, PeriodChannel
-from imumon.report import Event
+from imumon.model.coefficients import GRADES, Estimate, GradeName, Status
+from imumon.model.errors import ImumonError, why
+from imumon.model.history_report import STEPS, HistoryPeriod, PeriodChannel
+from imumon.model.report import Event
 
 SUFFIX = ".history.sqlite"
 EXTRAS = ("-wal", "-shm")

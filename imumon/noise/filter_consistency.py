@@ -59,8 +59,8 @@ from functools import cache, lru_cache
 
 import numpy as np
 
+from imumon.model.samples import Floats
 from imumon.noise.power_law import phase_autocovariance
-from imumon.samples import Floats
 
 STEP_S = 0.2
 """s, step of the filter in the reference scenario (contract, 5 Hz); it divides 1 s."""

@@ -48,8 +48,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from imumon.model.samples import Bools, Floats
 from imumon.noise.filter_consistency import STEP_S, ChannelTruths, Consistency, FilterModels, predict
-from imumon.samples import Bools, Floats
 
 MOST_NEES = 1.25
 """1, largest NEES of the recommended numbers, and one over the smallest of the filter with Gauss-Markov terms

@@ -43,7 +43,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from imumon.coefficients import COEFFICIENTS, GRADED, GRADES, Estimate, GradeName
+from imumon.model.coefficients import COEFFICIENTS, GRADED, GRADES, Estimate, GradeName
 
 READABLE_LIMITS: Mapping[str, Mapping[str, tuple[float, float, float, float]]] = {
     "gyro": {"N": (0.01, 0.05, 0.2, 2.0), "B": (0.01, 1.0, 10.0, 100.0)},  # deg/sqrt(h), deg/h

@@ -22,7 +22,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from imumon.samples import Floats, Ints
+from imumon.model.samples import Floats, Ints
 
 SERIES_BELOW = 0.05
 """Lags in time constants below which differences of exponentials are computed by their series: they cancel."""

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from imumon.model.samples import Floats, Ints
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.spectrum import PowerSpectrum
 from imumon.noise.spectrum.level_sums import LevelSums
-from imumon.samples import Floats, Ints
 
 
 @dataclass(frozen=True, slots=True, eq=False)

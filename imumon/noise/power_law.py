@@ -29,7 +29,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import zeta
 
-from imumon.samples import Floats
+from imumon.model.samples import Floats
 
 EXACT = 256
 """Blocks, or samples of a cluster, up to which flicker is computed exactly: beyond, what it tends to serves."""

@@ -27,8 +27,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from imumon.model.samples import Floats
 from imumon.noise.markov_law import average_autocovariance
-from imumon.samples import Floats
 
 Seed: TypeAlias = int | np.random.Generator | None
 Strength: TypeAlias = float | npt.ArrayLike

@@ -50,7 +50,7 @@ from dataclasses import dataclass
 
 from scipy.special import ndtri, stdtrit
 
-from imumon.coefficients import COEFFICIENTS, LIMIT_95, MARKOV, QUARTERS
+from imumon.model.coefficients import COEFFICIENTS, LIMIT_95, MARKOV, QUARTERS
 from imumon.noise.validity_groups import DITHERED, ROUNDING_VARIANCE
 
 

@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from imumon.samples import Bools, Floats
-from imumon.saved_state import restorable
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import restorable
 
 LEAST_SHARE = 0.2
 """Share of valid samples from which the mean of a block counts, a segment of the spectrum, and a frame of the guard."""

@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from enum import IntEnum
 
-from imumon.coefficients import Estimate
-from imumon.messages import grade_text, line, loss_text
-from imumon.report import Channel, Report, SensorGrade
+from imumon.model.coefficients import Estimate
+from imumon.model.messages import grade_text, line, loss_text
+from imumon.model.report import Channel, Report, SensorGrade
+from imumon.model.samples import AXES, sensor_of
+from imumon.model.units import figures
 from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, encode, header, message
-from imumon.samples import AXES, sensor_of
-from imumon.units import figures
 
 
 class DiagnosticLevel(IntEnum):

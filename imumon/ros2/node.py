@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from imumon.errors import ImumonError
+from imumon.model.errors import ImumonError
 
 NODE_NAME = "imumon"
 MOST_ENTITIES = 1 << 14

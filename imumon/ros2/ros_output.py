@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
-from imumon.report import Report
+from imumon.model.report import Report
 from imumon.ros2.diagnostics import DIAGNOSTICS, diagnostics, sample_variances
 from imumon.ros2.node import RosError, RosNode
 from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, IMU, CdrError, with_imu_covariances

@@ -20,14 +20,14 @@ from textual.containers import Container
 from textual.events import Click
 from textual.screen import Screen
 
-from imumon.coefficients import NOISE
-from imumon.errors import why
 from imumon.files import replace_file
-from imumon.glossary import words_in
-from imumon.messages import caveats
-from imumon.report import Report
-from imumon.report_json import to_json
-from imumon.system_errors import cure_of_writing
+from imumon.model.coefficients import NOISE
+from imumon.model.errors import why
+from imumon.model.glossary import words_in
+from imumon.model.messages import caveats
+from imumon.model.report import Report
+from imumon.model.report_json import to_json
+from imumon.model.system_errors import cure_of_writing
 from imumon.tui import export, terminal
 from imumon.tui.formatting import Line, Notation, wrap
 from imumon.tui.over_time import parse

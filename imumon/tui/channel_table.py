@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from imumon.coefficients import MARKOV, NOISE
-from imumon.readiness import state_of
-from imumon.report import Channel, Report
-from imumon.samples import INERTIAL, sensor_of
+from imumon.model.coefficients import MARKOV, NOISE
+from imumon.model.readiness import state_of
+from imumon.model.report import Channel, Report
+from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.units import number, short
 from imumon.tui.formatting import CELL, Line, fitted, padded, with_background
 from imumon.tui.view_state import ViewState
-from imumon.units import number, short
 
 COLUMNS = {"mean": 10, "std": 8, **dict.fromkeys((*NOISE, *MARKOV), CELL + 3), "grade": 12}
 """Cells of each column, including the gap before it; of a coefficient also a blank and the symbol of its state."""

@@ -12,9 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from imumon.coefficients import COEFFICIENTS, MARKOV, NOISE, Estimate
-from imumon.report import Allan, Channel, Histogram, Spectrum, Strip
-from imumon.samples import sensor_of
+from imumon.model.coefficients import COEFFICIENTS, MARKOV, NOISE, Estimate
+from imumon.model.report import Allan, Channel, Histogram, Spectrum, Strip
+from imumon.model.samples import sensor_of
+from imumon.model.units import MINUTE, duration, number, pretty
 from imumon.tui.braille_canvas import (
     TAKEN,
     AxisScale,
@@ -27,7 +28,6 @@ from imumon.tui.braille_canvas import (
 from imumon.tui.formatting import Line, Notation, approximate_duration, decade, fitted, length, padded
 from imumon.tui.panels import precision_goal
 from imumon.tui.view_state import WINDOWS, ViewState
-from imumon.units import MINUTE, duration, number, pretty
 
 EXTREME_VALUES = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 """A value that a chart cannot place becomes infinite or NaN and is not drawn; a warning would end up on the screen."""

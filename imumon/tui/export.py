@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from imumon.report import Report
-from imumon.samples import sensor_of
+from imumon.model.report import Report
+from imumon.model.samples import sensor_of
 from imumon.tui.view_state import ViewState
 
 

@@ -10,10 +10,10 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from imumon.coefficients import INDISTINCT_WORD, Estimate, mean_unit, unit_of
-from imumon.messages import no_value_text
-from imumon.samples import UNITS, sensor_of
-from imumon.units import measured, number, pretty
+from imumon.model.coefficients import INDISTINCT_WORD, Estimate, mean_unit, unit_of
+from imumon.model.messages import no_value_text
+from imumon.model.samples import UNITS, sensor_of
+from imumon.model.units import measured, number, pretty
 
 Span = tuple[str, str]
 """Text and its role; the widget knows the colour of the role."""

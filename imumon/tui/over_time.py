@@ -21,17 +21,17 @@ from typing import Any
 
 import numpy as np
 
-from imumon.coefficients import CONVERGING, Estimate
-from imumon.history_report import HistoryRow, history_rows, objects
-from imumon.readiness import state_of
-from imumon.report import Channel, Convergence
-from imumon.samples import Floats, sensor_of
+from imumon.model.coefficients import CONVERGING, Estimate
+from imumon.model.history_report import HistoryRow, history_rows, objects
+from imumon.model.readiness import state_of
+from imumon.model.report import Channel, Convergence
+from imumon.model.samples import Floats, sensor_of
+from imumon.model.units import MINUTE, duration, pretty
 from imumon.tui.braille_canvas import AxisScale, Canvas, PlotFrame, ticked
 from imumon.tui.channel_table import SYMBOLS
 from imumon.tui.charts import EXTREME_VALUES, centred_text, numbers, round_step, tick_text
 from imumon.tui.formatting import Line, approximate_duration, fitted, padded
 from imumon.tui.view_state import RECORD, SPANS, HistorySeries, ViewState
-from imumon.units import MINUTE, duration, pretty
 
 MARKED = ("change", "restart", "connect", "disconnect", "warmup", "grade", "disturbance", "constant", "state")
 """Kinds of events that are marked."""

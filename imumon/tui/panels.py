@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from imumon.coefficients import INDISTINCT_WORD, Estimate
-from imumon.messages import GRADE_MEANING, NOT_APART, caveat_lines, caveats, grade_text, loss_label
-from imumon.readiness import ready_text
-from imumon.report import Channel, Report, SensorGrade
-from imumon.samples import INERTIAL, sensor_of
+from imumon.model.coefficients import INDISTINCT_WORD, Estimate
+from imumon.model.messages import GRADE_MEANING, NOT_APART, caveat_lines, caveats, grade_text, loss_label
+from imumon.model.readiness import ready_text
+from imumon.model.report import Channel, Report, SensorGrade
+from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.units import counted, duration, number, pretty, sentence
 from imumon.tui.formatting import (
     Line,
     Notation,
@@ -18,7 +19,6 @@ from imumon.tui.formatting import (
     wrap,
 )
 from imumon.tui.view_state import SHOWN_CAVEATS, VIEWS, ViewState
-from imumon.units import counted, duration, number, pretty, sentence
 
 # ---------------------------------------------------------------------------- status line
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import zip_longest
 
-from imumon.messages import (
+from imumon.model.messages import (
     CLOCKS,
     caveat_lines,
     drifts_with_temperature,
@@ -13,11 +13,11 @@ from imumon.messages import (
     follows_temperature,
     grade_text,
 )
-from imumon.report import Channel, Drift, Event, Report, SensorGrade
-from imumon.samples import INERTIAL
+from imumon.model.report import Channel, Drift, Event, Report, SensorGrade
+from imumon.model.samples import INERTIAL
+from imumon.model.units import duration, number, plus_minus, pretty, share_text
 from imumon.tui.formatting import Line, approximate_duration, fitted, length, padded, with_background, wrap
 from imumon.tui.view_state import ViewState
-from imumon.units import duration, number, plus_minus, pretty, share_text
 
 
 def _pair(name: str, value: object, note: str = "", role: str = "text") -> Line:

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from imumon.coefficients import NOISE
-from imumon.messages import matching
-from imumon.report import Channel, Event, Report, Signal
-from imumon.samples import Floats, sensor_of
+from imumon.model.coefficients import NOISE
+from imumon.model.messages import matching
+from imumon.model.report import Channel, Event, Report, Signal
+from imumon.model.samples import Floats, sensor_of
 from imumon.tui.formatting import Notation, approximate_duration
 
 READABLE = Notation()

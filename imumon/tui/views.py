@@ -17,8 +17,8 @@ from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
-from imumon.glossary import Explanation
-from imumon.messages import uncertainty
+from imumon.model.glossary import Explanation
+from imumon.model.messages import uncertainty
 from imumon.tui import channel_table, charts, over_time, panels, text_panels
 from imumon.tui.formatting import Line, padded, wrap
 from imumon.tui.view_state import VIEWS, ViewState

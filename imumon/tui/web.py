@@ -21,8 +21,8 @@ from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
-from imumon.errors import ImumonError
-from imumon.system_errors import cure_of_writing
+from imumon.model.errors import ImumonError
+from imumon.model.system_errors import cure_of_writing
 
 log = logging.getLogger(__name__)
 

@@ -19,8 +19,8 @@ from textual.strip import Strip
 from textual.theme import Theme
 from textual.widget import Widget
 
-from imumon.coefficients import COEFFICIENTS, GRADES
-from imumon.report_json import plain
+from imumon.model.coefficients import COEFFICIENTS, GRADES
+from imumon.model.report_json import plain
 from imumon.tui.formatting import Line, to_ascii
 from imumon.tui.view_state import ViewState
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from imumon.ledger import ColumnUse, with_received
-from imumon.report import RecordingDescription, Report
+from imumon.model.ledger import ColumnUse, with_received
+from imumon.model.report import RecordingDescription, Report
 
 
 def _of_rows(ledger: Mapping[str, int]) -> dict[str, int]:

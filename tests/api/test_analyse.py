@@ -14,8 +14,8 @@ from commands import imumon as command
 from tables import csv
 
 import imumon
-from imumon.errors import ImumonError
-from imumon.report import Report, from_json
+from imumon.model.errors import ImumonError
+from imumon.model.report import Report, from_json
 
 RATE, N = 200.0, 6.1e-5
 SAMPLES = 24_000

@@ -13,10 +13,10 @@ from commands import imumon as command
 
 import imumon
 from imumon import Measurement
-from imumon.coefficients import Estimate
-from imumon.errors import ImumonError
+from imumon.model.coefficients import Estimate
+from imumon.model.errors import ImumonError
 from imumon.noise.uncertainty import of_records
-from imumon.pipeline.record_combination import combined_estimate
+from imumon.record.record_combination import combined_estimate
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from bags import messages, write_bag1, write_bag2, write_checked_mcap
 from commands import imumon as command
 
 import imumon
-from imumon.errors import ImumonError
-from imumon.report import Report, from_json
+from imumon.model.errors import ImumonError
+from imumon.model.report import Report, from_json
 
 ROWS, RATE = 6_000, 100.0
 MESSAGES = messages(ROWS)

@@ -11,8 +11,8 @@ import pytest
 from analyses import comparable
 
 import imumon
-from imumon.errors import ImumonError
-from imumon.recordings.base import ROWS
+from imumon.model.errors import ImumonError
+from imumon.sources.files.base import ROWS
 
 RATE = 200.0
 CHANNELS = ("gyro/x", "gyro/y", "gyro/z", "temperature")

@@ -12,9 +12,9 @@ import pytest
 
 import imumon
 from imumon import Measurement
-from imumon.coefficients import Estimate
-from imumon.datasheet.program_settings import PROGRAMS
-from imumon.errors import ImumonError
+from imumon.documents.program_settings import PROGRAMS
+from imumon.model.coefficients import Estimate
+from imumon.model.errors import ImumonError
 
 mpl.use("Agg")
 RATE = 200.0

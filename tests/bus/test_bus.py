@@ -24,8 +24,8 @@ from imumon.bus.publisher import CURVES
 from imumon.bus.queryable import MAX_QUEUED
 from imumon.bus.zenoh_session import check_endpoint, is_local
 from imumon.config import ZenohSettings
-from imumon.report import Event, Report, from_json
-from imumon.report_json import to_json
+from imumon.model.report import Event, Report, from_json
+from imumon.model.report_json import to_json
 
 
 def plain_session(endpoint: str, mode: str = "client") -> zenoh.Session:

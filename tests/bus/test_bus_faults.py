@@ -21,8 +21,8 @@ from waiting import until
 
 from imumon.bus import Publisher, Subscriber
 from imumon.bus.zenoh_session import LEASE_S
-from imumon.report import Report, from_json
-from imumon.report_json import to_json
+from imumon.model.report import Report, from_json
+from imumon.model.report_json import to_json
 
 LISTENING = "0A"
 

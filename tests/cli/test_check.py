@@ -21,11 +21,11 @@ from daemons import Daemon, free_endpoint
 from faulty_sensor import spawn
 
 from imumon.bus import Publisher
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.pipeline import Monitor
-from imumon.report import DeviceDescription, Report, SensorGrade, SessionCounters, stamp
-from imumon.report_json import to_json
-from imumon.samples import SampleBlock
+from imumon.model.report import DeviceDescription, Report, SensorGrade, SessionCounters, stamp
+from imumon.model.report_json import to_json
+from imumon.model.samples import SampleBlock
+from imumon.record import Monitor
+from imumon.sources.vn100.emulator import EmulatorSettings
 
 PERFORMANCE = re.compile(r"[A-Za-z_]+=-?\d+(\.\d+)?(s|%|c)?(;-?[\d.]*){0,4}")
 """One value by the Monitoring Plugins Development Guidelines."""

@@ -10,9 +10,9 @@ from paths import ROOT
 from imumon.cli.exit_codes import SUCCESS, USAGE
 from imumon.cli.explain_command import errors_listed
 from imumon.cli.main import main
-from imumon.coefficients import COEFFICIENTS, STATUSES
-from imumon.glossary import explain, explanations
-from imumon.messages import CAVEATS
+from imumon.model.coefficients import COEFFICIENTS, STATUSES
+from imumon.model.glossary import explain, explanations
+from imumon.model.messages import CAVEATS
 
 
 def test_every_word_has_at_most_three_sentences_and_a_page() -> None:

@@ -138,7 +138,7 @@ def test_repeated_interrupts_give_no_traceback(tmp_path: Path) -> None:
 def test_a_folder_of_our_name_does_not_hide_the_package(tmp_path: Path) -> None:
     (tmp_path / "imumon").mkdir()
     (tmp_path / "imumon" / "__init__.py").write_text("raise SystemExit('the wrong package')")
-    code = "import sys; sys.path.remove(''); from imumon.devices.vn100.emulator import spawn; "
+    code = "import sys; sys.path.remove(''); from imumon.sources.vn100.emulator import spawn; "
     code += "print(spawn().path)"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False

@@ -14,8 +14,8 @@ from commands import run_inside
 from paths import ROOT
 from test_check import published
 
-from imumon.datasheet.summary import summary_text
-from imumon.report import Report
+from imumon.documents.summary import summary_text
+from imumon.model.report import Report
 
 
 @pytest.fixture

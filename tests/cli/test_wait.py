@@ -25,8 +25,8 @@ from imumon.cli.daemon_state import current_trouble
 from imumon.cli.main import parsers
 from imumon.cli.options import TEMPORARY, only_own_device, report_of, seconds, share
 from imumon.cli.wait_condition import WaitCondition
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.report import Event, Report, SensorGrade, SessionCounters
+from imumon.model.report import Event, Report, SensorGrade, SessionCounters
+from imumon.sources.vn100.emulator import EmulatorSettings
 
 
 def changed(report: Report, name: str, **coefficients: float | None) -> Report:

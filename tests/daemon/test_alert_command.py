@@ -16,8 +16,8 @@ from waiting import until
 
 from imumon.daemon import alert_command
 from imumon.daemon.alert_command import AlertCommand
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.report import Event
+from imumon.model.report import Event
+from imumon.sources.vn100.emulator import EmulatorSettings
 
 
 def event(kind: str, level: str = "warning", text: str = "x") -> Event:

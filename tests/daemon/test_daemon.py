@@ -27,14 +27,14 @@ from imumon.checkpoint import decode
 from imumon.config import load
 from imumon.daemon import Daemon as Reader
 from imumon.daemon import RunOptions
-from imumon.datasheet.summary import summary_text
-from imumon.devices.base import Interrupted
-from imumon.devices.serial_port import SerialPort
-from imumon.devices.vn100.ascii import encode
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.devices.vn100.vn100_session import Vn100Session
-from imumon.report import Report
-from imumon.samples import DeviceInfo
+from imumon.documents.summary import summary_text
+from imumon.model.report import Report
+from imumon.model.samples import DeviceInfo
+from imumon.sources.device import Interrupted
+from imumon.sources.serial_port import SerialPort
+from imumon.sources.vn100.ascii import encode
+from imumon.sources.vn100.emulator import EmulatorSettings
+from imumon.sources.vn100.vn100_session import Vn100Session
 
 
 def adds_up(report: Report) -> None:

@@ -17,8 +17,8 @@ from laws import WHITE
 from metrics_viewer import metrics_of
 from test_history_daemon import ask
 
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.report_json import to_json
+from imumon.model.report_json import to_json
+from imumon.sources.vn100.emulator import EmulatorSettings
 
 NAMES = [f"imu{number}" for number in range(1, 7)]
 DEGRADED, LOSSY, UNPLUGGED = NAMES[1:4]

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from imumon.checkpoint import Checkpoint, decode
-from imumon.clock import HostClock
 from imumon.daemon import persistence
 from imumon.daemon.persistence import Persistence, differing
-from imumon.pipeline import Monitor
-from imumon.pipeline import MonitorOptions as Watched
-from imumon.report import SessionCounters
-from imumon.samples import DeviceInfo, SampleBlock, Stream
-from imumon.saved_state import unpack
+from imumon.model.report import SessionCounters
+from imumon.model.samples import DeviceInfo, SampleBlock, Stream
+from imumon.model.saved_state import unpack
+from imumon.record import Monitor
+from imumon.record import MonitorOptions as Watched
+from imumon.sources.clock import HostClock
 
 FILTER = "85 IMU filtering"
 STREAM = Stream(kind="deltas", source="made", clock="startup", channels=("gyro/x", "gyro/y", "gyro/z"))

@@ -20,17 +20,17 @@ import pytest
 from daemons import free_endpoint
 from paths import ROOT
 
-from imumon.clock import HostClock
 from imumon.config import Settings, ZenohSettings, search
 from imumon.daemon import Daemon, RunOptions
 from imumon.daemon.log import configure_logging
 from imumon.daemon.run_limits import Shutdown
-from imumon.devices.base import DeviceLost, DeviceNotFound, DeviceOptions
-from imumon.devices.device_reader import Items
-from imumon.devices.ports import PortInfo
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.devices.vn100.vn100_session import Vn100Device, Vn100Session
-from imumon.samples import DeviceInfo, RawBytes
+from imumon.model.samples import DeviceInfo, RawBytes
+from imumon.sources.clock import HostClock
+from imumon.sources.device import DeviceLost, DeviceNotFound, DeviceOptions
+from imumon.sources.device_reader import Items
+from imumon.sources.ports import PortInfo
+from imumon.sources.vn100.emulator import EmulatorSettings, spawn
+from imumon.sources.vn100.vn100_session import Vn100Device, Vn100Session
 
 UNIT = ROOT / "systemd" / "imumon@.service"
 RULE = ROOT / "systemd" / "90-imumon.rules.example"
@@ -144,7 +144,7 @@ def test_ready_comes_with_the_first_waiting(tmp_path: Path) -> None:
 def test_ready_comes_without_any_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     manager = NotifySocket(tmp_path)
     monkeypatch.setenv("NOTIFY_SOCKET", str(manager.path))
-    monkeypatch.setattr("imumon.devices.port_device.find_ports", list)
+    monkeypatch.setattr("imumon.sources.port_device.find_ports", list)
     outcome = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path, duration_s=0.3)).run()
     assert outcome.report is None
     assert manager.until("READY=1") < manager.until("STATUS=waiting: no serial port on this machine")
@@ -206,7 +206,7 @@ def test_a_device_that_vanishes_while_it_is_started_is_opened_again(
         return whole(session)
 
     monkeypatch.setattr(Vn100Session, "configure", configure)
-    monkeypatch.setattr("imumon.devices.device_reader.FIRST_RETRY_S", 0.1)
+    monkeypatch.setattr("imumon.sources.device_reader.FIRST_RETRY_S", 0.1)
     monkeypatch.setenv("NOTIFY_SOCKET", str(manager.path))
     settings = Settings(zenoh=ZenohSettings(listen=(free_endpoint(),)))
     with spawn(EmulatorSettings(seed=1)) as sensor:
@@ -222,7 +222,7 @@ def searching(monkeypatch: pytest.MonkeyPatch, lost: str = "") -> Vn100Device:
     """A device that searches two ports; the one named `lost` vanishes meanwhile."""
     device = Vn100Device(DeviceOptions(url="", settings=Settings().device))
     ports = [PortInfo("/a", ""), PortInfo("/b", "")]
-    monkeypatch.setattr("imumon.devices.port_device.find_ports", lambda: ports)
+    monkeypatch.setattr("imumon.sources.port_device.find_ports", lambda: ports)
 
     def opened(path: str) -> DeviceInfo:
         if path == lost:

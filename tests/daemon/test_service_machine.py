@@ -16,7 +16,7 @@ from typing import TypeAlias
 import pytest
 from machine import Machine, lacking
 
-from imumon.report import Report, from_json
+from imumon.model.report import Report, from_json
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(lacking() is not None, reason=str(lacking()))]
 UNIT = "imumon@ttySIM.service"

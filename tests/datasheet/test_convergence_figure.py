@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 import reports
 
-from imumon.coefficients import NOISE
-from imumon.datasheet import document
-from imumon.datasheet.convergence_figure import convergence_svg, convergence_table
-from imumon.filter_report import FilterReport
-from imumon.pipeline.filter_report_builder import filter_report
-from imumon.report import Report
+from imumon.documents import document
+from imumon.documents.convergence_figure import convergence_svg, convergence_table
+from imumon.model.coefficients import NOISE
+from imumon.model.filter_report import FilterReport
+from imumon.model.report import Report
+from imumon.record.filter_report_builder import filter_report
 
 
 @pytest.fixture(scope="module")

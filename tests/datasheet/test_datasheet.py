@@ -13,16 +13,16 @@ from documents import AGES, FIGURES, SETTINGS, aged, filters, text, words
 from reports import nothing_yet, with_coefficients
 from reports import report as make_report
 
-from imumon.coefficients import COEFFICIENTS
-from imumon.datasheet import FORMS
-from imumon.datasheet.csv_table import COLUMNS as CSV_COLUMNS
-from imumon.datasheet.elements import DataTable
-from imumon.datasheet.sheet import datasheet
-from imumon.datasheet.summary import LINES, comparison_text, summary_text
-from imumon.datasheet.tables import excluded_sentence
-from imumon.messages import CAVEATS, FILTER_NOT_KNOWN, uncertainty
-from imumon.pipeline.report_builder import effective_samples
-from imumon.report import Allan, Report, from_json
+from imumon.documents import FORMS
+from imumon.documents.csv_table import COLUMNS as CSV_COLUMNS
+from imumon.documents.elements import DataTable
+from imumon.documents.sheet import datasheet
+from imumon.documents.summary import LINES, comparison_text, summary_text
+from imumon.documents.tables import excluded_sentence
+from imumon.model.coefficients import COEFFICIENTS
+from imumon.model.messages import CAVEATS, FILTER_NOT_KNOWN, uncertainty
+from imumon.model.report import Allan, Report, from_json
+from imumon.record.report_builder import effective_samples
 
 
 @pytest.mark.parametrize("age", AGES)

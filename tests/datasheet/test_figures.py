@@ -15,15 +15,15 @@ from documents import FIGURES, aged, made
 from reports import LONG_S, nothing_yet, of_sensors
 from reports import report as make_report
 
-from imumon.coefficients import COEFFICIENTS
-from imumon.datasheet import NoCurve
-from imumon.datasheet.figures import _draw as draw
-from imumon.datasheet.figures import svg
-from imumon.datasheet.plotting import INCHES, figure_style
-from imumon.datasheet.tables import coefficient_text
-from imumon.report import Report
-from imumon.report_json import to_json
-from imumon.units import pretty
+from imumon.documents import NoCurve
+from imumon.documents.figures import _draw as draw
+from imumon.documents.figures import svg
+from imumon.documents.plotting import INCHES, figure_style
+from imumon.documents.tables import coefficient_text
+from imumon.model.coefficients import COEFFICIENTS
+from imumon.model.report import Report
+from imumon.model.report_json import to_json
+from imumon.model.units import pretty
 
 
 def test_a_figure_has_its_format() -> None:

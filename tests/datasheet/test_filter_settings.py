@@ -15,12 +15,12 @@ from documents import AGES, COVARIANCES, SETTINGS, aged, filters, text, worst
 from reports import LONG_RATE, LONG_S, RATE, with_coefficients
 from reports import report as make_report
 
-from imumon.coefficients import Estimate
-from imumon.datasheet import document
-from imumon.datasheet.program_settings import numbers_of, settings_document
-from imumon.messages import CAVEATS
-from imumon.report import Report
-from imumon.units import duration, figures
+from imumon.documents import document
+from imumon.documents.program_settings import numbers_of, settings_document
+from imumon.model.coefficients import Estimate
+from imumon.model.messages import CAVEATS
+from imumon.model.report import Report
+from imumon.model.units import duration, figures
 
 
 def settings(report: Report, form: str) -> dict[str, float]:

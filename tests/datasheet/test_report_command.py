@@ -16,11 +16,11 @@ from documents import bare, filters, text
 from reports import LONG_S, with_coefficients
 from reports import report as make_report
 
-from imumon.datasheet import FORMS, short_record_text
-from imumon.filter_report import FilterReport
+from imumon.documents import FORMS, short_record_text
+from imumon.model.filter_report import FilterReport
+from imumon.model.report import Report, from_json
+from imumon.model.report_json import to_json
 from imumon.noise.synthesis import synthesise
-from imumon.report import Report, from_json
-from imumon.report_json import to_json
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +133,7 @@ def test_errors_are_one_line(tmp_path: Path, recording: Path, saved: Path) -> No
     broken.write_text('{"schema": 3')
     assert "broken.json" in imumon("report", broken, code=1)
     broken.write_text("{}")
-    assert "imumon.report/1: Report without time, device, state, session: make" in imumon(
+    assert "imumon.model.report/1: Report without time, device, state, session: make" in imumon(
         "report", broken, code=1
     )
     imumon("report", recording, "--format", "docx", code=2)

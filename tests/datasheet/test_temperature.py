@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from commands import imumon
 
-from imumon.coefficients import unit_of
-from imumon.datasheet.temperature_figure import with_error
+from imumon.documents.temperature_figure import with_error
+from imumon.model.coefficients import unit_of
+from imumon.model.report import Report, from_json
+from imumon.model.samples import ACCEL, GYRO, Floats
 from imumon.noise import synthesise
-from imumon.report import Report, from_json
-from imumon.samples import ACCEL, GYRO, Floats
 
 RATE, LENGTH = 10.0, 18_000
 TIME = np.arange(LENGTH) / LENGTH

@@ -26,8 +26,11 @@ from line_sender import LineSender
 from paths import ROOT
 from waiting import until
 
-from imumon.devices import registry
-from imumon.devices.base import (
+from imumon.model.samples import DeviceCounters, DeviceInfo, Gap, Item
+from imumon.record import Monitor
+from imumon.sources import registry
+from imumon.sources.conformance import Bench, DeviceConformance, read_for
+from imumon.sources.device import (
     Device,
     DeviceEnded,
     DeviceError,
@@ -36,11 +39,8 @@ from imumon.devices.base import (
     Interrupted,
     sample_blocks,
 )
-from imumon.devices.conformance import Bench, DeviceConformance, read_for
-from imumon.devices.device_reader import DeviceReader, EndOfStream, Items, Opened, Started
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.pipeline import Monitor
-from imumon.samples import DeviceCounters, DeviceInfo, Gap, Item
+from imumon.sources.device_reader import DeviceReader, EndOfStream, Items, Opened, Started
+from imumon.sources.vn100.emulator import EmulatorSettings
 
 
 class TestConformance(DeviceConformance):
@@ -215,7 +215,7 @@ def test_a_device_is_restored_and_closed_whatever_fails(failing: str) -> None:
 
 
 def test_a_failed_start_is_restored_before_the_next_try(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imumon.devices.device_reader.FIRST_RETRY_S", 0.1)
+    monkeypatch.setattr("imumon.sources.device_reader.FIRST_RETRY_S", 0.1)
     device = BrokenDevice("start")
     reader = DeviceReader(device)
     reader.start()
@@ -233,7 +233,7 @@ def test_a_full_queue_holds_the_reader_and_the_run_can_still_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "plug").touch()
-    monkeypatch.setattr("imumon.devices.device_reader.BATCHES", 2)
+    monkeypatch.setattr("imumon.sources.device_reader.BATCHES", 2)
     reader = DeviceReader(FakeDriver().create(DeviceOptions(url=f"fake:{tmp_path / 'plug'}")))
     reader.start()
     end = time.monotonic() + 60.0
@@ -286,7 +286,7 @@ def test_the_end_of_a_stream_ends_the_reader_behind_what_was_held_back() -> None
 def test_a_device_that_is_lost_again_at_once_is_opened_ever_less_often(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("imumon.devices.device_reader.RETRY_S", 0.05)
+    monkeypatch.setattr("imumon.sources.device_reader.RETRY_S", 0.05)
     device = ShortDevice(DeviceLost)
     reader = DeviceReader(device)
     reader.start()

@@ -19,12 +19,12 @@ from pathlib import Path
 import pytest
 from waiting import until
 
-from imumon.devices import linux_tty
-from imumon.devices import ports as port_module
-from imumon.devices.base import DeviceError, DeviceLost
-from imumon.devices.linux_tty import holders, pseudo_terminal
-from imumon.devices.ports import PortInfo, find_again
-from imumon.devices.serial_port import SerialPort
+from imumon.sources import linux_tty
+from imumon.sources import ports as port_module
+from imumon.sources.device import DeviceError, DeviceLost
+from imumon.sources.linux_tty import holders, pseudo_terminal
+from imumon.sources.ports import PortInfo, find_again
+from imumon.sources.serial_port import SerialPort
 
 
 def gather(port: SerialPort, size: int, seconds: float = 5.0) -> bytes:

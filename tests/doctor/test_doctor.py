@@ -23,18 +23,18 @@ from foreign_device import on_a_terminal
 
 from imumon.config import DeviceSettings, Settings, ZenohSettings, load
 from imumon.config.settings import AlertSettings
-from imumon.devices import registry
-from imumon.devices.base import Check, DeviceOptions, Observation
-from imumon.devices.registry import driver
-from imumon.devices.serial_port import SerialPort
-from imumon.devices.vn100.emulator import EmulatorSettings
 from imumon.doctor import Case, checks, examine
 from imumon.doctor.doctor import candidate_ports
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
 from imumon.doctor.probe_device import observe_device
 from imumon.doctor.probe_host import observe_port, observe_state
-from imumon.errors import ImumonError
-from imumon.samples import DeviceInfo
+from imumon.model.errors import ImumonError
+from imumon.model.samples import DeviceInfo
+from imumon.sources import registry
+from imumon.sources.device import Check, DeviceOptions, Observation
+from imumon.sources.registry import driver
+from imumon.sources.serial_port import SerialPort
+from imumon.sources.vn100.emulator import EmulatorSettings
 
 
 @pytest.fixture

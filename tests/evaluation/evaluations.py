@@ -9,9 +9,9 @@ from pathlib import Path
 from reports import report as report_at
 
 from imumon.cli.main import main
-from imumon.datasheet import document
-from imumon.filter_report import FilterReport
-from imumon.report import Report, from_json
+from imumon.documents import document
+from imumon.model.filter_report import FilterReport
+from imumon.model.report import Report, from_json
 
 HZ = 40.0
 """Rate of the recordings that the tests make."""

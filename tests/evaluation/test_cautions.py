@@ -12,7 +12,7 @@ from evaluations import imumon, replayed, shown
 from paths import RECORDINGS, needs_recordings
 from reports import report as report_at
 
-from imumon.report import Report
+from imumon.model.report import Report
 
 
 def table_of(report: Report) -> list[dict[str, str]]:

@@ -12,10 +12,10 @@ from paths import RECORDINGS, needs_recordings
 from reports import with_coefficients
 
 from imumon.api.document_report import document_report
-from imumon.coefficients import COEFFICIENTS
-from imumon.references import SheetError, published, read_sheet, sheet_of_model
-from imumon.references.comparison import compared
-from imumon.report_json import to_json
+from imumon.documents.references import SheetError, published, read_sheet, sheet_of_model
+from imumon.documents.references.comparison import compared
+from imumon.model.coefficients import COEFFICIENTS
+from imumon.model.report_json import to_json
 
 
 @pytest.mark.parametrize("name", sorted(published()))

@@ -12,15 +12,15 @@ from reports import RATE, with_coefficients
 
 from imumon.api.document_report import document_report
 from imumon.cli.wait_condition import WaitCondition
-from imumon.coefficients import COEFFICIENTS, Estimate, Excess, coefficient_ratio
-from imumon.datasheet.tables import coefficient_text
-from imumon.history_report import DayScatter
+from imumon.documents.references import read_sheet
+from imumon.documents.tables import coefficient_text
+from imumon.model.coefficients import COEFFICIENTS, Estimate, Excess, coefficient_ratio
+from imumon.model.history_report import DayScatter
+from imumon.model.report import Report
+from imumon.model.units import figures
 from imumon.noise.synthesis import synthesise
-from imumon.pipeline.combined_limits import shared_share, with_combined
-from imumon.references import read_sheet
-from imumon.report import Report
+from imumon.record.combined_limits import shared_share, with_combined
 from imumon.tui.formatting import Notation
-from imumon.units import figures
 
 SHOWN = Excess(value=0.1, low=0.05, high=0.4, p_value=1e-4)
 """Quarters that scatter by 10 % beyond their statistics."""

@@ -12,16 +12,16 @@ from commands import imumon
 from histories import BEGIN, NAMES, period, with_slopes, write
 from reports import warming_up as report
 
-from imumon.clock import HostClock
-from imumon.datasheet.summary import summary_text
+from imumon.documents.summary import summary_text
 from imumon.history.day_changes import DayChanges
 from imumon.history.history import History
 from imumon.history.power_ups import LEAST_POWER_UPS, PowerUps
 from imumon.history.rows import iso
 from imumon.history.store import TimedPeriod
-from imumon.messages import change_text
+from imumon.model.messages import change_text
+from imumon.model.report import Distribution, Event
 from imumon.noise.statistics.moments import deviation_limits
-from imumon.report import Distribution, Event
+from imumon.sources.clock import HostClock
 
 DAY = 86400.0
 

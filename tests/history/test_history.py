@@ -23,14 +23,14 @@ from waiting import until
 
 from imumon.cli.history_command import _readable
 from imumon.cli.main import main
-from imumon.coefficients import Estimate
 from imumon.history import HistoryStore
 from imumon.history.history import MOST_PENDING, TIGHT_BYTES, History
 from imumon.history.rows import csv_pieces, json_pieces, rows
 from imumon.history.schema import CHECKED, ESTIMATE_COLUMNS, VERSION
 from imumon.history.selection import Selection, SelectionError, moment, of_parameters, selection
 from imumon.history.store import devices, set_aside
-from imumon.report import Event
+from imumon.model.coefficients import Estimate
+from imumon.model.report import Event
 
 EVER = Selection(since=0.0, until=1e12)
 

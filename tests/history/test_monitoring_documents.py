@@ -25,7 +25,7 @@ from paths import ROOT
 from prometheus_client.parser import text_string_to_metric_families
 from scraping import scraped
 
-from imumon.devices.vn100.emulator import EmulatorSettings, Noise
+from imumon.sources.vn100.emulator import EmulatorSettings, Noise
 
 DOCS = ROOT / "docs" / "monitoring"
 PANELS = json.loads((DOCS / "grafana-dashboard.json").read_text())["panels"]

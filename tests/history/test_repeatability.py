@@ -19,16 +19,16 @@ from reports import report as report_at
 from imumon.api.document_report import document_report
 from imumon.cli.history_command import stored_days
 from imumon.cli.main import main
-from imumon.datasheet.tables import coefficient_text
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
+from imumon.documents.tables import coefficient_text
 from imumon.history import HistoryStore
 from imumon.history.repeatability import day_scatter
 from imumon.history.store import SUFFIX, PowerUp
-from imumon.history_report import HistoryRow
-from imumon.history_report import history_rows as read_rows
-from imumon.pipeline.combined_limits import with_combined
-from imumon.report import Report, from_json
-from imumon.report_json import to_json
+from imumon.model.history_report import HistoryRow
+from imumon.model.history_report import history_rows as read_rows
+from imumon.model.report import Report, from_json
+from imumon.model.report_json import to_json
+from imumon.record.combined_limits import with_combined
+from imumon.sources.vn100.emulator import EmulatorSettings, spawn
 
 
 def imumon(*words: object) -> str:

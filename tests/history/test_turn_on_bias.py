@@ -13,11 +13,11 @@ from daemons import Daemon
 from faulty_sensor import spawn
 from paths import ROOT
 
-from imumon.devices.vn100.emulator import EmulatorSettings, Noise
 from imumon.history import HistoryStore
 from imumon.history.power_ups import LEAST_POWER_UPS
 from imumon.history.store import SUFFIX
-from imumon.report import Distribution, Report
+from imumon.model.report import Distribution, Report
+from imumon.sources.vn100.emulator import EmulatorSettings, Noise
 
 POWER_UPS = 6
 SPEED = 5000.0

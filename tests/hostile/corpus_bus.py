@@ -8,7 +8,7 @@ import attackers
 from bus_actors import event, report
 from hostile_input import TITLE, Hostile
 
-from imumon.report_json import to_json
+from imumon.model.report_json import to_json
 
 GOOD = to_json(report("b", 5))
 CRAFTED = {

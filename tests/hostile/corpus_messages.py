@@ -9,8 +9,8 @@ from typing import Any
 from hostile_input import Hostile, file
 from hostile_reports import FORBIDDEN, real_report
 
-from imumon.report import MAX_CHANNELS
-from imumon.report_json import to_json
+from imumon.model.report import MAX_CHANNELS
+from imumon.model.report_json import to_json
 
 
 def changed(*path: str | int, to: Any) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from hostile_input import Hostile
 
 from imumon.checkpoint import FILE_BYTES, encode
-from imumon.saved_state import pack
+from imumon.model.saved_state import pack
 
 STATE = pack({"serial": "7", "samples": 7})
 FOREIGN = b"of somebody"

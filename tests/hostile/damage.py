@@ -16,8 +16,8 @@ from corpus_recordings import MARK, table
 from logs import COMBINED, DataFlash, ulog
 from tables import truth
 
-from imumon.errors import ImumonError
-from imumon.replay import ReplayOptions
+from imumon.api.replay_options import ReplayOptions
+from imumon.model.errors import ImumonError
 
 LONGEST_S = 60.0
 """s for one file on a busy machine; most take a hundredth of one."""

@@ -16,14 +16,15 @@ from corpus_states import FOREIGN, STATE
 from hostile_input import Hostile
 from hostile_reports import show_on_screen
 
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions
 from imumon.checkpoint import Checkpoint, decode, encode
 from imumon.cli.exit_codes import FAILURE, NOT_FOUND, WITHOUT_SAMPLES
 from imumon.config import ConfigError, load
-from imumon.devices.port_device import _saved_settings
-from imumon.errors import ImumonError
-from imumon.replay import ReplayOptions, replay
-from imumon.report import Report, Signal, from_json, is_device_name
-from imumon.saved_state import unpack
+from imumon.model.errors import ImumonError
+from imumon.model.report import Report, Signal, from_json, is_device_name
+from imumon.model.saved_state import unpack
+from imumon.sources.port_device import _saved_settings
 
 MOST_FAULTS = 100
 """Faults of a file of settings that are printed at most."""

@@ -17,12 +17,12 @@ import reports
 from paths import ROOT
 
 from imumon.cli.wait_condition import WaitCondition
-from imumon.datasheet import FORMS, NoCurve, document
-from imumon.datasheet.summary import comparison_text, summary_text
-from imumon.filter_report import DEFAULT_HORIZON_S
-from imumon.pipeline.filter_report_builder import filter_report
-from imumon.report import Event, Report, Signal, from_json
-from imumon.report_json import to_json
+from imumon.documents import FORMS, NoCurve, document
+from imumon.documents.summary import comparison_text, summary_text
+from imumon.model.filter_report import DEFAULT_HORIZON_S
+from imumon.model.report import Event, Report, Signal, from_json
+from imumon.model.report_json import to_json
+from imumon.record.filter_report_builder import filter_report
 from imumon.tui import channel_table, charts, export, panels, text_panels
 from imumon.tui.formatting import Notation
 from imumon.tui.view_state import WINDOWS, ViewState

@@ -32,8 +32,8 @@ from waiting import until
 from zenoh import ext
 
 from imumon.bus import Publisher, Subscriber, device_states
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.report_json import to_json
+from imumon.model.report_json import to_json
+from imumon.sources.vn100.emulator import EmulatorSettings
 
 TARGET_MB = 150.0
 """MB resident that a daemon may take during all attacks at once."""

@@ -13,13 +13,13 @@ from damage import SAMPLES, damaged
 from histories import period
 from tables import csv, truth
 
-from imumon.errors import ImumonError
+from imumon.api.replay_options import ReplayOptions
 from imumon.history.history import History
 from imumon.history.selection import Selection
 from imumon.history.store import HistoryError, HistoryStore
-from imumon.recordings.recording import Recording
-from imumon.replay import ReplayOptions
-from imumon.report import Event
+from imumon.model.errors import ImumonError
+from imumon.model.report import Event
+from imumon.sources.files.recording import Recording
 
 
 def read(path: Path) -> tuple[int, Recording]:

@@ -21,8 +21,8 @@ from hostile_input import Hostile, file
 from paths import ROOT
 from tables import read
 
+from imumon.api.replay_options import ReplayOptions
 from imumon.config import ConfigError, load
-from imumon.replay import ReplayOptions
 
 
 @pytest.mark.timeout(150)

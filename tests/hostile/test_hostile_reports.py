@@ -16,10 +16,10 @@ from hostile_reports import Generator, mutated, show_everywhere
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from imumon.datasheet import document
-from imumon.filter_report import FilterReport
-from imumon.report import Event, Report, Signal, from_json
-from imumon.report_json import plain
+from imumon.documents import document
+from imumon.model.filter_report import FilterReport
+from imumon.model.report import Event, Report, Signal, from_json
+from imumon.model.report_json import plain
 
 LONGEST_S = 10.0
 """s that all viewers together may take for one report on a busy machine."""

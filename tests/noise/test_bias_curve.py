@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.blocks import BlockAccumulator
 from imumon.noise.fit import BiasFit
-from imumon.samples import Floats
 
 N, B, RATE, LENGTH, CHANNELS = 6.1e-5, 2.4e-5, 40.0, 72_000, 32
 TIME = np.arange(LENGTH) / LENGTH

@@ -10,11 +10,11 @@ import scipy.fft
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import pack, unpack
 from imumon.noise.blocks import BlockAccumulator, BlockMeans
 from imumon.noise.power_law import coefficient_variances
 from imumon.noise.synthesis import synthesise
-from imumon.samples import Bools, Floats
-from imumon.saved_state import pack, unpack
 
 MOST = 16
 NONE = np.zeros(2)

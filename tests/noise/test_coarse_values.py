@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
-from imumon.samples import Floats
 
 RATE, SAMPLES, N = 100.0, 180_000, 1e-6
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scipy
 
+from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, fit_curve, synthesise
 from imumon.noise.allan import AllanCurve
-from imumon.samples import Floats
 
 N, B, RATE, LENGTH, CHANNELS = 6.1e-5, 2.4e-5, 40.0, 72_000, 8
 SIGMA = N * math.sqrt(RATE)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from imumon.model.samples import Floats
+from imumon.model.saved_state import pack, unpack
 from imumon.noise.statistics.differences import BURST, DENSE, PERIOD, DifferenceAccumulator
-from imumon.samples import Floats
-from imumon.saved_state import pack, unpack
 
 N = 1_000_000
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import pack, unpack
 from imumon.noise.statistics.envelope import RECENT_COLUMNS, Envelope, EnvelopeColumns
-from imumon.samples import Bools, Floats
-from imumon.saved_state import pack, unpack
 
 
 def expected(values: Floats, valid: Bools, width: int, start: int) -> tuple[Floats, Floats]:

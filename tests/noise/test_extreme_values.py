@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from imumon.model.samples import Floats
 from imumon.noise.statistics.extreme_values import ExtremeVisits
 from imumon.noise.statistics.histogram import HistogramAccumulator
-from imumon.samples import Floats
 
 SAMPLES = 100_000
 

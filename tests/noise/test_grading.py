@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from imumon.coefficients import GRADES, Estimate
+from imumon.model.coefficients import GRADES, Estimate
 from imumon.noise.grading import LIMITS, grade_channel, grade_coefficient, grade_sensor
 
 # SI values of one VN-100, as printed in its static characterisation report

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from paths import RECORDINGS
 
-from imumon.devices.vn100.decoder import Vn100Decoder
+from imumon.model.samples import Bools, Floats, SampleBlock
+from imumon.model.saved_state import pack, unpack
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.detection import Guard, GuardedSamples
 from imumon.noise.detection.disturbance import Disturbance
 from imumon.noise.synthesis import synthesise
-from imumon.samples import Bools, Floats, SampleBlock
-from imumon.saved_state import pack, unpack
+from imumon.sources.vn100.decoder import Vn100Decoder
 
 SENSORS = ("gyro",) * 3 + ("accel",) * 3 + ("mag",) * 3
 SIGMA = np.array([4e-4] * 3 + [1e-2] * 3 + [1e-3] * 3)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from imumon.model.samples import Floats
 from imumon.noise.detection import Guard
 from imumon.noise.detection.stuck import StuckWatch
-from imumon.samples import Floats
 
 BOTH = ("gyro",) * 3 + ("accel",) * 3
 SIGMA = np.array([4e-4] * 3 + [1e-2] * 3)

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from imumon.model.samples import Floats
 from imumon.noise.detection import Guard
 from imumon.noise.detection.disturbance import DetectorState, DisturbanceDetector, Verdict
 from imumon.noise.detection.outliers import OutlierDetector
-from imumon.samples import Floats
 
 RATE = 40.0
 FRAME = 40

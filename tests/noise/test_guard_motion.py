@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import scipy
 
+from imumon.model.samples import Bools, Floats
 from imumon.noise.detection import Guard
 from imumon.noise.detection.baseline import PARTS, FrameStatistics
 from imumon.noise.synthesis import synthesise
-from imumon.samples import Bools, Floats
 
 GYRO = ("gyro",) * 3
 BOTH = GYRO + ("accel",) * 3

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import pack, unpack
 from imumon.noise.detection import Guard
-from imumon.samples import Bools, Floats
-from imumon.saved_state import pack, unpack
 
 SENSORS = ("gyro",) * 3 + ("accel",) * 3
 SIGMA = np.array([4e-4] * 3 + [1e-2] * 3)

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from imumon.model.samples import Floats
+from imumon.model.saved_state import pack, unpack
 from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.statistics.histogram import HISTOGRAM_BINS, HistogramAccumulator, quantum
 from imumon.noise.synthesis import synthesise
-from imumon.samples import Floats
-from imumon.saved_state import pack, unpack
 
 
 def shape(values: Floats, chunk: int = 5000) -> DistributionShape:

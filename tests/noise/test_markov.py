@@ -7,11 +7,11 @@ import pytest
 import scipy
 import scipy.signal
 
+from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, OctaveCascade, fit_curve, markov_law, synthesise
 from imumon.noise.fit.likelihood import Surface, quantiles
 from imumon.noise.fit.markov_search import MarkovSurface, mixed_with
 from imumon.noise.fit.model import FLICKER, WALK, WHITE, GaussMarkov, NoiseTerm
-from imumon.samples import Floats
 
 RATE_HZ, LENGTH, N = 10.0, 50_000, 6.8e-4
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
+from imumon.model.samples import Floats
 from imumon.noise import OctaveCascade, fit_curve, read_slopes, synthesise
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit.curve_statement import bounded_by_curve
@@ -21,7 +22,6 @@ from imumon.noise.fit.model_curve import (
     share_of_expectation,
 )
 from imumon.noise.fit.observations import block_series
-from imumon.samples import Floats
 
 KINDS = {"white": WHITE, "flicker": FLICKER, "walk": WALK}
 

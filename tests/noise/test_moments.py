@@ -10,8 +10,8 @@ import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from imumon.model.saved_state import pack, unpack
 from imumon.noise.statistics.moments import ChannelMoments, Moments, MomentsResult
-from imumon.saved_state import pack, unpack
 
 GROUPS = (0, 0, 1)
 

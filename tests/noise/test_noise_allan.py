@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from imumon.model.saved_state import pack, unpack
 from imumon.noise.allan import AllanCurve, OctaveCascade
-from imumon.saved_state import pack, unpack
 
 GROUPS = (0, 0, 1)
 

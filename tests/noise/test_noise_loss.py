@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from imumon.model.samples import Bools, Floats
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.fit import fit_curve
 from imumon.noise.synthesis import synthesise
-from imumon.samples import Bools, Floats
 
 LENGTH, CHANNELS = 1 << 17, 12
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from imumon.model.units import YEAR
 from imumon.noise import Estimator, OctaveCascade, fit_curve, synthesise
 from imumon.noise.fit.model import FLICKER, WALK, WHITE, powers_of
 from imumon.noise.fit.time_to_precision import relative_errors, seconds_to
-from imumon.units import YEAR
 
 N, B, RATE = 6.1e-5, 2.4e-5, 40.0
 POWERS = powers_of({"N": N, "B": B, "K": 0.0}, tau0=1.0 / RATE)

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from imumon.model.samples import Floats
+from imumon.model.saved_state import pack, unpack
 from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.stretches.parts import RecordParts
-from imumon.samples import Floats
-from imumon.saved_state import pack, unpack
 
 RNG = np.random.default_rng(11)
 

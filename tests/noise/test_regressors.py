@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.allan import AllanCurve
 from imumon.noise.blocks import BlockAccumulator
-from imumon.samples import Floats
 
 N, B, RATE, LENGTH, CHANNELS = 6.1e-5, 5e-6, 10.0, 72_000, 8
 """Two hours of a good gyroscope, rad/s."""

@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import pack, unpack
 from imumon.noise.fit.model import FLICKER, WALK, WHITE
 from imumon.noise.fit.observations import expected_bins
 from imumon.noise.spectrum import PowerSpectrum, SpectrumAccumulator
@@ -15,8 +17,6 @@ from imumon.noise.spectrum.level_sums import FIRST_BIN, HOP, LevelSums, last_bin
 from imumon.noise.spectrum.spectral_lines import mains
 from imumon.noise.spectrum.spectrum_accumulator import LONG_GAP
 from imumon.noise.synthesis import synthesise
-from imumon.samples import Bools, Floats
-from imumon.saved_state import pack, unpack
 
 RATE = 40.0
 

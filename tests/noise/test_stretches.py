@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.coefficients import Estimate
+from imumon.model.coefficients import Estimate
+from imumon.model.samples import Floats
+from imumon.model.saved_state import pack, unpack
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.stretches import RecordStatistics
 from imumon.noise.stretches.change import detect_changes
@@ -13,8 +15,6 @@ from imumon.noise.stretches.parts import RecordParts
 from imumon.noise.stretches.quarters import Quarters, excess
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch
 from imumon.noise.stretches.warmup import is_warming_up
-from imumon.samples import Floats
-from imumon.saved_state import pack, unpack
 
 RATE, N, B = 10.0, 1e-4, 1e-5
 HOUR = round(3600 * RATE)

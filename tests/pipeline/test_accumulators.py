@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from imumon.grid.sample_clock import PlacedSamples
+from imumon.model.samples import ACCEL, GYRO
 from imumon.noise.fit import fit_curve
-from imumon.pipeline.accumulators import Accumulators
-from imumon.samples import ACCEL, GYRO
-from imumon.timebase.sample_clock import PlacedSamples
+from imumon.record.accumulators import Accumulators
 
 LEVEL = np.array([0.01, 0.0, -0.01, 0.0, 0.0, -9.8])
 SIGMA = np.array([6e-4] * 3 + [1.4e-2] * 3)

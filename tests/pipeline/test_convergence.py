@@ -8,15 +8,15 @@ import numpy as np
 from blocks_at_rest import DELTAS, NOW
 from blocks_at_rest import block as six_axes
 
-from imumon.coefficients import Estimate
+from imumon.model.coefficients import Estimate
+from imumon.model.report import DeviceDescription, Report, SessionCounters, State, from_json
+from imumon.model.report_json import to_json
+from imumon.model.samples import SampleBlock, selected
+from imumon.model.units import YEAR
 from imumon.noise.fit import ChannelFit
 from imumon.noise.fit.statement import pending_fit
-from imumon.pipeline import Monitor, MonitorOptions
-from imumon.pipeline.convergence import FIRST_DUE_S, MOST_POINTS, StatementLog, next_due_s
-from imumon.report import DeviceDescription, Report, SessionCounters, State, from_json
-from imumon.report_json import to_json
-from imumon.samples import SampleBlock, selected
-from imumon.units import YEAR
+from imumon.record import Monitor, MonitorOptions
+from imumon.record.convergence import FIRST_DUE_S, MOST_POINTS, StatementLog, next_due_s
 
 RATE = 100
 WITH_CONVERGENCE = MonitorOptions(convergence=True)

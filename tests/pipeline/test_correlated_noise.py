@@ -15,24 +15,31 @@ import reports
 
 from imumon.api import analyse
 from imumon.cli.wait_condition import WaitCondition
-from imumon.coefficients import COEFFICIENTS, MARKOV, Estimate, MarkovEstimate, by_letter, markov_deviation
-from imumon.datasheet import document
-from imumon.datasheet.appendix import _notes
-from imumon.datasheet.csv_table import csv_table
-from imumon.datasheet.summary import summary_text
+from imumon.documents import document
+from imumon.documents.appendix import _notes
+from imumon.documents.csv_table import csv_table
+from imumon.documents.references.comparison import compared
+from imumon.documents.references.reference_sheet import Limit, ReferenceSheet
+from imumon.documents.summary import summary_text
 from imumon.history import HistoryStore
 from imumon.history.metrics import _gauges
 from imumon.history.rows import rows
 from imumon.history.selection import Selection
 from imumon.history.store import TimedPeriod
-from imumon.history_report import HistoryPeriod, PeriodChannel, history_rows
+from imumon.model.coefficients import (
+    COEFFICIENTS,
+    MARKOV,
+    Estimate,
+    MarkovEstimate,
+    by_letter,
+    markov_deviation,
+)
+from imumon.model.history_report import HistoryPeriod, PeriodChannel, history_rows
+from imumon.model.report import Report, from_json
+from imumon.model.report_json import to_json
 from imumon.noise import markov_law, synthesise
-from imumon.pipeline.combined_limits import with_combined
-from imumon.pipeline.filter_report_builder import filter_report
-from imumon.references.comparison import compared
-from imumon.references.reference_sheet import Limit, ReferenceSheet
-from imumon.report import Report, from_json
-from imumon.report_json import to_json
+from imumon.record.combined_limits import with_combined
+from imumon.record.filter_report_builder import filter_report
 from imumon.ros2.diagnostics import _axes
 
 
@@ -214,7 +221,7 @@ def test_numbers_of_statuses_in_a_file_stay_as_they_are() -> None:
 
 def test_m_of_a_sensor_that_warms_up_is_a_bound(report: Report) -> None:
     from imumon.noise.fit import ChannelFit
-    from imumon.pipeline.analysis import _without_slow_values
+    from imumon.record.analysis import _without_slow_values
 
     channel, zeros = report.channels["gyro/x"], np.zeros(1)
     fit = ChannelFit(

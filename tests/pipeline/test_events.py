@@ -12,14 +12,14 @@ from typing import cast
 import numpy as np
 import pytest
 
-from imumon.devices.vn100 import ascii
+from imumon.grid.sample_clock import BREAK
+from imumon.model.samples import ACCEL, GYRO, Floats, Ints, SampleBlock, Stream
+from imumon.model.saved_state import pack, unpack
 from imumon.noise.detection import Guard
-from imumon.pipeline import Monitor, MonitorOptions
-from imumon.pipeline.accumulators import Accumulators
-from imumon.pipeline.events import DetectedEvent, EventLog
-from imumon.samples import ACCEL, GYRO, Floats, Ints, SampleBlock, Stream
-from imumon.saved_state import pack, unpack
-from imumon.timebase.sample_clock import BREAK
+from imumon.record import Monitor, MonitorOptions
+from imumon.record.accumulators import Accumulators
+from imumon.record.events import DetectedEvent, EventLog
+from imumon.sources.vn100 import ascii
 
 STREAM = Stream("uncompensated", (*GYRO, *ACCEL), "simulated", "startup")
 RATE = 100.0

@@ -9,11 +9,11 @@ from paths import ROOT
 from reports import LONG_S, correlated, with_coefficients
 from reports import report as make_report
 
-from imumon.coefficients import Estimate
-from imumon.filter_report import DEFAULT_HORIZON_S
+from imumon.model.coefficients import Estimate
+from imumon.model.filter_report import DEFAULT_HORIZON_S
+from imumon.model.report import Report
 from imumon.noise.filter_parameters import MOST_NEES
-from imumon.pipeline.filter_report_builder import assumed_noise, filter_report
-from imumon.report import Report
+from imumon.record.filter_report_builder import assumed_noise, filter_report
 
 
 def with_bounds(report: Report) -> Report:

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imumon.pipeline.gap_fill import LONG_GAP, MOST_ROWS, Break, DenseBlock, LongGap, fill_gaps
-from imumon.timebase.sample_clock import BREAK, PlacedSamples
+from imumon.grid.sample_clock import BREAK, PlacedSamples
+from imumon.record.gap_fill import LONG_GAP, MOST_ROWS, Break, DenseBlock, LongGap, fill_gaps
 
 
 @given(st.lists(st.sampled_from([1, 1, 1, 2, 5, LONG_GAP, LONG_GAP + 1, 10**9, BREAK]), max_size=60))

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
-from imumon.pipeline.accumulators import Accumulators
-from imumon.samples import ACCEL, GYRO, MAG, Floats, Ints
-from imumon.timebase.sample_clock import BREAK, PlacedSamples
+from imumon.grid.sample_clock import BREAK, PlacedSamples
+from imumon.model.samples import ACCEL, GYRO, MAG, Floats, Ints
+from imumon.record.accumulators import Accumulators
 
 RATE = 20.0
 ROWS = 4000

@@ -7,11 +7,11 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from imumon.messages import EXCLUSION_CURES, excluded_text
+from imumon.model.messages import EXCLUSION_CURES, excluded_text
+from imumon.model.report import DeviceDescription, Report, SessionCounters
+from imumon.model.samples import ACCEL, GYRO, Bools, Floats, SampleBlock, Stream
 from imumon.noise.detection.disturbance import REASONS
-from imumon.pipeline import Monitor
-from imumon.report import DeviceDescription, Report, SessionCounters
-from imumon.samples import ACCEL, GYRO, Bools, Floats, SampleBlock, Stream
+from imumon.record import Monitor
 
 RATE = 100.0
 ROWS = 12_000

@@ -13,13 +13,13 @@ from daemons import Daemon
 from faulty_sensor import spawn
 from paths import ROOT
 
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.messages import EVENT_LEVELS
-from imumon.pipeline import Monitor, MonitorOptions
-from imumon.pipeline.events import RECOVERED, EventLog
-from imumon.pipeline.loss import WINDOW_S, LossWindow
-from imumon.report import DeviceDescription, SessionCounters
-from imumon.samples import Ints, SampleBlock
+from imumon.model.messages import EVENT_LEVELS
+from imumon.model.report import DeviceDescription, SessionCounters
+from imumon.model.samples import Ints, SampleBlock
+from imumon.record import Monitor, MonitorOptions
+from imumon.record.events import RECOVERED, EventLog
+from imumon.record.loss import WINDOW_S, LossWindow
+from imumon.sources.vn100.emulator import EmulatorSettings
 
 RATE = 100.0
 

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from blocks_at_rest import DELTAS, LEVEL, NOW, SIGMA, TICK, block
 
-from imumon.errors import RateRequired
-from imumon.pipeline import Monitor, MonitorOptions, RecordMismatch
-from imumon.pipeline.accumulators import Accumulators
-from imumon.pipeline.events import EventLog
-from imumon.report import DeviceDescription, Report, SensorGrade, SessionCounters, from_json
-from imumon.report_json import to_json
-from imumon.samples import ACCEL, GYRO, MAG, SampleBlock, Stream
-from imumon.saved_state import pack, unpack
+from imumon.model.errors import RateRequired
+from imumon.model.report import DeviceDescription, Report, SensorGrade, SessionCounters, from_json
+from imumon.model.report_json import to_json
+from imumon.model.samples import ACCEL, GYRO, MAG, SampleBlock, Stream
+from imumon.model.saved_state import pack, unpack
+from imumon.record import Monitor, MonitorOptions, RecordMismatch
+from imumon.record.accumulators import Accumulators
+from imumon.record.events import EventLog
 
 
 def report(monitor: Monitor) -> Report:

@@ -7,9 +7,9 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from imumon.pipeline import Monitor
-from imumon.report import DeviceDescription, Report, SessionCounters
-from imumon.samples import ACCEL, GYRO, Clock, SampleBlock, Stream
+from imumon.model.report import DeviceDescription, Report, SessionCounters
+from imumon.model.samples import ACCEL, GYRO, Clock, SampleBlock, Stream
+from imumon.record import Monitor
 
 SAMPLES = 3000
 INTERVAL_NS = 10_000_000

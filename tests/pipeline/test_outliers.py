@@ -9,12 +9,12 @@ import pytest
 from paths import RECORDINGS
 
 import imumon
-from imumon.datasheet.summary import summary_text
-from imumon.messages import caveat_lines
+from imumon.documents.summary import summary_text
+from imumon.model.messages import caveat_lines
+from imumon.model.report import DeviceDescription, SessionCounters
+from imumon.model.samples import ACCEL, GYRO, Bools, Floats, SampleBlock, Stream
 from imumon.noise.detection import Guard
-from imumon.pipeline import Monitor
-from imumon.report import DeviceDescription, SessionCounters
-from imumon.samples import ACCEL, GYRO, Bools, Floats, SampleBlock, Stream
+from imumon.record import Monitor
 
 SENSORS = ("gyro",) * 3 + ("accel",) * 3
 SIGMA = np.array([4e-4] * 3 + [1e-2] * 3)

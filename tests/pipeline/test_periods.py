@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.history_report import HistoryPeriod
-from imumon.pipeline import Monitor, MonitorOptions
-from imumon.samples import Floats, SampleBlock, Stream
-from imumon.saved_state import pack, unpack
+from imumon.model.history_report import HistoryPeriod
+from imumon.model.samples import Floats, SampleBlock, Stream
+from imumon.model.saved_state import pack, unpack
+from imumon.record import Monitor, MonitorOptions
 
 RATE = 4.0
 STREAM = Stream(kind="deltas", source="made", clock="startup", channels=("gyro/x", "gyro/y", "temperature"))

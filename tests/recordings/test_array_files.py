@@ -16,8 +16,8 @@ import pytest
 from commands import imumon
 from tables import DEG, G, read, replayed, truth
 
-from imumon.cures import OPTIONS
-from imumon.recordings import RecordingError
+from imumon.model.cures import OPTIONS
+from imumon.sources.files import RecordingError
 
 T, GYRO, ACCEL = truth(500)
 ROWS = np.column_stack([T, GYRO, ACCEL])
@@ -188,7 +188,7 @@ def test_a_workbook_is_named(tmp_path: Path) -> None:
 
 PEAK = """
 import resource, sys
-from imumon.replay import ReplayOptions
+from imumon.api.replay_options import ReplayOptions
 for _ in ReplayOptions(path=sys.argv[1]).open(): pass
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 """

@@ -12,10 +12,11 @@ from followed_cures import outcomes
 from tables import DEG, G, csv, truth
 
 import imumon
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions
 from imumon.cli import parsers
-from imumon.cures import OPTIONS, option_text
-from imumon.errors import ImumonError
-from imumon.replay import ReplayOptions, replay
+from imumon.model.cures import OPTIONS, option_text
+from imumon.model.errors import ImumonError
 
 T, GYRO, ACCEL = truth(800)
 NAMES = ["t", "gx", "gy", "gz", "ax", "ay", "az"]

@@ -13,9 +13,9 @@ from commands import imumon
 from followed_cures import outcomes
 from tables import csv, replayed, truth
 
-from imumon.recordings import OptionNotApplicable, RecordingError
-from imumon.recordings.base import OptionError
-from imumon.replay import ReplayOptions
+from imumon.api.replay_options import ReplayOptions
+from imumon.sources.files import OptionNotApplicable, RecordingError
+from imumon.sources.files.base import OptionError
 
 T, GYRO, ACCEL = truth(600)
 NS = 1_700_000_000_000_000_000 + np.rint(T * 1e9).astype(np.int64)

@@ -21,9 +21,9 @@ from logs import COMBINED, FIFO, SENSOR, VEHICLE_IMU, DataFlash, ulog
 from paths import RECORDINGS, needs_recordings
 from tables import read, replayed, truth
 
-from imumon.recordings import RecordingError
-from imumon.recordings.columns import parse_map
-from imumon.recordings.log_process.__main__ import serve
+from imumon.sources.files import RecordingError
+from imumon.sources.files.columns import parse_map
+from imumon.sources.files.log_process.__main__ import serve
 
 pyulog = pytest.importorskip("pyulog", reason="pyulog is not installed (extra px4)")
 DFReader = pytest.importorskip("pymavlink.DFReader", reason="pymavlink is not installed (extra ardupilot)")
@@ -57,7 +57,7 @@ REAL = ("selected",)
 @pytest.fixture(autouse=True)
 def _in_thread(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     if not any(word in request.node.name for word in REAL):
-        monkeypatch.setattr("imumon.recordings.log_file.Popen", InThread)
+        monkeypatch.setattr("imumon.sources.files.log_file.Popen", InThread)
 
 
 def combined(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, dt: int = 4000) -> list[tuple[Any, ...]]:

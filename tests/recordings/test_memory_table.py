@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from tables import truth
 
-from imumon.recordings import RecordingError
-from imumon.recordings.base import OptionError, ReadOptions
-from imumon.recordings.memory_table import MemoryTable
-from imumon.recordings.recording import open_recording
-from imumon.samples import SampleBlock
+from imumon.model.samples import SampleBlock
+from imumon.sources.files import RecordingError
+from imumon.sources.files.base import OptionError, ReadOptions
+from imumon.sources.files.memory_table import MemoryTable
+from imumon.sources.files.recording import open_recording
 
 
 def samples(arrays: dict[str, Any], **options: Any) -> tuple[np.ndarray, MemoryTable]:

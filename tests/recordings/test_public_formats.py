@@ -9,8 +9,9 @@ from followed_cures import outcomes
 from paths import ROOT
 from public_formats import ACCEL, FORMATS, GYRO, RATE, PublicFormat, T, rows
 
-from imumon.replay import ReplayOptions, replay
-from imumon.report import Report
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions
+from imumon.model.report import Report
 
 WITHIN = 0.03
 """Share by which N may differ: counts are rounded, and a file has less digits than an array."""

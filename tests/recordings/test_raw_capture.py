@@ -17,8 +17,8 @@ import forked
 import pytest
 from waiting import until
 
-from imumon.recordings import CaptureWriter, RawCapture, RecordingError
-from imumon.recordings.raw_capture import part_path
+from imumon.sources.files import CaptureWriter, RawCapture, RecordingError
+from imumon.sources.files.raw_capture import part_path
 
 
 def contents(path: Path | str) -> bytes:
@@ -55,7 +55,7 @@ def test_a_recording_is_read_back(tmp_path: Path, noise: bytes, name: str, rotat
 @pytest.fixture(autouse=True)
 def _no_delay(monkeypatch: pytest.MonkeyPatch) -> None:
     """Flush at once: these tests wait for what is on disk."""
-    monkeypatch.setattr("imumon.recordings.capture_writer.FLUSH_S", 0.01)
+    monkeypatch.setattr("imumon.sources.files.capture_writer.FLUSH_S", 0.01)
 
 
 def test_rotation_makes_numbered_parts_that_are_read_in_order(tmp_path: Path) -> None:
@@ -115,7 +115,7 @@ def test_a_full_disk_is_an_error() -> None:
 def test_a_disk_that_fills_up_ends_the_recording(tmp_path: Path) -> None:
     code = """
 import resource, signal, sys, time
-from imumon.recordings import CaptureWriter
+from imumon.sources.files import CaptureWriter
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))
 recorder = CaptureWriter(sys.argv[1], {})
@@ -134,7 +134,7 @@ print(recorder.stopped)
 
 
 def test_a_slow_disk_never_blocks_the_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imumon.recordings.capture_writer.BACKLOG", 10_000)
+    monkeypatch.setattr("imumon.sources.files.capture_writer.BACKLOG", 10_000)
     fifo = tmp_path / "slow"
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
@@ -243,7 +243,7 @@ def test_progress_is_that_of_the_bytes_on_disk(tmp_path: Path, noise: bytes) -> 
 
 
 def test_standard_input_is_a_recording(noise: bytes) -> None:
-    code = "from imumon.recordings import RawCapture as R; r = R('-'); print(sum(map(len, r)), r.progress)"
+    code = "from imumon.sources.files import RawCapture as R; r = R('-'); print(sum(map(len, r)), r.progress)"
     done = subprocess.run(
         [sys.executable, "-c", code], input=gzip.compress(noise), capture_output=True, check=True
     )
@@ -255,7 +255,7 @@ def test_a_gzip_file_that_expands_without_end_is_refused(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A megabyte of it may hold a gigabyte, which would be read to its end."""
-    monkeypatch.setattr("imumon.recordings.raw_capture.EXPANSION_BYTES", 1 << 20)
+    monkeypatch.setattr("imumon.sources.files.raw_capture.EXPANSION_BYTES", 1 << 20)
     path, header = tmp_path / name, b"time_s,gyro_x\n0,0\n"
     path.write_bytes(gzip.compress(header + b"0,0\n" * (50 << 18)))
     assert path.stat().st_size * 500 < 50 << 20

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from tables import G, truth
 
-from imumon.recordings import ReadOptions, RecordingError, open_recording
-from imumon.recordings.base import RowSource
-from imumon.recordings.columns import layout
-from imumon.recordings.table import RowDecoder
-from imumon.samples import SampleBlock
+from imumon.model.samples import SampleBlock
+from imumon.sources.files import ReadOptions, RecordingError, open_recording
+from imumon.sources.files.base import RowSource
+from imumon.sources.files.columns import layout
+from imumon.sources.files.table import RowDecoder
 
 NAMES = ["note", "t", "gyro_x", "gyro_y", "gyro_z", "ax_g", "ay_g", "az_g", "temperature"]
 UNITED = [name.replace("_g", " [g]") if name.endswith("_g") else name for name in NAMES]

@@ -12,8 +12,8 @@ from commands import imumon
 from logs import SENSOR, DataFlash, ulog
 from tables import RATE, csv, read, replayed, truth
 
-from imumon.recordings import OptionNotApplicable, RecordingError
-from imumon.recordings.row_selection import WINDOW
+from imumon.sources.files import OptionNotApplicable, RecordingError
+from imumon.sources.files.row_selection import WINDOW
 
 NAMES = ["t", "gx [rad/s]", "gy [rad/s]", "gz [rad/s]", "ax [m/s2]", "ay [m/s2]", "az [m/s2]"]
 

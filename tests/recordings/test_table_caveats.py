@@ -10,8 +10,9 @@ from commands import imumon
 from followed_cures import outcomes
 from tables import DEG, G, csv, replayed, truth
 
-from imumon.recordings import RecordingError
-from imumon.replay import ReplayOptions, replay
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions
+from imumon.sources.files import RecordingError
 
 T, GYRO, ACCEL = truth(800)
 NAMES = ["t [s]", *(f"g{a} [rad/s]" for a in "xyz"), *(f"a{a} [m/s2]" for a in "xyz")]

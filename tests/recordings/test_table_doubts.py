@@ -11,11 +11,12 @@ import pytest
 from commands import imumon
 from tables import DEG, RATE, G, csv, read, replayed, truth
 
-from imumon.errors import RateRequired
-from imumon.recordings import OptionNotApplicable, RecordingError
-from imumon.recordings.columns import layout, parse_map
-from imumon.replay import ReplayOptions, replay
-from imumon.timebase.stamp_kinds import stamp_interval, typical_step
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions
+from imumon.grid.stamp_kinds import stamp_interval, typical_step
+from imumon.model.errors import RateRequired
+from imumon.sources.files import OptionNotApplicable, RecordingError
+from imumon.sources.files.columns import layout, parse_map
 
 AXES = ["gx [rad/s]", "gy [rad/s]", "gz [rad/s]", "ax", "ay", "az"]
 BARE = ["time", "gx", "gy", "gz", "ax", "ay", "az"]

@@ -11,13 +11,13 @@ import pytest
 from commands import imumon
 from tables import DEG, RATE, G, csv, read, replayed, sentences, truth
 
-from imumon.column_names import parse_name, triples
-from imumon.errors import RateRequired
-from imumon.recordings import RecordingError
-from imumon.recordings.base import OptionError
-from imumon.recordings.columns import layout, parse_map
-from imumon.samples import sensor_of
-from imumon.timebase.stamp_kinds import stamp_interval
+from imumon.grid.stamp_kinds import stamp_interval
+from imumon.model.errors import RateRequired
+from imumon.model.samples import sensor_of
+from imumon.sources.column_names import parse_name, triples
+from imumon.sources.files import RecordingError
+from imumon.sources.files.base import OptionError
+from imumon.sources.files.columns import layout, parse_map
 
 # ---------------------------------------------------------------- sentences beside a time
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tables import csv, replayed, truth
 
-from imumon.recordings import RecordingError
+from imumon.sources.files import RecordingError
 
 NAMES = [*(f"g{a} [rad/s]" for a in "xyz"), *(f"a{a} [m/s2]" for a in "xyz")]
 N = 2000

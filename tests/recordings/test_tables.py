@@ -15,16 +15,17 @@ from commands import imumon
 from paths import RECORDINGS, needs_recordings
 from tables import DEG, RATE, G, csv, read, truth
 
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions
 from imumon.cli.exit_codes import FAILURE, NOT_FOUND, WITHOUT_SAMPLES
-from imumon.column_names import parse_name
-from imumon.errors import RateRequired
-from imumon.recordings import ReadOptions, RecordingError, open_recording
-from imumon.recordings import csv as csv_module
-from imumon.recordings.csv import CsvFile
-from imumon.replay import ReplayOptions, replay
-from imumon.samples import SampleBlock
-from imumon.timebase.stamp_kinds import stamp_interval
-from imumon.timebase.stamp_placement import HostStamps
+from imumon.grid.stamp_kinds import stamp_interval
+from imumon.grid.stamp_placement import HostStamps
+from imumon.model.errors import RateRequired
+from imumon.model.samples import SampleBlock
+from imumon.sources.column_names import parse_name
+from imumon.sources.files import ReadOptions, RecordingError, open_recording
+from imumon.sources.files import csv as csv_module
+from imumon.sources.files.csv import CsvFile
 
 HEADER = ["t", "wx", "wy", "wz", "ax", "ay", "az"]
 GYRO, ACCEL = slice(0, 3), slice(3, 6)
@@ -331,7 +332,7 @@ def test_the_dialect_does_not_change_the_numbers(
     tmp_path: Path, text: str, reader: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if reader == "numpy":
-        monkeypatch.setattr("imumon.recordings.csv._arrow", lambda: None)
+        monkeypatch.setattr("imumon.sources.files.csv._arrow", lambda: None)
     path = tmp_path / "a.csv"
     path.write_bytes(text.encode("latin-1"))
     found = read(path)
@@ -358,7 +359,7 @@ def test_the_fast_reader_is_used_and_gives_the_same_numbers(
     monkeypatch.setattr(csv_reader, "read_csv", lambda *a, **k: calls.append(1) or original(*a, **k))
     fast = read(path)
     assert calls
-    monkeypatch.setattr("imumon.recordings.csv._arrow", lambda: None)
+    monkeypatch.setattr("imumon.sources.files.csv._arrow", lambda: None)
     plain = read(path)
     np.testing.assert_array_equal(fast.values, plain.values)
     np.testing.assert_array_equal(fast.lost, plain.lost)

@@ -12,11 +12,11 @@ import pytest
 from commands import imumon
 from tables import DEG, read, replayed, truth
 
-from imumon.devices.lines.line_decoder import LineDecoder
-from imumon.errors import RateRequired
-from imumon.recordings import OptionNotApplicable, RecordingError
-from imumon.recordings.columns import parse_map
-from imumon.recordings.sensor_column import parse_where
+from imumon.model.errors import RateRequired
+from imumon.sources.files import OptionNotApplicable, RecordingError
+from imumon.sources.files.columns import parse_map
+from imumon.sources.files.sensor_column import parse_where
+from imumon.sources.lines.line_decoder import LineDecoder
 
 T, GYRO, ACCEL = truth(600)
 AXES = "xyz"

@@ -16,7 +16,7 @@ import pytest
 from tables import sentences
 from waiting import until
 
-from imumon.replay import ProgressBar
+from imumon.cli.progress_bar import ProgressBar
 
 
 def drained(master: int) -> str:

@@ -9,9 +9,9 @@ from contextlib import closing
 
 import pytest
 
-from imumon.recordings import Recording, RecordingError
-from imumon.replay.read_ahead import read_ahead
-from imumon.samples import Gap, SampleBlock
+from imumon.api.read_ahead import read_ahead
+from imumon.model.samples import Gap, SampleBlock
+from imumon.sources.files import Recording, RecordingError
 
 
 class Counting(Recording):

@@ -19,15 +19,16 @@ from commands import imumon
 from daemons import Daemon, free_endpoint
 from faulty_sensor import spawn
 
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions
 from imumon.config import RecordSettings
 from imumon.daemon.recorder import Recorder
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.recordings import RawCapture, RecordingError, check_place
-from imumon.recordings.capture_writer import BACKLOG
-from imumon.recordings.raw_capture import MARK, split_lines
-from imumon.replay import ReplayOptions, replay
-from imumon.report import Report, from_json
-from imumon.samples import Gap
+from imumon.model.report import Report, from_json
+from imumon.model.samples import Gap
+from imumon.sources.files import RawCapture, RecordingError, check_place
+from imumon.sources.files.capture_writer import BACKLOG
+from imumon.sources.files.raw_capture import MARK, split_lines
+from imumon.sources.vn100.emulator import EmulatorSettings
 
 CONFIG = """
 [record]

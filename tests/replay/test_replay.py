@@ -20,12 +20,14 @@ from daemons import free_endpoint
 from paths import RECORDINGS, needs_recordings
 from tables import csv, truth
 
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions
+from imumon.api.replayed_record import ReplayedRecord
 from imumon.bus import Publisher, Subscriber
-from imumon.datasheet.appendix import event_rows
-from imumon.devices.vn100 import ascii as sentences
-from imumon.recordings import RecordingError
-from imumon.replay import ReplayedRecord, ReplayOptions, replay
-from imumon.report import Event, Report, from_json
+from imumon.documents.appendix import event_rows
+from imumon.model.report import Event, Report, from_json
+from imumon.sources.files import RecordingError
+from imumon.sources.vn100 import ascii as sentences
 
 KIRAN = RECORDINGS / "kiran_stat5min.vnymr.txt.gz"
 
@@ -80,7 +82,7 @@ def capture(path: Path, n: int = 400, seed: int = 5) -> Path:
 @pytest.mark.parametrize("name", ["a.txt", "a.txt.gz"])
 def test_the_report_has_the_fields_of_the_contract(tmp_path: Path, name: str) -> None:
     report: dict[str, Any] = json.loads(imumon("replay", capture(tmp_path / name), "--rate", "40", "--json"))
-    assert report["schema"] == "imumon.report/1"
+    assert report["schema"] == "imumon.model.report/1"
     assert report["state"] == "stopped"
     assert report["time"].endswith("Z")
     assert {

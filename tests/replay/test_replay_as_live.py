@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imumon.devices.vn100 import binary
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions
+from imumon.model.report import DeviceDescription, Report, SessionCounters
+from imumon.model.report_json import to_json
+from imumon.model.samples import SampleBlock
 from imumon.noise.synthesis import NoiseStream
-from imumon.pipeline import Monitor
-from imumon.pipeline.events import DetectedEvent
-from imumon.recordings import ReadOptions, open_recording
-from imumon.replay import ReplayOptions, replay
-from imumon.report import DeviceDescription, Report, SessionCounters
-from imumon.report_json import to_json
-from imumon.samples import SampleBlock
+from imumon.record import Monitor
+from imumon.record.events import DetectedEvent
+from imumon.sources.files import ReadOptions, open_recording
+from imumon.sources.vn100 import binary
 
 RATE = 10.0
 SAMPLES = 100_000

@@ -22,13 +22,13 @@ from ros2_messages import decode
 from waiting import until
 
 from imumon.config import Settings
-from imumon.devices import registry
-from imumon.devices.base import Device, DeviceNotFound, DeviceOptions
+from imumon.model.samples import Item, SampleBlock
 from imumon.ros2.diagnostics import DIAGNOSTICS
 from imumon.ros2.node import Received, RosError, RosNode
 from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, IMU, imu_message
 from imumon.ros2.topic_url import open_node, parse_url
-from imumon.samples import Item, SampleBlock
+from imumon.sources import registry
+from imumon.sources.device import Device, DeviceNotFound, DeviceOptions
 
 INSTALLED = importlib.util.find_spec("cyclonedds") is not None
 needs_dds = pytest.mark.skipif(not INSTALLED, reason="Cyclone DDS is not installed (extra dds)")

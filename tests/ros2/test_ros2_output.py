@@ -17,7 +17,7 @@ from waiting import until
 
 from imumon.cli.exit_codes import exit_code
 from imumon.config import Settings
-from imumon.report import Report
+from imumon.model.report import Report
 from imumon.ros2.diagnostics import DIAGNOSTICS, DiagnosticLevel, diagnostics, sample_variances
 from imumon.ros2.node import RosError
 from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, IMU

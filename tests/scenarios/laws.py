@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from imumon.checkpoint import decode
-from imumon.devices.vn100.emulator import Noise
-from imumon.devices.vn100.emulator.sensor_model import CONSTANT
-from imumon.report import Channel, Report
+from imumon.model.report import Channel, Report
+from imumon.sources.vn100.emulator import Noise
+from imumon.sources.vn100.emulator.sensor_model import CONSTANT
 
 N = {"gyro": 6.1e-5, "accel": 1.37e-3, "mag": 1.4e-4}
 """Channel unit / sqrt(Hz): N of the emulated sensor, equal on the three axes; it has neither B nor K."""

@@ -24,8 +24,8 @@ from daemons import Daemon
 from faulty_sensor import FaultySensorProcess, spawn
 from usage import resident_kb
 
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.report import Event, Report, from_json
+from imumon.model.report import Event, Report, from_json
+from imumon.sources.vn100.emulator import EmulatorSettings
 
 ID = "vn100-0100056785"
 CONFIG = "[report]\nperiod_s = 0.25\n[state]\nsave_period_s = 1.0\n"

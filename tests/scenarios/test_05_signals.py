@@ -15,8 +15,8 @@ from laws import adds_up, is_kept
 from scene import ID, STOP_S, Scene, scene
 from waiting import until
 
-from imumon.devices.linux_tty import holders
-from imumon.report import Report, from_json
+from imumon.model.report import Report, from_json
+from imumon.sources.linux_tty import holders
 
 pytestmark = pytest.mark.slow
 

@@ -29,8 +29,8 @@ from waiting import until
 
 from imumon.checkpoint import Checkpoint, decode
 from imumon.history.store import SUFFIX, HistoryStore
-from imumon.report import Report, from_json
-from imumon.report_json import to_json
+from imumon.model.report import Report, from_json
+from imumon.model.report_json import to_json
 
 pytestmark = pytest.mark.slow
 

@@ -13,8 +13,8 @@ from paths import RECORDINGS, needs_recordings
 from tables import replayed
 from test_live_stamps import measure
 
-from imumon.samples import Ints
-from imumon.timebase.stamp_placement import LateStamps
+from imumon.grid.stamp_placement import LateStamps
+from imumon.model.samples import Ints
 
 STEP = 5_000_000
 

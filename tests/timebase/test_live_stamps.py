@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from imumon.samples import Ints, SampleBlock, Stream
-from imumon.timebase.live_stamps import LiveStamps
-from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
+from imumon.grid.live_stamps import LiveStamps
+from imumon.grid.sample_clock import BREAK, PlacedSamples, SampleClock
+from imumon.model.samples import Ints, SampleBlock, Stream
 
 STREAM = Stream("unknown", ("gyro/x",), "test", "startup")
 UNIX_NS = 1_700_000_000_000_000_000

@@ -10,10 +10,10 @@ from cases import case
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imumon.devices.vn100.measurements import sample_converter
-from imumon.pipeline import Monitor, MonitorOptions
-from imumon.samples import GYRO, SampleBlock, Stream
-from imumon.timebase.sample_clock import BREAK, PlacedSamples, SampleClock
+from imumon.grid.sample_clock import BREAK, PlacedSamples, SampleClock
+from imumon.model.samples import GYRO, SampleBlock, Stream
+from imumon.record import Monitor, MonitorOptions
+from imumon.sources.vn100.measurements import sample_converter
 
 TICK = 25_000_000  # ns at 40 Hz
 LOOP_S = 1.0 / 800.0  # s, tick of a device whose intervals are multiples of one

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imumon.samples import Ints
-from imumon.timebase.stamp_kinds import CLOCK, KINDS, StampCandidate, decide, shows_rate
+from imumon.grid.stamp_kinds import CLOCK, KINDS, StampCandidate, decide, shows_rate
+from imumon.model.samples import Ints
 
 CLOCK_NS = 5_000_000 * np.arange(2000, dtype=np.int64)
 RNG = np.random.default_rng(4)

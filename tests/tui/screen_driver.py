@@ -9,7 +9,7 @@ import reports
 from textual.app import App
 from textual.pilot import Pilot
 
-from imumon.report import Report
+from imumon.model.report import Report
 from imumon.tui.app import ImumonApp
 from imumon.tui.formatting import Notation
 from imumon.tui.widgets import DrawnPanel, ScrolledPanel

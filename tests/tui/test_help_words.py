@@ -7,7 +7,7 @@ import reports
 from screen_driver import driven
 from textual.pilot import Pilot
 
-from imumon.glossary import explain, words_in
+from imumon.model.glossary import explain, words_in
 from imumon.tui.app import ImumonApp
 from imumon.tui.widgets import ScrolledPanel
 

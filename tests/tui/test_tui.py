@@ -13,7 +13,7 @@ from screen_driver import drive, driven, status, table_number, visible_text
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from imumon.report import BiasCurve, Drift, ModelColumn, Report, from_json
+from imumon.model.report import BiasCurve, Drift, ModelColumn, Report, from_json
 from imumon.tui import text_panels
 from imumon.tui.app import ImumonApp
 from imumon.tui.panels import FIRST_KEYS, LAST_KEYS, VIEW_KEYS, footer, welcome

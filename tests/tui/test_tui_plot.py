@@ -12,10 +12,11 @@ from cases import case
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from imumon import units
-from imumon.coefficients import Estimate
-from imumon.report import Distribution
-from imumon.report_json import MAX_NUMBER
+from imumon.model import units
+from imumon.model.coefficients import Estimate
+from imumon.model.report import Distribution
+from imumon.model.report_json import MAX_NUMBER
+from imumon.model.units import FLICKER
 from imumon.tui import (
     braille_canvas,
     channel_table,
@@ -26,7 +27,6 @@ from imumon.tui import (
 )
 from imumon.tui.formatting import CELL, Line, Notation
 from imumon.tui.view_state import ViewState
-from imumon.units import FLICKER
 
 DRAWN = {
     "allan": charts.allan_chart,

@@ -34,6 +34,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import restorable
 from imumon.noise.allan.curve import AllanCurve, AllanSums
 from imumon.noise.allan.octave import BATCH, OctaveStages
 from imumon.noise.blocks import BlockAccumulator
@@ -41,8 +43,6 @@ from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum import SpectrumAccumulator
 from imumon.noise.validity_groups import ValidityGroups
-from imumon.samples import Bools, Floats
-from imumon.saved_state import restorable
 
 
 @restorable

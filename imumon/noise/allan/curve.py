@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from imumon.model.samples import Floats, Ints
+from imumon.model.saved_state import restorable
 from imumon.noise.allan.octave import RATIO, variances
 from imumon.noise.noise_sums import NoiseSums
-from imumon.samples import Floats, Ints
-from imumon.saved_state import restorable
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -44,10 +44,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from imumon.model.samples import Floats, Ints
+from imumon.model.saved_state import restorable
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.validity_groups import ValidityGroups
-from imumon.samples import Floats, Ints
-from imumon.saved_state import restorable
 
 RATIO = 8
 """Sub-clusters per cluster, R. Keeps 98 % of the degrees of freedom of full overlap on white noise; the degrees of

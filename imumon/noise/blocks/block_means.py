@@ -32,9 +32,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from imumon.model.samples import Floats, Ints
+from imumon.model.saved_state import restorable
 from imumon.noise.validity_groups import LEAST_SHARE
-from imumon.samples import Floats, Ints
-from imumon.saved_state import restorable
 
 BLOCKS = 1024
 """Most blocks. Half of them widen the limits of B by 2 %, twice as many narrow them by 3 %."""

@@ -72,9 +72,9 @@ from enum import IntEnum
 import numpy as np
 from scipy.special import ndtri
 
+from imumon.model.samples import Bools, Floats, Ints
+from imumon.model.saved_state import restorable
 from imumon.noise.validity_groups import LEAST_SHARE, ROUNDING
-from imumon.samples import Bools, Floats, Ints
-from imumon.saved_state import restorable
 
 PAUSE_FRAMES = 2
 """After this many in a row that the old baseline calls usual, the search for a new rest starts again. Unit: frames,

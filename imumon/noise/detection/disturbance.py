@@ -66,6 +66,8 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import restorable
 from imumon.noise.detection.baseline import (
     FIRST_FRAMES,
     MOST_UNUSUAL_CANDIDATES,
@@ -77,8 +79,6 @@ from imumon.noise.detection.baseline import (
     NoiseBaseline,
 )
 from imumon.noise.detection.outliers import TAIL_REACH, OutlierDetector, limit_of_samples
-from imumon.samples import Bools, Floats
-from imumon.saved_state import restorable
 
 LOCATED_SHARE = 0.5
 """Up to this, single parts are excluded instead of the whole unusual frame. Unit: of the parts of a frame.

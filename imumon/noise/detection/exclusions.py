@@ -43,6 +43,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import restorable
 from imumon.noise.detection.disturbance import (
     REASONS,
     Codes,
@@ -52,8 +54,6 @@ from imumon.noise.detection.disturbance import (
     Reason,
     ReasonCode,
 )
-from imumon.samples import Bools, Floats
-from imumon.saved_state import restorable
 
 REFERENCE_SHARE = 0.5
 """A frame with fewer valid samples is no reference for the size of the next disturbance. Unit: of the samples of a

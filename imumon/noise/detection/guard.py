@@ -98,6 +98,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import restorable
 from imumon.noise.detection.baseline import FIRST_FRAMES, PARTS
 from imumon.noise.detection.disturbance import (
     INERTIAL,
@@ -110,8 +112,6 @@ from imumon.noise.detection.disturbance import (
 )
 from imumon.noise.detection.exclusions import Exclusions
 from imumon.noise.detection.stuck import RepeatDetector, StuckWatch
-from imumon.samples import Bools, Floats
-from imumon.saved_state import restorable
 
 MARGIN_BEFORE = PARTS // 2
 """So much is excluded before the first part that is unusual. Unit: parts of 0.1 s.

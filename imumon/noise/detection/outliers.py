@@ -57,6 +57,8 @@ import math
 import numpy as np
 from scipy.special import fdtri
 
+from imumon.model.samples import Bools, Floats, Ints
+from imumon.model.saved_state import restorable
 from imumon.noise.detection.baseline import (
     ERROR_MARGIN,
     MEMORY_FRAMES,
@@ -65,8 +67,6 @@ from imumon.noise.detection.baseline import (
     gaussian_deviation,
 )
 from imumon.noise.detection.stuck import UNUSUAL_CHANCE, run_beyond_chance
-from imumon.samples import Bools, Floats, Ints
-from imumon.saved_state import restorable
 
 TAIL_REACH = 5.0
 """Farther samples are excluded also where the tails are heavy. Unit: limits of an outlier.

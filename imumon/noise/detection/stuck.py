@@ -64,9 +64,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtr
 
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import restorable
 from imumon.noise.detection.baseline import MEMORY_FRAMES, UNUSUAL_SIGMA, frames_to_change
-from imumon.samples import Bools, Floats
-from imumon.saved_state import restorable
 
 UNUSUAL_CHANCE = float(ndtr(-UNUSUAL_SIGMA))
 """Repeats, or outliers in a row or of two sensors at once, that are less probable are not chance. Unit:

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imumon.coefficients import LIMIT_95
+from imumon.model.coefficients import LIMIT_95
+from imumon.model.samples import Floats
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit import regressors as columns_of
 from imumon.noise.fit.likelihood import Likelihood, Surface, grid_mean
@@ -23,7 +24,6 @@ from imumon.noise.fit.observations import BlockSeries, block_series, meeting_fre
 from imumon.noise.fit.regressors import COLLINEAR, Regressor
 from imumon.noise.fit.slow_terms import SlowTerms
 from imumon.noise.fit.statement import RegressorEstimate
-from imumon.samples import Floats
 
 LOWEST_DEGC = -60.0
 """Below, a temperature is implausible and no bias curve is stated. Unit: degC.

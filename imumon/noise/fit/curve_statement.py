@@ -21,7 +21,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from imumon.coefficients import COEFFICIENTS, NOISE, Estimate, MarkovEstimate
+from imumon.model.coefficients import COEFFICIENTS, NOISE, Estimate, MarkovEstimate
+from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.model import QUANTISATION, WHITE, NoiseTerm, UpperShape, total
 from imumon.noise.fit.model_curve import (
@@ -40,7 +41,6 @@ from imumon.noise.fit.statement import ChannelFit, FittedModel
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.expectation import window_power
 from imumon.noise.spectrum.level_sums import SEGMENT
-from imumon.samples import Bools, Floats, Ints
 
 MOST_OUTSIDE = 3
 """The drawn model misses the curve where it is outside of its limits at this number of octaves, or at the longest

@@ -37,7 +37,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from imumon.coefficients import NOISE, default_precision
+from imumon.model.coefficients import NOISE, default_precision
+from imumon.model.samples import Floats
+from imumon.model.units import DAY
 from imumon.noise.allan import AllanCurve
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit.bias_curve import BiasFit, bias_curve
@@ -57,8 +59,6 @@ from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.level_sums import SUB_BAND
 from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES
 from imumon.noise.validity_groups import DITHERED, ROUNDING, ROUNDING_VARIANCE
-from imumon.samples import Floats
-from imumon.units import DAY
 
 COUNTED_FALL = 0.5
 """Coarse values are counts of an angle where the density of some octave is below this share. Unit: of the highest

@@ -44,12 +44,12 @@ from typing import TypeAlias
 import numpy as np
 from scipy.special import gammainc, gammaincc, ndtri
 
+from imumon.model.samples import Floats
 from imumon.noise.fit.model import FLICKER, WALK, WHITE, NoiseTerm, combined, total
 from imumon.noise.fit.normal_equations import LEAST_VARIANCE, inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import Bands, Coefficients
 from imumon.noise.fit.scoring import BandScoring
 from imumon.noise.validity_groups import ROUNDING
-from imumon.samples import Floats
 
 GRID = 20
 """Resolution of B and of K, half as many where columns are tried; also the frequencies that are tried between two

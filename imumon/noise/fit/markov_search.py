@@ -26,6 +26,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from imumon.model.samples import Floats
 from imumon.noise.fit.likelihood import (
     DROP,
     GRID_FALL,
@@ -43,7 +44,6 @@ from imumon.noise.fit.likelihood import (
 )
 from imumon.noise.fit.model import FLICKER, WALK, GaussMarkov, NoiseTerm
 from imumon.noise.validity_groups import ROUNDING
-from imumon.samples import Floats
 
 SHORTEST = 10.0
 """Least time constant of Gauss–Markov noise that is tried. Unit: samples.

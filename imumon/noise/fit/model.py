@@ -69,7 +69,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from imumon.coefficients import COEFFICIENTS
+from imumon.model.coefficients import COEFFICIENTS
+from imumon.model.samples import Floats, Ints
 from imumon.noise import markov_law
 from imumon.noise.allan.octave import RATIO
 from imumon.noise.power_law import EXACT, coefficient_variances, phase_autocovariance, sampled_density
@@ -79,7 +80,6 @@ from imumon.noise.spectrum.expectation import (
     short_term_density,
     window_power,
 )
-from imumon.samples import Floats, Ints
 
 LAGS = 12
 """Lags over which the covariance of differences is summed. Unit: clusters.

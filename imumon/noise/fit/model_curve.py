@@ -29,10 +29,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import gammaincinv
 
+from imumon.model.samples import Floats, Ints
 from imumon.noise.allan.octave import RATIO
 from imumon.noise.fit.model import TermPowers, total
 from imumon.noise.fit.observations import BlockSeries
-from imumon.samples import Floats, Ints
 
 VISIBLE = 0.1
 """From here on lines (`vibration`) or a drift (`ramp`) are named, and a temperature explains a share. Unit: of the

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from imumon.model.samples import Floats
 from imumon.noise.validity_groups import ROUNDING
-from imumon.samples import Floats
 
 LEAST_VARIANCE = 1e-100
 """Floor of every variance; a channel with less is constant. Unit: (channel unit)^2.

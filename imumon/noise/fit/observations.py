@@ -40,6 +40,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
+from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit.model import TERMS, WHITE, NoiseTerm
 from imumon.noise.noise_sums import NoiseSums
@@ -47,7 +48,6 @@ from imumon.noise.spectrum.expectation import degrees_of_freedom, filter_power, 
 from imumon.noise.spectrum.leakage import HALF, WAVES_SHARE, leaked
 from imumon.noise.spectrum.level_sums import FIRST_BIN, SEGMENT, SUB_BAND, LevelSums, last_bin
 from imumon.noise.spectrum.power_spectrum import LEAST_AVERAGES
-from imumon.samples import Bools, Floats, Ints
 
 BAND_EDGES = (46, 70, 94, 128)
 """Edges of the bands of a level; a level below the first uses bins 46 to 91 only. Unit: bins.

@@ -15,11 +15,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from imumon.model.samples import Floats, Ints
 from imumon.noise.fit.regressors import OSCILLATION
 from imumon.noise.fit.search import Model
 from imumon.noise.fit.slow_terms import CERTAIN
 from imumon.noise.noise_sums import NoiseSums
-from imumon.samples import Floats, Ints
 
 ALIAS_WIDTHS = 3.0
 """Distance up to which a slow oscillation is the alias of a line. Unit: widths of the line.

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from imumon.samples import Floats
+from imumon.model.samples import Floats
 
 LEVELS_SIGMA = 4.0
 """Gauss–Markov noise is popcorn noise where the excess kurtosis of the block means is below zero by as much. Unit:

@@ -30,12 +30,12 @@ from functools import lru_cache
 
 import numpy as np
 
+from imumon.model.samples import Floats, Ints
 from imumon.noise.fit.likelihood import Surface
 from imumon.noise.fit.model import combined
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import LEAST_BLOCKS, BlockSeries, Coefficients
 from imumon.noise.validity_groups import ROUNDING
-from imumon.samples import Floats, Ints
 
 COLLINEAR = 0.95
 """A temperature slope is stated where its estimate is less correlated with that of the drift. Unit: correlation.

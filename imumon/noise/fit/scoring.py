@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from imumon.model.samples import Floats
 from imumon.noise.fit.model import NoiseTerm
 from imumon.noise.fit.normal_equations import inverse_and_log, invertible
 from imumon.noise.fit.observations import Bands
-from imumon.samples import Floats
 
 SCORING_STEPS = 3
 """Steps of Fisher's scoring for the powers that are profiled, at each point of the grid. Unit: steps.

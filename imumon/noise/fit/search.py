@@ -37,7 +37,9 @@ from functools import cached_property
 import numpy as np
 from scipy.special import gammaincc
 
-from imumon.coefficients import LIMIT_95
+from imumon.model.coefficients import LIMIT_95
+from imumon.model.samples import Bools, Floats
+from imumon.model.units import DAY
 from imumon.noise.fit import markov_search
 from imumon.noise.fit.likelihood import EVIDENCE, Grids, Likelihood, Surface, evidence, mixed
 from imumon.noise.fit.markov_search import MarkovSurface, Peaks
@@ -63,8 +65,6 @@ from imumon.noise.fit.observations import (
 from imumon.noise.fit.slow_terms import SlowTerms, SlowTermSearch
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.validity_groups import ROUNDING_VARIANCE
-from imumon.samples import Bools, Floats
-from imumon.units import DAY
 
 INDEPENDENT_COUNTS = 0.5
 """The errors of rounding are independent from here on. Unit: counts of noise between two samples.

@@ -27,7 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammainccinv
 
-from imumon.coefficients import SIGNIFICANT
+from imumon.model.coefficients import SIGNIFICANT
+from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.fit import markov_search
 from imumon.noise.fit import regressors as columns_of
 from imumon.noise.fit.likelihood import (
@@ -54,7 +55,6 @@ from imumon.noise.fit.observations import (
     pooled_coefficients,
 )
 from imumon.noise.fit.regressors import COEFFICIENTS_PER_COLUMN, SETTLING_SHARES, SINGLE, Regressor
-from imumon.samples import Bools, Floats, Ints
 
 CHANCE = 0.01
 """Noise alone makes an oscillation that is left out, or a misfit, in this share of records. Unit: probability.

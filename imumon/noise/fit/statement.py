@@ -46,7 +46,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from imumon.coefficients import LIMIT_95, NOISE, SIGNIFICANT, Estimate, MarkovEstimate
+from imumon.model.coefficients import LIMIT_95, NOISE, SIGNIFICANT, Estimate, MarkovEstimate
+from imumon.model.samples import Bools, Floats
 from imumon.noise.fit.likelihood import (
     EVIDENCE,
     LIMITS,
@@ -72,7 +73,6 @@ from imumon.noise.fit.slow_terms import CHANCE
 from imumon.noise.fit.time_to_precision import seconds_to
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.validity_groups import ROUNDING_VARIANCE
-from imumon.samples import Bools, Floats
 
 LEAST_B_K_S = 10.0
 """B and K are pending before. Unit: s.

@@ -23,10 +23,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from imumon.coefficients import LIMIT_95
+from imumon.model.coefficients import LIMIT_95
+from imumon.model.samples import Floats
+from imumon.model.units import YEAR
 from imumon.noise.fit.model import WHITE, NoiseTerm, TermPowers
-from imumon.samples import Floats
-from imumon.units import YEAR
 
 FREQUENCIES = 60
 """Points of the integral of the Fisher information, even in the logarithm. Unit: frequencies.

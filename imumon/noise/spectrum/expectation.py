@@ -23,6 +23,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from imumon.model.samples import Floats, Ints
 from imumon.noise.power_law import sampled_density
 from imumon.noise.spectrum.half_band import TAPS
 from imumon.noise.spectrum.level_sums import (
@@ -35,7 +36,6 @@ from imumon.noise.spectrum.level_sums import (
     last_bin,
 )
 from imumon.noise.spectrum.spectral_lines import LOBE
-from imumon.samples import Floats, Ints
 
 
 def filter_power(f: Floats, level: int) -> Floats:

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from imumon.model.samples import Floats
 from imumon.noise.spectrum.level_sums import HOP
-from imumon.samples import Floats
 
 TAPS = np.array(
     [

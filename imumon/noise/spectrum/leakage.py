@@ -38,6 +38,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from imumon.model.samples import Floats
 from imumon.noise.spectrum.level_sums import (
     FIRST_BIN,
     NEAR,
@@ -47,7 +48,6 @@ from imumon.noise.spectrum.level_sums import (
     LevelSums,
     last_bin,
 )
-from imumon.samples import Floats
 
 HALF = SEGMENT // 2
 """Bin at half the rate of a level."""

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imumon.samples import Floats, Ints
-from imumon.saved_state import restorable
+from imumon.model.samples import Floats, Ints
+from imumon.model.saved_state import restorable
 
 SEGMENT = 256
 """Samples of a segment: bins are 0.6 % to 2 % of their frequency wide, fine enough to leave out a line and little

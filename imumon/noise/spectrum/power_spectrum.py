@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.spectrum.level_sums import BINS, FIRST_BIN, HANN_POWER, SEGMENT, last_bin
 from imumon.noise.spectrum.spectral_lines import (
     NarrowBand,
@@ -27,7 +28,6 @@ from imumon.noise.spectrum.spectral_lines import (
     median_to_mean,
 )
 from imumon.noise.validity_groups import ROUNDING
-from imumon.samples import Bools, Floats, Ints
 
 LEAST_AVERAGES = 4
 """A level with fewer does not count in a fit, and the level above is displayed instead. Unit: averages.

@@ -32,8 +32,8 @@ from typing import Protocol, TypeVar
 import numpy as np
 from scipy.special import gammainccinv, gammaincinv
 
+from imumon.model.samples import Bools, Floats
 from imumon.noise.spectrum.level_sums import BINS, SEGMENT
-from imumon.samples import Bools, Floats
 
 LINE_CHANCE = 1e-6
 """A bin is a narrow band above a density that noise alone exceeds in this share of bins. Unit: probability.

@@ -54,6 +54,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import restorable
 from imumon.noise.spectrum.half_band import decimated_with_shares
 from imumon.noise.spectrum.level_sums import (
     FIRST_BIN,
@@ -71,8 +73,6 @@ from imumon.noise.spectrum.level_sums import (
 )
 from imumon.noise.spectrum.power_spectrum import PowerSpectrum, displayed
 from imumon.noise.validity_groups import LEAST_SHARE, ROUNDING
-from imumon.samples import Bools, Floats
-from imumon.saved_state import restorable
 
 MOST_VARIATION = 0.8
 """A segment with more does not count; where a share p is missing, it is p / (1 - p), so that 44 % may be. Unit:

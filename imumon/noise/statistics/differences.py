@@ -22,10 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import restorable
 from imumon.noise.statistics.distribution_shape import LEARN_SAMPLES, MOMENT_ERRORS
 from imumon.noise.statistics.histogram import FEW_LEVELS
-from imumon.samples import Bools, Floats
-from imumon.saved_state import restorable
 
 REPEATED = 0.25
 """With a larger share of zeros, the sensor is slower than its samples: their median is not used. Unit: of the

@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 from scipy.special import ndtr
 
-from imumon.samples import Ints
+from imumon.model.samples import Ints
 
 GAUSSIAN_DISTANCE = 0.025
 """Up to here a distribution counts as Gaussian. Unit: Kolmogorov distance.

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from imumon.model.samples import Bools, Floats, Ints
+from imumon.model.saved_state import restorable
+from imumon.model.units import HOUR, MINUTE
 from imumon.noise.validity_groups import LARGEST
-from imumon.samples import Bools, Floats, Ints
-from imumon.saved_state import restorable
-from imumon.units import HOUR, MINUTE
 
 RECENT_COLUMNS = 120
 """Columns of the last minute and of the last hour: more than a terminal is wide."""

@@ -22,10 +22,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import restorable
 from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.statistics.histogram import ROUNDED_GAP
-from imumon.samples import Bools, Floats
-from imumon.saved_state import restorable
 
 LEAST_VISITS = 5
 """With fewer, an extreme value is no limit of the range. Unit: visits.

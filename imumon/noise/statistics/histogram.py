@@ -14,10 +14,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from imumon.model.samples import Bools, Floats, Ints
+from imumon.model.saved_state import restorable
 from imumon.noise.statistics.distribution_shape import LEARN_SAMPLES, DistributionShape, assessed
 from imumon.noise.validity_groups import LARGEST
-from imumon.samples import Bools, Floats, Ints
-from imumon.saved_state import restorable
 
 FEW_LEVELS = 8
 """A channel with more, whose step could not be learned, is not called quantised; with fewer in a standard

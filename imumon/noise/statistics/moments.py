@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
+from imumon.model.samples import Bools, Floats, Ints
+from imumon.model.saved_state import restorable
 from imumon.noise.validity_groups import ValidityGroups
-from imumon.samples import Bools, Floats, Ints
-from imumon.saved_state import restorable
 
 BATCH = 16384
 """Samples that are reduced together: their work arrays fit into the cache of the processor."""

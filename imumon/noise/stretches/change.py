@@ -28,8 +28,8 @@ from dataclasses import dataclass
 
 from scipy.special import ndtr, stdtr
 
-from imumon.coefficients import LIMIT_95, Estimate
-from imumon.saved_state import restorable
+from imumon.model.coefficients import LIMIT_95, Estimate
+from imumon.model.saved_state import restorable
 
 CHANCE = 0.01
 """Probability that chance makes a change in a record, over all pairs of its parts that are compared.

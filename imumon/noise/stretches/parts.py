@@ -47,6 +47,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import restorable
 from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.allan.curve import AllanSums
 from imumon.noise.blocks import BlockAccumulator, BlockMeans
@@ -55,8 +57,6 @@ from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum import PowerSpectrum
 from imumon.noise.spectrum.spectrum_accumulator import LEVELS, SpectrumMark
 from imumon.noise.statistics.moments import Moments
-from imumon.samples import Bools, Floats
-from imumon.saved_state import restorable
 
 FINER_BLOCKS = 256
 """Most finer blocks of a part, a quarter of those of a record: for the memory; B loses 3 %."""

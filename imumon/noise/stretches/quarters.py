@@ -19,12 +19,12 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
-from imumon.coefficients import QUARTERS, Excess
+from imumon.model.coefficients import QUARTERS, Excess
+from imumon.model.samples import Floats
+from imumon.model.saved_state import restorable
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.stretches.parts import RecordParts
-from imumon.samples import Floats
-from imumon.saved_state import restorable
 
 NEGLECTED_P = 0.25
 """The variance between quarters counts where chance makes as much in fewer records. Unit: probability.

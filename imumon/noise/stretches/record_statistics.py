@@ -21,7 +21,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
-from imumon.coefficients import QUARTERS
+from imumon.model.coefficients import QUARTERS
+from imumon.model.samples import Bools, Floats
+from imumon.model.saved_state import restorable
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import Estimator, settling_times_s
 from imumon.noise.noise_sums import NoiseSums
@@ -31,8 +33,6 @@ from imumon.noise.stretches.parts import RecordParts
 from imumon.noise.stretches.quarters import Quarters
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch, Stretches
 from imumon.noise.stretches.warmup import CANDIDATES_S, DECISION_LENGTH, is_over, is_warming_up
-from imumon.samples import Bools, Floats
-from imumon.saved_state import restorable
 
 HOUR_S, _ = LENGTHS_S
 """s, length of the parts that are compared with those before: long enough for B."""

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from imumon.model.saved_state import restorable
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.statistics.moments import Moments
 from imumon.noise.stretches.parts import RecordParts
-from imumon.saved_state import restorable
 
 LENGTHS_S = (3600, 86400)
 """s, lengths of the stretches; the longer one is a multiple of the shorter one."""

@@ -13,8 +13,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from imumon.model.samples import Floats
 from imumon.noise.fit import ChannelFit
-from imumon.samples import Floats
 
 CANDIDATES_S = (120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 5400.0)
 """Possible ends of a warm-up; beyond the last one, the temperature shows no warm-up. Unit: s.

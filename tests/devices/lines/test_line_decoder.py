@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from paths import ROOT
 
-from imumon.devices.base import InvalidOption, sample_blocks
-from imumon.devices.lines import line_decoder
-from imumon.devices.lines.line_decoder import LONGEST_LINE, LineDecoder
-from imumon.devices.lines.lines_driver import parse_url
-from imumon.pipeline import Monitor
-from imumon.samples import ACCEL, GYRO, SampleBlock
+from imumon.model.samples import ACCEL, GYRO, SampleBlock
+from imumon.record import Monitor
+from imumon.sources.device import InvalidOption, sample_blocks
+from imumon.sources.lines import line_decoder
+from imumon.sources.lines.line_decoder import LONGEST_LINE, LineDecoder
+from imumon.sources.lines.lines_driver import parse_url
 
 SEVEN = {"columns": "t_us,gx,gy,gz,ax,ay,az"}
 

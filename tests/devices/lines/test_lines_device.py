@@ -20,10 +20,10 @@ from free_ports import free_port
 from line_sender import COLUMNS, LineSender
 from waiting import until
 
-from imumon.devices.base import DeviceEnded, DeviceLost, DeviceOptions
-from imumon.devices.registry import driver
-from imumon.devices.serial_port import SerialPort
-from imumon.samples import SampleBlock
+from imumon.model.samples import SampleBlock
+from imumon.sources.device import DeviceEnded, DeviceLost, DeviceOptions
+from imumon.sources.registry import driver
+from imumon.sources.serial_port import SerialPort
 
 
 def run(state: Path, *words: str, text: bytes) -> subprocess.CompletedProcess[str]:
@@ -72,7 +72,7 @@ def sent(sender: socket.socket, port: int, count: int, value: int) -> None:
 
 def test_of_two_senders_of_datagrams_the_first_is_the_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
     """The lines of the other are counted. One that was started again has another port of the same address."""
-    monkeypatch.setattr("imumon.devices.ports.SENDER_S", 0.3)
+    monkeypatch.setattr("imumon.sources.ports.SENDER_S", 0.3)
     port = free_port()
     with SerialPort(f"udp://:{port}") as reader, ExitStack() as sockets:
         first, other, far = (
@@ -87,7 +87,7 @@ def test_of_two_senders_of_datagrams_the_first_is_the_sensor(monkeypatch: pytest
         assert until(lambda: reader.other_lines == 150)
         assert reader.other_sender == f"127.0.0.1 port {other.getsockname()[1]}"
         assert reader.has_rival
-        monkeypatch.setattr("imumon.devices.ports.RIVAL_S", 0.1)
+        monkeypatch.setattr("imumon.sources.ports.RIVAL_S", 0.1)
         assert until(lambda: not reader.has_rival)
         time.sleep(0.4)
         sent(far, port, 10, 3)  # of another address: it never follows
@@ -273,7 +273,7 @@ def test_a_header_that_a_server_sends_first_is_used() -> None:
 def test_a_wrong_unit_of_the_time_or_a_wrong_rate_is_doubted(
     wrong: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("imumon.devices.port_device.RATE_SHORTEST_S", 1.0)
+    monkeypatch.setattr("imumon.sources.port_device.RATE_SHORTEST_S", 1.0)
     sender = LineSender("pty", tmp_path)
     try:
         device = driver("lines").create(DeviceOptions(url=f"lines:{tmp_path / 'board'}?{wrong}"))
@@ -302,7 +302,7 @@ def test_a_full_queue_does_not_join_two_halves(tmp_path: Path) -> None:
 
 def test_a_port_that_is_only_read_ends(tmp_path: Path) -> None:
     script = (
-        "from imumon.devices.base import *; from imumon.devices.registry import driver\n"
+        "from imumon.sources.device import *; from imumon.sources.registry import driver\n"
         "d = driver('lines').create(DeviceOptions(url='lines:-')); d.open(); d.start(); n = 0\n"
         "try:\n    while True: n += sum(len(i) for i in d.read(0.2) if hasattr(i, 'values'))\n"
         "except DeviceEnded: print(n)\n"

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from ros2_actors import imu_payload
 from ros2_messages import encode, header, samples
 
-from imumon.devices.ros2.imu_assembler import ImuAssembler
-from imumon.pipeline import Monitor
+from imumon.model.samples import ACCEL, GYRO, Item, Notice, SampleBlock
+from imumon.record import Monitor
 from imumon.ros2.node import Received
 from imumon.ros2.ros_messages import MAGNETIC_FIELD, TEMPERATURE
 from imumon.ros2.topic_url import parse_url
-from imumon.samples import ACCEL, GYRO, Item, Notice, SampleBlock
+from imumon.sources.ros2.imu_assembler import ImuAssembler
 
 UNIX_NS = 1_700_000_000_000_000_000
 STEP_NS = 5_000_000

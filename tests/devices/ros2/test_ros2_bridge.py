@@ -20,12 +20,12 @@ from usage import cpu_s, resident_kb
 from waiting import until
 
 from imumon.config import Settings
-from imumon.devices import registry
-from imumon.devices.base import DeviceOptions
-from imumon.devices.vn100.emulator import EmulatorSettings, spawn
-from imumon.pipeline import Monitor
-from imumon.report import DeviceDescription, Report, SessionCounters
-from imumon.samples import ACCEL, GYRO, SampleBlock
+from imumon.model.report import DeviceDescription, Report, SessionCounters
+from imumon.model.samples import ACCEL, GYRO, SampleBlock
+from imumon.record import Monitor
+from imumon.sources import registry
+from imumon.sources.device import DeviceOptions
+from imumon.sources.vn100.emulator import EmulatorSettings, spawn
 
 RATE_HZ = 200.0
 BAUD = 230400

@@ -21,13 +21,13 @@ from ros2_messages import samples
 from waiting import until
 
 from imumon.config import Settings
-from imumon.devices import registry
-from imumon.devices.base import Device, DeviceLost, DeviceNotFound, DeviceOptions, InvalidOption
+from imumon.model.samples import Item, Notice, SampleBlock
 from imumon.ros2.node import Publication
 from imumon.ros2.ros_messages import IMU, type_hash
 from imumon.ros2.topic_url import open_node, parse_url
 from imumon.ros2.zenoh_node import ZenohPublication
-from imumon.samples import Item, Notice, SampleBlock
+from imumon.sources import registry
+from imumon.sources.device import Device, DeviceLost, DeviceNotFound, DeviceOptions, InvalidOption
 
 UNIX_NS = 1_700_000_000_000_000_000
 STEP_NS = 5_000_000

@@ -27,10 +27,11 @@ from hypothesis import strategies as st
 from vn100_emulated import ask, blocks, columns, make, save
 from waiting import until
 
-from imumon.devices.base import InvalidOption
-from imumon.devices.vn100 import ascii
-from imumon.devices.vn100.binary import BinaryLayout
-from imumon.devices.vn100.emulator import (
+from imumon.model.samples import Floats
+from imumon.sources.device import InvalidOption
+from imumon.sources.vn100 import ascii
+from imumon.sources.vn100.binary import BinaryLayout
+from imumon.sources.vn100.emulator import (
     EmulatorProcess,
     EmulatorSettings,
     Noise,
@@ -38,9 +39,8 @@ from imumon.devices.vn100.emulator import (
     from_arguments,
     spawn,
 )
-from imumon.devices.vn100.emulator.command_handler import BOOTING_S, SAVING_S
-from imumon.devices.vn100.registers import ASCII_RATES, LOOP_RATE, REGISTERS
-from imumon.samples import Floats
+from imumon.sources.vn100.emulator.command_handler import BOOTING_S, SAVING_S
+from imumon.sources.vn100.registers import ASCII_RATES, LOOP_RATE, REGISTERS
 
 WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
 TIME_AND_DELTAS = BinaryLayout.of({2: 0x0001, 3: 0x00C0})
@@ -415,7 +415,7 @@ def test_time_lapse_waits_for_its_reader_and_loses_nothing() -> None:
 
 
 def test_the_emulator_exits_with_its_parent() -> None:
-    code = "import time; from imumon.devices.vn100.emulator import spawn; print(spawn().pid, flush=True); "
+    code = "import time; from imumon.sources.vn100.emulator import spawn; print(spawn().pid, flush=True); "
     code += "time.sleep(60)"
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert parent.stdout is not None
@@ -471,7 +471,7 @@ def test_usage_errors_are_one_line() -> None:
 
 
 def test_the_process_of_the_emulator_is_no_command() -> None:
-    command = [sys.executable, "-m", "imumon.devices.vn100.emulator", "--help"]
+    command = [sys.executable, "-m", "imumon.sources.vn100.emulator", "--help"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.endswith("start one with imumon sim\n")

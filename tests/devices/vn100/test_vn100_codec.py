@@ -14,11 +14,11 @@ import pytest
 from cases import case
 from paths import RECORDINGS, TESTS, needs_recordings
 
-from imumon.devices.vn100 import ascii, binary, checksum
-from imumon.devices.vn100.ascii import Response, SensorError
-from imumon.devices.vn100.binary import BinaryLayout, Group
-from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
-from imumon.samples import SampleBlock, Stream, concatenated
+from imumon.model.samples import SampleBlock, Stream, concatenated
+from imumon.sources.vn100 import ascii, binary, checksum
+from imumon.sources.vn100.ascii import Response, SensorError
+from imumon.sources.vn100.binary import BinaryLayout, Group
+from imumon.sources.vn100.decoder import DecodedItem, Vn100Decoder
 
 CHUNKS = (1, 2, 7, 61, 1 << 20)
 

@@ -13,10 +13,10 @@ import vn100_wire as wire
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from imumon.devices.vn100 import ascii, checksum
-from imumon.devices.vn100.binary import BinaryLayout, Group
-from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
-from imumon.samples import SampleBlock
+from imumon.model.samples import SampleBlock
+from imumon.sources.vn100 import ascii, checksum
+from imumon.sources.vn100.binary import BinaryLayout, Group
+from imumon.sources.vn100.decoder import DecodedItem, Vn100Decoder
 
 LAYOUTS = (
     BinaryLayout.of({Group.TIME: 0x0001, Group.IMU: 0x00D2}),

@@ -8,11 +8,11 @@ import pytest
 from vn100_bench import RATE, Bench, Killed, kinds
 
 from imumon.config import DeviceSettings
-from imumon.devices.vn100.ascii import ERRORS, encode
-from imumon.devices.vn100.commands import OtherSensor
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.devices.vn100.emulator.command_handler import CommandHandler
-from imumon.devices.vn100.emulator.emulator import make_device
+from imumon.sources.vn100.ascii import ERRORS, encode
+from imumon.sources.vn100.commands import OtherSensor
+from imumon.sources.vn100.emulator import EmulatorSettings
+from imumon.sources.vn100.emulator.command_handler import CommandHandler
+from imumon.sources.vn100.emulator.emulator import make_device
 
 # ---------------------------------------------------------------------- faults
 

@@ -13,14 +13,14 @@ import pytest
 import vn100_wire as wire
 from cases import case
 
-from imumon.devices.vn100 import ascii, binary
-from imumon.devices.vn100.ascii import Response, SensorError
-from imumon.devices.vn100.decoder import DecodedItem, Vn100Decoder
-from imumon.devices.vn100.emulator import EmulatorSettings, Noise
-from imumon.devices.vn100.emulator.command_handler import CommandHandler
-from imumon.devices.vn100.emulator.emulator import make_device
-from imumon.devices.vn100.registers import OUTPUT_TYPES, REGISTERS
-from imumon.samples import SampleBlock, sensor_of
+from imumon.model.samples import SampleBlock, sensor_of
+from imumon.sources.vn100 import ascii, binary
+from imumon.sources.vn100.ascii import Response, SensorError
+from imumon.sources.vn100.decoder import DecodedItem, Vn100Decoder
+from imumon.sources.vn100.emulator import EmulatorSettings, Noise
+from imumon.sources.vn100.emulator.command_handler import CommandHandler
+from imumon.sources.vn100.emulator.emulator import make_device
+from imumon.sources.vn100.registers import OUTPUT_TYPES, REGISTERS
 
 CHECKS: tuple[wire.CheckWidth, ...] = (8, 16)
 ENDS = (b"\r\n", b"\n")

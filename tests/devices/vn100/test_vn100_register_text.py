@@ -9,8 +9,8 @@ from cases import case
 from hypothesis import given
 from hypothesis import strategies as st
 
-from imumon.devices.vn100.register_text import describe_setting
-from imumon.devices.vn100.registers import DATA_REGISTERS, REGISTERS
+from imumon.sources.vn100.register_text import describe_setting
+from imumon.sources.vn100.registers import DATA_REGISTERS, REGISTERS
 
 
 def named(number: int) -> str:

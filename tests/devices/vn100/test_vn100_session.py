@@ -9,15 +9,15 @@ import pytest
 from vn100_bench import RATE, Bench, Unplugged
 
 from imumon.config import DeviceSettings
-from imumon.devices.base import DeviceNotFound, InvalidOption
-from imumon.devices.ports import BAUD_RATES
-from imumon.devices.vn100.binary import BinaryLayout
-from imumon.devices.vn100.commands import NotAVn100
-from imumon.devices.vn100.decoder import Vn100Decoder
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.devices.vn100.emulator.emulator import make_device
-from imumon.devices.vn100.stream_settings import DIVISORS, alias_factors, divisors, is_ours, output
-from imumon.samples import DeviceInfo
+from imumon.model.samples import DeviceInfo
+from imumon.sources.device import DeviceNotFound, InvalidOption
+from imumon.sources.ports import BAUD_RATES
+from imumon.sources.vn100.binary import BinaryLayout
+from imumon.sources.vn100.commands import NotAVn100
+from imumon.sources.vn100.decoder import Vn100Decoder
+from imumon.sources.vn100.emulator import EmulatorSettings
+from imumon.sources.vn100.emulator.emulator import make_device
+from imumon.sources.vn100.stream_settings import DIVISORS, alias_factors, divisors, is_ours, output
 
 # ---------------------------------------------------------------------- connection
 
@@ -257,7 +257,7 @@ def test_set_baud_raises_the_baud_and_restore_lowers_it() -> None:
 
 
 def test_too_little_bandwidth_lowers_the_rate_with_a_remark(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imumon.devices.vn100.stream_settings.LOAD", 1.6)
+    monkeypatch.setattr("imumon.sources.vn100.stream_settings.LOAD", 1.6)
     bench = Bench()
     session = bench.streaming()
     info = session.info()

@@ -16,11 +16,11 @@ from faulty_sensor import FaultySensorProcess, spawn
 from vn100_bench import kinds
 
 from imumon.config import DeviceSettings
-from imumon.devices.base import DeviceLost
-from imumon.devices.serial_port import SerialPort
-from imumon.devices.vn100.emulator import EmulatorSettings
-from imumon.devices.vn100.vn100_session import Vn100Session
-from imumon.samples import Notice, SampleBlock
+from imumon.model.samples import Notice, SampleBlock
+from imumon.sources.device import DeviceLost
+from imumon.sources.serial_port import SerialPort
+from imumon.sources.vn100.emulator import EmulatorSettings
+from imumon.sources.vn100.vn100_session import Vn100Session
 
 # ---------------------------------------------------------------------- emulator process
 
@@ -106,8 +106,8 @@ def test_settings_of_a_killed_process_are_restored(emulator: FaultySensorProcess
     code = """
 import sys, time
 from imumon.config import DeviceSettings
-from imumon.devices.vn100.vn100_session import Vn100Session
-from imumon.devices.serial_port import SerialPort
+from imumon.sources.vn100.vn100_session import Vn100Session
+from imumon.sources.serial_port import SerialPort
 session = Vn100Session(SerialPort(sys.argv[1]), DeviceSettings(), time.monotonic)
 session.connect(); session.save_settings(); session.configure()
 print("streaming", flush=True)

@@ -22,13 +22,20 @@ from mt_emulator import ACCEL_N, FACTORY, GYRO_N, MtEmulator
 from waiting import until
 
 from imumon.config import DeviceSettings
-from imumon.devices.base import Device, DeviceError, DeviceNotFound, DeviceOptions, Interrupted, sample_blocks
-from imumon.devices.conformance import Bench, DeviceConformance, read_for
-from imumon.devices.registry import driver
-from imumon.devices.xsens.mt_decoder import MtDecoder, rotation
-from imumon.devices.xsens.mt_messages import DataId, Message, MessageId, encode, fields, outputs
-from imumon.report import Report, from_json
-from imumon.samples import Notice
+from imumon.model.report import Report, from_json
+from imumon.model.samples import Notice
+from imumon.sources.conformance import Bench, DeviceConformance, read_for
+from imumon.sources.device import (
+    Device,
+    DeviceError,
+    DeviceNotFound,
+    DeviceOptions,
+    Interrupted,
+    sample_blocks,
+)
+from imumon.sources.registry import driver
+from imumon.sources.xsens.mt_decoder import MtDecoder, rotation
+from imumon.sources.xsens.mt_messages import DataId, Message, MessageId, encode, fields, outputs
 
 GOLDEN = bytes.fromhex(
     "102002A655 106004 0057472E 201010 3F7F7DC4BC10107D3BA15770BD7EC656 40200C BDA21AF8BE2A8E96411D27A2"
@@ -250,7 +257,7 @@ def test_an_interrupted_start_is_restored(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_a_sensor_that_stops_is_started_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imumon.devices.xsens.mt_session.QUIET_UNKNOWN_S", 0.5)
+    monkeypatch.setattr("imumon.sources.xsens.mt_session.QUIET_UNKNOWN_S", 0.5)
     with MtEmulator(link=tmp_path / "mti") as sensor:
         device = device_of(sensor, tmp_path)
         device.open()
@@ -309,7 +316,7 @@ def test_another_sensor_in_its_place_is_an_error(tmp_path: Path) -> None:
 
 
 def test_a_port_without_an_mti_is_not_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imumon.devices.xsens.mt_session.REPLY_S", 0.02)
+    monkeypatch.setattr("imumon.sources.xsens.mt_session.REPLY_S", 0.02)
     master, slave = os.openpty()
     device = driver("xsens").create(
         DeviceOptions(url=f"xsens:{os.ttyname(slave)}", settings=DeviceSettings())

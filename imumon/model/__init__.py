@@ -1,0 +1,1 @@
+"""Words that all packages share: samples, report, coefficients, units, errors, and the texts of caveats."""

@@ -1,0 +1,348 @@
+"""Analysis: fits, spectra and shapes of a record, recomputed when it has grown enough to show.
+
+They cost many times what the samples of a second cost and hardly change in a second. A report therefore
+reuses the last ones until the record has grown by a tenth, or by a minute,
+whichever comes first. Curve and fit always belong to the same moment. Counts, means and everything else that
+is cheap belong to the moment of the report.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from imumon.model.coefficients import LIMIT_95, NOISE, Estimate, Excess, MarkovEstimate
+from imumon.model.report import UNGRADED_SHARE, Channel
+from imumon.model.samples import UNITS, sensor_of
+from imumon.model.units import counted, duration
+from imumon.noise.allan import AllanCurve
+from imumon.noise.fit import BiasFit, ChannelFit, Estimator
+from imumon.noise.fit.slow_terms import CHANCE
+from imumon.noise.grading import LIMITS, Headline, grade_sensor
+from imumon.noise.statistics.differences import RobustDeviation
+from imumon.noise.statistics.distribution_shape import DistributionShape
+from imumon.noise.stretches.change import compare
+from imumon.noise.stretches.quarters import excess
+from imumon.noise.stretches.warmup import still_settles
+from imumon.record import report_builder
+from imumon.record.accumulators import Accumulators
+from imumon.record.convergence import StatementLog
+
+GROWTH = 0.1
+"""Growth of a record, as a share, after which it is analysed again: each result changes visibly."""
+SCATTER_GROWTH = 1.5
+"""Growth of the record, as a factor, after which its quarters and halves are fitted again."""
+HALVES = "the halves of the record contradict each other"
+LONGEST_PAUSE_S = 60.0
+"""s, longest pause, so that the end of the curve moves every minute."""
+
+
+Renewal: TypeAlias = Literal["all", "due", "none"]
+"""Which results are computed again: all of them, from the samples alone; those that are due; or none that there are, as
+of a daemon that has a second to end."""
+
+
+def pause_s(elapsed_s: float) -> float:
+    """Return the growth, s, after which a record of this length is analysed again.
+
+    >>> pause_s(10.0), pause_s(100.0), pause_s(86400.0)
+    (1.0, 10.0, 60.0)
+    """
+    return min(GROWTH * elapsed_s, LONGEST_PAUSE_S)
+
+
+class Analysis:
+    """The expensive results of a record.
+
+    Parameters
+    ----------
+    averaged : (c,) channels that are true averages over their interval.
+    precision : target of the 95 % half-width by coefficient, as a share of the value.
+
+    Attributes
+    ----------
+    fits : by channel, of those with a curve.
+    robust : by channel, of those with a curve, the robust companion of its shortest deviation.
+    shapes : (c,) shape of the distribution of each channel; None without samples.
+    channels : by channel, the fields of a report that come from the analysis.
+    convergence : what was stated when the record was shorter.
+    grades : headline of each graded sensor, from the fits alone.
+    resolution : (c,) channel unit, quantisation steps of the channels with a curve; 0.0 without.
+    heats_up : whether the temperature of the device has not come to rest.
+    warming_up : whether it heats up, or the mean of an inertial channel settles.
+    """
+
+    def __init__(
+        self, record: Accumulators, *, averaged: Sequence[bool], precision: Mapping[str, float]
+    ) -> None:
+        self._record = record
+        self._estimator = Estimator(averaged=averaged, precision=dict(precision))
+        self._quarters = Estimator(averaged=averaged, time_to=False)
+        self._scatter: dict[int, dict[str, tuple[float, Excess]]] = {}  # by column and letter
+        self._bias_curves: dict[int, BiasFit] = {}  # by column
+        self._slow_due_s = self._halves_due_s = 0.0
+        self._contradictions: dict[int, float] = {}  # by column, greatest upper limit of K in the halves
+        self._compared: set[int] = set()  # columns whose halves have been compared since they were due
+        self.warming_up = self.heats_up = False
+        self.convergence = StatementLog(record.allan_channels)
+        self._due_s = 0.0
+        self._analysed = (-1, -1, 0.0, False)  # length, samples past the guard, warm-up, and `force`
+        self.fits: dict[str, ChannelFit] = {}
+        self.robust: dict[str, RobustDeviation | None] = {}
+        self.shapes: list[DistributionShape | None] = []
+        self.channels: dict[str, Channel] = {}
+        self.grades: dict[str, Headline] = {}
+        self.resolution: list[float] | None = None
+
+    def update(self, renewal: Renewal) -> None:
+        """Recompute everything if it is due, or, with ``all``, if anything has changed."""
+        if renewal == "none" and self.channels:
+            return
+        force = renewal == "all"
+        record, statistics = self._record, self._record.statistics
+        current = (record.span, statistics.noise.position, record.warmup_s, force)
+        elapsed = record.elapsed_s
+        # A warm-up that has just been excluded changes every number: it makes the analysis due at once.
+        early = not force and elapsed < self._due_s and record.warmup_s == self._analysed[2]
+        if early or current == self._analysed:
+            return
+        if record.warmup_s != self._analysed[2]:
+            self._slow_due_s = self._halves_due_s = 0.0
+        self._analysed, self._due_s = current, elapsed + pause_s(elapsed)
+        curve, kurtosis, fits = self._fit(force=force)
+        robust = record.robust_deviations(self.resolution or ())
+        self.robust = dict(zip(record.channels, robust, strict=False))
+        self.fits = dict(zip(record.channels, fits, strict=False))
+        self._update_slowly(kurtosis, force=force)
+        graded: dict[str, dict[str, Mapping[str, Estimate]]] = {}  # by sensor and axis
+        for name, fit in self.fits.items():
+            graded.setdefault(sensor_of(name), {})[name.partition("/")[2]] = fit.coefficients
+        self.grades = {sensor: grade_sensor(sensor, graded[sensor]) for sensor in LIMITS if sensor in graded}
+        self.channels = {name: self._channel(curve, c, name) for c, name in enumerate(record.channels)}
+
+    def note_convergence(self) -> None:
+        """Note what the record states at its present length, without the results that only a report needs."""
+        self._fit(force=False)
+
+    def _fit(self, *, force: bool) -> tuple[AllanCurve, list[float], Sequence[ChannelFit]]:
+        """Return curve, excess kurtosis and fits of the record as it is now, and note what they state."""
+        record, statistics = self._record, self._record.statistics
+        curve, self.shapes = statistics.noise.curve(), statistics.histogram.result()
+        shapes = self.shapes[: record.allan_channels]
+        self.resolution = [shape.step or 0.0 if shape else 0.0 for shape in shapes]
+        kurtosis = record.excess_kurtosis().tolist()
+        fits = self._fitted(curve, self.resolution, kurtosis, force=force)
+        self.convergence.add(record.elapsed_s, fits)
+        return curve, kurtosis, fits
+
+    def _fitted(
+        self, curve: AllanCurve, steps: list[float], kurtosis: list[float], *, force: bool
+    ) -> Sequence[ChannelFit]:
+        """Return the fits, as far as the state of the record lets them count; decide whether it warms up."""
+        record, noise = self._record, self._record.statistics.noise
+        fits = self._estimator.fit(curve, renew=force or None, resolution=steps, kurtosis=kurtosis)
+        fits = _judged_as_a_record(fits)
+        excluded = (record.excluded_noise() * record.interval_s).tolist()
+        fits = tuple(_with_tails(fit, power) for fit, power in zip(fits, excluded, strict=False))
+        self._compare_halves(fits, steps, kurtosis, force=force)
+        fits = tuple(
+            _with_contradiction(fit, self._contradictions[c]) if c in self._contradictions else fit
+            for c, fit in enumerate(fits)
+        )
+        inertial = [fits[c] for c in noise.warmup_channels if c < len(fits)]
+        settles = still_settles(inertial, record.elapsed_s - noise.begin_s)
+        self.heats_up = record.guarded and noise.is_warming_up(curve)
+        self.warming_up = self.heats_up or (record.guarded and settles)
+        if self.warming_up:
+            # A mean that settles looks like a random walk, so K would be a figure of the warm-up.
+            fits = tuple(_without_slow_values(fit) for fit in fits)
+        if (why := _why_pending(record)) is not None:
+            fits = tuple(_with_reason(fit, why) for fit in fits)
+        return fits
+
+    def _compare_halves(
+        self, fits: Sequence[ChannelFit], steps: list[float], kurtosis: list[float], *, force: bool
+    ) -> None:
+        """Find the channels whose K in the halves contradict each other, when the record has grown enough.
+
+        Not where the whole record shows nothing slow beside N, and so has no more than a bound of K: parts of it show
+        less, and two fits of each such channel are saved.
+        """
+        record = self._record
+        if force or record.elapsed_s >= self._halves_due_s:
+            self._halves_due_s = SCATTER_GROWTH * record.elapsed_s
+            self._compared.clear()
+        slow = {c for c, fit in enumerate(fits) if fit.K.status in ("measured", "indistinct")}
+        columns = sorted(slow - self._compared)
+        self._compared |= slow
+        self._contradictions = {c: high for c, high in self._contradictions.items() if c in self._compared}
+        if not columns or (halves := record.statistics.noise.halves()) is None:
+            return
+        first, second = (
+            self._quarters.fit_sums(sums, span, steps, kurtosis, like=self._estimator, channels=columns)
+            for sums, span in halves
+        )
+        for column, one, two in zip(columns, first, second, strict=True):
+            self._contradictions.pop(column, None)
+            if compare("K", one.K, two.K, pairs=len(fits)) is not None:
+                self._contradictions[column] = max(one.K.high or 0.0, two.K.high or 0.0)
+
+    def _channel(self, curve: AllanCurve, column: int, name: str) -> Channel:
+        """Return the fields of a channel that come from the analysis."""
+        sensor, fit, shape = sensor_of(name), self.fits.get(name), self.shapes[column]
+        step = shape.step if shape is not None else None
+        channel = Channel(
+            unit=UNITS[sensor], resolution=step or None, histogram=report_builder.histogram(shape)
+        )
+        if fit is None:
+            return channel
+        spectrum = None if curve.sums is None else curve.sums.spectrum
+        return replace(
+            report_builder.with_fit(channel, sensor, curve, column, fit, self._scatter.get(column, {})),
+            spectrum=None if spectrum is None else report_builder.spectrum(sensor, spectrum, column),
+            drift=report_builder.drift(
+                fit, self._record.statistics.noise.begin_s, _range(curve), self._bias_curves.get(column)
+            ),
+            convergence=self.convergence.of_channel(column),
+            time_to={
+                letter: seconds if self.convergence.is_lasting(column, letter) else None
+                for letter, seconds in fit.time_to.items()
+            },
+            robust=report_builder.robust(self.robust[name]),
+            bias_curve=report_builder.bias_curve(sensor, self._bias_curves.get(column)),
+        )
+
+    def _update_slowly(self, kurtosis: Sequence[float], *, force: bool) -> None:
+        """Compute the scatter between the quarters and the curves of the bias, when the record has grown enough."""
+        record = self._record
+        if not force and record.elapsed_s < self._slow_due_s:
+            return
+        # Four fits, one per quarter, would cost more than all else; quarters that are longer by less show the same.
+        self._slow_due_s = SCATTER_GROWTH * record.elapsed_s
+        noise = record.statistics.noise
+        if (sums := noise.whole_sums()) is not None:
+            self._bias_curves = dict(enumerate(self._estimator.bias_curves(sums, noise.temperature_range())))
+        parts = [
+            self._quarters.fit_sums(sums, span, self.resolution, kurtosis, like=self._estimator)
+            for sums, span in noise.quarters() or ()
+        ]
+        self._scatter = {
+            column: {
+                letter: scatter
+                for letter in NOISE
+                if (scatter := _between([fit.coefficients[letter] for fit in fits])) is not None
+            }
+            for column, fits in enumerate(zip(*parts, strict=True))
+        }
+
+
+def _between(quarters: Sequence[Estimate]) -> tuple[float, Excess] | None:
+    """Return the standard deviation between quarters, and which part of it is beyond statistics; None: unknown."""
+    known = [(part.value, part.low, part.high) for part in quarters]
+    # A quarter that shows a bound only may be anything below it: then the scatter of the others says nothing.
+    if not all(value and low and high and low < high for value, low, high in known):
+        return None
+    values, low, high = np.array(known, dtype=np.float64).T
+    return float(np.std(values, ddof=1)), excess(values, np.log(high / low) / (2.0 * LIMIT_95))
+
+
+def _judged_as_a_record(fits: Sequence[ChannelFit]) -> tuple[ChannelFit, ...]:
+    """Return the fits without the caveat `misfit` where it is one of several channels by chance (Bonferroni).
+
+    Judged one by one, nine channels of noise that is exactly the model have it in 9 % of the records. What is left is
+    noise of another kind: B, K and M, which say of which kind it is, are bounds.
+    """
+    chance = CHANCE / max(sum(fit.p_value is not None for fit in fits), 1)
+    return tuple(_judged(fit, chance) for fit in fits)
+
+
+def _judged(fit: ChannelFit, chance: float) -> ChannelFit:
+    """Return the fit without its caveat `misfit`, or with bounds where it is less probable than `chance`."""
+    if fit.p_value is None:
+        return fit
+    if fit.p_value >= chance:
+        return replace(fit, caveats=tuple(caveat for caveat in fit.caveats if caveat != "misfit"))
+    reason = "the model does not explain the record"
+    return replace(
+        fit,
+        coefficients={**fit.coefficients, "B": _bounded(fit.B, reason), "K": _bounded(fit.K, reason)},
+        markov=_without_size(fit.markov, reason),
+        jumps=None,
+    )
+
+
+def _with_tails(fit: ChannelFit, power: float) -> ChannelFit:
+    """Return the fit with an upper limit of N that holds the excluded end of its own tails, too.
+
+    Parameters
+    ----------
+    power : SI, N^2 of the excluded samples by themselves; 0.0 where outliers are no noise.
+    """
+    if not power or fit.N.high is None:
+        return fit
+    white = replace(fit.N, high=math.hypot(fit.N.high, math.sqrt(power)))
+    return replace(fit, coefficients={**fit.coefficients, "N": white})
+
+
+def _with_contradiction(fit: ChannelFit, high: float) -> ChannelFit:
+    """Return the fit with K as a bound that holds that of both halves, which contradict each other."""
+    if fit.K.high is None:
+        return fit
+    walk = Estimate(low=0.0, high=max(fit.K.high, high), status="upper_bound", reason=HALVES)
+    return replace(fit, coefficients={**fit.coefficients, "K": walk}, caveats=(*fit.caveats, "halves"))
+
+
+def _without_slow_values(fit: ChannelFit) -> ChannelFit:
+    """Return the fit with K and M as upper bounds: what settles may look like them."""
+    reason = "the sensor is still warming up"
+    coefficients = {**fit.coefficients, "K": _bounded(fit.K, reason)}
+    return replace(fit, coefficients=coefficients, markov=_without_size(fit.markov, reason))
+
+
+def _without_size(markov: MarkovEstimate | None, reason: str) -> MarkovEstimate | None:
+    """Return Gauss–Markov noise with an upper bound of its standard deviation, and no value of its time constant."""
+    if markov is None:
+        return None
+    time = markov.time_constant_s
+    if time.status == "measured":
+        time = replace(time, value=None, status="indistinct", reason=reason)
+    return MarkovEstimate(sigma=_bounded(markov.sigma, reason), time_constant_s=time)
+
+
+def _bounded(part: Estimate, reason: str) -> Estimate:
+    """Return a measured value as an upper bound."""
+    if part.status != "measured":
+        return part
+    return Estimate(low=0.0, high=part.high, status="upper_bound", reason=reason)
+
+
+def _why_pending(record: Accumulators) -> Estimate | None:
+    """Return why coefficients are pending of a record most of which is excluded or missing; None: it is not."""
+    if record.excluded_share > UNGRADED_SHARE:
+        return Estimate(reason="most of the record is excluded", reason_code="excluded")
+    if record.missing_share > UNGRADED_SHARE:
+        missing = f"{counted(record.gaps, 'gap')}, {duration(record.missing * record.interval_s)}"
+        return Estimate(reason=f"{missing}, between parts that are too short", reason_code="gaps")
+    return None
+
+
+def _with_reason(fit: ChannelFit, why: Estimate) -> ChannelFit:
+    """Return the fit with the reason why coefficients are pending."""
+    known = {
+        # a reason with a code says more: the values never change, or the resolution hides the noise
+        name: part if part.status != "pending" or part.reason_code else why
+        for name, part in fit.coefficients.items()
+    }
+    return replace(fit, coefficients=known)
+
+
+def _range(curve: AllanCurve) -> tuple[float, float] | None:
+    """Return the least and the greatest block mean of the temperature, degC; None: there is none."""
+    degrees = None if curve.sums is None else curve.sums.degrees
+    if degrees is None or not np.isfinite(degrees).any():
+        return None
+    return float(np.nanmin(degrees)), float(np.nanmax(degrees))

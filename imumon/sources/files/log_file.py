@@ -1,0 +1,304 @@
+"""Log file: one topic of a bag or of the log of an autopilot as blocks of samples.
+
+A log has topics: series of messages with fields. The log process knows which of them are an IMU, and with which
+fields and units; ``--topic`` selects another one, and ``--map`` names other fields. The times are those in the
+messages, which the driver makes: they are better than the time of the recording. Such a log does not say whether
+the values are compensated; the stream is unknown unless ``--stream`` says otherwise, or averages of unknown
+compensation. A process of its own reads the file (`log_process`).
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import stat
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from multiprocessing.connection import Pipe
+from pathlib import Path
+from subprocess import DEVNULL, Popen
+from typing import Any
+
+import numpy as np
+
+from imumon.model.cures import example_text, option, option_text
+from imumon.model.report_json import plain
+from imumon.model.samples import SampleBlock
+from imumon.sources.files.base import (
+    SQLITE,
+    OptionError,
+    OptionNotApplicable,
+    ReadOptions,
+    RecordingError,
+    RowSource,
+)
+from imumon.sources.files.columns import LISTED, ColumnLayout, layout, mapped
+from imumon.sources.files.log_process.base import Topic
+from imumon.sources.files.table import Table
+
+NOUNS = {"bag": "a bag", "px4": "a PX4 log", "ardupilot": "an ArduPilot log"}
+"""Kinds of logs in messages."""
+
+PACKAGES = {"px4": "pyulog", "ardupilot": "pymavlink"}
+"""Packages that are not installed with imumon, but with the extra of the same name as the kind."""
+
+CURES = {"bag": "repair it with ros2 bag reindex, or record it again"}
+"""Cure for a log that cannot be read."""
+
+MAGIC = {
+    b"#ROSBAG V": "bag",
+    b"\x89MCAP0\r\n": "bag",
+    SQLITE: "bag",
+    b"ULog\x01\x12\x35": "px4",
+    b"\xa3\x95\x80": "ardupilot",  # a message that defines a format is the first one
+}
+"""First bytes of the files of each kind."""
+
+IMU = "sensor_msgs/msg/Imu"
+PROGRAM = (sys.executable, "-P", "-m", "imumon.sources.files.log_process")
+"""The program that reads a log; its arguments are kind, path, and the descriptor of a connection."""
+LONGEST_MESSAGE = 1 << 24
+"""Bytes of a message from the process that reads the log: topics, or a block of rows."""
+
+
+def log_kind(path: str, head: bytes) -> str | None:
+    """Return the kind of a log: of a file by its first bytes, of a directory by what is in it."""
+    if Path(path, "metadata.yaml").exists():
+        return "bag"
+    if head.startswith(SQLITE) and not path.endswith(".db3"):
+        return None  # any program has databases, and no reader takes a bag by another name
+    return next((kind for magic, kind in MAGIC.items() if head.startswith(magic)), None)
+
+
+def _definitions(options: ReadOptions, kind: str) -> list[str]:
+    """Return the path of definitions as an argument; raise `OptionError` if it cannot be used."""
+    path = options.definitions
+    if path is None:
+        return []
+    name = option("definitions")
+    if kind != "bag":
+        raise OptionNotApplicable("msg_not_applicable", f"{name} is for bags of ROS", "leave it out")
+    if not os.path.exists(path):
+        raise OptionError("no_such_file", f"no file or directory {path} for {name}", "check its name")
+    return [path]
+
+
+class LogFile(Table):
+    """Messages of one topic as blocks of samples.
+
+    Raises
+    ------
+    RecordingError : the log cannot be read or has no IMU.
+    """
+
+    def __init__(self, path: str, kind: str, options: ReadOptions) -> None:
+        self.path, self._kind = path, kind
+        package = PACKAGES.get(kind)
+        if package is not None and importlib.util.find_spec(package) is None:
+            text = f"{path} is {NOUNS[kind]}, and the package {package} that reads it is not installed"
+            raise RecordingError("package_missing", text, f"pip install '.[{kind}]'")
+        self._check_files()
+        self._pipe, other_end = Pipe()
+        with other_end:
+            self._process = Popen(
+                [*PROGRAM, kind, path, str(other_end.fileno()), *_definitions(options, kind)],
+                pass_fds=[other_end.fileno()],
+                stdin=DEVNULL,
+                stdout=DEVNULL,
+                stderr=DEVNULL,
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # a thread of it takes 64 MB of the limit
+                start_new_session=True,  # ^C is for the reader
+            )
+        try:
+            received = self._receive()
+            topics = (Topic(**fields) for fields in received["topics"])
+            self._topics = [
+                replace(topic, name=plain(topic.name), type=plain(topic.type)) for topic in topics
+            ]
+            self._topic_index = self._chosen(options)
+            table_layout = self._stream_columns(options)
+        except BaseException:
+            self._close()
+            raise
+        # the log may say anything, at any length
+        facts = {name: plain(value)[:100] for name, value in received["facts"].items()}
+        self.header = facts or None
+        if received["problem"]:
+            self.problem = f"{path} {received['problem']}"
+        unused = received["unused"] if options.topic is None else ()
+        notes = self._notes(options, [*unused, *received["remarks"]])
+        table_layout = replace(table_layout, remarks=(*notes, *table_layout.remarks))
+        interval = [table_layout.interval] if table_layout.interval else []
+        self._columns = [*table_layout.columns, *table_layout.times, *interval]
+        self._names = [self._topic.columns[column.index] for column in self._columns]
+        source = RowSource(path, kind, title=f"{kind} {self._topic.name}")
+        self.topic = self._topic.name if kind == "bag" else None
+        self._begin(source, table_layout, options)
+        self._column_names = list(map(plain, self._topic.columns))
+
+    @property
+    def _topic(self) -> Topic:
+        return self._topics[self._topic_index]
+
+    def _check_files(self) -> None:
+        """Check that a log has regular files only: opening a pipe in it would never return."""
+        path = Path(self.path)
+        try:
+            files = list(path.iterdir()) if path.is_dir() else [path]
+            other = [file for file in files if not stat.S_ISREG(file.stat().st_mode) and not file.is_dir()]
+        except OSError as error:
+            raise self._corrupt(error.strerror or str(error)) from None
+        if other:
+            raise self._corrupt(f"{other[0].name} is not a regular file")
+
+    def _corrupt(self, why: str) -> RecordingError:
+        code = "bag_corrupt" if self._kind == "bag" else "log_corrupt"
+        text = f"{self.path} cannot be read as {NOUNS[self._kind]}: {why}"
+        return RecordingError(code, text, CURES.get(self._kind, "copy it again from the autopilot"))
+
+    def _receive_bytes(self) -> bytes:
+        """Return the next message of the process; raise `RecordingError` if it has ended."""
+        try:
+            return self._pipe.recv_bytes(LONGEST_MESSAGE)
+        except (EOFError, OSError):
+            raise self._corrupt("it needs far more time or memory than its size allows") from None
+
+    def _receive(self) -> dict[str, Any]:
+        """Return the next message as fields; raise `RecordingError` if the process failed."""
+        fields: dict[str, Any] = json.loads(self._receive_bytes())
+        if "error" in fields:
+            raise self._corrupt(fields["error"])
+        return fields
+
+    def _close(self) -> None:
+        """End the process."""
+        self._pipe.close()
+        # not asked to end: a hostile file may keep it busy without end
+        self._process.kill()
+        self._process.wait()
+
+    def _imus(self) -> list[int]:
+        return [k for k, topic in enumerate(self._topics) if {"gyro/x", "accel/x"} & set(topic.map)]
+
+    def _chosen(self, options: ReadOptions) -> int:
+        """Return the index of the given topic, else of the best or only one with an IMU."""
+        imus = self._imus()
+        names = sorted({self._topics[k].name for k in imus})
+        topics = " or ".join(option_text(topic=name) for name in names)
+        cure = f"choose {topics}" if names else f"choose one of {self._listed()}"
+        if options.topic is not None:
+            # instances have a number, which is left out for the first one
+            wanted = (options.topic, f"{options.topic}/0")
+            matching = [k for k, topic in enumerate(self._topics) if topic.name in wanted]
+            if not matching:
+                raise RecordingError("unknown_topic", f"{self.path} has no topic {options.topic}", cure)
+            # topics of two types may have one name: the one with an IMU
+            return min(matching, key=lambda k: k not in imus)
+        is_bag = self._kind == "bag"
+        if not imus:
+            wanted_topic = IMU if is_bag else "topic with a gyroscope or an accelerometer"
+            text = f"{self.path} has no {wanted_topic}; there are {self._listed() or 'no messages'}"
+            fields = option_text(topic="TOPIC", columns={"gyro/x": "FIELD:UNIT", "...": ""})
+            cure = f"name the fields, {fields}; {option_text(topic='TOPIC')} alone lists them"
+            raise RecordingError("no_imu_topic", text, cure)
+        if is_bag and len(names) > 1:
+            raise RecordingError("several_topics", f"{self.path} has several topics with {IMU}", cure)
+        if options.kind is None or is_bag:
+            return imus[0]
+        return min(imus, key=lambda k: self._topics[k].averaged != (options.kind == "deltas"))
+
+    def _listed(self) -> str:
+        """Return the topics with their types."""
+        shown = dict.fromkeys(f"{topic.name} ({topic.type})" for topic in self._topics)
+        return ", ".join(sorted(shown)[:LISTED]) + (" ..." if len(shown) > LISTED else "")
+
+    def _stream_columns(self, options: ReadOptions) -> ColumnLayout:
+        """Return the columns of the stream: the known ones, unless the user names others."""
+        topic, given = self._topic, options.columns or {}
+        names = list(map(plain, topic.columns))
+        known = {channel: plain(text) for channel, text in topic.map.items()}
+        if not given and self._topic_index not in self._imus():
+            if not names:
+                raise self._no_definition()
+            raise self._unknown_fields(names)
+        if options.kind == "deltas" and not topic.averaged:
+            text = f"{topic.name} of {self.path} has no averages over its interval"
+            raise RecordingError("no_stream", text, f"leave {option('kind')} out")
+        if not given:
+            used = {text.partition(":")[0] for text in known.values()}
+            # the known fields are all: a name such as x of another field would be taken for an axis
+            names = [name if name in used else "" for name in names]
+        try:
+            table_layout = layout(names, None, {**known, **given}, options.sensor)
+        except RecordingError as error:
+            raise error.of(self.path) from None
+        return replace(table_layout, kind="deltas" if topic.averaged else options.kind or "unknown")
+
+    def _no_definition(self) -> RecordingError:
+        """Return the error for messages whose fields are not known."""
+        topic = self._topic
+        text = f"{self.path} has no definition of {topic.type}, the messages of {topic.name}"
+        if " in " in topic.type:
+            return RecordingError(
+                "no_definition", text, "write it with messages in JSON, or as a bag of ROS 2"
+            )
+        # rosbag2 before Iron keeps none in a .db3
+        given = option_text(topic=topic.name, definitions=f"{topic.type.rpartition('/')[2]}.msg")
+        cure = f"{given} with the file of its package or the directory, or record it with ros2 bag record -s mcap"
+        return RecordingError("no_definition", text, cure)
+
+    def _unknown_fields(self, names: list[str]) -> RecordingError:
+        """Return the error for a topic of another type, with the fields whose names show a sensor."""
+        topic = self._topic
+        text = f"the topic {topic.name} of {self.path} ({topic.type}) is not known as an IMU"
+        fields = ", ".join(names)
+        try:
+            proposed = mapped(layout(names), names)
+        except RecordingError:
+            cure = f"name its fields with {example_text('FIELD:UNIT')}; there are {fields}"
+            return RecordingError("unknown_fields", text, cure)
+        if "t" in topic.map and "t" not in proposed:
+            proposed["t"] = topic.map["t"]
+        by_names = option_text(topic=topic.name, columns=proposed)
+        return RecordingError("unknown_fields", text, f"by their names, {by_names}; there are {fields}")
+
+    def _notes(self, options: ReadOptions, remarks: Any) -> list[str]:
+        """Return remarks on the choice of the topic and on the log."""
+        topic, notes = self._topic, [plain(text) for text in remarks]
+        if self._kind != "bag":
+            rate = f" at {topic.rate_hz:.4g} Hz" if topic.rate_hz else ""
+            samples = "averages over the interval" if topic.averaged else "point samples"
+            others = [self._topics[k].name for k in self._imus() if k != self._topic_index]
+            more = (
+                f"; {option('topic')} selects another: {', '.join(others)}"
+                if others and not options.topic
+                else ""
+            )
+            notes.insert(0, f"{topic.name} is used: {samples}{rate}{more}")
+        return [*notes, *([plain(topic.note)] if topic.note else [])]
+
+    def __iter__(self) -> Iterator[list[SampleBlock]]:
+        done, total = 0, self._topic.count or None
+        try:
+            self._pipe.send_bytes(json.dumps({"topic": self._topic_index, "columns": self._names}).encode())
+            while not (received := self._receive()).get("end"):
+                data = np.frombuffer(self._receive_bytes(), "<f8")
+                rows = data.reshape(-1, len(self._names)).astype(np.float64)
+                count = len(rows)
+                done += count
+                self.fed += received["bytes"]
+                self.progress = None if total is None else min(1.0, done / total)
+                yield self._blocks(rows, range(done - count + 1, done + 1))
+            if total is not None and done < total and self.problem is None:
+                self.problem = f"{self.path} is corrupt: {done:,} of its {total:,} messages can be read"
+        except BrokenPipeError:
+            raise self._corrupt("its reader ended") from None
+        finally:
+            self._close()
+        yield self._finish()
+
+    def no_samples(self) -> RecordingError:
+        text = f"{self.path} has no message on {self._topic.name}"
+        return RecordingError("no_rows", text, "record it again")

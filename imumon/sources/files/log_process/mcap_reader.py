@@ -1,0 +1,196 @@
+"""MCAP reader: messages in JSON of MCAP files that no ROS program has written.
+
+Programs of Foxglove and others write objects of JSON. Their fields are columns by their paths, as those of a text in
+JSON (`text_fields`), and their names say which of them are a sensor. Messages in another encoding, such as protobuf,
+are topics without columns.
+
+A file is a sequence of records: kind, length, content (MCAP specification). Only schemas, channels, messages and chunks
+of these are read; the index at its end is not needed.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import sys
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from imumon.model.samples import Floats
+from imumon.sources.column_names import NANOSECONDS, words_of
+from imumon.sources.files.base import ROWS, RecordingError
+from imumon.sources.files.columns import layout, mapped
+from imumon.sources.files.log_process.bag_reader import LOG_TIME
+from imumon.sources.files.log_process.base import Log, Topic
+from imumon.sources.text_fields import json_fields
+
+MAGIC = b"\x89MCAP0\r\n"
+_HEADER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x01, 0x03, 0x04, 0x05, 0x06, 0x0F
+_RECORD = struct.Struct("<BQ")
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
+FIRST_MESSAGES = 32
+"""Messages of a topic whose fields are its columns."""
+
+ROS_PROFILES = ("ros1", "ros2")
+
+STAMP = "stamp"
+"""Column of the time of a message, of a pair of seconds and nanoseconds in it."""
+
+Channel = tuple[str, str, str]
+"""Topic, type and encoding."""
+
+
+def is_without_ros(path: Path) -> bool:
+    """Return whether a file is MCAP of a program that is none of ROS."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            return False
+        kind, content = next(_records(file), (0, b""))
+    return kind == _HEADER and _text(content, 0)[0] not in ROS_PROFILES
+
+
+class McapLog(Log):
+    """Topics of an MCAP file with messages in JSON.
+
+    Parameters
+    ----------
+    path : of the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        first: dict[Channel, list[dict[str, str]]] = {}
+        counts: dict[Channel, int] = {}
+        for channel, _, data in self._messages():
+            counts[channel] = counts.get(channel, 0) + 1
+            some = first.setdefault(channel, [])
+            if channel[2] == "json" and len(some) < FIRST_MESSAGES:
+                some.append(_fields(data))
+        self._channels = list(counts)
+        self.topics = [_topic(channel, counts[channel], first[channel]) for channel in self._channels]
+
+    def _messages(self) -> Iterator[tuple[Channel, int, bytes]]:
+        """Yield channel, time of the recording, ns, and content of each message."""
+        schemas: dict[int, str] = {}
+        channels: dict[int, Channel] = {}
+        with self._path.open("rb") as file:
+            file.seek(len(MAGIC))
+            for kind, content in _with_chunks(_records(file)):
+                if kind == _SCHEMA:
+                    schemas[struct.unpack_from("<H", content)[0]] = _text(content, 2)[0]
+                elif kind == _CHANNEL:
+                    number, schema = struct.unpack_from("<HH", content)
+                    topic, place = _text(content, 4)
+                    encoding, _ = _text(content, place)
+                    channels[number] = (topic, schemas.get(schema, "no type"), encoding)
+                elif kind == _MESSAGE:
+                    number, _, logged, _ = _MESSAGE_HEAD.unpack_from(content)
+                    if number in channels:
+                        yield channels[number], logged, content[_MESSAGE_HEAD.size :]
+
+    def blocks(self, topic: int, columns: Sequence[str]) -> Iterator[tuple[Floats, int]]:
+        wanted, origin = self._channels[topic], 0
+        rows: list[list[float]] = []
+        size = 0
+        for channel, logged, data in self._messages():
+            if channel != wanted:
+                continue
+            fields = _fields(data)
+            pair = _stamp(fields)
+            stamp = logged if pair is None else pair
+            origin = origin or stamp  # as a float, a span is exact to the ns, an epoch is not
+            times = {STAMP: float(stamp - origin), LOG_TIME: float(logged - origin)}
+            rows.append([times[name] if name in times else _number(fields.get(name)) for name in columns])
+            size += len(data)
+            if len(rows) == ROWS:
+                yield np.array(rows), size
+                rows, size = [], 0
+        if rows:
+            yield np.array(rows), size
+
+
+def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+    """Yield kind and content of the records of a file, or of a chunk, up to a cut one."""
+    while len(head := file.read(_RECORD.size)) == _RECORD.size:
+        kind, length = _RECORD.unpack(head)
+        content = file.read(min(length, sys.maxsize))
+        if len(content) < length or kind == _DATA_END:
+            return
+        yield kind, content
+
+
+def _with_chunks(records: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
+    """Yield records, those in a chunk in its place."""
+
+    for kind, content in records:
+        if kind != _CHUNK:
+            yield kind, content
+            continue
+        # times, size and CRC are before the name of the compression
+        compression, place = _text(content, 28)
+        packed = content[place + 8 :]
+        if compression == "lz4":
+            packed = import_module("lz4.frame").decompress(packed)
+        elif compression == "zstd":
+            # of rosbags, too, which has it from Python where that has one
+            zstd: Any = import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
+            packed = zstd.decompress(packed)
+        yield from _records(BytesIO(packed))
+
+
+def _text(content: bytes, place: int) -> tuple[str, int]:
+    """Return a text and the place behind it."""
+    (length,) = struct.unpack_from("<I", content, place)
+    return content[place + 4 : place + 4 + length].decode("utf-8", "replace"), place + 4 + length
+
+
+def _fields(data: bytes) -> dict[str, str]:
+    try:
+        return json_fields(json.loads(data))
+    except (ValueError, RecursionError):
+        return {}
+
+
+def _number(text: str | None) -> float:
+    try:
+        return float(text or "nan")
+    except ValueError:
+        return float("nan")
+
+
+def _stamp(fields: dict[str, str]) -> int | None:
+    """Return the time of a message, ns, of seconds and nanoseconds in it; None: it has none.
+
+    >>> _stamp({"timestamp.sec": "3", "timestamp.nsec": "5", "x": "1"})
+    3000000005
+    """
+    for name, text in fields.items():
+        path, _, last = name.rpartition(".")
+        if set(words_of(last)) & NANOSECONDS:
+            seconds = next((fields[f"{path}.{s}"] for s in ("sec", "secs") if f"{path}.{s}" in fields), None)
+            if seconds is not None and seconds.isdigit() and text.isdigit():
+                return int(seconds) * 10**9 + int(text)
+    return None
+
+
+def _topic(channel: Channel, count: int, first: Sequence[dict[str, str]]) -> Topic:
+    """Return the description of a topic, with the columns whose names show a sensor."""
+    name, kind, encoding = channel
+    if encoding != "json":
+        return Topic(name=name, type=f"{kind} in {encoding}", count=count)
+    names = list(dict.fromkeys(column for fields in first for column in fields))
+    try:
+        known = mapped(layout(names), names)
+    except RecordingError:
+        known = {}
+    pairs = [fields for fields in first if _stamp(fields) is not None]
+    if pairs or "t" not in known:
+        known["t"] = f"{STAMP if pairs else LOG_TIME}:ns"
+    return Topic(name=name, type=kind, count=count, columns=[*names, STAMP, LOG_TIME], map=known)

@@ -1,0 +1,259 @@
+"""ULog reader: inertial topics of a PX4 log, read by pyulog.
+
+`vehicle_imu` has true integrals of each IMU, and `sensor_combined` averages of the selected one. They are free of
+aliasing if the integrals cover the time: a log often has only every hundredth of them. `sensor_gyro` and
+`sensor_accel` are point samples, and `sensor_gyro_fifo` and `sensor_accel_fifo` all samples of the chip. Message
+definitions: PX4-Autopilot, msg/.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from imumon.grid.interval import SINGLE_EXCESS
+from imumon.model.samples import AXES, Floats
+from imumon.model.units import share_text
+from imumon.sources.files.log_process.base import (
+    Log,
+    Topic,
+    array_blocks,
+    best_first,
+    degrees_at,
+    rows_at,
+    step_s,
+)
+
+Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
+
+HEADER_BYTES = 16
+"""Bytes before the first message."""
+TYPES = frozenset(b"BFIMPQARDLCSO")
+"""Types of messages (PX4 user guide, ULog file format)."""
+COVERED = 0.9
+"""Share of the time that integrals must cover to be averages over the sampling interval."""
+
+
+FIFO = {"sensor_gyro_fifo": ("gyro", "rad/s"), "sensor_accel_fifo": ("accel", "m/s2")}
+"""Topics with all samples of a chip: sensor and unit."""
+
+
+class ULogLog(Log):
+    """Topics of a ULog file; all of it is in memory."""
+
+    def __init__(self, path: Path) -> None:
+        from pyulog.core import ULog
+
+        log = ULog(str(path))
+        data: dict[tuple[str, int], Arrays] = {}
+        for dataset in log.data_list:
+            data[dataset.name, dataset.multi_id] = dataset.data
+        described = [_described(name, instance, data) for name, instance in data]
+        self._arrays = {topic.name: arrays for topic, arrays in described}
+        self.topics = best_first([topic for topic, _ in described], "vehicle_imu")
+        self.facts = _facts(log.msg_info_dict)
+        if log.file_corruption or not is_whole(path):
+            self.problem = "is corrupt: only the messages that are intact are used"
+        best = self.topics[0].type if self.topics else ""
+        unused = [topic for topic in self.topics if topic.type == "vehicle_imu" != best and topic.note]
+        if unused:
+            names = ", ".join(topic.name for topic in unused)
+            self.unused = [f"{names} not used: {unused[0].note}"]
+        if log.dropouts:
+            lost = sum(dropout.duration for dropout in log.dropouts) * 1e-3
+            self.remarks = [f"its logger dropped messages for {lost:.3g} s in total"]
+
+    def blocks(self, topic: int, columns: Sequence[str]) -> Iterator[tuple[Floats, int]]:
+        yield from array_blocks(self._arrays[self.topics[topic].name], columns)
+
+
+def is_whole(path: Path) -> bool:
+    """Return whether the messages of a ULog file follow each other to its end, each of a known type.
+
+    pyulog ends without a word at a message that would be longer than the rest of the file.
+    """
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        place, size = HEADER_BYTES, len(data)
+        while place + 3 <= size:
+            if data[place + 2] not in TYPES:
+                return False
+            place += 3 + data[place] + (data[place + 1] << 8)
+        return place == size
+
+
+def _described(name: str, instance: int, data: Mapping[tuple[str, int], Arrays]) -> tuple[Topic, Arrays]:
+    """Return a topic and its arrays, with those that are derived."""
+    arrays = dict(data[name, instance])
+    if name in FIFO:
+        return _fifo(name, instance, arrays, data)
+    time = "timestamp_sample" if "timestamp_sample" in arrays else "timestamp"
+    known, covered, note = _known_fields(name, arrays, time, data.get(("sensor_accel", instance)))
+    if known and "temperature" not in known and (degrees := _temperature(arrays, time, data)) is not None:
+        arrays["sensor_gyro.temperature"] = degrees
+        known["temperature"] = "sensor_gyro.temperature:degC"
+    # another version of PX4 may have other fields under the same name: then --map names them
+    if not all(text.rpartition(":")[0] in arrays for text in known.values()):
+        known = {}
+    averaged = covered is not None and covered >= COVERED
+    if covered is not None and not averaged:
+        note = f"its integrals cover {share_text(covered)} of the time: each value is a short average"
+    times = arrays.get(time, np.zeros(0))
+    step = step_s(times)
+    topic = Topic(
+        name=f"{name}/{instance}",
+        type=name,
+        count=len(times),
+        columns=list(arrays),
+        map={**known, "t": f"{time}:us"},
+        averaged=averaged,
+        rate_hz=None if step is None else 1.0 / step,
+        note=note if known else "",
+    )
+    return topic, arrays
+
+
+def _known_fields(
+    name: str, arrays: Arrays, time: str, accel: Arrays | None
+) -> tuple[dict[str, str], float | None, str]:
+    """Return the fields of a known topic; the share of the time that its averages cover, if it has some; a note."""
+    if name == "vehicle_imu":
+        return *_integrals(arrays, time), ""
+    if name == "sensor_combined":
+        return *_averages(arrays, time), ""
+    if name not in ("sensor_gyro", "sensor_accel"):
+        return {}, None, ""
+    sensor, unit = FIFO[f"{name}_fifo"]
+    known = {f"{sensor}/{axis}": f"{axis}:{unit}" for axis in AXES}
+    if "temperature" in arrays:
+        known["temperature"] = "temperature:degC"
+    if name == "sensor_accel" or accel is None:
+        return known, None, ""
+    return known, None, _add_accelerometer(arrays, accel, time, known)
+
+
+def _temperature(
+    arrays: Arrays, time: str, data: Mapping[tuple[str, int], Arrays], source: str = "sensor_gyro"
+) -> Floats | None:
+    """Return the temperature of the sensor of these samples, between the rare messages that have it; None: unknown.
+
+    The number of the chip chooses the sensor; `sensor_combined` has that of `sensor_selection`, if it never changes. A
+    topic without one is that of the only sensor.
+    """
+    sources = [dataset for (name, _), dataset in data.items() if name == source and "temperature" in dataset]
+    chip = arrays.get("gyro_device_id", arrays.get("device_id"))
+    if chip is None and "gyro_rad[0]" in arrays:
+        chip = np.unique(data.get(("sensor_selection", 0), {}).get("gyro_device_id", np.zeros(0)))
+        # a selection that changes mixes the samples of several sensors: no temperature fits all of them
+        chip = chip if len(chip) == 1 else None
+    if chip is not None:
+        same = chip[:1].tolist()
+        sources = [dataset for dataset in sources if same == dataset.get("device_id", chip[:0])[:1].tolist()]
+    if len(sources) != 1 or time not in arrays:
+        return None
+    return degrees_at(arrays[time], sources[0]["timestamp"], sources[0]["temperature"])
+
+
+def _integrals(arrays: Arrays, time: str) -> tuple[dict[str, str], float]:
+    """Add the averages of `vehicle_imu`; return their names, and the share of the time that they cover."""
+    known: dict[str, str] = {}
+    covered = 1.0
+    for sensor, field, unit in (("gyro", "delta_angle", "rad/s"), ("accel", "delta_velocity", "m/s2")):
+        interval = arrays.get(f"{field}_dt", np.zeros(0)).astype(np.float64) * 1e-6
+        with np.errstate(divide="ignore", invalid="ignore"):  # an empty interval is a missing value
+            for k, axis in enumerate(AXES):
+                name = f"{field}[{k}]/{field}_dt"
+                if f"{field}[{k}]" in arrays:
+                    arrays[name] = arrays[f"{field}[{k}]"].astype(np.float64) / interval
+                known[f"{sensor}/{axis}"] = f"{name}:{unit}"
+        covered = min(covered, _coverage(interval, arrays[time]))
+    return known, covered
+
+
+def _averages(arrays: Arrays, time: str) -> tuple[dict[str, str], float]:
+    """Return the names in `sensor_combined`, and the share of the time that its averages cover."""
+    known: dict[str, str] = {}
+    covered = 1.0
+    fields = (("gyro", "gyro_rad", "gyro", "rad/s"), ("accel", "accelerometer_m_s2", "accelerometer", "m/s2"))
+    for sensor, field, stem, unit in fields:
+        known |= {f"{sensor}/{axis}": f"{field}[{k}]:{unit}" for k, axis in enumerate(AXES)}
+        interval = arrays.get(f"{stem}_integral_dt", np.zeros(0))
+        scale = 1.0 if interval.dtype.kind == "f" else 1e-6  # s in old logs, us since 2016
+        covered = min(covered, _coverage(interval.astype(np.float64) * scale, arrays[time]))
+    return known, covered
+
+
+def _coverage(interval_s: Floats, times_us: npt.NDArray[Any]) -> float:
+    """Return the share of the time between consecutive messages that the intervals of integrals cover."""
+    if len(times_us) < 2 or len(interval_s) != len(times_us):
+        return 0.0
+    steps = np.diff(times_us.astype(np.float64)) * 1e-6
+    # only neighbours: a pause of the logger says nothing of how the integrals follow each other
+    near = (steps > 0.0) & (steps < (1.0 + SINGLE_EXCESS) * float(np.median(steps)))
+    return float(interval_s[1:][near].sum() / steps[near].sum()) if near.any() else 0.0
+
+
+def _add_accelerometer(arrays: Arrays, other: Arrays, time: str, known: dict[str, str]) -> str:
+    """Add the samples of an accelerometer at the same times to those of a gyroscope; return what was left out."""
+    if time not in other or not set(AXES) <= set(other) or step_s(arrays[time]) is None:
+        return ""
+    rows = rows_at(arrays[time], other[time])
+    if rows is None:
+        return "sensor_accel not used: its samples are at other times; as the chosen topic it is read alone"
+    for axis in AXES:
+        arrays[f"sensor_accel.{axis}"] = np.where(rows >= 0, other[axis].astype(np.float64)[rows], np.nan)
+        known[f"accel/{axis}"] = f"sensor_accel.{axis}:m/s2"
+    return ""
+
+
+def _fifo(
+    name: str, instance: int, arrays: Arrays, data: Mapping[tuple[str, int], Arrays]
+) -> tuple[Topic, Arrays]:
+    """Return all samples of a FIFO: the stamp of a message is that of its last sample, `dt` is in us."""
+    sensor, unit = FIFO[name]
+    known = {f"{sensor}/{axis}": f"{axis}:{unit}" for axis in AXES} | {"t": "timestamp_sample:us"}
+    slots = sum(key.startswith("x[") for key in arrays)
+    needed = {
+        "timestamp_sample",
+        "dt",
+        "scale",
+        "samples",
+        *(f"{a}[{k}]" for a in AXES for k in range(slots)),
+    }
+    if not slots or not needed <= set(arrays):
+        return Topic(name=f"{name}/{instance}", type=name, count=0), {}
+    place = np.arange(slots)
+    counts = arrays["samples"].astype(np.int64)[:, None]
+    valid = (place < counts).ravel()
+    times = arrays["timestamp_sample"].astype(np.float64)[:, None]
+    times = times - (counts - 1 - place) * arrays["dt"].astype(np.float64)[:, None]
+    integrals: Arrays = {"timestamp_sample": times.ravel()[valid]}
+    for axis in AXES:
+        raw = np.column_stack([arrays[f"{axis}[{k}]"] for k in range(slots)]).astype(np.float64)
+        integrals[axis] = (raw * arrays["scale"].astype(np.float64)[:, None]).ravel()[valid]
+    source = f"sensor_{sensor}"
+    if (degrees := _temperature({**arrays, **integrals}, "timestamp_sample", data, source)) is not None:
+        integrals[f"{source}.temperature"] = degrees
+        known["temperature"] = f"{source}.temperature:degC"
+    step = step_s(integrals["timestamp_sample"])
+    rate = None if step is None else 1.0 / step
+    count = len(integrals["timestamp_sample"])
+    return Topic(
+        name=f"{name}/{instance}", type=name, count=count, columns=list(integrals), map=known, rate_hz=rate
+    ), integrals
+
+
+def _facts(info: Mapping[str, Any]) -> dict[str, str]:
+    """Return board and version of the firmware."""
+    facts = {}
+    if isinstance(board := info.get("ver_hw"), str):
+        facts["model"] = f"PX4 {board}"
+    if isinstance(release := info.get("ver_sw_release"), int):  # major, minor, patch, type: a byte each
+        facts["firmware"] = ".".join(str(release >> shift & 0xFF) for shift in (24, 16, 8))
+    elif isinstance(digest := info.get("ver_sw"), str):
+        facts["firmware"] = digest[:12]
+    return facts

@@ -1,0 +1,141 @@
+"""Terminals of Linux: what the kernel knows of a serial port, whatever opened it."""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import fcntl
+import grp
+import os
+import select
+import sys
+from pathlib import Path
+
+from imumon.model.report_json import plain
+
+PSEUDO_TERMINALS = "/dev/pts/"
+MEMORY = 1
+"""Major number of the devices of Linux that are memory (Documentation/admin-guide/devices.txt)."""
+COMMAND = 60
+"""Longest command line in a message, characters."""
+# requests that the module termios does not have; numbers of asm-generic/ioctls.h
+_TIOCGICOUNT = 0x545D
+_TCGETS2 = 0x802C542A
+
+
+def pseudo_terminal(path: str) -> int | None:
+    """Return the time, ns, at which a pseudo-terminal was created; None for other ports.
+
+    It distinguishes a terminal from a later one of the same number, which belongs to another program.
+    """
+    if os.path.abspath(path).startswith(PSEUDO_TERMINALS):
+        with contextlib.suppress(OSError):
+            return os.stat(path).st_ctime_ns
+    return None
+
+
+def group_of(path: str) -> str:
+    """Return the group that owns a device: its members may open it. Without one, that of most systems."""
+    with contextlib.suppress(OSError, KeyError):
+        group = grp.getgrgid(os.stat(path).st_gid).gr_name
+        if group != "root":  # nothing else may open such a device, and no user should be in that group
+            return group
+    return "dialout"
+
+
+def holders(path: str) -> dict[int, str]:
+    """Return other processes that have a port open, each as ``command (pid)``.
+
+    Of processes of other users, only the one that locks the port is known. The process behind a pseudo-terminal has
+    it open itself and takes no bytes of it.
+    """
+    programs, target, owner = {}, os.path.realpath(path), locker(path)
+    if _is_memory(target):
+        return {}
+    for process in Path("/proc").glob("[0-9]*"):
+        pid = int(process.name)
+        with contextlib.suppress(OSError):
+            if pid != os.getpid() and (pid == owner or _reads(process, target)):
+                programs[pid] = f"{_command(process)} ({pid})"
+    return programs
+
+
+def _is_memory(path: str) -> bool:
+    """Return whether a path is a device such as /dev/null, which most processes have open."""
+    with contextlib.suppress(OSError):
+        return os.major(os.stat(path).st_rdev) == MEMORY
+    return False
+
+
+def locker(path: str) -> int | None:
+    """Return the process that locks a file (flock), of any user; None if no process does."""
+    with contextlib.suppress(OSError):
+        file = os.stat(path)
+        # /proc/locks names a file by its file system and inode: st_dev, not st_rdev, also for a device
+        device = f"{os.major(file.st_dev):02x}:{os.minor(file.st_dev):02x}:{file.st_ino}"
+        for line in Path("/proc/locks").read_text().splitlines():
+            *_, pid, locked, _start, _end = line.split()
+            if locked == device:
+                return int(pid)
+    return None
+
+
+def _reads(process: Path, target: str) -> bool:
+    """Return whether a process has a port open, and is not the other end of that pseudo-terminal."""
+    files = [(link, os.readlink(link)) for link in (process / "fd").iterdir()]
+    if not any(file == target for _, file in files):
+        return False
+    # an emulator keeps its own slave open; only its master says which terminal is at the other end
+    index = f"tty-index:\t{target.removeprefix(PSEUDO_TERMINALS)}\n"
+    masters = (process / "fdinfo" / link.name for link, file in files if file.endswith("/ptmx"))
+    return not any(index in master.read_text() for master in masters)
+
+
+def _command(process: Path) -> str:
+    """Return the command line of a process, shortened, without the folder of its program."""
+    words = (process / "cmdline").read_text(errors="replace").rstrip("\0").split("\0")
+    command = " ".join([os.path.basename(words[0]), *words[1:]]) or (process / "comm").read_text().strip()
+    return plain(command if len(command) <= COMMAND else f"{command[: COMMAND - 1]}…")
+
+
+def overruns(fd: int | None) -> int | None:
+    """Return the overruns that the driver has counted since it was loaded; None if it does not count."""
+    counts = _numbers(fd, _TIOCGICOUNT, 20)  # struct serial_icounter_struct
+    # overrun (of the UART) and buf_overrun (of the tty): bytes are lost in either place
+    return None if counts is None else counts[7] + counts[10]
+
+
+def hung_up(fd: int) -> bool:
+    """Return whether the other side of a descriptor has hung up."""
+    poll = select.poll()
+    poll.register(fd, 0)  # no events of interest: these three are reported in any case
+    return any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in poll.poll(0))
+
+
+def actual_baud(fd: int | None) -> int | None:
+    """Return the baud rate that the driver has really set; None if it cannot be asked.
+
+    `termios.tcgetattr` returns the requested one, also where the divisor of the adapter cannot make it.
+    """
+    settings = _numbers(fd, _TCGETS2, 64)  # struct termios2: the output speed is its eleventh word
+    return None if settings is None else settings[10]
+
+
+def _numbers(fd: int | None, request: int, count: int) -> array.array[int] | None:
+    """Return what the driver answers to a request, as integers of C; None if it knows no such request."""
+    if fd is not None and sys.platform.startswith("linux"):
+        with contextlib.suppress(OSError):
+            numbers = array.array("i", [0] * count)
+            fcntl.ioctl(fd, request, numbers)
+            return numbers
+    return None
+
+
+def is_no_terminal(path: str) -> bool:
+    """Return whether a path is a file or a device that is no terminal."""
+    with contextlib.suppress(OSError):
+        # without these, opening waits for the carrier of a modem, or makes it the terminal of this process
+        fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
+        with open(fd, "rb", buffering=0) as file:
+            return not file.isatty()
+    return False

@@ -1,0 +1,284 @@
+"""Binary packets of the VN-100: layouts, decode and encode.
+
+A packet is ``FA``, the group byte, one 16-bit field word for each group that is set, the payload without
+padding in little endian, and the CRC16 in big endian. The length is not sent; it follows from the words. Bit
+7 of a group byte, or bit 15 of a field word, means that another one follows. A field of unknown size cannot
+be skipped, so a header that contains one is refused.
+
+Groups 4, 6 and 7 belong to the VN-200 and VN-300: only their sizes are known. The name of a field is that of
+the manual after the number of its group: ``2.timeStartup``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import lru_cache
+from struct import iter_unpack
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from imumon.sources.vn100.checksum import crc16, crc16_rows
+from imumon.sources.vn100.measurements import SampleConverter, sample_converter
+
+SYNC = 0xFA
+_MIN_ARRAY = 128
+"""Packets; the first ones are checked one by one, the following ones as arrays. Sets the speed only."""
+
+
+class Group(IntEnum):
+    """Groups of fields of binary packets."""
+
+    COMMON = 1
+    TIME = 2
+    IMU = 3
+    ATTITUDE = 5
+
+
+@dataclass(frozen=True, slots=True)
+class BinaryField:
+    """One field of a group.
+
+    Attributes
+    ----------
+    code : numpy type of its components, little endian.
+    width : number of components.
+    quantities : quantities that it contains, each with (first, last + 1) of its components.
+    """
+
+    name: str
+    code: str
+    width: int
+    quantities: Mapping[str, tuple[int, int]]
+
+
+_XYZ, _ONE = (0, 3), (0, 1)
+# The names do not show it: ``imu`` is uncompensated and has the accelerometer first; the magnetic field of ``magPres``
+# is compensated.
+_QUANTITIES: dict[str, dict[str, tuple[int, int]]] = {
+    "timeStartup": {"startup": _ONE}, "vpeStatus": {"vpe": _ONE}, "sensSat": {"sat": _ONE},
+    "angularRate": {"gyro": _XYZ}, "accel": {"accel": _XYZ}, "mag": {"mag": _XYZ},
+    "uncompGyro": {"ugyro": _XYZ}, "uncompAccel": {"uaccel": _XYZ}, "uncompMag": {"umag": _XYZ},
+    "imu": {"uaccel": _XYZ, "ugyro": (3, 6)}, "magPres": {"mag": _XYZ, "temp": (3, 4), "pres": (4, 5)},
+    "deltas": {"dt": _ONE, "dtheta": (1, 4), "dvel": (4, 7)}, "deltaTheta": {"dt": _ONE, "dtheta": (1, 4)},
+    "deltaVel": {"dvel": _XYZ}, "temp": {"temp": _ONE}, "pres": {"pres": _ONE},
+}  # fmt: skip
+"""Quantities of each field with the range of their components."""
+
+
+def _group(text: str) -> dict[int, BinaryField]:
+    """Return the fields of a group by bit: a name, and numpy type and width unless they are f4 and 3."""
+    fields = {}
+    for bit, entry in enumerate(text.split()):
+        name, code, width = entry.split(":") if ":" in entry else (entry, "f4", "3")
+        if name != "-":
+            fields[bit] = BinaryField(name, f"<{code}", int(width), _QUANTITIES.get(name, {}))
+    return fields
+
+
+_GNSS = _group(
+    "utc:u1:8 tow:u8:1 week:u2:1 numSats:u1:1 fix:u1:1 posLla:f8:3 posEcef:f8:3 velNed velEcef posU velU:f4:1 "
+    "timeU:f4:1"
+)
+
+GROUPS: dict[int, dict[int, BinaryField]] = {
+    Group.COMMON: _group(
+        "timeStartup:u8:1 timeGps:u8:1 timeSyncIn:u8:1 ypr quat:f4:4 angularRate posLla:f8:3 velNed accel "
+        "imu:f4:6 magPres:f4:5 deltas:f4:7 vpeStatus:u2:1 syncInCnt:u4:1 timeGpsPps:u8:1"
+    ),
+    Group.TIME: _group(
+        "timeStartup:u8:1 timeGps:u8:1 gpsTow:u8:1 gpsWeek:u2:1 timeSyncIn:u8:1 gpsPps:u8:1 utc:u1:8 "
+        "syncInCnt:u4:1 syncOutCnt:u4:1 timeStatus:u1:1"
+    ),
+    Group.IMU: _group(
+        "imuStatus:u2:1 uncompMag uncompAccel uncompGyro temp:f4:1 pres:f4:1 deltaTheta:f4:4 deltaVel mag "
+        "accel angularRate sensSat:u2:1"
+    ),
+    4: _GNSS,
+    Group.ATTITUDE: _group(
+        "vpeStatus:u2:1 ypr quat:f4:4 dcm:f4:9 magNed accelNed linAccelBody linAccelNed yprU - - - heave "
+        "attU:f4:1"
+    ),
+    6: _group(
+        "insStatus:u2:1 posLla:f8:3 posEcef:f8:3 velBody velNed velEcef magEcef accelEcef linAccelEcef "
+        "posU:f4:1 velU:f4:1"
+    ),
+    7: _GNSS,
+}
+"""Fields by group and bit. Matrices are in column-major order; dt (s) is the first component of an
+increment."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BinaryLayout:
+    """Layout of one type of packet.
+
+    Attributes
+    ----------
+    header : sync byte, group bytes and field words as bytes.
+    length : bytes of a packet.
+    dtype : type of a packet; each field is a vector named ``group.name``, between ``header`` and ``crc``.
+    sources : field and components of each quantity.
+    converter : converts the quantities to samples; None if the packet has no sensor data.
+    """
+
+    header: bytes
+    length: int
+    dtype: np.dtype[np.void]
+    sources: dict[str, tuple[str, slice]]
+    converter: SampleConverter | None
+
+    @staticmethod
+    def of(words: Mapping[int, int]) -> BinaryLayout:
+        """Return the layout with these field words by group.
+
+        Raises
+        ------
+        ValueError : a group or a field of unknown size, or no field.
+
+        >>> BinaryLayout.of({Group.TIME: 0x0001, Group.IMU: 0x00C0}).length
+        44
+        """
+        if any(word & ~_KNOWN_BITS.get(group, 0) for group, word in words.items()):
+            raise ValueError("no such binary output: a group or a field of unknown size")
+        groups = sum(1 << (group - 1) for group in words)
+        header = bytes((SYNC, groups)) + b"".join(words[g].to_bytes(2, "little") for g in sorted(words))
+        layout = parse_header(header)
+        if layout is None:
+            raise ValueError("no such binary output: no group, or a group without a field")
+        return layout
+
+    def encode(self, values: Mapping[str, npt.ArrayLike]) -> bytes:
+        """Return the bytes of packets, one for each row.
+
+        Parameters
+        ----------
+        values : fields by name, with or without the number of the group (then in all groups that have it);
+            (n, k) or, for k = 1, (n,). Missing fields are zero.
+        """
+        arrays = {name: np.asarray(value) for name, value in values.items()}
+        packets = np.zeros(max(len(a) for a in arrays.values()), self.dtype)
+        packets["header"] = np.frombuffer(self.header, np.uint8)
+        for name in self.fields:
+            value = arrays.get(name, arrays.get(name.partition(".")[2]))
+            if value is not None:
+                packets[name] = value.reshape(len(packets), -1)
+        raw = packets.view(np.uint8).reshape(len(packets), self.length)
+        raw[:, -2:] = [divmod(crc16(row[1:-2].tobytes()), 256) for row in raw]
+        return raw.tobytes()
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the fields of the payload in their order."""
+        return tuple(name for name in self.dtype.names or () if "." in name)
+
+    def decode(self, data: bytes, begin: int = 0, count: int = 1) -> npt.NDArray[np.void]:
+        """Return (count,) packets as a structured array, without a check of their CRC."""
+        return np.frombuffer(data, self.dtype, count, begin)
+
+    def quantity(self, packets: npt.NDArray[np.void], name: str) -> npt.NDArray[Any]:
+        """Return (count, k), one quantity of the result of `decode`."""
+        source, components = self.sources[name]
+        vectors: npt.NDArray[Any] = packets[source]
+        return vectors[:, components]
+
+    def count_valid(self, data: bytes, begin: int, limit: int) -> int:
+        """Return the number of consecutive valid packets of this layout from `begin`, at most `limit`."""
+        count = self._count_valid_singly(data, begin, min(limit, _MIN_ARRAY))
+        size = _MIN_ARRAY
+        # arrays only after many valid packets, so that damaged data are not checked again and again
+        while count >= size and count < limit:
+            size = min(4 * size, limit - count)
+            rows = np.frombuffer(data, np.uint8, size * self.length, begin + count * self.length)
+            invalid = self._is_invalid(rows.reshape(size, self.length))
+            first = int(invalid.argmax())
+            if invalid[first]:
+                return count + first
+            count += size
+        return count
+
+    def _count_valid_singly(self, data: bytes, begin: int, limit: int) -> int:
+        """Return the same as `count_valid`, packet by packet."""
+        # The CRC of the header is the same for all, and that of the rest continues it. Over the packet and the CRC that
+        # ends it, a CRC without final XOR is 0.
+        header, header_crc = self.header, crc16(self.header[1:])
+        span = memoryview(data)[begin : begin + limit * self.length]
+        packets = iter_unpack(f"{len(header)}s{self.length - len(header)}s", span)
+        for count, (head, rest) in enumerate(packets):
+            if head != header or crc16(rest, header_crc):
+                return count
+        return limit
+
+    def _is_invalid(self, packets: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+        """Return (count,) whether each row of bytes is not a valid packet of this layout."""
+        # `crc16_rows` takes two bytes at a time: from the last byte of the header on if the rest has an odd number
+        begin = len(self.header) - (self.length - len(self.header)) % 2
+        invalid = np.not_equal(crc16_rows(packets[:, begin:], crc16(self.header[1:begin])), 0)
+        # the CRC began with the expected header, so the one that is there has to be compared
+        for column, byte in enumerate(self.header):
+            invalid |= packets[:, column] != byte
+        return invalid
+
+
+class IncompleteHeader(Exception):
+    """The data end within the header."""
+
+
+def parse_header(data: bytes, begin: int = 0) -> BinaryLayout | None:
+    """Return the layout of the packet at `begin`; None if no packet can begin there.
+
+    Raises
+    ------
+    IncompleteHeader : the data end within a header that may be valid.
+    """
+    byte, end = _read_word(data, begin + 1, 1)
+    groups = [bit + 1 for bit in range(7) if byte >> bit & 1]
+    if not groups:
+        return None
+    if byte & 0x80:  # more groups, of unknown size, unless their byte is empty
+        extension, end = _read_word(data, end, 1)
+        if extension:
+            return None
+    for group in groups:
+        word, end = _read_word(data, end, 2)
+        if word & 0x7FFF & ~_KNOWN_BITS[group] or not word & 0x7FFF:
+            return None
+        if word & 0x8000:
+            extension, end = _read_word(data, end, 2)
+            if extension:
+                return None
+    return _layout_of_header(data[begin:end])
+
+
+def _read_word(data: bytes, offset: int, size: int) -> tuple[int, int]:
+    """Return a little-endian number and the position behind it."""
+    if offset + size > len(data):
+        raise IncompleteHeader
+    return int.from_bytes(data[offset : offset + size], "little"), offset + size
+
+
+_KNOWN_BITS = {group: sum(1 << bit for bit in fields) for group, fields in GROUPS.items()}
+
+
+@lru_cache(maxsize=64)
+def _layout_of_header(header: bytes) -> BinaryLayout:
+    """Return the layout of a valid header."""
+    names, sources, words = ["header"], dict[str, tuple[str, slice]](), []
+    formats: list[tuple[str, tuple[int, ...]]] = [("u1", (len(header),))]
+    offset = 3 if header[1] & 0x80 else 2
+    for group in (bit + 1 for bit in range(7) if header[1] >> bit & 1):
+        word, offset = _read_word(header, offset, 2)
+        offset += 2 if word & 0x8000 else 0
+        words.append(f"{word:04X}")
+        for item in (item for bit, item in GROUPS[group].items() if word >> bit & 1):
+            names.append(f"{group}.{item.name}")
+            formats.append((item.code, (item.width,)))
+            for quantity, (first, end) in item.quantities.items():
+                # a quantity that several groups repeat is the same number in each
+                sources.setdefault(quantity, (names[-1], slice(first, end)))
+    dtype = np.dtype({"names": [*names, "crc"], "formats": [*formats, ("u1", (2,))]})
+    converter = sample_converter(frozenset(sources), f"binary {header[1]:02X}:{','.join(words)}")
+    return BinaryLayout(header, dtype.itemsize, dtype, sources, converter)

@@ -1,0 +1,229 @@
+"""Output streams of the emulated device: messages at each tick, as configured by its registers.
+
+Streams follow the 800 Hz loop: an output with divisor d sends at every tick that d divides, so messages of
+several streams interleave whole and in time. The increments of angle and velocity start at their last reset,
+which is every message or poll that contains them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from operator import itemgetter
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from imumon.model.samples import Floats, Ints
+from imumon.sources.vn100 import ascii, binary
+from imumon.sources.vn100.emulator.measurement_output import (
+    BiasEstimator,
+    FilterWindows,
+    MeasurementOutput,
+)
+from imumon.sources.vn100.emulator.register_file import RegisterFile
+from imumon.sources.vn100.emulator.sensor_model import ACCEL, GYRO, SensorModel
+from imumon.sources.vn100.measurements import WIDTHS
+from imumon.sources.vn100.registers import (
+    BINARY_OUTPUTS,
+    LOOP_RATE,
+    OUTPUT_TYPES,
+    ErrorCode,
+    RegisterError,
+    RegisterNumber,
+)
+
+ChecksumKind: TypeAlias = Literal["xor", "crc"]
+Message: TypeAlias = tuple[int, bytes]
+"""Tick at which a message was made, and its bytes."""
+
+STARTUP_TICKS = 440
+"""Age of the sensor clock at its first message: 0.55 s."""
+
+MOST_TICKS = 1 << 14
+"""Ticks that the sensor model computes at once, and one step in time-lapse, at most."""
+
+_LINEAR = {"VNYBA": "linAccelBody", "VNYIA": "linAccelNed"}
+_INCREMENTS = ("deltas", "deltaTheta", "deltaVel")
+
+
+@dataclass(frozen=True, slots=True)
+class OutputStream:
+    """One asynchronous output: a message of `length` bytes every `divisor` ticks."""
+
+    divisor: int
+    length: int
+    deltas: bool
+    encode: Callable[[MeasurementOutput], list[bytes]]
+
+
+class OutputStreams:
+    """Messages that a VN-100 sends without a request.
+
+    Parameters
+    ----------
+    sensor_model : signals of the sensor elements.
+    registers : of the device; call `update` after writing one.
+
+    Attributes
+    ----------
+    tick : of the next loop.
+    start_tick : at which the sensor clock began.
+    """
+
+    def __init__(self, sensor_model: SensorModel, registers: RegisterFile) -> None:
+        self._model, self._registers = sensor_model, registers
+        self.tick = 0
+        self._reset_tick, self._reset_integrals = 0, self._integrals(np.array([0]))[0]
+        self.start()
+
+    def start(self) -> None:
+        """Set the state after power-up or a reset."""
+        self._estimator = BiasEstimator(self.tick)
+        self.start_tick = self.tick
+        self._paused: set[int] = set()
+        self.update()
+
+    def update(self) -> None:
+        """Derive the filter and the streams from the registers."""
+        self._windows = FilterWindows.of(self._registers.numbers(RegisterNumber.IMU_FILTER))
+        self._streams = self._make_streams(self._registers, self._registers.port)
+
+    def set_paused(self, port: int, paused: bool) -> None:
+        """Pause or resume all streams of a port."""
+        (self._paused.add if paused else self._paused.discard)(port)
+
+    # ------------------------------------------------------------------ streams
+
+    def _make_streams(self, registers: RegisterFile, port: int) -> list[OutputStream]:
+        """Return the streams of one port, ASCII first."""
+        streams = []
+        kind = int(registers.read(RegisterNumber.OUTPUT_TYPE, port)[0])
+        rate = int(registers.read(RegisterNumber.OUTPUT_RATE, port)[0])
+        if kind and rate:
+            message = OUTPUT_TYPES[kind]
+            length = len(self._sentences(message, None)[0])
+            encode = partial(self._sentences, message)
+            streams.append(OutputStream(LOOP_RATE // rate, length, message == "VNDTV", encode))
+        for number in BINARY_OUTPUTS:
+            mode, divisor, *words = registers.read(number)
+            if int(mode) & port and int(divisor) and int(words[0], 16):
+                streams.append(_binary_stream(binary_layout(words), int(divisor)))
+        return streams
+
+    def bytes_per_second(self, registers: RegisterFile | None = None, port: int | None = None) -> float:
+        """Return the load of the streams of a port, optionally with other registers."""
+        streams = self._make_streams(registers or self._registers, port or self._registers.port)
+        return sum(stream.length * LOOP_RATE / stream.divisor for stream in streams)
+
+    def next_tick(self) -> int:
+        """Return the tick of the next message if no command arrives; a distant one without streams."""
+        distant = self.tick + LOOP_RATE
+        if self._registers.port in self._paused:
+            return distant
+        return min((-(-self.tick // s.divisor) * s.divisor for s in self._streams), default=distant)
+
+    def _sentences(self, message: str, measurements: MeasurementOutput | None) -> list[bytes]:
+        """Return one sentence per row of `measurements`; one of zeros without them."""
+        count, status, _, _, checksum, *_ = self._registers.numbers(RegisterNumber.PROTOCOL)
+        kind: ChecksumKind = "crc" if checksum == 3 else "xor"
+        columns = self.columns(message, measurements)
+
+        # nothing happens at the synchronisation pins and the estimator is well: counts and status are zero
+        extra = ["T0000000000"] * bool(count) + ["S0000"] * bool(status)
+        return [ascii.encode(ascii.sentence(message, row, *extra), kind) for row in columns.tolist()]
+
+    def columns(self, message: str, measurements: MeasurementOutput | None) -> Floats:
+        """Return the numbers of a message in its own units, (n, f); zeros without measurements."""
+        quantities = ascii.MEASUREMENTS[message]
+        if measurements is None:
+            return np.zeros((1, sum(WIDTHS[name] for name in quantities)))
+        names = [_LINEAR[message] if name == "linaccel" else name for name in quantities]
+        return np.concatenate([measurements[name] for name in names], axis=1)
+
+    def packet(self, words: Sequence[str]) -> bytes:
+        """Return a binary packet of the newest tick, with the groups and words of registers 75 to 77."""
+        stream = _binary_stream(binary_layout(words), 1)
+        return stream.encode(self.latest(stream.deltas))[0]
+
+    # ------------------------------------------------------------------ time
+
+    def advance(self, upto: int, silent: bool = False) -> list[Message]:
+        """Run to tick `upto`; return the messages in order, none of them when `silent`."""
+        messages: list[Message] = []
+        while self.tick < upto:
+            if self._model.end <= self.tick:
+                self._model.extend(max(LOOP_RATE, min(upto - self.tick, MOST_TICKS)))
+            stop = min(upto, self._model.end)
+            messages += self._run(self.tick, stop, silent)
+            self.tick = stop
+        return messages
+
+    def _run(self, first: int, stop: int, silent: bool) -> list[Message]:
+        """Return the messages of the ticks from `first` to before `stop`, in order; none when `silent`."""
+        self._estimator.update(self._model, stop)
+        if silent or self._registers.port in self._paused:
+            return []
+        due = [np.arange(-first % s.divisor + first, stop, s.divisor) for s in self._streams]
+        # Increments have one integrator: a message that contains them resets it, whichever output sends it. So two
+        # outputs with increments take them from one another, as on the real sensor.
+        resets = [ticks for stream, ticks in zip(self._streams, due, strict=True) if stream.deltas]
+        reset_ticks = np.unique(np.concatenate(resets)) if resets else np.empty(0, np.int64)
+        increments = self._increments(reset_ticks) if len(reset_ticks) else np.empty((0, 7))
+        messages: list[Message] = []
+        for stream, ticks in zip(self._streams, due, strict=True):
+            if len(ticks):
+                rows = increments[np.searchsorted(reset_ticks, ticks)] if stream.deltas else None
+                encoded = stream.encode(self._measure(ticks, rows))
+                messages += zip(ticks.tolist(), encoded, strict=True)
+        return sorted(messages, key=itemgetter(0)) if len(self._streams) > 1 else messages
+
+    def _increments(self, reset_ticks: Ints) -> Floats:
+        """Return time and integrals from each reset of the increments to the next, (n, 7) s and unit * s."""
+        ends = reset_ticks + 1  # the sample of the tick of a message is part of its increment
+        integrals = self._integrals(ends)
+        before = np.concatenate((self._reset_integrals[None, :], integrals[:-1]))
+        spans = np.diff(ends, prepend=self._reset_tick) / LOOP_RATE
+        self._reset_tick, self._reset_integrals = int(ends[-1]), integrals[-1]
+        return np.concatenate((spans[:, None], integrals - before), axis=1)
+
+    def _integrals(self, ticks: Ints) -> Floats:
+        return np.concatenate([self._model.integral(ticks, GYRO), self._model.integral(ticks, ACCEL)], axis=1)
+
+    def _measure(self, ticks: Ints, increments: Floats | None) -> MeasurementOutput:
+        """Return the measurements at some ticks, with their time stamps."""
+        age = (ticks - self.start_tick + STARTUP_TICKS) / LOOP_RATE + self._model.jitter(ticks)
+        time_ns = np.rint(age * 1e6).astype(np.int64) * 1000  # whole µs, the resolution of the stamps
+        return MeasurementOutput(self._model, self._windows, self._estimator, ticks, increments, time_ns)
+
+    def latest(self, deltas: bool = False) -> MeasurementOutput:
+        """Return the measurements of the newest tick; with `deltas`, reset the increments."""
+        ticks = np.array([self.tick - 1])
+        return self._measure(ticks, self._increments(ticks) if deltas else None)
+
+
+def _binary_stream(layout: binary.BinaryLayout, divisor: int) -> OutputStream:
+    """Return the output of packets of a layout, one every `divisor` ticks."""
+    names = [name.partition(".")[2] for name in layout.fields]
+
+    def encode(measurements: MeasurementOutput) -> list[bytes]:
+        values = {name: measurements[name] for name in names if measurements.has(name)}
+        data = layout.encode(values or {"timeStartup": measurements["timeStartup"]})
+        return [data[start : start + layout.length] for start in range(0, len(data), layout.length)]
+
+    return OutputStream(divisor, layout.length, any(name in _INCREMENTS for name in names), encode)
+
+
+def binary_layout(words: Sequence[str]) -> binary.BinaryLayout:
+    """Return the layout of the group byte and field words of registers 75 to 77.
+
+    Raises
+    ------
+    RegisterError : a field that no VN-100 sends.
+    """
+    groups = [group for group in range(1, 8) if int(words[0], 16) >> (group - 1) & 1]
+    try:
+        return binary.BinaryLayout.of({g: int(word, 16) for g, word in zip(groups, words[1:], strict=True)})
+    except ValueError as error:
+        raise RegisterError(ErrorCode.INVALID_PARAMETER, str(error)) from None
