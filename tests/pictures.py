@@ -31,7 +31,7 @@ OTHER = "vn100-0100056799"
 
 SOURCES: dict[str, Callable[[], reports.FakeSource]] = {
     "running": lambda: reports.FakeSource(reports.report(caveats=("aliased",))),
-    "two": lambda: reports.FakeSource(reports.report(), reports.report(900.0, id=OTHER, scale=2.0)),
+    "two": lambda: reports.FakeSource(reports.report(), reports.report(900.0, id=OTHER)),
     "correlated": lambda: reports.FakeSource(reports.correlated()),
     "no-daemon": lambda: reports.FakeSource(connected=False),
     "no-report": lambda: reports.FakeSource(),
@@ -46,7 +46,7 @@ SOURCES: dict[str, Callable[[], reports.FakeSource]] = {
     "finished": lambda: reports.FakeSource(
         reports.report(state="stopped"), age=90.0, alive=False, connected=False
     ),
-    "time-lapse": lambda: reports.FakeSource(reports.report(400.0, speed=60.0)),
+    "time-lapse": lambda: reports.FakeSource(reports.report(200.0, speed=60.0)),
 }
 
 
@@ -81,7 +81,7 @@ PICTURES = {
             "accel-y-limits-baseline",
             keys=("right", "down", "g"),
             size=LARGE,
-            baseline=lambda: reports.report(900.0, scale=2.0),
+            baseline=lambda: reports.report(900.0),
         ),
         Picture("overlay-huge", keys=("o",), size=HUGE),
         # states in which the numbers are missing or not current

@@ -1,34 +1,38 @@
-"""Reports of real runs of the pipeline on synthesised noise, for tests that need a report.
+"""Reports of runs of the pipeline on synthesised noise, for tests that draw, print or check a report.
 
-A run feeds a `Monitor` with a sensor of known N, B and K that has gaps, a knock, a vibration and a slowly
-cycling temperature. The seed is fixed, so the numbers are the same on every machine. Each run happens once per
-test run: its processes share the results.
+They are files, so that no test waits for a pipeline. `report_runs.py` makes them; run it after a change of the
+report or of its numbers.
 """
 
 from __future__ import annotations
 
-import fcntl
+import gzip
 import json
-import os
-import pickle
-from collections.abc import Callable, Hashable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import cache
-from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
+from paths import TESTS
 
 from imumon.model.coefficients import Estimate
 from imumon.model.messages import EVENT_LEVELS
-from imumon.model.report import Channel, DeviceDescription, Event, Report, SessionCounters, Signal, stamp
-from imumon.model.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
-from imumon.noise import OctaveCascade, fit_curve
-from imumon.noise.synthesis import synthesise
-from imumon.record import Monitor, MonitorOptions
+from imumon.model.report import (
+    Channel,
+    DeviceDescription,
+    Event,
+    Report,
+    SessionCounters,
+    Signal,
+    from_json,
+    stamp,
+)
+from imumon.model.report_json import to_json
+from imumon.model.samples import ACCEL, GYRO, MAG, Stream
+from imumon.record import Monitor
 from imumon.sources import registry
 
+FOLDER = TESTS / "data" / "reports"
 ID = "vn100-0100056785"
 RATE = 20.0
 """Hz, sample rate of `report`."""
@@ -36,8 +40,6 @@ LENGTH_S = 7200.0
 """s, length of the record of `report`."""
 LONG_RATE, LONG_S = 4.0, 43_200.0
 """Hz and s, of a record that shows every N, B and K."""
-AGES = (0.05, 3.0, 8.0, 60.0, 200.0, 400.0, 900.0, 3600.0, 7198.0, LENGTH_S)
-"""s, elapsed times at which a run reports."""
 BEGIN = datetime(2026, 3, 1, 8, tzinfo=UTC)
 
 NOISE = GYRO + ACCEL + MAG
@@ -72,92 +74,42 @@ DEVICE = DeviceDescription(
     setting_texts=registry.setting_texts(registry.driver("vn100"), SETTINGS),
 )
 STREAM = Stream("uncompensated", (*NOISE, "temperature", "pressure"), "binary 01:0739", "startup")
-AMBIENT_S = 7200.0
-"""s, period of the ambient temperature."""
-VIBRATION_HZ = 4.37
-"""Hz, vibration along accel/y."""
-CHUNK = 2000
-"""Samples per block."""
+AGES = {8.0: "seconds", 200.0: "minutes", 900.0: "other", LENGTH_S: "hours", LONG_S: "long"}
+"""Files by the length of the record, s; "other" is a sensor of twice the noise."""
 
 
-T = TypeVar("T")
+def written(part: Report | tuple[Signal, ...]) -> bytes:
+    """Return the content of a file."""
+    return gzip.compress(to_json(part).encode(), mtime=0)
 
 
-def once_per_test_run(make: Callable[..., T]) -> Callable[..., T]:
-    """Let the processes of a test run share the results of a function; the first that needs one makes it."""
-
-    @cache
-    def shared(*arguments: Hashable) -> T:
-        directory = os.environ.get("IMUMON_TEST_RUN")  # tests/conftest.py sets it
-        if directory is None:
-            return make(*arguments)
-        path = Path(directory) / f"{make.__name__}{arguments}.pickle"
-        with path.with_suffix(".lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            if not path.exists():
-                path.write_bytes(pickle.dumps(make(*arguments)))
-        made: T = pickle.loads(path.read_bytes())
-        return made
-
-    return shared
+@cache
+def read(name: str) -> Report:
+    """Return the report of a file."""
+    return from_json(Report, gzip.decompress((FOLDER / f"{name}.json.gz").read_bytes()))
 
 
-class Run:
-    """A monitor that is fed with a synthetic sensor.
+def long_report() -> Report:
+    """Return the report of a record that shows every N, B and K, and what its first parts showed."""
+    return read("long")
 
-    Parameters
-    ----------
-    scale : factor of all noise.
-    walk : factor of K.
-    moving_s : s of motion at the end of the record.
-    warm_up : let the gyroscopes settle with the temperature.
-    convergence : of `MonitorOptions`.
+
+def correlated() -> Report:
+    """Return the report of gyroscopes with Gauss–Markov noise: x shows it, y does not separate it from B and K.
+
+    The noise of z is flicker.
     """
+    return read("correlated")
 
-    def __init__(
-        self,
-        length_s: float = LENGTH_S,
-        rate_hz: float = RATE,
-        *,
-        seed: int = 1,
-        scale: float = 1.0,
-        walk: float = 1.0,
-        moving_s: float = 0.0,
-        warm_up: bool = False,
-        convergence: bool = False,
-    ) -> None:
-        self.monitor = Monitor(MonitorOptions(convergence=convergence))
-        self._rate_hz = rate_hz
-        self._values = _samples(
-            round(length_s * rate_hz), rate_hz, seed, (scale, scale, scale * walk), moving_s, warm_up
-        )
-        self._kept = np.ones(len(self._values), dtype=np.bool_)
-        for begin_s, count in ((1000.0, 24), (2300.0, 36), (5000.0, 1)):
-            self._kept[round(begin_s * rate_hz) :][:count] = False
-        self._at = 0
 
-    def report_at(self, elapsed_s: float, state: str = "running") -> Report:
-        """Feed the samples up to a time, and return the report; times must not decrease."""
-        end = min(round(elapsed_s * self._rate_hz), len(self._values))
-        while self._at < end:
-            rows = np.arange(self._at, min(self._at + CHUNK, end))
-            rows = rows[self._kept[rows]]
-            stamps = 10**9 + np.rint(rows * 1e9 / self._rate_hz).astype(np.int64)
-            self._at = min(self._at + CHUNK, end)
-            self.monitor.feed(
-                SampleBlock(STREAM, self._values[rows], stamps, np.zeros(len(rows), dtype=np.int64))
-            )
-        session = SessionCounters(
-            started=stamp(BEGIN),
-            discarded_bytes=118,
-            bad_checksums=2,
-            received_bytes=62 * end,
-            restarts=1,
-        )
-        now = BEGIN + timedelta(seconds=elapsed_s)
-        # a full analysis: a report depends only on its time, not on earlier reports
-        report = self.monitor.report(now, DEVICE, "stopped", session)
-        return replace(report, state=state)  # type: ignore[arg-type]
+def moving() -> Report:
+    """Return the report of a sensor that has begun to move."""
+    return read("moving")
+
+
+def warming_up() -> Report:
+    """Return the report of a sensor that warms up."""
+    return read("warming_up")
 
 
 def of_sensors(report: Report, *sensors: str) -> Report:
@@ -171,128 +123,27 @@ def with_coefficients(channel: Channel, **changed: Estimate) -> Channel:
     return replace(channel, coefficients={**channel.coefficients, **changed})
 
 
-def _samples(
-    count: int, rate_hz: float, seed: int, scales: tuple[float, float, float], moving_s: float, warm_up: bool
-) -> Floats:
-    """Return (count, 11) samples of `STREAM`."""
-    n, b, k = ([scale * TRUTH[name][i] for name in NOISE] for i, scale in enumerate(scales))
-    noise = synthesise(count, rate_hz, N=n, B=b, K=k, seed=seed, averaged=False)
-    time = np.arange(count) / rate_hz
-    rng = np.random.default_rng([seed, 1])  # not the numbers of the noise: they would follow the temperature
-    ambient = 0.5 - 0.5 * np.cos(2.0 * np.pi * time / AMBIENT_S)
-    heat = 1.0 - np.exp(-time / 400.0) if warm_up else ambient
-    values = noise + [TRUTH[name][3] for name in NOISE]
-    if 0.5 * rate_hz > VIBRATION_HZ:
-        values[:, 4] += 0.6 * values[:, 4].std() * np.sin(2.0 * np.pi * VIBRATION_HZ * time)
-    if warm_up:
-        values[:, :3] += 0.004 * heat[:, None]
-    knock = (time >= 4000.0) & (time < 4000.8)
-    values[knock, 1] += 0.8 * np.sin(2.0 * np.pi * 3.0 * time[knock])
-    if moving_s:
-        moving = time >= time[-1] - moving_s
-        values[moving, :3] += 0.5 * np.sin(2.0 * np.pi * 0.3 * time[moving])[:, None]
-        values[moving, 3:6] += 2.0 * np.sin(2.0 * np.pi * 0.3 * time[moving])[:, None]
-    temperature = 24.9 + 6.6 * heat + 0.01 * rng.standard_normal(count)
-    pressure = 101.32 + 0.002 * rng.standard_normal(count)
-    return np.column_stack((values, temperature, pressure))
-
-
-@once_per_test_run
-def _run(scale: float) -> tuple[dict[float, Report], dict[str, Signal]]:
-    """Return the reports of a run by age, and its signals at the end."""
-    run = Run(scale=scale) if scale == 1.0 else Run(900.0, seed=2, scale=scale)
-    ages = AGES if scale == 1.0 else (900.0,)
-    reports = {age: run.report_at(age) for age in ages}
-    return reports, {name: make() for name, make in run.monitor.signals().items() if name in NOISE}
-
-
-@once_per_test_run
-def long_report() -> Report:
-    """Return the report of a record that shows every N, B and K, and what its first parts showed."""
-    return Run(LONG_S, LONG_RATE, seed=4, walk=2.0, convergence=True).report_at(LONG_S)
-
-
-@once_per_test_run
-def correlated() -> Report:
-    """Return the report of gyroscopes with Gauss–Markov noise: x shows it, y does not separate it from B and K.
-
-    The noise of z is flicker.
-    """
-    rate_hz, count = 10.0, 108_000
-    rng = np.random.default_rng(3)
-    values = rng.standard_normal((count, 6)) * np.sqrt(rate_hz) * np.repeat((3e-4, 2e-3), 3)
-    values[:, 0] += markov_noise(np.random.default_rng([2, 7]), count, 4e-4, rate_hz * 30.0)
-    values[:, 1] += _not_separable(values[:, 1], rate_hz)
-    values[:, 2] += synthesise(count, rate_hz, N=1e-9, B=1.5e-4, seed=9)[:, 0]
-    values[:, 5] -= 9.80665
-    monitor, stream = Monitor(), Stream("uncompensated", (*GYRO, *ACCEL), "binary 01:0739", "startup")
-    for begin in range(0, count, CHUNK):
-        rows = np.arange(begin, min(begin + CHUNK, count))
-        stamps = 10**9 + np.rint(rows * 1e9 / rate_hz).astype(np.int64)
-        monitor.feed(SampleBlock(stream, values[rows], stamps, np.zeros(len(rows), dtype=np.int64)))
-    session = SessionCounters(started=stamp(BEGIN))
-    return monitor.report(BEGIN + timedelta(seconds=count / rate_hz), DEVICE, "running", session)
-
-
-def _not_separable(white: Floats, rate_hz: float) -> Floats:
-    """Return the first of some Gauss–Markov noises which, beside white noise, a fit does not separate from flicker."""
-    for seed in range(12):
-        rng = np.random.default_rng([seed, 7])
-        noise = markov_noise(rng, len(white), 0.6e-4, rate_hz * 100.0)
-        cascade = OctaveCascade(1, tau0=1.0 / rate_hz)
-        cascade.update((white + noise)[:, None])
-        if fit_curve(cascade.result(), averaged=False)[0].B.status == "indistinct":
-            return noise
-    raise AssertionError("every noise is separable")
-
-
-def markov_noise(rng: np.random.Generator, count: int, sigma: float, time: float) -> Floats:
-    """Return (count,) Gauss–Markov noise; its time constant is in samples."""
-    import scipy.signal
-
-    ratio = np.exp(-1.0 / time)
-    drive = sigma * np.sqrt(1.0 - ratio**2) * rng.standard_normal(count)
-    drive[0] = sigma * rng.standard_normal()  # it begins stationary
-    noise: Floats = scipy.signal.lfilter([1.0], [1.0, -ratio], drive)
-    return noise
-
-
-@once_per_test_run
-def moving() -> Report:
-    """Return the report of a sensor that has begun to move."""
-    return Run(150.0, moving_s=20.0).report_at(150.0)
-
-
-@once_per_test_run
-def warming_up() -> Report:
-    """Return the report of a sensor that warms up."""
-    return Run(200.0, warm_up=True).report_at(200.0)
-
-
 def report(
     elapsed_s: float = LENGTH_S,
     *,
     id: str = ID,
     state: str = "running",
     caveats: tuple[str, ...] = (),
-    scale: float = 1.0,
     speed: float = 1.0,
 ) -> Report:
-    """Return the report of a run at one of `AGES`, or of the long run; the same object for the same words.
+    """Return the report of a run at one of `AGES`; the same object for the same words.
 
     Parameters
     ----------
     caveats : of the device, for the whole record.
     """
     # `cache` would distinguish a word that is given from the same one by default
-    return _report(elapsed_s, id, state, caveats, scale, speed)
+    return _report(elapsed_s, id, state, caveats, speed)
 
 
 @cache
-def _report(
-    elapsed_s: float, id: str, state: str, caveats: tuple[str, ...], scale: float, speed: float
-) -> Report:
-    report = long_report() if elapsed_s == LONG_S else _run(scale)[0][elapsed_s]
+def _report(elapsed_s: float, id: str, state: str, caveats: tuple[str, ...], speed: float) -> Report:
+    report = read(AGES[elapsed_s])
     channels = {
         name: replace(channel, caveats=tuple(dict.fromkeys((*caveats, *channel.caveats))))
         if channel.allan is not None
@@ -316,9 +167,15 @@ def nothing_yet() -> Report:
     return Monitor().report(BEGIN, device, "starting", SessionCounters())
 
 
+@cache
+def _signals() -> dict[str, Signal]:
+    text = gzip.decompress((FOLDER / "signals.json.gz").read_bytes())
+    return {part["channel"]: from_json(Signal, json.dumps(part)) for part in json.loads(text)}
+
+
 def signal(name: str = "gyro/x") -> Signal:
     """Return the signal of a channel at the end of the run."""
-    return _run(1.0)[1][name]
+    return _signals()[name]
 
 
 def events(id: str = ID) -> list[Event]:

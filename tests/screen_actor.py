@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 
+import report_runs
 import reports
 
 from imumon.model.report import Event, Report, Signal
@@ -18,7 +19,7 @@ class GrowingSource:
     """A new report every other second, of three seconds of the sensor per second."""
 
     def __init__(self) -> None:
-        self._run = reports.Run(600.0)
+        self._run = report_runs.Run(600.0)
         self._report = self._run.report_at(START_S)
         self._signal = self._run.monitor.signals()["gyro/x"]()
         self._begin = time.monotonic()

@@ -49,7 +49,7 @@ def imumon(*words: object, code: int = 0) -> str:
 
 def make_report() -> Report:
     """Return the report of a quarter of an hour."""
-    return report_at(900.0, scale=2.0)
+    return report_at(900.0)
 
 
 def shown(report: Report, form: str = "md") -> str:

@@ -42,7 +42,7 @@ def imumon(*words: object) -> str:
 
 def make_report() -> Report:
     """Return the report of a quarter of an hour."""
-    return report_at(900.0, scale=2.0)
+    return report_at(900.0)
 
 
 def history_rows(folder: Path, noises: Sequence[float]) -> list[HistoryRow]:

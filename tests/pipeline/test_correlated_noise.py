@@ -151,7 +151,7 @@ def test_the_tables_have_columns_for_both_and_a_word_for_what_is_open(report: Re
     row = next(line for line in text.splitlines() if line.startswith("gyro/y"))
     assert row.count(" open") == 3
     assert "open: it is B, K or M." in text
-    other = summary_text(reports.report(60.0), 120)
+    other = summary_text(reports.report(200.0), 120)
     assert ("open:" in other) == (" open" in other.partition("±:")[0])
 
 

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import ros2_actors
 from daemons import Daemon, n_is_within_a_tenth
-from reports import Run, nothing_yet, with_coefficients
+from report_runs import Run
+from reports import nothing_yet, with_coefficients
 from ros2_actors import free_router
 from ros2_messages import decode
 from waiting import until

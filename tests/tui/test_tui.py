@@ -57,7 +57,7 @@ async def test_arrows_select_the_channel_and_request_its_signal(app: ImumonApp, 
 
 
 def test_units_freeze_overlay_limits_zoom_and_theme() -> None:
-    source = reports.FakeSource(reports.report(3600.0))
+    source = reports.FakeSource(reports.report(200.0))
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         assert "°/√h" in visible_text(app)
@@ -74,7 +74,7 @@ def test_units_freeze_overlay_limits_zoom_and_theme() -> None:
         source.arrive(reports.report())
         app.poll()
         assert "frozen" in status(app)
-        assert "1 h ·" in status(app)
+        assert "3 min 20 s ·" in status(app)
         await pilot.press("f")
         assert "2 h ·" in status(app)
 
@@ -143,7 +143,7 @@ def test_events_are_filtered_by_words() -> None:
     drive(reports.FakeSource(reports.report()), script)
 
 
-@driven(lambda: reports.FakeSource(reports.report(), reports.report(900.0, id=OTHER, scale=2.0)))
+@driven(lambda: reports.FakeSource(reports.report(), reports.report(900.0, id=OTHER)))
 async def test_several_sensors_are_listed_and_switched(app: ImumonApp, pilot: Pilot[int]) -> None:
     assert "1 of 2" in status(app)
     await pilot.press("n")
@@ -325,7 +325,7 @@ async def test_the_screen_survives_loss_and_return_of_the_daemon(app: ImumonApp,
 
 
 def test_nothing_is_drawn_when_nothing_is_new() -> None:
-    source = reports.FakeSource(reports.report(7198.0))
+    source = reports.FakeSource(reports.report(200.0))
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         state = app.view_state

@@ -34,7 +34,7 @@ def test_every_view_draws_at_every_size(size: tuple[int, int]) -> None:
 @pytest.mark.parametrize("size", [(80, 24), (150, 40), (220, 60)])
 def test_no_number_is_truncated(size: tuple[int, int]) -> None:
     """Each coefficient is shown in full, also after rows without values."""
-    source = reports.FakeSource(reports.report(0.05))
+    source = reports.FakeSource(reports.report(8.0))
 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         source.arrive(reports.report())

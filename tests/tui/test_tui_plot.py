@@ -245,7 +245,7 @@ def test_the_axes_do_not_move_while_a_curve_grows() -> None:
 
 
 def test_the_chart_marks_only_measured_coefficients() -> None:
-    cases = ((8.0, "gyro/x", "N"), (3600.0, "gyro/y", "NB"), (reports.LONG_S, "gyro/x", "NBK"))
+    cases = ((8.0, "gyro/x", "N"), (7200.0, "gyro/y", "NB"), (reports.LONG_S, "gyro/x", "NBK"))
     for age, channel, letters in cases:
         report = reports.report(age)
         text = text_of(
