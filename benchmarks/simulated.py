@@ -48,7 +48,7 @@ def points(estimator: Estimator, channel: int, rate: float) -> np.ndarray:
     known = estimator._known.get(channel)
     if known is None or isinstance(known.fitted, str):
         return np.full(3, math.nan)
-    surface = known.fitted.model.surface
+    surface = known.fitted.surface
     white = max(float(grid_mean(surface, surface.scored[WHITE], surface.scored_variances[WHITE])[0]), 0.0)
     both = [float(quantiles(surface, term, np.array([0.5]))[0]) for term in GRIDDED]
     return np.array([math.sqrt(white / rate), both[0], both[1] * math.sqrt(rate)])

@@ -69,7 +69,7 @@ def sampled_density(f: Floats, time: float, *, averaged: bool) -> Floats:
     return np.asarray(zero + 2.0 * one * (np.cos(2.0 * np.pi * f) - a) / distance)
 
 
-@lru_cache(maxsize=256)  # channels of a record ask for the same time constants
+@lru_cache(maxsize=64)  # channels of a record ask for the same time constants
 def coefficient_variances(n: int, time: float) -> Floats:
     """Return (n - 1,) the variances of the cosine coefficients 1 to n - 1 of n averages (DCT-II, orthonormal).
 

@@ -12,6 +12,8 @@ from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.allan import AllanCurve
 from imumon.noise.blocks import BlockAccumulator
+from imumon.noise.fit.observations import block_series
+from imumon.noise.fit.slow_terms import SlowTermSearch
 
 N, B, RATE, LENGTH, CHANNELS = 6.1e-5, 5e-6, 10.0, 72_000, 8
 """Two hours of a good gyroscope, rad/s."""
@@ -213,16 +215,19 @@ def test_a_step_of_any_size_hides_no_noise(quiet: Floats, size: float) -> None:
 def test_a_step_is_found_with_its_place_and_size_and_is_no_random_walk(quiet: Floats, at: float) -> None:
     values = quiet.copy()
     values[round(at * LENGTH) :, ::2] += 1e-4
-    estimator = Estimator(averaged=True, time_to=False)
-    fits = estimator.fit(curve_of(values + 9.8))
+    curve = curve_of(values + 9.8)
+    fits = Estimator(averaged=True, time_to=False).fit(curve)
     check_noise(fits)
+    assert curve.sums is not None
     for c, fit in enumerate(fits):
         column = fit.column("step")
         assert (column is not None) == (fit.step is not None) == (c % 2 == 0)
         if column is not None and fit.step is not None:
-            slow = estimator._known[c].fitted.model.slow
+            series = block_series(curve.sums.blocks, c, None)
+            assert series is not None
+            slow = SlowTermSearch(series, None).result()
             (place,) = (each.place for each in slow.regressors if each.name == "step")
-            assert place * slow.series.length / RATE == pytest.approx(at * LENGTH / RATE, abs=60.0)
+            assert place * series.length / RATE == pytest.approx(at * LENGTH / RATE, abs=60.0)
             assert column.value == pytest.approx(1e-4, abs=4.0 * column.error)
             assert column.error < 1e-5
             assert fit.step.after - fit.step.before == pytest.approx(column.value)

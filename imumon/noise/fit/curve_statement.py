@@ -34,9 +34,8 @@ from imumon.noise.fit.model_curve import (
     moved_variances_at,
     possible_differences,
 )
-from imumon.noise.fit.observations import meeting_frequency, observed_density
+from imumon.noise.fit.observations import observed_density
 from imumon.noise.fit.oscillations import line_bands
-from imumon.noise.fit.search import Model
 from imumon.noise.fit.statement import ChannelFit, FittedModel
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.expectation import window_power
@@ -75,15 +74,15 @@ def with_curve(
     curve, sums : of the record.
     averaged : the samples are true averages over their interval, else point samples.
     """
-    model, fit, m, lines = fitted.model, fitted.fit, curve.m, line_bands(sums, channel)
-    noise_powers = model.noise_powers
+    fit, m, lines = fitted.fit, curve.m, line_bands(sums, channel)
+    noise_powers = fitted.surface.sensor_powers
     line_shares = np.array([line_variances(m, *line) for line in lines.tolist()]).reshape(-1, m.size)
     terms = {
         term: power * term.allan_variances(m, averaged=averaged)
-        for term, power in model.surface.powers.items()
+        for term, power in fitted.surface.powers.items()
     }
     noise = np.sum([terms[term] for term in noise_powers], axis=0)
-    bent, of_lines = _departure(m, sums, channel, model, averaged, line_shares.sum(axis=0))
+    bent, of_lines = _departure(m, sums, channel, fitted, averaged, line_shares.sum(axis=0))
     # a filter takes from the noise, but an Allan variance is never zero
     random = np.maximum(noise + bent + of_lines, 1e-3 * noise)
     present = curve.terms[:, channel] > 0
@@ -108,7 +107,7 @@ def with_curve(
         caveats.append("vibration")
     if "R" in fit.coefficients and drift and (0.5 * (drift.value * curve.tau) ** 2 > visible).any():
         caveats.append("ramp")
-    used = present & (m >= 1 << model.upper_end.octaves_left_out)
+    used = present & (m >= 1 << fitted.choice.upper_end.octaves_left_out)
     low, high = (np.where(present, sigma * factor, 0.0) for factor in (low, high))
     drawn = np.sqrt(random + fixed)
     # the limits are those of noise: where a column moves the mean much more, they are narrower than it is known
@@ -187,7 +186,7 @@ def bounded_by_curve(
 
 
 def _departure(
-    m: Ints, sums: NoiseSums, channel: int, model: Model, averaged: bool, line_share: Floats
+    m: Ints, sums: NoiseSums, channel: int, fitted: FittedModel, averaged: bool, line_share: Floats
 ) -> tuple[Floats, Floats]:
     """Return (k,) what the spectrum has beyond the noise: its shape, and its lines.
 
@@ -195,25 +194,24 @@ def _departure(
     counts an error of the model. The lines are as observed at the shortest octaves. At longer ones the bins are too
     wide for the oscillation of their contribution with tau, and each line has its frequency and width.
     """
-    likelihood, surface, upper_end = model.likelihood, model.surface, model.upper_end
-    highest = float(likelihood.bands.top.max())
+    surface, upper_end, highest = fitted.surface, fitted.choice.upper_end, fitted.highest
     # the top of the highest band is half the sampling rate up to rounding
     flat = highest > 0.499 and upper_end.shape is UpperShape.FLAT and upper_end.window == 1
-    if flat and not model.error and not line_share.any():
+    if flat and not fitted.error and not line_share.any():
         return np.zeros(m.size), np.zeros(m.size)
     f, width, density, lines = observed_density(sums, channel)
-    above = f > meeting_frequency(model.slow.series)
+    above = f > fitted.meeting
     f, width, density, lines = f[above], width[above], density[above], lines[above]
     powers = surface.powers
-    noise = total(model.noise_powers, lambda term: term.density(f, averaged=averaged))
+    noise = total(surface.sensor_powers, lambda term: term.density(f, averaged=averaged))
     bend = float(surface.corner[surface.best]) * 4.0 * np.sin(np.pi * f) ** 2
     stated = noise * window_power(f, upper_end.window) / (1.0 + bend)
     if QUANTISATION in powers:
         stated = stated + powers[QUANTISATION] * QUANTISATION.density(f, averaged=averaged)
-    if model.error or not lines.all():
+    if fitted.error or not lines.all():
         # what lies under a line is taken from the bins beside it
         quiet = np.interp(f, *_beside_lines(f, density, lines)) if lines.any() else density
-        stated = np.where((f > highest) | bool(model.error), quiet, stated)
+        stated = np.where((f > highest) | bool(fitted.error), quiet, stated)
     long = density_variances(m, f, width, stated - noise)
     if not lines.any():
         return long, np.zeros(m.size)

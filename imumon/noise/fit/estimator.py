@@ -240,7 +240,7 @@ class Estimator:
         for channel in range(len(sums.group)):
             known = self._known.get(channel)
             fitted = None if known is None else known.fitted
-            noise = fitted.model.surface if isinstance(fitted, FittedModel) else None
+            noise = fitted.surface if isinstance(fitted, FittedModel) else None
             out.append(bias_curve(sums.blocks, channel, sums.degrees, noise, extremes))
         return tuple(out)
 
@@ -271,7 +271,7 @@ class Estimator:
             return series
         previous: ModelChoice | None = None
         if known is not None and isinstance(known.fitted, FittedModel):
-            choice = known.fitted.model.choice
+            choice = known.fitted.choice
             # B and K of a part have other limits: its grid begins again
             previous = choice if whole else replace(choice, grids=None, slow_grids=None)
         averaged = self._is_averaged(channel)

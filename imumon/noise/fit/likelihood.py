@@ -45,7 +45,7 @@ import numpy as np
 from scipy.special import gammainc, gammaincc, ndtri
 
 from imumon.model.samples import Floats
-from imumon.noise.fit.model import FLICKER, WALK, WHITE, NoiseTerm, combined, total
+from imumon.noise.fit.model import FLICKER, QUANTISATION, WALK, WHITE, NoiseTerm, combined, total
 from imumon.noise.fit.normal_equations import LEAST_VARIANCE, inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import Bands, Coefficients
 from imumon.noise.fit.scoring import BandScoring
@@ -181,6 +181,11 @@ class Surface:
             for (term, grid), place in zip(self.grids.items(), places, strict=True)
         }
         return {**{term: float(power[best]) for term, power in self.scored.items()}, **on_grid, **self.beside}
+
+    @property
+    def sensor_powers(self) -> dict[NoiseTerm, float]:
+        """Power of each term of the sensor itself: all but quantisation, which its output adds."""
+        return {term: power for term, power in self.powers.items() if term != QUANTISATION}
 
     def profile(self, term: NoiseTerm) -> Floats:
         """Return (g,) the greatest log likelihood at each amplitude of a gridded term."""

@@ -255,7 +255,7 @@ def settlings(series: BlockSeries) -> list[list[Regressor]]:
     return [list(pair) for pair in zip(falls[::2], falls[1::2], strict=True)]
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=1)
 def _falls(count: int) -> tuple[Floats, Floats]:
     falls = np.exp(-np.multiply.outer(np.arange(count) + 0.5, 1.0 / (SETTLING_SHARES * count)))
     lines = np.stack((falls, -falls * np.log(falls)), axis=2).reshape(count, -1)

@@ -170,11 +170,6 @@ class Model:
     may_be_counted: bool = False
 
     @property
-    def noise_powers(self) -> dict[NoiseTerm, float]:
-        """Power of each term of the sensor itself: all but quantisation, which its output adds."""
-        return {term: power for term, power in self.surface.powers.items() if term != QUANTISATION}
-
-    @property
     def error(self) -> float:
         """Relative error of the model in every band."""
         return self.likelihood.error

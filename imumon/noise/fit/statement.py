@@ -65,10 +65,11 @@ from imumon.noise.fit.model_curve import (
     moved_variances,
 )
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
+from imumon.noise.fit.observations import meeting_frequency
 from imumon.noise.fit.oscillations import line_bands, moved, periods
 from imumon.noise.fit.popcorn import TwoLevels, two_levels
 from imumon.noise.fit.regressors import BENT, COLLINEAR, OSCILLATION
-from imumon.noise.fit.search import Model
+from imumon.noise.fit.search import Model, ModelChoice
 from imumon.noise.fit.slow_terms import CHANCE
 from imumon.noise.fit.time_to_precision import seconds_to
 from imumon.noise.noise_sums import NoiseSums
@@ -233,17 +234,26 @@ def pending_fit(octaves: int, reason: str, reason_code: str | None = None) -> Ch
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedModel:
-    """A model with what it states, whatever the curve.
+    """What a model states, whatever the curve, and what is needed of it afterwards.
+
+    The observations, twenty times as large, are not kept until the next fit.
 
     Attributes
     ----------
-    model : the model.
     fit : without a curve.
+    surface : likelihood of the powers.
+    choice : for the next fit.
+    error : relative error of the model in every band.
+    meeting, highest : cycles per sample, least and highest frequency of the spectrum that counts.
     moved : (2, j) the Allan variance of what the regressors move; see `model_curve.moved_variances`.
     """
 
-    model: Model
     fit: ChannelFit
+    surface: Surface
+    choice: ModelChoice
+    error: float
+    meeting: float
+    highest: float
     moved: Floats
 
 
@@ -274,7 +284,7 @@ def state_model(
         rounding *= 2.0  # the differences of an angle hold two errors
     coefficients = _coefficients(model, kurtosis / samples, samples, tau0, rounding)
     if counted:
-        white = model.noise_powers[WHITE]
+        white = model.surface.sensor_powers[WHITE]
         coefficients["Q"] = _of_counts(resolution, white, samples).scaled(
             QUANTISATION.coefficient_scale(tau0)
         )
@@ -321,8 +331,18 @@ def state_model(
     if precision is not None:
         # no half-width: not measured; one of 0 would be a value without an error, which no record gives
         widths = {letter: coefficients[letter].half_width or math.inf for letter in precision}
-        fit = replace(fit, time_to=seconds_to(model.noise_powers, widths, samples, tau0, highest, precision))
-    return FittedModel(model, fit, moved_variances(model.slow.series, moved(model, lines)))
+        powers = model.surface.sensor_powers
+        fit = replace(fit, time_to=seconds_to(powers, widths, samples, tau0, highest, precision))
+    series = model.slow.series
+    return FittedModel(
+        fit,
+        model.surface,
+        model.choice,
+        model.error,
+        meeting_frequency(series),
+        highest,
+        moved_variances(series, moved(model, lines)),
+    )
 
 
 def _incomplete(model: Model) -> tuple[str, ...]:
