@@ -30,7 +30,7 @@ from imumon.model.ledger import ColumnUse
 from imumon.model.report_json import JsonReader, entries, plain
 from imumon.model.report_json import check as _check
 
-SCHEMA = "imumon.model.report/1"
+SCHEMA = "imumon.report/1"
 
 State: TypeAlias = Literal["starting", "running", "waiting", "stopped"]
 Axis: TypeAlias = Literal["x", "y", "z"]
@@ -521,7 +521,7 @@ class DataSheet:
 class Report:
     """Everything known about one device at one moment."""
 
-    schema: str = SCHEMA  # imumon.model.report/1
+    schema: str = SCHEMA  # imumon.report/1
     time: str  # ISO 8601 in UTC, when it was made
     device: DeviceDescription  # device that the numbers describe
     state: State  # "starting": no sample yet; "waiting": disconnected or silent; "stopped": last report

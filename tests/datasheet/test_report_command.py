@@ -133,7 +133,7 @@ def test_errors_are_one_line(tmp_path: Path, recording: Path, saved: Path) -> No
     broken.write_text('{"schema": 3')
     assert "broken.json" in imumon("report", broken, code=1)
     broken.write_text("{}")
-    assert "imumon.model.report/1: Report without time, device, state, session: make" in imumon(
+    assert "imumon.report/1: Report without time, device, state, session: make" in imumon(
         "report", broken, code=1
     )
     imumon("report", recording, "--format", "docx", code=2)

@@ -115,7 +115,7 @@ def forge(endpoint: str, id: str, seconds: float) -> int:
 
     def put(open_session: zenoh.Session, number: int) -> None:
         for name in ("report", "event", "grade", "gyro/x", "alive"):
-            open_session.put(f"imumon/{id}/{name}", '{"schema": "imumon.model.report/1"}')
+            open_session.put(f"imumon/{id}/{name}", '{"schema": "imumon.report/1"}')
         if number % 100 == 0:
             open_session.put(f"imumon/{id}/report", big)
 

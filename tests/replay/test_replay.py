@@ -82,7 +82,7 @@ def capture(path: Path, n: int = 400, seed: int = 5) -> Path:
 @pytest.mark.parametrize("name", ["a.txt", "a.txt.gz"])
 def test_the_report_has_the_fields_of_the_contract(tmp_path: Path, name: str) -> None:
     report: dict[str, Any] = json.loads(imumon("replay", capture(tmp_path / name), "--rate", "40", "--json"))
-    assert report["schema"] == "imumon.model.report/1"
+    assert report["schema"] == "imumon.report/1"
     assert report["state"] == "stopped"
     assert report["time"].endswith("Z")
     assert {
