@@ -161,10 +161,7 @@ def stopped(endpoint: str, id: str, seconds: float) -> int:
 
 WAYS = (
     payload,
-    attachment,
     parameters,
-    small_payload,
-    names,
     many,
     storm,
     forge,

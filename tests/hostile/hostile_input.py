@@ -21,7 +21,6 @@ class Hostile:
     says : part of what the command prints on it; empty: anything.
     seconds : of processor time that it may take.
     memory : bytes that the process may take for it.
-    slow : whether only ``pytest -m slow`` runs it.
     """
 
     door: str
@@ -31,7 +30,6 @@ class Hostile:
     says: str = ""
     seconds: float = 5.0
     memory: int = 1 << 30
-    slow: bool = False
 
 
 TITLE = "\x1b]0;owned\x07"

@@ -1,7 +1,6 @@
 """Hostile reports, and every viewer of a report, for the fuzz tests.
 
-A report is hostile in two ways: a real one with values exchanged, which passes most checks and reaches deep
-into the viewers, or one that is drawn from the JSON Schema as a whole.
+A hostile report is a real one with values exchanged: it passes most checks and reaches deep into the viewers.
 """
 
 from __future__ import annotations
@@ -28,7 +27,6 @@ from imumon.tui.formatting import Notation
 from imumon.tui.view_state import WINDOWS, ViewState
 
 DOCS = ROOT / "docs"
-SCHEMA = json.loads((DOCS / "report.schema.json").read_text("utf-8"))["$defs"]
 SIZES = ((1, 1), (20, 5), (80, 24), (220, 60))
 DRAWN_FORMS = ("html", "png", "svg")
 """Forms with figures of matplotlib, which take a second each."""
@@ -60,55 +58,6 @@ ANYTHING = (
     None, True, *EXTREME, *WHOLE, *TEXTS, *FORBIDDEN, *NAMES, [], {}, "measured", "upper_bound", "pending",
     "constant", "navigation",
 )  # fmt: skip
-
-
-class Generator:
-    """Random JSON data that match the schema, with hostile values.
-
-    Strategies of hypothesis for a whole report draw thousands of values and are too slow, so hypothesis draws
-    the seed.
-    """
-
-    def __init__(self, seed: int) -> None:
-        self._random = random.Random(seed)
-        self._valid = self._random.random() < 0.9  # obey also the rules that the schema does not state
-
-    def message(self, name: str) -> str:
-        """Return a message of a definition of the schema as JSON."""
-        return json.dumps(self._value({"$ref": f"#/$defs/{name}"}))
-
-    def _value(self, rule: dict[str, Any], length: int | None = None) -> Any:
-        draw = self._random
-        if "$ref" in rule:
-            return self._value(SCHEMA[rule["$ref"].rpartition("/")[2]])
-        if "anyOf" in rule:
-            return self._value(draw.choice(rule["anyOf"][: 2 if draw.random() < 0.2 else 1]))
-        if "enum" in rule:
-            return draw.choice(rule["enum"])
-        kinds = rule["type"] if isinstance(rule["type"], list) else [rule["type"]]
-        kind = "null" if "null" in kinds and draw.random() < 0.2 else kinds[0]
-        if kind == "array":
-            count = draw.randint(0, 3) if length is None else length
-            return [self._value(rule["items"]) for _ in range(count)]
-        if kind == "object" and "additionalProperties" in rule:
-            names = draw.sample(NAMES, draw.randint(0, 4))
-            return {name: self._value(rule["additionalProperties"]) for name in names}
-        if kind == "object":  # arrays of one object mostly have one length
-            common = draw.choice((1, 2, 3, 12)) if self._valid else None
-            return {name: self._value(inner, common) for name, inner in rule["properties"].items()}
-        simple: dict[str, Callable[[], Any]] = {
-            "string": lambda: draw.choice(TEXTS),
-            "number": self._number,
-            "integer": lambda: abs(draw.choice(WHOLE)) if self._valid else draw.choice(WHOLE),
-            "boolean": lambda: draw.random() < 0.5,
-            "null": lambda: None,
-        }
-        return simple[kind]()
-
-    def _number(self) -> float:
-        draw = self._random
-        value = draw.choice(EXTREME) if draw.random() < 0.5 else draw.lognormvariate(0.0, 5.0)
-        return abs(value) or 1e-3 if self._valid else value
 
 
 def _places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:

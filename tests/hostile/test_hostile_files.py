@@ -96,6 +96,7 @@ def test_a_part_lies_in_the_folder_of_its_recording(tmp_path: Path) -> None:
     assert source.fed == 3
 
 
+@pytest.mark.slow
 def test_a_bag_cannot_have_more_memory_than_its_limit(tmp_path: Path) -> None:
     """The limit of the process that reads it is the kernel's, here a low one that it inherits."""
     path = mcap_bomb(tmp_path)

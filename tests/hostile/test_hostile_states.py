@@ -35,6 +35,7 @@ def test_only_the_owner_can_lock_the_state(tmp_path: Path) -> None:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
+@pytest.mark.slow
 def test_a_start_with_little_memory_sets_a_bomb_aside(tmp_path: Path) -> None:
     (tmp_path / "d.state").write_bytes(bomb())
     code = f"from imumon.checkpoint import Checkpoint; from pathlib import Path; c = Checkpoint(Path({str(tmp_path)!r}), 'd'); print(c.load()); c.close()"  # noqa: E501
