@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import ast
 import collections
-import io
-import re
 import subprocess
 import sys
-import tokenize
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -16,8 +13,6 @@ from pathlib import Path
 import pytest
 from paths import ROOT
 from source_trees import PACKAGE, nodes
-
-import imumon
 
 REPEATABLE = {"__init__.py", "__main__.py", "base.py"}
 
@@ -42,24 +37,6 @@ def test_the_tree_passes(command: list[str]) -> None:
         call = [sys.executable, "-m", name, *words]
     done = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-
-
-def test_the_overview_shows_every_module() -> None:
-    shown = {
-        line.split()[0].rstrip("/") for line in (imumon.__doc__ or "").splitlines() if line.startswith("  ")
-    }
-    real = {p.stem for p in PACKAGE.glob("*.py")} | {p.parent.name for p in PACKAGE.glob("*/__init__.py")}
-    real -= {"__init__", "__main__"}
-    assert {name.removesuffix(".py") for name in shown} == real
-
-
-def test_ci_runs_the_readmes_test_command_with_all_peers_in_several_processes() -> None:
-    lines = (ROOT / ".ci" / "run").read_text().splitlines()
-    command, options = lines[-1].split("/pytest")
-    steps = ["python3 -m venv .venv", ".venv/bin/pip install -q -e '.[test,peers]'", f"{command}/pytest"]
-    assert all(step in "\n".join(lines) for step in steps)
-    assert " && ".join(steps).replace(",peers", "") in (ROOT / "README.md").read_text().splitlines()
-    assert re.fullmatch(r" -n \d+ --dist \w+( --no-loadscope-reorder)?", options)
 
 
 def test_report_needs_the_standard_library_only() -> None:
@@ -217,8 +194,6 @@ def test_no_control_flow_depends_on_the_text_of_a_message() -> None:
 
 EMPTY_NAMES = {"found": 11, "own": 15, "at": 14, "made": 1, "taken": 2}
 """Words that name nothing, and the number of files that still give them to something."""
-COMMENTS = {("noise",): 4.5, ("record", "grid", "sources"): 4.5}
-"""Comment lines beside 100 lines of code, by packages."""
 
 
 def given_names(module: list[ast.AST]) -> Iterator[str]:
@@ -238,29 +213,3 @@ def test_names_say_what_a_thing_is() -> None:
         for word in EMPTY_NAMES
     }
     assert not {word: paths for word, paths in files.items() if len(paths) > EMPTY_NAMES[word]}
-
-
-def code_and_comments(path: Path) -> tuple[int, int]:
-    """Return the numbers of lines with code and with a comment; a docstring is neither."""
-    source = path.read_text("utf-8")
-    strings: set[int] = set()
-    for node in ast.walk(ast.parse(source)):
-        for statement in getattr(node, "body", ()) if not isinstance(node, ast.Lambda | ast.IfExp) else ():
-            if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
-                strings.update(range(statement.lineno, (statement.end_lineno or 0) + 1))
-    code, comments = set(), set()
-    layout = (tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT:
-            if not token.string.startswith(("#!", "# type:", "# noqa")):
-                comments.add(token.start[0])
-        elif token.type not in layout:
-            code.update(range(token.start[0], token.end[0] + 1))
-    return len(code - strings), len(comments)
-
-
-@pytest.mark.parametrize("packages", COMMENTS, ids="+".join)
-def test_lines_that_follow_from_a_formula_or_a_decision_say_so(packages: tuple[str, ...]) -> None:
-    counts = [code_and_comments(path) for name in packages for path in sorted((PACKAGE / name).rglob("*.py"))]
-    code, comments = (sum(column) for column in zip(*counts, strict=True))
-    assert 100.0 * comments / code >= COMMENTS[packages]

@@ -15,9 +15,7 @@ import re
 import shlex
 import subprocess
 import sys
-import tomllib
 from collections.abc import Iterator
-from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,7 +35,6 @@ DOCUMENTS = [
     *sorted((ROOT / "docs" / "dev").glob("*.md")),
 ]
 OWN_TESTS = {"ZENOH.md"}  # tests/bus/test_bus_docs.py
-REASONS = {"", "slow", "sensor", "service", "root", "setup", "long", "example", "lines", "board", "hook"}
 
 
 class Block(NamedTuple):
@@ -190,10 +187,6 @@ def test_options_exist() -> None:
     ]
 
 
-def test_every_reason_is_known() -> None:
-    assert not [block.name for block in BLOCKS if block.reason not in REASONS]
-
-
 def test_links_exist() -> None:
     missing = []
     for path in DOCUMENTS:
@@ -219,79 +212,6 @@ def test_tests_and_benchmarks_that_are_named_exist() -> None:
         for name in re.findall(r"(?:tests|benchmarks)/[\w/]+\.py", path.read_text("utf-8"))
     }
     assert not [name for name in named if not (ROOT / name).exists()]
-
-
-def test_the_table_of_extras_is_complete() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    listed = re.findall(
-        r"^\| `(\w+)` \| .* \| [\d.]+ \|$", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE
-    )
-    assert sorted(listed) == sorted(project["optional-dependencies"].keys() - {"test", "peers"})
-
-
-def test_no_line_is_wider_than_150_characters() -> None:
-    pages = [*DOCUMENTS, ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*/README.md")]
-    lines = [(path.name, line) for path in pages for line in path.read_text("utf-8").splitlines()]
-    assert not [(name, line) for name, line in lines if len(line) > 150]
-
-
-def test_the_readme_is_short() -> None:
-    assert len((ROOT / "README.md").read_text("utf-8").splitlines()) <= 200
-
-
-def test_the_index_names_every_document() -> None:
-    index = (ROOT / "docs" / "README.md").read_text("utf-8")
-    pages = {path.name for path in (ROOT / "docs").glob("*.md")} - {"README.md"}
-    assert not [name for name in pages if f"({name}" not in index]
-
-
-def test_the_threat_model_is_short() -> None:
-    assert len((ROOT / "SECURITY.md").read_text("utf-8").splitlines()) <= 120
-
-
-def test_the_walk_of_a_sample_is_short_and_never_returns() -> None:
-    """At most 25 steps, each in a file that exists, and no visit to a package that it left."""
-    text = (ROOT / "docs" / "ARCHITECTURE.md").read_text("utf-8").partition("## The walk of one sample")[2]
-    rows = re.findall(r"^\| (\d+) \| (.+?) \| (.+) \|$", text, re.MULTILINE)
-    assert [int(step) for step, *_ in rows] == list(range(1, len(rows) + 1))
-    assert len(rows) <= 25
-    files = [name for row in rows for name in re.findall(r"`([\w/]+\.py)`", " ".join(row[1:]))]
-    assert not [name for name in files if not (ROOT / "imumon" / name).exists()]
-    packages = [package for package, _ in groupby(row[1].strip("`").partition("/")[0] for row in rows)]
-    assert len(packages) == len(set(packages))
-
-
-def test_the_tables_of_results_are_those_that_are_saved(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
-    import document_tables
-
-    shown = [path.read_text("utf-8") for path in document_tables.DOCUMENTS]
-    assert shown == [document_tables.written(text) for text in shown]
-    saved = {path.stem for path in document_tables.RESULTS.glob("*.csv")}
-    marks = set(re.findall(r"^<!-- table: (\S+) -->$", "\n".join(shown), re.MULTILINE))
-    assert saved | set(document_tables.DERIVED) == marks
-
-
-def test_the_benchmarks_are_one_command() -> None:
-    command = [sys.executable, "-m", "benchmarks", "--help"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
-    assert "--quick" in done.stdout
-
-
-def test_the_index_of_the_benchmarks_is_complete() -> None:
-    """Every script says where its numbers are stated, or that another one uses it."""
-    folder = ROOT / "benchmarks"
-    rows = re.findall(
-        r"^\| `(\w+)` \| .+ \| (.*)\|$", (folder / "__init__.py").read_text("utf-8"), re.MULTILINE
-    )
-    assert sorted(name for name, _ in rows) == sorted(
-        path.stem for path in folder.glob("*.py") if not path.stem.startswith("__")
-    )
-    for name, places in rows:
-        for place in re.findall(r"docs/[\w./]+", places):
-            page = ROOT / place / "README.md" if not place.endswith(".md") else ROOT / place
-            text = page.read_text("utf-8")
-            assert f"benchmarks/{name}.py" in text or "python -m benchmarks" in text, (name, place)
 
 
 def test_the_changelog_has_known_headings() -> None:

@@ -65,11 +65,6 @@ def test_every_listed_code_exists() -> None:
         assert code.replace(COMPOSED[0], "").replace(COMPOSED[1], "") in words, code
 
 
-def test_a_code_is_listed_once_or_in_two_places_where_both_apply() -> None:
-    twice = {code for code in LISTED if LISTED.count(code) > 1}
-    assert twice <= {"rate_invalid"}
-
-
 def has_cure(call: ast.Call) -> bool:
     if any(isinstance(argument, ast.Starred) for argument in call.args):
         return True

@@ -234,29 +234,6 @@ def test_the_grades_on_their_own_key_match_the_schema() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "readable"),
-    [
-        ({"state": "asleep"}, False),
-        ({"session": {}}, True),
-        ({"state": 3}, False),
-        ({"time": None}, False),
-        ({"period_s": True}, False),
-        ({"channels": {"gyro/x": {"unit": "rad/s", "mean": "0"}}}, False),
-        ({"channels": []}, False),
-    ],
-)
-def test_violations_are_detected(change: dict[str, Any], readable: bool) -> None:
-    root = json.loads(FILE.read_text("utf-8"))
-    changed = json.loads(to_json(filled(Report, empty=False))) | change
-    assert violations(changed, root["$defs"]["Report"], root)
-    if readable:
-        assert from_json(Report, json.dumps(changed))
-    else:
-        with pytest.raises(ValueError, match="not a report"):
-            from_json(Report, json.dumps(changed))
-
-
-@pytest.mark.parametrize(
     ("part", "name"),
     [("Allan", "edf"), ("Histogram", "gaussian"), ("Spectrum", "averages"), ("Strip", "high")],
 )

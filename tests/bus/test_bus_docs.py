@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import subprocess
@@ -50,24 +49,6 @@ def test_the_settings_are_valid(text: str, tmp_path: Path) -> None:
     file.write_text(text)
     settings = load(file)
     assert "config.toml" in " ".join(settings.origins.values())
-
-
-def test_the_table_lists_every_key() -> None:
-    keys = re.findall(r"^\| `(imumon/[^`]+)` \|", TEXT, re.MULTILINE)
-    assert keys == [
-        f"imumon/{{id}}/{name}"
-        for name in (
-            *("report", "{sensor}/{axis}", "grade", "event", "signal/{sensor}/{axis}", "history"),
-            *("history/event", "alive"),
-        )
-    ]
-
-
-def test_the_linked_schema_is_json() -> None:
-    linked = re.findall(r"\]\(([\w.]+\.json)\)", TEXT)
-    for name in linked:
-        json.loads((ROOT / "docs" / name).read_text("utf-8"))
-    assert linked
 
 
 def test_another_user_cannot_connect_to_a_socket_in_a_private_directory(tmp_path: Path) -> None:
