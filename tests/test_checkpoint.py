@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import io
-import lzma
 import os
-import shutil
 import threading
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from imumon import checkpoint as format_of
@@ -59,10 +55,6 @@ def test_a_state_has_its_name_at_each_moment_of_a_save(
     assert sorted(file.name for file in tmp_path.iterdir()) == ["d.lock", "d.state", "d.state.1"]
 
 
-def test_a_missing_state_is_not_an_error(tmp_path: Path) -> None:
-    assert Checkpoint(tmp_path / "new", "vn100-1").load() == (None, [])
-
-
 @pytest.mark.parametrize("damage", ["cut", "flip", "empty", "other"])
 def test_a_damaged_file_is_set_aside_and_the_previous_generation_is_loaded(
     tmp_path: Path, damage: str
@@ -95,23 +87,6 @@ def test_another_format_has_its_own_error(monkeypatch: pytest.MonkeyPatch) -> No
     assert caught.value.code == "state_version"
 
 
-def test_other_files_are_no_state() -> None:
-    recording = io.BytesIO()
-    np.savez(recording, gyro=np.zeros((100, 3)))
-    for data in (b"", b"GIF89a", recording.getvalue(), lzma.compress(recording.getvalue())):
-        assert not is_state(data[:256])
-
-
-def test_a_state_of_another_version_is_not_damaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    old = of_another_version(monkeypatch)
-    (tmp_path / "d.state").write_bytes(old)
-    state, messages = Checkpoint(tmp_path, "d").load()
-    assert state is None
-    assert "another version" in messages[0]
-    assert "damaged" not in messages[0]
-    assert (tmp_path / "d.other-version-1.state").read_bytes() == old
-
-
 def test_a_wrong_byte_anywhere_is_detected() -> None:
     data = encode(STATE)
     for at in range(len(data)):
@@ -121,13 +96,6 @@ def test_a_wrong_byte_anywhere_is_detected() -> None:
                     decode(data[:at] + bytes([value]) + data[at + 1 :])
                 assert caught.value.code in ("state_invalid", "state_version", "state_damaged")
                 assert str(caught.value).isprintable()
-
-
-def test_a_truncated_file_is_refused() -> None:
-    data = encode(STATE)
-    for length in range(0, len(data), 37):
-        with pytest.raises(StateError):
-            decode(data[:length])
 
 
 def test_two_daemons_cannot_use_the_same_state(tmp_path: Path) -> None:
@@ -164,28 +132,6 @@ def test_an_unusable_directory_is_reported_until_it_becomes_usable(tmp_path: Pat
     checkpoint.close(STATE)
     assert checkpoint.failed is None
     assert same(Checkpoint(directory / "state", "d").load()[0], STATE)
-
-
-def test_a_removed_directory_is_created_and_locked_again(tmp_path: Path) -> None:
-    directory = tmp_path / "state"
-    checkpoint = Checkpoint(directory, "d")
-    checkpoint.save(STATE)
-    assert checkpoint.flush()
-    shutil.rmtree(directory)
-    checkpoint.save(STATE)
-    assert checkpoint.flush()
-    assert checkpoint.failed is None
-    with pytest.raises(StateError) as caught:
-        Checkpoint(directory, "d")
-    assert caught.value.code == "state_locked"
-    shutil.rmtree(directory)
-    other = Checkpoint(directory, "d")  # acquires the lock first
-    checkpoint.save(pack({}))
-    assert checkpoint.flush()
-    assert "another imumon" in str(checkpoint.failed)
-    other.close(STATE)
-    checkpoint.close()
-    assert same(Checkpoint(directory, "d").load()[0], STATE)
 
 
 def test_a_state_that_cannot_be_set_aside_is_not_overwritten(
@@ -261,32 +207,6 @@ def test_without_a_thread_the_failure_is_reported_and_close_still_writes(
     checkpoint.close(STATE)
     assert checkpoint.failed is None
     assert same(Checkpoint(tmp_path, "x").load()[0], STATE)
-
-
-def test_an_error_whose_text_cannot_be_formatted_prevents_no_later_save(tmp_path: Path) -> None:
-    class Unprintable(Exception):
-        def __str__(self) -> str:
-            raise MemoryError
-
-    class Full(Checkpoint):
-        def _write(self, data: bytes) -> None:
-            raise Unprintable
-
-    checkpoint = Full(tmp_path, "x")
-    for _ in range(2):
-        checkpoint.failed = None
-        checkpoint.save(STATE)
-        assert checkpoint.flush(1.0)
-        assert checkpoint.failed == "out of memory: grant more"
-    checkpoint.close()
-
-
-def test_a_state_that_is_set_aside_can_still_be_read(tmp_path: Path) -> None:
-    Checkpoint(tmp_path, "d").close(STATE)
-    checkpoint = Checkpoint(tmp_path, "d")
-    aside = checkpoint.set_aside("before-fresh")
-    assert checkpoint.load() == (None, [])
-    assert same(decode(aside.read_bytes()), STATE)
 
 
 def test_a_disk_with_room_for_two_states_keeps_the_newest(

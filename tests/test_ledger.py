@@ -14,7 +14,6 @@ import pytest
 from bags import BAGS, messages
 from daemons import free_endpoint
 from logs import SENSOR, ulog
-from paths import ROOT
 from tables import csv, replayed, sentences, truth
 from vn100_wire import frame
 
@@ -268,9 +267,3 @@ def test_a_device_that_counts_nothing_has_delivered_what_arrived() -> None:
     [block] = LineDecoder({"columns": "gx,gy,gz"}).feed(b"".join(b"%d,2,3\n" % k for k in range(200)))
     monitor.feed(block)
     assert monitor._counted(SessionCounters()).ledger == {"received": 200, "samples": 200}
-
-
-def test_the_documentation_lists_every_reason() -> None:
-    rows = (ROOT / "docs" / "REPORTS.md").read_text().splitlines()
-    assert [row for row in rows if row.split("|")[1:2] == [" `samples` "]]
-    assert all(f"| `{code}` | {text} |" in rows for code, text in REASONS.items())

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import cast
 
 import reports
 
 from imumon.model import messages
 from imumon.model.messages import CAVEATS
 from imumon.model.report import NoiseModel
-from imumon.record import assessment
-from imumon.record.accumulators import Accumulators
-from imumon.record.analysis import Analysis
 
 
 def test_a_caveat_has_a_line_and_advice() -> None:
@@ -39,32 +34,3 @@ def test_caveats_of_the_whole_record_name_no_channel() -> None:
     aliased, vibration = messages.caveat_lines(made)
     assert aliased == CAVEATS["aliased"].line
     assert vibration == f"accel y: {CAVEATS['vibration'].line}"
-
-
-def test_every_caveat_has_a_text() -> None:
-    everything = SimpleNamespace(
-        guard=SimpleNamespace(at_rest=False),
-        excluded_share=1.0,
-        excluded_by={"clipped": 1.0},
-        missing_share=1.0,
-        stuck=True,
-    )
-    warm = SimpleNamespace(warming_up=True)
-    of_the_record = assessment.record_caveats(
-        cast(Accumulators, everything), cast(Analysis, warm), guarded=True
-    )
-    assert len(of_the_record) == 6
-    assert set(of_the_record) <= set(CAVEATS)
-    of_a_fit = {
-        "misfit",
-        "quantised",
-        "correlated",
-        "vibration",
-        "ramp",
-        "oscillation",
-        "constant",
-        "changed",
-        "temperature",
-    }
-    of_a_stream = {"compensated", "unknown_compensation", "aliased", "truncated"}
-    assert of_a_fit | of_a_stream <= set(CAVEATS)

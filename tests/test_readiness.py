@@ -66,9 +66,3 @@ def test_each_coefficient_has_one_state() -> None:
 @pytest.mark.parametrize("program", typing.get_args(ProgramName))
 def test_the_programs_are_those_of_the_settings_files(program: str) -> None:
     assert letters_for(program) == PROGRAMS[program].letters
-
-
-def test_no_program_is_missing() -> None:
-    assert set(typing.get_args(ProgramName)) == {
-        name for name, program in PROGRAMS.items() if program.letters
-    }

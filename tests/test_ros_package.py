@@ -81,13 +81,6 @@ def test_the_launch_file_starts_a_command_that_exists(
     assert (url.accel, url.router) == ("/b", "tcp/10.0.0.1:7447")
 
 
-def test_dds_is_the_middleware_unless_the_environment_names_zenoh(launch_file: Any) -> None:
-    program = launch_file.words(defaults(launch_file), {})
-    url = parse_url(program[3])
-    assert (url.topic, url.rmw, url.domain, url.accel) == ("/imu/data", "dds", 0, "")
-    assert program[4:] == []
-
-
 def test_the_program_passes_on_its_words_without_those_of_ros(launch_file: Any) -> None:
     from imumon_ros.monitor import without_ros_arguments
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import errno
 import io
 import os
-import subprocess
-import sys
 
 import pytest
 
@@ -20,11 +18,6 @@ NUMBERS = sorted({*errno.errorcode, 9999})
 
 ENOUGH = (errno.EPIPE, errno.ESHUTDOWN)
 """A reader of the output has ended: no error of the command."""
-
-LIMIT_PROGRAM = (
-    "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0));"
-    "from imumon.cli import main; sys.exit(main())"
-)
 
 
 def error(number: int) -> OSError:
@@ -86,35 +79,3 @@ def test_standard_output_that_fails_is_an_error_of_the_output(
         stream.close()
     os.close(read_end)
     os.close(write_end)
-
-
-def test_a_limit_of_file_sizes_is_named(tmp_path_factory: pytest.TempPathFactory) -> None:
-    with (tmp_path_factory.mktemp("output") / "big.json").open("wb") as file:
-        command = [sys.executable, "-c", LIMIT_PROGRAM, "config", "show"]
-        done = subprocess.run(
-            command, stdout=file, stderr=subprocess.PIPE, text=True, timeout=60, check=False
-        )
-    assert done.returncode == 1
-    assert done.stderr.startswith("imumon: cannot write the output: file too large: raise the limit")
-    assert done.stderr.count("\n") == 1
-
-
-def test_a_slow_reader_of_a_pipe_that_does_not_block_is_named() -> None:
-    read_end, write_end = os.pipe()
-    os.set_blocking(write_end, False)
-    try:
-        while True:
-            os.write(write_end, b"x" * 4096)
-    except BlockingIOError:
-        pass  # the pipe is full
-    command = [sys.executable, "-m", "imumon", "config", "show"]
-    done = subprocess.run(
-        command, stdout=write_end, stderr=subprocess.PIPE, text=True, timeout=60, check=False
-    )
-    os.close(read_end)
-    os.close(write_end)
-    assert done.returncode == 1
-    assert done.stderr.startswith(
-        "imumon: cannot write the output: resource temporarily unavailable: let its reader"
-    )
-    assert done.stderr.count("\n") == 1

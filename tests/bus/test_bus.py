@@ -6,20 +6,17 @@ import json
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
 import zenoh
 from bus_actors import CHANNELS, Actor, event, free_endpoint, make_signal, report, stage
-from free_ports import free_port
 from hypothesis import given
 from hypothesis import strategies as st
 from waiting import until
 
 from imumon.bus import BusError, Publisher, SessionOptions, Subscriber, clean_id, zenoh_session
-from imumon.bus.bus_error import classify
 from imumon.bus.publisher import CURVES
 from imumon.bus.queryable import MAX_QUEUED
 from imumon.bus.zenoh_session import check_endpoint, is_local
@@ -87,18 +84,6 @@ def test_every_published_key_answers_a_get(endpoint: str) -> None:
         }
 
 
-def test_the_report_on_the_bus_is_current(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The JSON of the curves is kept between reports."""
-    sent: dict[str, str] = {}
-    first, second = report("a", 1), report("a", 2)
-    changed = {name: replace(channel, allan=None) for name, channel in first.channels.items()}
-    with Publisher("a", listen=[free_endpoint()]) as publisher:
-        monkeypatch.setattr(publisher, "_put", sent.__setitem__)
-        for made in (first, second, replace(second, channels=changed), first, replace(first, channels={})):
-            publisher._send_report(made, None)
-            assert json.loads(sent["report"]) == json.loads(to_json(made))
-
-
 def test_a_wildcard_subscriber_gets_exactly_the_documented_keys(endpoint: str) -> None:
     received: dict[str, str] = {}
     with plain_session(endpoint) as session:
@@ -110,11 +95,6 @@ def test_a_wildcard_subscriber_gets_exactly_the_documented_keys(endpoint: str) -
         assert set(received) == expected  # grade and event on change, signals on request
         for text in received.values():
             json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
-
-
-def test_a_running_daemon_has_a_liveliness_token(endpoint: str) -> None:
-    with plain_session(endpoint) as session:
-        until(lambda: [str(r.ok.key_expr) for r in session.liveliness().get("imumon/*/alive") if r.ok])
 
 
 def test_a_late_subscriber_gets_the_last_values_at_once(endpoint: str) -> None:
@@ -305,14 +285,6 @@ def test_unusable_listen_endpoints_are_refused(listen: str, code: str) -> None:
     assert "\n" not in str(error)
 
 
-def test_the_cure_for_a_socket_without_its_directory_names_it() -> None:
-    assert refused("x", listen=["unixsock-stream//no/such/directory/x"]).cure.endswith(" /no/such/directory")
-
-
-def test_the_cure_for_an_endpoint_without_protocol_is_the_endpoint_with_one() -> None:
-    assert refused("x", listen=["localhost:7448"]).cure == "write tcp/localhost:7448"
-
-
 def refused(id: str, **arguments: Any) -> BusError:
     """Return the error that a publisher with these arguments raises."""
     with pytest.raises(BusError) as caught:
@@ -333,26 +305,6 @@ def test_errors_have_a_code_and_name_the_setting() -> None:
     reserved = refused("x", settings=SessionOptions(raw={"listen/endpoints": ["tcp/[::]:7447"]}))
     assert (reserved.code, reserved.setting) == ("raw_not_allowed", "zenoh.raw")
     assert refused("//").code == "id_invalid"
-
-
-def test_the_setting_insecure_allows_to_listen_on_every_interface() -> None:
-    settings = SessionOptions(insecure=True)
-    with Publisher("x", listen=[f"tcp/0.0.0.0:{free_port()}"], settings=settings) as publisher:
-        assert publisher.endpoints[0].startswith("tcp/0.0.0.0:")
-
-
-def test_a_unix_socket_is_an_endpoint(tmp_path_factory: pytest.TempPathFactory) -> None:
-    address = f"unixsock-stream/{tmp_path_factory.mktemp('bus')}/z"
-    with Publisher("x", listen=[address]) as publisher, Subscriber([address]) as subscriber:
-        publisher.publish(report("x", 1))
-        assert subscriber.wait_report("x", timeout=30.0)
-
-
-def test_the_settings_of_the_file_are_the_session_options() -> None:
-    assert SessionOptions.of(ZenohSettings()) == SessionOptions()
-    assert SessionOptions.of(ZenohSettings(user="ann", raw={"a": 1})) == SessionOptions(
-        user="ann", raw={"a": 1}
-    )
 
 
 def test_a_daemon_has_no_more_sessions_than_its_limit(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -394,9 +346,3 @@ def test_any_text_is_an_endpoint_or_is_refused(text: str) -> None:
     with suppress(BusError):
         assert check_endpoint(text)
         assert is_local(text) in (True, False)
-
-
-def test_an_unknown_error_of_zenoh_is_shown_without_its_source_locations() -> None:
-    error = zenoh.ZError("Boom [x]: odd at /home/x/.cargo/git/a.rs:12.] at /home/x/.cargo/git/b.rs:3.")
-    bus_error = classify(error, ["tcp/h:1"])
-    assert (bus_error.code, bus_error.message) == ("session_failed", "tcp/h:1: Boom [x]: odd")

@@ -179,11 +179,6 @@ def test_errors_are_unknown_and_a_missing_daemon_is_critical(tmp_path: Path) -> 
     assert plugin("--config", str(file))[0] == 3
 
 
-def test_a_sensor_without_samples_is_unknown() -> None:
-    with published(reports.nothing_yet()) as place:
-        assert plugin("--connect", place)[:2] == (3, f"{reports.nothing_yet().device.id}: no sample yet")
-
-
 @pytest.mark.slow
 def test_a_real_sensor_is_ok_lossy_and_unplugged(tmp_path: Path) -> None:
     port = str(tmp_path / "port")  # a link: another program may get the terminal that is unplugged

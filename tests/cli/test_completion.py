@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 from commands import imumon
-from daemons import Daemon, free_endpoint
 
 from imumon.cli import parsers
 
@@ -85,15 +84,6 @@ def test_bash_offers_every_command_and_option(tmp_path: Path) -> None:
             if option != "--stop-with-stdin"
         }
         assert complete(f"imumon {name} -", tmp_path) == options
-
-
-@needs_bash
-def test_bash_offers_the_running_devices(tmp_path: Path) -> None:
-    with Daemon("sim", tmp_path / "state", "--id", "anna", "--seed", "1") as daemon:
-        daemon.samples(1)
-        assert complete(f"imumon status --connect {daemon.endpoint} --id ", tmp_path) == {"anna"}
-        daemon.stop()
-    assert complete(f"imumon status --connect {free_endpoint()} --id ", tmp_path) == set()
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

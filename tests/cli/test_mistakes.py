@@ -60,32 +60,6 @@ def test_invalid_options(arguments: tuple[str, ...], text: str) -> None:
     assert text in imumon(*arguments, code=2)
 
 
-def test_a_setting_that_the_bus_refuses_is_reported_with_its_place(tmp_path: Path) -> None:
-    file = tmp_path / "config.toml"
-    file.write_text('[zenoh.raw]\n"mode" = "peer"\n')
-    assert f"{file}:1: zenoh.raw: " in imumon("status", "--config", file, code=2)
-
-
-def test_the_settings_may_select_the_emulator(tmp_path: Path) -> None:
-    file = tmp_path / "config.toml"
-    file.write_text('[device]\nport = "sim"\nid = "My.IMU"\n')
-    where = free_endpoint()
-    arguments = [sys.executable, "-m", "imumon", "run", "--config", str(file), "--listen", where]
-    with subprocess.Popen([*arguments, "--speed", "20"], stderr=subprocess.DEVNULL) as daemon:
-        # --id takes the name as configured; the daemon changes it for its keys
-        wait = ("wait", "--connect", where, "--id", "My.IMU", "--timeout", "30s")
-        assert imumon(*wait).startswith("my-imu: ")
-        screen, terminal = os.openpty()
-        arguments = [sys.executable, "-m", "imumon", "wait", "--connect", where, "--grade", "navigation"]
-        waiting = subprocess.Popen(arguments, stderr=terminal)
-        assert b"gyro" in os.read(screen, 4096)  # what the first report lacks is shown on a terminal
-        daemon.send_signal(signal.SIGTERM)
-        assert waiting.wait(60) == 3
-        assert b"has ended" in os.read(screen, 65536)
-        os.close(screen)
-        os.close(terminal)
-
-
 def test_a_run_without_a_sample_is_4(tmp_path: Path) -> None:
     arguments = ("run", "--port", "sim", "--duration", "0.001", "--json", "--listen", free_endpoint())
     done = forked.run(*arguments)
@@ -135,18 +109,6 @@ def test_repeated_interrupts_give_no_traceback(tmp_path: Path) -> None:
     assert run.returncode == 130
 
 
-def test_a_folder_of_our_name_does_not_hide_the_package(tmp_path: Path) -> None:
-    (tmp_path / "imumon").mkdir()
-    (tmp_path / "imumon" / "__init__.py").write_text("raise SystemExit('the wrong package')")
-    code = "import sys; sys.path.remove(''); from imumon.sources.vn100.emulator import spawn; "
-    code += "print(spawn().path)"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert "wrong" not in done.stderr
-    assert done.stdout.startswith("/dev/")
-
-
 def _text(state: ViewState) -> str:
     return "\n".join("".join(text for text, _ in line) for line in welcome(state, 100, 30))
 
@@ -179,12 +141,6 @@ def test_standard_streams_may_be_full_or_closed(redirected: str, code: int, text
     command = f"{sys.executable} -m imumon config show {redirected}"
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (code, text)
-
-
-def test_messages_for_a_closed_stderr_do_not_go_to_stdout() -> None:
-    command = f"{sys.executable} -m imumon bogus 2>&-"
-    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stdout) == (2, "")
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
@@ -240,21 +196,6 @@ def test_commands_with_json_print_errors_as_json(
     assert code in (None, error["code"])
 
 
-def test_the_config_toml_of_another_program_is_mentioned_once(tmp_path: Path) -> None:
-    (tmp_path / "config.toml").write_text("[server]\n")
-    done = subprocess.run(
-        [sys.executable, "-m", "imumon", "wait", "--connect", free_endpoint()],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        timeout=60,
-        check=False,
-    )
-    ignored, error = done.stderr.splitlines()
-    assert "config.toml" in ignored
-    assert "no daemon" in error
-
-
 def test_nothing_of_the_demo_outlives_it(tmp_path: Path) -> None:
     """Also if it is killed: its daemon stops when the pipe from the demo ends, and deletes the directory."""
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
@@ -278,13 +219,3 @@ def test_nothing_of_the_demo_outlives_it(tmp_path: Path) -> None:
     until(lambda: not running())
     os.close(screen)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("command", "instead"), [("demo", "imumon run --port sim --duration 60"), ("tui", "imumon status --json")]
-)
-def test_without_a_terminal_the_screen_names_a_command_that_needs_none(command: str, instead: str) -> None:
-    words = [sys.executable, "-m", "imumon", command]
-    done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert done.stderr == f"imumon: the terminal UI needs a terminal: without one use: {instead}\n"

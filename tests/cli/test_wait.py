@@ -7,7 +7,6 @@ import json
 import subprocess
 import sys
 import tempfile
-import time
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -21,11 +20,10 @@ from reports import FakeSource, with_coefficients
 from test_check import measured, published
 from waiting import until
 
-from imumon.cli.daemon_state import current_trouble
 from imumon.cli.main import parsers
-from imumon.cli.options import TEMPORARY, only_own_device, report_of, seconds, share
+from imumon.cli.options import only_own_device, report_of
 from imumon.cli.wait_condition import WaitCondition
-from imumon.model.report import Event, Report, SensorGrade, SessionCounters
+from imumon.model.report import Report, SensorGrade, SessionCounters
 from imumon.sources.vn100.emulator import EmulatorSettings
 
 
@@ -104,11 +102,6 @@ def test_a_precision_needs_every_axis_measured(long: Report) -> None:
     assert "no mag/q" in str(WaitCondition(coefficient="N", precision=0.1, channels=("mag/q",)).unmet(long))
 
 
-def test_one_sensor_does_not_wait_for_the_other(long: Report) -> None:
-    bounded = changed(long, "accel/z", K=1.0)
-    assert WaitCondition(coefficient="K", precision=0.9, channels=("gyro",)).unmet(bounded) is None
-
-
 def test_only_a_daemon_with_a_locked_state_is_the_own_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -147,35 +140,9 @@ def test_of_several_own_daemons_the_one_at_the_configured_port_is_meant(
     assert "first, foreign" in said
 
 
-def test_the_description_names_what_the_condition_asks_for(long: Report) -> None:
-    halves = {
-        name: n.stated.half_width or 0.0
-        for name, channel in long.channels.items()
-        if name[:4] in ("gyro", "acce") and (n := channel.coefficients.get("N"))
-    }
-    worst = max(halves, key=lambda name: halves[name])
-    text = f"N known to {100 * halves[worst]:.2g} % ({worst}) or better, required 5 %"
-    assert WaitCondition(coefficient="N", precision=0.05).description(long) == text
-    grades = "gyro industrial; accel industrial"
-    assert WaitCondition(grade="consumer").description(long) == grades
-    assert WaitCondition(grade="consumer", channels=("gyro/x",)).description(long) == grades.partition(";")[0]
-    assert (
-        WaitCondition(grade="consumer", coefficient="N", precision=0.05).description(long)
-        == f"{text}; {grades}"
-    )
-    assert WaitCondition().description(long) == grades
-    assert WaitCondition().description(replace(long, grade={})) == "running"
-
-
 def test_an_empty_condition_is_the_first_sample(long: Report) -> None:
     assert WaitCondition().unmet(long) is None
     assert "no sample yet" in str(WaitCondition().unmet(replace(long, session=SessionCounters())))
-
-
-@pytest.mark.parametrize("text", ["", "x", "5 parsecs", "-1", "0", "h", "1h x", "1e999"])
-def test_an_invalid_duration_is_refused(text: str) -> None:
-    with pytest.raises(Exception, match="not a duration"):
-        seconds(text)
 
 
 @pytest.mark.parametrize("text", ["600", "600s", "10m", "10 min", "6e2"])
@@ -193,24 +160,9 @@ def test_every_duration_has_the_same_form(text: str) -> None:
         assert (code, errors.count("is not a duration")) == ((3, 0) if command == ["check"] else (2, 1))
 
 
-@pytest.mark.parametrize("text", ["", "0", "1", "-5%", "100%", "nan", "one"])
-def test_an_invalid_precision_is_refused(text: str) -> None:
-    with pytest.raises(Exception, match="not a precision"):
-        share(text)
-
-
 def wait(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Return how `imumon wait` ended, inside the test: to start Python takes longer."""
     return subprocess.CompletedProcess(arguments, *run_inside(["wait", *arguments]))
-
-
-def test_without_a_daemon_it_is_3_within_2_seconds() -> None:
-    start = time.monotonic()
-    done = wait("--connect", free_endpoint())
-    assert done.returncode == 3
-    assert "no daemon answers" in done.stderr
-    assert time.monotonic() - start < 30.0
-    assert wait("--connect", free_endpoint(), "--timeout", "0.3").returncode == 3
 
 
 def test_exit_codes_with_a_daemon(tmp_path: Path) -> None:
@@ -270,26 +222,6 @@ def test_of_several_daemons_status_lists_all_and_others_need_a_name() -> None:
         assert "give one of these with --id: anna, anne, bert" in errors
 
 
-def test_a_daemon_on_an_emulator_is_the_own_one_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It keeps its record in a temporary directory of its user."""
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    lock = tmp_path / f"{TEMPORARY}run" / "bert.lock"
-    lock.parent.mkdir()
-    (lock.parent / "anna.lock").touch()  # of a daemon that has ended
-    with ExitStack() as both, lock.open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        places = []
-        for name in ("anna", "bert"):
-            report = replace(measured(), device=replace(measured().device, id=name))
-            places += ["--connect", both.enter_context(published(report))]
-        until(lambda: len(run_inside(["status", *places])[1].splitlines()) == 2)
-        code, output, errors = run_inside(["wait", "--coefficient", "N", "--precision", "0.9", *places])
-        assert code == 0
-        assert "this is bert, your own; --id chooses another one: anna" in errors
-        assert output.startswith("bert: ")
-
-
 def test_it_says_that_the_sensor_is_disconnected(tmp_path: Path) -> None:
     port = str(tmp_path / "port")  # a link: another program may get the terminal that is unplugged
     with spawn(EmulatorSettings(seed=1, link=port)) as sensor, Daemon(port, tmp_path / "state") as daemon:
@@ -304,27 +236,6 @@ def test_it_says_that_the_sensor_is_disconnected(tmp_path: Path) -> None:
         first, last = lines
         assert first.startswith("imumon: vn100-0100056785: the sensor is disconnected: ")
         assert last.startswith("imumon: not reached in 2 s: the sensor is disconnected: ")
-
-
-class LateEvents:
-    """Subscriber whose events arrive some time after the first report."""
-
-    def __init__(self, after_s: float) -> None:
-        self._begin_s = time.monotonic() + after_s
-
-    def events(self, id: str) -> list[Event]:
-        lost = Event(time="", kind="disconnect", text="the cable is out", device=id)
-        return [lost] if time.monotonic() >= self._begin_s else []
-
-
-def test_the_trouble_is_that_of_events_that_come_after_the_report(long: Report) -> None:
-    waiting, soon = replace(long, state="waiting"), time.monotonic() + 20.0
-    text = "the sensor is disconnected: the cable is out"
-    assert current_trouble(LateEvents(0.3), waiting, soon) == text
-    assert (
-        current_trouble(LateEvents(60.0), waiting, time.monotonic()) == "the sensor is disconnected or silent"
-    )
-    assert current_trouble(LateEvents(60.0), long, soon) is None
 
 
 def test_it_waits_for_a_daemon_that_starts_later(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from paths import ROOT
 
 from imumon import config
-from imumon.config import ConfigError, Settings, load, origin_lines, search
+from imumon.config import ConfigError, Settings, load, origin_lines
 
 SHIPPED = ROOT / "config.toml"
 
@@ -37,25 +37,6 @@ save_period_s = 3
 gzip = 1
 rotate_mb = inf
 """
-
-VALUES = [
-    True,
-    0,
-    1,
-    0.5,
-    "2%",
-    [],
-    ["a"],
-    ["a", 1],
-    {},
-    {"a": [1]},
-    "auto",
-    115200,
-    115200.0,
-    "deltas",
-    None,
-    1e300,
-]
 
 
 def write(folder: Path, text: str) -> Path:
@@ -108,14 +89,6 @@ def test_a_share_is_a_number_or_a_percentage(tmp_path: Path, value: str) -> None
     file.write_text(f"[alert]\nmax_loss = {value}\n[report]\nprecision_n = {value}\n")
     loaded = load(file)
     assert (loaded.alert.max_loss, loaded.report.precision_n) == (0.02, 0.02)
-
-
-@pytest.mark.parametrize("value", ['"2"', '"x%"', '"200%"', '"nan%"', "true", "2"])
-def test_what_is_no_share(tmp_path: Path, value: str) -> None:
-    file = tmp_path / "config.toml"
-    file.write_text(f"[alert]\nmax_loss = {value}\n")
-    with pytest.raises(ConfigError, match="give a number between 0 and 1"):
-        load(file)
 
 
 def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
@@ -241,28 +214,12 @@ def test_single_faults(tmp_path: Path, text: str, code: str, fault: str) -> None
     assert line.startswith(fault)
 
 
-def test_options_that_are_not_text_are_refused(tmp_path: Path) -> None:
-    ((code, line),) = faults(write(tmp_path, ""), record__file="r\udcff.bin")
-    assert code == "invalid_character"
-    assert line.startswith("command line: record.file: ")
-
-
 def test_unreadable_files(tmp_path: Path) -> None:
     message = "none.toml: cannot be read: No such file or directory; check the path"
     assert faults(tmp_path / "none.toml") == [("file_unreadable", message)]
     file = write(tmp_path, "")
     file.write_bytes(b"port = '\xff'")
     assert faults(file) == [("not_utf8", "config.toml: is not UTF-8 text (byte 8); save it as UTF-8")]
-
-
-def test_extreme_files_have_one_fault(tmp_path: Path) -> None:
-    assert codes(write(tmp_path, "x = " + 3000 * "[" + 3000 * "]")) == ["not_toml"]
-    assert codes(write(tmp_path, "[zenoh.raw]\n" + 3000 * "a." + "a = 1\n"))[0] in ("not_toml", "too_deep")
-    assert codes(write(tmp_path, "[device]\nbaud = " + 5000 * "9")) == ["not_toml"]
-
-
-def test_a_byte_order_mark_is_skipped(tmp_path: Path) -> None:
-    assert load(write(tmp_path, "\ufeff[log]\nlevel = 'debug'\n")).log.level == "debug"
 
 
 def test_options_override_the_file_and_every_value_has_its_origin(tmp_path: Path) -> None:
@@ -333,13 +290,6 @@ def test_the_config_toml_of_another_program_is_ignored(places: Path, text: str) 
     assert settings.log.level == "debug"
     assert settings.ignored == Path("config.toml")
     assert load(places / "config.toml").ignored is None
-
-
-@pytest.mark.parametrize("text", ["[log]\n", "log.level = 'info'\n", "[server]\n[device]\n", "[zenoh\n[log]"])
-def test_a_config_toml_with_a_table_of_imumon_counts(places: Path, text: str) -> None:
-    write(places, "[log]\nlevel = 'debug'\n")
-    write(Path.cwd(), text)
-    assert search() == (Path("config.toml"), None)
 
 
 @given(st.text(), st.floats(0.1, 60.0), st.lists(st.text(), max_size=3))

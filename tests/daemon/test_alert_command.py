@@ -87,18 +87,6 @@ def test_a_command_that_hangs_is_killed_with_its_children(
     assert "the alert command was killed: it took longer than 2 s" in caplog.text
 
 
-def test_the_end_kills_a_command_that_runs(tmp_path: Path) -> None:
-    pid = tmp_path / "pid"
-    alert = AlertCommand(f"echo $$ > '{pid}.new'; mv '{pid}.new' '{pid}'; exec sleep 600")
-    alert.submit(event("loss"))
-    alert.submit(event("change"))
-    until(pid.exists)
-    begin = time.monotonic()
-    alert.close(0.1)
-    assert time.monotonic() - begin < 0.5 * alert_command.KILL_S
-    until(lambda: not runs(int(pid.read_text())))
-
-
 @pytest.mark.parametrize(
     ("command", "problem"), [("exit 3", "failed with exit code 3"), ("a\0b", "cannot be started")]
 )
@@ -111,18 +99,6 @@ def test_a_command_that_fails_is_logged_once(
     until(lambda: caplog.text)
     alert.close()
     assert caplog.text.count(problem) == 1
-
-
-def test_too_many_events_are_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    pids = tmp_path / "pids"
-    alert = AlertCommand(f"echo $$ >> '{pids}'; exec sleep 600")
-    for kind in range(300):
-        alert.submit(event(f"kind{kind}"))
-    until(pids.exists)
-    with caplog.at_level(logging.INFO, "imumon"):
-        alert.close(0.1)
-    until(lambda: not any(runs(int(pid)) for pid in pids.read_text().split()))  # reaped by another process
-    assert "did not get 2" in caplog.text  # 299 less those that fit; the first one ran
 
 
 def test_a_remark_at_the_start_is_no_alarm_and_a_new_one_of_a_device_that_is_back_is(tmp_path: Path) -> None:

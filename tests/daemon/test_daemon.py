@@ -7,8 +7,6 @@ import os
 import re
 import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -20,7 +18,6 @@ from daemons import Daemon, free_endpoint, n_is_within_a_tenth
 from faulty_sensor import spawn
 from foreign_device import on_a_terminal
 from free_ports import free_port
-from paths import ROOT
 from waiting import until
 
 from imumon.checkpoint import decode
@@ -32,7 +29,6 @@ from imumon.model.report import Report
 from imumon.model.samples import DeviceInfo
 from imumon.sources.device import Interrupted
 from imumon.sources.serial_port import SerialPort
-from imumon.sources.vn100.ascii import encode
 from imumon.sources.vn100.emulator import EmulatorSettings
 from imumon.sources.vn100.vn100_session import Vn100Session
 
@@ -79,23 +75,6 @@ def test_what_is_found_out_later_is_told_and_stands_in_the_report(tmp_path: Path
             _, _, said = daemon.stop()
         for remark in report.device.remarks:
             assert said.count(remark) == 1
-
-
-def test_bytes_without_samples_of_the_stream_are_no_running_sensor(tmp_path: Path) -> None:
-    with (
-        spawn(EmulatorSettings(seed=4, rate=80)) as sensor,
-        Daemon(sensor.path, tmp_path, "--listen-only") as daemon,
-    ):
-        daemon.samples(100)
-        with open(sensor.path, "wb", buffering=0) as owner:  # switches the sensor to its sentences
-            owner.write(encode("VNWRG,75,0,20,06,0001,00C0"))
-            sensor.ask("counters")
-            owner.write(encode("VNWRG,06,14"))
-        told = daemon.wait(lambda r: r.state == "waiting")
-        assert sensor.ask("counters")["bytes"] > 0
-        later = daemon.wait(lambda r: r.time > told.time)
-        assert (later.state, later.session.samples) == ("waiting", told.session.samples)
-        assert "data arrive, but no samples of the stream" in daemon.stop()[2]
 
 
 def test_bytes_that_never_become_samples_are_shown(tmp_path: Path) -> None:
@@ -294,11 +273,6 @@ def run(*words: str, code: int) -> str:
     return done.stderr.strip().splitlines()[-1]
 
 
-def test_no_such_port(tmp_path: Path) -> None:
-    said = run("--port", "/dev/ttyNOWHERE", "--state", str(tmp_path), code=3)
-    assert "/dev/ttyNOWHERE" in said
-
-
 @pytest.mark.parametrize(
     ("kind", "word"), [("silent", "silent|nothing|no byte"), ("nmea", "NMEA|GPGGA"), ("garbage", "")]
 )
@@ -307,22 +281,6 @@ def test_what_is_no_vn100_is_said(tmp_path: Path, kind: str, word: str) -> None:
         said = run("--port", port, "--state", str(tmp_path), code=3)
         assert port in said
         assert re.search(word, said)
-
-
-def test_the_subscriber_of_the_documents_reads_what_the_daemon_says(tmp_path: Path) -> None:
-    program = re.search(
-        r"```python\n(import json\nimport zenoh.*?)```", (ROOT / "docs" / "ZENOH.md").read_text(), re.S
-    )
-    assert len(program[1].strip().splitlines()) <= 16
-    with spawn(EmulatorSettings(seed=10)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
-        daemon.samples(50)
-        code = program[1].replace("tcp/127.0.0.1:7448", daemon.endpoint)
-        reader = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-        line = reader.stdout.readline()
-        os.kill(reader.pid, signal.SIGKILL)
-        reader.communicate()
-        assert "deg/sqrt(h)" in line
-        daemon.stop()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])

@@ -12,7 +12,7 @@ import pytest
 
 from imumon.checkpoint import Checkpoint, decode
 from imumon.daemon import persistence
-from imumon.daemon.persistence import Persistence, differing
+from imumon.daemon.persistence import Persistence
 from imumon.model.report import SessionCounters
 from imumon.model.samples import DeviceInfo, SampleBlock, Stream
 from imumon.model.saved_state import unpack
@@ -58,24 +58,6 @@ def test_a_record_goes_on(tmp_path: Path) -> None:
     kept.close(SessionCounters(started=kept.started))
 
 
-def test_a_caveat_that_shows_later_is_in_the_state(tmp_path: Path) -> None:
-    kept, monitor, _ = begun(tmp_path, facts())
-    monitor.feed(block(0))
-    kept.describe(replace(facts(), caveats=("doubtful_rate",)))
-    kept.close(SessionCounters(started="2026-01-01T00:00:00.000Z"))
-    state, _ = Checkpoint(tmp_path, "lab").load()
-    assert state is not None
-    assert state.header.device.caveats == ("doubtful_rate",)
-
-
-def test_only_a_record_that_is_lost_is_a_warning(tmp_path: Path) -> None:
-    leave(tmp_path)
-    for of, level in ((facts(), "info"), (facts("0100000002"), "warning")):
-        kept = Persistence(tmp_path, "lab", Monitor(rate_hz=100.0), HostClock())
-        assert [weight for _, weight in kept.restore(of)] == [level]
-        kept.close(SessionCounters())
-
-
 def test_a_record_with_the_guards_on_does_not_go_on_with_them_off(tmp_path: Path) -> None:
     leave(tmp_path)
     bare = Monitor(Watched(guarded=False), rate_hz=100.0)
@@ -116,16 +98,6 @@ def test_another_is_set_aside_whole(tmp_path: Path, other: DeviceInfo, name: str
     assert (tmp_path / "lab.state").exists()
 
 
-def test_fresh_keeps_the_old_one_even_if_only_a_generation_is_left(tmp_path: Path) -> None:
-    leave(tmp_path)
-    (tmp_path / "lab.state").rename(tmp_path / "lab.state.1")
-    kept, monitor, said = begun(tmp_path, facts(), fresh=True)
-    monitor.feed(block(0))
-    kept.close(SessionCounters())
-    assert "lab.old-1.state" in said[0]
-    assert decode((tmp_path / "lab.old-1.state").read_bytes()).header.serial == "0100000001"
-
-
 def test_settings_that_change_while_it_is_away_start_new_record(tmp_path: Path) -> None:
     kept, monitor, _ = begun(tmp_path, facts())
     monitor.feed(block(0))
@@ -138,10 +110,6 @@ def test_settings_that_change_while_it_is_away_start_new_record(tmp_path: Path) 
     assert "lab.other-settings-1.state" in said
     assert decode((tmp_path / "lab.other-settings-1.state").read_bytes()).monitor.stream
     assert decode((tmp_path / "lab.state").read_bytes()).header.settings == changed.settings
-
-
-def test_what_only_one_side_knows_makes_no_difference() -> None:
-    assert differing({}, {FILTER: "1"}) == differing({FILTER: "1"}, {}) == []
 
 
 def test_the_calendar_may_be_set_between_two_runs(tmp_path: Path) -> None:

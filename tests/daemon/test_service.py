@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import re
@@ -13,21 +12,19 @@ import subprocess
 import sys
 import threading
 import time
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from daemons import free_endpoint
 from paths import ROOT
 
-from imumon.config import Settings, ZenohSettings, search
+from imumon.config import Settings, ZenohSettings
 from imumon.daemon import Daemon, RunOptions
 from imumon.daemon.log import configure_logging
 from imumon.daemon.run_limits import Shutdown
-from imumon.model.samples import DeviceInfo, RawBytes
+from imumon.model.samples import DeviceInfo
 from imumon.sources.clock import HostClock
-from imumon.sources.device import DeviceLost, DeviceNotFound, DeviceOptions
-from imumon.sources.device_reader import Items
+from imumon.sources.device import DeviceLost, DeviceOptions
 from imumon.sources.ports import PortInfo
 from imumon.sources.vn100.emulator import EmulatorSettings, spawn
 from imumon.sources.vn100.vn100_session import Vn100Device, Vn100Session
@@ -54,11 +51,6 @@ def test_the_settings_of_the_unit() -> None:
     assert unit["StateDirectory"] == ["imumon/%i"]
     assert int(unit["WatchdogSec"][0]) >= 10
     assert "BindsTo" not in unit  # it would end the record at every replug
-
-
-def test_the_unit_names_devices_by_number() -> None:
-    """A name that is not in /proc/devices when the service starts allows nothing, ever."""
-    assert all(re.fullmatch(r"char-\d+ rw", allowed) for allowed in unit_settings()["DeviceAllow"])
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
@@ -141,16 +133,6 @@ def test_ready_comes_with_the_first_waiting(tmp_path: Path) -> None:
     manager.close()
 
 
-def test_ready_comes_without_any_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    manager = NotifySocket(tmp_path)
-    monkeypatch.setenv("NOTIFY_SOCKET", str(manager.path))
-    monkeypatch.setattr("imumon.sources.port_device.find_ports", list)
-    outcome = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path, duration_s=0.3)).run()
-    assert outcome.report is None
-    assert manager.until("READY=1") < manager.until("STATUS=waiting: no serial port on this machine")
-    manager.close()
-
-
 def test_a_device_that_is_silent_from_the_start_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -161,35 +143,6 @@ def test_a_device_that_is_silent_from_the_start_is_waited_for(
     daemon._handle(None)
     assert daemon._connection.state == "starting"
     daemon._handle(None)
-    assert daemon._connection.state == "waiting"
-
-
-def test_a_late_report_is_not_followed_by_another_at_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    settings = Settings()
-    daemon = Daemon(settings, RunOptions(url="", state_directory=tmp_path))
-    published: list[float] = []
-    monkeypatch.setattr(daemon._outputs, "bus", object())
-    monkeypatch.setattr(daemon, "_publish", lambda: published.append(now))
-    step = settings.report.period_s / 10.0
-    for now in [100.0 + step * k for k in (*range(15), *range(55, 75))]:  # stopped for four periods
-        daemon._do_duties(now)
-    gaps = [after - before for before, after in pairwise(published)]
-    assert min(gaps) > 9.5 * step
-    assert len(published) == 4
-
-
-def test_a_device_whose_bytes_never_become_samples_is_waited_for_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    daemon = Daemon(Settings(), RunOptions(url="", state_directory=tmp_path))
-    daemon._connection.connected = True
-    for _ in range(2):
-        daemon._handle(Items([RawBytes(b"$")]))
-        assert daemon._connection.state == "starting"
-    monkeypatch.setattr("imumon.daemon.run_limits.START_TIMEOUT_S", 0.0)
-    daemon._handle(Items([RawBytes(b"$")]))
     assert daemon._connection.state == "waiting"
 
 
@@ -234,14 +187,6 @@ def searching(monkeypatch: pytest.MonkeyPatch, lost: str = "") -> Vn100Device:
     return device
 
 
-def test_of_several_sensors_none_is_chosen_however_often_it_searches(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = searching(monkeypatch)
-    for _ in range(2):
-        with pytest.raises(DeviceNotFound) as refused:
-            device.open()
-        assert refused.value.code == "several_devices"
-
-
 def test_a_port_that_vanishes_during_the_search_does_not_end_it(monkeypatch: pytest.MonkeyPatch) -> None:
     device = searching(monkeypatch, lost="/a")
     device.open()
@@ -277,24 +222,6 @@ def test_a_full_standard_error_does_not_block_and_drops_are_counted(
     assert len(written) + sum(dropped) == 5000
     assert sum(dropped) > 0
     assert text.endswith(" at last\n")
-
-
-def test_the_end_does_not_wait_for_a_full_standard_error() -> None:
-    code = """
-import logging, time
-from imumon.daemon.log import configure_logging
-close = configure_logging("debug")
-for _ in range(5000):
-    logging.getLogger("imumon.test").debug(50 * "x")
-start = time.monotonic()
-close()
-print(time.monotonic() - start < 20.0)
-"""
-    with subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout.read() == "True\n"
-        assert process.wait(60) == 0
 
 
 @pytest.mark.parametrize("ignored", [True, False])
@@ -339,22 +266,6 @@ def test_a_message_that_repeats_is_written_ten_times_and_counted(
     assert len(lines) < 40
 
 
-def test_messages_with_ever_other_names_are_counted_and_errors_are_written(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    with (tmp_path / "err").open("w") as file:
-        monkeypatch.setattr(sys, "stderr", file)
-        close = configure_logging(format="text")
-        for k in range(5000):
-            LOGGER.warning("%s", f"topic {chr(0x4E00 + k)} appeared")
-            time.sleep(0.0001)
-        LOGGER.error("the state cannot be saved")
-        close()
-    lines = (tmp_path / "err").read_text().splitlines()
-    assert len(lines) == 201
-    assert lines[-1].endswith("error: the state cannot be saved (and 4,800 lines of other messages before)")
-
-
 @pytest.mark.parametrize("form", ["auto", "journal", "json", "text"])
 def test_only_the_journal_gets_priorities(form: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     with (tmp_path / "err").open("w") as file:
@@ -371,37 +282,6 @@ def test_only_the_journal_gets_priorities(form: str, monkeypatch: pytest.MonkeyP
     elsewhere, here = (tmp_path / "err").read_text().splitlines()
     assert elsewhere.startswith("<4>") == (form == "journal")
     assert here.startswith("<3>")
-
-
-def test_levels_and_formats(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.delenv("JOURNAL_STREAM", raising=False)
-    with (tmp_path / "err").open("w") as file:
-        monkeypatch.setattr(sys, "stderr", file)
-        for level, form in (("info", "text"), ("warning", "json"), ("debug", "journal")):
-            close = configure_logging(level, form)
-            LOGGER.debug("one")
-            LOGGER.info("two")
-            LOGGER.warning("three\n%d", 3, extra={"kind": "gap"})
-            close()
-    two, three, packed, *journal = (tmp_path / "err").read_text().splitlines()
-    assert re.fullmatch(r"\d\d:\d\d:\d\d two", two)
-    assert re.fullmatch(r"\d\d:\d\d:\d\d warning: three 3", three)
-    assert {**json.loads(packed), "time": ""} == {
-        "time": "",
-        "level": "warning",
-        "kind": "gap",
-        "text": "three\n3",
-    }
-    assert journal == ["<7>one", "<6>two", "<4>three 3"]
-
-
-def test_a_user_without_a_home_directory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A dynamic user has one only where the name service knows it."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("HOME", raising=False)
-    monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
-    monkeypatch.setattr("pwd.getpwuid", lambda _: {}["nobody"])
-    assert search()[0] in (None, Path("/etc/imumon/config.toml"))
 
 
 USB = """

@@ -27,9 +27,8 @@ from paths import ROOT
 from waiting import until
 
 from imumon.model.samples import DeviceCounters, DeviceInfo, Gap, Item
-from imumon.record import Monitor
 from imumon.sources import registry
-from imumon.sources.conformance import Bench, DeviceConformance, read_for
+from imumon.sources.conformance import Bench, DeviceConformance
 from imumon.sources.device import (
     Device,
     DeviceEnded,
@@ -37,7 +36,6 @@ from imumon.sources.device import (
     DeviceLost,
     DeviceOptions,
     Interrupted,
-    sample_blocks,
 )
 from imumon.sources.device_reader import DeviceReader, EndOfStream, Items, Opened, Started
 from imumon.sources.vn100.emulator import EmulatorSettings
@@ -125,16 +123,6 @@ def test_every_device_of_this_distribution_is_registered_and_has_a_bench() -> No
     own = {"vn100", "ros2", "lines", "xsens"}  # tests/devices/xsens has the bench of the last
     assert {point.name for point in points} == own
     assert set(registry.schemes()) >= own
-
-
-def test_the_rate_of_the_fake_is_its_own(tmp_path: Path) -> None:
-    (tmp_path / "device").touch()
-    device = FakeDriver().create(DeviceOptions(url=f"fake:{tmp_path / 'device'}"))
-    device.open()
-    monitor = Monitor()
-    for block in sample_blocks(read_for(device, 4.0)):
-        monitor.feed(block)
-    assert monitor.sample_rate_hz == pytest.approx(RATE_HZ, rel=2e-3)
 
 
 class BrokenDevice(Device):
@@ -337,12 +325,6 @@ def test_run_reads_a_device_of_another_distribution(installed: dict[str, str], t
     assert "VN-100" not in done.stderr
 
 
-def test_a_device_that_is_missing_ends_run_with_one_line(installed: dict[str, str], tmp_path: Path) -> None:
-    done = imumon("run", "--port", f"fake:{tmp_path / 'none'}", "--state", str(tmp_path), env=installed)
-    assert done.returncode == 3
-    assert done.stderr.strip() == f"imumon: no file {tmp_path / 'none'}: create it"
-
-
 @pytest.mark.parametrize("given", ["option", "file"])
 def test_what_a_device_cannot_use_is_refused_by_name(
     given: str, installed: dict[str, str], tmp_path: Path
@@ -354,24 +336,6 @@ def test_what_a_device_cannot_use_is_refused_by_name(
     assert done.returncode == 2
     named = "--listen-only" if given == "option" else f"listen_only in {config}:3"
     assert done.stderr.startswith(f"imumon: fake:x cannot use {named}: ")
-
-
-def test_a_recording_of_a_device_without_bytes_is_refused_at_the_start(
-    installed: dict[str, str], tmp_path: Path
-) -> None:
-    (tmp_path / "device").touch()
-    words = ("--record", str(tmp_path / "file"), "--state", str(tmp_path))
-    done = imumon("run", "--port", f"fake:{tmp_path / 'device'}", *words, env=installed)
-    assert done.returncode == 2
-    assert "sends no bytes that could be recorded" in done.stderr
-    assert not (tmp_path / "file").exists()
-
-
-def test_an_unknown_scheme_ends_run_with_one_line(tmp_path: Path) -> None:
-    done = imumon("run", "--port", "nonsense:x", "--state", str(tmp_path), env=dict(os.environ))
-    assert done.returncode == 2
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert "nonsense" in done.stderr
 
 
 def test_a_broken_driver_disturbs_no_other(installed: dict[str, str], tmp_path: Path) -> None:

@@ -22,12 +22,11 @@ from faulty_sensor import spawn
 from foreign_device import on_a_terminal
 
 from imumon.config import DeviceSettings, Settings, ZenohSettings, load
-from imumon.config.settings import AlertSettings
 from imumon.doctor import Case, checks, examine
 from imumon.doctor.doctor import candidate_ports
 from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
 from imumon.doctor.probe_device import observe_device
-from imumon.doctor.probe_host import observe_port, observe_state
+from imumon.doctor.probe_host import observe_state
 from imumon.model.errors import ImumonError
 from imumon.model.samples import DeviceInfo
 from imumon.sources import registry
@@ -111,14 +110,6 @@ def test_damaged_messages_are_detected(case: Case, fault: str) -> None:
     assert results["checksums"].cure
 
 
-def test_damage_below_the_configured_loss_is_a_warning(case: Case) -> None:
-    tolerant = replace(case.settings, alert=AlertSettings(max_loss=0.9))
-    with spawn(CLOCKED) as sensor:
-        sensor.ask("fault crc=0.2")
-        results = by_name(replace(case, settings=tolerant, seconds=0.5), sensor.path)
-    assert results["checksums"].status == "warning", results
-
-
 @pytest.mark.parametrize("fault", ["drop=0.25", "duplicate=0.5"])
 def test_the_rate_of_a_stream_without_a_clock_is_checked(case: Case, fault: str) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
@@ -126,14 +117,6 @@ def test_the_rate_of_a_stream_without_a_clock_is_checked(case: Case, fault: str)
         results = by_name(replace(case, seconds=2.0), sensor.path)
     assert results["rate"].status != "ok", results
     assert results["rate"].cure
-
-
-def test_missing_samples_of_a_stream_with_a_clock_are_counted(case: Case) -> None:
-    with spawn(CLOCKED) as sensor:
-        sensor.ask("fault drop=0.08")
-        results = by_name(case, sensor.path)
-    assert results["rate"].status != "ok", results
-    assert "missing" in results["rate"].text
 
 
 @pytest.mark.parametrize(
@@ -174,19 +157,6 @@ def test_a_foreign_device_is_recognised(case: Case) -> None:
     assert results["sensor"].cure
 
 
-def test_another_model_is_a_warning(case: Case) -> None:
-    with spawn(EmulatorSettings(seed=1, model="VN-200T-CR")) as sensor:
-        results = by_name(case, sensor.path)
-    assert results["model"].status == "warning"
-
-
-def test_a_wrong_baud_rate_in_the_settings_is_detected(case: Case) -> None:
-    with spawn(EmulatorSettings(seed=1)) as sensor:
-        results = by_name(with_device(case, DeviceSettings(baud=9600)), sensor.path)
-    assert failed(results) == {"baud"}
-    assert "115200" in results["baud"].text
-
-
 def test_listen_only_sends_no_command(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:
         results = by_name(with_device(case, DeviceSettings(listen_only=True)), sensor.path)
@@ -196,13 +166,6 @@ def test_listen_only_sends_no_command(case: Case) -> None:
 
 
 # ---------------------------------------------------------------------- ports
-
-
-def test_a_path_that_is_no_port(case: Case, tmp_path: Path) -> None:
-    file = tmp_path / "capture.bin"
-    file.write_bytes(b"x")
-    assert "no port" in by_name(case, str(tmp_path / "nothing"))["port"].text
-    assert "imumon replay" in str(by_name(case, str(file))["port"].cure)
 
 
 def test_a_port_in_use_by_another_program_is_not_read(case: Case) -> None:
@@ -230,12 +193,6 @@ def test_silence_and_garbage_are_distinguished(case: Case, data: bytes, text: st
     assert text in results["sensor"].text or "gone" in results["sensor"].text
 
 
-def test_no_port_at_all(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("imumon.doctor.doctor.find_ports", list)
-    results = {check.name: check for check in examine(case)}
-    assert results["port"] == checks.NO_PORT
-
-
 PORT = PortObservation(path="/dev/ttyUSB0", group="dialout", user="ada")
 
 
@@ -255,11 +212,6 @@ def test_a_port_that_may_not_be_used(port: PortObservation, cure: str) -> None:
     bad = [check for check in checks.port(port) if check.status == "failed"]
     assert len(bad) == 1
     assert cure in str(bad[0].cure)
-
-
-def test_ports_are_observed_without_opening_them(tmp_path: Path) -> None:
-    assert observe_port("/dev/null").accessible
-    assert not observe_port(str(tmp_path / "none")).exists
 
 
 # ---------------------------------------------------------------------- devices of other distributions
@@ -294,19 +246,6 @@ def test_a_device_that_is_absent_or_lost(case: Case, fake: str, tmp_path: Path) 
     assert absent["sensor"].cure
 
 
-def test_an_unknown_scheme_is_one_failed_check(case: Case) -> None:
-    assert failed(by_name(case, "nonsense:a")) == {"sensor"}
-
-
-def test_checks_of_the_driver_replace_generic_ones_and_keep_the_order() -> None:
-    observation = Observation(info=DeviceInfo(id="x", model="m", stream="deltas"), seconds=1.0, samples=9)
-    generic = checks.device(observation, ())
-    own = Check("model", "warning", "of the driver"), Check("antenna", "ok", "up"), Check("baud", "ok", "")
-    names = [check.name for check in checks.device(observation, own)]
-    assert names == ["baud", *(check.name for check in generic), "antenna"]
-    assert next(c for c in checks.device(observation, own) if c.name == "model") == own[0]
-
-
 # ---------------------------------------------------------------------- the other checks
 
 
@@ -319,25 +258,6 @@ def device_checks(observation: Observation) -> dict[str, Check]:
     """Checks of a VN-100 by name."""
     specific = driver().checks(observation, DeviceSettings())
     return {check.name: check for check in checks.device(observation, specific)}
-
-
-@pytest.mark.parametrize(("bytes_per_s", "status"), [(5000, "ok"), (10_000, "warning"), (11_300, "failed")])
-def test_a_full_line_is_detected(bytes_per_s: int, status: str) -> None:
-    results = device_checks(replace(OBSERVATION, bytes=3 * bytes_per_s, messages=9))
-    assert results["load"].status == status
-
-
-def test_a_slow_baud_rate_is_a_warning() -> None:
-    results = device_checks(replace(OBSERVATION, info=replace(OBSERVATION.info, baud=9600)))
-    assert results["baud"].status == "warning"
-    assert "--set-baud" in str(results["baud"].cure)
-
-
-def test_compensated_deltas_are_a_warning() -> None:
-    info = replace(OBSERVATION.info, caveats=("compensated",), alias_factor=1.0)
-    results = device_checks(replace(OBSERVATION, info=info))
-    assert results["compensation"].status == "warning"
-    assert results["aliasing"].status == "ok"
 
 
 @pytest.mark.parametrize(("ratio", "status"), [(1.0, "ok"), (0.99, "ok"), (1.2, "warning"), (0.5, "warning")])
@@ -477,21 +397,6 @@ def test_another_reader_of_the_port_is_named(case: Case, tmp_path: Path) -> None
     assert free.status == "ok"
 
 
-def test_another_reader_beside_the_daemon_is_named(case: Case, tmp_path: Path) -> None:
-    with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path / "state") as daemon:
-        daemon.samples()
-        alone = observe_port(sensor.path, "vn100-0100056785")
-        with (
-            open(sensor.path, "rb", buffering=0) as port,
-            subprocess.Popen(["sleep", "60"], stdin=port) as other,
-        ):
-            both = observe_port(sensor.path, "vn100-0100056785")
-            other.kill()
-        daemon.stop()
-    assert alone.holders == ()
-    assert both.holders == (f"sleep 60 ({other.pid})",)
-
-
 def usage_of_run(port: str, state: Path) -> subprocess.CompletedProcess[str]:
     return forked.run("run", "--port", port, "--state", str(state))
 
@@ -501,16 +406,6 @@ def bad_config(tmp_path: Path) -> Path:
     file = tmp_path / "config.toml"
     file.write_text("[device]\nbuad = 9600\n\n[report]\nperiod_s = 0\n")
     return file
-
-
-def test_faults_of_the_settings_are_one_check(bad_config: Path) -> None:
-    done = doctor("--port", "/dev/none", cwd=bad_config.parent)
-    lines = done.stdout.splitlines()
-    assert done.returncode == 1
-    assert done.stderr == ""
-    assert lines[0].startswith("failed  config       config.toml:2: device.buad: no such setting")
-    assert "(and 1 more)" in lines[0]
-    assert all(line.split()[0] in ("ok", "warning", "failed") for line in lines)
 
 
 def test_config_shows_origins_and_faults(bad_config: Path, tmp_path: Path) -> None:

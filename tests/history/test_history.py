@@ -24,11 +24,10 @@ from waiting import until
 from imumon.cli.history_command import _readable
 from imumon.cli.main import main
 from imumon.history import HistoryStore
-from imumon.history.history import MOST_PENDING, TIGHT_BYTES, History
+from imumon.history.history import TIGHT_BYTES, History
 from imumon.history.rows import csv_pieces, json_pieces, rows
-from imumon.history.schema import CHECKED, ESTIMATE_COLUMNS, VERSION
+from imumon.history.schema import ESTIMATE_COLUMNS, VERSION
 from imumon.history.selection import Selection, SelectionError, moment, of_parameters, selection
-from imumon.history.store import devices, set_aside
 from imumon.model.coefficients import Estimate
 from imumon.model.report import Event
 
@@ -73,13 +72,6 @@ def test_a_file_gets_the_columns_of_a_coefficient_that_it_does_not_have(tmp_path
     }  # fmt: skip
     head = next(csv_pieces(iter(read(path)))).partition("\n")[0].split(",")
     assert set(ESTIMATE_COLUMNS["R"]) <= {name.lower() for name in head}
-
-
-def test_a_period_that_is_written_again_replaces_itself(tmp_path: Path) -> None:
-    path = write(tmp_path, "imu", [period(0), period(1, complete=False, noise=3.0)])
-    write(tmp_path, "imu", [period(1)])
-    assert [row["complete"] for row in read(path) if row["channel"] == "gyro/x"] == [True, True]
-    assert len(read(path)) == 2 * (len(NAMES) + 1)
 
 
 def test_a_period_in_progress_ends_with_its_record(tmp_path: Path) -> None:
@@ -169,45 +161,6 @@ def test_a_history_that_is_removed_is_made_again_with_all_its_rows(tmp_path: Pat
     assert len(read(history.path)) == 3 * (len(NAMES) + 1)
 
 
-def test_rows_of_a_removed_history_wait_until_it_can_be_made_again(tmp_path: Path) -> None:
-    directory = tmp_path / "state"
-    history = History(directory, "imu", keep_days=400)
-    history.add([period(0).period], RECORD, BEGIN)
-    until(lambda: not history._pending and history.path.exists())
-    shutil.rmtree(directory)
-    directory.write_text("")  # in place of the directory
-    history.add([period(1).period], RECORD, BEGIN + 600.0)
-    assert "cannot be written" in noted(history)[0]
-    directory.unlink()
-    history.add([period(2).period], RECORD, BEGIN + 1200.0)
-    history.close()
-    assert len(read(history.path)) == 3 * (len(NAMES) + 1)
-
-
-def test_a_history_that_takes_the_place_of_another_continues(tmp_path: Path) -> None:
-    history = History(tmp_path, "imu", keep_days=400)
-    history.add([period(0).period], RECORD, BEGIN)
-    until(lambda: not history._pending and history.path.exists())
-    (tmp_path / "kept").mkdir()
-    os.replace(write(tmp_path / "kept", "imu", [period(number) for number in range(5, 9)]), history.path)
-    history.add([period(1).period], RECORD, BEGIN + 600.0)
-    until(lambda: not history._pending)
-    assert "another file" in noted(history)[0]
-    history.close()
-    assert len(read(history.path)) == 5 * (len(NAMES) + 1)
-
-
-def test_a_history_of_0_bytes_is_said_to_be_empty_and_begins_again(tmp_path: Path) -> None:
-    (tmp_path / "imu.history.sqlite").touch()
-    said = imumon("history", "--state", str(tmp_path), code=1)
-    assert "empty (0 bytes): the daemon writes a new one" in said
-    history = History(tmp_path, "imu", keep_days=400)
-    history.add([period(0).period], RECORD, BEGIN)
-    assert "was empty (0 bytes): a new history begins" in noted(history)[0]
-    history.close()
-    assert len(read(history.path)) == len(NAMES) + 1
-
-
 @pytest.mark.parametrize("tight", [True, False])
 def test_a_history_leaves_the_room_of_a_small_disk_to_the_state(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tight: bool
@@ -260,27 +213,6 @@ def test_a_damaged_row_is_left_out_with_one_line(
         f"history {path}: 1 row is damaged and left out"
     ]
     history.close()
-
-
-def test_rows_of_a_file_without_checksums_are_read_and_get_none(tmp_path: Path) -> None:
-    path = write(tmp_path, "imu", [period(0)])
-    before = read(path)
-    with sqlite3.connect(path) as other:
-        for table in CHECKED:
-            other.execute(f"ALTER TABLE {table} DROP COLUMN checksum")
-    other.close()
-    assert read(path) == before
-    with HistoryStore(path, write=True) as store:
-        store.add([period(1)])
-    assert len(read(path)) == 2 * len(before)
-
-
-def test_setting_aside_takes_the_journal_along(tmp_path: Path) -> None:
-    path = write(tmp_path, "imu", [period(0)])
-    Path(f"{path}-wal").write_bytes(b"x")
-    aside = set_aside(path, "damaged")
-    assert Path(f"{aside}-wal").exists()
-    assert devices(tmp_path) == []
 
 
 def test_a_killed_writer_loses_nothing_that_it_has_said_to_be_written(tmp_path: Path) -> None:
@@ -350,15 +282,6 @@ def test_what_cannot_be_written_waits_and_is_said_once(tmp_path: Path) -> None:
     history.close()
 
 
-def test_what_waits_is_bounded(tmp_path: Path) -> None:
-    history = History(Path("/proc/self"), "imu", keep_days=400)
-    one = period(0, names=("gyro/x",)).period
-    for number in range(MOST_PENDING + 50):
-        history.add([replace(one, number=number)], RECORD, BEGIN)
-    assert len(history._pending) == MOST_PENDING
-    history.close()
-
-
 # ---------------------------------------------------------------------- questions
 
 
@@ -422,17 +345,6 @@ def test_a_question_that_is_not_valid_is_refused(parameters: str, code: str) -> 
     with pytest.raises(SelectionError) as refused:
         of_parameters(parameters, 10000.0)
     assert refused.value.code == code
-
-
-def test_the_step_suits_the_time() -> None:
-    steps = [selection(1e9, since=1e9 - 86400.0 * days).step for days in (1, 30, 365)]
-    assert steps == ["1h", "1h", "1d"]
-
-
-@pytest.mark.parametrize("text", ["90", "90s", "1.5m", "1m30s", "1 min 30 s", "9e1"])
-def test_a_duration_has_the_form_of_all_commands(text: str) -> None:
-    assert moment(text, 1000.0) == 910.0
-    assert of_parameters(f"_time=[now(-{text})..now()]", 1000.0).since == 910.0
 
 
 @pytest.mark.parametrize(
@@ -511,22 +423,6 @@ def test_the_command_reads_the_file(tmp_path: Path) -> None:
     table = imumon("history", "--state", tmp_path, "--channel", "gyro/x").splitlines()
     assert len(table) == 7
     assert "°/√h" in table[1]
-
-
-def test_the_command_names_the_devices_if_there_are_several(tmp_path: Path) -> None:
-    now = time.time()
-    for name in ("one", "three", "two"):
-        write(tmp_path, name, [period(0, begin=now - 3600.0)])
-    assert "one, three, two" in imumon("history", "--state", tmp_path, code=2)
-    assert "with --id: one, three, two" in imumon("history", "--state", tmp_path, "--id", "four", code=3)
-    assert "imumon history shows a history" in imumon("replay", tmp_path / "one.history.sqlite", code=1)
-    rows = {
-        name: json.loads(imumon("history", "--state", tmp_path, "--id", name, "--json"))
-        for name in ("two", "tw")
-    }
-    assert rows["tw"] == rows["two"]
-    assert {row["device"] for row in rows["tw"]} == {"two"}
-    assert "three, two" in imumon("history", "--state", tmp_path, "--id", "t", code=2)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,6 @@ from daemons import Daemon
 from free_ports import free_port
 from metrics_viewer import MetricsViewer
 from paths import ROOT
-from prometheus_client.parser import text_string_to_metric_families
 from reports import warming_up as report
 from scraping import scraped, values
 from waiting import until
@@ -60,20 +59,6 @@ def test_a_sensor_is_up_while_it_sends_and_its_daemon_reports(tmp_path: Path) ->
         assert (shown["imumon_up",], shown["imumon_report_age_seconds",]) == (up, age_s)
 
 
-def test_each_metric_is_one_family_for_all_devices(tmp_path: Path) -> None:
-    second = replace(report(), device=replace(report().device, id="second"))
-    text = text_of(tmp_path / "a.prom", *(Observed(each, 0.5, {}) for each in (report(), second)))
-    names = re.findall(r"^# TYPE (\S+)", text, re.MULTILINE)
-    assert len(names) == len(set(names))
-    for name in ("imumon_up", "imumon_samples_total"):
-        devices = re.findall(rf'^{name}{{device="([^"]+)"}}', text, re.MULTILINE)
-        assert devices == [report().device.id, "second"]
-
-
-def test_there_are_no_numbers_before_the_first_report(tmp_path: Path) -> None:
-    assert values(text_of(tmp_path / "a.prom")) == {}
-
-
 def test_an_address_of_another_machine_and_a_missing_directory_are_errors(tmp_path: Path) -> None:
     metrics = Metrics(lambda: ())
     for act, code in (
@@ -115,17 +100,6 @@ def test_a_viewer_serves_and_another_writes_what_a_daemon_reports(tmp_path: Path
         daemon.stop()
         until(lambda: values(scraped(server.address))["imumon_up",] == 0.0)
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["imumon.prom"]
-
-
-def test_the_documents_use_metrics_that_exist(text: str) -> None:
-    known = {
-        f"{f.name}{'_total' if f.type == 'counter' else ''}" for f in text_string_to_metric_families(text)
-    }
-    dashboard = json.loads((DOCS / "grafana-dashboard.json").read_text())
-    expressions = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
-    used = set(re.findall(r"\bimumon_\w+", " ".join(expressions) + (DOCS / "alerts.yml").read_text()))
-    assert used <= known
-    assert set(re.findall(r"^\| `(imumon_\w+)`", (DOCS / "README.md").read_text(), re.MULTILINE)) == known
 
 
 @pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is not installed (Debian: prometheus)")

@@ -105,22 +105,6 @@ def test_each_rule_fires_for_its_fault_and_only_that(tmp_path: Path, alert: str)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_the_panels_of_the_dashboard_are_whole() -> None:
-    """Ids are unique, no two panels overlap, and each query asks the data source that the user chooses."""
-    source = {"type": "prometheus", "uid": "${datasource}"}
-    assert len({panel["id"] for panel in PANELS}) == len(PANELS)
-    cells: set[tuple[int, int]] = set()
-    for panel in PANELS:
-        x, y, w, h = (panel["gridPos"][name] for name in "xywh")
-        own = {(column, row) for column in range(x, x + w) for row in range(y, y + h)}
-        assert x + w <= 24
-        assert not own & cells, panel["title"]
-        cells |= own
-        assert panel["datasource"] == source
-        assert all(target["datasource"] == source for target in panel["targets"])
-        assert len({target["refId"] for target in panel["targets"]}) == len(panel["targets"])
-
-
 class Prometheus:
     """A real one with the alert rules, which scrapes one daemon every second."""
 

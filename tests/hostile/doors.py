@@ -19,7 +19,6 @@ from hostile_reports import show_on_screen
 from imumon.api.replay import replay
 from imumon.api.replay_options import ReplayOptions
 from imumon.checkpoint import Checkpoint, decode, encode
-from imumon.cli.exit_codes import FAILURE, NOT_FOUND, WITHOUT_SAMPLES
 from imumon.config import ConfigError, load
 from imumon.model.errors import ImumonError
 from imumon.model.report import Report, Signal, from_json, is_device_name
@@ -152,11 +151,3 @@ def go_through(hostile: Hostile, place: Path) -> None:
     assert outcome == hostile.outcome, text
     assert hostile.says in printable(text)
     assert seconds < hostile.seconds
-    if (
-        hostile.door == "recording"
-        and hostile.says
-        and not hostile.name.startswith("bag")
-        and " samples" not in outcome
-    ):
-        code = NOT_FOUND if outcome in WITHOUT_SAMPLES else FAILURE
-        assert hostile.says in printable(imumon("replay", content, code=code))  # the command prints one line

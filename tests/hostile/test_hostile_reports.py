@@ -54,7 +54,7 @@ def holds(seed: int, *, drawn: bool = False) -> None:
 seeds = st.integers(0, 2**32)
 
 
-@settings(FAST, max_examples=20)
+@settings(FAST, max_examples=6)
 @given(seeds)
 def test_a_hostile_report_is_rejected_or_shown(seed: int) -> None:
     holds(seed)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import pytest
 import reports
 from screen_driver import driven
 from textual.pilot import Pilot
 
-from imumon.model.glossary import explain, words_in
 from imumon.tui.app import ImumonApp
 from imumon.tui.widgets import ScrolledPanel
 
@@ -47,22 +45,3 @@ async def test_it_explains_the_words_of_each_view(app: ImumonApp, pilot: Pilot[i
         await pilot.press("question_mark")
         await pilot.pause()
         assert len(app.screen_stack) == 1
-
-
-@pytest.mark.parametrize(
-    ("text", "word"),
-    [
-        ("< 41 open ↓", "open"),
-        ("meets industrial", "industrial"),
-        ("3 gaps", "gap"),
-        ("warm-up 0 s", "warm-up"),
-    ],
-)
-def test_a_word_is_explained_by_the_name_that_the_screen_has(text: str, word: str) -> None:
-    entries = {name: entry for entry in words_in(text) for name in entry.word.split(", ")}
-    assert word in entries
-    assert entries[word].text == explain(word).text
-
-
-def test_a_letter_in_a_name_is_no_coefficient() -> None:
-    assert not {entry.word for entry in words_in("VN-100T-CR MTi-3 knock 5 k")} & {"N", "B", "K", "M", "T"}

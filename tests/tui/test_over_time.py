@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import reports
 from textual.pilot import Pilot
@@ -54,13 +53,6 @@ def test_a_young_record_fills_the_chart(span: str) -> None:
     assert max(points) > 60
 
 
-def test_the_minutes_of_a_very_young_record_have_seconds() -> None:
-    rows, _ = reports.history_reply("gyro/x", 3600.0, "1h")
-    begin = json.loads(rows)[0] | {"time": "2026-03-01T07:58:10Z", "end": "2026-03-01T07:58:40Z"}
-    series = parse("gyro/x", json.dumps([begin]).encode(), b"[]")
-    assert "07:58:10" in text(over_time_chart(replace(state(), history=series), 80, 24))
-
-
 def test_plus_and_minus_change_the_span() -> None:
     from screen_driver import drive
 
@@ -73,16 +65,6 @@ def test_plus_and_minus_change_the_span() -> None:
         assert seen == ["day", "month", "year", "year", "month", "day", "record", "record"]
 
     drive(reports.FakeSource(reports.warming_up()), script)
-
-
-def test_it_says_so_while_there_is_none() -> None:
-    assert "nothing yet" in text(over_time_chart(state(shown=False), 80, 24))
-
-
-def test_a_bound_is_no_point() -> None:
-    series = parse("gyro/x", *reports.history_reply("gyro/x", *SPANS["day"]))
-    assert np.isnan(series.values["B"][::3]).all()
-    assert np.isfinite(series.values["N"]).all()
 
 
 @pytest.mark.parametrize(

@@ -13,10 +13,10 @@ from screen_driver import drive, driven, status, table_number, visible_text
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from imumon.model.report import BiasCurve, Drift, ModelColumn, Report, from_json
+from imumon.model.report import Drift, Report, from_json
 from imumon.tui import text_panels
 from imumon.tui.app import ImumonApp
-from imumon.tui.panels import FIRST_KEYS, LAST_KEYS, VIEW_KEYS, footer, welcome
+from imumon.tui.panels import FIRST_KEYS, LAST_KEYS, VIEW_KEYS, footer
 from imumon.tui.view_state import VIEWS, ViewState
 from imumon.tui.views import View, keys_of
 from imumon.tui.widgets import THEMES, ScrolledPanel
@@ -188,26 +188,6 @@ async def test_the_screen_waits_for_the_requested_device(app: ImumonApp, pilot: 
     assert app.view_state.id == OTHER
 
 
-@driven()
-async def test_a_click_selects_a_row_and_a_view(app: ImumonApp, pilot: Pilot[int]) -> None:
-    await pilot.click("#table", offset=(8, 2))
-    assert app.view_state.channel == "gyro/y"
-    await pilot.click("#footer", offset=(12, 0))
-    assert app.view_state.view == "signal"
-
-
-def test_the_palette_has_the_commands_of_the_keys() -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        names = {command.title for command in app.get_system_commands(app.screen)}
-        assert {"Units", "Freeze", "Save", "Screenshot", "Help", "Theme", "Quit"} <= names
-        assert {f"View: {name}" for name in VIEWS} <= names
-        await pilot.press("ctrl+p")
-        await pilot.pause()
-        assert len(app.screen_stack) == 2
-
-    drive(reports.FakeSource(reports.report()), script)
-
-
 # ---------------------------------------------------------------------------- status
 
 
@@ -245,22 +225,6 @@ def test_every_status_is_named_and_never_blank(
     assert len(text.split()) > 15
 
 
-def test_the_path_of_a_port_keeps_its_case() -> None:
-    state = ViewState(
-        reports={reports.ID: replace(reports.report(state="waiting"), channels={})}, id=reports.ID
-    )
-    text = "\n".join("".join(text for text, _ in line) for line in welcome(state, 80, 20))
-    assert "Waiting for /dev/ttyUSB0." in text
-
-
-@pytest.mark.parametrize("caveat", ["warming_up", "not_at_rest"])
-def test_a_caveat_of_the_status_is_shown_once_and_hides_no_facts(caveat: str) -> None:
-    line, text, _ = status_of(reports.FakeSource(reports.report(caveats=(caveat, "aliased"))))
-    assert "2 h · 3 gaps" in line
-    assert text.count(caveat.replace("_", " ")) == 1
-    assert "! aliased, vibration" in text
-
-
 def test_the_effect_of_temperature_is_a_number_only_beyond_noise() -> None:
     report = reports.report()
     channel = report.channels["gyro/x"]
@@ -278,28 +242,6 @@ def test_the_effect_of_temperature_is_a_number_only_beyond_noise() -> None:
     assert "its effect: no more than noise" in drift_text(channel.drift)
     assert "°/s per degree" in drift_text(beyond)
     assert "its effect" not in drift_text(replace(channel.drift, per_degC=None))
-
-
-def test_the_slope_of_the_curve_is_shown_with_its_limits() -> None:
-    report = reports.report()
-    columns = [ModelColumn(name=f"degree {k}", value=1e-4, low=9e-5, high=1.1e-4) for k in range(2)]
-    curve = BiasCurve(
-        reference_degC=25.0, terms=tuple(columns), degC=(20.0, 30.0),
-        bias=(0.0, 0.0), low=(0.0, 0.0), high=(0.0, 0.0),
-    )  # fmt: skip
-    drift = Drift(per_hour=0.0, per_degC=1e-4, per_degC_low=9e-5, per_degC_high=1.1e-4)
-    channel = replace(report.channels["gyro/x"], drift=drift, bias_curve=curve)
-    shown = replace(report, channels={**report.channels, "gyro/x": channel})
-    state = ViewState(reports={reports.ID: shown}, id=reports.ID, channel="gyro/x")
-    text = "\n".join("".join(text for text, _ in line) for line in text_panels.drift(state, 80, 4))
-    assert "±5.7e-04 °/s per degree" in text
-
-
-def test_without_a_daemon_the_screen_shows_commands() -> None:
-    line, text, _ = status_of(reports.FakeSource(connected=False))
-    assert "no daemon" in line
-    for command in ("imumon run", "imumon demo", "imumon doctor", "--connect"):
-        assert command in text
 
 
 @driven(lambda: reports.FakeSource(connected=False))
@@ -371,20 +313,6 @@ def test_the_footer_has_the_keys_first_and_the_names_of_views_where_all_fit(view
     assert "…" not in text
 
 
-@driven(size=(80, 24))
-async def test_every_mode_shows_the_key_that_ends_it(app: ImumonApp, pilot: Pilot[int]) -> None:
-    await pilot.press("f")
-    assert "f continues" in status(app)
-    await pilot.press("f", "z")
-    assert "esc back" in visible_text(app)
-    await pilot.press("escape")
-    assert not app.view_state.zoomed
-    await pilot.press("z", "z", "escape", "4", "slash", "g", "enter")
-    assert "esc shows all" in visible_text(app)
-    await pilot.press("escape")
-    assert "esc" not in visible_text(app)
-
-
 def with_times(report: Report, times: dict[str, float | None]) -> Report:
     """Return a report in which gyro z reaches the precision after these times."""
     report = replace(report, precision={"N": 0.01, "B": 0.15, "K": 0.5})
@@ -407,19 +335,6 @@ def test_the_time_to_the_configured_precision_is_visible(size: tuple[int, int]) 
         assert "±1 % in" not in visible_text(app)  # it does not grow any more
 
     drive(reports.FakeSource(report), script, size)
-
-
-@driven(size=(80, 24))
-async def test_the_first_screen_has_a_curve_of_twelve_rows_and_folds_the_magnetometer(
-    app: ImumonApp, pilot: Pilot[int]
-) -> None:
-    assert app.query_one("#allan").size.height >= 12 + 1  # and the labels of its axis
-    text = visible_text(app)
-    assert "ready for kalibr: N yes" in text
-    assert " mag " not in text
-    await pilot.press("left")
-    await pilot.pause()
-    assert " mag " in visible_text(app)
 
 
 @driven(size=(80, 24))
@@ -453,32 +368,3 @@ def test_the_report_is_saved_as_a_baseline(tmp_path: Path, monkeypatch: pytest.M
         assert note.message.startswith("not saved: ")
 
     drive(reports.FakeSource(reports.report()), script)
-
-
-@driven(size=(150, 40))
-async def test_the_headline_keeps_its_limit_and_the_chart_its_units_in_si(
-    app: ImumonApp, pilot: Pilot[int]
-) -> None:
-    assert "; industrial allows 0.2" in visible_text(app)
-    await pilot.press("u")
-    await pilot.pause()
-    shown = visible_text(app)
-    assert "N of y, 1.12e-04 rad/s/√Hz; industrial allows 5.82e-05" in shown
-    assert "N 8.84e-05 rad/s/√Hz" in shown
-
-
-def test_an_unknown_grade_is_shown_by_its_name() -> None:
-    report = reports.report()
-    grade = {name: replace(one, nearest="survey", meets="survey") for name, one in report.grade.items()}
-    channels = {
-        name: replace(c, grade=replace(c.grade, nearest="survey", meets="survey")) if c.grade else c
-        for name, c in report.channels.items()
-    }
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for view in VIEWS:
-            app.action_view(view)
-            await pilot.pause()
-            assert view != "overview" or "survey" in visible_text(app).lower()
-
-    drive(reports.FakeSource(replace(report, grade=grade, channels=channels)), script)

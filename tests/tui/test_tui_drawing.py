@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from rich.style import Style
 from screen_driver import drive, driven, status, table_number, visible_text
 from textual.pilot import Pilot
 
-from imumon.tui import export
 from imumon.tui.app import ImumonApp
 from imumon.tui.formatting import length
 from imumon.tui.widgets import ROLES, THEMES, DrawnPanel, RoleStyles
@@ -65,16 +63,6 @@ def test_no_colour_and_every_theme_draw(theme: str, monkeypatch: pytest.MonkeyPa
     drive(reports.FakeSource(reports.report(), age=14.0), script, (80, 24), theme=theme)
 
 
-@driven()
-async def test_a_new_theme_redraws_everything(app: ImumonApp, pilot: Pilot[int]) -> None:
-    dark = app.export_screenshot()
-    await pilot.press("t")
-    await pilot.pause()
-    light = app.export_screenshot()
-    assert "#d5dae3" in dark
-    assert "#d5dae3" not in light
-
-
 def _contrast(style: Style) -> float:
     """Return the contrast ratio of WCAG 2.2."""
     parts = np.array([style.color.get_truecolor(), style.bgcolor.get_truecolor()]) / 255.0
@@ -96,19 +84,6 @@ def test_text_and_marks_are_readable(theme: str) -> None:
     drive(reports.FakeSource(reports.report()), script, (60, 20), theme=theme)
 
 
-@driven(lambda: reports.FakeSource(reports.report(caveats=("aliased",))), size=(60, 20))
-async def test_no_text_is_cut_at_60_columns(app: ImumonApp, pilot: Pilot[int]) -> None:
-    for key in "12346":
-        await pilot.press(key)
-        await pilot.pause()
-        assert "…" not in visible_text(app), key
-
-
-def test_colours_are_only_theme_variables() -> None:
-    style = (Path(export.__file__).parent / "app.tcss").read_text()
-    assert "#" not in "".join(line.partition("{")[2] for line in style.splitlines())
-
-
 @driven(size=(80, 24), ascii=True)
 async def test_ascii_mode_draws_only_ascii(app: ImumonApp, pilot: Pilot[int]) -> None:
     for key in "12345":
@@ -123,13 +98,6 @@ def _row(app: ImumonApp, y: int) -> str:
         app.screen.get_widget_at(0, y)[0].render_line(y - app.screen.get_widget_at(0, y)[1].y).text
         for _ in range(1)
     )
-
-
-@driven()
-async def test_a_dialog_window_does_not_hide_the_view_below(app: ImumonApp, pilot: Pilot[int]) -> None:
-    await pilot.press("question_mark")
-    await pilot.pause()
-    assert "vn100-0100056785" in app.export_screenshot()
 
 
 def test_names_that_look_like_markup_are_shown_unchanged() -> None:

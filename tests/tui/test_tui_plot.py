@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 import pytest
 import reports
-from cases import case
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -88,15 +87,6 @@ def test_every_part_draws_at_every_size(name: str, size: tuple[int, int], si: bo
     assert "?" not in plain.replace("? help", "")
 
 
-@pytest.mark.parametrize("elapsed_s", reports.AGES)
-def test_every_age_of_a_record_draws(elapsed_s: float) -> None:
-    report = reports.report(elapsed_s)
-    for channel in ("gyro/x", "accel/z", "mag/y", "temperature"):
-        state = running().updated(reports={reports.ID: report}, channel=channel, signal=None)
-        for draw in DRAWN.values():
-            draw(state, 80, 24)
-
-
 @settings(max_examples=300)
 @example(value=9e149, low=1e-5, high=1.5e-5, status="measured", seconds=None, si=False)
 @given(value=finite, low=finite, high=finite, status=st.sampled_from(["measured", "upper_bound", "pending"]),
@@ -140,48 +130,12 @@ def test_a_bias_is_shown_only_where_it_is_known() -> None:
         assert expected in text
 
 
-@pytest.mark.parametrize("si", [False, True])
-def test_headings_fit_their_columns(si: bool) -> None:
-    notation = Notation(si=si)
-    for sensor in ("gyro", "accel", "mag"):
-        for name in ("N", "B", "K"):
-            assert len(f"{name} {notation.coefficient_scale(sensor, name)[1]}") <= CELL
-        assert len(f"mean {notation.scale(sensor)[1]}") <= channel_table.COLUMNS["mean"]
-
-
-def test_a_narrow_table_omits_whole_columns() -> None:
-    """No visible number is truncated."""
-    whole = set(text_of(channel_table.table(running(), 80, 40)).split())
-    # from the width of N with its limits on, which is kept on any screen
-    for width in range(channel_table.LABEL + channel_table.COLUMNS["N"], 81):
-        with case(width):
-            shown = text_of(channel_table.table(running(), width, 40))
-            assert set(shown.split()) <= whole | {"…"}
-            gyro = next(line for line in shown.splitlines() if line.lstrip("▌ ").startswith("x"))
-            assert "…" not in gyro
-
-
-def test_the_selected_channel_is_visible_at_every_height() -> None:
-    for channel in running().channels:
-        for height in (3, 5, 12, 30):
-            assert any(
-                c == channel
-                for _, c in channel_table.table_rows(running().updated(channel=channel), 80, height)
-            )
-
-
 @settings(max_examples=200)
 @given(text=st.text(alphabet="ab [/]°", max_size=120), width=st.integers(1, 40))
 def test_wrapping_keeps_every_letter(text: str, width: int) -> None:
     lines = formatting.wrap(text, width)
     assert "".join("".join(lines).split()) == "".join(text.split())
     assert all(len(line) <= width for line in lines)
-
-
-def test_a_unit_in_brackets_is_not_markup() -> None:
-    """No markup anywhere: [s] and [bold] are text."""
-    assert "τ [s]" in text_of(charts.allan_chart(running(), 80, 20))
-    assert "[bold]not markup[/bold]" in text_of(text_panels.events(running(), 150))
 
 
 def test_dots_of_crossing_lines_merge() -> None:
@@ -194,22 +148,6 @@ def test_dots_of_crossing_lines_merge() -> None:
     assert ord(cell) - 0x2800 & 0x01  # upper left, of the first
     assert ord(cell) - 0x2800 & 0x80  # lower right, of the first
     assert ord(cell) - 0x2800 & 0x40  # lower left, of the second
-
-
-def test_a_line_breaks_where_a_value_is_unknown() -> None:
-    canvas = braille_canvas.Canvas(5, 1)
-    canvas.line(np.array([0.0, 3.0, np.nan, 6.0, 9.0]), np.array([0.0, 0.0, np.nan, 0.0, 0.0]), "a")
-    assert (canvas.bits[0] > 0).tolist() == [True, True, False, True, True]
-
-
-def test_a_band_is_an_eighth_of_a_cell_fine() -> None:
-    canvas = braille_canvas.Canvas(2, 3)
-    canvas.fill(0, np.array([0.5, 1.0]), np.array([2.25, 3.0]), "band")
-    text = ["".join(t for t, _ in line) for line in canvas.rows()]
-    assert text[0][0] == "▄"  # upper edge: the lower half of the cell
-    assert canvas.background[1].all()
-    assert text[2][0] == "▆"  # lower edge: the page covers the lower three quarters
-    assert canvas.background[2].all()
 
 
 def test_a_point_is_placed_by_its_axes() -> None:
@@ -276,12 +214,6 @@ def test_unused_octaves_are_dimmed() -> None:
     )
 
 
-def test_bars_below_the_canvas_are_clipped() -> None:
-    canvas = braille_canvas.Canvas(4, 1)
-    canvas.fill(0, np.array([1.9, 1.0, -1.0]), np.full(3, 2.0), "bar")
-    assert canvas.height == 1
-
-
 spans = st.tuples(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6))
 
 
@@ -295,22 +227,3 @@ def test_a_linear_axis_contains_its_values_and_has_two_ticks(
     assert scale.high >= values.max()
     assert 2 <= len(ticks) <= 2 * braille_canvas.MOST_TICKS
     assert all(scale.low <= tick <= scale.high for tick in ticks[1:-1])
-
-
-def test_the_distribution_has_two_axes() -> None:
-    lines = text_of(charts.histogram_chart(running(), 60, 14)).splitlines()
-    assert "% per bin" in lines[0]
-    labels = [int(line[:7]) for line in lines[1:] if line[:7].strip()]
-    assert labels[-1] == 0
-    assert len(labels) >= 3
-    assert "┴" in lines[-2]
-    assert lines[-1].rstrip().endswith("[°/s]")
-
-
-def test_the_signal_is_two_lines_and_not_a_solid_bar() -> None:
-    lines = text_of(charts.signal_chart(running(), 100, 20)).splitlines()
-    columns = list(zip(*(line[12:95] for line in lines[1:-1]), strict=True))
-    dotted = [sum("\u2801" <= cell <= "\u28ff" for cell in column) for column in columns]
-    assert "minimum to maximum of each 0.5 s" in lines[0]
-    assert np.median(dotted) <= len(lines[1:-1]) / 2
-    assert min(dotted) >= 1

@@ -81,13 +81,6 @@ def test_a_signal_ends_the_screen_and_restores_the_terminal(
     assert pane.flag("mouse_any_flag") == "0"
 
 
-def test_ctrl_c_quits(tmux: Callable[..., Tmux]) -> None:
-    pane = tmux(shell())
-    until(lambda: "● live" in pane.text())
-    pane.press("C-c")
-    until(lambda: "EXIT=0" in pane.text())
-
-
 @pytest.mark.parametrize("change", ["NO_COLOR=1", "TERM=linux", "COLORTERM= TERM=screen"])
 def test_terminals_with_few_capabilities(tmux: Callable[..., Tmux], change: str) -> None:
     pane = tmux(f"env {change} {shell()}", (80, 24))
@@ -169,18 +162,6 @@ def test_without_a_terminal_it_names_the_alternative(closed: str) -> None:
     assert error.count("\n") == 1
     assert "imumon status --json" in error
     assert "\x1b" not in error
-
-
-def test_a_dumb_terminal_is_refused() -> None:
-    master, slave = pty.openpty()
-    environment = {**ENVIRONMENT, "TERM": "dumb"}
-    process = subprocess.Popen(COMMAND, stdin=slave, stdout=slave, stderr=slave, env=environment)
-    os.close(slave)
-    try:
-        assert process.wait(60) == 2
-        assert b"imumon status" in os.read(master, 4096)
-    finally:
-        os.close(master)
 
 
 def test_the_screen_imports_no_heavy_library() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import fcntl
 import math
@@ -35,11 +34,9 @@ from imumon.sources.vn100.emulator import (
     EmulatorProcess,
     EmulatorSettings,
     Noise,
-    add_arguments,
-    from_arguments,
     spawn,
 )
-from imumon.sources.vn100.emulator.command_handler import BOOTING_S, SAVING_S
+from imumon.sources.vn100.emulator.command_handler import BOOTING_S
 from imumon.sources.vn100.registers import ASCII_RATES, LOOP_RATE, REGISTERS
 
 WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
@@ -150,14 +147,6 @@ def test_a_reset_loses_what_was_not_saved_and_restarts_the_sensor_clock() -> Non
     assert ask(device, "VNRRG,00", now=7.0) == "VNRRG,00,"
 
 
-def test_a_command_repeated_while_the_sensor_saves_is_answered_too() -> None:
-    device = make()
-    for now in (0.0, 0.2, 0.4):
-        device.receive(b"$VNWNV*57\r\n", now)
-        assert device.replies(now) == []
-    assert device.replies(SAVING_S) == [b"$VNWNV*57\r\n"] * 3
-
-
 def test_the_lowest_baud_that_carries_the_rate_is_chosen() -> None:
     for rate in ASCII_RATES:
         with case(rate):
@@ -170,19 +159,6 @@ def test_the_lowest_baud_that_carries_the_rate_is_chosen() -> None:
     with pytest.raises(InvalidOption) as unfit:
         make(rate=100, baud=115200)
     assert unfit.value.code == "rate_does_not_fit"
-
-
-def test_the_command_line_gives_the_settings() -> None:
-    chosen = EmulatorSettings(
-        rate=100, baud=230400, speed=60, gyro=Noise((1e-4, 2e-4, 3e-4), (0, 0, 0), (0, 0, 0)), seed=3,
-        warm_up=0.0,
-    )  # fmt: skip
-    words = "--rate 100 --baud 230400 --speed 60 --gyro-n 1e-4,2e-4,3e-4 --gyro-b 0 --gyro-k 0,0,0 --seed 3 "
-    words += "--warm-up 0"
-    parser = argparse.ArgumentParser()
-    add_arguments(parser)
-    assert from_arguments(parser.parse_args(words.split())) == chosen
-    assert from_arguments(parser.parse_args([])) == EmulatorSettings()
 
 
 # ---------------------------------------------------------------- output and noise
@@ -198,26 +174,6 @@ def test_the_output_does_not_depend_on_the_step_size() -> None:
     rng = np.random.default_rng(2)
     assert output([*np.cumsum(rng.integers(1, 600, 60)).tolist(), 20_000]) == whole
     assert output([*range(4, 2400, 4), 20_000]) == whole
-
-
-def test_streams_interleave_in_order_and_pause_together() -> None:
-    device = make(baud=921600, rate=200)
-    ask(device, "VNWRG,75,1,4,01,0739")
-    messages = device.advance(800)
-    assert [tick for tick, _ in messages] == sorted(tick for tick, _ in messages)
-    kinds = [message[:1] for _, message in messages]
-    assert (kinds.count(b"$"), kinds.count(b"\xfa")) == (200, 200)
-    assert {len(message) for _, message in messages if message[:1] == b"$"} == {122}  # as of a real sensor
-    ask(device, "VNASY,0")
-    assert device.advance(1600) == []
-
-
-def test_the_other_serial_port_has_its_own_outputs() -> None:
-    device = make(rate=0, baud=921600, serial_port=2)
-    ask(device, "VNWRG,75,1,40,01,0001")
-    assert device.advance(800) == []
-    ask(device, "VNWRG,75,2,40,01,0001")
-    assert len(device.advance(1600)) == 20
 
 
 def relative(sigma: Floats, truth: float, count: int) -> float:
@@ -265,25 +221,6 @@ def test_increments_add_up_with_any_reset() -> None:
     assert fast[6] - slow[6] == pytest.approx(-9.793746 * 40 / LOOP_RATE, rel=0.01)
 
 
-def test_the_bias_is_subtracted_from_the_compensated_rate() -> None:
-    device = make(rate=0, baud=921600)
-    ask(device, "VNWRG,75,1,4,05,0020,0008")
-    layout = BinaryLayout.of({1: 0x20, 3: 0x08})
-    data = b"".join(message for _, message in device.advance(120 * LOOP_RATE))
-    received = layout.decode(data, count=len(data) // layout.length)[-20_000:]
-    assert (np.abs(received["3.uncompGyro"].astype(float).mean(axis=0)) > 5e-3).all()
-    assert (np.abs(received["1.angularRate"].astype(float).mean(axis=0)) < 5e-5).all()
-
-
-def test_the_magnetometer_repeats_its_readings() -> None:
-    device = make(rate=0, baud=921600)
-    ask(device, "VNWRG,75,1,1,04,0002")
-    layout = BinaryLayout.of({3: 0x02})
-    data = b"".join(message for _, message in device.advance(8000))
-    field = layout.decode(data, count=8000)["3.uncompMag"].astype(float)
-    assert (np.diff(field[:, 0]) == 0).mean() == pytest.approx(1 - 250 / 800, abs=0.01)
-
-
 def test_the_warm_up_changes_the_bias() -> None:
     device = make(rate=0, warm_up=10.0, warm_up_s=60.0, gyro_thermal=1e-4)
     ask(device, "VNWRG,75,1,8,04,0018")
@@ -294,20 +231,6 @@ def test_the_warm_up_changes_the_bias() -> None:
     assert temperature[-100:].mean() - temperature[:10].mean() == pytest.approx(10.0, abs=0.2)
     rate = received["3.uncompGyro"].astype(float)
     assert rate[-2000:].mean(axis=0) - rate[:200].mean(axis=0) == pytest.approx(np.full(3, 1e-3), rel=0.1)
-
-
-def test_time_stamps_are_whole_microseconds_with_jitter() -> None:
-    device = make(rate=800, baud=921600)
-    times = np.concatenate([b.time_ns for b in blocks(device.advance(8000)) if b.time_ns is not None])
-    assert (times % 1000 == 0).all()
-    error = np.diff(times) - 1_250_000
-    assert error.std() / 1000 == pytest.approx(4.7 * math.sqrt(2), rel=0.05)
-
-
-def test_the_same_seed_gives_the_same_output() -> None:
-    first = make(seed=1).advance(4000)
-    assert first == make(seed=1).advance(4000)
-    assert first != make(seed=2).advance(4000)
 
 
 # ---------------------------------------------------------------- the terminal
@@ -383,20 +306,6 @@ def test_each_client_starts_with_new_bytes_at_its_baud() -> None:
             assert client.ask("VNRRG,05") == "VNRRG,05,921600"
 
 
-def test_an_emulator_that_was_stopped_for_a_while_loses_nothing() -> None:
-    with emulator(rate=400, baud=460800) as sensor, Client(sensor.path, 460800) as client:
-        begun = time.monotonic()
-        received = client.collect(0.3)
-        os.kill(sensor.pid, signal.SIGSTOP)
-        time.sleep(1.0)
-        os.kill(sensor.pid, signal.SIGCONT)
-        received += client.collect(0.5)
-        passed = time.monotonic() - begun
-    times = stamps(received)
-    assert (np.abs(np.diff(times) - 2_500_000) < 100_000).all()
-    assert len(times) / 400 == pytest.approx(passed, abs=0.2)
-
-
 def test_a_client_that_does_not_read_loses_whole_messages_and_the_sensor_goes_on() -> None:
     with emulator(baud=921600, rate=800) as sensor, Client(sensor.path, 921600) as client:
         time.sleep(5.0)  # of 35 kB each second, four are held
@@ -459,20 +368,3 @@ def test_a_link_replaces_no_other_file_and_no_terminal_in_use(tmp_path: Path) ->
             link.symlink_to("elsewhere")
     assert os.readlink(link) == "elsewhere"
     assert kept.read_text() == "mine"
-
-
-def test_usage_errors_are_one_line() -> None:
-    for arguments in (["--rate", "300"], ["--rate", "200", "--baud", "115200"]):
-        done = forked.run("sim", *arguments)
-        assert done.returncode != 0
-        assert re.match(rf"imumon( sim)?: --rate {arguments[1]}", done.stderr)
-        assert done.stderr.count("\n") == 1
-        assert done.stdout == ""
-
-
-def test_the_process_of_the_emulator_is_no_command() -> None:
-    command = [sys.executable, "-m", "imumon.sources.vn100.emulator", "--help"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr.endswith("start one with imumon sim\n")
-    assert done.stderr.count("\n") == 1

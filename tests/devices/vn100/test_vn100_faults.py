@@ -8,7 +8,6 @@ import pytest
 from vn100_bench import RATE, Bench, Killed, kinds
 
 from imumon.config import DeviceSettings
-from imumon.sources.vn100.ascii import ERRORS, encode
 from imumon.sources.vn100.commands import OtherSensor
 from imumon.sources.vn100.emulator import EmulatorSettings
 from imumon.sources.vn100.emulator.command_handler import CommandHandler
@@ -30,20 +29,6 @@ def test_restarted_sensor_is_configured_again() -> None:
     assert notices == []
     assert session.restore()
     assert bench.device.registers.read(6) == ("14",)
-
-
-def test_restarted_sensor_with_the_same_saved_stream_is_configured_again() -> None:
-    bench = Bench()
-    for words in (b"06,0", b"75,1,8,05,0001,00F2", b"82,0,1,1,0,0"):
-        bench.device.receive(b"$VNWRG,%b*XX\r\n" % words, bench.now)
-    bench.device.receive(b"$VNWNV*XX\r\n", bench.now)
-    session = bench.streaming()
-    assert bench.run(session, 2.0)[1] == []
-    bench.power_cut()
-    _, notices = bench.run(session, 3.0)
-    assert kinds(notices) == ["reconfigured"]
-    assert bench.device.registers.read(82) == ("0", "0", "0", "0", "0"), "the deltas are uncompensated again"
-    assert bench.run(session, 1.0)[1] == []
 
 
 @pytest.mark.parametrize("flash", [9600, 460800])
@@ -77,19 +62,6 @@ def test_one_second_of_bad_checksums_reopens_the_port() -> None:
     assert samples >= 200
 
 
-def test_lasting_bad_checksums_give_one_notice() -> None:
-    bench = Bench()
-    session = bench.streaming()
-    bench.garbling = True
-    _, notices = bench.run(session, 25.0)
-    assert kinds(notices).count("garbage") <= 1
-    assert kinds(notices).count("lost") <= 1
-    bench.garbling = False
-    samples, notices = bench.run(session, 20.0)
-    assert samples > 100
-    assert bench.run(session, 1.0)[0] >= 95
-
-
 def test_silence_and_its_end_give_one_notice_each() -> None:
     bench = Bench()
     session = bench.streaming()
@@ -112,24 +84,6 @@ def test_sensor_errors_give_notices() -> None:
     assert "invalid command" in notices[0].text
 
 
-def test_repeated_sensor_error_gives_one_notice() -> None:
-    bench = Bench()
-    session, notices = bench.streaming(), []
-    for _ in range(20):
-        bench.device.receive(b"$VNXXX*XX\r\n", bench.now)
-        notices += bench.run(session, 0.1)[1]
-    assert kinds(notices) == ["sensor_error"]
-
-
-def test_unknown_sensor_errors_count_as_one() -> None:
-    bench = Bench()
-    session, notices = bench.streaming(), []
-    for code in sorted(set(range(256)) - set(ERRORS)):
-        bench._queue += encode(f"VNERR,{code:02X}")
-        notices += bench.run(session, 0.04)[1]
-    assert kinds(notices) == ["sensor_error"]
-
-
 def test_another_sensor_on_the_same_port_is_refused() -> None:
     bench = Bench()
     with pytest.raises(OtherSensor) as error:
@@ -142,22 +96,6 @@ def test_another_sensor_on_the_same_port_is_refused() -> None:
     with pytest.raises(OtherSensor) as error:
         bench.run(session, 5.0)
     assert error.value.code == "other_sensor"
-
-
-def test_lossy_line_is_usable() -> None:
-    bench = Bench()
-    live, noise = bench._live, random.Random(3)
-
-    def lossy() -> None:
-        live()
-        for at in range(len(bench._queue)):
-            if noise.random() < 1e-3:
-                bench._queue[at] ^= 1 << noise.randrange(8)
-
-    bench._live = lossy  # type: ignore[method-assign]
-    session = bench.streaming()
-    assert session.info().stream == "deltas"
-    assert bench.run(session, 4.0)[0] > 300
 
 
 def test_flash_is_not_written_and_the_sensor_is_not_reset() -> None:
@@ -269,12 +207,3 @@ def test_old_saved_settings_do_not_undo_later_changes_of_the_user() -> None:
     session.configure()
     assert session.restore()
     assert bench.registers() == before
-
-
-def test_restore_without_a_sensor_ends_soon() -> None:
-    bench = Bench()
-    session = bench.streaming()
-    bench.dead = True
-    begun = bench.now
-    assert not session.restore()
-    assert bench.now - begun < 1.0

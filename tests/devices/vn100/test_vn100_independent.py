@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
-import string
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -20,7 +18,6 @@ from imumon.sources.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.sources.vn100.emulator import EmulatorSettings, Noise
 from imumon.sources.vn100.emulator.command_handler import CommandHandler
 from imumon.sources.vn100.emulator.emulator import make_device
-from imumon.sources.vn100.registers import OUTPUT_TYPES, REGISTERS
 
 CHECKS: tuple[wire.CheckWidth, ...] = (8, 16)
 ENDS = (b"\r\n", b"\n")
@@ -66,23 +63,6 @@ def assert_samples(items: list[DecodedItem], expected: Sequence[wire.Sample | No
 
 
 # ----------------------------------------------------------- what the decoder accepts, by trial
-
-
-def test_every_kind_of_sentence_that_the_decoder_accepts_has_an_independent_vector() -> None:
-    """Try all headers ``VN...``: sentences with a grammar of their own, skipped ones, all others responses."""
-    strict, skipped = set(), set()
-    alphabet = string.ascii_uppercase + string.digits
-    for letters in product(alphabet, repeat=3):
-        header = "VN" + "".join(letters)
-        decoder = Vn100Decoder()
-        items = decoder.feed(wire.frame(header))
-        if not decoder.messages:
-            strict.add(header)
-        elif items != [Response(header, ())]:
-            assert (items, decoder.messages) == ([], 1)
-            skipped.add(header)
-    assert strict == {*wire.SENTENCES, "VNERR"}
-    assert skipped == wire.OTHER_PRODUCTS
 
 
 def test_every_binary_field_that_the_decoder_accepts_has_an_independent_vector() -> None:
@@ -209,15 +189,6 @@ def test_an_independently_packed_run_of_packets_decodes_as_an_array() -> None:
 # ---------------------------------------------------------------- the emulator, by the independent unpacker
 
 QUIET = Noise((1e-6,) * 3, (0.0,) * 3, (0.0,) * 3)
-AT_REST = {
-    "gyro/x": 0.0152, "gyro/y": -0.0113, "gyro/z": -0.0064, "accel/x": 0.012, "accel/y": -0.021,
-    "accel/z": -9.793746, "mag/x": 0.21, "mag/y": 0.03, "mag/z": 0.44, "pressure": 101.2, "temperature": 17.0,
-}  # fmt: skip
-"""What the emulated sensor measures level and at rest; the temperature is that of a cold start."""
-
-
-SETTLED = 8
-"""Messages after which the emulated sensor has an estimate of the gyroscope bias."""
 
 
 def emulator(firmware: str = "3.1.0.0") -> CommandHandler:
@@ -228,161 +199,6 @@ def emulator(firmware: str = "3.1.0.0") -> CommandHandler:
     return make_device(settings)  # type: ignore[return-value]
 
 
-def ask(device: CommandHandler, body: str, check: wire.CheckWidth = 16) -> tuple[str, list[str]]:
-    """Send an independently packed command; return header and fields of the independently read reply."""
-    device.receive(wire.frame(body, check), 0.0)
-    (reply,) = device.replies(0.0)
-    header, fields, width = wire.unframe(reply)
-    assert width == check  # the sensor mirrors the width of the checksum
-    return header, fields
-
-
 def stream(device: CommandHandler, ticks: int = 1600) -> bytes:
     """Return what the sensor sends by itself up to a tick of its 800 Hz loop."""
     return b"".join(message for _, message in device.advance(ticks))
-
-
-def sentences(data: bytes) -> Iterator[tuple[str, list[str]]]:
-    for message in wire.messages(data):
-        assert not isinstance(message, dict)
-        yield message
-
-
-def assert_at_rest(sample: wire.Sample) -> None:
-    """Check the values of a sample of the emulated sensor at rest."""
-    tolerance = {"gyro": 2e-3, "accel": 5e-3, "mag": 2e-3, "temperature": 0.5, "pressure": 0.1}
-    for channel, value in sample.values.items():
-        expected = AT_REST[channel]
-        if sample.kind == "compensated" and channel.startswith("gyro"):
-            expected = 0.0  # the estimated bias is removed
-        assert value == pytest.approx(expected, abs=tolerance[channel.partition("/")[0]]), channel
-
-
-def test_sentences_of_the_emulator_are_valid_for_the_independent_unpacker() -> None:
-    for kind, check in product(OUTPUT_TYPES, CHECKS):
-        with case((kind, check)):
-            header = OUTPUT_TYPES[kind]
-            device = emulator("2.1.0.0" if header == "VNDCM" else "3.1.0.0")
-            assert ask(device, f"VNWRG,30,3,1,0,0,{1 if check == 8 else 3},0,1")[0] == "VNWRG"
-            assert ask(device, f"VNWRG,06,{kind}") == ("VNWRG", ["06", str(kind)])
-            assert ask(device, "VNWRG,07,40") == ("VNWRG", ["07", "40"])
-            data = stream(device)
-            assert wire.unframe(data[: data.index(b"\n") + 1])[2] == check
-            received = list(sentences(data))
-            assert len(received) in (79, 80)
-            for index, (name, fields) in enumerate(received):
-                assert name == header
-                *numbers, count, status = fields
-                assert len(count) == 11
-                assert len(status) == 5
-                assert (count[0], status[0]) == ("T", "S")
-                formats = [form for _, form in wire.SENTENCES[name]]
-                assert [form % float(text) for form, text in zip(formats, numbers, strict=True)] == numbers
-                sample = wire.sample_of_sentence(name, fields)
-                if (
-                    sample is not None and index >= SETTLED and header != "VNDTV"
-                ):  # VNDTV has too coarse steps
-                    assert_at_rest(sample)
-            _, items = decode(data)
-            assert_samples(items, [wire.sample_of_sentence(name, fields) for name, fields in received])
-
-
-def test_packets_of_the_emulator_are_valid_for_the_independent_unpacker() -> None:
-    for position in wire.FIELDS:
-        with case(position):
-            group, bit = position
-            device = emulator()
-            command = f"75,1,80,{1 << group - 1:02X},{1 << bit:04X}"
-            assert ask(device, f"VNWRG,{command}") == ("VNWRG", command.split(","))
-            data = stream(device)
-            received = list(wire.messages(data))
-            assert len(received) == 20
-            values = []
-            for message in received:
-                assert isinstance(message, dict)
-                assert list(message) == [position]
-                values.append(message)
-                if group in (4, 6, 7):  # a VN-100 has no GNSS and no INS
-                    assert message[position] in ((b"\0" * 8,), (0.0,) * wire.FIELDS[position].count)
-            expected = [wire.sample_of_packet(message) for message in values]
-            _, items = decode(data)
-            assert_samples(items, expected)
-            for sample in expected[SETTLED:]:
-                if sample is not None:
-                    assert_at_rest(sample)
-
-
-def test_the_fields_of_an_emulated_packet_agree_with_each_other() -> None:
-    """The same quantity in two groups is the same; vectors, matrices and quaternions describe one attitude."""
-    device = emulator()
-    words = {g: sum(1 << b for h, b in wire.FIELDS if h == g) for g in (1, 2, 3, 5)}
-    device.receive(wire.frame("VNWRG,05,921600"), 0.0)
-    device.replies(0.0)
-    groups = sum(1 << g - 1 for g in words)
-    command = f"VNWRG,75,1,80,{groups:02X}," + ",".join(f"{word:04X}" for word in words.values())
-    assert ask(device, command)[0] == "VNWRG"
-    received = [message for message in wire.messages(stream(device)) if isinstance(message, dict)]
-    assert len(received) == 20
-    stamps = [message[1, 0][0] for message in received]
-    steps = np.diff(np.array(stamps, dtype=float))
-    assert np.abs(steps - 1e8).max() < 5e4  # 80 ticks of 1.25 ms, with the jitter of a real sensor
-    for packet in received[1:]:
-        number = {p: np.array(v, dtype=float) for p, v in packet.items() if not isinstance(v[0], bytes)}
-        for one, other in (
-            ((1, 0), (2, 0)), ((1, 3), (5, 1)), ((1, 4), (5, 2)), ((1, 5), (3, 10)), ((1, 8), (3, 9)),
-            ((1, 12), (5, 0)), ((1, 13), (2, 7)),
-        ):  # fmt: skip
-            assert number[one].tolist() == number[other].tolist()
-        assert number[1, 9].tolist() == [*number[3, 2], *number[3, 3]]
-        assert number[1, 10].tolist() == [*number[3, 8], *number[3, 4], *number[3, 5]]
-        assert number[1, 11].tolist() == [*number[3, 6], *number[3, 7]]
-        assert number[3, 6][0] == pytest.approx(0.1, rel=1e-6)
-        _assert_attitude(number)
-
-
-def _assert_attitude(number: dict[wire.Position, np.ndarray]) -> None:
-    """Check yaw, pitch, roll, quaternion and matrix of one packet against each other."""
-    yaw, pitch, roll = np.radians(number[5, 1])
-    x, y, z, w = number[5, 2]
-    assert x * x + y * y + z * z + w * w == pytest.approx(1.0, abs=1e-5)
-    assert math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) == pytest.approx(yaw, abs=1e-5)
-    assert math.asin(2 * (w * y - z * x)) == pytest.approx(pitch, abs=1e-5)
-    assert math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)) == pytest.approx(roll, abs=1e-5)
-    to_body = number[5, 3].reshape(3, 3).T  # column by column
-    assert to_body @ to_body.T == pytest.approx(np.eye(3), abs=1e-5)
-    assert to_body.T @ number[3, 8] == pytest.approx(number[5, 4], abs=1e-4)  # body to north, east, down
-    assert to_body.T @ number[3, 9] == pytest.approx(number[5, 5], abs=1e-3)
-
-
-@pytest.mark.parametrize("check", CHECKS)
-@pytest.mark.parametrize("firmware", ["2.1.0.0", "3.1.0.0"])
-def test_replies_of_the_emulator_are_valid_for_the_independent_unpacker(
-    firmware: str, check: wire.CheckWidth
-) -> None:
-    device = emulator(firmware)
-    for number, register in REGISTERS.items():
-        header, fields = ask(device, f"VNRRG,{number}", check)
-        if not register.in_generation(2 if firmware[0] == "2" else 3):
-            assert (header, fields) == ("VNERR", ["08"])
-            continue
-        assert (header, fields[0]) == ("VNRRG", f"{number:02d}")
-        name = OUTPUT_MESSAGES.get(number)
-        if name is not None:
-            formats = [form for _, form in wire.SENTENCES[name]]
-            assert [form % float(text) for form, text in zip(formats, fields[1:], strict=True)] == fields[1:]
-    for body, code in (
-        ("VNXYZ", 4),
-        ("VNRRG", 5),
-        ("VNWRG,07,40,1,1", 6),
-        ("VNWRG,07,3", 7),
-        ("VNRRG,99", 8),
-    ):
-        assert ask(device, body, check) == ("VNERR", [f"{code:02X}"])
-    assert ask(device, "VNWRG,01,x", check) == ("VNERR", ["09"])
-
-
-OUTPUT_MESSAGES = {
-    8: "VNYPR", 9: "VNQTN", 15: "VNQMR", 17: "VNMAG", 18: "VNACC", 19: "VNGYR", 20: "VNMAR", 27: "VNYMR",
-    54: "VNIMU", 80: "VNDTV", 115: "VNHVE", 239: "VNYBA", 240: "VNYIA",
-}  # fmt: skip
-"""Message with the fields of a measurement register (manual, tables of registers)."""
