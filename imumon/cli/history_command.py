@@ -13,7 +13,6 @@ from typing import Any
 from imumon.cli import options
 from imumon.cli.exit_codes import NOT_FOUND, USAGE, CommandError
 from imumon.cli.options import Parser
-from imumon.cli.output import print_message_once
 from imumon.history.rows import csv_pieces, iso, json_pieces, rows
 from imumon.history.selection import moment, of_parameters, selection
 from imumon.history.store import SUFFIX, HistoryError, HistoryStore, devices
@@ -126,8 +125,6 @@ def _file_rows(file: Path, chosen: Any) -> Iterator[dict[str, Any]]:
     with HistoryStore(file) as store:
         for timed in store.periods(chosen):
             yield from rows(timed, file.name.removesuffix(SUFFIX), chosen)
-        if store.damage:
-            print_message_once(store.damage)
 
 
 LIMIT_DAYS = "_time=[now(-366d)..now()];step=1d;channel=gyro,accel,mag"

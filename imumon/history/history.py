@@ -7,7 +7,6 @@ written yet and the periods in progress, and do not wait for the disk of the wri
 
 from __future__ import annotations
 
-import os
 import sqlite3
 import threading
 import time
@@ -31,7 +30,6 @@ from imumon.history.store import (
     PowerUp,
     TimedPeriod,
     damaged,
-    is_empty,
     set_aside,
 )
 from imumon.model.errors import why
@@ -51,9 +49,6 @@ CLOSE_S = 3.0
 """s that the disk may take at the end."""
 BARRIER_S = 3.0
 """s for which a state waits for the periods before it: a disk that hangs must not keep it from being saved."""
-TIGHT_BYTES = 1 << 20
-"""Free bytes below which the file is closed after each write. An open one has a log beside it, of up to 4 MB, which
-stays when the disk is full: the state, which is more important, needs the room."""
 EVENTS = "event"
 """Name of the key of the events below that of the history."""
 
@@ -88,7 +83,6 @@ class History:
         )
         self._failed: str | None = None
         self._reported: str | None = None
-        self._damage_noted = False
         self._notes: list[tuple[str, Level]] = []
         self._days = DayChanges(clock)
         self._reported_changes: set[tuple[str, str]] = set()  # channel and coefficient
@@ -253,7 +247,6 @@ class History:
                 with HistoryStore(self.path) as store:
                     for timed in store.periods(chosen):
                         yield pending.pop((timed.period.step_s, timed.record, timed.period.number), timed)
-                    self._note_damage(store)
             except HistoryError as error:
                 if error.code != "no_history" and not pending:
                     raise
@@ -265,7 +258,6 @@ class History:
         try:
             with HistoryStore(self.path) as store:
                 known = store.events(chosen.since, chosen.until)
-                self._note_damage(store)
         except HistoryError:
             known = []
         with self._changed:
@@ -280,30 +272,27 @@ class History:
     # ------------------------------------------------------------------ the thread that writes
 
     def _run(self) -> None:
-        store: HistoryStore | None = None
         while True:
             # before the write: what is added during it is written by the next
             closing, asked = self._closing, self._asked
             try:
-                store = self._in_place(store) or self._opened()
-                self._write(store)
+                # opened for each write: a file that was removed or replaced meanwhile is no other case than none
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                with HistoryStore(self.path, write=True) as store:
+                    if self._power_ups is None:
+                        self._power_ups = self._known(store)
+                    self._write(store)
                 self._failed = None
-                if self._disk_is_tight():
-                    store = _closed(store)
             except HistoryError as error:  # damaged, or of another version
-                store = _closed(store)
                 self._set_aside(error)
                 continue
             except sqlite3.DatabaseError as error:
-                store = _closed_in_place(store)
                 if not isinstance(error, sqlite3.OperationalError):
-                    store = _closed(store)
                     self._set_aside(damaged(self.path))
                     continue
                 cause = lack_of_files() or error
                 self._failed = f"{self.path.parent}: {why(cause)}: {cure_of_writing(cause, OTHER_STATE)}"
             except (OSError, MemoryError) as error:
-                store = _closed_in_place(store)
                 reason = getattr(error, "strerror", None) or "out of memory"
                 self._failed = f"{self.path.parent}: {reason}: {cure_of_writing(error, OTHER_STATE)}"
             with self._changed:
@@ -313,55 +302,15 @@ class History:
                     break
                 self._changed.wait_for(lambda: self._save or self._closing)
                 self._save = False
-        if store is not None:
-            store.close()
 
-    def _in_place(self, store: HistoryStore | None) -> HistoryStore | None:
-        """Return the open file if it has its name; else make it again, or close it, and return None.
-
-        Raises
-        ------
-        OSError, sqlite3.Error : it cannot be made again; its rows are in the open file only.
-        """
-        if store is None or (place := store.place) == "own":
-            return store
-        if place == "removed":
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            store.copy_back()
-            self._note(f"history {self.path} was removed or renamed: it is written again, with all its rows")
-        else:
-            store.forsake()
-            self._note(f"another file has taken the name of history {self.path}: that one continues")
-        return _closed(store)
-
-    def _disk_is_tight(self) -> bool:
-        disk = os.statvfs(self.path.parent)
-        return disk.f_bavail * disk.f_frsize < TIGHT_BYTES
-
-    def _note(self, text: str) -> None:
-        with self._changed:
-            self._notes.append((text, "warning"))
-
-    def _opened(self) -> HistoryStore:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        empty = is_empty(self.path)
-        store = HistoryStore(self.path, write=True)
-        if empty:
-            self._note(f"history {self.path} was empty (0 bytes): a new history begins")
-        if self._power_ups is None:
-            self._load_days(store)
-            known = PowerUps(store.power_ups(), real_time=self._clock.is_real_time)
-            if self._sensor_clock is not None:
-                known.update(*self._sensor_clock)
-            self._power_ups = known
-            self._note_damage(store)
-        return store
-
-    def _note_damage(self, store: HistoryStore) -> None:
-        """Report rows that were left out, once for this run of the daemon."""
-        if store.damage and not self._damage_noted:
-            self._damage_noted = True
-            self._note(store.damage)
+    def _known(self, store: HistoryStore) -> PowerUps:
+        """Check a file that was not opened before, judge its days, and return its power-ups."""
+        store.check()
+        self._load_days(store)
+        known = PowerUps(store.power_ups(), real_time=self._clock.is_real_time)
+        if self._sensor_clock is not None:
+            known.update(*self._sensor_clock)
+        return known
 
     def _load_days(self, store: HistoryStore) -> None:
         """Judge the days of the file; a change that has an event already is not reported again."""
@@ -408,16 +357,5 @@ class History:
             self._failed = f"{error.message}, and cannot be renamed: {failure.strerror}"
             time.sleep(1.0)
             return
-        self._note(f"{error.message}: kept as {aside.name}, a new history begins")
-
-
-def _closed(store: HistoryStore | None) -> HistoryStore | None:
-    """Close a file that can be open; return that there is none."""
-    if store is not None:
-        store.close()
-    return None
-
-
-def _closed_in_place(store: HistoryStore | None) -> HistoryStore | None:
-    """Close a file that has its name; return one that does not, whose rows are nowhere else."""
-    return store if store is not None and store.place == "removed" else _closed(store)
+        with self._changed:
+            self._notes.append((f"{error.message}: kept as {aside.name}, a new history begins", "warning"))

@@ -1,8 +1,8 @@
 """Schema of the history: its tables and their version, which is the ``PRAGMA user_version`` of a file.
 
 Version 2 is the first that was released. A later one must bring the files of this one up to date. What is added to a
-file of version 2 when it is opened for writing, older programs ignore: columns for further coefficients, and
-``checksum``.
+file of version 2 when it is opened for writing, older programs ignore: columns for further coefficients. A column
+``checksum`` of an earlier program is not used.
 """
 
 from __future__ import annotations
@@ -58,8 +58,6 @@ CREATE TABLE turn_on (
 ) WITHOUT ROWID;
 """
 VERSION = 2
-CHECKED = ("period", "noise", "event", "power_up", "turn_on")
-"""Tables whose rows have a checksum. ``channel`` has none: those of its rows cover the name."""
 
 ESTIMATE_COLUMNS = {
     letter: tuple(f"{letter.lower()}{part}" for part in ("", "_low", "_high", "_status"))
