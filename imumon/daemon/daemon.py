@@ -251,9 +251,6 @@ class Daemon:
     # ------------------------------------------------------------------ duties
 
     def _do_duties(self, now: float) -> None:
-        while self._shutdown.ignored:
-            number = self._shutdown.ignored.pop()
-            self._outputs.log(f"signal {number} ignored: SIGTERM ends the daemon", "notice")
         hangs = now - self._reader.active_at > HANG_S
         if self._notifier.watchdog_s is not None and not hangs and self._watchdog_timer.is_due(now):
             self._notifier.watchdog()

@@ -13,15 +13,7 @@ from imumon.model.report import Report
 from imumon.sources.clock import REAL_TIME, HostClock
 
 ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
-"""Signals that end the run."""
-IGNORED = tuple(
-    getattr(signal, name)
-    for name in ("SIGUSR1", "SIGUSR2", "SIGALRM", "SIGVTALRM", "SIGPROF", "SIGIO", "SIGPWR", "SIGSTKFLT", "SIGXCPU",
-                 "SIGTRAP", "SIGSYS")
-    if hasattr(signal, name)
-) + tuple(range(getattr(signal, "SIGRTMIN", 0), getattr(signal, "SIGRTMAX", -1) + 1))  # fmt: skip
-"""Signals that would end the process without restoring the device, and that mean nothing here. Those of a defect
-(SIGSEGV, SIGABRT, ...) end it at once."""
+"""Signals that end the run in order; others end the process, and the next run restores the device."""
 
 TIMEOUT_S = 2.0
 """s without data after which a device counts as silent."""
@@ -86,13 +78,11 @@ class Shutdown:
     Attributes
     ----------
     signal : the last signal that was received, None before.
-    ignored : signals that were received and ignored, and not logged yet; several may come while the daemon computes.
     """
 
     def __init__(self, duration_s: float | None, clock: HostClock) -> None:
         self._clock = clock
         self.signal: int | None = None
-        self.ignored: set[int] = set()
         self._deadline = clock.monotonic_s() + duration_s if duration_s else None
 
     @property
@@ -103,7 +93,7 @@ class Shutdown:
 
     @contextmanager
     def handling_signals(self) -> Iterator[None]:
-        """Let signals end the run instead of the process, and ignore those without a meaning.
+        """Let signals end the run instead of the process.
 
         Once SIGINT has ended the run, it stays ignored: a second ^C must not interrupt the end of the interpreter.
         """
@@ -111,13 +101,9 @@ class Shutdown:
         def handle(number: int, frame: FrameType | None) -> None:
             self.signal = number
 
-        def ignore(number: int, frame: FrameType | None) -> None:
-            self.ignored.add(number)
-
         # what was started with nohup ignores that its terminal closes
         handled = [n for n in ENDING if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]
         before = {number: signal.signal(number, handle) for number in handled}
-        before |= {number: signal.signal(number, ignore) for number in IGNORED}
         try:
             yield
         finally:

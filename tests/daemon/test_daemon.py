@@ -290,31 +290,3 @@ def test_a_signal_that_ends_the_daemon_restores_the_sensor(tmp_path: Path, numbe
         code, _, _ = daemon.stop(number)
         assert code == (130 if number == signal.SIGINT else 0)
         assert not list(tmp_path.glob("*.found.json"))  # the sensor has its own settings back
-
-
-def test_signals_without_a_meaning_are_logged_and_ignored(tmp_path: Path) -> None:
-    names = [
-        "SIGUSR1",
-        "SIGUSR2",
-        "SIGALRM",
-        "SIGVTALRM",
-        "SIGPROF",
-        "SIGIO",
-        "SIGPWR",
-        "SIGSTKFLT",
-        "SIGXCPU",
-        "SIGTRAP",
-        "SIGSYS",
-    ]
-    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    numbers += [signal.SIGRTMIN, signal.SIGRTMAX] if hasattr(signal, "SIGRTMIN") else []
-    with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path) as daemon:
-        report = daemon.samples(100)
-        for number in numbers:
-            daemon.process.send_signal(number)
-            time.sleep(0.15)
-        assert daemon.samples(report.session.samples + 100).session.missing == 0
-        code, _, errors = daemon.stop()
-        assert code == 0
-        assert f"signal {int(signal.SIGUSR1)} ignored: SIGTERM ends the daemon" in errors
-        assert not list(tmp_path.glob("*.found.json"))
