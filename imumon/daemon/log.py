@@ -5,11 +5,6 @@ record goes into a bounded queue, and a thread of its own writes it, so that a s
 that no one reads never blocks the daemon. Records that do not fit are dropped and counted; the next one that
 fits is preceded by their number.
 
-What happens outside, such as a server that closes each connection, must not fill the disk: of one message, whatever
-its numbers are, `REPEATS` lines are written in an hour. The next one after it, or the end of the log, has the number of
-those that were not. Where names from outside make ever more different messages, `MOST_MESSAGES` of them are written in
-an hour; errors are written beyond that.
-
 Warnings and errors of libraries, and of threads that fail, are lines of this log, too: a library alone would print a
 traceback for each.
 """
@@ -20,7 +15,6 @@ import copy
 import json
 import logging
 import os
-import re
 import sys
 import threading
 import traceback
@@ -50,15 +44,6 @@ PRIORITIES = {level: priority for priority, level in enumerate(LEVELS.values(), 
 
 QUEUE_RECORDS = 1000
 """Records that may wait to be written."""
-
-REPEATS = 10
-"""Lines of one message in `REPEATS_S`: enough to see how often it comes."""
-
-REPEATS_S = 3600.0
-"""s for which lines of one message are counted."""
-
-MOST_MESSAGES = 200
-"""Different messages that are written in `REPEATS_S`: with `REPEATS` lines each, no more than a small file."""
 
 CLOSE_S = 1.0
 """How long to wait at the end until all records are written, s."""
@@ -106,7 +91,6 @@ def configure_logging(level: str = "info", format: str = "auto") -> Callable[[],
         libraries.removeHandler(handler)
         logger.removeHandler(handler)
         logger.propagate = True
-        handler.report_repeated()
         handler.report_dropped()
         listener.stop()
 
@@ -126,62 +110,12 @@ def _fault_text(error: BaseException | None) -> str:
     return f"{type(error).__name__}: {error}{place}"
 
 
-class RepeatLimit:
-    """Counts the lines of each message.
-
-    >>> limit = RepeatLimit()
-    >>> [limit.suffix(f"back after {k} s", now=0.0) for k in range(12)][-3:]
-    ['', None, None]
-    >>> limit.suffix("back after 7 s", now=4000.0)
-    ' (repeated 2 times more in the hour before)'
-    """
-
-    def __init__(self) -> None:
-        # begin of the hour, s; lines; the last one. The oldest hour is the first
-        self._counts: dict[str, tuple[float, int, str]] = {}
-        self._others = 0  # lines of further messages, since the last one that was written
-
-    def suffix(self, text: str, now: float, important: bool = False) -> str | None:
-        """Return what to append to a line; None: it is not written.
-
-        Parameters
-        ----------
-        important : it is written though there are too many different messages.
-        """
-        message = re.sub(r"\d+", "0", text)
-        if message not in self._counts and len(self._counts) >= MOST_MESSAGES:
-            oldest, (begin, *_) = next(iter(self._counts.items()))
-            if now - begin <= REPEATS_S and not important:
-                self._others += 1
-                return None
-            del self._counts[oldest]
-        begin, count, _ = self._counts.get(message, (now, 0, ""))
-        if now - begin <= REPEATS_S:
-            self._counts[message] = begin, count + 1, text
-            if count >= REPEATS:
-                return None
-            others, self._others = self._others, 0
-            return f" (and {others:,} lines of other messages before)" if others else ""
-        del self._counts[message]  # and to the end of the order
-        self._counts[message] = now, 1, text
-        more = count - REPEATS
-        return f" (repeated {more:,} times more in the hour before)" if more > 0 else ""
-
-    def rest(self) -> list[str]:
-        """Return a line for each message of which lines were not written."""
-        counts, self._counts = self._counts, {}
-        repeated = ((count - REPEATS, text) for _, count, text in counts.values())
-        lines = [f"repeated {more:,} times more: {text}" for more, text in repeated if more > 0]
-        return [*lines, *([f"{self._others:,} lines of other messages"] if self._others else [])]
-
-
 class _BoundedHandler(QueueHandler):
-    """Handler that drops records and counts them while the queue is full, or if they repeat."""
+    """Handler that drops records and counts them while the queue is full."""
 
     def __init__(self, queue: Queue[Any]) -> None:
         super().__init__(queue)
         self._dropped = 0
-        self._repeats = RepeatLimit()
 
     def prepare(self, record: logging.LogRecord) -> logging.LogRecord:
         """Return the record with its text, in which an exception is one line. Nothing needs to be pickled."""
@@ -194,21 +128,9 @@ class _BoundedHandler(QueueHandler):
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
-            record = self.prepare(record)
-            # who asks for debug lines wants all of them
-            if record.levelno >= logging.INFO:
-                important = record.levelno >= logging.ERROR
-                if (suffix := self._repeats.suffix(record.msg, record.created, important)) is None:
-                    return
-                record.msg += suffix
-            self.enqueue(record)
+            self.enqueue(self.prepare(record))
         except Exception:  # a record of a library whose words do not fit its text
             self._dropped += 1
-
-    def report_repeated(self) -> None:
-        """Enqueue the numbers of lines that were not written."""
-        for text in self._repeats.rest():
-            self.enqueue(logging.LogRecord(__name__, logging.INFO, __file__, 0, text, None, None))
 
     def enqueue(self, record: logging.LogRecord) -> None:
         self.report_dropped()
