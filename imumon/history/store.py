@@ -313,13 +313,8 @@ class HistoryStore:
             marks = ", ".join("?" * len(wanted))
             known = set(self._columns("noise"))
             letters = [letter for letter, names in ESTIMATE_COLUMNS.items() if known.issuperset(names)]
-            columns = [
-                "channel",
-                "mean",
-                "std",
-                "grade",
-                *itertools.chain(*map(ESTIMATE_COLUMNS.get, letters)),
-            ]
+            estimates = [name for letter in letters for name in ESTIMATE_COLUMNS[letter]]
+            columns = ["channel", "mean", "std", "grade", *estimates]
             begin_from = selected.since - 30 * 86400.0  # a period may last through a long gap
             with closing(
                 self._connection.execute(
