@@ -164,7 +164,9 @@ class FaultySensor(Emulator):
         if isinstance(self.terminal, Unplugged):
             return 0
         # asked of the slave: the kernel does not count on the master what waits for a client
-        waiting = fcntl.ioctl(self.terminal._slave, termios.FIONREAD, bytes(4))
+        slave = os.open(self.terminal.path, os.O_RDONLY | os.O_NOCTTY)
+        waiting = fcntl.ioctl(slave, termios.FIONREAD, bytes(4))
+        os.close(slave)
         return len(self.terminal._pending) + int.from_bytes(waiting, sys.byteorder)
 
 

@@ -1,18 +1,15 @@
 """Pseudo-terminal whose master side is the emulated sensor.
 
-It is raw, its master never blocks, and its slave stays open, so that a client that closes it has no effect. Messages
-without a client are lost, as on a real line; the next client gets neither old bytes nor the exclusive mode (TIOCEXCL)
-of the previous one. Linux reports every opening and closing of a file, also of a terminal (inotify(7)). Where that is
-not available, a client is always assumed.
+It is raw, and its master never blocks. Messages without a client are lost, as on a real line, and the next client gets
+no old bytes. Only clients have the slave open: the master hangs up (POLLHUP) while there is none, and its settings
+stay.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
-import fcntl
 import os
-import struct
+import select
 import termios
 import tty
 from pathlib import Path
@@ -21,9 +18,6 @@ from imumon.sources.device import InvalidOption
 
 PENDING = 1 << 17
 """Bytes held for a full terminal: 3 s of the highest rate, for a reader or an emulator that was not scheduled."""
-
-_OPEN, _CLOSE = 0x20, 0x08 | 0x10  # IN_OPEN; IN_CLOSE_WRITE or IN_CLOSE_NOWRITE
-_EVENT = struct.Struct("iIII")
 
 
 class PseudoTerminal:
@@ -42,6 +36,7 @@ class PseudoTerminal:
     Attributes
     ----------
     path : of the slave, which clients open.
+    has_client : whether one has it open.
     """
 
     def __init__(self, baud: int, link: str | None, lossless: bool = False) -> None:
@@ -54,16 +49,18 @@ class PseudoTerminal:
                 else "another file has this name"
             )
             raise InvalidOption("link_in_use", f"--link {link}: {used}", "give another path")
-        self._master, self._slave = os.openpty()
+        self._master, slave = os.openpty()
         os.set_blocking(self._master, False)
-        tty.setraw(self._slave)
-        settings = termios.tcgetattr(self._slave)
+        tty.setraw(slave)
+        settings = termios.tcgetattr(slave)
         settings[4] = settings[5] = _code(baud) or termios.B115200
-        termios.tcsetattr(self._slave, termios.TCSANOW, settings)
-        self.path = os.ttyname(self._slave)
+        termios.tcsetattr(slave, termios.TCSANOW, settings)
+        self.path = os.ttyname(slave)
+        os.close(slave)
         self._pending = bytearray()
-        self._clients = 0
-        self._inotify = _watch(self.path)
+        self._hang_up = select.poll()
+        self._hang_up.register(self._master, 0)  # no events of interest: POLLHUP is reported in any case
+        self.has_client = False
         if self._link is not None:
             new = self._link.with_name(f"{self._link.name}.{os.getpid()}")
             new.unlink(missing_ok=True)
@@ -71,24 +68,14 @@ class PseudoTerminal:
             new.replace(self._link)
 
     def update_clients(self) -> None:
-        """Count the clients; discard the bytes and modes of one that has closed the terminal."""
-        if self._inotify is None:
-            return
-        with contextlib.suppress(BlockingIOError):
-            events = os.read(self._inotify, 4096)
-            for _, mask, _, _ in _EVENT.iter_unpack(
-                events
-            ):  # without names: the path is a file, no directory
-                self._clients = max(0, self._clients + bool(mask & _OPEN) - bool(mask & _CLOSE))
-                if self._clients == 0:
-                    self._pending.clear()
-                    # while the slave is open, the kernel holds what the client has not read, and its exclusive mode
-                    termios.tcflush(self._slave, termios.TCIFLUSH)
-                    fcntl.ioctl(self._slave, termios.TIOCNXCL)
-
-    @property
-    def has_client(self) -> bool:
-        return self._inotify is None or self._clients > 0
+        """Notice a client that has opened or closed the terminal; discard what the latter has not read."""
+        before, self.has_client = self.has_client, not self._hang_up.poll(0)
+        if before and not self.has_client:
+            self._pending.clear()
+            with contextlib.suppress(OSError):
+                slave = os.open(self.path, os.O_RDWR | os.O_NOCTTY)
+                termios.tcflush(slave, termios.TCIFLUSH)  # the kernel holds it for the next one
+                os.close(slave)
 
     @property
     def full(self) -> bool:
@@ -96,9 +83,9 @@ class PseudoTerminal:
 
     @property
     def descriptors(self) -> tuple[list[int], list[int]]:
-        """Descriptors to wait for: until they are readable, and until they are writable."""
-        readable = [self._master] if self._inotify is None else [self._master, self._inotify]
-        return readable, [self._master] if self._pending else []
+        """Descriptors to wait for: until they are readable, and until they are writable; none without a client."""
+        client = [self._master] if self.has_client else []
+        return client, client if self._pending else []
 
     def write(self, message: bytes, baud: int) -> bool:
         """Queue a message for the client, as random bytes if its baud differs; return False if the message is lost.
@@ -121,12 +108,12 @@ class PseudoTerminal:
         """Return the bytes that the client has written; none if its baud is not `baud`."""
         try:
             data = os.read(self._master, 4096)
-        except BlockingIOError:
+        except OSError:  # nothing was written, or the client has just closed the terminal
             return b""
         return data if self._has_baud(baud) else b""
 
     def _has_baud(self, baud: int) -> bool:
-        return bool(termios.tcgetattr(self._slave)[5] == _code(baud))
+        return bool(termios.tcgetattr(self._master)[5] == _code(baud))  # Linux returns those of the slave
 
     def close(self) -> None:
         """Hang up, and remove the link."""
@@ -134,23 +121,9 @@ class PseudoTerminal:
             with contextlib.suppress(OSError):  # the link may be gone or point elsewhere
                 if os.readlink(self._link) == self.path:
                     self._link.unlink()
-        for descriptor in (self._master, self._slave, self._inotify):
-            if descriptor is not None:
-                os.close(descriptor)
+        os.close(self._master)
 
 
 def _code(baud: int) -> int | None:
     """Return the constant of termios; None for 128000, which has none: no client on Linux can set it."""
     return getattr(termios, f"B{baud}", None)
-
-
-def _watch(path: str) -> int | None:
-    """Return a descriptor that is readable when a client opens or closes a path; None if that is not available."""
-    libc = ctypes.CDLL(None, use_errno=True)  # the standard library of Python has no inotify
-    if not hasattr(libc, "inotify_init1"):
-        return None
-    descriptor = int(libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC))
-    if descriptor >= 0 and libc.inotify_add_watch(descriptor, path.encode(), _OPEN | _CLOSE) < 0:
-        os.close(descriptor)
-        return None
-    return descriptor if descriptor >= 0 else None
