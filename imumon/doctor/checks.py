@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from imumon.config import Settings
-from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
+from imumon.doctor.observed import ServiceObservation, StateObservation, ZenohObservation
 from imumon.grid.interval import RATE_TOLERANCE
 from imumon.model.report import MAX_LOSS
 from imumon.model.samples import ALIASED
@@ -36,12 +36,6 @@ DEVICE_CHECKS = (
 REQUEST = "imumon run requests a better stream, if the sensor has one"
 RECONNECT_CURE = "check the plug, cable and power of the sensor; the daemon reconnects by itself"
 OTHER_READER = " or another user's program (sudo fuser -v PORT)"
-NO_PORT = Check(
-    "port",
-    "failed",
-    "no serial port on this machine",
-    "plug the sensor in; pass it through to a container or virtual machine; without a sensor: imumon demo",
-)
 
 
 def config(settings: Settings, faults: tuple[str, ...]) -> Check:
@@ -52,68 +46,19 @@ def config(settings: Settings, faults: tuple[str, ...]) -> Check:
     return Check("config", "ok", str(settings.path) if settings.path else "no file: the defaults apply")
 
 
-# ---------------------------------------------------------------------- port
-
-
-def skipped_port(path: str, port_checks: Iterable[Check]) -> Check:
-    """Return the check of a port without a device while there are others to try."""
-    reason = next((check.text for check in port_checks if check.status == "failed"), "no sensor")
-    return Check("port", "warning", f"{path} skipped: {reason}")
-
-
-def port(port: PortObservation) -> Iterator[Check]:
-    """Check whether the port exists, is accessible, and is free. Nothing is known of a URL."""
-    if port.is_url:
-        yield Check("port", "ok", port.path)
-    elif not port.exists and port.daemon is not None:
-        yield Check("port", "failed", f"no port {port.path}: {port.daemon} waits for it", RECONNECT_CURE)
-    elif not port.exists:
-        others = f"there is {', '.join(port.other_ports)}" if port.other_ports else "plug the sensor in"
-        yield Check("port", "failed", f"no port {port.path}", others)
-    elif not port.is_character_device:
-        cure = f"to read a recording: imumon replay {port.path}"
-        yield Check("port", "failed", f"{port.path} is not a serial port", cure)
-    else:
-        yield Check("port", "ok", f"{port.path} {port.description}".strip())
-        yield _permission(port)
-        yield _usage(port)
-
-
-def _permission(port: PortObservation) -> Check:
-    """Check whether this user may use the port."""
-    if port.accessible:
-        return Check("permission", "ok", f"{port.user} may read and write it")
-    if port.group is None or port.group == "root":
-        cure = "give it to a group by a udev rule: see docs/VN100.md"
-    elif port.group_member:
-        cure = "log out and in again: the group is new"
-    else:
-        cure = f"sudo usermod -aG {port.group} {port.user}, then log in again"
-    return Check("permission", "failed", f"{port.user} may not read and write {port.path}", cure)
-
-
-def _usage(port: PortObservation) -> Check:
-    """Check whether another program has the port open."""
-    if port.holders:
-        cure = "end it first"
-        if any(name.startswith(("imumon", "python")) for name in port.holders):
-            cure += "; if it is a daemon of imumon, give its endpoint with --connect"
-        if any(name.startswith("ModemManager") for name in port.holders):
-            cure = "sudo systemctl disable --now ModemManager, or a udev rule with ID_MM_DEVICE_IGNORE=1"
-        return Check("usage", "failed", f"{port.path} is in use by {', '.join(port.holders)}", cure)
-    if port.daemon is not None:
-        return Check("usage", "ok", f"the daemon {port.daemon} uses the port; its counters are checked")
-    if not port.all_users:
-        return Check("usage", "ok", f"no other program of {port.user} uses the port")
-    return Check("usage", "ok", "no other program uses the port")
-
-
 # ---------------------------------------------------------------------- device
 
 
 def no_device(error: DeviceError) -> Check:
-    """Return the check of a device that cannot be used."""
-    return Check("sensor", "failed", error.message, error.cure or None)
+    """Return the check of a port that does not open, or of a device that cannot be used."""
+    name = "port" if error.code.startswith("port_") else "sensor"
+    return Check(name, "failed", error.message, error.cure or None)
+
+
+def port(path: str, daemon: str | None) -> Check:
+    """Return the check of a port that is open: here, or in a daemon."""
+    used = f", read by the daemon {daemon}: its counters are checked" if daemon is not None else ""
+    return Check("port", "ok", f"{path}{used}")
 
 
 def device(observation: Observation, specific: Iterable[Check], max_loss: float = MAX_LOSS) -> list[Check]:

@@ -5,42 +5,12 @@ The observation of a device is `imumon.sources.device.Observation`.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from imumon.model.errors import ImumonError
 from imumon.model.report import Report
-
-_URL = re.compile(r"[a-z][a-z0-9+.-]*:")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PortObservation:
-    """A port as the file system shows it."""
-
-    path: str  # device path or URL; only `daemon` is known of a URL
-    exists: bool = True
-    is_character_device: bool = True
-    accessible: bool = True  # this process may read and write it
-    group: str | None = None  # of the file
-    user: str = ""  # of this process
-    group_member: bool = False  # the user database has the user in that group
-    holders: tuple[str, ...] = ()  # processes beside the daemon that have it open, ``command (pid)``
-    all_users: bool = True  # holders include the processes of other users
-    daemon: str | None = None  # id of the daemon that reads it, according to its report; None: none
-    description: str = ""  # of the adapter
-    other_ports: tuple[str, ...] = ()  # paths of the other ports of this machine
-
-    @property
-    def is_url(self) -> bool:
-        """Whether the port is a URL instead of a path.
-
-        >>> [PortObservation(path=p).is_url for p in ("/dev/ttyUSB0", "socket://10.0.0.2:4001", "fake:a")]
-        [False, True, True]
-        """
-        return _URL.match(self.path) is not None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

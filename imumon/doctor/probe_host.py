@@ -1,57 +1,16 @@
-"""Host probe: observation of the file of a port, the state directory and the service manager."""
+"""Host probe: observation of the state directory and the service manager."""
 
 from __future__ import annotations
 
 import contextlib
-import getpass
-import grp
 import os
 import shutil
-import stat
 import subprocess
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
-from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation
+from imumon.doctor.observed import ServiceObservation, StateObservation
 from imumon.model.errors import why
-from imumon.sources.linux_tty import holders, locker
-from imumon.sources.ports import find_ports
-
-
-def observe_port(path: str, daemon: str | None = None) -> PortObservation:
-    """Observe a port without opening it; `daemon` is the id of the daemon that reads it."""
-    port = PortObservation(path=path, daemon=daemon)
-    if port.is_url:
-        return port
-    ports = find_ports()
-    real = os.path.realpath(path)
-    port = replace(
-        port,
-        other_ports=tuple(info.path for info in ports if info.path != path),
-        description=next((info.description for info in ports if os.path.realpath(info.path) == real), ""),
-    )
-    try:
-        status = os.stat(path)
-    except (OSError, ValueError):
-        return replace(port, exists=False)
-    group, group_member, user = None, False, _user()
-    programs = holders(path)
-    if daemon is not None:
-        programs.pop(locker(path) or 0, None)  # a daemon locks its port
-    with contextlib.suppress(KeyError):
-        entry = grp.getgrgid(status.st_gid)
-        group, group_member = entry.gr_name, user in entry.gr_mem
-    return replace(
-        port,
-        is_character_device=stat.S_ISCHR(status.st_mode),
-        accessible=os.access(path, os.R_OK | os.W_OK),
-        group=group,
-        user=user,
-        group_member=group_member,
-        holders=tuple(programs.values()),
-        all_users=os.geteuid() == 0,
-    )
 
 
 def observe_state(path: Path) -> StateObservation:
@@ -96,10 +55,3 @@ def _systemctl(*arguments: str) -> list[str]:
     except (OSError, subprocess.TimeoutExpired):
         return []
     return [line for line in done.stdout.splitlines() if line.strip()]
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # a user without an entry in the user database
-        return str(os.getuid())

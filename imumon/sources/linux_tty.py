@@ -14,10 +14,6 @@ from pathlib import Path
 from imumon.model.report_json import plain
 
 PSEUDO_TERMINALS = "/dev/pts/"
-MEMORY = 1
-"""Major number of the devices of Linux that are memory (Documentation/admin-guide/devices.txt)."""
-COMMAND = 60
-"""Longest command line in a message, characters."""
 # requests that the module termios does not have; numbers of asm-generic/ioctls.h
 _TIOCGICOUNT = 0x545D
 _TCGETS2 = 0x802C542A
@@ -44,58 +40,16 @@ def group_of(path: str) -> str:
 
 
 def holders(path: str) -> dict[int, str]:
-    """Return other processes that have a port open, each as ``command (pid)``.
-
-    Of processes of other users, only the one that locks the port is known. The process behind a pseudo-terminal has
-    it open itself and takes no bytes of it.
-    """
-    programs, target, owner = {}, os.path.realpath(path), locker(path)
-    if _is_memory(target):
-        return {}
+    """Return the names of other processes that have a port open; of other users, only root sees them."""
+    programs, target = {}, os.path.realpath(path)
     for process in Path("/proc").glob("[0-9]*"):
-        pid = int(process.name)
         with contextlib.suppress(OSError):
-            if pid != os.getpid() and (pid == owner or _reads(process, target)):
-                programs[pid] = f"{_command(process)} ({pid})"
+            files = [os.readlink(link) for link in (process / "fd").iterdir()]
+            # one that has a master is the other end of a pseudo-terminal, and takes no bytes of it
+            if target in files and not any(file.endswith("/ptmx") for file in files):
+                programs[int(process.name)] = plain((process / "comm").read_text().strip())
+    programs.pop(os.getpid(), None)
     return programs
-
-
-def _is_memory(path: str) -> bool:
-    """Return whether a path is a device such as /dev/null, which most processes have open."""
-    with contextlib.suppress(OSError):
-        return os.major(os.stat(path).st_rdev) == MEMORY
-    return False
-
-
-def locker(path: str) -> int | None:
-    """Return the process that locks a file (flock), of any user; None if no process does."""
-    with contextlib.suppress(OSError):
-        file = os.stat(path)
-        # /proc/locks names a file by its file system and inode: st_dev, not st_rdev, also for a device
-        device = f"{os.major(file.st_dev):02x}:{os.minor(file.st_dev):02x}:{file.st_ino}"
-        for line in Path("/proc/locks").read_text().splitlines():
-            *_, pid, locked, _start, _end = line.split()
-            if locked == device:
-                return int(pid)
-    return None
-
-
-def _reads(process: Path, target: str) -> bool:
-    """Return whether a process has a port open, and is not the other end of that pseudo-terminal."""
-    files = [(link, os.readlink(link)) for link in (process / "fd").iterdir()]
-    if not any(file == target for _, file in files):
-        return False
-    # an emulator keeps its own slave open; only its master says which terminal is at the other end
-    index = f"tty-index:\t{target.removeprefix(PSEUDO_TERMINALS)}\n"
-    masters = (process / "fdinfo" / link.name for link, file in files if file.endswith("/ptmx"))
-    return not any(index in master.read_text() for master in masters)
-
-
-def _command(process: Path) -> str:
-    """Return the command line of a process, shortened, without the folder of its program."""
-    words = (process / "cmdline").read_text(errors="replace").rstrip("\0").split("\0")
-    command = " ".join([os.path.basename(words[0]), *words[1:]]) or (process / "comm").read_text().strip()
-    return plain(command if len(command) <= COMMAND else f"{command[: COMMAND - 1]}…")
 
 
 def overruns(fd: int | None) -> int | None:

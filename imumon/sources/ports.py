@@ -262,7 +262,8 @@ def _open_tty(path: str, baud: int) -> Any:
         kind = "directory" if stat.S_ISDIR(mode) else "file"
         cure = f"to read a recording, use imumon replay {path}"
         raise DeviceError("port_not_serial", f"{path} is a {kind}, not a serial port", cure)
-    if others := linux_tty.holders(path):  # one that locks nothing would take a part of the bytes
+    # a program that locks nothing would take a part of the bytes; many have /dev/null open, which is no port
+    if (others := linux_tty.holders(path)) and not linux_tty.is_no_terminal(path):
         raise _busy(path, others)
     try:
         # a write must end, too: a sensor that holds the line, or a hung adapter, takes no bytes
@@ -289,7 +290,8 @@ def _busy(path: str, programs: Mapping[int, str]) -> DeviceError:
         cure = f"end it first: sudo fuser -v {path} names it"
         return DeviceError("port_busy", f"{path} is in use by another user's program", cure)
     cure = f"end it first: kill {' '.join(map(str, programs))}"
-    return DeviceError("port_busy", f"{path} is in use by {', '.join(programs.values())}", cure)
+    names = ", ".join(f"{name} ({pid})" for pid, name in programs.items())
+    return DeviceError("port_busy", f"{path} is in use by {names}", cure)
 
 
 def _open_error(path: str, error: Exception) -> DeviceError:

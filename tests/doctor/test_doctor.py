@@ -23,8 +23,8 @@ from foreign_device import on_a_terminal
 
 from imumon.config import DeviceSettings, Settings, ZenohSettings, load
 from imumon.doctor import Case, checks, examine
-from imumon.doctor.doctor import candidate_ports
-from imumon.doctor.observed import PortObservation, ServiceObservation, StateObservation, ZenohObservation
+from imumon.doctor.doctor import daemon_port
+from imumon.doctor.observed import ServiceObservation, StateObservation, ZenohObservation
 from imumon.doctor.probe_device import observe_device
 from imumon.doctor.probe_host import observe_state
 from imumon.model.errors import ImumonError
@@ -71,16 +71,7 @@ def test_a_factory_sensor_has_two_warnings(case: Case) -> None:
     assert "2.24 times" in results["aliasing"].text
     assert "115200" in results["baud"].text
     assert "0100056785" in results["model"].text
-    assert set(results) >= {
-        "config",
-        "port",
-        "permission",
-        "usage",
-        "load",
-        "checksums",
-        "rate",
-        "zenoh",
-    }
+    assert set(results) >= {"config", "port", "load", "checksums", "rate", "zenoh"}
 
 
 def observe(path: str) -> Observation:
@@ -171,8 +162,8 @@ def test_listen_only_sends_no_command(case: Case) -> None:
 def test_a_port_in_use_by_another_program_is_not_read(case: Case) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor, SerialPort(sensor.path):
         results = by_name(case, sensor.path)
-    assert failed(results) == {"sensor"}
-    assert "in use" in results["sensor"].text
+    assert failed(results) == {"port"}
+    assert "in use" in results["port"].text
 
 
 @pytest.mark.parametrize(("data", "text"), [(b"", "silent"), (b"\x5a\x81" * 99, "no valid message")])
@@ -188,30 +179,8 @@ def test_silence_and_garbage_are_distinguished(case: Case, data: bytes, text: st
         sender.start()
         results = by_name(case, f"socket://127.0.0.1:{server.getsockname()[1]}")
         sender.join()
-    assert results["port"].status == "ok"
     assert failed(results) == {"sensor"}
     assert text in results["sensor"].text or "gone" in results["sensor"].text
-
-
-PORT = PortObservation(path="/dev/ttyUSB0", group="dialout", user="ada")
-
-
-@pytest.mark.parametrize(
-    ("port", "cure"),
-    [
-        (replace(PORT, accessible=False), "sudo usermod -aG dialout ada, then log in again"),
-        (replace(PORT, accessible=False, group_member=True), "log out and in again: the group is new"),
-        (replace(PORT, accessible=False, group="root"), "udev"),
-        (replace(PORT, holders=("ModemManager (7)",)), "systemctl disable --now ModemManager"),
-        (replace(PORT, holders=("minicom (7)",)), "end it first"),
-        (replace(PORT, holders=("minicom (7)",), daemon="vn100-1"), "end it first"),
-        (replace(PORT, holders=("imumon (7)",)), "--connect"),
-    ],
-)
-def test_a_port_that_may_not_be_used(port: PortObservation, cure: str) -> None:
-    bad = [check for check in checks.port(port) if check.status == "failed"]
-    assert len(bad) == 1
-    assert cure in str(bad[0].cure)
 
 
 # ---------------------------------------------------------------------- devices of other distributions
@@ -289,20 +258,24 @@ def test_zenoh(zenoh: Callable[[], ZenohObservation], status: str) -> None:
     assert (check.cure is None) == (status == "ok")
 
 
+def test_no_port_at_all(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("imumon.sources.port_device.find_ports", list)
+    results = {check.name: check for check in examine(case)}
+    assert failed(results) == {"sensor"}
+    assert results["sensor"].text == "no serial port on this machine"
+
+
 def test_the_port_that_a_daemon_waits_for_is_examined() -> None:
     lost = reports.report(state="waiting")
     zenoh = ZenohObservation(reports=(lost,))
-    assert candidate_ports(zenoh) == [lost.device.port]  # not the other ports
+    assert daemon_port(zenoh) == lost.device.port
     own = replace(lost, device=replace(lost.device, id="mine", port="/dev/mine"))
-    assert candidate_ports(replace(zenoh, reports=(lost, own)), ["mine"]) == ["/dev/mine"]
+    assert daemon_port(replace(zenoh, reports=(lost, own)), ["mine"]) == "/dev/mine"
+    assert daemon_port(ZenohObservation()) == ""
     text = f"the daemon {lost.device.id} waits for its sensor on {lost.device.port}"
     assert checks.zenoh(zenoh).text == text
     other = reports.report(id="other")
     assert checks.zenoh(ZenohObservation(reports=(other, lost))).text == f"{text}; also running: other"
-    (check,) = checks.port(replace(PORT, exists=False, daemon=lost.device.id))
-    assert check.status == "failed"
-    assert f"{lost.device.id} waits for it" in check.text
-    assert "plug" in str(check.cure)
 
 
 def test_an_endpoint_in_use_and_an_invalid_endpoint(case: Case) -> None:
@@ -365,7 +338,7 @@ def test_a_running_daemon_is_queried_and_not_disturbed(tmp_path: Path) -> None:
     results = {check["name"]: check for check in output["checks"]}
     assert done.returncode == 0, done.stdout
     assert output["schema"] == "imumon.doctor/1"
-    assert results["usage"]["status"] == "ok"
+    assert "its counters are checked" in results["port"]["text"]
     assert results["rate"]["status"] == "ok"
     assert results["compensation"]["status"] == "ok"
     assert (after.session.missing, after.session.gaps, after.session.bad_checksums) == (0, 0, 0)
@@ -384,14 +357,13 @@ def test_another_reader_of_the_port_is_named(case: Case, tmp_path: Path) -> None
         ) as other:
             assert other.stdout is not None
             other.stdout.readline()
-            usage = by_name(case, sensor.path)["usage"]
+            used = by_name(case, sensor.path)["port"]
             done = usage_of_run(sensor.path, tmp_path)
             other.communicate()
-        free = by_name(replace(case, seconds=0.3), sensor.path)["usage"]
-    assert usage.status == "failed"
-    assert f"({other.pid})" in usage.text
-    assert "python" in usage.text
-    assert "end it first" in str(usage.cure)
+        free = by_name(replace(case, seconds=0.3), sensor.path)["port"]
+    assert used.status == "failed"
+    assert f"({other.pid})" in used.text
+    assert "end it first" in str(used.cure)
     assert done.returncode == 1
     assert f"({other.pid}): end it first: kill {other.pid}\n" in done.stderr
     assert free.status == "ok"
