@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 import tempfile
+from collections import Counter
 from zlib import crc32
 
 import pytest
@@ -62,7 +63,20 @@ def _balance_every_ledger() -> None:
     Monitor._counted = balanced  # type: ignore[method-assign]
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is slow
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Make slow what `few` leaves to the night, and put the tests in their order."""
+    cases: Counter[str] = Counter()
+    for item in items:
+        if (few := item.get_closest_marker("few")) is not None:
+            name = item.nodeid.partition("[")[0]
+            cases[name] += 1
+            if cases[name] > next(iter(few.args), 1):
+                item.add_marker(pytest.mark.slow)
+    _mix(items)
+
+
+def _mix(items: list[pytest.Item]) -> None:
     """Begin with the files that take longest, so that no process works alone at the end, and mix the others.
 
     In the order of the alphabet, all processes would wait for daemons at one time and compute at another.

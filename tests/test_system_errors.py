@@ -24,6 +24,7 @@ def error(number: int) -> OSError:
     return OSError(number, os.strerror(number))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("number", NUMBERS)
 def test_every_number_has_a_message_and_a_cure_of_one_line(number: int) -> None:
     found = error(number)
@@ -52,6 +53,7 @@ def test_a_command_ends_in_one_line_for_every_number(
             assert os.strerror(number).lower() in written.err
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("number", [n for n in NUMBERS if n not in ENOUGH])
 def test_standard_output_that_fails_is_an_error_of_the_output(
     monkeypatch: pytest.MonkeyPatch, number: int

@@ -104,6 +104,7 @@ DOORS = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("door", DOORS)
 @given(jumps=JUMPS)
 @settings(deadline=None, max_examples=4, suppress_health_check=[HealthCheck.too_slow])
@@ -151,6 +152,7 @@ def live(path: Path, times: np.ndarray) -> object:
     return imumon.Live.load(path).result()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("door", [csv, npz, arrays, live])
 @given(jumps=JUMPS)
 @settings(deadline=None, max_examples=3, suppress_health_check=list(HealthCheck))

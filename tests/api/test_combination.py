@@ -104,6 +104,7 @@ def test_measured_bounded_and_pending_coefficients() -> None:
     assert (nothing.status, nothing.reason) == ("pending", "too short")
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("scatter", [0.0, 0.02, 0.1])
 @pytest.mark.parametrize("records", [2, 5])
 def test_the_limits_cover_the_mean(records: int, scatter: float) -> None:

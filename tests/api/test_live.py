@@ -36,6 +36,7 @@ def timed(rows: np.ndarray) -> tuple[np.ndarray, Any]:
     return t, comparable(imumon.analyse(gyro=rows[:, :3], temperature=rows[:, 3], time_s=t).report)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("size", [97, 40_000])
 def test_blocks_of_any_size_give_the_report_of_all_samples(
     rows: np.ndarray, timed: tuple[np.ndarray, Any], size: int

@@ -224,6 +224,7 @@ def test_signals_are_the_reply_to_a_get() -> None:
         assert list(session.get("imumon/x/nothing")) == []
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("ahead", [timedelta(seconds=5), timedelta(days=1), timedelta(days=-1)])
 def test_reports_arrive_from_a_daemon_whose_clock_is_wrong_or_stepped(
     ahead: timedelta, monkeypatch: pytest.MonkeyPatch

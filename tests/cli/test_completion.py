@@ -44,6 +44,7 @@ complete -p imumon >/dev/null"""
     return set(done.stdout.split())
 
 
+@pytest.mark.few
 @needs_bash
 @pytest.mark.parametrize(
     ("line", "offered"),

@@ -273,6 +273,7 @@ def run(*words: str, code: int) -> str:
     return done.stderr.strip().splitlines()[-1]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("kind", "word"), [("silent", "silent|nothing|no byte"), ("nmea", "NMEA|GPGGA"), ("garbage", "")]
 )
@@ -283,6 +284,7 @@ def test_what_is_no_vn100_is_said(tmp_path: Path, kind: str, word: str) -> None:
         assert re.search(word, said)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])
 def test_a_signal_that_ends_the_daemon_restores_the_sensor(tmp_path: Path, number: signal.Signals) -> None:
     with spawn(EmulatorSettings(seed=2)) as sensor, Daemon(sensor.path, tmp_path) as daemon:

@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 
 import pytest
 from documents import AGES, FIGURES, SETTINGS, aged, filters, text, words
-from reports import nothing_yet, with_coefficients
+from reports import nothing_yet
 from reports import report as make_report
 
 from imumon.documents import FORMS
@@ -19,8 +19,7 @@ from imumon.documents.elements import DataTable
 from imumon.documents.sheet import datasheet
 from imumon.documents.summary import LINES, comparison_text, summary_text
 from imumon.documents.tables import excluded_sentence
-from imumon.model.coefficients import COEFFICIENTS
-from imumon.model.messages import CAVEATS, FILTER_NOT_KNOWN, uncertainty
+from imumon.model.messages import CAVEATS, FILTER_NOT_KNOWN
 from imumon.model.report import Allan, Report, from_json
 from imumon.record.report_builder import effective_samples
 
@@ -33,6 +32,7 @@ def test_every_form_of_every_age_is_complete(age: str) -> None:
     assert not [form for form, page in shown.items() if unknown_without_a_text.search(page)]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("form", [*SETTINGS, "md", "html"])
 def test_every_form_shows_the_caveats_of_the_stream(form: str) -> None:
     report = make_report()
@@ -43,6 +43,7 @@ def test_every_form_shows_the_caveats_of_the_stream(form: str) -> None:
     assert "compensated" in shown
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("age", AGES)
 def test_tables_have_a_cell_for_each_column(age: str) -> None:
     report = aged(age)
@@ -82,6 +83,7 @@ class Balance(HTMLParser):
         assert self.open.pop() == tag
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("age", AGES)
 def test_the_page_is_well_formed_and_fetches_nothing(age: str) -> None:
     page = text(aged(age), "html")
@@ -119,14 +121,6 @@ def test_csv_is_one_tidy_table(age: str) -> None:
         assert (row["unit"], row["status"]) == (part.unit, part.status)
 
 
-def test_pandas_reads_the_csv() -> None:
-    pandas = pytest.importorskip("pandas", reason="pandas is not installed")
-    table = pandas.read_csv(io.StringIO(text(make_report(), "csv")))
-    n = table[(table.kind == "coefficient") & (table.name == "N") & (table.channel == "gyro/x")]
-    assert n.value.iloc[0] == make_report().channels["gyro/x"].coefficients["N"].value
-    assert table[table.kind == "allan"].tau_s.notna().all()
-
-
 def test_json_is_the_report_itself() -> None:
     report = make_report()
     assert from_json(Report, text(report, "json")) == report
@@ -155,6 +149,7 @@ def test_a_model_name_is_no_tag() -> None:
     assert "<script>" not in "".join(outside_code).replace("\\<", "")
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("age", AGES)
 @pytest.mark.parametrize("width", [80, 120])
 def test_the_summary_is_one_screen_of_whole_lines(age: str, width: int) -> None:
@@ -190,6 +185,7 @@ def test_tables_and_datasheet_name_both_grades(form: str, provisional: bool) -> 
     assert ("consumer, provisional" in shown) == provisional
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("form", [*SETTINGS, "md"])
 def test_every_form_warns_of_an_unknown_filter(form: str) -> None:
     """N of a stream in listen-only mode is too high by a factor that depends on its rate."""
@@ -262,19 +258,3 @@ def test_white_noise_has_as_many_effective_samples_as_samples_and_a_walk_few() -
     assert (effective_samples(walk, 20.0, 1024) or 0.0) < 3.0
     assert effective_samples(None, 1.0, 1024) is None
     assert effective_samples(white, None, 1024) is None
-
-
-def test_the_summary_names_its_units() -> None:
-    heads = [line for line in summary_text(make_report(200.0)).splitlines() if line.startswith("in ")]
-    assert [head.split("  ")[0] for head in heads] == ["in °/s", "in m/s²", "in mG"]
-
-
-def test_wide_limits_are_a_factor() -> None:
-    report = make_report()
-    k = replace(report.channels["gyro/x"].coefficients["K"], status="measured")
-    si = 1.0 / COEFFICIENTS["K"].units["gyro"].factor
-    k = replace(k, value=3.5 * si, low=1.0 * si, high=9.0 * si, combined_low=None)
-    one = with_coefficients(report.channels["gyro/x"], K=k)
-    shown = summary_text(replace(report, channels={"gyro/x": one}), 100)
-    assert "3.5 ×÷3.0" in shown
-    assert uncertainty() in shown

@@ -54,11 +54,6 @@ def test_a_figure_names_the_device_the_record_and_every_value() -> None:
                 assert f"{letter} {coefficient_text(part)} {unit}" in shown
 
 
-def test_the_figure_of_the_page_marks_n_b_and_k() -> None:
-    letters = [e.text for e in ET.fromstring(svg(make_report(LONG_S), "gyro")).iter("text")]
-    assert {"N", "B", "K"} <= set(letters)
-
-
 def test_a_coefficient_below_the_frame_is_not_marked() -> None:
     """Its limits may reach into the frame: a bar would begin above its end."""
     report = make_report(LONG_S)
@@ -104,6 +99,7 @@ def test_a_figure_without_a_curve_is_an_error(form: str) -> None:
     assert raised.value.code == "no_curve"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("age", ["minutes", "hours", "long"])
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
 def test_the_name_of_a_grade_does_not_cover_a_letter(sensor: str, age: str) -> None:
@@ -123,6 +119,7 @@ def test_the_name_of_a_grade_does_not_cover_a_letter(sensor: str, age: str) -> N
     assert [name for name, box in grades if any(box.overlaps(letter) for letter in letters)] == []
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("sensor", ["gyro", "accel", "mag"])
 @pytest.mark.parametrize("age", ["minutes", "hours", "long"])
 def test_every_point_of_a_curve_is_drawn_within_the_frame(sensor: str, age: str) -> None:
@@ -139,7 +136,3 @@ def test_every_point_of_a_curve_is_drawn_within_the_frame(sensor: str, age: str)
         for mark in marks:
             assert 0.0 <= float(mark.get("x") or -1) <= width
             assert 0.0 <= float(mark.get("y") or -1) <= height
-
-
-def test_a_figure_is_the_same_every_time() -> None:
-    assert svg(make_report(), "gyro") == svg(make_report(), "gyro")

@@ -81,6 +81,7 @@ def test_a_walk_that_rests_on_a_bound_is_a_comment_with_the_bound() -> None:
         assert shown.items() <= whole.items()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("age", ["nothing", "seconds"])
 def test_an_unknown_coefficient_is_never_a_number(age: str) -> None:
     report = aged(age)
@@ -116,6 +117,7 @@ def test_a_longer_record_is_advised_only_where_it_helps(code: str | None, gyro: 
         assert ("record longer" in shown) == (cure == "record longer")
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("form", SETTINGS)
 def test_caveats_precede_the_numbers(form: str) -> None:
     report = make_report()
@@ -299,6 +301,7 @@ def test_a_walk_for_a_bounded_k_has_its_factor_against_half_the_bound() -> None:
     )
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("form", [form for form in SETTINGS if form not in COVARIANCES])
 def test_a_longer_horizon_needs_other_walks(form: str) -> None:
     report = make_report(LONG_S)
@@ -330,6 +333,7 @@ def test_openvins_gets_every_required_matrix() -> None:
         np.testing.assert_array_equal(matrix, diagonal * np.eye(size))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("age", AGES)
 def test_gtsam_is_python_and_leaves_no_covariance_of_one(age: str) -> None:
     code = text(aged(age), "gtsam")

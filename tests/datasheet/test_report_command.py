@@ -94,11 +94,6 @@ def test_a_short_record_prints_a_warning(saved: Path) -> None:
     assert short_record_text(make_report(LONG_S)) is None or make_report(LONG_S).session.elapsed_s < 8 * 3600
 
 
-@pytest.mark.parametrize("horizon", ["0", "0.5", "2d", "soon"])
-def test_a_horizon_is_from_a_second_to_a_day(horizon: str, recording: Path) -> None:
-    imumon("report", recording, "--format", "filter", "--horizon", horizon, code=2)
-
-
 def test_running_daemon_and_its_saved_state(tmp_path: Path) -> None:
     with Daemon("sim", tmp_path, "--speed", "10", "--seed", "3") as daemon:
         live = daemon.samples(1000)

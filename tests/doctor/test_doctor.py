@@ -92,6 +92,7 @@ CLOCKED = EmulatorSettings(seed=1, rate=160.0)
 """Binary, with a sample clock, and within the factory baud rate."""
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("fault", ["crc=0.2", "corrupt=0.005", "cut=0.2"])
 def test_damaged_messages_are_detected(case: Case, fault: str) -> None:
     with spawn(CLOCKED) as sensor:
@@ -110,6 +111,7 @@ def test_the_rate_of_a_stream_without_a_clock_is_checked(case: Case, fault: str)
     assert results["rate"].cure
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("command", "name", "status", "text"),
     [

@@ -54,11 +54,13 @@ def _misfits_are_caveats(report: Report) -> int:
     return sum("misfit" in channel.caveats for channel in known)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("age", [200.0, 900.0, 7200.0])
 def test_a_model_that_does_not_fit_has_a_caveat(age: float) -> None:
     _misfits_are_caveats(report_at(age))
 
 
+@pytest.mark.few
 @needs_recordings
 @pytest.mark.parametrize("name", ["instinct_vn310_static.npz", "rob_static2.npz"])
 def test_a_real_record_that_does_not_fit_has_a_caveat(name: str) -> None:

@@ -18,6 +18,7 @@ from imumon.model.coefficients import COEFFICIENTS
 from imumon.model.report_json import to_json
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", sorted(published()))
 def test_a_published_sheet_names_its_source_and_edition(name: str) -> None:
     sheet = published()[name]

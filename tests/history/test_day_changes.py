@@ -98,6 +98,7 @@ def test_the_history_prints_the_slope_of_a_day(tmp_path: Path) -> None:
     assert '"slope":{"value":-1e-06,"low":-1.2e-06,' in imumon(*ask, "--json")
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("correlation", [0.0, 0.8, 1.0])
 def test_scatter_of_any_kind_makes_few_changes(correlation: float) -> None:
     """500 series of 30 days: white, strongly correlated, and a random walk."""

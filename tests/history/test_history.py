@@ -96,6 +96,7 @@ def test_a_selection_takes_what_lies_or_lasts_in_it(
         assert [timed.period.number for timed in store.periods(selected)] == numbers
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("damage", ["text", "cut", "middle", "earlier", "later", "link", "other"])
 def test_a_file_that_cannot_be_used_is_set_aside(tmp_path: Path, damage: str) -> None:
     path = tmp_path / "imu.history.sqlite"
@@ -138,6 +139,7 @@ def noted(history: History) -> list[str]:
     return notes
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("lost", ["file", "log", "directory", "renamed"])
 def test_a_history_that_is_removed_is_made_again_with_what_follows(tmp_path: Path, lost: str) -> None:
     """Without this, what follows goes to a file without a name, and is lost with the daemon."""

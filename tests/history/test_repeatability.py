@@ -67,6 +67,7 @@ def test_days_of_the_history_widen_the_limits(tmp_path: Path) -> None:
     assert (high - low) > 2.0 * np.subtract(*alone.channels["gyro/x"].coefficients["N"].interval[::-1])
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "wrong",
     [

@@ -34,6 +34,7 @@ def test_a_hostile_file_does_what_the_corpus_says(hostile: Hostile, tmp_path: Pa
 # ---------------------------------------------------------------------- random damage
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", SAMPLES)
 def test_a_damaged_recording_is_an_error_or_is_read(tmp_path: Path, kind: str) -> None:
     with little_memory(2 << 30):

@@ -45,6 +45,7 @@ def curves(
     return estimator.bias_curves(replace(curve.sums, degrees=means.means[:, 0] + means.offset[0]))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("shape", "k"), [(WARMING, 3e-6), (BOTH_WAYS, 0.0)])
 def test_limits_hold_the_slope_and_the_line(shape: Floats, k: float) -> None:
     degrees, truth = 20.0 + 40.0 * shape, 1e-5
@@ -61,6 +62,7 @@ def test_limits_hold_the_slope_and_the_line(shape: Floats, k: float) -> None:
     assert np.mean(line_held) >= 0.9
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("degrees", "reason"),
     [
@@ -77,6 +79,7 @@ def test_a_temperature_that_says_nothing_gives_a_reason(degrees: Floats, reason:
         assert each == BiasFit(reason=reason)
 
 
+@pytest.mark.slow
 def test_steps_and_holes_of_the_temperature_do_no_harm() -> None:
     degrees = 20.0 + 40.0 * WARMING
     coarse = np.round(degrees * 2.0) / 2.0

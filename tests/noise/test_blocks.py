@@ -89,20 +89,6 @@ def test_blocks_are_the_means_of_what_is_valid_and_join_in_pairs() -> None:
                     assert share[c] == 0.0
 
 
-def test_joined_means_are_those_of_what_is_valid_in_pairs_of_blocks() -> None:
-    values, valid = numbers(1000), np.random.default_rng(3).random((1000, 2)) >= 0.4
-    blocks = accumulator()
-    feed(blocks, values, valid)
-    one, two = blocks.result(), blocks.result().joined()
-    assert two.length == 2 * one.length
-    for i in range(len(one.means) // 2):
-        part = slice(2 * i * one.length, 2 * (i + 1) * one.length)
-        for c in range(2):
-            own = values[part, c][valid[part, c]]
-            assert two.means[i, c] == pytest.approx(own.mean())
-            assert two.share[i, c] == pytest.approx(len(own) / two.length)
-
-
 def test_memory_is_bounded_and_a_gap_of_years_is_cheap() -> None:
     blocks = accumulator()
     feed(blocks, numbers(100))
@@ -124,6 +110,7 @@ def test_the_offset_of_a_segment_does_not_show() -> None:
     np.testing.assert_array_equal(means.offset, NONE)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("n", [5, 100, 333])
 def test_a_restored_state_continues_with_the_same_bits(n: int) -> None:
     one = accumulator()
@@ -169,6 +156,7 @@ def test_a_block_over_which_two_segments_meet_counts_as_missing() -> None:
     np.testing.assert_array_equal(means.means[3:12], both[12:48].reshape(9, 4, 2).mean(axis=1))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("n", "m"), [(5, 200), (200, 5), (100, 100), (16, 16), (7, 3)])
 def test_appended_blocks_are_those_of_one_run_with_a_break(n: int, m: int) -> None:
     """Where their lengths differ, the blocks of the shorter record have joined; no sample is lost or moved."""
@@ -199,23 +187,6 @@ def test_appended_blocks_are_those_of_one_run_with_a_break(n: int, m: int) -> No
     assert (whole.segment < 0).sum() <= 1  # the one over which the two meet
 
 
-def test_a_part_has_the_blocks_that_lie_in_it() -> None:
-    blocks = accumulator()
-    feed(blocks, numbers(100))
-    whole = blocks.result()  # of 8 samples
-    part = whole.part(17, 71)
-    np.testing.assert_array_equal(part.means, whole.means[3:8])
-    assert whole.part(17, 23).means.shape == (0, 2)
-
-
-def test_channels_can_be_selected() -> None:
-    blocks = accumulator()
-    feed(blocks, numbers(100))
-    whole, own = blocks.result(), blocks.result().select([1])
-    np.testing.assert_array_equal(own.means[:, 0], whole.means[:, 1])
-    assert own.share.shape == (12, 1)
-
-
 # --- cosine coefficients -----------------------------------------------------------------------------------
 
 
@@ -232,6 +203,7 @@ def exact_variances(n: int) -> Floats:
     return np.stack(out)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("n", [16, 23, 64, 256, 300, 1024])
 def test_variances_agree_with_the_exact_covariance(n: int) -> None:
     """The edge of the highest coefficients of flicker is not modelled: 1.4 % of one of 15, less of more."""

@@ -24,6 +24,7 @@ def noise(seed: int, mean: float) -> Floats:
     return synthesise(SAMPLES, RATE, N=[N], seed=seed, averaged=True)[:, 0] + mean
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("mean", [0.0, 1.5e-5, 7e-5])
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 1.0, 3.0, 10.0])
 def test_a_counting_gyroscope_shows_n_and_q(ratio: float, mean: float) -> None:
@@ -41,6 +42,7 @@ def test_a_counting_gyroscope_shows_n_and_q(ratio: float, mean: float) -> None:
     assert "correlated" not in fit.caveats
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("counts", "samples"), [(1.0, 2_000), (2.0, 30_000)])
 def test_counts_that_a_short_record_does_not_show_are_in_the_limits_of_n(counts: float, samples: int) -> None:
     """`counts` is the noise of a sample; the rounding of both ends of an interval adds to N."""
@@ -65,6 +67,7 @@ def test_a_record_too_short_for_its_counts_is_pending() -> None:
     assert "counts" in fit.N.reason
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("mean", [0.0, 0.3, 0.5])
 @pytest.mark.parametrize("steps", [0.5, 1.0, 1.5, 1.9, 2.1, 2.5, 3.0, 5.0])
 def test_a_rounded_rate_is_right_or_pending(steps: float, mean: float) -> None:

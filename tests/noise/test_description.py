@@ -69,6 +69,7 @@ def second_order(values: Floats, share: float) -> Floats:
     return np.asarray(scipy.signal.lfilter(*scipy.signal.butter(2, share), values, axis=0)[100:])
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("length", [2, 3, 4, 5, 8])
 def test_a_moving_average_costs_no_precision(quiet: Floats, length: int) -> None:
     """Its shape is known, and the whole spectrum counts."""
@@ -78,6 +79,7 @@ def test_a_moving_average_costs_no_precision(quiet: Floats, length: int) -> None
     assert width(fits, "N") < 2.5 * width(fitted(quiet[100:]), "N")
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("filtered", "size"), [(low_pass, 0.7), (low_pass, 2.0), (low_pass, 6.0), (second_order, 0.2)]
 )
@@ -90,6 +92,7 @@ def test_a_low_pass_leaves_n_and_b(
     assert width(fits, "N") < 0.25 * N
 
 
+@pytest.mark.slow
 def test_a_second_description_does_not_alternate(quiet: Floats) -> None:
     """Over a record that grows eightfold, 42 fits of each channel."""
     values = low_pass(quiet, 2.0)
@@ -133,6 +136,7 @@ def line(frequency_hz: float, size: float, *, wander: float = 0.0, change: float
     return np.asarray((size * SIGMA * (1.0 + change * slow[1]) * np.sin(phase)).T)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("frequency_hz", "size", "wander", "change"),
     [
@@ -156,6 +160,7 @@ def test_a_line_leaves_the_noise(
         assert fit.lines_hz[0] == pytest.approx(frequency_hz, rel=0.02)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("more", [0, 64, 100])
 def test_many_lines_leave_the_noise(quiet: Floats, more: int) -> None:
     """Wherever in a block the record ends, too: a line does not average out over a part of a block."""
@@ -163,6 +168,7 @@ def test_many_lines_leave_the_noise(quiet: Floats, more: int) -> None:
     check_noise(fitted(values[: LENGTH + more]))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("pole", "size"), [(0.999, 3.0), (0.99, 2.0)])
 def test_a_resonance_leaves_n(quiet: Floats, pole: float, size: float) -> None:
     turn = 2.0 * pole * math.cos(2.0 * math.pi * 8.0 / RATE)
@@ -195,6 +201,7 @@ def wave(length: int, period_s: float, size: float) -> Floats:
     return size * SIGMA * np.sin(2.0 * np.pi * np.arange(length) / RATE / period_s)[:, None]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("period_s", "size"), [(60.0, 0.3), (150.0, 0.15)])
 def test_a_slow_oscillation_is_left_out_and_its_period_stated(
     quiet: Floats, period_s: float, size: float
@@ -206,6 +213,7 @@ def test_a_slow_oscillation_is_left_out_and_its_period_stated(
         assert min(abs(each / period_s - 1.0) for each in fit.oscillations_s) < 0.08
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("period_s", [240.0, 420.0])
 def test_air_conditioning_is_no_random_walk(period_s: float) -> None:
     """Two hours with an amplitude of 0.08 standard deviations."""
@@ -218,6 +226,7 @@ def test_air_conditioning_is_no_random_walk(period_s: float) -> None:
         assert fit.oscillations_s[0] == pytest.approx(period_s, rel=0.05)
 
 
+@pytest.mark.slow
 def test_noise_seldom_oscillates() -> None:
     """3 % of the records have a coefficient that chance does not explain at the stated probability."""
     values = synthesise(20_000, RATE, N=[N] * 40, B=B, K=3e-6, seed=8, averaged=False)
@@ -228,6 +237,7 @@ def test_noise_seldom_oscillates() -> None:
 # --- what is drawn -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_drawn_model_passes_through_its_data(quiet: Floats) -> None:
     """At most 5 % of the octaves of all records have it outside their limits."""
     ramp = 1e-7 * np.arange(len(quiet))[:, None] / RATE
@@ -252,6 +262,7 @@ def test_the_drawn_model_passes_through_its_data(quiet: Floats) -> None:
     assert float(np.mean(list(outside.values()))) <= 0.05, outside
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [46, 58])
 def test_a_fast_oscillation_of_a_short_record_is_drawn_as_large_as_it_is(samples: int) -> None:
     """Columns of an oscillation beyond the coefficients that they are fitted to would be arbitrary."""
@@ -264,6 +275,7 @@ def test_a_fast_oscillation_of_a_short_record_is_drawn_as_large_as_it_is(samples
             assert fit.model.max() < 10.0 * curve.sigma[:, channel].max()
 
 
+@pytest.mark.slow
 def test_what_no_description_fits_has_a_caveat_or_limits_that_hold_the_truth(quiet: Floats) -> None:
     t = np.arange(len(quiet))[:, None] / RATE
     wild = 1e-3 * np.sin(2.0 * np.pi * np.cumsum(0.3 * np.abs(np.sin(t / 7.0)), axis=0) / RATE)

@@ -19,6 +19,7 @@ def accumulated(x: Floats, groups: tuple[int, ...] = (0,)) -> DifferenceAccumula
     return differences
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("scale", [1e-6, 0.3, 9.8])
 def test_gaussian_noise_has_a_ratio_of_one(scale: float) -> None:
     x = scale * np.random.default_rng(1).standard_normal((N, 1))
@@ -31,6 +32,7 @@ def test_gaussian_noise_has_a_ratio_of_one(scale: float) -> None:
     assert differences.fast_kurtosis() == pytest.approx(0.0, abs=0.15)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("steps", [3.2, 4.0, 7.5, 20.0])
 def test_quantised_noise_has_a_ratio_of_one(steps: float) -> None:
     x = np.rint(steps * np.random.default_rng(2).standard_normal((N, 1))) * 0.1
@@ -40,6 +42,7 @@ def test_quantised_noise_has_a_ratio_of_one(steps: float) -> None:
     assert accumulated(x).result([0.1 * steps / 2.0]) == [None]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("share", [0.05, 0.2])
 def test_repeated_values_are_no_outliers(share: float) -> None:
     """A sensor that is read more often than it has a value: one in five is that before it."""

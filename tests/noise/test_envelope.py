@@ -27,6 +27,7 @@ def record(n: int) -> tuple[Floats, Bools]:
     return rng.standard_normal((n, 2)).cumsum(axis=0), valid
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("n", [1, 19, 20, 2345, 2400, 30_011])
 @pytest.mark.parametrize("chunk", [7, 40, 1000, 100_000])
 def test_columns_have_the_extremes(n: int, chunk: int) -> None:
@@ -66,6 +67,7 @@ def columns_equal(a: EnvelopeColumns, b: EnvelopeColumns) -> None:
     np.testing.assert_array_equal(a.high, b.high)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("exponent", [7, 12, 15])
 def test_a_gap_of_any_length_is_arithmetic(exponent: int) -> None:
     envelope = Envelope([0], 100.0)
@@ -77,6 +79,7 @@ def test_a_gap_of_any_length_is_arithmetic(exponent: int) -> None:
     assert np.nanmax(envelope.hour().high) == 0.0
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("gap", [1, 15, 500, 5000, 400_000])
 def test_a_gap_equals_as_many_invalid_samples(gap: int) -> None:
     values, valid = record(3000)
@@ -104,9 +107,3 @@ def test_save_and_restore_continue_identically() -> None:
     for view in (Envelope.minute, Envelope.hour, Envelope.everything):
         columns_equal(view(whole), view(second))
     np.testing.assert_allclose(whole.recent().mean, second.recent().mean)
-
-
-def test_an_empty_envelope() -> None:
-    envelope = Envelope((0,), 40.0)
-    assert envelope.minute().low.shape == (0, 1)
-    assert np.isnan(envelope.recent().mean).all()

@@ -94,16 +94,3 @@ def test_the_headline_is_provisional_while_it_can_change():
     assert half.provisional
     assert half.nearest == "industrial"
     assert half.reason
-
-
-def test_no_known_coefficient_gives_no_grade_with_a_reason():
-    for sensor, coefficients in (
-        ("gyro", {}),
-        ("gyro", {"x": {"N": Estimate()}}),
-        ("mag", {"x": {"N": measured(1.0)}}),
-    ):
-        headline = grade_sensor(sensor, coefficients)
-        assert headline.nearest is headline.meets is headline.decided_by is None
-        assert headline.reason
-    assert grade_coefficient("gyro", "K", 1e-6) == grade_coefficient("mag", "N", 1.0)
-    assert grade_channel("mag", {"N": measured(1.0)}).nearest is None

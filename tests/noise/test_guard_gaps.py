@@ -9,8 +9,7 @@ import pytest
 
 from imumon.model.samples import Floats
 from imumon.noise.detection import Guard
-from imumon.noise.detection.disturbance import DetectorState, DisturbanceDetector, Verdict
-from imumon.noise.detection.outliers import OutlierDetector
+from imumon.noise.detection.disturbance import DetectorState, DisturbanceDetector
 
 RATE = 40.0
 FRAME = 40
@@ -86,21 +85,3 @@ def test_a_short_gap_ends_nothing() -> None:
     guard.skip(2 * FRAME)
     guard.update(gyro(2, 0.1))
     assert not guard.at_rest
-
-
-def test_an_empty_window_says_nothing() -> None:
-    guard = Guard(("gyro",) * 3, RATE)
-    guard.update(gyro(20))
-    guard.break_()
-    assert set(detector_of(guard)._window) == {Verdict.UNKNOWN}
-
-
-def test_counts_of_outliers_halve_whenever_they_are_of_128_frames() -> None:
-    detector = OutlierDetector([0], frame_samples=10)
-    detector.count(np.ones((1, 1, 10, 10), dtype=bool), 1)
-    counts = []
-    for _ in range(256):
-        detector.count(None, 1)
-        counts.append(float(detector._channel_counts[0]))
-    halved = [frame + 2 for frame in range(255) if counts[frame + 1] < counts[frame]]
-    assert halved == [127, 191, 255]

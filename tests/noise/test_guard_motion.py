@@ -42,6 +42,7 @@ def carried(n: int, rate: float, seed: int) -> Floats:
     return np.asarray((slow_motion + 0.1 * tremor) * ([0.1] * 3 + [0.5] * 3))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("rate", "deviation"), [(50.0, 0.2), (50.0, 5.0), (100.0, 1.0), (100.0, 2.0), (400.0, 0.2), (400.0, 5.0)]
 )
@@ -59,6 +60,7 @@ def test_no_record_of_noise_begins_as_motion() -> None:
     assert all(run(at_rest(25.0, 50.0, 2.0, 0.3, seed), 50.0)[1].all() for seed in range(100))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("sensors", [("gyro",), GYRO])
 def test_noise_of_a_cheap_gyroscope_is_rest(sensors: tuple[str, ...]) -> None:
     """White noise of 2 deg/s, flicker noise and random walk."""
@@ -70,6 +72,7 @@ def test_noise_of_a_cheap_gyroscope_is_rest(sensors: tuple[str, ...]) -> None:
     assert valid.all()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("rate", [100.0, 400.0])
 def test_noise_behind_the_filter_of_a_sensor_is_rest(rate: float) -> None:
     """White noise behind a low pass of 20 Hz: neighbouring samples differ by less than those of white noise."""
@@ -80,6 +83,7 @@ def test_noise_behind_the_filter_of_a_sensor_is_rest(rate: float) -> None:
     assert valid.all()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("rate", [10.0, 50.0, 100.0])
 def test_lost_samples_do_not_make_noise_motion(rate: float) -> None:
     values = at_rest(1200.0, rate, 1.0, 0.3)
@@ -89,6 +93,7 @@ def test_lost_samples_do_not_make_noise_motion(rate: float) -> None:
     assert np.array_equal(valid, ~lost)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("rate", [7.0, 10.0, 40.0, 100.0, 400.0])
 @pytest.mark.parametrize("share", [1.0, 0.6])
 def test_white_noise_predicts_the_deviation_of_the_mean(rate: float, share: float) -> None:
@@ -101,6 +106,7 @@ def test_white_noise_predicts_the_deviation_of_the_mean(rate: float, share: floa
     assert np.median(frames.white) * np.sqrt(PARTS * part) == pytest.approx(1.0, rel=0.2)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("rate", [40.0, 100.0, 400.0])
 @pytest.mark.parametrize("deviation", [0.02, 1.0])
 def test_a_record_that_begins_in_the_hand_is_motion(rate: float, deviation: float) -> None:
@@ -114,6 +120,7 @@ def test_a_record_that_begins_in_the_hand_is_motion(rate: float, deviation: floa
     assert guard.at_rest
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("turn", "deviation"), [(0.3, 0.05), (0.3, 0.2), (2.0, 1.0)])
 def test_a_slow_rotation_is_excluded(turn: float, deviation: float) -> None:
     """Of 30 s: the noise of the sensor decides what is slow."""
@@ -128,6 +135,7 @@ def test_a_slow_rotation_is_excluded(turn: float, deviation: float) -> None:
     assert "motion" in guard.excluded
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("deviation", [0.05, 1.0])
 def test_a_sensor_that_is_picked_up_and_put_back(deviation: float) -> None:
     rate = 100.0

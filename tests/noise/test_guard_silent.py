@@ -38,6 +38,7 @@ def test_a_constant_axis_is_no_motion(level: float) -> None:
     assert guard.at_rest
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("late", [0, 3], ids=["with the frames", "between them"])
 @pytest.mark.parametrize("channel", [1, 5])
 @pytest.mark.parametrize(("rate", "scale"), [(10.0, 1.0), (40.0, 1.0), (40.0, 10.0), (200.0, 10.0)])

@@ -27,6 +27,7 @@ def rng(seed: int = 1) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("n", [256, 3000, 100_000, 1_000_000])
 @pytest.mark.parametrize("level", [0.0, -9.8])
 def test_gaussian_noise_is_gaussian_at_any_length(n: int, level: float) -> None:
@@ -56,6 +57,7 @@ CASES: dict[str, tuple[Callable[[int], Floats], str]] = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("n", [5000, 300_000])
 def test_verdict_names_how_values_differ_from_a_gaussian(case: str, n: int) -> None:
@@ -65,27 +67,12 @@ def test_verdict_names_how_values_differ_from_a_gaussian(case: str, n: int) -> N
     assert reason in result.verdict
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("unit", [2.0**-60, 2.0**150])
 def test_the_unit_has_no_effect(unit: float) -> None:
     values = rng().gamma(9.0, size=20_000)
     one, other = shape(values), shape(values * unit)
     assert (other.verdict, other.counts) == (one.verdict, one.counts)
-
-
-def test_few_samples_or_a_constant() -> None:
-    histogram = HistogramAccumulator((0, 1))
-    assert histogram.result() == [None, None]
-    histogram.update(np.zeros((10, 2)), np.array([[True, False]] * 10))
-    first, second = histogram.result()
-    assert first is not None
-    assert first.is_gaussian is None
-    assert second is None
-    for tiny in (1e-160, 1e-300, 5e-324):
-        assert shape(np.array([0.0, tiny] * 500)).gaussian is not None
-        shape(np.array([0.0, tiny]))
-    constant = shape(np.full(1000, 25.0))
-    assert constant.verdict == "constant"
-    assert constant.counts == (1000,)
 
 
 def test_counts_are_exact_and_any_chunking_gives_the_same() -> None:
@@ -137,14 +124,3 @@ def test_steps_are_estimated_from_the_values() -> None:
     ten_digits = (25.0 + np.rint(x) * 0.1) * (1.0 + 1e-11 * x)
     assert quantum(ten_digits) == pytest.approx(0.1)
     assert quantum(np.full(256, 25.0)) == 0.0
-
-
-def test_the_step_of_a_channel_that_is_constant_at_first_is_estimated_later() -> None:
-    x = np.full((2000, 1), 9.8)
-    x[[700, 1500], 0] = 9.9
-    histogram = HistogramAccumulator([0])
-    histogram.update(x)
-    shape = histogram.result()[0]
-    assert shape is not None
-    assert shape.step == pytest.approx(0.1, rel=0.02)
-    assert "quantised" in shape.verdict

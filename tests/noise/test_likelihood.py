@@ -98,12 +98,14 @@ def test_the_upper_limit_of_k_holds_without_flicker() -> None:
     assert upper_limit(shown, WALK, 0.975, FLICKER) == quantiles(shown, WALK, np.array([0.975]))[0]
 
 
+@pytest.mark.slow
 def test_k_is_rarely_measured_without_a_random_walk(quiet_fits: tuple[ChannelFit, ...]) -> None:
     """1.4 % of 48 are expected; more than 4 occur once in 1,000 runs."""
     assert sum(fit.K.status == "measured" for fit in quiet_fits) <= 4
     assert all(fit.K.high is not None and fit.K.high > 0.0 for fit in quiet_fits)
 
 
+@pytest.mark.slow
 def test_n_and_b_are_as_precise_as_the_data_allow(fits: tuple[ChannelFit, ...]) -> None:
     """The Cramér-Rao bound of the spectrum; the standard error of a standard deviation of 48 values is 10 %."""
     powers = powers_of({"N": N, "B": B, "K": K}, tau0=1.0 / RATE)
@@ -147,6 +149,7 @@ def test_kurtosis_widens_n() -> None:
     assert wide**2 - own**2 == pytest.approx(0.25 * 30.0 / 20_000, rel=0.05)
 
 
+@pytest.mark.slow
 def test_limits_of_heavy_tails_hold_the_truth() -> None:
     """Student's t of six degrees of freedom has a kurtosis of 3."""
     samples = np.random.default_rng(3).standard_t(6.0, (20_000, CHANNELS)) * math.sqrt(4.0 / 6.0)
@@ -285,6 +288,7 @@ def test_a_growing_record_keeps_its_fit_until_it_has_grown_by_two_per_cent(recor
     assert again.B.high != seen[-1].high
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("period", [400, 1000, 4000])
 def test_limits_hold_the_truth_where_every_second_stretch_is_missing(period: int) -> None:
     """As of a link that drops out, or of a guard that excludes what moves: 5 s to 50 s on, as long off."""
@@ -340,6 +344,7 @@ def odd_channels(n: int) -> dict[str, Floats]:
     }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("averaged", [True, False])
 def test_no_input_raises_or_gives_nan(averaged: bool) -> None:
     n = 3000
@@ -374,16 +379,6 @@ def test_breaks_every_few_seconds_are_the_reason() -> None:
     }
 
 
-def test_a_channel_without_valid_samples_is_pending() -> None:
-    values = np.random.default_rng(4).standard_normal((2000, 2))
-    cascade = OctaveCascade(2, tau0=0.01, groups=[0, 1])
-    cascade.update(values, np.column_stack([np.ones(2000, dtype=bool), np.zeros(2000, dtype=bool)]))
-    first, second = fit_curve(cascade.result(), averaged=False)
-    assert first.N.status == "measured"
-    assert second.N.status == "pending"
-    check_sound(second)
-
-
 def test_a_resolution_that_hides_the_noise_is_reported() -> None:
     values = np.round(np.random.default_rng(6).standard_normal((20_000, 2)) * [0.2, 3.0])
     first, second = Estimator(averaged=False).fit(curve_of(values), resolution=[1.0, 1.0])
@@ -392,6 +387,7 @@ def test_a_resolution_that_hides_the_noise_is_reported() -> None:
     assert second.N.value == pytest.approx(3.0 / math.sqrt(RATE), rel=0.03)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("skipped", [146, 1716, 9294])
 def test_a_few_impulses_beside_a_gap_are_fitted_without_a_warning(skipped: int) -> None:
     """Most bins of the spectrum of a few impulses are zero, and so is the information about its shape."""
@@ -407,6 +403,7 @@ def test_a_few_impulses_beside_a_gap_are_fitted_without_a_warning(skipped: int) 
     assert np.isfinite(fits[0].model).all()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("samples", [3_000, 20_000])
 @pytest.mark.parametrize("ratio", [1.0, 3.0])
 def test_quantisation_of_any_size_leaves_n_and_is_measured(ratio: float, samples: int) -> None:

@@ -16,6 +16,7 @@ from imumon.noise.fit.model import FLICKER, WALK, WHITE, GaussMarkov, NoiseTerm
 RATE_HZ, LENGTH, N = 10.0, 50_000, 6.8e-4
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("time", [0.3, 10.0, 300.0])
 def test_the_formulas_are_those_of_the_autocovariance(time: float) -> None:
     zero, one, ratio = markov_law.average_autocovariance(time)
@@ -34,6 +35,7 @@ def test_the_formulas_are_those_of_the_autocovariance(time: float) -> None:
     )
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("level", [0, 4])
 @pytest.mark.parametrize(("time", "other", "power"), [(1e7, WALK, 2e-7), (0.01, WHITE, 0.02)])
 def test_it_tends_to_a_walk_and_to_white_noise(level: int, time: float, other: object, power: float) -> None:
@@ -102,6 +104,7 @@ def test_the_shares_add_up_to_the_drawn_model() -> None:
         assert np.sum(list(fit.shares.values()), axis=0) == pytest.approx(fit.model**2)
 
 
+@pytest.mark.slow
 def test_a_likelihood_with_correlated_noise_has_no_weight_outside_of_its_grid() -> None:
     """Far outside of its points, a cubic may have any value: there, M would add B or K that the record excludes."""
     markov = GaussMarkov("M", 100.0)
@@ -155,6 +158,7 @@ def test_a_mean_that_moves_once_is_no_walk() -> None:
             np.testing.assert_allclose(sum(fit.shares.values()), fit.model**2, rtol=1e-9, atol=1e-30)
 
 
+@pytest.mark.slow
 def test_the_bound_of_a_walk_in_the_lowest_coefficients_holds_it() -> None:
     """A walk that hardly shows beyond the lowest coefficients may be taken for a slow mean: its bound counts it."""
     rate, n, records, K = 5.0, 18_000, 48, 3e-6
@@ -166,6 +170,7 @@ def test_the_bound_of_a_walk_in_the_lowest_coefficients_holds_it() -> None:
     assert sum(fit.K.high is not None and fit.K.high < K for fit in fits) <= 3
 
 
+@pytest.mark.slow
 def test_slow_markov_noise_is_no_walk() -> None:
     """A time constant of a 36th of the record: where M explains it better than K, K is not measured."""
     rng = np.random.default_rng(12)

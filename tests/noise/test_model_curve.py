@@ -59,6 +59,7 @@ def curve_of(values: Floats) -> tuple[np.ndarray, Floats]:
     return curve.m, curve.avar
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("averaged", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
 def test_variances_and_degrees_of_freedom_agree_with_the_definition(kind: str, averaged: bool) -> None:
@@ -86,6 +87,7 @@ def test_missing_differences_cost_their_share() -> None:
     assert degrees_of_freedom(m, 0 * full, 4096, powers).tolist() == [0.0] * 7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_limits_hold_the_expectation(kind: str) -> None:
     """95 % of 400 records at each octave, longer ones included; 3.5 standard deviations are 3.8 %."""
@@ -117,6 +119,7 @@ def test_quantiles_agree_with_scipy_stats() -> None:
     assert (np.diff(high) < 0.0).all()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("frequency", [0.0007, 0.013, 0.21, 0.4999])
 def test_a_line_has_the_stated_curve(frequency: float) -> None:
     n, amplitude = 1 << 17, 0.3
@@ -128,6 +131,7 @@ def test_a_line_has_the_stated_curve(frequency: float) -> None:
     assert np.abs(avar.mean(axis=1) / scale - stated / scale)[short].max() < 0.03
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", ["ramp", "wave", "step"])
 def test_what_regressors_move_has_the_stated_curve(kind: str) -> None:
     n, length = 1 << 15, 64
@@ -167,6 +171,7 @@ def test_a_density_has_the_curve_of_its_noise() -> None:
     np.testing.assert_allclose(density_variances(m, middle, size, np.ones(middle.size)), 1.0 / m, rtol=0.01)
 
 
+@pytest.mark.slow
 def test_the_stated_limits_of_a_curve_hold_its_expectation() -> None:
     """Limits come from the fitted powers; 95 % of 24 channels and 13 octaves, which are correlated."""
     values = synthesise(1 << 14, 1.0, N=[1.0] * 24, B=0.1, K=1e-3, seed=9)

@@ -98,25 +98,9 @@ def test_an_offset_costs_no_precision() -> None:
     assert x.excess_kurtosis == pytest.approx(scipy.stats.kurtosis(noise[:, 0]), abs=1e-9)
 
 
-def test_a_constant_has_no_shape() -> None:
-    moments = Moments(1)
-    for _ in range(5):
-        moments.update(np.full((333, 1), 9.81))
-    assert moments.result().channels[0] == ChannelMoments(1665, 9.81, 0.0, 9.81, 9.81, None, None, 9.81)
-
-
 def test_values_that_are_not_finite_never_count() -> None:
     moments = Moments(3, GROUPS)
     moments.update(np.array([[1.0, 2.0, 3.0], [np.nan, 5.0, 4.0], [2.0, np.inf, np.nan], [3.0, 3.0, 9.0]]))
     x, y, z = moments.result().channels
     assert (x.count, y.count, z.count) == (2, 2, 3)
     assert (x.mean, y.last, z.last) == (2.0, 3.0, 9.0)
-
-
-def test_invalid_arguments_raise() -> None:
-    with pytest.raises(ValueError, match="from 0 upwards"):
-        Moments(2, [1, 1])
-    with pytest.raises(ValueError, match="must have the shape"):
-        Moments(2).update(np.zeros(3))
-    with pytest.raises(ValueError, match="same channels"):
-        Moments(2).merge(Moments(2, [0, 1]))

@@ -36,6 +36,7 @@ def received(loss: float, run: int) -> Bools:
     return ok[:, None]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("kind", "loss", "run"),
     [
@@ -60,6 +61,7 @@ def test_loss_does_not_bend_the_curve(kind: str, loss: float, run: int) -> None:
     assert np.abs(ratio[4:9] - 1.0).max() < 0.08
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("loss", "run"), [(0.01, 1), (0.1, 1), (0.3, 1), (0.5, 1), (0.1, 100)])
 def test_limits_hold_the_truth_with_missing_samples(loss: float, run: int) -> None:
     """95 % of 12; fewer than 9 once in 500 runs. Loss costs precision, at the upper end of the spectrum first."""

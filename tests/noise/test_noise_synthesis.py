@@ -100,6 +100,7 @@ def test_covariances_reproduce_the_curve_exactly() -> None:
     assert factors[0] == pytest.approx(1.0 / np.log(2.0), rel=1e-12)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("increments", [_averaged_increments, _discrete_increments])
 def test_embedding_is_exact(increments: object) -> None:
     """Conditions for an exact circulant draw: positive variance, negative covariances, a sum near zero."""
@@ -110,6 +111,7 @@ def test_embedding_is_exact(increments: object) -> None:
     assert np.all(np.fft.rfft(np.concatenate((r, r[-2:0:-1]))).real > 0)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("rate", [1.0, 40.0, 800.0])
 def test_bank_has_the_spectrum_of_flicker(rate: float) -> None:
     bank = _DiscreteFlicker(1, rate, np.random.default_rng(0))

@@ -28,6 +28,7 @@ def test_what_is_reached_takes_no_time_and_what_has_no_value_takes_none() -> Non
     assert 0.0 < n < b
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("factor", [1.5, 3.0, 20.0])
 def test_the_time_of_white_noise_grows_with_the_square_of_the_precision(factor: float) -> None:
     (found, *_) = seconds([0.1 * factor, np.inf, np.inf])
@@ -59,6 +60,7 @@ def test_the_time_falls_as_the_record_grows() -> None:
     assert not found[3].any()
 
 
+@pytest.mark.slow
 def test_a_stated_time_is_that_of_the_fit_of_a_longer_record() -> None:
     values = synthesise(288_000, RATE, N=[N] * 6, B=B, seed=4)
     first = OctaveCascade(6, tau0=1.0 / RATE)

@@ -11,6 +11,7 @@ from imumon.noise.fit.model import NOISE_TERMS, TERMS, WHITE, NoiseTerm
 from imumon.noise.fit.observations import BAND_EDGES, block_series, meeting_frequency, spectral_powers
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("samples", [2_000, 5_000, 20_000, 70_000])
 def test_spectrum_and_blocks_meet_without_an_overlap(samples: int) -> None:
     """The lowest band that the spectrum has begins where the block means end."""
@@ -38,6 +39,7 @@ def test_every_term_has_a_positive_expectation_of_every_observation() -> None:
         assert (series.variances[term] > 0.0).all(), term.letter
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("length", [1, 4])
 @pytest.mark.parametrize("term", NOISE_TERMS)
 def test_what_is_interpolated_across_holes_is_expected(term: NoiseTerm, length: int) -> None:
@@ -61,6 +63,7 @@ def test_what_is_interpolated_across_holes_is_expected(term: NoiseTerm, length: 
     assert mean[count // 2 :].mean() == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("window", [1, 2, 8])
 def test_expectations_are_positive_beside_missing_samples(window: int) -> None:
     """A moving average of two samples has no white noise at half the sampling rate."""

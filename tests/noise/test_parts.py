@@ -48,15 +48,6 @@ def test_a_part_equals_a_cascade_that_begins_there() -> None:
     np.testing.assert_allclose(curve.avar[:8], expected.avar[:8], rtol=0.05)
 
 
-def test_an_early_ramp_has_no_effect_on_a_later_part() -> None:
-    x = RNG.normal(size=(60_000, 2))
-    ramp = x.copy()
-    ramp[: 20 * BLOCK] += np.linspace(1e3, 0, 20 * BLOCK)[:, None]
-    one, other = (marked(series, 20 * BLOCK).curve(20 * BLOCK) for series in (x, ramp))
-    np.testing.assert_allclose(one.avar, other.avar, rtol=1e-6)
-    np.testing.assert_array_equal(one.terms, other.terms)
-
-
 @settings(max_examples=25)
 @given(st.lists(st.integers(1, 9_000), max_size=5), st.integers(0, 12_000))
 def test_any_chunking_gives_the_same_part(cuts: list[int], place: int) -> None:
@@ -171,13 +162,3 @@ def test_the_sums_of_the_noise_of_a_part_are_those_of_a_cascade_that_begins_ther
     whole = parts.cascade.blocks.result()
     first = -(-place // whole.length)
     np.testing.assert_array_equal(part.blocks.means, whole.means[first : first + len(part.blocks.means)])
-
-
-def test_columns_without_a_curve_have_moments_only() -> None:
-    x = RNG.normal(size=(3000, 3))
-    parts = RecordParts([0, 1, 2], [0, 2], 0.01)
-    valid = np.ones((3000, 3), dtype=bool)
-    valid[:1000, 2] = False
-    parts.update(x, valid)
-    assert [channel.count for channel in parts.moments().result().channels] == [3000, 3000, 2000]
-    assert parts.curve().valid.tolist() == [3000, 2000]

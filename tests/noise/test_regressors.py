@@ -68,6 +68,7 @@ def check_noise(fits: Sequence[ChannelFit]) -> None:
 # --- drift -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("slope", [1e-8, 1e-6, -1e-5])
 def test_a_drift_of_any_size_changes_no_coefficient(quiet: Floats, slope: float) -> None:
     """Its regressor is exact in the blocks, and segments of the spectrum are short beside it."""
@@ -87,6 +88,7 @@ def test_a_drift_of_any_size_changes_no_coefficient(quiet: Floats, slope: float)
         assert own.error == pytest.approx(before.error, rel=0.05)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("slope", [2e-7, -2e-7])
 @pytest.mark.parametrize("k", [0.0, 1.0])
 def test_a_drift_is_stated_with_its_limits(quiet: Floats, walk: Floats, slope: float, k: float) -> None:
@@ -103,6 +105,7 @@ def test_a_drift_is_stated_with_its_limits(quiet: Floats, walk: Floats, slope: f
     assert missed(fits, "N", N) <= MOST_MISSED
 
 
+@pytest.mark.slow
 def test_noise_has_no_significant_drift(quiet: Floats, walk: Floats) -> None:
     """The error of a drift allows for flicker and random walk: its ratio to the error scatters by one."""
     ratios = []
@@ -116,6 +119,7 @@ def test_noise_has_no_significant_drift(quiet: Floats, walk: Floats) -> None:
     assert 0.5 < float(np.std(ratios)) < 1.45  # of 24, three standard errors
 
 
+@pytest.mark.slow
 def test_a_random_walk_beside_a_drift_is_measured(quiet: Floats, walk: Floats) -> None:
     """Or it is `indistinct`, with a bound, where Gauss–Markov noise describes a record better by chance."""
     fits = fitted(quiet + walk + 1e-6 * AT_S)
@@ -131,6 +135,7 @@ def test_a_random_walk_beside_a_drift_is_measured(quiet: Floats, walk: Floats) -
 # --- temperature -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("per_degc", [0.0, 1e-4])
 def test_a_temperature_slope_is_recovered_and_leaves_the_noise(quiet: Floats, per_degc: float) -> None:
     fits = fitted(quiet + per_degc * DEGREES + 1e-8 * AT_S, DEGREES)
@@ -182,6 +187,7 @@ def test_temperatures_that_say_nothing_have_a_reason(quiet: Floats) -> None:
 # --- warm-up and steps -------------------------------------------------------------------------------------
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("size", "time_s"),
     [(3e-4, 300.0), (3e-4, 900.0), (-3e-3, 300.0), (-3e-3, 900.0)],
@@ -196,12 +202,14 @@ def test_an_exponential_is_no_random_walk(quiet: Floats, size: float, time_s: fl
         assert fit.step is None
 
 
+@pytest.mark.slow
 def test_noise_does_not_settle(quiet: Floats, walk: Floats) -> None:
     """One record in a hundred of noise alone has an exponential that is likelier than none."""
     for values in (quiet, quiet + walk, quiet + 1e-6 * AT_S):
         assert sum(fit.column("settling") is not None for fit in fitted(values)) <= 1
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("size", [10.0, 100.0, 1e4])
 def test_a_step_of_any_size_hides_no_noise(quiet: Floats, size: float) -> None:
     """In standard deviations of a sample; the spectrum loses bands to it, and the blocks do not."""
@@ -211,6 +219,7 @@ def test_a_step_of_any_size_hides_no_noise(quiet: Floats, size: float) -> None:
     assert all(fit.step is not None for fit in fits)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("at", [0.3, 0.62])
 def test_a_step_is_found_with_its_place_and_size_and_is_no_random_walk(quiet: Floats, at: float) -> None:
     values = quiet.copy()
@@ -242,6 +251,7 @@ def test_slow_changes_are_no_step(quiet: Floats, walk: Floats) -> None:
 # --- gaps of unknown length --------------------------------------------------------------------------------
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("at", [0.25, 0.5])
 def test_another_bias_after_a_gap_of_unknown_length_changes_nothing(quiet: Floats, at: float) -> None:
     found = []

@@ -59,6 +59,7 @@ def test_the_quarters_follow_a_change_of_n() -> None:
             assert fit.N.value == pytest.approx(factor * N, rel=0.04)
 
 
+@pytest.mark.slow
 def test_the_quarters_of_a_steady_record_scatter_as_their_limits_say() -> None:
     quarters = fed(noise(64 * 1024, channels=8), 5000)[1].result()
     assert quarters is not None
@@ -69,6 +70,7 @@ def test_the_quarters_of_a_steady_record_scatter_as_their_limits_say() -> None:
     assert sum(held) >= 26
 
 
+@pytest.mark.slow
 def test_the_excess_of_quarters_is_that_of_random_effects() -> None:
     """Steady quarters show none in three of four records; limits hold the deviation that is there in 95 %."""
     rng = np.random.default_rng(8)
@@ -202,6 +204,7 @@ def test_the_record_is_its_own_for_any_chunking_and_after_a_restart() -> None:
 # --- changes -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("seed", range(2))
 def test_ordinary_hours_are_no_change(seed: int) -> None:
     values = synthesise(4 * HOUR, RATE, N=[N] * 4, B=[B, 5e-6, 2e-5, 0.0], K=[1e-7, 1e-6, 0, 0], seed=seed)
@@ -240,6 +243,7 @@ def test_a_change_is_beyond_chance_and_large() -> None:
 # --- warm-up -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("time_s", "least", "most"), [(150.0, 300.0, 1200.0), (500.0, 600.0, 2400.0)])
 def test_an_exponential_is_excluded_when_it_is_over(time_s: float, least: float, most: float) -> None:
     values = noise(round(2.2 * HOUR), channels=3, seed=3)
@@ -272,6 +276,7 @@ def test_a_warm_up_counts_its_valid_samples_only() -> None:
     assert again.warmup_s == record.warmup_s
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", ["noise", "walk", "drift", "step"])
 def test_what_does_not_settle_is_no_warm_up(kind: str) -> None:
     values = noise(2 * HOUR, channels=4, seed=5)
@@ -296,6 +301,7 @@ def test_a_gap_of_a_month_costs_little() -> None:
     assert record.moments().channels[0].count == 2 * HOUR
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("minutes", "time_s", "warming"),
     [(2.5, 300.0, True), (20.0, 300.0, True), (90.0, 300.0, False), (0.5, 300.0, False), (60.0, 1e9, False)],

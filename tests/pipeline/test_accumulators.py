@@ -14,6 +14,7 @@ LEVEL = np.array([0.01, 0.0, -0.01, 0.0, 0.0, -9.8])
 SIGMA = np.array([6e-4] * 3 + [1.4e-2] * 3)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("rate", [0.1, 1.0, 100.0, 800.0])
 def test_statistics_begin_with_the_first_samples(rate: float) -> None:
     """The first assessment of the guard delays nothing and removes nothing that a report has shown."""

@@ -14,7 +14,6 @@ import pytest
 import reports
 
 from imumon.api import analyse
-from imumon.cli.wait_condition import WaitCondition
 from imumon.documents import document
 from imumon.documents.appendix import _notes
 from imumon.documents.csv_table import csv_table
@@ -38,7 +37,6 @@ from imumon.model.history_report import HistoryPeriod, PeriodChannel, history_ro
 from imumon.model.report import Report, from_json
 from imumon.model.report_json import to_json
 from imumon.noise import markov_law, synthesise
-from imumon.record.combined_limits import with_combined
 from imumon.record.filter_report_builder import filter_report
 from imumon.ros2.diagnostics import _axes
 
@@ -51,6 +49,7 @@ def report() -> Report:
 # ---------------------------------------------------------------------- the table
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("time_s", [0.3, 57.0, 4000.0])
 def test_the_allan_deviation_of_the_table_is_that_of_the_model(time_s: float) -> None:
     tau = 2.0 ** np.arange(-4.0, 16.0)
@@ -108,14 +107,7 @@ def test_the_json_has_sigma_and_time_constant_together(report: Report) -> None:
     assert from_json(Report, to_json(report)) == report
 
 
-def test_a_report_without_the_field_is_read(report: Report) -> None:
-    data = json.loads(to_json(report))
-    for channel in data["channels"].values():
-        channel.pop("M")
-        channel["model"].pop("shares")
-    assert all(channel.M is None for channel in from_json(Report, json.dumps(data)).channels.values())
-
-
+@pytest.mark.few
 @pytest.mark.parametrize("make", [reports.correlated, reports.report, reports.long_report])
 def test_the_shares_add_up_to_the_drawn_model(make: object) -> None:
     drawn = 0
@@ -213,12 +205,6 @@ def test_the_history_keeps_both_and_the_statuses(report: Report, tmp_path: Path)
     assert x.begin == datetime(1970, 1, 1, tzinfo=UTC)
 
 
-def test_numbers_of_statuses_in_a_file_stay_as_they_are() -> None:
-    from imumon.history.store import _STATUSES
-
-    assert _STATUSES[:3] == ("measured", "upper_bound", "pending")
-
-
 def test_m_of_a_sensor_that_warms_up_is_a_bound(report: Report) -> None:
     from imumon.noise.fit import ChannelFit
     from imumon.record.analysis import _without_slow_values
@@ -231,25 +217,6 @@ def test_m_of_a_sensor_that_warms_up_is_a_bound(report: Report) -> None:
     bounded = _without_slow_values(replace(fit))
     assert bounded.markov is not None
     assert bounded.markov.sigma.status == "upper_bound"
-
-
-def test_m_and_t_have_combined_limits(report: Report) -> None:
-    combined = with_combined(report)
-    m, bound = combined["gyro/x"].M, combined["gyro/y"].M
-    assert m is not None
-    assert bound is not None
-    for part in (m.sigma, m.time_constant_s):
-        assert 0.0 < (part.combined_low or 0.0) <= (part.low or 0.0) * 1.001
-    assert bound.sigma.combined_high == bound.sigma.high
-
-
-def test_a_wait_for_m_ends_where_it_is_measured(report: Report) -> None:
-    def unmet(channel: str) -> str | None:
-        return WaitCondition(coefficient="M", precision=0.5, channels=(channel,)).unmet(report)
-
-    assert unmet("gyro/x") is None
-    assert "only bounded" in str(unmet("gyro/y"))
-    assert unmet("gyro/z") == "M of gyro/z does not show"
 
 
 def test_the_datasheet_and_the_settings_explain_it(report: Report) -> None:
@@ -265,12 +232,6 @@ def test_the_datasheet_and_the_settings_explain_it(report: Report) -> None:
     assert float(lines[0].removeprefix("# ").split()[1]) == pytest.approx(
         max(filters.channels[f"gyro/{axis}"].walk for axis in "xyz"), rel=1e-5
     )
-
-
-def test_the_figure_draws_m_alone(report: Report) -> None:
-    page = document(report, "svg", filter_report(report, 600.0)).decode()
-    assert "0.617 M" in page
-    assert ">M<" in page or "M</text>" in page or "<!-- M -->" in page
 
 
 # ---------------------------------------------------------------------- popcorn noise
@@ -296,6 +257,7 @@ def test_popcorn_noise_is_named_by_its_levels() -> None:
 # ---------------------------------------------------------------------- noise that the model does not have
 
 
+@pytest.mark.slow
 def test_what_the_model_does_not_explain_has_bounds() -> None:
     """Density 1/f^0.5: no sum of N, B, K and M. With `misfit`, none of B, K and M has a value."""
     n, columns = 144_000, 6
@@ -318,6 +280,7 @@ def test_what_the_model_does_not_explain_has_bounds() -> None:
 # ---------------------------------------------------------------------- halves
 
 
+@pytest.mark.slow
 def test_k_is_a_bound_where_the_halves_contradict_each_other() -> None:
     """A mean that walks in the first third and rests then: the walk is no property of the sensor."""
     rate, n = 5.0, 36_000

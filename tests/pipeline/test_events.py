@@ -160,6 +160,7 @@ def test_an_error_while_a_pipe_is_open_is_no_crash() -> None:
         )
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("second", [signal.SIGTERM, signal.SIGHUP])
 def test_a_second_signal_does_not_interrupt_the_cleaning_up(second: signal.Signals, tmp_path: Path) -> None:
     cleaned = tmp_path / "cleaned"
@@ -178,6 +179,7 @@ with _temporary() as directory:
     assert not Path(cleaned.read_text()).exists()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("size", [1, 7, 6000])
 def test_a_clock_that_is_reset_all_the_time_does_not_flood_the_log(size: int) -> None:
     events, steps, span = EventLog(), np.where(np.arange(6000) % 50 == 49, BREAK, 1), 0

@@ -5,12 +5,9 @@ from __future__ import annotations
 from datetime import UTC, datetime
 
 import numpy as np
-import pytest
 
-from imumon.model.messages import EXCLUSION_CURES, excluded_text
 from imumon.model.report import DeviceDescription, Report, SessionCounters
 from imumon.model.samples import ACCEL, GYRO, Bools, Floats, SampleBlock, Stream
-from imumon.noise.detection.disturbance import REASONS
 from imumon.record import Monitor
 
 RATE = 100.0
@@ -63,10 +60,3 @@ def test_a_range_that_is_exceeded() -> None:
     (reason,) = reasons(report(record(), np.arange(ROWS) % 150 < 10))
     assert reason is not None
     assert "excluded as clipped: " in reason
-
-
-@pytest.mark.parametrize("reason", REASONS)
-def test_every_reason_has_a_cure_that_fits_a_terminal(reason: str) -> None:
-    text = excluded_text(1.0, {reason: 9.0, "magnetic": 10.0})
-    assert text == f"100 % excluded as {reason}: {EXCLUSION_CURES[reason]}"
-    assert len(text) <= 73

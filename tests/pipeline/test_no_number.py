@@ -33,6 +33,7 @@ def noise() -> np.ndarray:
     return values
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("clock", ["startup", "none"])
 @pytest.mark.parametrize(("bad", "block"), [(np.nan, 50), (np.inf, 50), (1e300, 50), (np.nan, 1)])
 def test_a_sample_without_a_number_is_missing(clock: Clock, bad: float, block: int) -> None:
@@ -47,6 +48,7 @@ def test_a_sample_without_a_number_is_missing(clock: Clock, bad: float, block: i
     assert kinds.count("garbage") == 1
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("rows", [slice(None), slice(None, None, 7), slice(1500, None)])
 def test_a_temperature_without_a_number_is_unknown_there(rows: slice) -> None:
     values = noise()

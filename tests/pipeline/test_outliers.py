@@ -81,6 +81,7 @@ def test_a_burst_is_excluded_with_what_is_not_far_in_it() -> None:
     assert guard.at_rest
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("columns", [[0], [0, 1, 2]])
 def test_many_outliers_are_noise_and_stay(columns: list[int]) -> None:
     guard, valid = guarded(with_spikes(60_000, 0.03, columns))
@@ -89,6 +90,7 @@ def test_many_outliers_are_noise_and_stay(columns: list[int]) -> None:
     assert valid[20_000:].mean() > 0.99
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("columns", [[0], [0, 1, 2], [0, 1, 2, 3, 4, 5]])
 def test_heavy_tails_are_noise_from_the_beginning(columns: list[int]) -> None:
     guard, valid = guarded(contaminated(60_000, 0.05, columns))
@@ -111,6 +113,7 @@ def test_the_end_of_heavy_tails_is_noise_and_stays() -> None:
     assert not valid[50_010, 0]  # the other axis has no tails
 
 
+@pytest.mark.slow
 def test_the_upper_limit_of_n_holds_the_excluded_end_of_heavy_tails() -> None:
     """What the guards take from noise before they know it is noise of the sensor; glitches are not."""
     random = np.random.default_rng(4)

@@ -87,6 +87,7 @@ def test_a_day_has_the_slope_against_its_temperature() -> None:
     assert "slope" not in day.channels["temperature"].coefficients
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("rate", "hours"), [(4.0, 0.5), (100.0, 0.005)])
 def test_a_young_period_of_any_length_shows_what_it_has(
     rate: float, hours: float, monkeypatch: pytest.MonkeyPatch
@@ -104,6 +105,7 @@ def test_a_young_period_of_any_length_shows_what_it_has(
     assert (longer[0].begin_age_s, longer[0].channels) == (young.begin_age_s, young.channels)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("chunk", [64, 5000])
 def test_any_chunking_gives_the_same_periods(chunk: int) -> None:
     samples = values(2.1)

@@ -44,6 +44,7 @@ def test_stamps_in_time_are_used_as_they_are() -> None:
     np.testing.assert_array_equal(placed(gaps), gaps)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("delay", [0.4, 0.9, 1.3, 30.0, 150.0])
 def test_late_rows_are_placed_where_they_belong(delay: float) -> None:
     """A host that is busy stamps some rows when it is free again, one shortly after the other."""
@@ -67,6 +68,7 @@ def test_a_known_loss_explains_a_long_step_at_once() -> None:
     assert len(unknown.place(stamps[:60], 0 * lost[:60])) == 50
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("wrong", [4_000_000_000 * 10**9, 800 * STEP, 0, -(10**18)])
 def test_a_wrong_stamp_is_not_a_late_one(wrong: int) -> None:
     stamps = grid()
@@ -107,6 +109,7 @@ REAL = [
 ]
 
 
+@pytest.mark.few
 @needs_recordings
 @pytest.mark.parametrize(("name", "column"), REAL)
 def test_real_stamps_of_hosts_lose_nothing(tmp_path: Any, name: str, column: int) -> None:

@@ -76,6 +76,7 @@ def test_stamps_of_a_sample_clock_are_used_as_they_are() -> None:
     assert live.remark is None
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("rate_hz", "batch_ms"), [(50.0, 60.0), (200.0, 16.0), (200.0, 60.0), (1000.0, 16.0)]
 )
@@ -112,6 +113,7 @@ def test_a_gap_in_bunched_stamps_is_missing_samples() -> None:
     assert session.missing == pytest.approx(200, abs=3)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("share", [0.07, 0.15, 0.3])
 @pytest.mark.parametrize("jitter", [0.04, 0.2])
 def test_losses_in_every_window_do_not_change_the_rate(share: float, jitter: float) -> None:
@@ -158,6 +160,7 @@ def test_missing_stamps_are_replaced_by_the_time_of_publication() -> None:
     assert "not set" in live.remark
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("wrong", [0, 4_000_000_000 * 10**9])
 @pytest.mark.parametrize("batch_ns", [1, 16_000_000])
 def test_single_wrong_stamps_do_no_harm(wrong: int, batch_ns: int) -> None:
@@ -171,6 +174,7 @@ def test_single_wrong_stamps_do_no_harm(wrong: int, batch_ns: int) -> None:
     assert rate == pytest.approx(RATE_HZ, rel=5e-4)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("batch_ns", [1, 40_000_000])
 def test_another_rate_begins_another_record(batch_ns: int) -> None:
     first = grid(200.0, 60.0)
@@ -199,6 +203,7 @@ def test_stamps_that_turn_uneven_are_noticed() -> None:
     assert session.restarts <= 1
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("count", [0, 1, 2, 5])
 def test_a_short_stream_is_returned_at_its_end(count: int) -> None:
     live = LiveStamps()

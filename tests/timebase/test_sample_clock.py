@@ -71,6 +71,7 @@ def test_a_gap_longer_than_plausible_counts_once_confirmed() -> None:
     assert steps == [1, 1, 1, 399_998, 1]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("bad", [10**15, 0, 5 * TICK, 99 * TICK + 10**9 * 100])
 def test_a_damaged_stamp_does_not_change_the_grid(bad: int) -> None:
     times = (np.arange(50) + 100) * TICK
@@ -81,6 +82,7 @@ def test_a_damaged_stamp_does_not_change_the_grid(bad: int) -> None:
     assert steps == [1] * 20 + [2] + [1] * 28
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("step_ns", [1, 10**14])
 def test_samples_whose_time_has_another_unit_are_excluded_and_counted(step_ns: int) -> None:
     """They show a rate of no sensor, and it would size the frames of the guard."""
@@ -166,6 +168,7 @@ def test_a_restored_clock_continues() -> None:
     assert restored.interval_s == clock.interval_s
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("length_s", "step"), [(10.0, 401), (60.0, BREAK), (None, 401)])
 def test_gap_that_another_clock_contradicts_is_of_unknown_length(length_s: float | None, step: int) -> None:
     clock = SampleClock("startup", 0.025)
@@ -175,6 +178,7 @@ def test_gap_that_another_clock_contradicts_is_of_unknown_length(length_s: float
     assert steps == [step] + [1] * 9
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("factor", [0.5, 0.625, 0.8, 0.875, 1.04, 1.25, 4 / 3, 1.5, 1.6, 2.0, 2.5, 3.0])
 def test_another_rate_is_detected_and_its_samples_are_separated(factor: float) -> None:
     for cuts in ([], [190, 230, 231], list(range(0, 600, 7))):
@@ -214,6 +218,7 @@ def test_a_clock_that_stops_needs_no_memory_and_is_learned_when_it_runs() -> Non
     assert clock.duplicates == 50 * 40 - 1
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("pattern", [[2, 1, 2, 2], [2, 2, 2, 1], [1, 5, 1, 9]])
 def test_a_lossy_start_gives_the_right_interval(pattern: list[int]) -> None:
     clock = SampleClock("startup")
@@ -236,6 +241,7 @@ def test_samples_out_of_order_give_the_right_interval() -> None:
     assert clock.interval_s == 0.025
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("away_s", [5.0, 70.0, 6000.0])
 def test_the_gap_of_a_restart_has_a_known_length(away_s: float) -> None:
     clock = SampleClock("startup", 0.025)
@@ -334,6 +340,7 @@ def stamps(rate: float, jitter: str, n: int, seed: int = 1) -> np.ndarray:
     return np.rint(np.sort(ticks) / rate * 1e9).astype(np.int64) + 10**12
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("jitter", JITTER)
 @pytest.mark.parametrize("nominal", [None, 1.0, 1.009])
 def test_a_clock_without_a_tick_has_its_own_rate(jitter: str, nominal: float | None) -> None:
@@ -347,6 +354,7 @@ def test_a_clock_without_a_tick_has_its_own_rate(jitter: str, nominal: float | N
             assert steps == [1] * count
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("jitter", JITTER)
 def test_the_learned_rate_has_no_bias(jitter: str) -> None:
     errors = []
@@ -360,6 +368,7 @@ def test_the_learned_rate_has_no_bias(jitter: str) -> None:
     assert spread < 2e-4
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("rate", [104.0, 97.3, 99.5, 208.0])
 def test_stamps_rounded_to_a_millisecond_do_not_make_the_interval_a_multiple_of_it(rate: float) -> None:
     clock = SampleClock("startup", tick_s=1e-3)
@@ -369,6 +378,7 @@ def test_stamps_rounded_to_a_millisecond_do_not_make_the_interval_a_multiple_of_
     assert set(steps) == {1}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("rate", [100.0, 99.9, 101.0])
 def test_a_clock_with_a_tick_has_a_multiple_of_it(rate: float) -> None:
     clock = SampleClock("startup", tick_s=LOOP_S)
@@ -376,6 +386,7 @@ def test_a_clock_with_a_tick_has_a_multiple_of_it(rate: float) -> None:
     assert clock.interval_s == 0.01
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("jitter", JITTER)
 def test_an_hour_of_jitter_and_drift_does_not_change_the_grid(jitter: str) -> None:
     n = 3600 * 101
@@ -420,6 +431,7 @@ def test_streams_of_a_vn_100_have_the_tick_of_its_loop() -> None:
     assert converter.stream.tick_s == LOOP_S
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("jitter", JITTER)
 def test_the_monitor_has_the_rate_of_a_clock_without_a_tick(jitter: str) -> None:
     """Live, in blocks of 7, with a nominal rate that is 1 % off; every 50th sample is lost."""

@@ -24,6 +24,7 @@ def state(span: str = "day", *, shown: bool = True) -> ViewState:
     return ViewState(reports={reports.ID: report}, id=reports.ID, channel="gyro/x", history=series, span=span)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("span", SPANS)
 @pytest.mark.parametrize("size", [(60, 20), (80, 24), (150, 40), (20, 3)])
 def test_it_draws_every_quantity_that_fits_with_its_events(span: str, size: tuple[int, int]) -> None:
@@ -112,6 +113,7 @@ def test_the_view_asks_for_what_it_shows() -> None:
     drive(source, script)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("size", [(60, 20), (80, 24), (150, 40)])
 def test_the_span_of_the_record_shows_each_coefficient_as_it_is_now(size: tuple[int, int]) -> None:
     from screen_driver import drive, table_number, visible_text

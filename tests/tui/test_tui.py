@@ -297,6 +297,7 @@ async def test_every_view_shows_the_status(app: ImumonApp, pilot: Pilot[int]) ->
                 assert app.query_one("#body").has_class("stale") is not now.live, (name, view)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("width", [44, 66, 80, 99, 120, 150, 200])
 @pytest.mark.parametrize("view", VIEWS)
 def test_the_footer_has_the_keys_first_and_the_names_of_views_where_all_fit(view: str, width: int) -> None:
@@ -320,6 +321,7 @@ def with_times(report: Report, times: dict[str, float | None]) -> Report:
     return replace(report, channels={**report.channels, "gyro/z": channel})
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("size", [(80, 24), (120, 36), (150, 40)])
 def test_the_time_to_the_configured_precision_is_visible(size: tuple[int, int]) -> None:
     report = with_times(reports.report(), {"N": 42.0, "B": 1500.0, "K": 259_200.0})

@@ -69,6 +69,7 @@ def test_from_end_to_end_in_a_terminal(tmux: Callable[..., Tmux]) -> None:
     assert pane.flag("mouse_any_flag") == "0"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_a_signal_ends_the_screen_and_restores_the_terminal(
     tmux: Callable[..., Tmux], number: signal.Signals
@@ -81,6 +82,7 @@ def test_a_signal_ends_the_screen_and_restores_the_terminal(
     assert pane.flag("mouse_any_flag") == "0"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("change", ["NO_COLOR=1", "TERM=linux", "COLORTERM= TERM=screen"])
 def test_terminals_with_few_capabilities(tmux: Callable[..., Tmux], change: str) -> None:
     pane = tmux(f"env {change} {shell()}", (80, 24))
@@ -128,6 +130,7 @@ def read_until(line: int, expected: bytes, seconds: float = 60.0) -> None:
         got += os.read(line, 65536)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("ignore_hangup", [False, True])
 def test_the_screen_ends_with_its_terminal(ignore_hangup: bool) -> None:
     """A closed window or a lost connection leaves no process behind."""
@@ -141,6 +144,7 @@ def test_the_screen_ends_with_its_terminal(ignore_hangup: bool) -> None:
         process.wait()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("closed", ["stdin", "stderr"])
 def test_without_a_terminal_it_names_the_alternative(closed: str) -> None:
     """It prints one line without escape sequences and ends."""

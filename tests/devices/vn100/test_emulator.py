@@ -43,6 +43,7 @@ TIME_AND_DELTAS = BinaryLayout.of({2: 0x0001, 3: 0x00C0})
 # ---------------------------------------------------------------- registers and commands
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("firmware", ["2.1.0.0", "3.1.0.0"])
 def test_every_register_can_be_written_back_exactly_as_read(firmware: str) -> None:
     device = make(firmware=firmware)

@@ -167,6 +167,7 @@ def _wink() -> list[Any]:
     return [pytest.param(name, int(packets), int(lines), id=name) for name, packets, lines in rows]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("chunk", [97, 4096])
 @pytest.mark.parametrize(("name", "packets", "lines"), _wink())
 def test_a_wink_recording_has_the_documented_messages(

@@ -260,6 +260,7 @@ def test_checksums_of_rows_equal_those_of_each_row(data: bytes, half: int, initi
     assert checksum.crc16_rows(rows, initial).tolist() == expected
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("where", [0, 127, 128, 129, 640, 641, 2500, 2999])
 def test_a_long_run_ends_at_the_first_damaged_packet(layout: BinaryLayout, where: int) -> None:

@@ -31,6 +31,7 @@ def test_restarted_sensor_is_configured_again() -> None:
     assert bench.device.registers.read(6) == ("14",)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("flash", [9600, 460800])
 def test_other_baud_after_a_power_interruption_is_found(flash: int) -> None:
     bench = Bench(make_device(EmulatorSettings(seed=1, baud=flash, rate=RATE.get(flash, 40.0))))
@@ -131,6 +132,7 @@ def _random_settings(dice: random.Random) -> CommandHandler:
     return device
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("seed", range(12))
 def test_restore_restores_every_register(seed: int) -> None:
     dice = random.Random(seed)
@@ -145,6 +147,7 @@ def test_restore_restores_every_register(seed: int) -> None:
     assert session.restore(), "a second call writes nothing"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("seed", range(4))
 def test_settings_are_restored_after_a_kill_at_any_moment(seed: int) -> None:
     """The same session restores them after an interruption, the next one after a kill."""

@@ -22,6 +22,7 @@ from imumon.sources.vn100.stream_settings import DIVISORS, alias_factors, diviso
 # ---------------------------------------------------------------------- connection
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("baud", BAUD_RATES)
 def test_first_connection_finds_every_baud_and_streams_at_the_highest_rate(baud: int) -> None:
     bench = Bench(make_device(EmulatorSettings(seed=1, baud=baud, rate=RATE.get(baud, 40.0))))
@@ -151,6 +152,7 @@ def test_interrupted_transmit_wire_has_its_own_code() -> None:
 # ---------------------------------------------------------------------- requested stream
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("stream", ["uncompensated", "compensated"])
 @pytest.mark.parametrize("baud", [9600, 115200, 921600])
 def test_readings_are_averaged_over_their_interval(stream: str, baud: int) -> None:
@@ -212,6 +214,7 @@ def test_without_binary_outputs_the_sentences_are_used() -> None:
         assert any("the binary stream does not arrive" in remark for remark in info.remarks)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("binary", "stream"), [(None, "compensated"), (("1", "8", "06", "0001", "00C0"), "deltas")]
 )
@@ -269,6 +272,7 @@ def test_deltas_are_uncompensated_only_if_register_82_is_known() -> None:
     assert listening("1", "8", "04", "000C").caveats == ()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("rate", "correct"), [(40.0, True), (39.8, True), (38.0, False), (80.0, False)])
 def test_configured_rate_is_compared_with_the_host_clock(rate: float, correct: bool) -> None:
     bench = Bench()

@@ -41,6 +41,7 @@ def live(session: Vn100Session, seconds: float, enough: int) -> int:
     return count
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("baud", [115200, 921600, 230400])
 def test_first_connection_on_a_terminal(baud: int) -> None:
     with spawn(EmulatorSettings(seed=1, baud=baud)) as running, SerialPort(running.path) as port:
