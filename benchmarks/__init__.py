@@ -25,5 +25,6 @@ document is written by `document_tables`.
 | `example` | makes docs/example: the datasheet of a day | docs/example |
 | **used by others** | | |
 | `document_tables` | tables of the documents, from the results; figures of all benchmarks | |
+| `comparison` | figures of two versions side by side, every night beside the last release | |
 | `simulated` | records of known truth, and the Cramér–Rao bounds of N, B, K and M in them | |
 """

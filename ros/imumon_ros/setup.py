@@ -1,6 +1,7 @@
 """Installs the package into a ROS 2 workspace: colcon build --packages-select imumon_ros."""
 
 from glob import glob
+from xml.etree import ElementTree
 
 from setuptools import setup
 
@@ -8,7 +9,7 @@ NAME = "imumon_ros"
 
 setup(
     name=NAME,
-    version="0.2.0",
+    version=ElementTree.parse("package.xml").getroot().findtext("version"),
     packages=[NAME],
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
