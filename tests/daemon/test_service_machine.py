@@ -57,12 +57,6 @@ def tell(what: str, seconds: float) -> None:
     print(f"\n{what}: {seconds:.2f} s", flush=True)
 
 
-def test_nothing_in_the_unit_is_complained_of(machine: Machine) -> None:
-    words = ["sh", "-c", f"systemd-analyze verify {UNIT} 2>&1"]  # with the program and its manual installed
-    assert machine.run(*words) == ""
-    assert "EXIT STATUS" in machine.run("man", "imumon")
-
-
 def test_it_is_active_when_samples_come_and_shows_the_grade(machine: Machine) -> None:
     report = start(machine)
     tell("start to READY", machine.took_s(UNIT, "Starting", "Started"))
@@ -85,17 +79,6 @@ def test_it_waits_for_a_sensor_that_comes_later(machine: Machine) -> None:
     machine.run("systemctl", "start", "sensor.service")
     tell("sensor to first sample", machine.until(lambda: "running" in machine.show(UNIT, "StatusText")))
     assert machine.show(UNIT, "NRestarts") == "0"
-
-
-def test_a_port_is_also_read_by_the_name_that_udev_gave_it(machine: Machine) -> None:
-    start(machine)
-    machine.run("systemctl", "stop", UNIT)
-    name = "serial/by-id/usb-FTDI_VN-100-if00-port0"
-    machine.run("sh", "-c", f"mkdir -p /dev/serial/by-id; ln -sf /dev/ttySIM /dev/{name}")
-    unit = machine.run("systemd-escape", "--template=imumon@.service", name).strip()
-    machine.run("systemctl", "start", unit)
-    assert status(machine).device.port == f"/dev/{name}"
-    machine.run("systemctl", "stop", unit)
 
 
 def test_a_driver_may_load_after_the_start(machine: Machine) -> None:
@@ -167,14 +150,6 @@ def test_stop_is_quick_and_a_restart_goes_on_with_the_record(machine: Machine) -
     assert round(after.session.elapsed_s * rate) == after.session.samples + after.session.missing
 
 
-def test_the_limits_of_the_unit_apply(machine: Machine) -> None:
-    start(machine)
-    limits = Path(f"/proc/{machine.process(UNIT)}/limits").read_text("utf-8").splitlines()
-    files = next(line for line in limits if line.startswith("Max open files")).split()
-    assert files[3:5] == ["8192", "8192"]
-    assert machine.show(UNIT, "MemoryMax") == str(256 << 20)
-
-
 def _saved(machine: Machine) -> Report:
     """Start the service with a record that it has saved; return its report."""
     status(machine, start(machine).session.samples + 300)
@@ -207,47 +182,6 @@ def test_the_service_beyond_its_memory_is_ended_and_its_record_continues(machine
     finally:
         machine.run("systemctl", "set-property", "--runtime", UNIT, "MemoryMax=256M")
     _continues(machine, before)
-
-
-def test_the_journal_knows_errors_from_the_rest(machine: Machine) -> None:
-    machine.run("journalctl", "--rotate", "--vacuum-time=1s")
-    start(machine)
-    machine.run("systemctl", "restart", UNIT)
-    status(machine)
-    assert machine.journal(UNIT, "-p", "err") == []
-    assert any("continues" in line for line in machine.journal(UNIT))
-    assert not any("continues" in line for line in machine.journal(UNIT, "-p", "warning"))
-    assert any(line.startswith("reading VN-100") for line in machine.journal(UNIT, "-p", "info"))
-    said = json.loads(machine.run("journalctl", "-o", "json", "-n1", "-u", UNIT, "-g", "^reading VN-100"))
-    assert said["PRIORITY"] == "6"
-
-
-def test_a_port_may_have_settings_of_its_own(machine: Machine) -> None:
-    start(machine)  # so that the directory is there
-    place = "/var/lib/imumon/ttySIM"
-    machine.run("sh", "-c", f"printf '[record]\\nfile = \"capture.bin\"\\n' > {place}/config.toml")
-    try:
-        machine.run("systemctl", "restart", UNIT)
-        machine.until(lambda: machine.run("stat", "-c%s", f"{place}/capture.bin", check=False) > "0")
-    finally:
-        machine.run("rm", f"{place}/config.toml")
-
-
-def test_an_alert_command_runs_in_the_sandbox_and_the_journal_has_the_warning(machine: Machine) -> None:
-    start(machine)
-    place = "/var/lib/imumon/ttySIM"
-    text = "[alert]\\ncommand = 'cat >> $STATE_DIRECTORY/alerts; ls /home/* >&2'\\n"
-    machine.run("sh", "-c", f'printf "%b" "{text}" > {place}/config.toml'.replace("$", "\\$"))
-    try:
-        machine.run("systemctl", "restart", UNIT)
-        status(machine)
-        machine.run("systemctl", "stop", "sensor.service")
-        machine.until(lambda: '"kind": "disconnect"' in machine.run("cat", f"{place}/alerts", check=False))
-        machine.until(lambda: any("alert command failed" in line for line in machine.journal(UNIT)))
-        warnings = machine.journal(UNIT, "-p", "warning..warning")
-        assert any("ttySIM" in line for line in warnings)
-    finally:
-        machine.run("rm", f"{place}/config.toml")
 
 
 def test_faulty_settings_are_said_once_and_not_tried_again(machine: Machine) -> None:

@@ -13,7 +13,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
 
 import attackers
@@ -143,19 +142,6 @@ def test_commands_print_no_escape_sequences_and_no_traceback(
 # ---------------------------------------------------------------------- attacks on a daemon
 
 
-@pytest.mark.slow
-def test_a_stopped_querier_delays_no_other_subscriber() -> None:
-    with publisher(period=0.05, columns=20000) as (_, address, start):
-        subscriber = start("subscriber", connect=[address]).ready()
-        with attacking(address, "a", 4.0, *[attackers.stopped] * 3):
-            time.sleep(1.5)
-            first = len(subscriber.messages)
-            time.sleep(4.0)
-            arrivals = [message["at"] for message in subscriber.messages[first:]]
-    assert len(arrivals) > 20
-    assert max(b - a for a, b in pairwise(arrivals)) < 1.0
-
-
 def _attack_together(tmp_path: Path, seconds: float) -> None:
     """Attack in every way at once; no sample is lost, memory is bounded, and viewers work."""
     ways = (*attackers.WAYS, attackers.stopped, attackers.stopped)
@@ -200,15 +186,6 @@ def test_everything_at_once_for_a_minute(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------------- what a viewer bears
-
-
-def test_a_viewer_of_one_device_does_not_see_thousands_of_others(router: str) -> None:
-    with Subscriber([router], id="b") as viewer, foreign(router) as attacker:
-        until(viewer.connected)
-        for number in range(300):
-            attacker.put(f"imumon/d{number}/report", to_json(report(f"d{number}", 1, octaves=2)))
-        until(lambda: attacker.put("imumon/b/report", to_json(report("b", 5))) or viewer.reports())
-        assert set(viewer.reports()) == {"b"}
 
 
 def test_of_two_programs_with_one_name_the_first_is_shown(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import random
 import sqlite3
 from contextlib import closing
@@ -14,7 +13,6 @@ from histories import period
 from tables import csv, truth
 
 from imumon.api.replay_options import ReplayOptions
-from imumon.history.history import History
 from imumon.history.selection import Selection
 from imumon.history.store import HistoryError, HistoryStore
 from imumon.model.errors import ImumonError
@@ -126,33 +124,6 @@ def test_no_row_of_a_damaged_history_has_another_number(tmp_path: Path) -> None:
         assert after <= before
         readable += 1
     assert readable > 20
-
-
-@pytest.mark.parametrize("kind", ["pipe", "link to /dev/zero"])
-def test_what_is_no_file_is_set_aside_as_a_history(kind: str, tmp_path: Path) -> None:
-    path = tmp_path / "a.history.sqlite"
-    if kind == "pipe":
-        os.mkfifo(path)
-    else:
-        path.symlink_to("/dev/zero")
-    kept = History(tmp_path, "a", keep_days=1.0)
-    kept.event(EVENT)
-    kept.close()
-    assert path.is_file()
-    assert not path.is_symlink()
-    assert [level for _, level in kept.problems()] == ["warning"]
-    assert len(list(tmp_path.glob("a.damaged-*"))) == 1
-
-
-def test_messages_that_a_bag_does_not_have_any_more_are_remarked(tmp_path: Path) -> None:
-    """Its statistics have their number."""
-    path = SAMPLES["mcap"](tmp_path)
-    assert read(path)[1].problem is None
-    path.write_bytes(damaged(random.Random(8), path.read_bytes()))
-    samples, recording = read(path)
-    assert samples == 32
-    assert recording.problem is not None
-    assert "32 of its 40 messages" in recording.problem
 
 
 def test_a_changed_number_of_a_bag_is_an_error_or_has_a_remark(

@@ -38,6 +38,7 @@ def test_02_flapping_link(tmp_path: Path) -> None:
         play.end(before, after, Fault(on_the_way=flaps * ON_THE_WAY))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "probability", [pytest.param(1e-4, id="1e-4", marks=pytest.mark.slow), pytest.param(1e-2, id="1e-2")]
 )

@@ -110,6 +110,7 @@ def test_10_recording_where_nothing_can_be_written(tmp_path: Path) -> None:
         play.end(before, after, code=1)
 
 
+@pytest.mark.slow
 @mounts
 def test_11_state_directory_is_read_only(tmp_path: Path) -> None:
     """What is kept is taken up; nothing is written, and that is said; once it may be written, it is."""

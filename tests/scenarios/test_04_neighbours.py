@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import resource
 import signal
 from pathlib import Path
 
 import pytest
-import serial
 from commands import imumon
 from daemons import free_endpoint
 from laws import Fault
@@ -20,15 +18,7 @@ MEMORY_MAX_KB = 256 << 10
 """What the service unit grants."""
 
 
-def test_14_port_is_taken_by_another_program(tmp_path: Path) -> None:
-    with scene(tmp_path, seed=14, start=False) as play:
-        with serial.Serial(play.port, exclusive=True):
-            words = ("run", "--port", play.port, "--state", play.state, "--listen", free_endpoint())
-            said = imumon(*words, code=1)
-        assert play.port in said
-        assert str(os.getpid()) in said  # who has it
-
-
+@pytest.mark.slow
 def test_15_two_daemons(tmp_path: Path) -> None:
     """The same port, endpoint or state: each is refused in one line; the first notices nothing."""
     with scene(tmp_path, seed=15) as play:
@@ -48,25 +38,6 @@ def test_15_two_daemons(tmp_path: Path) -> None:
         after = play.calm()
         assert after.report.session.missing == 0
         play.end(before, after)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("[device]\nbaud = 115201\n", "baud"),
-        pytest.param("[state]\nsave_period_s = -1\n", "save_period_s", marks=pytest.mark.slow),
-        pytest.param("[devise]\nport = 'x'\n", "device", marks=pytest.mark.slow),
-        pytest.param("not toml at all", "not TOML", marks=pytest.mark.slow),
-    ],
-)
-def test_16_bad_config(tmp_path: Path, text: str, said: str) -> None:
-    """The start is refused, with file and line, before anything is touched."""
-    config = tmp_path / "config.toml"
-    config.write_text(text)
-    told = imumon("run", "--port", "sim", "--state", tmp_path / "state", "--config", config, code=2)
-    assert str(config) in told
-    assert said in told
-    assert not (tmp_path / "state").exists()
 
 
 @pytest.mark.slow

@@ -8,27 +8,10 @@ from pathlib import Path
 
 import pytest
 import serial
-from bus_actors import stage
 from laws import ON_THE_WAY, Fault
-from scene import ID, scene
-from waiting import until
+from scene import scene
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.mark.parametrize("count", [5_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
-def test_20_random_messages_and_questions(tmp_path: Path, count: int) -> None:
-    """On its own keys and others, and bytes that are no Zenoh at all at its very port."""
-    with scene(tmp_path, seed=20) as play, stage() as start:
-        before = play.calm()
-        stranger = start("foreign_client", connect=play.daemon.endpoint, id=ID, count=count, seed=20)
-        told = until(lambda: stranger.messages and stranger.messages[-1].get("put"), within_s=150.0)
-        assert told == count
-        after = play.calm()
-        assert after.report.session.missing == 0
-        assert set(play.daemon.viewer.reports()) == play.daemon.viewer.alive() == {ID}
-        assert play.daemon.viewer.malformed == 0
-        play.end(before, after)
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import random
 import select
 import shutil
@@ -22,7 +21,7 @@ import pytest
 from daemons import Daemon
 from laws import ON_THE_WAY, Fault, adds_up, is_kept, nothing_invented
 from scene import CONFIG, ID, Scene, scene
-from test_03_disk import NAMESPACE, mounts, told
+from test_03_disk import NAMESPACE, mounts
 from test_05_signals import first_samples, reconnecting, running, saving, shaking_hands, starting, stopping
 from test_07_history import EVER, kept
 from waiting import until
@@ -109,21 +108,6 @@ def test_27_unplugged_while(tmp_path: Path, phase: Callable[[Scene], None]) -> N
         adds_up(final)
         told = play.sensor.ask("counters")
         nothing_invented(final, told["sent"] - told["replies"])
-
-
-def test_28_state_and_history_are_no_files(tmp_path: Path) -> None:
-    """A pipe and a device without an end, in the place of each: set aside, and the daemon measures and saves."""
-    with scene(tmp_path, seed=28, start=False) as play:
-        play.state.mkdir()
-        os.mkfifo(play.state / f"{ID}.state")
-        (play.state / f"{ID}.state.1").symlink_to("/dev/zero")
-        (play.state / f"{ID}{SUFFIX}").symlink_to("/dev/zero")
-        play.start()
-        before = play.calm()
-        play.end(before, play.calm())
-        assert (play.state / f"{ID}.state").is_file()
-        assert kept(play.state / f"{ID}{SUFFIX}") > 0
-        assert play.said.count("kept as") == 3, play.said
 
 
 DOCUMENTS = ("json", "csv", "html")
@@ -268,28 +252,6 @@ def test_30_disk_is_full_at_each_write(tmp_path: Path, first: int) -> None:
         assert not [
             path.name for path in play.state.iterdir() if "damaged" in path.name or ".new" in path.name
         ]
-
-
-@pytest.mark.skipif(shutil.which("cc") is None, reason="a C compiler makes the full disk; install gcc")
-@pytest.mark.parametrize("calls", [0, 1, 2, 5])
-def test_31_disk_of_the_recording_is_full_at_a_write(tmp_path: Path, calls: int) -> None:
-    """One line, the daemon measures on, and what was written is read."""
-    with scene(tmp_path, seed=31, start=False) as play:
-        place = tmp_path / "recordings"
-        place.mkdir()
-        disk = FullDisk(tmp_path, place)
-        disk.leave(calls)
-        play.start("--record", str(place / "raw.bin"), environment=disk.world)
-        play.daemon.wait(lambda r: told(play, "recording", "space left on device"))
-        before = play.calm()
-        play.end(before, play.calm(), code=1)
-        assert play.said.count("error: ") == 1
-        if calls > 2:
-            done = subprocess.run(
-                [sys.executable, "-m", "imumon", "replay", str(place / "raw.bin"), "--json"],
-                capture_output=True, text=True, check=True,
-            )  # fmt: skip
-            assert from_json(Report, done.stdout).session.samples > 0
 
 
 DAYS, STEP_S, PERIOD_S = 30, 10, 3600
