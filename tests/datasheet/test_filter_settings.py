@@ -117,7 +117,6 @@ def test_a_longer_record_is_advised_only_where_it_helps(code: str | None, gyro: 
         assert ("record longer" in shown) == (cure == "record longer")
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("form", SETTINGS)
 def test_caveats_precede_the_numbers(form: str) -> None:
     report = make_report()
@@ -301,7 +300,6 @@ def test_a_walk_for_a_bounded_k_has_its_factor_against_half_the_bound() -> None:
     )
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("form", [form for form in SETTINGS if form not in COVARIANCES])
 def test_a_longer_horizon_needs_other_walks(form: str) -> None:
     report = make_report(LONG_S)

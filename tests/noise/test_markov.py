@@ -16,7 +16,6 @@ from imumon.noise.fit.model import FLICKER, WALK, WHITE, GaussMarkov, NoiseTerm
 RATE_HZ, LENGTH, N = 10.0, 50_000, 6.8e-4
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("time", [0.3, 10.0, 300.0])
 def test_the_formulas_are_those_of_the_autocovariance(time: float) -> None:
     zero, one, ratio = markov_law.average_autocovariance(time)
@@ -35,7 +34,6 @@ def test_the_formulas_are_those_of_the_autocovariance(time: float) -> None:
     )
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("level", [0, 4])
 @pytest.mark.parametrize(("time", "other", "power"), [(1e7, WALK, 2e-7), (0.01, WHITE, 0.02)])
 def test_it_tends_to_a_walk_and_to_white_noise(level: int, time: float, other: object, power: float) -> None:

@@ -59,7 +59,6 @@ def curve_of(values: Floats) -> tuple[np.ndarray, Floats]:
     return curve.m, curve.avar
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("averaged", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
 def test_variances_and_degrees_of_freedom_agree_with_the_definition(kind: str, averaged: bool) -> None:
@@ -131,7 +130,6 @@ def test_a_line_has_the_stated_curve(frequency: float) -> None:
     assert np.abs(avar.mean(axis=1) / scale - stated / scale)[short].max() < 0.03
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("kind", ["ramp", "wave", "step"])
 def test_what_regressors_move_has_the_stated_curve(kind: str) -> None:
     n, length = 1 << 15, 64

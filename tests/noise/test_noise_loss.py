@@ -36,7 +36,6 @@ def received(loss: float, run: int) -> Bools:
     return ok[:, None]
 
 
-@pytest.mark.few
 @pytest.mark.parametrize(
     ("kind", "loss", "run"),
     [

@@ -39,7 +39,6 @@ def test_every_term_has_a_positive_expectation_of_every_observation() -> None:
         assert (series.variances[term] > 0.0).all(), term.letter
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("length", [1, 4])
 @pytest.mark.parametrize("term", NOISE_TERMS)
 def test_what_is_interpolated_across_holes_is_expected(term: NoiseTerm, length: int) -> None:

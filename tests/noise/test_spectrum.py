@@ -67,7 +67,6 @@ LOSSES: dict[str, Callable[[int], np.ndarray] | None] = {
 }
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("pattern", LOSSES)
 @pytest.mark.parametrize("averaged", [True, False])
 @pytest.mark.parametrize("kind", ["white", "flicker", "walk"])

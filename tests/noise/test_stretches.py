@@ -276,7 +276,6 @@ def test_a_warm_up_counts_its_valid_samples_only() -> None:
     assert again.warmup_s == record.warmup_s
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("kind", ["noise", "walk", "drift", "step"])
 def test_what_does_not_settle_is_no_warm_up(kind: str) -> None:
     values = noise(2 * HOUR, channels=4, seed=5)
