@@ -136,16 +136,6 @@ def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
             "config.toml:1: device: is a section, not a value; write [device] on a line of its own",
         ),
         (
-            "\ndevice.bawd = 3\n",
-            "unknown_setting",
-            "config.toml:2: device.bawd: no such setting; did you mean device.baud?",
-        ),
-        (
-            "device = { bawd = 3 }\n",
-            "unknown_setting",
-            "config.toml:1: device.bawd: no such setting; did you mean device.baud?",
-        ),
-        (
             "[log]\nlevel = 'loud'\n",
             "invalid_value",
             'config.toml:2: log.level: "loud" is not valid; give one of "error", "warning", "notice", "info", "debug"',
@@ -154,11 +144,6 @@ def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
             "[zenoh]\nuser = 'ann'\n",
             "contradiction",
             "config.toml:2: zenoh.user: zenoh.password is missing; set both or neither",
-        ),
-        (
-            "[zenoh]\nkey = 'a.pem'\n",
-            "contradiction",
-            "config.toml:2: zenoh.key: zenoh.certificate is missing; set both or neither",
         ),
         (
             "[device]\nlisten_only = true\nset_baud = 921600\n",
@@ -171,41 +156,10 @@ def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
             'config.toml:2: device.id: "////" is not valid; use letters and digits, such as imu-1',
         ),
         (
-            f"[device]\nid = '{65 * 'a'}'\n",
-            "invalid_value",
-            f'config.toml:2: device.id: "{36 * "a"}... is not valid; give at most 64 characters',
-        ),
-        (
-            "[device]\nrate_hz = 1e-300\n",
-            "invalid_value",
-            "config.toml:2: device.rate_hz: 1e-300 is not valid; give 0, or a number from 0.0001 to 100000",
-        ),
-        (
-            "[device]\nbaud = 12345678901234567890123\n",
-            "invalid_value",
-            f'config.toml:2: device.baud: 12345678901234567890123 is not valid; give one of "auto", {BAUDS}',
-        ),
-        (
             '[state]\ndirectory = "a\\u0000b"\n',
             "invalid_character",
             "config.toml:2: state.directory: has a zero byte or invalid UTF-8",
         ),
-        (
-            '[zenoh]\nlisten = ["a", "b\\u0000"]\n',
-            "invalid_character",
-            "config.toml:2: zenoh.listen: has a zero byte or invalid UTF-8",
-        ),
-        (
-            "[record]\nfile = 2020-01-01\n",
-            "invalid_value",
-            "config.toml:2: record.file: 2020-01-01 is not valid; give text in quotes",
-        ),
-        (
-            "[zenoh]\nlisten = ['a', 12:00:00, 3]\n",
-            "invalid_value",
-            "config.toml:2: zenoh.listen: 12:00:00 is not valid; give text in quotes",
-        ),
-        ("[zenoh]\nraw = 3\n", "invalid_value", "config.toml:2: zenoh.raw: 3 is not valid; give a table"),
     ],
 )
 def test_single_faults(tmp_path: Path, text: str, code: str, fault: str) -> None:

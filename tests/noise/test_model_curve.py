@@ -78,6 +78,17 @@ def test_variances_and_degrees_of_freedom_agree_with_the_definition(kind: str, a
         assert edf[i] == pytest.approx(exact, rel=0.01 if averaged else 0.12), cluster
 
 
+def test_degrees_of_freedom_of_a_sum_agree_with_the_definition() -> None:
+    """The terms count by their powers: none hides behind another one."""
+    n, m = 192, 1 << np.arange(7)
+    powers = {WHITE: 1.0, FLICKER: 0.1, WALK: 0.005}
+    matrix = sum(powers[KINDS[kind]] * covariance(n, kind, averaged=True) for kind in KINDS)
+    edf = degrees_of_freedom(m, (n - 2 * m) // np.maximum(1, m // 8) + 1, n, powers)
+    for i, cluster in enumerate(m.tolist()):
+        r = differences(n, cluster) @ matrix @ differences(n, cluster).T
+        assert edf[i] == pytest.approx(np.trace(r) ** 2 / (r**2).sum(), rel=0.01), cluster
+
+
 def test_missing_differences_cost_their_share() -> None:
     m, powers = 1 << np.arange(7), {WHITE: 1.0}
     full = (4096 - 2 * m) // np.maximum(1, m // 8) + 1

@@ -27,11 +27,9 @@ from imumon.ros2.ros_messages import IMU, type_hash
 from imumon.ros2.topic_url import open_node, parse_url
 from imumon.ros2.zenoh_node import ZenohPublication
 from imumon.sources import registry
-from imumon.sources.device import Device, DeviceLost, DeviceNotFound, DeviceOptions, InvalidOption
+from imumon.sources.device import Device, DeviceLost, DeviceNotFound, DeviceOptions
 
 UNIX_NS = 1_700_000_000_000_000_000
-STEP_NS = 5_000_000
-OTHER = imu_payload(UNIX_NS, [-1.0] * 3, [-1.0] * 3)
 
 
 # ---------------------------------------------------------------------- a system
@@ -59,18 +57,6 @@ def read_until(made: Device, count: int, seconds: float = 60.0) -> list[Item]:
     while time.monotonic() < end and sum(len(i) for i in items if isinstance(i, SampleBlock)) < count:
         items += made.read(0.1)
     return items
-
-
-def test_the_id_is_that_of_the_topic() -> None:
-    found = device("ros2:/imu/data").expected()
-    assert found is not None
-    assert found.id == "ros2-imu-data"
-    assert found.baud is None
-
-
-def test_a_wrong_url_is_an_invalid_option() -> None:
-    with pytest.raises(InvalidOption):
-        device("ros2:/imu/data?domain=abc")
 
 
 @pytest.mark.slow
@@ -156,30 +142,6 @@ def test_the_daemon_waits_for_the_topic_and_follows_its_driver(tmp_path: Path) -
     assert f"no Zenoh router at {endpoint}" in log
     assert "IMU topics: /other" in log
     assert "30 messages were lost" in log
-
-
-@pytest.mark.slow
-def test_a_run_without_a_topic_ends_with_the_list_of_topics(tmp_path: Path) -> None:
-    with system() as (endpoint, _):
-        command = [sys.executable, "-m", "imumon", "run", "--state", str(tmp_path), "--port"]
-        done = subprocess.run(
-            [*command, f"ros2:?router={endpoint}"], capture_output=True, text=True, timeout=120, check=False
-        )
-    assert done.returncode == 3
-    assert "IMU topics: /imu/data" in done.stderr
-
-
-@pytest.mark.slow
-def test_a_duration_without_a_driver_is_exit_code_4(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "imumon", "run", "--state", str(tmp_path), "--duration", "1", "--port"]
-    done = subprocess.run(
-        [*command, f"ros2:/imu?router={free_router()}"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 4, done.stderr
 
 
 @pytest.mark.slow
