@@ -66,7 +66,7 @@ def report(id: str, number: int, *, octaves: int = 19, grade: str = "industrial"
         device=DeviceDescription(id=id),
         state="running",
         session=SessionCounters(samples=number, started=TIME),
-        grade={"gyro": SensorGrade(nearest=grade), "accel": SensorGrade(nearest="consumer")},
+        grade={"gyro": SensorGrade(meets=grade), "accel": SensorGrade(meets="consumer")},
         channels=channels,
     )
 

@@ -21,10 +21,10 @@ from imumon.cli.exit_codes import NOT_FOUND, CommandError
 from imumon.cli.options import Parser
 from imumon.model.coefficients import GRADES
 from imumon.model.errors import ImumonError
-from imumon.model.messages import caveats, change_text, joined, line, loss_label, loss_text, nearest_text
+from imumon.model.messages import caveats, change_text, grade_text, joined, line, loss_label, loss_text
+from imumon.model.report import SensorGrade
 from imumon.model.report_json import plain
 from imumon.model.samples import INERTIAL
-from imumon.noise.grading import grade_coefficient
 
 
 class Code(IntEnum):
@@ -51,7 +51,7 @@ def add_check(parser: Parser) -> None:
     add("--max-age", type=options.seconds, default=MAX_AGE_S, metavar="T", help=text)
     text = "warning if more of the samples of the last minute are missing; default: the setting max_loss of the daemon"
     add("--max-loss", type=options.percentage, metavar="PERCENT", help=text)
-    text = "critical if gyroscope or accelerometer is certainly worse than this grade"
+    text = "critical if gyroscope or accelerometer is certainly worse than this grade, a warning if it may be"
     add("--grade", choices=GRADES, help=text)
     add("--baseline", metavar="FILE", help="warning if N or B differs from an earlier report (JSON)")
 
@@ -77,7 +77,12 @@ def check(arguments: argparse.Namespace) -> int:
     if age_s > arguments.max_age:
         critical.append(f"the last report is {age_s:.1f} s old")
     if arguments.grade:
-        critical += _worse(report, arguments.grade)
+        for sensor, grade in report.grade.items():
+            verdict = grade.compared_with(arguments.grade)
+            if verdict == "missed":
+                critical.append(f"{sensor} is certainly worse than {arguments.grade}: {_grade_text(grade)}")
+            elif verdict == "open":
+                warnings.append(f"{sensor} may be worse than {arguments.grade}: {_grade_text(grade)}")
     if rivals:  # the numbers are of the one that was seen first, which need not be the right one
         warnings.append(f"two programs publish {report.device.id}: give each daemon its own --id")
     if report.session.recent_loss is not None and report.is_lossy:
@@ -104,25 +109,10 @@ def _print(code: Code, text: str, performance: Sequence[str]) -> int:
     return code
 
 
-def _worse(report: Any, grade: Any) -> Iterator[str]:
-    """Yield the sensors that are certainly worse than a grade: by a final headline or a lower limit."""
-
-    def is_worse(nearest: Any) -> bool:
-        return nearest is not None and GRADES.index(nearest) > GRADES.index(grade)
-
-    for sensor, headline in report.grade.items():
-        if not headline.provisional and is_worse(headline.nearest):
-            yield f"{sensor} {nearest_text(headline)}"
-            continue
-        for name, channel in report.channels.items():
-            best = {
-                letter: grade_coefficient(sensor, letter, part.stated.low).nearest
-                for letter, part in channel.coefficients.items()
-                if name.startswith(f"{sensor}/") and part.status == "measured"
-            }
-            if worse := [letter for letter, nearest in best.items() if is_worse(nearest)]:
-                yield f"{sensor} is {best[worse[0]]} at best, by {worse[0]} of {name}"
-                break
+def _grade_text(grade: SensorGrade) -> str:
+    """Return a grade with the coefficient that decides it, and why it is not certain."""
+    by = f" by {grade.decided_by.coefficient} of {grade.decided_by.axis}" if grade.decided_by else ""
+    return f"{grade_text(grade)}{by}{f' ({grade.reason})' if grade.reason else ''}"
 
 
 def _caveats(report: Any, baseline: Any) -> Iterator[str]:

@@ -42,7 +42,7 @@ def add_status(parser: Parser) -> None:
 def add_wait(parser: Parser) -> None:
     add = parser.add_argument
     options.add_id(parser)
-    text = "wait until the nearest grade of gyroscope and accelerometer is this or better, and certain; default: "
+    text = "wait until gyroscope and accelerometer certainly have this grade or a better one; default: "
     text += "from the settings"
     add("--grade", choices=GRADES, help=text)
     text = "wait until the precision of this coefficient is reached on every axis; M shows on few sensors"
@@ -178,9 +178,7 @@ def wait(arguments: argparse.Namespace) -> int:
                     reason = f"{stopped}; {unmet}" if stopped else unmet
                     message = f"not reached in {duration(arguments.timeout)}: {reason}"
                     worse = condition.unreachable_grade(report)
-                    cure = (
-                        f"its grade is final: ask for --grade {worse}" if worse else "give a longer --timeout"
-                    )
+                    cure = f"it is {worse} at best" if worse else "give a longer --timeout"
                     raise CommandError("not_reached", message, cure, NOT_REACHED)
                 report = _next_report(subscriber, report, end_s)
         finally:

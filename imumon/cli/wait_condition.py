@@ -1,10 +1,8 @@
 """Condition of `imumon wait`: what a report must show, and what is still missing.
 
-A grade is reached when no value that is still unknown can change it: the headline grade is that grade or better
-and final, or every N and B of every axis has an upper 95 % limit whose nearest grade is that grade or better.
-The second rule matters: a sensor so good that its B is only bounded stays provisional as long as it runs,
-because it might be better still, yet it is already good enough. A coefficient that is pending, or a record of
-which more than half is excluded, reaches no grade.
+A grade is reached when the sensor certainly has it: the worst grade that the 95 % limits allow is that grade or
+better. A sensor so good that its B is only bounded stays provisional as long as it runs, because it might be better
+still, yet it is already good enough. A coefficient that is pending may have any.
 
 A precision is reached when the coefficient of every channel is measured and half of its 95 % interval is at
 most the required share of its value. A coefficient that the record only bounds is not measured and may never
@@ -15,12 +13,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from imumon.model.coefficients import GRADED, GRADES, NOISE, GradeName
-from imumon.model.messages import nearest_text
-from imumon.model.report import Channel, Report
+from imumon.model.coefficients import NOISE, SCALE, GradeName
+from imumon.model.messages import grade_text
+from imumon.model.report import Channel, Report, SensorGrade
 from imumon.model.samples import INERTIAL, sensor_of
-from imumon.model.units import duration, figures, pretty, share_text
-from imumon.noise.grading import grade_coefficient
+from imumon.model.units import duration, figures, share_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +66,7 @@ class WaitCondition:
             parts.append(f"{reached}, required {100 * self.precision:g} %")
         if self.grade is not None or not parts:
             sensors = {sensor_of(name) for name in chosen}
-            parts += [f"{s} {nearest_text(g)}" for s, g in report.grade.items() if s in sensors and g.nearest]
+            parts += [f"{s} {grade_text(g)}" for s, g in report.grade.items() if s in sensors and g.meets]
         return "; ".join(parts) or report.state
 
     def without_grade(self, report: Report) -> bool:
@@ -78,15 +75,14 @@ class WaitCondition:
         return self.grade is not None and bool(chosen) and not any(sensor_of(c) in INERTIAL for c in chosen)
 
     def unreachable_grade(self, report: Report) -> GradeName | None:
-        """Return the final grade of a sensor that is worse than the required one; None while it may be reached."""
+        """Return the best grade that a sensor may have, if the required one is better; None while it may be reached."""
         sensors = {sensor_of(name) for name in self._chosen(report)}
-        final = [
-            g.nearest for s, g in report.grade.items() if s in sensors and g.nearest and not g.provisional
+        missed = [
+            grade.best
+            for sensor, grade in report.grade.items()
+            if self.grade and sensor in sensors and grade.best and grade.compared_with(self.grade) == "missed"
         ]
-        worst = max(final, key=GRADES.index, default=None)
-        if self.grade is None or worst is None or GRADES.index(worst) <= GRADES.index(self.grade):
-            return None
-        return worst
+        return max(missed, key=SCALE.index, default=None)
 
     def _chosen(self, report: Report) -> dict[str, Channel]:
         names = self.channels or INERTIAL
@@ -96,16 +92,13 @@ class WaitCondition:
         assert self.grade is not None
         sensors = [s for s in INERTIAL if any(sensor_of(name) == s for name in chosen)]
         for sensor in sensors:
-            headline = report.grade.get(sensor)
-            if headline is None or headline.nearest is None:
-                why = f": {headline.reason}" if headline and headline.reason else ""
-                return f"{sensor} has no grade yet{why}"
-            if GRADES.index(headline.nearest) > GRADES.index(self.grade):
-                by = headline.decided_by
+            grade = report.grade.get(sensor, SensorGrade())
+            if grade.meets is None:
+                return f"{sensor} has no grade yet{f': {grade.reason}' if grade.reason else ''}"
+            if grade.compared_with(self.grade) != "reached":
+                by = grade.decided_by
                 decided = f" by {by.coefficient} of {by.axis}" if by else ""
-                return f"{sensor} {nearest_text(headline)}{decided}"
-            if headline.provisional and (unmet := _uncertain_grade(report, sensor, self.grade)):
-                return unmet
+                return f"{sensor} {grade_text(grade)}{decided}{f': {grade.reason}' if grade.reason else ''}"
         return None if sensors else "only gyroscope and accelerometer have grades"
 
     def _unmet_precision(self, chosen: dict[str, Channel]) -> str | None:
@@ -128,28 +121,3 @@ class WaitCondition:
                 ahead = f", about {duration(left)} to the precision of the settings" if left else ""
                 return f"{subject} is known to {figures(half, 2)}, required {self.precision:g}{ahead}"
         return None
-
-
-def _uncertain_grade(report: Report, sensor: str, grade: GradeName) -> str | None:
-    """Return why a sensor may turn out worse than the grade; None: it cannot."""
-    if report.session.mostly_excluded:
-        return f"{sensor} is not certain: {report.grade[sensor].reason or 'most of the record is excluded'}"
-    axes = ((name, channel) for name, channel in report.channels.items() if sensor_of(name) == sensor)
-    return next(filter(None, (_uncertain_limit(name, channel, grade) for name, channel in axes)), None)
-
-
-def _uncertain_limit(name: str, channel: Channel, grade: GradeName) -> str | None:
-    """Return which coefficient may be worse than the grade, by its upper limit; None: none."""
-
-    for letter in GRADED:
-        coefficient = channel.estimates.get(letter)
-        if coefficient is None or coefficient.status == "pending":
-            return f"{letter} of {name} is pending"
-        limits = coefficient.stated
-        worst = limits.high if limits.high is not None else limits.value
-        nearest = grade_coefficient(sensor_of(name), letter, worst).nearest
-        if nearest is None or GRADES.index(nearest) > GRADES.index(grade):
-            shown, unit = limits.readable.high, pretty(limits.readable.unit)
-            limit = "anything" if shown is None else f"{figures(shown)} {unit}"
-            return f"{letter} of {name} may be up to {limit}, that is {nearest or 'no grade'}"
-    return None

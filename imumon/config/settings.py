@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, TypeAlias, get_type_hints
 from pydantic import BeforeValidator, ConfigDict, Field, Strict
 from pydantic.dataclasses import dataclass
 
-from imumon.model.coefficients import NOISE, GradeName
+from imumon.model.coefficients import NOISE, LimitedGrade
 from imumon.model.readiness import ProgramName
 from imumon.model.report import MAX_LOSS
 from imumon.model.samples import FASTEST_HZ
@@ -120,7 +120,7 @@ class ReportSettings(Section):
     precision_n: Share = 0.01
     precision_b: Share = 0.2
     precision_k: Share = 0.5
-    grade: Literal["", GradeName] = ""
+    grade: Literal["", LimitedGrade] = ""
     program: ProgramName = "kalibr"
     baseline: str = ""
 

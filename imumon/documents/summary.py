@@ -29,7 +29,6 @@ from imumon.model.messages import (
     change_text,
     filter_not_known,
     grade_text,
-    grade_word,
     has_indistinct,
     joined,
     loss_text,
@@ -178,6 +177,5 @@ def _channel_cells(report: Report, letters: Sequence[str]) -> Iterator[tuple[str
             yield (f"in {pretty(unit)}", f"{'mean':>11}", *heads, "grade" if channel.grade else "")
         mean = "" if channel.mean is None else f"{factor * channel.mean:>11.4e}"
         noise = (coefficient_text(channel.estimates.get(letter), short=True) for letter in letters)
-        grade = channel.grade
-        word = grade_word(grade.meets, grade.nearest) if grade is not None and grade.nearest else ""
-        yield (name, mean, *noise, word)
+        word = channel.grade.meets if channel.grade is not None else None
+        yield (name, mean, *noise, word or "")

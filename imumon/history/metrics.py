@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from imumon.model.coefficients import GRADES
+from imumon.model.coefficients import SCALE
 from imumon.model.errors import ImumonError, why
 from imumon.model.messages import EVENT_LEVELS
 from imumon.model.report import Report
@@ -140,12 +140,9 @@ def _gauges(report: Report, age_s: float) -> Rows:
     yield "imumon_mean", "Mean of a channel in its SI unit", ("channel",), means
     text = "1 for the grade of a sensor, 0 for the others"
     grades = [
-        (sensor, kind, name, float(getattr(grade, kind) == name))
-        for sensor, grade in report.grade.items()
-        for kind in ("nearest", "meets")
-        for name in GRADES
+        (sensor, name, float(grade.meets == name)) for sensor, grade in report.grade.items() for name in SCALE
     ]
-    yield "imumon_grade", text, ("sensor", "kind", "grade"), grades
+    yield "imumon_grade", text, ("sensor", "grade"), grades
     temperature = report.channels.get("temperature")
     if temperature is not None and temperature.last is not None:
         text = "Newest temperature of the sensor"

@@ -26,7 +26,7 @@ from typing import Any
 from imumon.files import rename_aside
 from imumon.history.schema import ESTIMATE_COLUMNS, SCHEMA, VERSION
 from imumon.history.selection import Selection
-from imumon.model.coefficients import GRADES, Estimate, GradeName, Status
+from imumon.model.coefficients import SCALE, Estimate, GradeName, Status
 from imumon.model.errors import ImumonError, why
 from imumon.model.history_report import STEPS, HistoryPeriod, PeriodChannel
 from imumon.model.report import Event
@@ -366,7 +366,7 @@ def _code(error: sqlite3.Error) -> int | None:
 
 def _grade_number(period: HistoryPeriod, channel: str) -> int | None:
     grade = period.grades.get(channel.partition("/")[0])
-    return None if grade is None else GRADES.index(grade)
+    return None if grade is None else SCALE.index(grade)
 
 
 def _check_numbers(*values: object) -> None:
@@ -392,7 +392,7 @@ def _timed_period(
                 known[letter] = Estimate(value=value, low=low, high=high, status=_STATUSES[status])
         channels[name] = PeriodChannel(coefficients=known, mean=row["mean"], std=row["std"])
         if row["grade"] is not None:
-            grades[name.partition("/")[0]] = GRADES[row["grade"]]
+            grades[name.partition("/")[0]] = SCALE[row["grade"]]
     period = HistoryPeriod(
         step_s=step,
         number=number,

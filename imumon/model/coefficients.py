@@ -20,9 +20,12 @@ Status: TypeAlias = Literal["measured", "upper_bound", "indistinct", "pending"]
 STATUSES: tuple[Status, ...] = get_args(Status)
 BOUNDS: tuple[Status, ...] = ("upper_bound", "indistinct")
 """Statuses of a coefficient of which only an upper limit is known."""
-GradeName: TypeAlias = Literal["navigation", "tactical", "industrial", "consumer"]
-GRADES: tuple[GradeName, ...] = get_args(GradeName)
-"""From the best to the worst."""
+LimitedGrade: TypeAlias = Literal["navigation", "tactical", "industrial", "consumer"]
+GRADES: tuple[LimitedGrade, ...] = get_args(LimitedGrade)
+"""Those that have limits, from the best to the worst."""
+GradeName: TypeAlias = Literal[LimitedGrade, "below consumer"]
+SCALE: tuple[GradeName, ...] = (*GRADES, "below consumer")
+"""All that a sensor may have."""
 
 LIMIT_95 = 1.959964
 """Standard errors, half-width of a 95 % interval."""

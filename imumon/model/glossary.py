@@ -177,7 +177,7 @@ _WORDS: Mapping[str, tuple[str, str]] = {
     "gap": ("Samples that the clock of the sensor shows to exist and that did not arrive.", REPORTS),
 }
 _OTHER_NAMES: Mapping[str, str] = {
-    "open": "indistinct", "bound": "upper_bound", "<": "upper_bound", "meets": "grade", "nearest": "grade",
+    "open": "indistinct", "bound": "upper_bound", "<": "upper_bound", "meets": "grade", "below consumer": "grade",
     "x/": "×÷", "+-": "±", "random_walk": "K", "noise_density": "N", "arw": "N", "vrw": "N", "rrw": "K",
     "✓": "ready", "↗": "growing", "↓": "upper_bound", "chi2/dof": "χ²/dof", "warm_up": "warm-up",
     "σ(τ)": "allan_deviation", "sigma(tau)": "allan_deviation", "bias_instability": "B", "delta": "deltas",

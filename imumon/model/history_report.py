@@ -58,7 +58,7 @@ class HistoryPeriod:
     excluded_s: float  # s of received samples that the guards excluded
     temperature: float | None  # degC, mean; None: unknown
     warming_up: bool  # whether the sensor still warmed up at its end
-    grades: Mapping[str, GradeName | None] = field(default_factory=dict)  # nearest, of the record at its end
+    grades: Mapping[str, GradeName | None] = field(default_factory=dict)  # of the record at its end
     channels: Mapping[str, PeriodChannel] = field(default_factory=dict)  # by name
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from imumon.model.coefficients import GRADES, INDISTINCT_WORD, LIMIT_95, SIGNIFICANT, Estimate
+from imumon.model.coefficients import INDISTINCT_WORD, LIMIT_95, SIGNIFICANT, Estimate
 from imumon.model.report import Change, Drift, Event, Report, SensorGrade
 from imumon.model.samples import INERTIAL, Level, sensor_of
 from imumon.model.units import duration, sentence, share_text
@@ -449,42 +449,22 @@ def matching(name: str | None, names: Iterable[str]) -> list[str]:
 
 
 GRADE_WORDS = (
-    "The grade is the best one whose limits all N and B allow. It is provisional while the 95 % limits allow another "
-    "one. Nearest is the grade whose limits are closest on a logarithmic scale; --grade asks for it."
+    "The grade is the best one whose limits no N and no B exceeds. It is provisional while the 95 % limits allow "
+    "another one."
 )
 """Meaning of the grades, printed beside them."""
 GRADE_MEANING = "the best grade that all limits allow"
 """Meaning of the word for a grade, where there is little room."""
 
 
-def grade_word(meets: str | None, nearest: str | None) -> str:
-    """Return the grade of a sensor or an axis as it is called everywhere.
-
-    >>> grade_word("consumer", "industrial"), grade_word(None, "consumer"), grade_word(None, None)
-    ('consumer', 'below consumer', 'no grade')
-    """
-    if nearest is None:
-        return "no grade"
-    return meets or f"below {GRADES[-1]}"
-
-
 def grade_text(grade: SensorGrade) -> str:
-    """Return the grade of a sensor as one word, and whether it may change, the same in every output.
+    """Return the grade of a sensor, and whether it may change, the same in every output.
 
-    >>> grade_text(SensorGrade(nearest="industrial", meets="consumer"))
-    'consumer, provisional'
-    >>> grade_text(SensorGrade(nearest="consumer", provisional=False)), grade_text(SensorGrade())
-    ('below consumer', 'no grade')
+    >>> grade_text(SensorGrade(meets="consumer")), grade_text(SensorGrade())
+    ('consumer, provisional', 'no grade')
+    >>> grade_text(SensorGrade(meets="below consumer", provisional=False))
+    'below consumer'
     """
-    provisional = ", provisional" if grade.nearest is not None and grade.provisional else ""
-    return f"{grade_word(grade.meets, grade.nearest)}{provisional}"
-
-
-def nearest_text(grade: SensorGrade) -> str:
-    """Return the grade of a sensor with the nearest one, where a user asks for the latter.
-
-    >>> nearest_text(SensorGrade(nearest="industrial", meets="consumer", provisional=False))
-    'consumer, nearest to industrial'
-    """
-    text = grade_text(grade)
-    return text if grade.nearest in (None, grade.meets) else f"{text}, nearest to {grade.nearest}"
+    if grade.meets is None:
+        return "no grade"
+    return f"{grade.meets}, provisional" if grade.provisional else grade.meets

@@ -16,9 +16,9 @@ from typing import Any, Literal, TypeAlias, TypeVar
 
 from imumon.model.coefficients import (
     CONVERGING,
-    GRADED,
     LIMIT_95,
     NOISE,
+    SCALE,
     SINGLE,
     Estimate,
     GradeName,
@@ -116,23 +116,10 @@ class SessionCounters:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Grading:
-    """Grade of one coefficient; None if there is none."""
-
-    nearest: GradeName | None = None  # grade whose limit is nearest on a logarithmic scale
-    meets: GradeName | None = None  # best grade whose limit is not exceeded; null too if worse than consumer
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelGrade:
-    """Grades of a channel's N and B, and the worse of them."""
+    """Grade of a channel."""
 
-    # grade of its value, or its bound
-    coefficients: Mapping[str, Grading] = field(
-        default_factory=lambda: dict.fromkeys(GRADED, Grading()), metadata=entries(GRADED)
-    )
-    nearest: GradeName | None = None  # worse of the two; a bound decides only if nothing is measured
-    meets: GradeName | None = None  # worse of the two
+    meets: GradeName | None = None  # best grade whose limits N and B, or their bounds, do not exceed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,13 +132,27 @@ class DecidedBy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorGrade:
-    """Headline grade of a sensor: the worst of its axes."""
+    """Grade of a sensor: the best one whose limits no N and no B of its axes exceeds."""
 
-    nearest: GradeName | None = None  # the headline: nearest limit on a logarithmic scale
-    meets: GradeName | None = None  # best grade that all its N and B meet; null too if worse than consumer
-    decided_by: DecidedBy | None = None  # coefficient that decides the headline
-    provisional: bool = True  # whether it may still change
+    meets: GradeName | None = None  # the grade; a coefficient that is only bounded counts with its bound
+    best: GradeName | None = None  # the grade if each coefficient is at its lower 95 % limit
+    worst: GradeName | None = None  # the grade at the upper 95 % limits; a pending coefficient may have any
+    decided_by: DecidedBy | None = None  # coefficient that decides the grade
+    provisional: bool = True  # whether it may still change: best and worst differ
     reason: str | None = None  # why there is no grade, or why it is provisional
+
+    def compared_with(self, required: GradeName) -> Literal["reached", "open", "missed"]:
+        """Return whether the grade is certainly at least the required one, perhaps, or certainly worse.
+
+        >>> one = SensorGrade(meets="consumer", best="industrial", worst="consumer")
+        >>> [one.compared_with(required) for required in ("tactical", "industrial", "consumer")]
+        ['missed', 'open', 'reached']
+        """
+        if self.best is None or self.worst is None:
+            return "open"
+        if SCALE.index(self.best) > SCALE.index(required):
+            return "missed"
+        return "reached" if SCALE.index(self.worst) <= SCALE.index(required) else "open"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

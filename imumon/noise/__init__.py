@@ -41,7 +41,6 @@ restarts the estimator: it never returns limits of one record for another.
 | `markov_law` | the same of Gauss–Markov noise of standard deviation 1 |
 | `power_law` | density, autocovariance and cosine coefficients of N = B = K = 1 |
 | `fit/` | `Estimator`: the likelihood of N, B and K, with limits, and the time to a precision |
-| `grading` | navigation, tactical, industrial or consumer grade |
 | `statistics/` | moments, histogram, envelope |
 | `detection/` | disturbances, stuck and repeated samples, excluded before they reach a sum |
 | `stretches/` | parts of a record: quarters, hours, days, warm-up, changes |

@@ -16,13 +16,13 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from imumon.model.coefficients import LIMIT_95, NOISE, Estimate, Excess, MarkovEstimate
-from imumon.model.report import UNGRADED_SHARE, Channel
+from imumon.model.grading import LIMITS, grade_sensor
+from imumon.model.report import UNGRADED_SHARE, Channel, SensorGrade
 from imumon.model.samples import UNITS, sensor_of
 from imumon.model.units import counted, duration
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import BiasFit, ChannelFit, Estimator
 from imumon.noise.fit.slow_terms import CHANCE
-from imumon.noise.grading import LIMITS, Headline, grade_sensor
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.stretches.change import compare
@@ -95,7 +95,7 @@ class Analysis:
         self.robust: dict[str, RobustDeviation | None] = {}
         self.shapes: list[DistributionShape | None] = []
         self.channels: dict[str, Channel] = {}
-        self.grades: dict[str, Headline] = {}
+        self.grades: dict[str, SensorGrade] = {}
         self.resolution: list[float] | None = None
 
     def update(self, renewal: Renewal) -> None:

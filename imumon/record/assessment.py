@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 
+from imumon.model.grading import grade_sensor
 from imumon.model.messages import excluded_text
 from imumon.model.report import UNGRADED_SHARE, Change, Channel, ChannelGrade, Report, SensorGrade
 from imumon.model.samples import UNITS, sensor_of
 from imumon.model.units import share_text
-from imumon.noise.grading import grade_sensor
 from imumon.record import report_builder
 from imumon.record.accumulators import Accumulators
 from imumon.record.analysis import Analysis
@@ -187,6 +187,5 @@ def sensor_grades(
                 for name, channel in channels.items()
                 if sensor_of(name) == sensor and channel.fit
             }
-            headline = grade_sensor(sensor, axes_with_fit)
-            grades[sensor] = report_builder.sensor_grade(headline)
+            grades[sensor] = grade_sensor(sensor, axes_with_fit)
     return grades

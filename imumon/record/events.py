@@ -14,7 +14,7 @@ from datetime import datetime
 import numpy as np
 
 from imumon.grid.sample_clock import BREAK
-from imumon.model.messages import EVENT_LEVELS, change_text, loss_text, nearest_text
+from imumon.model.messages import EVENT_LEVELS, change_text, grade_text, loss_text
 from imumon.model.report import WARM_S, Change, Event, SensorGrade, stamp
 from imumon.model.samples import Ints, Level
 from imumon.model.units import counted, duration
@@ -261,22 +261,17 @@ class EventLog:
         for sensor, grade in grades.items():
             before = self._grades.get(sensor, SensorGrade())
             # A grade that returns before another one has held is no event: forget the other.
-            if sensor in self._grades and _same(grade, before):
+            if sensor in self._grades and grade.meets == before.meets:
                 self._candidates.pop(sensor, None)
                 continue
             candidate, since = self._candidates.get(sensor, (grade, elapsed))
-            if not _same(candidate, grade) or elapsed < since:  # a shorter record is another one
+            if candidate.meets != grade.meets or elapsed < since:  # a shorter record is another one
                 since = elapsed
             self._candidates[sensor] = (grade, since)
             if sensor not in self._grades or elapsed >= since * GRADE_HOLD:
                 self._grades[sensor] = grade
                 # A restored record has reported its grades before the restart.
                 if not self._first_grades_known:
-                    was = f" (before: {nearest_text(before)})" if before.nearest else ""
-                    self.add(DetectedEvent("grade", f"{sensor}: {nearest_text(grade)}{was}", elapsed))
+                    was = f" (before: {grade_text(before)})" if before.meets else ""
+                    self.add(DetectedEvent("grade", f"{sensor}: {grade_text(grade)}{was}", elapsed))
         self._first_grades_known &= not grades
-
-
-def _same(one: SensorGrade, other: SensorGrade) -> bool:
-    """Return whether two grades differ at most in being provisional."""
-    return (one.nearest, one.meets) == (other.nearest, other.meets)

@@ -120,7 +120,7 @@ class Periods:
             excluded_s=(now["excluded"] - before["excluded"]) * interval_s,
             temperature=temperature,
             warming_up=self._analysis.warming_up,
-            grades={sensor: grade.nearest for sensor, grade in self._analysis.grades.items()},
+            grades={sensor: grade.meets for sensor, grade in self._analysis.grades.items()},
             channels=self._channels(stretch, moments),
         )
 

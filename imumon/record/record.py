@@ -15,11 +15,11 @@ import numpy as np
 from imumon.grid.sample_clock import BREAK, PlacedSamples
 from imumon.model.coefficients import default_precision
 from imumon.model.errors import ImumonError
+from imumon.model.grading import LIMITS
 from imumon.model.history_report import HistoryPeriod
 from imumon.model.report import MAX_LOSS, Report, SessionCounters
 from imumon.model.samples import Ints, Stream
 from imumon.model.saved_state import restorable
-from imumon.noise.grading import LIMITS
 from imumon.record import assessment
 from imumon.record.accumulators import Accumulators, Happened
 from imumon.record.analysis import Analysis, Renewal

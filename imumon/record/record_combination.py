@@ -23,10 +23,10 @@ from datetime import datetime
 
 from imumon.model.coefficients import LIMIT_95, NOISE, Estimate, MarkovEstimate
 from imumon.model.errors import ImumonError
+from imumon.model.grading import LIMITS, grade_sensor
 from imumon.model.ledger import merged
 from imumon.model.report import Channel, Report, SensorGrade, SessionCounters, stamp
 from imumon.model.samples import INERTIAL, sensor_of
-from imumon.noise.grading import LIMITS, grade_sensor
 from imumon.noise.uncertainty import of_records
 from imumon.record import report_builder
 from imumon.record.combined_limits import shared_share
@@ -107,11 +107,9 @@ def _grades(channels: Mapping[str, Channel]) -> dict[str, SensorGrade]:
     """Return the grade of each inertial sensor that has channels."""
     sensors = [s for s in INERTIAL if any(sensor_of(name) == s for name in channels)]
     return {
-        sensor: report_builder.sensor_grade(
-            grade_sensor(
-                sensor,
-                {n.partition("/")[2]: c.coefficients for n, c in channels.items() if sensor_of(n) == sensor},
-            )
+        sensor: grade_sensor(
+            sensor,
+            {n.partition("/")[2]: c.coefficients for n, c in channels.items() if sensor_of(n) == sensor},
         )
         for sensor in sensors
     }

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, cast
 
 import numpy as np
 
@@ -24,12 +23,12 @@ from imumon.model.coefficients import (
     Excess,
     MarkovEstimate,
 )
+from imumon.model.grading import LIMITS, grade_channel
 from imumon.model.messages import NO_THERMOMETER
 from imumon.model.samples import UNITS, Floats, Ints, sensor_of
 from imumon.model.units import FLICKER, HOUR, STANDARD_GRAVITY
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import BiasFit, ChannelFit, RegressorEstimate, StepEstimate
-from imumon.noise.grading import LIMITS, Headline, grade_channel
 from imumon.noise.spectrum import PowerSpectrum
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.distribution_shape import DistributionShape
@@ -146,31 +145,8 @@ def with_fit(
 
 
 def channel_grade(sensor: str, estimates: Mapping[str, Estimate]) -> report.ChannelGrade | None:
-    """Return the grades of a channel by its coefficients; None for a sensor that has no grades."""
-    if sensor not in LIMITS:
-        return None
-    axis = grade_channel(sensor, estimates)
-    gradings = {
-        letter: report.Grading(nearest=grade.nearest, meets=grade.meets)
-        for letter, grade in axis.coefficients.items()
-    }
-    return report.ChannelGrade(coefficients=gradings, nearest=axis.nearest, meets=axis.meets)
-
-
-def sensor_grade(headline: Headline) -> report.SensorGrade:
-    """Return the headline of a sensor as a part of the report."""
-    decided_by = None
-    if headline.decided_by is not None:
-        axis, letter = headline.decided_by
-        # the names of axes and graded letters are those of the message: ours are among them
-        decided_by = report.DecidedBy(axis=cast(report.Axis, axis), coefficient=cast(Any, letter))
-    return report.SensorGrade(
-        nearest=headline.nearest,
-        meets=headline.meets,
-        decided_by=decided_by,
-        provisional=headline.provisional,
-        reason=headline.reason,
-    )
+    """Return the grade of a channel by its coefficients; None for a sensor that has no grades."""
+    return report.ChannelGrade(meets=grade_channel(sensor, estimates)) if sensor in LIMITS else None
 
 
 def distribution(

@@ -109,7 +109,7 @@ def _sensors(report: Report) -> Iterator[tuple[str, int, str, list[tuple[str, st
         caveats = list(dict.fromkeys(caveat for channel in axes.values() for caveat in channel.caveats))
         warnings = [line(caveat) for caveat in WARNINGS if caveat in caveats]
         level = DiagnosticLevel.WARN if warnings else STATES[report.state][0]
-        message = "; ".join(warnings) or grade.nearest or grade.reason or "no grade yet"
+        message = "; ".join(warnings) or grade.meets or grade.reason or "no grade yet"
         yield (
             sensor,
             level,
@@ -119,8 +119,7 @@ def _sensors(report: Report) -> Iterator[tuple[str, int, str, list[tuple[str, st
 
 
 def _grade(grade: SensorGrade) -> Iterator[tuple[str, str]]:
-    yield "grade", grade.nearest or "none"
-    yield "meets", grade.meets or "nothing"
+    yield "grade", grade.meets or "none"
     yield "provisional", str(grade.provisional).lower()
     yield "summary", grade_text(grade)
     if grade.reason:

@@ -130,9 +130,15 @@ def _row(state: ViewState, name: str, channel: Channel, shown: Sequence[str]) ->
 
 def _grade_cell(name: str, channel: Channel) -> tuple[str, str]:
     """Return the grade of an axis, a dash while it is unknown; of a sensor that has no grades, blanks."""
-    known = channel.grade if channel.grade is not None and channel.grade.nearest is not None else None
-    grade = known.meets or "none" if known is not None else "–" if sensor_of(name) in INERTIAL else ""
-    return f"  {grade:<10}", f"grade-{known.meets}" if known is not None and known.meets else "faint"
+    meets = channel.grade.meets if channel.grade is not None else None
+    if meets is None:
+        return f"  {'–' if sensor_of(name) in INERTIAL else '':<10}", "faint"
+    return f"  {_short_grade(meets):<10}", f"grade-{meets}"
+
+
+def _short_grade(meets: str) -> str:
+    """Return a grade in the 10 cells of the column: ``below`` of ``below consumer``."""
+    return meets.partition(" ")[0]
 
 
 def _headline(state: ViewState, sensor: str) -> tuple[str, str]:
@@ -140,9 +146,9 @@ def _headline(state: ViewState, sensor: str) -> tuple[str, str]:
     grade = state.report.grade.get(sensor) if state.report is not None else None
     if sensor not in INERTIAL:
         return "", "muted"
-    if not state.compact or grade is None or grade.nearest is None:
+    if not state.compact or grade is None or grade.meets is None:
         return "  grade", "muted"
-    word = grade.meets or "none"
+    word = _short_grade(grade.meets)
     return f"  {word}{'?' if grade.provisional and len(word) < 10 else ''}", f"grade-{grade.meets}-strong"
 
 

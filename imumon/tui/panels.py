@@ -178,8 +178,8 @@ def _grades(report: Report, notation: Notation, width: int, *, spacious: bool) -
 
 
 def _basis(sensor: str, grade: SensorGrade, report: Report, notation: Notation) -> list[Line]:
-    """Return the value that decides the nearest grade and the limit of that grade; without one, the reason."""
-    if grade.decided_by is None or grade.nearest is None:
+    """Return the value that decides the grade and the limit of that grade; without one, the reason."""
+    if grade.decided_by is None or grade.meets is None:
         return [[(grade.reason or "no coefficient is known well enough", "faint")]]
     axis, name = grade.decided_by.axis[-1:], grade.decided_by.coefficient
     parts: list[Line] = [[("by ", "faint"), (f"{name} of {axis}", "text")]]
@@ -189,9 +189,10 @@ def _basis(sensor: str, grade: SensorGrade, report: Report, notation: Notation) 
     if value is not None or high is not None:
         text = number(value, 3) if value is not None else f"< {number(high or 0.0, 2)}"
         parts.append([(f", {text} {notation.coefficient_scale(sensor, name)[1]}", "text")])
-    limit = report.limits.get(sensor, {}).get(name, {}).get(grade.nearest)
-    if limit is not None:
-        parts.append([(f"; {grade.nearest} allows {notation.limit(sensor, name, limit)}", "faint")])
+    limits = report.limits.get(sensor, {}).get(name, {})
+    allowing = grade.meets if grade.meets in limits else next(reversed([*limits]), None)
+    if allowing is not None:
+        parts.append([(f"; {allowing} allows {notation.limit(sensor, name, limits[allowing])}", "faint")])
     return parts
 
 
@@ -213,8 +214,8 @@ def detail(state: ViewState, width: int, height: int) -> list[Line]:
             line = [*padded(line, 56), (goal, "muted")]  # below one another, behind the longest limits
         lines.append(line)
     if (grade := channel.grade) is not None:
-        text = grade_text(SensorGrade(nearest=grade.nearest, meets=grade.meets, provisional=False))
-        lines.append([("   grade ", "muted"), (text, "text" if grade.nearest else "faint")])
+        text = grade_text(SensorGrade(meets=grade.meets, provisional=False))
+        lines.append([("   grade ", "muted"), (text, "text" if grade.meets else "faint")])
     if channel.allan is not None:
         lines.append(_quality(channel))
     shape = channel.distribution

@@ -21,6 +21,7 @@ from daemons import Daemon, free_endpoint
 from faulty_sensor import spawn
 
 from imumon.bus import Publisher
+from imumon.model.coefficients import GRADES
 from imumon.model.report import DeviceDescription, Report, SensorGrade, SessionCounters, stamp
 from imumon.model.report_json import to_json
 from imumon.model.samples import SampleBlock
@@ -129,7 +130,7 @@ def test_the_worst_state_decides(
 
 
 def test_thresholds_grade_and_baseline(report: Report, tmp_path: Path) -> None:
-    final = SensorGrade(nearest="industrial", meets="industrial", provisional=False)
+    final = SensorGrade(meets="industrial", best="industrial", worst="industrial", provisional=False)
     with published(with_loss(replace(report, grade={"gyro": final, "accel": final}))) as place:
         assert plugin("--connect", place, "--max-loss", "25")[0] == 0
         assert plugin("--connect", place, "--max-loss", "25%")[0] == 0
@@ -146,13 +147,11 @@ def test_thresholds_grade_and_baseline(report: Report, tmp_path: Path) -> None:
         assert plugin("--connect", place, "--max-loss", "25", "--baseline", str(saved))[0] == 0
 
 
-def test_a_lower_limit_shows_that_a_provisional_grade_is_too_bad(report: Report) -> None:
-    provisional = {sensor: replace(grade, provisional=True) for sensor, grade in report.grade.items()}
-    with published(replace(report, grade=provisional)) as place:
-        assert plugin("--connect", place, "--grade", "industrial")[0] == 0
-        code, text, _ = plugin("--connect", place, "--grade", "tactical")
-    assert code == 2
-    assert re.search(r"gyro is (industrial|consumer) at best, by N of gyro/.", text)
+def test_a_grade_that_may_be_missed_is_a_warning(report: Report) -> None:
+    open_grade = SensorGrade(meets="industrial", best="tactical", worst="consumer")
+    with published(replace(report, grade={"gyro": open_grade})) as place:
+        codes = [plugin("--connect", place, "--grade", grade)[0] for grade in GRADES]
+    assert codes == [2, 1, 1, 0]
 
 
 def test_the_clock_of_another_machine_does_not_make_a_report_old(report: Report) -> None:

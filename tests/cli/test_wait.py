@@ -23,6 +23,7 @@ from waiting import until
 from imumon.cli.main import parsers
 from imumon.cli.options import only_own_device, report_of
 from imumon.cli.wait_condition import WaitCondition
+from imumon.model.coefficients import GradeName
 from imumon.model.report import Report, SensorGrade, SessionCounters
 from imumon.sources.vn100.emulator import EmulatorSettings
 
@@ -44,45 +45,34 @@ def changed(report: Report, name: str, **coefficients: float | None) -> Report:
     return replace(report, channels={**report.channels, name: with_coefficients(channel, **parts)})
 
 
-def graded(report: Report, provisional: bool) -> Report:
-    headline = SensorGrade(nearest="industrial", meets="industrial", provisional=provisional)
-    return replace(report, grade={"gyro": headline, "accel": headline})
+def graded(report: Report, best: GradeName = "industrial", worst: GradeName = "industrial") -> Report:
+    grade = SensorGrade(meets="industrial", best=best, worst=worst, provisional=best != worst)
+    return replace(report, grade={"gyro": grade, "accel": grade})
 
 
 @pytest.fixture(scope="module")
 def long() -> Report:
-    return graded(reports.long_report(), False)
+    return graded(reports.long_report())
 
 
-def test_a_final_grade_counts_for_itself_and_all_worse_ones(long: Report) -> None:
+def test_a_certain_grade_counts_for_itself_and_all_worse_ones(long: Report) -> None:
     assert WaitCondition(grade="industrial").unmet(long) is None
     assert WaitCondition(grade="consumer").unmet(long) is None
     assert "industrial" in str(WaitCondition(grade="tactical").unmet(long))
 
 
-def test_a_final_grade_shows_that_a_better_one_is_not_reachable(long: Report) -> None:
+def test_a_grade_that_no_limit_allows_is_not_reachable(long: Report) -> None:
     assert WaitCondition(grade="tactical").unreachable_grade(long) == "industrial"
     assert WaitCondition(grade="industrial").unreachable_grade(long) is None
-    assert WaitCondition(grade="tactical").unreachable_grade(graded(long, True)) is None
+    assert WaitCondition(grade="tactical").unreachable_grade(graded(long, best="tactical")) is None
 
 
 def test_a_provisional_grade_counts_if_every_limit_has_it(long: Report) -> None:
-    maybe = graded(long, True)
-    good = changed(maybe, "gyro/x", B=4.0e-5)  # 8 deg/h at most: industrial
-    assert WaitCondition(grade="industrial").unmet(good) is None
-    bad = changed(maybe, "gyro/x", B=4.0e-4)  # 82 deg/h: it may be consumer
-    assert (
-        WaitCondition(grade="industrial").unmet(bad) == "B of gyro/x may be up to 82.5 °/h, that is consumer"
-    )
-    assert WaitCondition(grade="consumer").unmet(bad) is None
-    assert WaitCondition(grade="industrial", channels=("accel",)).unmet(bad) is None
-    assert "pending" in str(WaitCondition(grade="industrial").unmet(changed(maybe, "accel/y", B=None)))
-
-
-def test_a_provisional_grade_of_a_mostly_excluded_record_does_not_count(long: Report) -> None:
-    maybe = graded(long, True)
-    session = replace(maybe.session, excluded_s=0.6 * maybe.session.elapsed_s)
-    assert "not certain" in str(WaitCondition(grade="industrial").unmet(replace(maybe, session=session)))
+    maybe_better = graded(long, best="tactical")
+    assert WaitCondition(grade="industrial").unmet(maybe_better) is None
+    maybe_worse = graded(long, worst="consumer")
+    assert "gyro industrial, provisional" in str(WaitCondition(grade="industrial").unmet(maybe_worse))
+    assert WaitCondition(grade="consumer").unmet(maybe_worse) is None
 
 
 def test_a_missing_grade_has_its_reason(long: Report) -> None:

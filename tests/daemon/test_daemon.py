@@ -46,7 +46,7 @@ def test_from_bytes_to_a_grade_and_back_to_rest(tmp_path: Path) -> None:
         report = daemon.wait(
             lambda r: (
                 "gyro" in r.grade
-                and r.grade["gyro"].nearest is not None
+                and r.grade["gyro"].meets is not None
                 and n_is_within_a_tenth(r.channels["gyro/x"])
             )
         )

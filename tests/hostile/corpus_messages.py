@@ -40,7 +40,7 @@ VALUES: dict[str, tuple[tuple[str | int, ...], Any]] = {
     "channel-without-a-name": (("channels", ""), {"unit": "V"}),
     "channel-with-escapes": (("channels", "\x1b]0;x\x07"), {"unit": "V"}),
     "grade-by-an-unknown-axis": (("grade", "gyro", "decided_by"), {"axis": "w", "coefficient": "N"}),
-    "unknown-grade": (("grade", "gyro", "nearest"), "splendid"),
+    "unknown-grade": (("grade", "gyro", "meets"), "splendid"),
     "unknown-state": (("state",), "asleep"),
     "unknown-status": (("channels", "gyro/x", "N", "status"), "guessed"),
     "negative-limit": (("channels", "gyro/x", "N", "low"), -1.0),

@@ -33,7 +33,7 @@ def report(values: Floats, saturated: Bools | None = None) -> Report:
 
 def reasons(current: Report) -> set[str | None]:
     """Return why each sensor has no grade."""
-    assert all(grade.nearest is None for grade in current.grade.values())
+    assert all(grade.meets is None for grade in current.grade.values())
     return {grade.reason for grade in current.grade.values()}
 
 

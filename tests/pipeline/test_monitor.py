@@ -167,27 +167,26 @@ def test_restored_monitor_continues_identically() -> None:
 def test_a_grade_change_is_an_event_when_it_lasts() -> None:
     def reported(events: EventLog, lengths: range, flips: int) -> list[str]:
         for k, length in enumerate(lengths):
-            nearest = "industrial" if k // flips % 2 == 0 else "consumer"
+            meets = "industrial" if k // flips % 2 == 0 else "consumer"
             at = cast(Accumulators, SimpleNamespace(elapsed_s=float(length)))
-            events.update_grades({"gyro": SensorGrade(nearest=nearest)}, at)
+            events.update_grades({"gyro": SensorGrade(meets=meets)}, at)
         return [event.text for event in events.drain()]
 
-    below = "below consumer, provisional"
-    assert reported(EventLog(), range(1000, 2000), 20) == [f"gyro: {below}, nearest to industrial"]
+    assert reported(EventLog(), range(1000, 2000), 20) == ["gyro: industrial, provisional"]
     assert reported(EventLog(), range(1000, 1600), 300) == [
-        f"gyro: {below}, nearest to industrial",
-        f"gyro: {below}, nearest to consumer (before: {below}, nearest to industrial)",
+        "gyro: industrial, provisional",
+        "gyro: consumer, provisional (before: industrial, provisional)",
     ]
     lost = EventLog()
     for k in range(100):
         at = cast(Accumulators, SimpleNamespace(elapsed_s=1000.0 + k))
-        lost.update_grades({"gyro": SensorGrade(nearest=None if k % 2 else "industrial")}, at)
+        lost.update_grades({"gyro": SensorGrade(meets=None if k % 2 else "industrial")}, at)
     assert len(lost.drain()) == 1
     again = EventLog()
     again.record_restored(cast(Accumulators, SimpleNamespace(noise=SimpleNamespace(changes=dict))))
     assert reported(again, range(1000, 1100), 200) == [], "reported before the restart"
     assert reported(again, range(2000, 3000), 500) == [
-        f"gyro: {below}, nearest to consumer (before: {below}, nearest to industrial)"
+        "gyro: consumer, provisional (before: industrial, provisional)"
     ]
 
 
@@ -269,8 +268,8 @@ def test_moving_sensor_is_never_graded() -> None:
     part.values[:, 2] += 0.5 * np.sin(2 * np.pi * 0.1 * t) * np.sin(2 * np.pi * 0.013 * t)
     part.values[:, 0] += 0.3 * np.sin(2 * np.pi * 0.4 * t)
     _, current = fed(part)
-    assert current.grade["gyro"].nearest is None
-    assert current.channels["gyro/x"].grade.nearest is None
+    assert current.grade["gyro"].meets is None
+    assert current.channels["gyro/x"].grade.meets is None
     assert "not_at_rest" in current.caveats
 
 
@@ -280,9 +279,9 @@ def test_a_mostly_excluded_record_is_not_graded() -> None:
     _, current = fed(part)
     assert current.session.excluded_s > 0.5 * current.session.elapsed_s
     assert "not_at_rest" not in current.caveats
-    assert current.grade["gyro"].nearest is None
+    assert current.grade["gyro"].meets is None
     assert "excluded" in (current.grade["gyro"].reason or "")
-    assert current.channels["gyro/x"].grade.nearest is None
+    assert current.channels["gyro/x"].grade.meets is None
 
 
 def test_a_spectral_line_is_a_vibration_and_not_quantisation() -> None:
@@ -303,11 +302,11 @@ def test_a_constant_axis_is_a_caveat_and_its_sensor_has_no_grade() -> None:
     assert dead.coefficients["N"].status == "pending"
     assert dead.coefficients["N"].reason_code == "constant"
     assert dead.spectrum.lines == ()
-    assert current.grade["gyro"].nearest is None
+    assert current.grade["gyro"].meets is None
     assert "y never changed" in (current.grade["gyro"].reason or "")
     assert beside.caveats == ()
-    assert beside.grade.nearest is not None
-    assert current.grade["accel"].nearest is not None
+    assert beside.grade.meets is not None
+    assert current.grade["accel"].meets is not None
     events = [event for event in monitor.events() if event.kind == "constant"]
     assert [event.channel for event in events] == ["gyro/y"]
 

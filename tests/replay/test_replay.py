@@ -49,8 +49,8 @@ def test_real_recording_agrees_with_an_independent_tool() -> None:
             assert np.all(np.abs(found[4:] / theirs[4:] - 1.0) < 0.5 * spread + 0.01)
             assert channel["mean"] == pytest.approx(truth["mean"], rel=1e-9)
             assert channel["std"] == pytest.approx(truth["std_ddof1"], rel=1e-9)
-    assert report["grade"]["gyro"]["nearest"] == "industrial"
-    assert report["grade"]["accel"]["nearest"] == "industrial"
+    assert report["grade"]["gyro"]["meets"] == "consumer"
+    assert report["grade"]["accel"]["meets"] == "industrial"
 
 
 def test_a_gap_between_short_parts_is_the_reason_why_nothing_is_known(tmp_path: Path) -> None:

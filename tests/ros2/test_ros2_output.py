@@ -48,7 +48,7 @@ def test_each_sensor_and_the_stream_have_a_status() -> None:
     assert list(shown) == ["imumon: stream", "imumon: gyro", "imumon: accel"]
     gyro = shown["imumon: gyro"]
     assert gyro["hardware_id"] == made.device.serial
-    assert gyro["values"]["grade"] == made.grade["gyro"].nearest
+    assert gyro["values"]["grade"] == made.grade["gyro"].meets
     assert gyro["values"]["provisional"] == str(made.grade["gyro"].provisional).lower()
     n = made.channels["gyro/x"].coefficients["N"]
     assert gyro["values"]["N x"].startswith(f"{n.readable.value:.3g}"[:4])

@@ -110,9 +110,9 @@ def nothing_invented(report: Report, sent: int) -> None:
         if name in MEAN and channel.count > 50:
             _is_the_noise(name, channel, report.device.sample_rate_hz or 0.0)
     for sensor, grade in report.grade.items():
-        # both are of industrial grade by their N, which is nearest; a short record may say nothing
+        # the N of both is that of a consumer sensor; a short record may say nothing
         by = grade.decided_by and grade.decided_by.coefficient
-        assert grade.nearest in (None, "industrial") or by != "N", (sensor, grade)
+        assert grade.meets in (None, "consumer") or by != "N", (sensor, grade)
     for letter in "BK":  # there is neither; a claim of one is allowed to be wrong in 1.4 % of all cases
         claims = [name for name in INERTIAL if _claims(report.channels.get(name), letter)]
         assert len(claims) <= 2, (letter, claims)
