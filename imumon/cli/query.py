@@ -16,7 +16,6 @@ from imumon.cli.options import Parser
 from imumon.cli.output import print_json, print_message, print_report, print_status
 from imumon.cli.wait_condition import WaitCondition
 from imumon.model.coefficients import GRADES, MARKOV, NOISE
-from imumon.model.readiness import letters_for
 from imumon.model.report_json import to_json
 from imumon.model.units import duration
 from imumon.tui import run, terminal
@@ -77,7 +76,6 @@ def tui(
     require_terminal("imumon status --json")
 
     baseline = options.baseline(arguments.baseline)
-    program = options.settings(arguments).report.program
     with options.subscriber(arguments) as subscriber:
         if arguments.id is None and not arguments.connect:
             arguments.id = options.only_own_device(arguments, subscriber)
@@ -85,8 +83,7 @@ def tui(
         return run(
             subscriber,
             id=arguments.id,
-            program=program,
-            letters=letters_for(program),
+            program=options.settings(arguments).report.program,
             baseline=baseline,
             endpoint=endpoint,
             starting=starting,

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 from imumon.model.coefficients import NOISE, SCALE, GradeName
 from imumon.model.messages import grade_text
+from imumon.model.readiness import seconds_left
 from imumon.model.report import Channel, Report, SensorGrade
 from imumon.model.samples import INERTIAL, sensor_of
 from imumon.model.units import duration, figures, share_text
@@ -47,7 +48,7 @@ class WaitCondition:
         if not chosen and (self.grade or self.coefficient):
             return "the report has neither gyroscope nor accelerometer"
         unmet = self._unmet_grade(report, chosen) if self.grade else None
-        return unmet or self._unmet_precision(chosen)
+        return unmet or self._unmet_precision(report, chosen)
 
     def unknown_channel(self, report: Report) -> str | None:
         """Return the first of `channels` that the report lacks; None while it has no channels at all."""
@@ -101,7 +102,7 @@ class WaitCondition:
                 return f"{sensor} {grade_text(grade)}{decided}{f': {grade.reason}' if grade.reason else ''}"
         return None if sensors else "only gyroscope and accelerometer have grades"
 
-    def _unmet_precision(self, chosen: dict[str, Channel]) -> str | None:
+    def _unmet_precision(self, report: Report, chosen: dict[str, Channel]) -> str | None:
         if self.coefficient is None or self.precision is None:
             return None
         for name, channel in chosen.items():
@@ -116,8 +117,8 @@ class WaitCondition:
             half = coefficient.stated.half_width
             if half is None:
                 return f"{subject} has no limits yet"
-            if half > self.precision:
-                left = (channel.time_to or {}).get(self.coefficient)
+            if not coefficient.known_to(self.precision):
+                left = seconds_left(channel, self.coefficient, report.precision)
                 ahead = f", about {duration(left)} to the precision of the settings" if left else ""
                 return f"{subject} is known to {figures(half, 2)}, required {self.precision:g}{ahead}"
         return None

@@ -3,9 +3,9 @@
 Rules: `white` is N, `walk` is the random walk of `filter_report`: the smallest that keeps a Kalman filter consistent
 up to the horizon. It covers B, K and M together, where a program has no state for correlated noise. Where a
 program takes one number for three axes, the worst axis decides. A coefficient that the record does not show counts
-with half its 95 % upper bound, and the setting is then a comment with this bound. Where not even a bound is known, it
-is a comment without a number. Every number carries its unit, where it comes from, its factor against plain K, and the
-length of the record. Every caveat comes first. No margin for the vehicle is added.
+with half its 95 % upper bound. A setting is a comment with this bound unless every axis is measured, and a comment
+without a number where not even a bound is known. Every number carries its unit, where it comes from, its factor
+against plain K, and the length of the record. Every caveat comes first. No margin for the vehicle is added.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from imumon.model.messages import (
     line,
     no_value_text,
 )
+from imumon.model.readiness import USUAL_RECORD_S
 from imumon.model.report import Report
 from imumon.model.samples import INERTIAL, sensor_of
 from imumon.model.units import duration, figures
@@ -37,15 +38,9 @@ CURES = {
 }
 """What to do about a coefficient that more data will not give, by its `reason_code`."""
 
-RECOMMENDED_RECORD_S = 8 * 3600.0
-"""s, record that usually shows K or bounds it well below what matters."""
-
-BOUNDED = {
-    "N": "N not seen in this record: half its 95 % upper bound",
-    "K": "K not seen in this record: made for half its 95 % upper bound",
-}
-"""Comments after a number that rests on a bound."""
-INDISTINCT = "the record shows B, K or M, not which: made for half the 95 % upper bound of each"
+BOUNDED = "does not show in this record: made for half its 95 % upper bound"
+"""Comment after a number that rests on a bound."""
+INDISTINCT = "does not show apart from B or M in this record: made for half the 95 % upper bound of each"
 """Comment after a walk that rests on coefficients which the record does not separate."""
 
 
@@ -103,15 +98,19 @@ def worst_axis(report: Report, filters: FilterReport, sensor: str, letter: str) 
                 f"for 1 to {filters.horizon_s:g} s without a fix;",
                 f"  rests on {_rests_on(report)}",
             ]
-    return FilterValue(values[axis], tuple(lines), bound_text(letter, parts[axis]))
+    return FilterValue(values[axis], tuple(lines), bound_text(letter, {axis: parts[axis], **parts}))
 
 
-def bound_text(letter: str, part: Estimate) -> str:
-    """Return what a number rests on whose coefficient is not measured; empty if it is."""
-    if part.status == "measured":
-        return ""
-    text = INDISTINCT if part.status == "indistinct" else BOUNDED[letter]
-    return text if part.high is None else f"{text}, {part.stated.high:.3e}"
+def bound_text(letter: str, axes: Mapping[str, Estimate]) -> str:
+    """Return what a number for some axes rests on where a coefficient is not measured; empty if all are."""
+    for axis, part in axes.items():
+        if part.status == "measured":
+            continue
+        if part.high is None:
+            return f"{letter} of {axis} is not known"
+        text = INDISTINCT if part.status == "indistinct" else BOUNDED
+        return f"{letter} of {axis} {text}, {part.stated.high:.3e}"
+    return ""
 
 
 def _origin(filters: FilterReport, sensor: str) -> str:
@@ -206,9 +205,9 @@ def caveat_lines(report: Report) -> list[str]:
 
 def short_record_text(report: Report) -> str | None:
     """Return a warning about a short record; None if it is long enough."""
-    if report.session.elapsed_s >= RECOMMENDED_RECORD_S:
+    if report.session.elapsed_s >= USUAL_RECORD_S:
         return None
     return (
         f"recorded {duration(report.session.elapsed_s)}: what the record does not show is a comment; "
-        f"record at least {RECOMMENDED_RECORD_S / 3600.0:.0f} h"
+        f"record at least {USUAL_RECORD_S / 3600.0:.0f} h"
     )

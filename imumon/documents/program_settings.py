@@ -18,7 +18,6 @@ from pathlib import Path
 
 from imumon.documents.filter_values import axis_values, bound_text, settings_header, value_text, worst_axis
 from imumon.documents.tables import sensor_axes
-from imumon.model.coefficients import NOISE
 from imumon.model.filter_report import FilterReport
 from imumon.model.report import Report
 from imumon.model.samples import AXES
@@ -52,7 +51,6 @@ class Program:
     rate_hz : Hz, of the steps of the program; None: the sample rate of the record.
     power : 1 for a standard deviation, 2 for a variance.
     known, unknown : lines of a number, and those of one that is not known.
-    letters : coefficients that its numbers rest on.
     """
 
     text: str
@@ -62,14 +60,13 @@ class Program:
     power: int = 1
     known: str = "{name}: {value:.6e}{bound}"
     unknown: str = "# {name}: ?{why}"
-    letters: tuple[str, ...] = NOISE
 
 
 PROGRAMS: Mapping[str, Program] = {
     # continuous time
     "kalibr": Program("Kalibr imu.yaml"),
     # variance of a sample
-    "ros": Program("covariances of a ROS sensor_msgs/Imu", letters=("N",)),
+    "ros": Program("covariances of a ROS sensor_msgs/Imu"),
     # deviation in a step of length dt, which adds (s dt)^2 to a variance
     "px4": Program(
         "PX4 EKF2 parameters",
@@ -242,9 +239,9 @@ def _topic(context: TemplateContext, name: str) -> list[str]:
 
 def _bound(context: TemplateContext, sensor: str, *letters: str) -> str:
     """Return what the numbers of the three axes rest on where one is not measured; empty if all are."""
+    axes = [*sensor_axes(context.report, sensor)]
     bounds = (
-        bound_text(letter, channel.coefficients[letter])
-        for _, channel in sensor_axes(context.report, sensor)
+        bound_text(letter, {axis: channel.coefficients[letter] for axis, channel in axes})
         for letter in letters
     )
     return next(filter(None, bounds), "")
@@ -280,8 +277,9 @@ def _sample_covariance(context: TemplateContext, words: str) -> list[str]:
         else:
             continue
         lines.append(f"#   {sensor}/{axis}: {text}")
-    known = len(diagonal) == len(AXES)
-    return [*lines, _matrix(field, diagonal, unit) if known else f"# {field}: all zeros, which means unknown"]
+    if len(diagonal) < len(AXES):
+        return [*lines, f"# {field}: all zeros, which means unknown"]
+    return [*lines, context.line(_matrix(field, diagonal, unit), _bound(context, sensor, "N"))]
 
 
 def _covariance_with_walk(context: TemplateContext, words: str) -> list[str]:

@@ -348,6 +348,18 @@ class Estimate:
             return None
         return 0.5 * (self.high - self.low) / self.value
 
+    def known_to(self, share: float) -> bool:
+        """Return whether half of the interval that documents state is at most a share of the value.
+
+        The two digits that are printed decide: a number does not miss the goal that is printed beside it.
+
+        >>> one = Estimate(value=1.0, low=0.99, high=1.0104, status="measured")
+        >>> one.known_to(0.01), one.known_to(0.0099)
+        (True, False)
+        """
+        half = self.stated.half_width
+        return half is not None and float(f"{100.0 * half:.2g}") <= 100.0 * share * (1.0 + 1e-9)
+
     def text(
         self,
         value: Callable[[float, float | None, float | None], str],

@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
+from textual import work
 from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.containers import Container
@@ -21,7 +22,6 @@ from textual.events import Click
 from textual.screen import Screen
 
 from imumon.files import replace_file
-from imumon.model.coefficients import NOISE
 from imumon.model.errors import why
 from imumon.model.glossary import words_in
 from imumon.model.messages import caveats
@@ -83,7 +83,7 @@ class ImumonApp(App[int]):
     theme : name of a theme, such as ``imumon-light``.
     baseline : report whose curves are drawn behind the live ones.
     endpoint : endpoints that were tried, for the page that is shown while no daemon answers.
-    program, letters : program that the numbers are for, and the coefficients that it needs.
+    program : that the numbers are for.
     starting : text of that page if a daemon is known to start.
     ended : polled now and then: last message of that daemon when it has ended, else None.
     clock : s, monotonic, the clock of the arrivals of `source`.
@@ -121,7 +121,6 @@ class ImumonApp(App[int]):
         endpoint: str | None = None,
         starting: str | None = None,
         program: str = "kalibr",
-        letters: tuple[str, ...] = NOISE,
         ended: Callable[[], str | None] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -138,7 +137,6 @@ class ImumonApp(App[int]):
             endpoint=endpoint,
             starting=starting,
             program=program,
-            letters=letters,
         )
         self._ended = ended
         self._ascii = ascii
@@ -366,9 +364,14 @@ class ImumonApp(App[int]):
         lines = [line for panel in panels if panel.display for line in panel.lines()]
         return "\n".join("".join(text for text, _ in line) for line in lines)
 
+    @work(thread=True, exclusive=True)
     def action_copy(self) -> None:
-        """Copy the numbers for other programs through the terminal (OSC 52), and show them: not all terminals copy."""
-        lines = export.copied_lines(self.view_state)
+        """Compute the numbers for the program of the settings, which takes a second, then copy them."""
+        if (report := self.view_state.report) is not None:
+            self.call_from_thread(self._copied, export.copied_lines(report, self.view_state.program))
+
+    def _copied(self, lines: list[str]) -> None:
+        """Copy lines through the terminal (OSC 52), and show them: not all terminals copy."""
         self.copy_to_clipboard("\n".join([*lines, ""]))
         shown: list[Line] = [[(text, "text")] for line in lines for text in wrap(line, WINDOW_WIDTH)]
         notice = "Copied, if the terminal allows it (OSC 52)."

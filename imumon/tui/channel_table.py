@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from imumon.model.coefficients import MARKOV, NOISE
-from imumon.model.readiness import state_of
+from imumon.model.readiness import seconds_left, state_of
 from imumon.model.report import Channel, Report
 from imumon.model.samples import INERTIAL, sensor_of
 from imumon.model.units import number, short
@@ -112,14 +112,15 @@ def _row(state: ViewState, name: str, channel: Channel, shown: Sequence[str]) ->
         "grade": _grade_cell(name, channel),
     }
     estimates = channel.estimates
+    precision = state.report.precision if state.report is not None else {}
     for part in set(shown).intersection((*NOISE, *MARKOV)):
-        seconds = (channel.time_to or {}).get(part)
+        seconds = seconds_left(channel, part, precision)
         cells[part] = state.notation.coefficient(estimates.get(part), seconds)
     line: Line = [("▌" if name == state.channel else " ", "accent"), (f"  {name[-1]}  ", "strong")]
     for column in shown:
         text, role = cells[column]
         if column in NOISE:
-            symbol, symbol_role = SYMBOLS[state_of(channel, column)]
+            symbol, symbol_role = SYMBOLS[state_of(channel, column, precision)]
             line += [(text.rjust(COLUMNS[column] - 2), role), (f" {symbol}", symbol_role)]
         else:
             line.append(

@@ -23,7 +23,7 @@ import numpy as np
 
 from imumon.model.coefficients import CONVERGING, Estimate
 from imumon.model.history_report import HistoryRow, history_rows, objects
-from imumon.model.readiness import state_of
+from imumon.model.readiness import seconds_left, state_of
 from imumon.model.report import Channel, Convergence
 from imumon.model.samples import Floats, sensor_of
 from imumon.model.units import MINUTE, duration, pretty
@@ -181,14 +181,15 @@ def _of_record(state: ViewState, stated: Convergence) -> list[Panel]:
 
 def _record_title(state: ViewState, channel: Channel, letter: str) -> Line:
     """Return a coefficient as it is now, what it is to be, and when."""
-    seconds, kind = (channel.time_to or {}).get(letter), state_of(channel, letter)
+    precision = state.report.precision if state.report is not None else {}
+    seconds, kind = seconds_left(channel, letter, precision), state_of(channel, letter, precision)
     text, role = state.notation.coefficient(channel.estimates.get(letter), seconds)
     unit = state.notation.coefficient_scale(sensor_of(state.channel or ""), letter)[1]
     title: Line = [(f" {letter} ", f"{letter}-strong"), (text, role), (f" {unit}", "muted")]
-    if state.report is not None and letter in state.report.precision:
+    if letter in precision:
         symbol, symbol_role = SYMBOLS[kind]
         ahead = f"ready in {approximate_duration(seconds)}" if seconds else STATES[kind]
-        title.append((f"   to be {state.notation.goal(state.report.precision[letter])}", "muted"))
+        title.append((f"   to be {state.notation.goal(precision[letter])}", "muted"))
         title.append((f"   {symbol} {ahead}", symbol_role))
     return title
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from imumon.model.coefficients import INDISTINCT_WORD, Estimate
+from imumon.model.coefficients import INDISTINCT_WORD, SCALE, Estimate
 from imumon.model.messages import GRADE_MEANING, NOT_APART, caveat_lines, caveats, grade_text, loss_label
-from imumon.model.readiness import ready_text
+from imumon.model.readiness import ready_text, seconds_left
 from imumon.model.report import Channel, Report, SensorGrade
 from imumon.model.samples import INERTIAL, sensor_of
 from imumon.model.units import counted, duration, number, pretty, sentence
@@ -149,7 +149,7 @@ def headlines(state: ViewState, width: int, height: int) -> list[Line]:
     shown_above = SHOWN_CAVEATS.get(state.connection_status().kind)
     names = [caveat.replace("_", " ") for caveat in caveats(report) if caveat != shown_above]
     notes = [f"  ! {', '.join(names)} ", f"  ! {counted(len(names), 'caveat')} ", f" !{len(names)} "]
-    ready: Line = [(f" {ready_text(report, state.program, state.letters, approximate_duration)}", "strong")]
+    ready: Line = [(f" {ready_text(report, state.program, approximate_duration)}", "strong")]
     fits = [text for text in notes if length(ready) + len(text) <= width] or notes[-1:]
     note = fits[0] if names else ""
     lines: list[Line] = [[*padded(ready, width - len(note)), (note, "warn")]]
@@ -178,7 +178,7 @@ def _grades(report: Report, notation: Notation, width: int, *, spacious: bool) -
 
 
 def _basis(sensor: str, grade: SensorGrade, report: Report, notation: Notation) -> list[Line]:
-    """Return the value that decides the grade and the limit of that grade; without one, the reason."""
+    """Return the value that decides the grade, and the limit of the next better one; without one, the reason."""
     if grade.decided_by is None or grade.meets is None:
         return [[(grade.reason or "no coefficient is known well enough", "faint")]]
     axis, name = grade.decided_by.axis[-1:], grade.decided_by.coefficient
@@ -189,10 +189,11 @@ def _basis(sensor: str, grade: SensorGrade, report: Report, notation: Notation) 
     if value is not None or high is not None:
         text = number(value, 3) if value is not None else f"< {number(high or 0.0, 2)}"
         parts.append([(f", {text} {notation.coefficient_scale(sensor, name)[1]}", "text")])
-    limits = report.limits.get(sensor, {}).get(name, {})
-    allowing = grade.meets if grade.meets in limits else next(reversed([*limits]), None)
-    if allowing is not None:
-        parts.append([(f"; {allowing} allows {notation.limit(sensor, name, limits[allowing])}", "faint")])
+    # what it exceeds says more than what it meets
+    better = SCALE[max(SCALE.index(grade.meets) - 1, 0)] if grade.meets in SCALE else grade.meets
+    limit = report.limits.get(sensor, {}).get(name, {}).get(better)
+    if limit is not None:
+        parts.append([(f"; {better} allows {notation.limit(sensor, name, limit)}", "faint")])
     return parts
 
 
@@ -257,7 +258,7 @@ def precision_goal(state: ViewState, letter: str) -> str:
     report, channel = state.report, state.selected
     if report is None or channel is None or report.state != "running" or letter not in report.precision:
         return ""
-    seconds = (channel.time_to or {}).get(letter)
+    seconds = seconds_left(channel, letter, report.precision)
     goal = state.notation.goal(report.precision[letter])
     return f"{goal} in {approximate_duration(seconds)}" if seconds else ""
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from imumon.model.coefficients import NOISE
 from imumon.model.messages import matching
 from imumon.model.report import Channel, Event, Report, Signal
 from imumon.model.samples import Floats, sensor_of
@@ -87,7 +86,7 @@ class ViewState:
     detailed : the selected channel is shown in full beside the chart.
     compact : there is little room: the grades are in the table.
     folded : sensors without a grade are left out of the table, until one of their channels is selected.
-    program, letters : program that the numbers are for, and the coefficients that it needs.
+    program : that the numbers are for.
     starting : message while a daemon is known to start and does not answer yet.
     ended : last message of that daemon after it has ended.
     """
@@ -111,7 +110,6 @@ class ViewState:
     compact: bool = False
     folded: bool = False
     program: str = "kalibr"
-    letters: tuple[str, ...] = NOISE
     overlay: bool = False
     zoomed: bool = False
     baseline: Report | None = None

@@ -54,7 +54,7 @@ def with_bounded_k(report: Report) -> Report:
 
 def test_a_walk_that_rests_on_a_bound_is_a_comment_with_the_bound() -> None:
     report = with_bounded_k(make_report(LONG_S))
-    bound = "K not seen in this record: made for half its 95 % upper bound"
+    bound = "K of [xyz] does not show in this record: made for half its 95 % upper bound"
     for form, line in (
         ("kalibr", "gyroscope_random_walk: "),
         ("openvins", "gyroscope_random_walk: "),
@@ -68,7 +68,7 @@ def test_a_walk_that_rests_on_a_bound_is_a_comment_with_the_bound() -> None:
     ):
         bounded = rf"^ *# {re.escape(line)}.*{bound}, [-.e\d]+$"
         assert re.search(bounded, text(report, form), re.MULTILINE), form
-        assert bound not in text(make_report(LONG_S), form)
+        assert not re.search(bound, text(make_report(LONG_S), form))
     # above the value: on its line it would be part of the value
     assert re.search(
         rf"^# EK3_GBIAS_P_NSE in .*  # {bound}, .*\n# EK3_GBIAS_P_NSE,", text(report, "ardupilot"), re.M

@@ -170,5 +170,5 @@ def show_on_screen(report: Report, signal: Signal | None, events: tuple[Event, .
                 )  # fmt: skip
                 for panel in PANELS:
                     panel(shown, *size)
-    export.copied_lines(state)
+    export.copied_lines(report, state.program)
     export.file_name(report)
