@@ -26,6 +26,9 @@ MOST_ASIDE = 10
 UNUSABLE = ("damaged", "unreadable", "not-a-lock")
 """Reasons for which a set-aside file is useless. One of another version or sensor can be used again, and is kept."""
 
+ROOM_BYTES = 1 << 20
+"""Bytes that must be free before a document is made: about those of the longest one."""
+
 SMALL_BYTES = 1 << 16
 """Bytes of the largest file that a person writes, or that holds the settings of a sensor."""
 
@@ -115,6 +118,29 @@ def replace_file(path: str | Path, data: bytes) -> None:
     if target.exists():
         new.chmod(stat.S_IMODE(target.stat().st_mode))
     os.replace(new, target)
+
+
+def check_replaceable(path: str | Path) -> None:
+    """Write a file of `ROOM_BYTES` where `replace_file` will write, and remove it: before long work, not after it.
+
+    Raises
+    ------
+    OSError : the directory does not exist, is not writable, or has no room.
+    """
+    target = Path(os.path.realpath(path))
+    if target.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
+    if target.exists() and not target.is_file():
+        return  # opening a pipe would end its reader
+    if target.exists() and not os.access(target.parent, os.W_OK):
+        with target.open("ab"):
+            return
+    new = target.with_name(f".{target.name}.{os.getpid()}.new")
+    try:
+        write_new(new, bytes(ROOM_BYTES))
+    finally:
+        with suppress(OSError):
+            new.unlink()
 
 
 def rename_aside(path: Path, stem: str, reason: str, suffix: str) -> Path:

@@ -6,11 +6,12 @@ import os
 import resource
 import signal
 import stat
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
-from imumon.files import rename_aside, replace_file
+from imumon.files import check_replaceable, rename_aside, replace_file
 
 
 def test_a_file_is_replaced_with_its_mode_and_through_its_link(tmp_path: Path) -> None:
@@ -58,3 +59,13 @@ def test_of_files_that_nobody_can_use_the_newest_are_kept(tmp_path: Path, reason
         assert rename_aside(tmp_path / "a.state", "a", reason, ".state").read_text() == str(number)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"a.damaged-x.state", *(f"a.{reason}-{number}.state" for number in kept)}
+
+
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [("none/x", FileNotFoundError), ("", IsADirectoryError), ("/dev/full", None), ("x", None)],
+)
+def test_an_output_is_checked_without_a_trace(tmp_path: Path, name: str, error: type[OSError] | None) -> None:
+    with pytest.raises(error) if error else nullcontext():
+        check_replaceable(tmp_path / name)
+    assert not list(tmp_path.iterdir())

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
@@ -26,7 +27,7 @@ from imumon.cli.replay_command import (
     replayed,
 )
 from imumon.documents import DEFAULT_PROGRAM, FORMS, PAGES, document, short_record_text
-from imumon.files import replace_file
+from imumon.files import check_replaceable, replace_file
 from imumon.model.filter_report import DEFAULT_HORIZON_S, FilterReport
 from imumon.model.readiness import ProgramName
 from imumon.model.report import DeviceDescription, SessionCounters
@@ -85,6 +86,10 @@ def report(arguments: argparse.Namespace) -> int:
 
     form = _form(arguments)
     _check_options(arguments, form)
+    to_file = arguments.output not in (None, "-")
+    if to_file:
+        with writing_to(arguments.output):
+            check_replaceable(arguments.output)
     sheet = reference_sheet(arguments)
     source, rows = _source(arguments)
     source = document_report(source, sheet, rows)
@@ -98,14 +103,21 @@ def report(arguments: argparse.Namespace) -> int:
         topic = arguments.topic or source.device.topic
         filters = replace(filters, device=replace(filters.device, topic=topic))
     data = document(source, form, filters, arguments.program or DEFAULT_PROGRAM)
-    if arguments.output in (None, "-"):
+    if to_file:
+        with writing_to(arguments.output):
+            replace_file(arguments.output, data)
+    else:
         sys.stdout.buffer.write(data)
-        return SUCCESS
-    try:
-        replace_file(arguments.output, data)
-    except OSError as error:
-        raise not_written(arguments.output, error, "name another file with -o") from None
     return SUCCESS
+
+
+@contextmanager
+def writing_to(output: str) -> Iterator[None]:
+    """Turn an error of writing the output into an error of the command."""
+    try:
+        yield
+    except OSError as error:
+        raise not_written(output, error, "name another file with -o") from None
 
 
 def _check_options(arguments: argparse.Namespace, form: str) -> None:
