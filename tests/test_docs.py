@@ -15,7 +15,9 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -103,13 +105,12 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
         yield Place(directory, endpoint, environment)
 
 
-@pytest.mark.parametrize("block", [_marked(b) for b in RUN if b.language == "sh"], ids=lambda b: b.name)
-def test_a_command_runs(block: Block, place: Place, tmp_path: Path) -> None:
-    directory = place.directory
+def _run(block: Block, place: Place, directory: Path) -> subprocess.CompletedProcess[str]:
     if "imumon run" in block.text:  # it needs its own endpoint
-        directory = tmp_path
-        (tmp_path / "config.toml").write_text(f'[zenoh]\nlisten = ["{free_endpoint()}"]\n')
-    done = subprocess.run(
+        (directory / "config.toml").write_text(f'[zenoh]\nlisten = ["{free_endpoint()}"]\n')
+    else:
+        directory = place.directory
+    return subprocess.run(
         ["bash", "-euo", "pipefail", "-c", block.text],
         cwd=directory,
         env=place.environment,
@@ -118,6 +119,38 @@ def test_a_command_runs(block: Block, place: Place, tmp_path: Path) -> None:
         check=False,
         timeout=290,  # of the 300 s of a test: commands take seconds, on a machine that has time
     )
+
+
+Runs = dict[str, "Future[subprocess.CompletedProcess[str]]"]
+
+
+@pytest.fixture(scope="module")
+def runs(
+    place: Place, request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Runs]:
+    """Run the commands of a document in their order, and the documents beside each other."""
+    items = [
+        item for item in request.session.items if getattr(item, "originalname", "") == "test_a_command_runs"
+    ]
+    blocks: list[Block] = [item.callspec.params["block"] for item in items]  # type: ignore[attr-defined]
+    started: Runs = {block.name: Future() for block in blocks}
+
+    def run_document(document: Iterable[Block]) -> None:
+        for block in document:
+            try:
+                started[block.name].set_result(_run(block, place, tmp_path_factory.mktemp("own")))
+            except subprocess.TimeoutExpired as error:
+                started[block.name].set_exception(error)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for _, document in groupby(blocks, lambda block: block.name.partition(":")[0]):
+            pool.submit(run_document, list(document))
+        yield started
+
+
+@pytest.mark.parametrize("block", [_marked(b) for b in RUN if b.language == "sh"], ids=lambda b: b.name)
+def test_a_command_runs(block: Block, runs: Runs) -> None:
+    done = runs[block.name].result()
     assert done.returncode == 0, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
 
