@@ -4,8 +4,8 @@ A register has a number and comma-separated fields. The session uses this table 
 their factory values, the emulator to answer. Values are kept as text, as sent, so that a register that is written
 back exactly as read does not change.
 
-Firmware generations 2 (2.0, 2.1) and 3 (3.1) differ in register 44 (hard and soft iron estimation: on in 2,
-off in 3), and in registers 74, 101, 102 and 206.
+The table is that of firmware 3.1. Firmware 2 has estimation of hard and soft iron on (register 44), register 74, and no
+registers 101, 102 and 206.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal, TypeAlias
 
-Generation: TypeAlias = Literal[2, 3]
 Access: TypeAlias = Literal["setting", "fixed", "measurement"]
 
 BAUDS = (9600, 19200, 38400, 57600, 115200, 128000, 230400, 460800, 921600)
@@ -65,7 +64,6 @@ class RegisterNumber(IntEnum):
     STARTUP_BIAS = 43
     IRON_CONTROL = 44
     IRON_RESULT = 47
-    STARTUP_FILTER_BIAS = 74
     DELTA_CONTROL = 82
     GYRO_CALIBRATION = 84
     IMU_FILTER = 85
@@ -105,8 +103,7 @@ class Register:
     ----------
     id : number.
     name : as in the manual.
-    factory : factory values as sent, by firmware generation. A generation without an entry does not have the
-        register. Those of measurements are empty.
+    factory : factory values as sent; those of measurements are empty.
     access : ``setting`` can be written, ``fixed`` is read-only, ``measurement`` is read-only and live.
     ports : whether a port number may follow the value (registers 5-7); each port has its own value.
     allowed : values of each field, of a register that the emulator acts on; empty: any number, or any text.
@@ -114,23 +111,21 @@ class Register:
 
     id: int
     name: str
-    factory: dict[Generation, str]
+    factory: str
     access: Access = "setting"
     ports: bool = False
     allowed: Container[int] = ()
 
-    def in_generation(self, generation: Generation) -> bool:
-        return generation in self.factory
+    @property
+    def factory_values(self) -> tuple[str, ...]:
+        """Fields of a new sensor.
 
-    def factory_values(self, generation: Generation) -> tuple[str, ...]:
-        """Return the fields of a new sensor of this firmware generation.
-
-        >>> REGISTERS[85].factory_values(3)
+        >>> REGISTERS[85].factory_values
         ('0', '4', '4', '4', '0', '0', '3', '3', '3', '0')
         """
-        return tuple(self.factory[generation].split(","))
+        return tuple(self.factory.split(","))
 
-    def check(self, values: Sequence[str], generation: Generation) -> None:
+    def check(self, values: Sequence[str]) -> None:
         """Check fields that a client writes.
 
         Raises
@@ -139,7 +134,7 @@ class Register:
         """
         if self.access != "setting":
             raise RegisterError(ErrorCode.NOT_ALLOWED, f"register {self.id} cannot be written")
-        count = len(self.factory_values(generation))
+        count = len(self.factory_values)
         if self.id in BINARY_OUTPUTS and len(values) >= count:
             if _OUTPUT.fullmatch(",".join(values)) is None:
                 raise RegisterError(ErrorCode.INVALID_PARAMETER, f"register {self.id} has hexadecimal words")
@@ -159,75 +154,67 @@ class Register:
                 )
 
 
-def _both(values: str) -> dict[Generation, str]:
-    return {2: values, 3: values}
-
-
 _IDENTITY = "1,0,0,0,1,0,0,0,1"
 _ZERO = "+00.000000,+00.000000,+00.000000"
 
 
 def _settings() -> Iterable[Register]:
     """Yield the registers that can be written."""
-    yield Register(USER_TAG, "user tag", _both(""))
+    yield Register(USER_TAG, "user tag", "")
     number = RegisterNumber
-    yield Register(number.BAUD, "serial baud rate", _both("115200"), ports=True, allowed=BAUDS)
+    yield Register(number.BAUD, "serial baud rate", "115200", ports=True, allowed=BAUDS)
     # 14 is VNYMR, as captures of new sensors show; a table of the manual prints another type, a misprint
     types = (0, *OUTPUT_TYPES)
-    yield Register(number.OUTPUT_TYPE, "async data output type", _both("14"), ports=True, allowed=types)
+    yield Register(number.OUTPUT_TYPE, "async data output type", "14", ports=True, allowed=types)
     rates = (0, *ASCII_RATES)
-    yield Register(number.OUTPUT_RATE, "async data output frequency", _both("40"), ports=True, allowed=rates)
-    yield Register(21, "magnetic and gravity reference vectors", _both("1,0,1.8,0,0,-9.793746"))
+    yield Register(number.OUTPUT_RATE, "async data output frequency", "40", ports=True, allowed=rates)
+    yield Register(21, "magnetic and gravity reference vectors", "1,0,1.8,0,0,-9.793746")
     for sensor, calibration in (
         ("magnetometer", number.MAG_CALIBRATION),
         ("accelerometer", number.ACCEL_CALIBRATION),
         ("gyro", number.GYRO_CALIBRATION),
     ):
-        yield Register(calibration, f"{sensor} compensation", _both(f"{_IDENTITY},0,0,0"))
-    yield Register(number.ROTATION, "reference frame rotation", _both(_IDENTITY))
-    protocol = _both("0,0,0,0,1,0,1")
+        yield Register(calibration, f"{sensor} compensation", f"{_IDENTITY},0,0,0")
+    yield Register(number.ROTATION, "reference frame rotation", _IDENTITY)
+    protocol = "0,0,0,0,1,0,1"
     yield Register(number.PROTOCOL, "communication protocol control", protocol, allowed=range(5))
-    yield Register(number.SYNC_CONTROL, "synchronization control", _both("3,0,0,0,6,1,0,100000000,0"))
-    yield Register(number.SYNC_STATUS, "synchronization status", _both("0,0,0"))
-    yield Register(number.VPE_CONTROL, "VPE basic control", _both("1,1,1,1"))
-    yield Register(36, "VPE magnetometer tuning", _both("4,4,4,5,5,5,5.5,5.5,5.5"))
-    yield Register(38, "VPE accelerometer tuning", _both("6,6,6,3,3,3,5,5,5"))
-    yield Register(40, "VPE gyro tuning", _both("8,8,8,4,4,4,0,0,0"))
-    yield Register(number.STARTUP_BIAS, "startup gyro bias", _both(_ZERO))
-    yield Register(number.IRON_CONTROL, "magnetometer calibration control", {2: "1,3,5", 3: "0,1,5"})
-    yield Register(50, "velocity aiding measurement", _both("0,0,0"))
-    yield Register(51, "velocity aiding control", _both("1,0.1,0.01"))
-    # where VNSGB puts the estimated bias: here in the text of the manual of firmware 2, in 43 in its table
-    filter_bias: dict[Generation, str] = {2: f"{_ZERO},+00.000,+00.000,+00.000,+00000.000"}
-    yield Register(number.STARTUP_FILTER_BIAS, "startup filter bias", filter_bias)
+    yield Register(number.SYNC_CONTROL, "synchronization control", "3,0,0,0,6,1,0,100000000,0")
+    yield Register(number.SYNC_STATUS, "synchronization status", "0,0,0")
+    yield Register(number.VPE_CONTROL, "VPE basic control", "1,1,1,1")
+    yield Register(36, "VPE magnetometer tuning", "4,4,4,5,5,5,5.5,5.5,5.5")
+    yield Register(38, "VPE accelerometer tuning", "6,6,6,3,3,3,5,5,5")
+    yield Register(40, "VPE gyro tuning", "8,8,8,4,4,4,0,0,0")
+    yield Register(number.STARTUP_BIAS, "startup gyro bias", _ZERO)
+    yield Register(number.IRON_CONTROL, "magnetometer calibration control", "0,1,5")
+    yield Register(50, "velocity aiding measurement", "0,0,0")
+    yield Register(51, "velocity aiding control", "1,0.1,0.01")
     for output in BINARY_OUTPUTS:
-        yield Register(output, f"binary output {output - 74}", _both("0,0,00"))
-    yield Register(number.DELTA_CONTROL, "delta theta and delta velocity", _both("0,0,0,0,0"))
+        yield Register(output, f"binary output {output - 74}", "0,0,00")
+    yield Register(number.DELTA_CONTROL, "delta theta and delta velocity", "0,0,0,0,0")
     place = "1,1,0,0,1000,0.000,+00.00000000,+000.00000000,+00000.000"
-    yield Register(83, "reference model configuration", _both(place))
+    yield Register(83, "reference model configuration", place)
     # the largest window that a sensor accepts is not known: one second, that of 1 Hz, is assumed
     windows = range(LOOP_RATE + 1)
-    yield Register(number.IMU_FILTER, "IMU filtering", _both("0,4,4,4,0,0,3,3,3,0"), allowed=windows)
-    yield Register(101, "NMEA output 1", {3: "0,0,0,0,00000000"})
-    yield Register(102, "NMEA output 2", {3: "0,0,0,0,00000000"})
-    yield Register(206, "legacy compatibility settings", {3: "0,0,0,0"})
+    yield Register(number.IMU_FILTER, "IMU filtering", "0,4,4,4,0,0,3,3,3,0", allowed=windows)
+    yield Register(101, "NMEA output 1", "0,0,0,0,00000000")
+    yield Register(102, "NMEA output 2", "0,0,0,0,00000000")
+    yield Register(206, "legacy compatibility settings", "0,0,0,0")
 
 
 def _readings() -> Iterable[Register]:
     """Yield the registers that can only be read."""
-    yield Register(1, "model", _both("VN-100T-CR"), "fixed")
-    yield Register(2, "hardware revision", _both("7"), "fixed")
-    yield Register(3, "serial number", _both("0100056785"), "fixed")
-    yield Register(4, "firmware version", {2: "2.1.0.0", 3: "3.1.0.0"}, "fixed")
-    result = _both(f"{_IDENTITY},0,0,0")
+    yield Register(1, "model", "VN-100T-CR", "fixed")
+    yield Register(2, "hardware revision", "7", "fixed")
+    yield Register(3, "serial number", "0100056785", "fixed")
+    yield Register(4, "firmware version", "3.1.0.0", "fixed")
+    result = f"{_IDENTITY},0,0,0"
     yield Register(RegisterNumber.IRON_RESULT, "magnetometer calibration result", result, "fixed")
     for number, message in MEASUREMENTS.items():
-        factory: dict[Generation, str] = {3: ""} if message == "VNHVE" else _both("")
-        yield Register(number, f"measurements of {message}", factory, "measurement")
+        yield Register(number, f"measurements of {message}", "", "measurement")
 
 
 REGISTERS = {r.id: r for r in sorted((*_settings(), *_readings()), key=lambda r: r.id)}
-"""Every register of a VN-100 of either firmware generation, by number."""
+"""Every register of a VN-100, by number."""
 
 DATA_REGISTERS = (26, 35, 43, 44, 82, 85, 23, 25, 84)
 """Registers that change what the samples mean: with another value they begin another record."""

@@ -220,7 +220,7 @@ def originals(current: Texts, saved: Texts | None, new_baud: str | None) -> dict
         if not requested:  # without one of the streams of imumon, all of it is the choice of the user
             return values
         saved = {
-            r: REGISTERS[r].factory[2]
+            r: REGISTERS[r].factory
             for r in (RegisterNumber.OUTPUT_TYPE, *BINARY_OUTPUTS, RegisterNumber.IMU_FILTER)
         }
     changed = {

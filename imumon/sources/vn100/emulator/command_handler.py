@@ -56,7 +56,7 @@ class CommandHandler:
 
     def __init__(self, settings: EmulatorSettings, sensor_model: SensorModel) -> None:
         self._settings = settings
-        self.registers = RegisterFile(settings.generation, settings.serial_port)
+        self.registers = RegisterFile(settings.serial_port)
         self.outputs = OutputStreams(sensor_model, self.registers)
         self.restarts = 0
         self._input = bytearray()
@@ -72,7 +72,6 @@ class CommandHandler:
             "VNRFS": (self._restore_factory_settings, 0, 0),
             "VNASY": (self._enable_outputs, 1, 2),
             "VNBOM": (self._acknowledge, 1, 1),
-            "VNTAR": (self._acknowledge, 0, 0),
             "VNSIH": (self._acknowledge, 1, 4),
             "VNSGB": (self._acknowledge, 0, 0),
             "VNSFB": (self._acknowledge, 0, 0),  # its name in newer software
@@ -80,7 +79,6 @@ class CommandHandler:
             "VNKAD": (self._acknowledge, 1, 1),
             "VNCMD": (self._acknowledge, 0, 0),
         }
-        del self._commands["VNTAR" if settings.generation == 3 else "VNSIH"]  # each has one of the two
 
     @property
     def baud(self) -> int:
@@ -88,7 +86,7 @@ class CommandHandler:
 
     def set_register(self, register: int, *values: str) -> None:
         """Write a register of the active port and save it."""
-        REGISTERS[register].check(values, self.registers.generation)
+        REGISTERS[register].check(values)
         self.registers.write(register, values)
         self.registers.save()
         self.outputs.update()
@@ -185,7 +183,7 @@ class CommandHandler:
         if not text.isdigit():
             raise RegisterError(ErrorCode.INVALID_PARAMETER, "the register is not a number")
         register = REGISTERS.get(int(text))
-        if register is None or not register.in_generation(self.registers.generation):
+        if register is None:
             raise RegisterError(ErrorCode.INVALID_REGISTER, "no such register")
         return register
 
@@ -214,7 +212,7 @@ class CommandHandler:
             measurements = self.outputs.latest(message == "VNDTV")
             return ascii.numbers(message, self.outputs.columns(message, measurements)[0].tolist())
         if register.access == "fixed":
-            return register.factory_values(self.registers.generation)
+            return register.factory_values
         return self.registers.read(register.id, port)
 
     def _write_register(self, number: str, *values: str) -> Sequence[str]:
@@ -224,7 +222,7 @@ class CommandHandler:
         if register.ports and len(values) == 2:
             port = self._port_number(values[1])
             values, echoed = values[:1], f",{port}"
-        register.check(values, self.registers.generation)
+        register.check(values)
         if register.id in registers.BINARY_OUTPUTS and int(values[2], 16):
             binary_layout(values[2:])
         if register.id in _AFFECT_LOAD:

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 from imumon.sources.clock import HostClock
 from imumon.sources.device import InvalidOption
-from imumon.sources.vn100.registers import ASCII_RATES, BAUDS, FACTORY_BAUD, LOOP_RATE, Generation
+from imumon.sources.vn100.registers import ASCII_RATES, BAUDS, FACTORY_BAUD, LOOP_RATE
 
 Axes: TypeAlias = tuple[float, float, float]
 
@@ -91,11 +91,6 @@ class EmulatorSettings:
         require(rate_valid, "rate", f"a VN-100 sends at {LOOP_RATE} Hz divided by a whole number")
         require(0 < self.speed <= FASTEST, "speed", f"give a number above 0, up to {FASTEST:.0f}")
         require(self.seed is None or self.seed >= 0, "seed", "give 0 or a positive whole number")
-        require(self.firmware[:2] in ("2.", "3."), "firmware", "give a 2.x or 3.x version, such as 3.1.0.0")
-
-    @property
-    def generation(self) -> Generation:
-        return 2 if self.firmware.startswith("2.") else 3
 
     @property
     def time_lapse(self) -> bool:

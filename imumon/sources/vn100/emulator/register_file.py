@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeAlias
 
-from imumon.sources.vn100.registers import REGISTERS, Generation
+from imumon.sources.vn100.registers import REGISTERS
 
 Key: TypeAlias = tuple[int, int]
 """Register and port; port 0 if the register is common to both."""
@@ -20,12 +20,10 @@ class RegisterFile:
 
     Parameters
     ----------
-    generation : of the firmware.
     port : the active serial port, 1 or 2.
     """
 
-    def __init__(self, generation: Generation, port: int) -> None:
-        self.generation: Generation = generation
+    def __init__(self, port: int) -> None:
         self.port = port
         self._saved: dict[Key, tuple[str, ...]] = {}
         self.reset_saved()
@@ -51,7 +49,7 @@ class RegisterFile:
 
     def with_values(self, register: int, values: Sequence[str], port: int | None) -> RegisterFile:
         """Return the register file as it would be after `write`."""
-        other = RegisterFile(self.generation, self.port)
+        other = RegisterFile(self.port)
         other._current = {**self._current, self._key(register, port): tuple(values)}
         return other
 
@@ -66,8 +64,8 @@ class RegisterFile:
     def reset_saved(self) -> None:
         """Replace the saved values by the factory values; they apply after the next reset."""
         self._saved = {
-            (register.id, port): register.factory_values(self.generation)
+            (register.id, port): register.factory_values
             for register in REGISTERS.values()
-            if register.in_generation(self.generation) and register.access == "setting"
+            if register.access == "setting"
             for port in ((1, 2) if register.ports else (0,))
         }
