@@ -191,11 +191,9 @@ def test_an_independently_packed_run_of_packets_decodes_as_an_array() -> None:
 QUIET = Noise((1e-6,) * 3, (0.0,) * 3, (0.0,) * 3)
 
 
-def emulator(firmware: str = "3.1.0.0") -> CommandHandler:
+def emulator() -> CommandHandler:
     """Return an emulated sensor with little noise at 921600 baud, without an asynchronous output."""
-    settings = EmulatorSettings(
-        seed=7, gyro=QUIET, accel=QUIET, mag=QUIET, baud=921600, rate=0, firmware=firmware
-    )
+    settings = EmulatorSettings(seed=7, gyro=QUIET, accel=QUIET, mag=QUIET, baud=921600, rate=0)
     return make_device(settings)  # type: ignore[return-value]
 
 

@@ -71,7 +71,6 @@ class CommandHandler:
             "VNRST": (self._acknowledge, 0, 0),
             "VNRFS": (self._restore_factory_settings, 0, 0),
             "VNASY": (self._enable_outputs, 1, 2),
-            "VNBOM": (self._acknowledge, 1, 1),
             "VNSIH": (self._acknowledge, 1, 4),
             "VNSGB": (self._acknowledge, 0, 0),
             "VNSFB": (self._acknowledge, 0, 0),  # its name in newer software
@@ -144,9 +143,7 @@ class CommandHandler:
         command, fields = ascii.split(body)
         try:
             handler = self._handler(command, len(fields))
-            if command == "VNBOM":
-                self._replies.append(self._poll_binary(*fields))
-            elif command == "VNWNV":
+            if command == "VNWNV":
                 self._save(kind, arrived, now)
             else:
                 self._replies.append(ascii.encode(",".join((command, *handler(*fields))), kind))
@@ -247,14 +244,6 @@ class CommandHandler:
     def _enable_outputs(self, state: str, port: str = "?") -> Sequence[str]:
         self.outputs.set_paused(self._port_number(port), not _flag(state))
         return (state,) if port == "?" else (state, port)
-
-    def _poll_binary(self, number: str) -> bytes:
-        if not number.isdigit() or not 1 <= int(number) <= 3:
-            raise RegisterError(ErrorCode.INVALID_PARAMETER, "choose binary output 1 to 3")
-        words = self.registers.read(registers.BINARY_OUTPUTS[int(number) - 1])[2:]
-        if not int(words[0], 16):
-            raise RegisterError(ErrorCode.INVALID_PARAMETER, "this output has no fields")
-        return self.outputs.packet(words)
 
     def _save(self, kind: ChecksumKind, arrived: float, now: float) -> None:
         """Begin to write the flash; the reply comes when that is done."""

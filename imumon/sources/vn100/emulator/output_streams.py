@@ -18,8 +18,6 @@ import numpy as np
 from imumon.model.samples import Floats, Ints
 from imumon.sources.vn100 import ascii, binary
 from imumon.sources.vn100.emulator.measurement_output import (
-    BiasEstimator,
-    FilterWindows,
     MeasurementOutput,
 )
 from imumon.sources.vn100.emulator.register_file import RegisterFile
@@ -44,7 +42,6 @@ STARTUP_TICKS = 440
 MOST_TICKS = 1 << 14
 """Ticks that the sensor model computes at once, and one step in time-lapse, at most."""
 
-_LINEAR = {"VNYBA": "linAccelBody", "VNYIA": "linAccelNed"}
 _INCREMENTS = ("deltas", "deltaTheta", "deltaVel")
 
 
@@ -80,14 +77,13 @@ class OutputStreams:
 
     def start(self) -> None:
         """Set the state after power-up or a reset."""
-        self._estimator = BiasEstimator(self.tick)
         self.start_tick = self.tick
         self._paused: set[int] = set()
         self.update()
 
     def update(self) -> None:
         """Derive the filter and the streams from the registers."""
-        self._windows = FilterWindows.of(self._registers.numbers(RegisterNumber.IMU_FILTER))
+        self._averages = self._registers.numbers(RegisterNumber.IMU_FILTER)
         self._streams = self._make_streams(self._registers, self._registers.port)
 
     def set_paused(self, port: int, paused: bool) -> None:
@@ -139,13 +135,7 @@ class OutputStreams:
         quantities = ascii.MEASUREMENTS[message]
         if measurements is None:
             return np.zeros((1, sum(WIDTHS[name] for name in quantities)))
-        names = [_LINEAR[message] if name == "linaccel" else name for name in quantities]
-        return np.concatenate([measurements[name] for name in names], axis=1)
-
-    def packet(self, words: Sequence[str]) -> bytes:
-        """Return a binary packet of the newest tick, with the groups and words of registers 75 to 77."""
-        stream = _binary_stream(binary_layout(words), 1)
-        return stream.encode(self.latest(stream.deltas))[0]
+        return np.concatenate([measurements[name] for name in quantities], axis=1)
 
     # ------------------------------------------------------------------ time
 
@@ -162,7 +152,6 @@ class OutputStreams:
 
     def _run(self, first: int, stop: int, silent: bool) -> list[Message]:
         """Return the messages of the ticks from `first` to before `stop`, in order; none when `silent`."""
-        self._estimator.update(self._model, stop)
         if silent or self._registers.port in self._paused:
             return []
         due = [np.arange(-first % s.divisor + first, stop, s.divisor) for s in self._streams]
@@ -195,7 +184,7 @@ class OutputStreams:
         """Return the measurements at some ticks, with their time stamps."""
         age = (ticks - self.start_tick + STARTUP_TICKS) / LOOP_RATE + self._model.jitter(ticks)
         time_ns = np.rint(age * 1e6).astype(np.int64) * 1000  # whole µs, the resolution of the stamps
-        return MeasurementOutput(self._model, self._windows, self._estimator, ticks, increments, time_ns)
+        return MeasurementOutput(self._model, self._averages, ticks, increments, time_ns)
 
     def latest(self, deltas: bool = False) -> MeasurementOutput:
         """Return the measurements of the newest tick; with `deltas`, reset the increments."""
@@ -208,8 +197,7 @@ def _binary_stream(layout: binary.BinaryLayout, divisor: int) -> OutputStream:
     names = [name.partition(".")[2] for name in layout.fields]
 
     def encode(measurements: MeasurementOutput) -> list[bytes]:
-        values = {name: measurements[name] for name in names if measurements.has(name)}
-        data = layout.encode(values or {"timeStartup": measurements["timeStartup"]})
+        data = layout.encode({name: measurements[name] for name in names})
         return [data[start : start + layout.length] for start in range(0, len(data), layout.length)]
 
     return OutputStream(divisor, layout.length, any(name in _INCREMENTS for name in names), encode)

@@ -2,18 +2,14 @@
 
 The model holds what an ideal 800 Hz converter would deliver: constants plus white noise, flicker noise and
 random walk of the configured coefficients. It keeps running sums, because everything that a VN-100 derives
-from them is a sum: moving averages (register 85) and increments (DeltaTheta, DeltaVel). The bandwidth of
-the elements, 256 Hz for the gyroscope and 260 Hz for the accelerometer, is a symmetric filter of three taps
-with its -3 dB point there; increments are taken before it. At tick 0 the noise is already stationary; only
-the warm-up begins there.
+from them is a sum: moving averages (register 85) and increments (DeltaTheta, DeltaVel). At tick 0 the noise is already
+stationary; only the warm-up begins there.
 
 The magnetometer is read 250 times a second and holds its value between readings, so 69 % of its values at
 800 Hz are repeats, as on the real device. Ticks count from the creation of the model, not from a reset.
 """
 
 from __future__ import annotations
-
-from math import cos, pi, sqrt
 
 import numpy as np
 
@@ -29,18 +25,10 @@ CONSTANT = np.array([0.0152, -0.0113, -0.0064, 0.012, -0.021, -9.793746, 0.21, 0
 """(11,) rad/s, m/s^2, gauss, degC, kPa: measurements without noise, level and at rest."""
 
 PAST_TICKS = LOOP_RATE + 8
-"""Ticks kept before the newest one: the longest window of register 85, and the taps of the filter."""
+"""Ticks kept before the newest one: the longest window of register 85, and some."""
 
 JITTER_S = 4.7e-6
 """s, standard deviation of a time stamp, as measured on a real device at 800 Hz."""
-
-
-def _tap(bandwidth: float) -> float:
-    """Return a of the taps [a, 1 - 2a, a], whose gain 1 - 2a (1 - cos w) is 1/sqrt(2) at the bandwidth in Hz."""
-    return (1.0 - sqrt(0.5)) / (2.0 * (1.0 - cos(2.0 * pi * bandwidth / LOOP_RATE)))
-
-
-_TAPS = {GYRO.start: _tap(256.0), ACCEL.start: _tap(260.0)}
 
 
 def _stream(noise: Noise, rate: float, seed: np.random.SeedSequence) -> NoiseStream:
@@ -111,20 +99,11 @@ class SensorModel:
     def mean(self, ticks: Ints, columns: slice, window: int) -> Floats:
         """Return the mean of the `window` newest values at each of `ticks`, (n, k) channel unit.
 
-        The values have passed the bandwidth filter of the element. Windows of 0 and 1 do not filter.
+        Windows of 0 and 1 do not filter.
         """
-        sums = self._sums[columns]
-        width = max(1, window)
+        sums, width = self._sums[columns], max(1, window)
         end = ticks - self._first + 1
-
-        def moving_sum(delay: int) -> Floats:
-            return np.asarray(sums[:, end - delay] - sums[:, end - delay - width])
-
-        tap = _TAPS.get(columns.start)
-        total = moving_sum(0)
-        if tap is not None:
-            total = tap * (total + moving_sum(2)) + (1.0 - 2.0 * tap) * moving_sum(1)
-        return np.asarray(total.T / width + CONSTANT[columns])
+        return np.asarray((sums[:, end] - sums[:, end - width]).T / width + CONSTANT[columns])
 
     def jitter(self, ticks: Ints) -> Floats:
         """Return the error of the time stamp at each of `ticks`, (n,) s."""
