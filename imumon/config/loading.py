@@ -37,9 +37,6 @@ from imumon.config.toml_file import (
 from imumon.model.errors import QUOTED
 from imumon.model.samples import FASTEST_HZ, SLOWEST_HZ
 
-MOST_FAULTS = 100
-"""Faults that are reported of a file."""
-
 
 def search() -> tuple[Path | None, Path | None]:
     """Return the first settings file there is, and the ``./config.toml`` of another program that was ignored.
@@ -94,11 +91,9 @@ def _checked_sections(values: Mapping[str, Any], places: Places) -> dict[str, An
             sections[section] = _check_section(section, table, places)
         except ConfigError as error:
             faults += error.faults
-        if len(faults) >= MOST_FAULTS:
-            break
     faults += _contradictions(sections, places)
     if faults:
-        raise ConfigError(*sorted(faults, key=places.order)[:MOST_FAULTS])
+        raise ConfigError(*sorted(faults, key=places.order))
     return sections
 
 
@@ -122,26 +117,12 @@ def _check_section(section: str, table: Any, places: Places) -> Any:
         raise ConfigError(ConfigFault("not_a_section", places.of(section), section, message, cure))
     cls = SECTIONS[section]
     try:
-        bad = [name for name, value in table.items() if not _encodable(value)]
-    except RecursionError:
-        fault = ConfigFault(
-            "too_deep", places.of(section), section, "is nested too deeply", "use fewer levels of tables"
-        )
-        raise ConfigError(fault) from None
-    faults = [
-        ConfigFault("invalid_character", places.of(name), name, *_INVALID_CHARACTER)
-        for name in (f"{section}.{name}" for name in bad)
-    ]
-    try:
-        checked = cls(**{name: value for name, value in table.items() if name not in bad})
+        return cls(**table)
     except ValidationError as error:
         # a list has a fault for each of its items: the first is enough
         first = {str(detail["loc"][0]): detail for detail in reversed(error.errors())}
-        shown = list(first.items())[:MOST_FAULTS]
-        faults += [_fault(section, name, detail, table, places) for name, detail in shown]
-    if faults:
-        raise ConfigError(*faults)
-    return checked
+        faults = [_fault(section, name, detail, table, places) for name, detail in first.items()]
+        raise ConfigError(*faults) from None
 
 
 def _fault(section: str, name: str, detail: Any, table: Mapping[str, Any], places: Places) -> ConfigFault:
@@ -206,18 +187,6 @@ def _allowed(detail: Any, info: Any) -> str:
     if detail["type"] == "string_too_long":
         return f"at most {limits[MaxLen].max_length} characters"
     return _TYPES.get(detail["type"]) or str(detail["msg"]).lower()
-
-
-_INVALID_CHARACTER = ("has a zero byte or invalid UTF-8, which no file name or key can have", "remove it")
-
-
-def _encodable(value: Any) -> bool:
-    """Return whether every text in a value can be a file name and a key."""
-    if isinstance(value, str):
-        return re.search("[\0\ud800-\udfff]", value) is None
-    if isinstance(value, dict):
-        return all(map(_encodable, (*value, *value.values())))
-    return not isinstance(value, list | tuple) or all(map(_encodable, value))
 
 
 _TOGETHER = (("user", "password"), ("password", "user"), ("certificate", "key"), ("key", "certificate"))

@@ -15,9 +15,6 @@ from imumon.model.errors import ImumonError
 from imumon.model.report_json import plain
 from imumon.model.system_errors import cure_of_reading
 
-LONGEST_LINE = 1000
-"""Characters of a line: the time for a dotted name grows with the square of its length."""
-
 
 @dataclass(frozen=True, slots=True)
 class ConfigFault:
@@ -26,7 +23,7 @@ class ConfigFault:
     Attributes
     ----------
     code : ``file_unreadable``, ``not_utf8``, ``not_toml``, ``unknown_section``, ``unknown_setting``,
-        ``not_a_section``, ``invalid_value``, ``invalid_character``, ``too_deep`` or ``contradiction``.
+        ``not_a_section``, ``invalid_value`` or ``contradiction``.
     place : ``config.toml:12``, ``config.toml`` or ``command line``.
     setting : dotted name, empty for a fault of the whole file.
     message, cure : what is wrong, and what to do.
@@ -74,17 +71,11 @@ def read_text(path: Path) -> str:
 
 def parse(text: str, file: str) -> dict[str, Any]:
     """Return the values of a TOML text; raise `ConfigError` if it is not TOML."""
-    if (longest := max(map(len, text.split("\n")))) > LONGEST_LINE:
-        message = f"has a line of {longest:,} characters, more than {LONGEST_LINE:,}"
-        raise ConfigError(ConfigFault("not_toml", file, "", message, "write lists on several lines"))
     try:
         return tomllib.loads(text)
-    except RecursionError:
-        message = "is nested too deeply"
-    except ValueError as error:  # also a number of thousands of digits; the text has the line
-        message = str(error)
-    cure = 'write name = value on each line, with text in "quotes"'
-    raise ConfigError(ConfigFault("not_toml", file, "", f"not TOML: {message}", cure))
+    except (ValueError, RecursionError) as error:  # the text has the line
+        cure = 'write name = value on each line, with text in "quotes"'
+        raise ConfigError(ConfigFault("not_toml", file, "", f"not TOML: {error}", cure)) from None
 
 
 def tables(path: Path) -> set[str]:
@@ -107,8 +98,6 @@ def line_numbers(text: str) -> dict[str, int]:
     table = ""
     name = r"(?:[\w-]+|\"[^\"]*\"|'[^']*')"
     for number, line in enumerate(text.splitlines(), 1):
-        if len(line) > LONGEST_LINE:
-            continue
         if header := re.match(r"\s*\[([^\[\]]+)\]", line):
             table = _unquoted(header[1])
             full = table

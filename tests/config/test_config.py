@@ -155,11 +155,6 @@ def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
             "invalid_value",
             'config.toml:2: device.id: "////" is not valid; use letters and digits, such as imu-1',
         ),
-        (
-            '[state]\ndirectory = "a\\u0000b"\n',
-            "invalid_character",
-            "config.toml:2: state.directory: has a zero byte or invalid UTF-8",
-        ),
     ],
 )
 def test_single_faults(tmp_path: Path, text: str, code: str, fault: str) -> None:

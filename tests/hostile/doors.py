@@ -25,9 +25,6 @@ from imumon.model.report import Report, Signal, from_json, is_device_name
 from imumon.model.saved_state import unpack
 from imumon.sources.port_device import _saved_settings
 
-MOST_FAULTS = 100
-"""Faults of a file of settings that are printed at most."""
-
 
 @contextmanager
 def little_memory(extra: int) -> Iterator[None]:
@@ -63,7 +60,7 @@ def settings(path: Path) -> tuple[str, str]:
     try:
         load(path)
     except ConfigError as error:
-        return "faults" if len(error.faults) <= MOST_FAULTS else "too many faults", str(error)
+        return "faults", str(error)
     return "read", ""
 
 
