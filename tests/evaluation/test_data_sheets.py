@@ -99,15 +99,15 @@ def test_a_data_sheet_on_the_command_line(recording: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("title = 3", "title is not a text"),
+        ('title = 3\ndocument = "b"', "'int' instead of str"),
         ("= 1", "sheet"),
-        ('title = "a"', "'document' is missing"),
+        ('title = "a"', "without document"),
         ('title = "a"\ndocument = "b"', "no [[limit]]"),
-        (SHEET.format(gyro=-1.0), "at_most is not a positive number"),
+        (SHEET.format(gyro=-1.0), "is not positive"),
         (SHEET.format(gyro=1.0).replace("deg/sqrt(h)", "deg/h"), "unit of N of gyro is not one of"),
         (SHEET.format(gyro=1.0).replace('"floor"', '"sigma"'), "quantity is not one of"),
         (SHEET.format(gyro=1.0).replace("accel/x", "accel/w"), "is no channel"),
-        (SHEET.format(gyro=1.0).replace("typical", "guess"), "basis is not one of"),
+        (SHEET.format(gyro=1.0).replace("typical", "guess"), "'guess' is not one of maximum, typical"),
         (SHEET.format(gyro=1.0).replace("edition", "edtion"), "unknown field 'edtion'"),
     ],
 )

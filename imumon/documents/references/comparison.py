@@ -19,7 +19,7 @@ def compared(report: Report, sheet: ReferenceSheet) -> DataSheet:
     values = [
         _value(report, name, limit)
         for limit in sheet.limits
-        for name in limit.channels
+        for name in limit.axes
         if name in report.channels and QUANTITIES[limit.quantity][0] in report.channels[name].estimates
     ]
     return DataSheet(

@@ -8,25 +8,25 @@ axes) or for single channels. docs/REPORTS.md describes the format.
 
 from __future__ import annotations
 
+import itertools
 import math
 import tomllib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 from imumon.files import SMALL_BYTES, open_regular
 from imumon.model.coefficients import COEFFICIENTS, MG
 from imumon.model.cures import option_text
 from imumon.model.errors import ImumonError, why
-from imumon.model.report_json import check, plain
-from imumon.model.samples import AXES, sensor_of
+from imumon.model.report_json import JsonReader, check, plain
+from imumon.model.samples import AXES
 from imumon.model.system_errors import cure_of_reading
 from imumon.model.units import DEG, FLICKER, HOUR
 
 SENSORS = ("gyro", "accel", "mag")
-BASES = ("maximum", "typical")
 QUANTITIES = {
     **{letter: (letter, 1.0) for letter in COEFFICIENTS},
     "density": ("N", math.sqrt(2.0)),
@@ -60,7 +60,7 @@ class Limit:
 
     Attributes
     ----------
-    channels : channels that it holds for, such as gyro/x.
+    channels : that it holds for, such as gyro/x, or sensors.
     quantity : one of `QUANTITIES`.
     at_most : in `unit`.
     basis : ``maximum``, or ``typical``: about half of the devices exceed a typical value.
@@ -71,8 +71,14 @@ class Limit:
     quantity: str
     at_most: float
     unit: str
-    basis: str
+    basis: Literal["maximum", "typical"] = "maximum"
     sampled_hz: float | None = None
+
+    @property
+    def axes(self) -> list[str]:
+        """Channels that it holds for; a sensor has all its axes."""
+        names = [[name] if "/" in name else [f"{name}/{axis}" for axis in AXES] for name in self.channels]
+        return list(dict.fromkeys(itertools.chain(*names)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,81 +140,31 @@ def _parsed(data: bytes, path: str) -> ReferenceSheet:
     """Return the sheet in the bytes of a file; raise `SheetError` if it is none."""
     cure = "docs/REPORTS.md shows the format"
     try:
-        if len(data) > SMALL_BYTES:
-            raise ValueError(f"more than {SMALL_BYTES} bytes")
-        return _sheet(tomllib.loads(data.decode()))
-    except (ValueError, TypeError, KeyError) as error:  # TOMLDecodeError and UnicodeDecodeError too
-        text = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else plain(f"{error}")
-        raise SheetError("datasheet_invalid", f"{path} is no reference sheet: {text}", cure) from None
+        check(len(data) <= SMALL_BYTES, f"more than {SMALL_BYTES} bytes")
+        table = tomllib.loads(data.decode())
+        limits = table.get("limit", [])
+        for part, names in ((table, NAMES), *((limit, NAMES_OF_LIMIT) for limit in limits)):
+            check(part.keys() <= names, f"unknown field {', '.join(sorted(map(repr, part.keys() - names)))}")
+        return _READER.part(ReferenceSheet, {**table, "limits": limits})
+    except (ValueError, TypeError, AttributeError) as error:  # TOMLDecodeError and UnicodeDecodeError too
+        text = plain(f"{path} is no reference sheet: {error}")
+        raise SheetError("datasheet_invalid", text, cure) from None
 
 
-def _sheet(fields: Mapping[str, Any]) -> ReferenceSheet:
-    """Return the sheet of the fields of a file; raise `ValueError` if they are not those of one."""
-    known = {"title", "document", "edition", "source", "note", "models", "limit"}
-    unknown = set(fields) - known
-    check(not unknown, f"unknown field {_listed(unknown)}")
-    title, document = (_text(fields, name, required=True) or "" for name in ("title", "document"))
-    texts = {name: _text(fields, name) for name in ("edition", "source", "note")}
-    models = fields.get("models", [])
-    texts_only = isinstance(models, list) and all(isinstance(model, str) and model for model in models)
-    check(texts_only, "models is not a list of texts")
-    limits = fields.get("limit", [])
-    check(isinstance(limits, list) and bool(limits), "it has no [[limit]]")
-    return ReferenceSheet(
-        title=title,
-        document=document,
-        models=tuple(models),
-        limits=tuple(_limit(limit, k) for k, limit in enumerate(limits, 1)),
-        **texts,
-    )
+def _check_limit(limit: Limit) -> None:
+    """Raise TypeError if a limit is none of a sensor."""
+    check(limit.quantity in QUANTITIES, f"quantity is not one of {', '.join(QUANTITIES)}")
+    check(limit.at_most > 0.0 and (limit.sampled_hz or 1.0) > 0.0, "at_most or sampled_hz is not positive")
+    for name in limit.channels:
+        sensor, slash, axis = name.partition("/")
+        known = sensor in SENSORS and (not slash or axis in AXES)
+        check(known, f"{name!r} is no channel; write gyro, accel, mag, or gyro/x")
+        units = UNITS[sensor, QUANTITIES[limit.quantity][0]]
+        check(limit.unit in units, f"unit of {limit.quantity} of {sensor} is not one of {', '.join(units)}")
 
 
-def _text(fields: Mapping[str, Any], name: str, *, required: bool = False) -> str | None:
-    value = fields[name] if required else fields.get(name)
-    if value is not None and not isinstance(value, str):
-        raise ValueError(f"{name} is not a text")
-    return None if value is None else plain(" ".join(value.split()))
-
-
-def _limit(fields: Any, number: int) -> Limit:
-    """Return the limit of a table; `number` counts from 1, for the message of an error."""
-    where = f"limit {number}"
-    check(isinstance(fields, dict), f"{where} is not a table")
-    unknown = set(fields) - {"channels", "quantity", "at_most", "unit", "basis", "sampled_hz"}
-    check(not unknown, f"{where}: unknown field {_listed(unknown)}")
-    channels, quantity, basis = fields["channels"], fields["quantity"], fields.get("basis", "maximum")
-    check(isinstance(channels, list) and bool(channels), f"{where}: channels is not a list")
-    names = [name for entry in channels for name in _channels(entry, where)]
-    check(quantity in QUANTITIES, f"{where}: quantity is not one of {', '.join(QUANTITIES)}")
-    value, sampled = fields["at_most"], fields.get("sampled_hz")
-    check(_is_positive(value), f"{where}: at_most is not a positive number")
-    check(sampled is None or _is_positive(sampled), f"{where}: sampled_hz is not a rate")
-    check(basis in BASES, f"{where}: basis is not one of {', '.join(BASES)}")
-    for sensor in {sensor_of(name) for name in names}:
-        units = UNITS[sensor, QUANTITIES[quantity][0]]
-        text = f"{where}: unit of {quantity} of {sensor} is not one of {', '.join(units)}"
-        check(fields["unit"] in units, text)
-    return Limit(
-        channels=tuple(dict.fromkeys(names)),
-        quantity=quantity,
-        at_most=float(value),
-        unit=fields["unit"],
-        basis=basis,
-        sampled_hz=sampled,
-    )
-
-
-def _listed(names: Iterable[Any]) -> str:
-    return ", ".join(sorted(map(repr, names)))
-
-
-def _is_positive(value: Any) -> bool:
-    return type(value) in (int, float) and 0.0 < value < 1e12
-
-
-def _channels(name: Any, where: str) -> list[str]:
-    """Return the channels of a name: all axes of a sensor, or one."""
-    sensor, slash, axis = name.partition("/") if isinstance(name, str) else ("", "", "")
-    if sensor not in SENSORS or (slash and axis not in AXES):
-        raise ValueError(f"{where}: {name!r} is no channel; write gyro, accel, mag, or gyro/x")
-    return [name] if slash else [f"{sensor}/{axis}" for axis in AXES]
+NAMES = {field.name for field in fields(ReferenceSheet)} - {"limits"} | {"limit"}
+NAMES_OF_LIMIT = {field.name for field in fields(Limit)}
+_READER = JsonReader(
+    {Limit: _check_limit, ReferenceSheet: lambda sheet: check(bool(sheet.limits), "it has no [[limit]]")}
+)
