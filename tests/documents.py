@@ -13,7 +13,7 @@ from imumon.model.filter_report import FilterReport
 from imumon.model.report import Report
 from imumon.record.filter_report_builder import filter_report
 
-AGES = {"nothing": 0.0, "seconds": 8.0, "minutes": 200.0, "hours": LENGTH_S, "long": LONG_S}
+AGES = {"hours": LENGTH_S, "nothing": 0.0, "seconds": 8.0, "minutes": 200.0, "long": LONG_S}
 SETTINGS = [f for f, what in FORMS.items() if what.settings and f != "filter"]
 COVARIANCES = ("ros", "robot_localization")
 FIGURES = ("svg", "png")

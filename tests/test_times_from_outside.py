@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from itertools import accumulate
-from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
 
 import numpy as np
@@ -16,9 +15,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ros2_actors import imu_payload
 
-import imumon
-from imumon.model.errors import ImumonError
-from imumon.model.ledger import imbalance
 from imumon.model.report import DeviceDescription, SessionCounters
 from imumon.model.samples import SampleBlock
 from imumon.model.saved_state import pack, unpack
@@ -125,44 +121,3 @@ def test_live_times_that_jump(door: str, jumps: list[int]) -> None:
     restored.restore(unpack(saved), 0.0)
     restored.accept_restored()
     assert restored.samples == monitor.samples
-
-
-def csv(path: Path, times: np.ndarray) -> object:
-    head = "t [s],gx [rad/s],gy [rad/s],gz [rad/s],ax [m/s2],ay [m/s2],az [m/s2]"
-    table = np.column_stack([times, VALUES[: len(times)]])
-    np.savetxt(path.with_suffix(".csv"), table, delimiter=",", header=head, comments="", fmt="%.12g")
-    return imumon.analyse(path.with_suffix(".csv"))
-
-
-def npz(path: Path, times: np.ndarray) -> object:
-    values = VALUES[: len(times)]
-    np.savez(path.with_suffix(".npz"), time_s=times, gyro_rad_s=values[:, :3], accel_m_s2=values[:, 3:])
-    return imumon.analyse(path.with_suffix(".npz"))
-
-
-def arrays(path: Path, times: np.ndarray) -> object:
-    return imumon.analyse(gyro=VALUES[: len(times), :3], time_s=times)
-
-
-def live(path: Path, times: np.ndarray) -> object:
-    measured = imumon.Live()
-    for first in range(0, len(times), 50):
-        measured.update(VALUES[first : min(first + 50, len(times)), :3], times[first : first + 50])
-    measured.save(path)
-    return imumon.Live.load(path).result()
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("door", [csv, npz, arrays, live])
-@given(jumps=JUMPS)
-@settings(deadline=None, max_examples=3, suppress_health_check=list(HealthCheck))
-def test_recorded_times_that_jump(
-    door: Callable[[Path, np.ndarray], object], jumps: list[int], tmp_path: Path
-) -> None:
-    """A table that cannot be one of a sensor is refused in words."""
-    times = np.array(stamps(jumps), dtype=np.float64) * 1e-9
-    with bounded_memory(), suppress(ImumonError):
-        measured = door(tmp_path / "record", times)
-        assert isinstance(measured, imumon.Measurement)
-        assert imbalance(measured.report.session.ledger) == 0
-        assert measured.report.session.samples > 0

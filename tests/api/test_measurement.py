@@ -148,22 +148,6 @@ def test_settings_are_the_numbers_of_the_file(m: Measurement, program: str) -> N
     assert all(name.partition("[")[0] in text for name in numbers)
 
 
-def test_settings_of_kalibr(m: Measurement) -> None:
-    numbers = m.settings("kalibr")
-    worst = max(known(m[f"gyro/{axis}"].N).value or 0.0 for axis in "xyz")
-    assert numbers["gyroscope_noise_density"] == pytest.approx(worst, rel=1e-6)
-    assert numbers["update_rate"] == 200.0
-    with pytest.raises(ImumonError, match="kalibr"):
-        m.settings("calibre")
-
-
-def test_the_object_of_gtsam(m: Measurement) -> None:
-    pytest.importorskip("gtsam")
-    params = m.gtsam_params(bounds=True)
-    covariance = params.getGyroscopeCovariance()
-    assert covariance[0, 0] == pytest.approx(m.settings("gtsam")["setGyroscopeCovariance"])
-
-
 def test_a_measurement_is_saved_and_loaded(tmp_path: Path, m: Measurement) -> None:
     m.save(tmp_path / "m.json")
     assert imumon.load(tmp_path / "m.json").report == m.report

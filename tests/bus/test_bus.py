@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import zenoh
-from bus_actors import CHANNELS, Actor, event, free_endpoint, make_signal, report, stage
+from bus_actors import CHANNELS, Actor, event, free_endpoint, report, stage
 from hypothesis import given
 from hypothesis import strategies as st
 from waiting import until
@@ -20,7 +20,6 @@ from imumon.bus import BusError, Publisher, SessionOptions, Subscriber, clean_id
 from imumon.bus.publisher import CURVES
 from imumon.bus.queryable import MAX_QUEUED
 from imumon.bus.zenoh_session import check_endpoint, is_local
-from imumon.config import ZenohSettings
 from imumon.model.report import Event, Report, from_json
 from imumon.model.report_json import to_json
 
@@ -212,18 +211,6 @@ def test_publish_returns_at_once_drops_old_events_and_survives_a_bad_report() ->
         sent(session, 3)
 
 
-def test_signals_are_the_reply_to_a_get() -> None:
-    address = free_endpoint()
-    with Publisher("x", listen=[address]) as publisher, plain_session(address) as session:
-        publisher.publish(report("x", 1), {"gyro/z": lambda: make_signal("gyro/z", 7)})
-        until(lambda: list(session.get("imumon/x/report")))
-        (reply,) = session.get("imumon/x/signal/gyro/*")
-        assert json.loads(reply.ok.payload.to_bytes())["minute"]["high"] == [7.0]
-        (reply,) = session.get("imumon/x/signal/gyro/z")
-        assert str(reply.ok.key_expr) == "imumon/x/signal/gyro/z"
-        assert list(session.get("imumon/x/nothing")) == []
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("ahead", [timedelta(seconds=5), timedelta(days=1), timedelta(days=-1)])
 def test_reports_arrive_from_a_daemon_whose_clock_is_wrong_or_stepped(
@@ -321,14 +308,6 @@ def test_a_daemon_has_no_more_sessions_than_its_limit(monkeypatch: pytest.Monkey
             version = first.version
             publisher.publish(report("x", 2))
             until(lambda: first.version > version)
-
-
-def test_a_subscriber_connects_with_the_settings_of_the_daemon() -> None:
-    address = free_endpoint()
-    settings = ZenohSettings(listen=(address,), user="ann", password="secret")
-    with Publisher("x", settings=settings) as publisher, Subscriber(settings=settings) as subscriber:
-        publisher.publish(report("x", 1))
-        assert subscriber.wait_report("x", timeout=30.0)
 
 
 @given(st.text())

@@ -16,11 +16,7 @@ import forked
 import pytest
 from commands import imumon, run_inside
 from daemons import free_endpoint
-from reports import report
 from waiting import until
-
-from imumon.tui.panels import welcome
-from imumon.tui.view_state import ViewState
 
 
 @pytest.mark.parametrize(
@@ -90,39 +86,6 @@ def test_a_signal_during_the_start_leaves_no_temporary_directory(
     os.close(terminal)
     os.close(other)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_repeated_interrupts_give_no_traceback(tmp_path: Path) -> None:
-    arguments = ("run", "--port", "sim", "--listen", free_endpoint(), "--state", str(tmp_path))
-    with subprocess.Popen(
-        [sys.executable, "-m", "imumon", *arguments],
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-    ) as run:
-        assert "searching for a sensor on /dev/pts/" in run.stderr.readline()
-        assert "reading" in run.stderr.readline()
-        while run.poll() is None:
-            run.send_signal(signal.SIGINT)
-            time.sleep(0.005)
-        assert "Traceback" not in run.stderr.read()
-    assert run.returncode == 130
-
-
-def _text(state: ViewState) -> str:
-    return "\n".join("".join(text for text, _ in line) for line in welcome(state, 100, 30))
-
-
-def test_the_screen_shows_that_the_emulator_starts_and_why_its_daemon_ended() -> None:
-    starting = ViewState(starting="The emulated sensor is starting.", endpoint="unixsock-stream/x")
-    assert "emulated sensor is starting" in _text(starting)
-    assert "imumon run" not in _text(starting)
-    assert "no space left" in _text(starting.updated(ended="imumon: no space left"))
-    shown = report(200.0)
-    lost = ViewState(
-        reports={shown.device.id: shown}, ages={shown.device.id: 60.0}, id=shown.device.id, ended="it fell"
-    )
-    assert "it fell" in lost.connection_status().text
 
 
 @pytest.mark.parametrize(

@@ -66,17 +66,6 @@ def test_from_bytes_to_a_grade_and_back_to_rest(tmp_path: Path) -> None:
         assert not list(tmp_path.glob("*.found.json"))  # the sensor has its own settings back
 
 
-def test_what_is_found_out_later_is_told_and_stands_in_the_report(tmp_path: Path) -> None:
-    with spawn(EmulatorSettings(seed=1)) as sensor:
-        with Daemon(sensor.path, tmp_path, "--listen-only", "--rate", "80") as daemon:
-            report = daemon.wait(lambda r: any("samples arrive at" in text for text in r.device.remarks))
-            assert any("listen-only" in text for text in report.device.remarks)
-            assert any("aliasing" in text for text in report.device.remarks)
-            _, _, said = daemon.stop()
-        for remark in report.device.remarks:
-            assert said.count(remark) == 1
-
-
 def test_bytes_that_never_become_samples_are_shown(tmp_path: Path) -> None:
     """Within seconds, in the report and in the log: what became of them, and how they begin."""
     port, ending = free_port(), threading.Event()
@@ -239,20 +228,6 @@ def test_hole_is_counted_from_the_last_sample(tmp_path: Path) -> None:
             assert after.session.restarts == 1
             assert after.session.missing > 1400
             adds_up(after)
-
-
-def test_other_sensors_state_is_set_aside(tmp_path: Path) -> None:
-    words = ("--id", "lab")
-    with spawn(EmulatorSettings(seed=5)) as sensor, Daemon(sensor.path, tmp_path, *words) as daemon:
-        daemon.samples(150)
-        daemon.stop()
-    other = EmulatorSettings(seed=6, serial="0100099999")
-    with spawn(other) as sensor, Daemon(sensor.path, tmp_path, *words) as daemon:
-        report = daemon.samples(150)
-        assert report.session.restarts == 0
-        _, _, err = daemon.stop()
-    assert "of another sensor" in err
-    assert len(list(tmp_path.glob("lab.other-sensor-*.state"))) == 1
 
 
 def test_duration_ends_with_a_report(tmp_path: Path) -> None:

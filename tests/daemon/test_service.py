@@ -24,10 +24,9 @@ from imumon.daemon.log import configure_logging
 from imumon.daemon.run_limits import Shutdown
 from imumon.model.samples import DeviceInfo
 from imumon.sources.clock import HostClock
-from imumon.sources.device import DeviceLost, DeviceOptions
-from imumon.sources.ports import PortInfo
+from imumon.sources.device import DeviceLost
 from imumon.sources.vn100.emulator import EmulatorSettings, spawn
-from imumon.sources.vn100.vn100_session import Vn100Device, Vn100Session
+from imumon.sources.vn100.vn100_session import Vn100Session
 
 UNIT = ROOT / "systemd" / "imumon@.service"
 RULE = ROOT / "systemd" / "90-imumon.rules.example"
@@ -171,28 +170,6 @@ def test_a_device_that_vanishes_while_it_is_started_is_opened_again(
     manager.close()
 
 
-def searching(monkeypatch: pytest.MonkeyPatch, lost: str = "") -> Vn100Device:
-    """A device that searches two ports; the one named `lost` vanishes meanwhile."""
-    device = Vn100Device(DeviceOptions(url="", settings=Settings().device))
-    ports = [PortInfo("/a", ""), PortInfo("/b", "")]
-    monkeypatch.setattr("imumon.sources.port_device.find_ports", lambda: ports)
-
-    def opened(path: str) -> DeviceInfo:
-        if path == lost:
-            raise DeviceLost("device_lost", f"{path} is gone")
-        device._path = path
-        return DeviceInfo(id="x")
-
-    monkeypatch.setattr(device, "_open", opened)
-    return device
-
-
-def test_a_port_that_vanishes_during_the_search_does_not_end_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    device = searching(monkeypatch, lost="/a")
-    device.open()
-    assert device._path == "/b"
-
-
 LOGGER = logging.getLogger("imumon.daemon")
 
 
@@ -305,12 +282,3 @@ def test_the_rule_names_one_adapter_and_starts_its_service(tmp_path: Path) -> No
         assert ("ID_MM_DEVICE_IGNORE=1" in output) == taken
         assert bool(re.search("latency_timer' writing '1'", output)) == taken
         assert output.endswith("\n../ttyUSB0\n") == taken  # what /dev/imumon/A1B2C3D4 leads to
-
-
-def test_the_service_of_the_udev_rule_reads_the_link_of_the_rule() -> None:
-    """The instance of the unit, unescaped, is the path below /dev."""
-    instance = re.search(r"imumon@(\S+)\.service", RULE.read_text())
-    link = re.search(r'SYMLINK\+="([^"]+)"', RULE.read_text())
-    assert instance
-    assert link
-    assert instance[1].replace("-", "/") == link[1]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from documents import FIGURES, aged, made
-from reports import LONG_S, nothing_yet, of_sensors
+from reports import LONG_S, nothing_yet
 from reports import report as make_report
 
 from imumon.documents import NoCurve
@@ -24,12 +23,6 @@ from imumon.model.coefficients import COEFFICIENTS
 from imumon.model.report import Report
 from imumon.model.report_json import to_json
 from imumon.model.units import pretty
-
-
-def test_a_figure_has_its_format() -> None:
-    one = of_sensors(make_report(), "gyro")
-    assert made(one, "png").startswith(b"\x89PNG\r\n\x1a\n")
-    assert ET.fromstring(made(make_report(), "svg")).tag.endswith("svg")
 
 
 def svg_text(report: Report) -> str:
@@ -67,14 +60,6 @@ def test_a_coefficient_below_the_frame_is_not_marked() -> None:
     letters = [e.text for e in ET.fromstring(svg(replace(report, channels=channels), "gyro")).iter("text")]
     assert {"N", "B"} <= set(letters)
     assert "K" not in letters
-
-
-@pytest.mark.skipif(shutil.which("rsvg-convert") is None, reason="rsvg-convert is not installed")
-def test_rsvg_draws_the_figure(tmp_path: Path) -> None:
-    (tmp_path / "x.svg").write_bytes(made(make_report(), "svg"))
-    words = ["rsvg-convert", "-w", "800", tmp_path / "x.svg", "-o", tmp_path / "x.png"]
-    subprocess.run(words, check=True, timeout=30)
-    assert (tmp_path / "x.png").stat().st_size > 50_000
 
 
 def test_a_figure_leaves_nothing_in_the_home_directory(tmp_path: Path) -> None:

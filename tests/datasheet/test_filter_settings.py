@@ -20,7 +20,7 @@ from imumon.documents.program_settings import numbers_of, settings_document
 from imumon.model.coefficients import Estimate
 from imumon.model.messages import CAVEATS
 from imumon.model.report import Report
-from imumon.model.units import duration, figures
+from imumon.model.units import figures
 
 
 def settings(report: Report, form: str) -> dict[str, float]:
@@ -128,14 +128,6 @@ def test_caveats_precede_the_numbers(form: str) -> None:
     assert not [c for c in caveats if f"WARNING: {c.replace('_', ' ')} (gyro x" not in of_one]
 
 
-@pytest.mark.parametrize("form", ["kalibr", "openvins"])
-def test_an_unknown_rate_is_no_number(form: str) -> None:
-    report = make_report()
-    report = replace(report, device=replace(report.device, sample_rate_hz=None))
-    assert "update_rate" not in settings(report, form)
-    assert "# update_rate: ?" in text(report, form)
-
-
 def test_ros_covariance_is_the_variance_of_a_sample() -> None:
     report = make_report()
     for field, sensor in (("angular_velocity", "gyro"), ("linear_acceleration", "accel")):
@@ -145,19 +137,6 @@ def test_ros_covariance_is_the_variance_of_a_sample() -> None:
         n = [report.channels[f"{sensor}/{axis}"].coefficients["N"] for axis in "xyz"]
         np.testing.assert_allclose(np.diag(matrix), [(p.value or 0) ** 2 * RATE for p in n if p], rtol=1e-4)
         assert np.count_nonzero(matrix) == 3
-
-
-def test_ros_covariance_of_a_constant_sensor_is_unknown() -> None:
-    report = make_report()
-    dead = {
-        name: replace(report.channels[name], coefficients={}, std=0.0)
-        for name in report.channels
-        if name[:4] == "gyro"
-    }
-    report = replace(report, channels=report.channels | dead)
-    lines = text(report, "ros").splitlines()
-    assert "# angular_velocity_covariance: all zeros, which means unknown" in lines
-    assert not any(line.startswith("angular_velocity_covariance") for line in lines)
 
 
 @pytest.mark.parametrize(
@@ -283,13 +262,6 @@ def test_a_number_of_another_unit_than_n_and_walk_names_it(form: str, units: dic
         assert re.match(rf"(param set )?{name}\b", lines[lines.index(f"# {name} in {unit}") + 1])
 
 
-def test_a_setting_names_what_of_the_record_it_does_not_rest_on() -> None:
-    report = make_report(LONG_S)
-    warm = replace(report, session=replace(report.session, warmup_s=3594.0, excluded_s=6.0))
-    length = duration(report.session.elapsed_s)
-    assert f"rests on {length} of record, 1 h of them excluded" in text(warm, "kalibr")
-
-
 def test_a_walk_for_a_bounded_k_has_its_factor_against_half_the_bound() -> None:
     report = with_bounded_k(make_report(LONG_S))
     made = filters(report).channels["gyro/x"]
@@ -309,26 +281,6 @@ def test_a_longer_horizon_needs_other_walks(form: str) -> None:
         [line for line in shown.splitlines() if not line.strip().startswith("#")] for shown in (short, long)
     ]
     assert numbers[0] != numbers[1]
-
-
-@pytest.mark.parametrize("form", ["vins", "fastlio"])
-def test_a_discrete_setting_needs_the_rate(form: str) -> None:
-    report = make_report(LONG_S)
-    shown = text(replace(report, device=replace(report.device, sample_rate_hz=None)), form)
-    assert shown.count(": ? (the sample rate is unknown)") == 4
-
-
-def test_openvins_gets_every_required_matrix() -> None:
-    shown = text(make_report(), "openvins")
-    for name, size, diagonal in (
-        ("T_i_b", 4, 1.0),
-        *((name, 3, 1.0) for name in ("Tw", "R_IMUtoGYRO", "Ta", "R_IMUtoACC")),
-        ("Tg", 3, 0.0),
-    ):
-        rows = re.search(rf"^  {name}:\n((?:    - \[.*\]\n)+)", shown, re.MULTILINE)
-        assert rows
-        matrix = np.array([[float(v) for v in row.split(",")] for row in re.findall(r"\[(.*)\]", rows[1])])
-        np.testing.assert_array_equal(matrix, diagonal * np.eye(size))
 
 
 @pytest.mark.few

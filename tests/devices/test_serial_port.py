@@ -20,7 +20,6 @@ import pytest
 from waiting import until
 
 from imumon.sources import linux_tty
-from imumon.sources import ports as port_module
 from imumon.sources.device import DeviceError, DeviceLost
 from imumon.sources.linux_tty import holders, pseudo_terminal
 from imumon.sources.ports import PortInfo, find_again
@@ -146,20 +145,6 @@ def test_unplugged_port_is_lost_after_its_last_byte(line: Line) -> None:
             port.reopen()
 
 
-def test_reading_continues_between_reads(line: Line) -> None:
-    size = 1 << 20
-    with SerialPort(line.path, 921600) as port:
-        sender = threading.Thread(target=_send, args=(line.master, bytes(size)))
-        sender.start()
-        until(lambda: port.received_bytes == size)
-        assert port.most_queued == size
-        first = port.read(0.1)
-        assert 0 < len(first) < 1 << 17, "one read after a stall returns a bounded amount"
-        assert len(gather(port, size - len(first))) == size - len(first)
-        assert port.overruns == 0
-        sender.join()
-
-
 def _send(fd: int, data: bytes) -> None:
     while data:
         data = data[os.write(fd, data[:4096]) :]
@@ -221,12 +206,6 @@ def test_invalid_port_is_one_line_with_a_code_and_a_cure(tmp_path: Path, line: L
         assert refused.value.code == code
         assert refused.value.cure
         assert "\n" not in str(refused.value)
-
-
-def test_missing_permission_has_a_cure() -> None:
-    refused = port_module._open_error("/dev/null", PermissionError(13, "Permission denied"))
-    assert refused.code == "port_permission_denied"
-    assert refused.cure.startswith("sudo usermod -aG dialout ")
 
 
 def test_port_in_use_names_who_has_it(line: Line) -> None:

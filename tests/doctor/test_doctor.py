@@ -21,7 +21,7 @@ from fake_device import FakeDriver
 from faulty_sensor import spawn
 from foreign_device import on_a_terminal
 
-from imumon.config import DeviceSettings, Settings, ZenohSettings, load
+from imumon.config import DeviceSettings, Settings, ZenohSettings
 from imumon.doctor import Case, checks, examine
 from imumon.doctor.doctor import daemon_port
 from imumon.doctor.observed import ServiceObservation, StateObservation, ZenohObservation
@@ -206,17 +206,6 @@ def test_the_generic_checks_apply_to_any_device(case: Case, fake: str) -> None:
     assert "missing" in results["rate"].text
 
 
-def test_a_device_that_is_absent_or_lost(case: Case, fake: str, tmp_path: Path) -> None:
-    threading.Timer(0.5, (tmp_path / "device").unlink).start()
-    lost = by_name(case, fake)
-    assert failed(lost) == {"sensor"}
-    assert lost["stream"].status == "ok"
-    absent = by_name(case, fake)
-    assert failed(absent) == {"sensor"}
-    assert "model" not in absent
-    assert absent["sensor"].cure
-
-
 # ---------------------------------------------------------------------- the other checks
 
 
@@ -278,16 +267,6 @@ def test_the_port_that_a_daemon_waits_for_is_examined() -> None:
     assert checks.zenoh(zenoh).text == text
     other = reports.report(id="other")
     assert checks.zenoh(ZenohObservation(reports=(other, lost))).text == f"{text}; also running: other"
-
-
-def test_an_endpoint_in_use_and_an_invalid_endpoint(case: Case) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        taken = f"tcp/127.0.0.1:{server.getsockname()[1]}"
-        for listen_at in (taken, "nonsense"):
-            settings = Settings(zenoh=ZenohSettings(listen=(listen_at,)))
-            results = {c.name: c for c in examine(replace(case, settings=settings, port="/dev/null0"))}
-            assert results["zenoh"].status == "failed"
-            assert results["zenoh"].cure
 
 
 def test_the_state_directory(tmp_path: Path) -> None:
@@ -373,28 +352,3 @@ def test_another_reader_of_the_port_is_named(case: Case, tmp_path: Path) -> None
 
 def usage_of_run(port: str, state: Path) -> subprocess.CompletedProcess[str]:
     return forked.run("run", "--port", port, "--state", str(state))
-
-
-@pytest.fixture
-def bad_config(tmp_path: Path) -> Path:
-    file = tmp_path / "config.toml"
-    file.write_text("[device]\nbuad = 9600\n\n[report]\nperiod_s = 0\n")
-    return file
-
-
-def test_config_shows_origins_and_faults(bad_config: Path, tmp_path: Path) -> None:
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return forked.run("config", *arguments, directory=tmp_path)
-
-    wrong = run("check")
-    assert wrong.returncode == 2
-    assert len(wrong.stderr.splitlines()) == 2
-    good = tmp_path / "good.toml"
-    good.write_text('[zenoh]\nuser = "ada"\npassword = "secret"\n')
-    assert run("check", "--config", "good.toml").stdout == "good.toml: no faults\n"
-    shown = run("show", "--config", "good.toml").stdout
-    assert "good.toml:2" in shown
-    assert "default" in shown
-    assert "secret" not in shown
-    (tmp_path / "shown.toml").write_text(shown)
-    assert load(tmp_path / "shown.toml").zenoh.user == "ada"  # the output is a valid settings file

@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from evaluations import SHEET, imumon, make_report, replayed, sheet_file, shown
-from paths import RECORDINGS, needs_recordings
 from reports import with_coefficients
 
 from imumon.api.document_report import document_report
 from imumon.documents.references import SheetError, published, read_sheet, sheet_of_model
 from imumon.documents.references.comparison import compared
 from imumon.model.coefficients import COEFFICIENTS
-from imumon.model.report_json import to_json
 
 
 @pytest.mark.few
@@ -119,24 +117,3 @@ def test_a_fault_of_a_sheet_is_one_line(text: str, fault: str, recording: Path, 
     assert raised.value.code == "datasheet_invalid"
     assert fault in raised.value.message
     assert len(raised.value.message.splitlines()) == 1
-
-
-def test_a_sheet_that_is_not_of_this_sensor_is_refused(recording: Path, tmp_path: Path) -> None:
-    saved = tmp_path / "x.json"
-    saved.write_text(to_json(make_report()))
-    assert "VN-100T-CR" in imumon("report", saved, "--datasheet", "adis16405", code=2)
-    assert "vn-100" in imumon("report", saved, "--datasheet", tmp_path / "nothing.toml", code=2)
-
-
-@needs_recordings
-@pytest.mark.slow
-def test_nothing_refers_to_a_device_that_was_not_measured(tmp_path: Path) -> None:
-    for name, words, wrong in (
-        ("adis16405_1.npz", (), ("VN-100", "laboratory")),
-        ("kiran_stat5min.vnymr.txt.gz", ("--rate", "40"), ("ADIS", "laboratory")),
-    ):
-        saved = tmp_path / "saved.json"
-        imumon("report", RECORDINGS / name, *words, "-o", saved)
-        for form in ("md", "html", "csv", "svg"):
-            text = imumon("report", saved, "--format", form)
-            assert not [word for word in wrong if word in text], (name, form)

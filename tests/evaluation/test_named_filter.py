@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from evaluations import HZ, imumon, replayed, shown
-from paths import RECORDINGS, needs_recordings
 
 from imumon.noise.synthesis import synthesise
 
@@ -42,14 +41,6 @@ def test_what_a_filter_assumes_of_an_unknown_device_is_in_the_report(gyroscope: 
     assert "is assumed to be" not in imumon("report", gyroscope, "--filter", "8@1000")
 
 
-@needs_recordings
-def test_the_format_of_a_recording_names_the_device_for_the_filter() -> None:
-    report = replayed(RECORDINGS / "kiran_stat5min.vnymr.txt.gz", "--rate", "40", "--filter", "factory")
-    assert report.device.alias_factor == pytest.approx(np.sqrt(5.0))
-    assert report.device.settings["filter"] == "factory, as given with --filter"
-    assert not any("--filter" in remark for remark in report.device.remarks)
-
-
 def test_a_filter_is_not_used_for_deltas(tmp_path: Path) -> None:
     noise = synthesise(2000, HZ, N=[6e-5] * 3 + [1.4e-3] * 3, seed=1)
     np.savez(tmp_path / "d.npz", t=np.arange(2000) / HZ, dt=np.full(2000, 1 / HZ),
@@ -59,12 +50,6 @@ def test_a_filter_is_not_used_for_deltas(tmp_path: Path) -> None:
         assert report.device.alias_factor == 1.0
         assert any("--filter is not used" in remark for remark in report.device.remarks)
         assert "--filter is not used" in shown(report)
-
-
-def test_n_without_aliasing_stands_beside_the_read_one(recording: Path) -> None:
-    page = imumon("report", recording, "--filter", "factory")
-    assert page.count("N without aliasing (over 2.24, nominally)") == 2
-    assert "without aliasing" not in imumon("report", recording, "--filter", "20")
 
 
 def test_a_table_whose_spectrum_shows_a_filter_has_no_warning_that_noise_folds(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluations import HZ, make_report, replayed, sheet_file, shown
+from evaluations import make_report, sheet_file, shown
 from reports import RATE, with_coefficients
 
 from imumon.api.document_report import document_report
@@ -18,7 +18,6 @@ from imumon.model.coefficients import COEFFICIENTS, Estimate, Excess, coefficien
 from imumon.model.history_report import DayScatter
 from imumon.model.report import Report
 from imumon.model.units import figures
-from imumon.noise.synthesis import synthesise
 from imumon.record.combined_limits import shared_share, with_combined
 from imumon.tui.formatting import Notation
 
@@ -102,23 +101,6 @@ def test_one_interval_is_in_all_tables_of_a_document_and_decides_what_is_above(t
         (value,) = compared.data_sheet.values
         assert value.above == above
         assert ("; above " in shown(compared)) == above
-
-
-def test_the_resolution_of_rounded_values_is_reported(tmp_path: Path) -> None:
-    noise = np.round(synthesise(4000, HZ, N=[6e-4] * 3 + [1.4e-2] * 3, seed=4) / 1e-3) * 1e-3
-    np.savez(
-        tmp_path / "r.npz", t=np.arange(4000) / HZ, gyro=noise[:, :3], accel=noise[:, 3:] + [0.0, 0.0, 9.8]
-    )
-    report = replayed(tmp_path / "r.npz")
-    assert report.channels["gyro/x"].resolution == pytest.approx(1e-3, rel=1e-3)
-    assert make_report().channels["gyro/x"].resolution is None
-
-
-def test_the_sheet_says_what_the_intervals_do_not_hold() -> None:
-    report = make_report()
-    assert "It does not hold temperatures outside" in shown(report)
-    bare = replace(report, channels={n: c for n, c in report.channels.items() if n != "temperature"})
-    assert "the temperature, which is not in the record" in shown(bare)
 
 
 def test_every_command_and_the_screen_state_the_combined_limits() -> None:

@@ -11,13 +11,12 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 from commands import imumon
-from histories import BEGIN, NAMES, RECORD, coefficient, period, write, year
+from histories import BEGIN, NAMES, RECORD, period, write, year
 from paths import TESTS
 from waiting import until
 
@@ -25,7 +24,7 @@ from imumon.cli.history_command import _readable
 from imumon.history import HistoryStore
 from imumon.history.history import History
 from imumon.history.rows import csv_pieces, json_pieces, rows
-from imumon.history.schema import ESTIMATE_COLUMNS, VERSION
+from imumon.history.schema import VERSION
 from imumon.history.selection import Selection, SelectionError, moment, of_parameters, selection
 from imumon.model.coefficients import Estimate
 from imumon.model.report import Event
@@ -54,23 +53,6 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     assert (first["grade"], first["samples"], first["missing"]) == ("industrial", 360000, 3)
     assert found[-1]["channel"] == "temperature"
     assert found[-1]["N"] is None
-
-
-def test_a_file_gets_the_columns_of_a_coefficient_that_it_does_not_have(tmp_path: Path) -> None:
-    path = write(tmp_path, "imu", [period(0)])
-    with sqlite3.connect(path) as connection:
-        for column in ESTIMATE_COLUMNS["R"]:
-            connection.execute(f"ALTER TABLE noise DROP COLUMN {column}")
-    assert [row["R"] for row in read(path)] == [None] * (len(NAMES) + 1)
-    made = period(1, names=("gyro/x",))
-    known = {**made.period.channels["gyro/x"].coefficients, "R": coefficient(2e-9)}
-    channels = {"gyro/x": replace(made.period.channels["gyro/x"], coefficients=known)}
-    write(tmp_path, "imu", [replace(made, period=replace(made.period, channels=channels))])
-    assert [row["R"] for row in read(path)][-1] == {
-        "value": 2e-9, "low": 1.98e-9, "high": 2.02e-9, "status": "measured"
-    }  # fmt: skip
-    head = next(csv_pieces(iter(read(path)))).partition("\n")[0].split(",")
-    assert set(ESTIMATE_COLUMNS["R"]) <= {name.lower() for name in head}
 
 
 def test_a_period_in_progress_ends_with_its_record(tmp_path: Path) -> None:
@@ -130,13 +112,6 @@ def test_a_file_that_cannot_be_used_is_set_aside(tmp_path: Path, damage: str) ->
     assert (tmp_path / f"imu.{reason}-1.history.sqlite").read_bytes() == before
     assert "a new history begins" in notes[0]
     assert len(read(path)) == len(NAMES) + 1
-
-
-def noted(history: History) -> list[str]:
-    """What a history says of its file, once it does."""
-    notes: list[str] = []
-    until(lambda: notes.extend(text for text, _ in history.problems()) or notes)
-    return notes
 
 
 @pytest.mark.few
@@ -379,15 +354,6 @@ def test_the_command_reads_the_file(tmp_path: Path) -> None:
     table = imumon("history", "--state", tmp_path, "--channel", "gyro/x").splitlines()
     assert len(table) == 7
     assert "°/√h" in table[1]
-
-
-@pytest.mark.parametrize(
-    ("words", "code"),
-    [(("--id", "none"), 3), (("--since", "soon"), 2), (("--step", "5m"), 2), (("--json", "--csv"), 2)],
-)
-def test_errors_of_the_command(tmp_path: Path, words: tuple[str, ...], code: int) -> None:
-    write(tmp_path, "imu", [period(0)])
-    imumon("history", "--state", tmp_path, *words, code=code)
 
 
 @pytest.mark.parametrize(

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import re
 import shutil
 import subprocess
-import time
-import urllib.request
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from daemons import Daemon
-from free_ports import free_port
 from metrics_viewer import MetricsViewer
 from paths import ROOT
 from reports import warming_up as report
@@ -112,51 +107,3 @@ def test_promtool_finds_nothing_wrong(text: str) -> None:
         ["promtool", "check", "rules", str(DOCS / "alerts.yml")], capture_output=True, text=True, check=False
     )
     assert rules.returncode == 0, rules.stderr
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(
-    shutil.which("prometheus") is None, reason="prometheus is not installed (Debian: prometheus)"
-)
-def test_prometheus_scrapes_a_viewer_and_raises_the_alert_when_its_daemon_ends(tmp_path: Path) -> None:
-    own = free_port()
-    rules = re.sub(r"for: \w+", "for: 1s", (DOCS / "alerts.yml").read_text())
-    (tmp_path / "alerts.yml").write_text(rules)
-
-    def query(path: str) -> list[dict[str, dict[str, str]]]:
-        try:
-            with urllib.request.urlopen(f"http://127.0.0.1:{own}/api/v1/{path}", timeout=5) as reply:
-                data = json.load(reply)["data"]
-                return list(data.get("result") or data.get("alerts") or [])
-        except OSError:
-            return []
-
-    def until_there(path: str, name: str, label: str) -> dict[str, str]:
-        end = time.monotonic() + 60
-        while time.monotonic() < end:
-            for each in query(path):
-                labels = each.get("metric") or each.get("labels") or {}
-                if labels.get(label) == name:
-                    return labels
-            time.sleep(0.3)
-        raise AssertionError(f"{path} has no {name}")
-
-    command = [
-        "prometheus", f"--config.file={tmp_path}/prometheus.yml", f"--storage.tsdb.path={tmp_path}/data",
-        f"--web.listen-address=127.0.0.1:{own}", "--log.level=error",
-    ]  # fmt: skip
-    with Daemon("sim", tmp_path / "state", "--id", "lab") as daemon, MetricsViewer(daemon.endpoint) as viewer:
-        (tmp_path / "prometheus.yml").write_text(
-            "global: {scrape_interval: 1s, evaluation_interval: 1s}\nrule_files: [alerts.yml]\nscrape_configs:\n"
-            f'  - job_name: imumon\n    static_configs: [{{targets: ["{viewer.address}"]}}]\n'
-        )
-        with subprocess.Popen(command) as prometheus:
-            try:
-                daemon.wait(lambda r: r.session.elapsed_s > 5)
-                until_there("query?query=imumon_up==1", "lab", "device")
-                until_there("query?query=imumon_noise%7Blimit=%22value%22%7D", "gyro/x", "channel")
-                assert not query("alerts")
-                daemon.stop()
-                until_there("alerts", "ImumonSensorDisconnected", "alertname")
-            finally:
-                prometheus.terminate()

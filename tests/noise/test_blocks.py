@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imumon.model.samples import Bools, Floats
-from imumon.model.saved_state import pack, unpack
 from imumon.noise.blocks import BlockAccumulator, BlockMeans
 from imumon.noise.power_law import coefficient_variances
 from imumon.noise.synthesis import synthesise
@@ -108,22 +107,6 @@ def test_the_offset_of_a_segment_does_not_show() -> None:
     means = blocks.result()
     np.testing.assert_array_equal(means.means, np.full((12, 2), 100.0))
     np.testing.assert_array_equal(means.offset, NONE)
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("n", [5, 100, 333])
-def test_a_restored_state_continues_with_the_same_bits(n: int) -> None:
-    one = accumulator()
-    feed(one, numbers(n))
-    one.break_()
-    feed(one, numbers(n, 2))
-    two, three = unpack(pack(one)), one.copy()
-    for blocks in (one, two, three):
-        feed(blocks, numbers(n, 3))
-        blocks.break_()
-        feed(blocks, numbers(5, 4))
-    same(one.result(), two.result())
-    same(one.result(), three.result())
 
 
 # --- gaps of unknown length --------------------------------------------------------------------------------

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from imumon.model.samples import Bools, Floats
-from imumon.model.saved_state import pack, unpack
 from imumon.noise.statistics.envelope import RECENT_COLUMNS, Envelope, EnvelopeColumns
 
 
@@ -95,15 +94,3 @@ def test_a_gap_equals_as_many_invalid_samples(gap: int) -> None:
         envelope.update(values[1005:], valid[1005:])
     for view in (Envelope.minute, Envelope.hour, Envelope.everything):
         columns_equal(view(skipped), view(filled))
-
-
-def test_save_and_restore_continue_identically() -> None:
-    values, valid = record(9000)
-    whole, first = Envelope((0, 0), 40.0), Envelope((0, 0), 40.0)
-    whole.update(values, valid)
-    first.update(values[:4321], valid[:4321])
-    second = unpack(pack(first))
-    second.update(values[4321:], valid[4321:])
-    for view in (Envelope.minute, Envelope.hour, Envelope.everything):
-        columns_equal(view(whole), view(second))
-    np.testing.assert_allclose(whole.recent().mean, second.recent().mean)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import gzip
-import pickle
 
 import numpy as np
 import pytest
 from paths import RECORDINGS
 
 from imumon.model.samples import Bools, Floats, SampleBlock
-from imumon.model.saved_state import pack, unpack
+from imumon.model.saved_state import pack
 from imumon.noise.allan import OctaveCascade
 from imumon.noise.detection import Guard, GuardedSamples
 from imumon.noise.detection.disturbance import Disturbance
@@ -189,31 +188,6 @@ def test_a_range_that_is_exceeded_excludes_its_own_sensor_alone() -> None:
     assert guard.excluded["clipped"] == (~valid[:, 1]).sum() == event.length
 
 
-def test_a_gyroscope_beside_an_accelerometer_at_the_end_of_its_range_is_assessed() -> None:
-    values = quiet(300)
-    flags = np.zeros((len(values), 3), dtype=bool)
-    flags[:, 1] = True
-    values[:, 5] = -9.8  # the end of the range: a constant that is no stuck axis
-    values[8000:8080, :3] += 0.1 * np.random.default_rng(5).standard_normal((80, 3))
-    guard, valid, _ = excluded(values, saturated=flags)
-    assert not valid[:, 1].any()
-    assert not valid[7990:8100, 0].any()
-    assert (~valid[:, 0]).sum() < 5 * 40
-    assert valid[:, 2].all()
-    assert not guard.stuck
-
-
-def test_a_blow_beyond_the_range_of_one_sensor_is_a_knock_of_both() -> None:
-    values = quiet(300)
-    flags = np.zeros((len(values), 3), dtype=bool)
-    values[8000:8010, 4] = 160.0
-    flags[8000:8010, 1] = True
-    _, valid, events = excluded(values, saturated=flags)
-    assert not valid[7990:8040, :2].any()
-    assert valid[:, 2].all()
-    assert [(e.kind, e.channel) for e in events] == [("clipped", 4)]
-
-
 def drive(seconds: float, rate: float = 40.0, seed: int = 3) -> Floats:
     """Return (n, 9) samples of a driving car: slow turns, rough road."""
     values = quiet(seconds, rate, seed)
@@ -259,18 +233,6 @@ def test_a_new_noise_becomes_the_baseline() -> None:
     assert guard.at_rest
     assert valid[-60 * 40 :].all()
     assert sum(item.broken for item in items) == 1
-
-
-def test_two_bursts_of_noise_are_no_new_baseline() -> None:
-    """Most of the sixteen frames behind the begin of the first are noisy; the sensor is quiet between and behind."""
-    values, noise = quiet(300), np.random.default_rng(4).standard_normal((12_000, 6))
-    for begin_s, end_s in ((100, 110), (112, 120), (132, 137)):
-        burst = slice(begin_s * 40, end_s * 40)
-        values[burst, :6] += 5 * SIGMA[:6] * noise[burst]
-    _, valid, _ = excluded(values)
-    for begin_s, end_s in ((100, 110), (112, 120), (132, 137)):
-        assert not valid[begin_s * 40 : end_s * 40, :2].any()
-    assert valid[150 * 40 :].mean() > 0.99
 
 
 def test_a_tilt_breaks_the_record() -> None:
@@ -333,55 +295,6 @@ def test_real_recordings(name: str, at_rest: bool | None, least: float, most: fl
         assert guard.at_rest is at_rest
 
 
-def disturbed_record() -> tuple[Floats, Bools]:
-    """Return a record with every kind of disturbance, and (n, 3) the received samples."""
-    values = np.concatenate((quiet(90), drive(30), quiet(60, seed=4)))
-    values[1000, 0] += 1.0
-    values[1500:1580, 1] += 0.1
-    values[2000:2200] = values[2000]
-    valid = np.random.default_rng(1).random((len(values), 3)) > 0.01
-    valid[:, 0] = valid[:, 1]
-    return values, valid
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("seed", range(3))
-def test_any_chunking_gives_the_same_exclusions(seed: int) -> None:
-    values, received = disturbed_record()
-    rng = np.random.default_rng(seed)
-    results = []
-    for sizes in (np.full(20, 1000), rng.integers(1, 300, 10000)):
-        guard = Guard(SENSORS, 40.0)
-        items, begin = [], 0
-        for size in sizes.tolist():
-            items += guard.update(values[begin : begin + size], received[begin : begin + size])
-            begin += size
-            if begin >= len(values):
-                break
-        items += guard.flush()
-        events = [(e.kind, e.start, e.length) for e in guard.events()]
-        valid = np.concatenate([item.valid for item in items])
-        places = np.cumsum([len(item.values) for item in items])[[item.broken for item in items]]
-        results.append((valid, events, guard.excluded, guard.disturbances, places.tolist()))
-    assert np.array_equal(results[0][0], results[1][0])
-    assert results[0][1:] == results[1][1:]
-
-
-def test_save_and_restore_continue_identically() -> None:
-    values, received = disturbed_record()
-    whole = Guard(SENSORS, 40.0)
-    expected = run_guard(whole, values, 500, valid=received)[0]
-    for cut in (500, 2100, 4100, 5000):
-        first = Guard(SENSORS, 40.0)
-        items = first.update(values[:cut], received[:cut])
-        second = unpack(pack(first))
-        items += second.update(values[cut:], received[cut:]) + second.flush()
-        assert np.array_equal(
-            np.concatenate([item.valid for item in items]), np.concatenate([item.valid for item in expected])
-        )
-        assert second.excluded == whole.excluded
-
-
 def test_the_grid_keeps_its_length() -> None:
     """Samples in and missing = samples out and skipped, for any gaps."""
     guard = Guard(SENSORS, 40.0)
@@ -408,21 +321,6 @@ def test_memory_is_bounded() -> None:
         sizes.append(len(pack(guard)))
     assert max(sizes) < 1_000_000
     assert guard.held == 0
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("sensor", ["mag", "gyro"])
-def test_memory_is_bounded_while_a_sensor_moves_again_and_again(sensor: str) -> None:
-    rng = np.random.default_rng(1)
-    guard, sizes = Guard((sensor,) * 3, 10.0), []
-    turns = np.repeat(np.tile([0.0, 1.0], 100), 400)[:, None]  # 40 s of rest, 40 s of motion
-    for values in np.split(1e-3 * rng.standard_normal((80_000, 3)) * (1.0 + 100.0 * turns), 4):
-        guard.update(values)
-        assert guard.events()
-        assert bool(guard.rest_changes()) == (sensor == "gyro")
-        assert not any(detector.rest_changes for detector in guard._detectors)
-        sizes.append(len(pickle.dumps(guard)))
-    assert max(sizes) - min(sizes) < 1000  # a held frame more or less
 
 
 @pytest.mark.slow

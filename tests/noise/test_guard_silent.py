@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from imumon.model.samples import Bools, Floats
-from imumon.model.saved_state import pack, unpack
 from imumon.noise.detection import Guard
 
 SENSORS = ("gyro",) * 3 + ("accel",) * 3
@@ -80,14 +79,3 @@ def test_an_axis_that_becomes_constant_is_stuck() -> None:
     assert guard.stuck
     assert not valid[12_080:].any()
     assert list(guard.excluded) == ["stuck"]
-
-
-def test_what_a_held_axis_has_shown_is_saved() -> None:
-    values = quiet(40.0)
-    values[:, 1] = values[::40, 1].repeat(40)
-    guard = Guard(SENSORS, 40.0)
-    guard.update(values[:5000])
-    second = unpack(pack(guard))
-    parts = [np.concatenate([item.valid for item in g.update(values[5000:])]) for g in (guard, second)]
-    assert np.array_equal(*parts)
-    assert parts[0].all()

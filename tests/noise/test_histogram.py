@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from imumon.model.samples import Floats
-from imumon.model.saved_state import pack, unpack
 from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.statistics.histogram import HISTOGRAM_BINS, HistogramAccumulator, quantum
-from imumon.noise.synthesis import synthesise
 
 
 def shape(values: Floats, chunk: int = 5000) -> DistributionShape:
@@ -36,14 +34,6 @@ def test_gaussian_noise_is_gaussian_at_any_length(n: int, level: float) -> None:
     assert result.verdict == "Gaussian"
     assert sum(result.counts) == n
     assert sum(result.gaussian) == pytest.approx(n, rel=1e-2)
-
-
-def test_coloured_or_rounded_noise_is_gaussian() -> None:
-    noise = synthesise(400_000, 40.0, N=6e-5, B=2.4e-5, K=1e-6, seed=3)[:, 0]
-    assert shape(noise).verdict == "Gaussian"
-    result = shape(np.rint(noise * 1e6) * 1e-6)
-    assert result.verdict == "Gaussian"
-    assert result.step == pytest.approx(1e-6)
 
 
 CASES: dict[str, tuple[Callable[[int], Floats], str]] = {
@@ -101,18 +91,6 @@ def test_one_huge_value_costs_resolution_only() -> None:
     result = shape(values, 100)
     assert sum(result.counts) == 10_000
     assert result.counts[-1] == 1
-
-
-def test_save_and_restore_continue_identically() -> None:
-    values = rng().standard_normal((5000, 2))
-    whole = HistogramAccumulator((0, 1))
-    whole.update(values)
-    for cut in (0, 100, 256, 3000):
-        first = HistogramAccumulator((0, 1))
-        first.update(values[:cut])
-        second = unpack(pack(first))
-        second.update(values[cut:])
-        assert second.result() == whole.result()
 
 
 def test_steps_are_estimated_from_the_values() -> None:

@@ -10,7 +10,6 @@ import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imumon.model.saved_state import pack, unpack
 from imumon.noise.statistics.moments import ChannelMoments, Moments, MomentsResult
 
 GROUPS = (0, 0, 1)
@@ -73,17 +72,6 @@ def test_merged_moments_equal_one_run(n: int, m: int, loss: float) -> None:
     a.merge(b)
     check(a.result(), values, ok)
     assert b.result().channels == before
-
-
-def test_save_and_restore_continue_identically() -> None:
-    values, ok = grid(np.random.default_rng(3), 900, 0.1)
-    one = Moments(3, GROUPS)
-    one.update(values[:500], ok[:500])
-    two = unpack(pack(one))
-    for moments in (one, two):
-        moments.update(values[500:], ok[500:])
-    assert one.result().channels == two.result().channels
-    check(two.result(), values, ok)
 
 
 def test_an_offset_costs_no_precision() -> None:

@@ -173,18 +173,6 @@ def test_the_offset_of_one_segment_keeps_the_precision_of_another() -> None:
     np.testing.assert_allclose(cascade.result().avar[same], once.avar[same], rtol=1e-11)
 
 
-def test_an_outlier_does_not_reduce_the_precision() -> None:
-    """The offset is a median: a spike in the first block does not reduce the precision of later samples."""
-    values = 9.8 + 1e-3 * np.random.default_rng(8).standard_normal((4000, 1))
-    values[0] = 1e12
-    valid = np.ones((4000, 1), dtype=bool)
-    valid[1:21] = False  # so that no short octave compares the spike with anything
-    short = slice(0, 4)
-    np.testing.assert_allclose(
-        curve_of(values, valid).avar[short], curve_of(values[21:]).avar[short], rtol=1e-12
-    )
-
-
 # --- laws --------------------------------------------------------------------------------------------
 
 
@@ -307,16 +295,6 @@ def test_differences_never_span_a_break() -> None:
     assert curve_of(np.repeat([[0.0], [1.0]], 1000, axis=0)).avar.any()
 
 
-def test_a_dropped_sample_does_not_affect_long_octaves() -> None:
-    values = np.random.default_rng(4).standard_normal((20_000, 1))
-    ok = np.ones((20_000, 1), dtype=bool)
-    ok[9_999] = False
-    whole, part = curve_of(values), curve_of(values, ok)
-    lost = (whole.terms - part.terms)[:, 0]
-    np.testing.assert_array_equal(lost[:4], [2, 4, 8, 16])
-    assert not lost[4:].any()
-
-
 def test_a_ten_minute_gap_keeps_the_long_octaves() -> None:
     """24 h at 1 Hz with 600 s missing: a cluster of 10 000 s still has 94 % of its samples."""
     cascade = OctaveCascade(1, 1.0)
@@ -329,23 +307,6 @@ def test_a_ten_minute_gap_keeps_the_long_octaves() -> None:
     np.testing.assert_array_equal(curve.terms[curve.m >= 8192], whole.terms[curve.m >= 8192])
 
 
-def test_empty_and_short_records() -> None:
-    cascade = OctaveCascade(2, 0.01)
-    empty = cascade.result()
-    assert (len(empty.m), empty.span, empty.sections) == (0, 0, 0)
-    assert empty.avar.shape == (0, 2)
-    cascade.update(np.zeros((0, 2)))
-    cascade.skip(0)
-    cascade.update(np.full((399, 2), np.inf))
-    cascade.update(np.array([[1e300, 0.0]]))
-    cascade.skip(1000)
-    missing = cascade.result()
-    assert (len(missing.m), missing.span, missing.sections) == (0, 1400, 1)
-    np.testing.assert_array_equal(missing.valid, [0, 0])
-    cascade.update(np.array([[1.0, 2.0], [2.0, 5.0]]))
-    np.testing.assert_array_equal(cascade.result().avar, [[0.5, 4.5]])
-
-
 def test_a_gap_of_years_is_cheap_and_counts_as_missing() -> None:
     cascade = OctaveCascade(9, 1e-3, groups=[0, 0, 0, 1, 1, 1, 2, 2, 2])
     cascade.update(np.random.default_rng(1).standard_normal((700, 9)))
@@ -354,16 +315,6 @@ def test_a_gap_of_years_is_cheap_and_counts_as_missing() -> None:
     curve = cascade.result()
     assert curve.span == 10**12 + 1400
     np.testing.assert_array_equal(curve.terms[0], [2 * 699] * 9)
-
-
-def test_state_is_small() -> None:
-    """Nine channels at 10^10 samples: every octave up to half the record exists."""
-    cascade = OctaveCascade(9, 1e-3, groups=[0, 0, 0, 1, 1, 1, 2, 2, 2])
-    cascade.update(np.zeros((100_000, 9)))
-    small = cascade.nbytes
-    cascade.skip(10**10)
-    assert cascade.nbytes <= small + 64_000
-    assert len(pack(cascade)) <= 300_000
 
 
 def test_the_state_of_a_long_record_is_bounded() -> None:

@@ -159,15 +159,3 @@ def test_channels_are_independent_and_seeds_reproduce() -> None:
     assert abs(np.corrcoef(d.T)[0, 1]) < 4.5 / np.sqrt(len(d) / 2.0)
     assert_array_equal(y, synthesise(1 << 14, RATE, N=1.0, B=[0.3, 0.3], K=0.01, seed=1))
     assert not np.array_equal(y, synthesise(1 << 14, RATE, N=1.0, B=[0.3, 0.3], K=0.01, seed=2))
-
-
-def test_short_and_empty_records() -> None:
-    assert synthesise(0, RATE, N=1.0, B=1.0, K=1.0).shape == (0, 1)
-    assert synthesise(1, RATE, N=1.0, B=1.0, K=1.0).shape == (1, 1)
-    assert synthesise(2, RATE, B=[1.0, 1.0]).shape == (2, 2)
-    assert NoiseStream(RATE).generate(0).shape == (0, 1)
-    assert not NoiseStream(RATE).generate(10).any()
-    with pytest.raises(ValueError, match="not negative"):
-        synthesise(4, RATE, N=-1.0)
-    with pytest.raises(ValueError, match="rate"):
-        NoiseStream(0.0)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imumon.model.samples import Floats
-from imumon.model.saved_state import pack, unpack
+from imumon.model.saved_state import pack
 from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.stretches.parts import RecordParts
@@ -121,30 +121,6 @@ def test_forgotten_marks_leave_their_samples_to_the_part_before() -> None:
     assert not parts.cascade.finer_blocks
     with pytest.raises(KeyError):
         parts.sums(places[2])
-
-
-def test_saved_parts_continue() -> None:
-    x = RNG.normal(size=(50_000, 2))
-    one = marked(x[:20_000], 5000)
-    one.mark(finer=True)
-    again = unpack(pack(one))
-    for parts in (one, again):
-        parts.update(x[20_000:])
-    for a, b in ((one.curve(5000), again.curve(5000)), (one.curve(), again.curve())):
-        np.testing.assert_array_equal(a.avar, b.avar)
-        np.testing.assert_array_equal(a.terms, b.terms)
-    finer, restored = one.finer_sums(20_000), again.finer_sums(20_000)
-    np.testing.assert_array_equal(finer.blocks.means, restored.blocks.means)
-    assert one.moments(5000).result().channels == again.moments(5000).result().channels
-
-
-def test_a_part_from_the_start_is_the_whole_record() -> None:
-    x = RNG.normal(size=(5000, 2))
-    parts = two_channels()
-    parts.update(x)
-    expected, curve = alone(x).result(), parts.curve()
-    np.testing.assert_array_equal(curve.terms, expected.terms)
-    np.testing.assert_array_equal(curve.avar, expected.avar)
 
 
 def test_the_sums_of_the_noise_of_a_part_are_those_of_a_cascade_that_begins_there() -> None:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from imumon.model.samples import Bools, Floats
-from imumon.model.saved_state import pack, unpack
 from imumon.noise.fit.model import FLICKER, WALK, WHITE
 from imumon.noise.fit.observations import expected_bins
 from imumon.noise.spectrum import PowerSpectrum, SpectrumAccumulator
@@ -128,23 +127,6 @@ def test_any_chunking_gives_the_same_bits(loss: float) -> None:
         parts.sums()  # a request changes nothing
         at = stop
     same_sums(whole.sums(), parts.sums())
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("loss", [0.0, 0.05])
-def test_a_restored_state_continues_with_the_same_bits(loss: float) -> None:
-    rng = np.random.default_rng(5)
-    values, valid = rng.standard_normal((300 * HOP, 2)), rng.random((300 * HOP, 2)) >= loss
-    one = SpectrumAccumulator((0, 1), RATE)
-    for part in (slice(0, 77 * HOP), slice(77 * HOP, 131 * HOP), slice(131 * HOP, None)):
-        feed(one, values[part], valid[part] if loss else None)
-        if part.start == 0:
-            one_mark = one.add_mark()
-            two, two_mark = unpack(pack((one, one_mark)))
-        else:
-            feed(two, values[part], valid[part] if loss else None)
-    same_sums(one.sums(), two.sums())
-    same_sums(one.sums_between(one_mark), two.sums_between(two_mark))
 
 
 def test_the_sums_between_marks_add_up() -> None:
@@ -305,15 +287,3 @@ def test_noise_has_no_lines() -> None:
             lines += sum(len(each) for each in spectrum.result().lines)
     assert reports == 180
     assert lines == 0
-
-
-def test_memory_grows_with_the_logarithm() -> None:
-    spectrum = SpectrumAccumulator((0, 0, 0), RATE)
-    values, sizes = white(512 * HOP, 3), []
-    for _ in range(4):
-        before = len(spectrum.sums())
-        for _ in range(3 if before else 1):
-            feed(spectrum, values)
-        sizes.append(spectrum.nbytes)
-        assert len(spectrum.sums()) <= before + 2 if before else 11
-    assert max(np.diff(sizes)) < 2 * 3 * 8 * 4 * HOP  # two levels more, of a spectrum and three hops each

@@ -151,18 +151,6 @@ def test_a_finished_stretch_is_fitted_as_its_samples_alone() -> None:
             assert a.N.high - a.N.low == pytest.approx(b.N.high - b.N.low, rel=0.3)  # type: ignore[operator]
 
 
-def test_stretches_do_not_depend_on_chunks() -> None:
-    values = noise(HOUR + 1000)
-    one, other = (finished(values, chunk) for chunk in (50_000, 333))
-    assert len(one) == len(other) == 1
-    for a, b in zip(one, other, strict=True):
-        assert (a.length_s, a.start, a.end) == (b.length_s, b.start, b.end)
-        np.testing.assert_array_equal(a.sums.blocks.means, b.sums.blocks.means)
-        for own, level in zip(a.sums.levels, b.sums.levels, strict=True):
-            np.testing.assert_array_equal(own.power, level.power)
-            np.testing.assert_array_equal(own.averages, level.averages)
-
-
 def test_a_stretch_in_progress_grows_and_one_without_samples_is_none() -> None:
     record = statistics(2)
     assert record.stretch_in_progress(3600) is None
@@ -352,17 +340,6 @@ def test_the_temperature_of_a_record_and_of_its_stretches_explains_the_bias() ->
         assert following.follows_temperature
         assert slope.value == pytest.approx(1e-4, abs=4.0 * slope.error)
         assert following.K.is_bound
-
-
-def test_the_temperature_does_not_depend_on_chunks() -> None:
-    one, other = (heated(0.3, chunk)[0].curve().sums for chunk in (20_000, 77))
-    assert one is not None
-    assert other is not None
-    assert one.degrees is not None
-    assert other.degrees is not None
-    assert len(one.degrees) == len(one.blocks.means)
-    assert np.isnan(one.degrees).any()
-    np.testing.assert_array_equal(one.degrees, other.degrees)
 
 
 def test_a_record_warms_up_as_long_as_its_temperature_rises() -> None:

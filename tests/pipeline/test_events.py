@@ -15,8 +15,7 @@ import pytest
 from imumon.grid.sample_clock import BREAK
 from imumon.model.samples import ACCEL, GYRO, Floats, Ints, SampleBlock, Stream
 from imumon.model.saved_state import pack, unpack
-from imumon.noise.detection import Guard
-from imumon.record import Monitor, MonitorOptions
+from imumon.record import Monitor
 from imumon.record.accumulators import Accumulators
 from imumon.record.events import DetectedEvent, EventLog
 from imumon.sources.vn100 import ascii
@@ -119,30 +118,6 @@ def test_a_disturbance_that_a_new_record_ends_is_an_event() -> None:
     events: list[DetectedEvent] = monitor.events()
     assert [event.kind for event in events] == ["disturbance", "restart"]
     assert monitor.restarts == 1
-
-
-def test_a_new_record_does_not_end_the_warm_up_of_the_one_before() -> None:
-    class Record:
-        elapsed_s = 10.0
-        warmup_s = 0.0
-
-    log, record = EventLog(), cast(Accumulators, Record())
-    log.update_warmup(record, True, heats_up=True)
-    log.record_began()
-    log.update_warmup(record, False, heats_up=False)
-    assert log.drain() == []
-
-
-def test_unguarded_records_keep_no_changes_that_nobody_reads() -> None:
-    values = noise(20.0)
-    values[1000:1500] = values[1000]
-    guard = Guard(["gyro"] * 3 + ["accel"] * 3, RATE, excludes=False)
-    guard.update(values)
-    assert guard.stuck_changes() != []
-    monitor = Monitor(MonitorOptions(guarded=False))
-    feed(monitor, values, clock(values))
-    assert monitor._record.accumulators.guard.stuck_changes() == []
-    assert drained(monitor, "stuck") == []
 
 
 def test_an_error_while_a_pipe_is_open_is_no_crash() -> None:

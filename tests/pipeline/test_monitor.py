@@ -17,7 +17,7 @@ from imumon.model.errors import RateRequired
 from imumon.model.report import DeviceDescription, Report, SensorGrade, SessionCounters
 from imumon.model.samples import ACCEL, GYRO, MAG, SampleBlock, Stream
 from imumon.model.saved_state import pack, unpack
-from imumon.record import Monitor, MonitorOptions, RecordMismatch
+from imumon.record import Monitor, MonitorOptions
 from imumon.record.accumulators import Accumulators
 from imumon.record.events import EventLog
 
@@ -327,13 +327,6 @@ def test_changes_against_a_baseline_are_reported() -> None:
     assert "change" in [event.kind for event in new.events()]
 
 
-def test_configured_rate_does_not_override_the_sample_clock() -> None:
-    _, current = fed(block(1000), rate_hz=40.0)
-    assert current.device.sample_rate_hz == pytest.approx(100.0)
-    assert current.session.samples == 1000
-    assert current.session.missing == 0
-
-
 def test_noise_that_rounding_hides_is_not_measured() -> None:
     part = block(20_000)
     part.values[:, 0] = np.round(part.values[:, 0] / 0.003) * 0.003
@@ -360,28 +353,6 @@ def test_another_rate_starts_a_new_record() -> None:
     assert current.session.restarts == 1
     assert mismatch is not None
     assert [event.code for event in monitor.events() if event.kind == "restart"] == ["other_rate"]
-
-
-def test_a_saved_record_of_another_rate_is_not_continued() -> None:
-    one = Monitor()
-    one.feed(at_rate(3000, TICK))
-    two = Monitor()
-    two.restore(one.save(), 1.0)
-    mismatch = two.feed(at_rate(3000, TICK // 4, 3100 * TICK)) or two.flush()
-    two.flush()
-    current = report(two)
-    assert current.session.samples == 3000
-    assert current.session.missing == 0
-    assert current.device.sample_rate_hz == pytest.approx(400.0)
-    assert mismatch.code == "other_rate"
-
-
-def test_a_saved_record_with_guards_is_not_continued_without() -> None:
-    one = Monitor()
-    one.feed(block(3000))
-    with pytest.raises(RecordMismatch) as mismatch:
-        Monitor(MonitorOptions(guarded=False)).restore(one.save(), 1.0)
-    assert mismatch.value.code == "other_guards"
 
 
 def test_a_magnetometer_beside_increments_is_a_point_sample() -> None:

@@ -105,21 +105,6 @@ def test_a_young_period_of_any_length_shows_what_it_has(
     assert (longer[0].begin_age_s, longer[0].channels) == (young.begin_age_s, young.channels)
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("chunk", [64, 5000])
-def test_any_chunking_gives_the_same_periods(chunk: int) -> None:
-    samples = values(2.1)
-    one, other = (feed(monitor(), samples, chunk=n) for n in (777, chunk))
-    assert len(one) == 2
-    for a, b in zip(one, other, strict=True):
-        for name, channel in a.channels.items():
-            again = b.channels[name]
-            assert again.mean == pytest.approx(channel.mean, rel=1e-9)
-            n = channel.coefficients.get("N")
-            if n is not None and n.value is not None:
-                assert again.coefficients["N"].value == pytest.approx(n.value, rel=1e-9)
-
-
 def test_a_restart_in_the_middle_of_a_period_does_not_show() -> None:
     samples = values(2.2)
     whole = feed(monitor(), samples)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
-import struct
-import subprocess
 import sys
 import threading
 from multiprocessing.connection import Connection
@@ -15,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bags import imu, write_bag2
+from bags import imu
 from commands import imumon
 from logs import COMBINED, FIFO, SENSOR, VEHICLE_IMU, DataFlash, ulog
 from paths import RECORDINGS, needs_recordings
@@ -156,73 +153,6 @@ def test_integrals_that_cover_the_time_are_used_first(tmp_path: Path) -> None:
     assert error.value.code == "unknown_topic"
 
 
-def test_averages_have_the_temperature_of_their_gyroscope(tmp_path: Path) -> None:
-    rare = [(t, t, 0.0, 0.0, 0.0, 20.0 + k) for k, t in enumerate(T4[:: len(T4) // 4].tolist())]
-    topics = [
-        ("vehicle_imu", 0, VEHICLE_IMU, integrals(T4, RATE_RAD, FORCE)),
-        ("sensor_gyro", 0, SENSOR, rare),
-    ]
-    samples = read(ulog(tmp_path / "a.ulg", topics), topic="vehicle_imu/0")
-    degrees = samples.values[:, -1]
-    assert samples.values.shape[1] == 7
-    assert degrees[0] == 20.0
-    assert degrees[-1] == 20.0 + len(rare) - 1
-    assert (np.diff(degrees) >= 0.0).all()
-    both = [*topics, ("sensor_gyro", 1, SENSOR, rare)]  # without numbers of chips, nobody knows which
-    assert read(ulog(tmp_path / "b.ulg", both), topic="vehicle_imu/0").values.shape[1] == 6
-    numbered = [(*row, 7 + k) for k in (0, 1) for row in rare]
-    chips = [
-        ("sensor_gyro", k, f"{SENSOR};uint32_t device_id", numbered[k * len(rare) :][: len(rare)])
-        for k in (0, 1)
-    ]
-    chips.append(("sensor_combined", 0, COMBINED, combined(T4, RATE_RAD, FORCE)))
-    assert read(ulog(tmp_path / "c.ulg", chips), topic="sensor_combined/0").values.shape[1] == 6
-    chips.append(("sensor_selection", 0, "uint64_t timestamp;uint32_t gyro_device_id", [(0, 8)]))
-    assert read(ulog(tmp_path / "d.ulg", chips), topic="sensor_combined/0").values[-1, -1] == degrees[-1]
-
-
-@pytest.mark.parametrize(("dt", "used"), [(3700, "vehicle_imu/0"), (3520, "sensor_gyro/0")])
-def test_integrals_with_pauses_are_not_used(tmp_path: Path, dt: int, used: str) -> None:
-    times = np.repeat(T4, 2)[: 2 * N - 1].astype(float)
-    times[1::2] += 2000
-    # samples between those of the integrals: rows that repeat would be no samples
-    gyro, accel = (
-        np.insert(values, np.arange(1, N), 0.5 * (values[1:] + values[:-1]), axis=0)
-        for values in (RATE_RAD, FORCE)
-    )
-    topics = [
-        ("vehicle_imu", 0, VEHICLE_IMU, integrals(T4, RATE_RAD, FORCE, dt)),
-        ("sensor_combined", 0, COMBINED, combined(T4[::2], RATE_RAD[::2], FORCE[::2])),
-        ("sensor_gyro", 0, SENSOR, points(times, gyro)),
-        ("sensor_accel", 0, SENSOR, points(times, accel)),
-    ]
-    report, remarks = replayed(ulog(tmp_path / "a.ulg", topics))
-    assert f"{used} is used" in remarks
-    assert ("vehicle_imu/0 not used: its integrals cover 88 % of the time" in remarks) == (dt == 3520)
-    assert report.session.samples == (N if dt == 3700 else 2 * N - 1)
-    assert set(report.channels) >= {"gyro/x", "accel/z"}
-
-
-def test_the_parts_of_a_flight_at_rest_are_found_and_the_report_says_how_long_they_are(
-    tmp_path: Path,
-) -> None:
-    """A minute at rest, 20 s of flight, a minute at rest; N of the gyroscope is 7e-4 rad/s at 100 Hz."""
-    n, rng = 14_000, np.random.default_rng(8)
-    t = 10**7 + np.arange(n) * 10_000
-    gyro, accel = rng.normal(0.001, 7e-4, (n, 3)), rng.normal((0.1, -0.2, -9.8), 0.013, (n, 3))
-    flight = slice(6000, 8000)
-    swing = np.sin(np.arange(2000)[:, None] / [40.0, 55.0, 70.0])
-    gyro[flight] += 0.5 * swing
-    accel[flight] += 2.0 * swing
-    path = ulog(tmp_path / "a.ulg", [("vehicle_imu", 0, VEHICLE_IMU, integrals(t, gyro, accel, 10_000))])
-    shown = imumon("replay", path)
-    found = re.search(r"Excluded: [^)]*?motion ([\d.]+)\s", shown)
-    assert found
-    assert 18.0 < float(found[1]) < 32.0
-    report = json.loads(imumon("replay", path, "--json", "--stream", "deltas"))
-    assert report["channels"]["gyro/x"]["N"]["value"] == pytest.approx(7e-5, rel=0.05)
-
-
 def test_an_accelerometer_at_other_times_is_not_joined(tmp_path: Path) -> None:
     topics = [
         ("sensor_gyro", 0, SENSOR, points(T4, RATE_RAD)),
@@ -306,46 +236,6 @@ def test_raw_samples_take_the_place_of_an_imu(tmp_path: Path, suffix: str, accel
     np.testing.assert_array_equal(alone.values, found.values[:, 3:])
 
 
-def test_raw_samples_of_two_sensors_are_not_mixed(tmp_path: Path) -> None:
-    log = DataFlash()
-    log.raw_samples(RATE_RAD, FORCE, instances=2)
-    path = log.write(tmp_path / "a.BIN")
-    for k in (0, 1):
-        found = read(path, topic=f"GYR/{k}").values
-        np.testing.assert_allclose(found[:, :3], RATE_RAD + k, rtol=1e-6)
-        np.testing.assert_allclose(found[:, 3:], FORCE + k, rtol=1e-6)
-
-
-@pytest.mark.parametrize("topic", ["GYR/1", "ACC/1", "ISBD/gyro/0"])
-def test_raw_samples_have_the_temperature_of_their_imu(tmp_path: Path, topic: str) -> None:
-    log = DataFlash()
-    log.raw_samples(RATE_RAD, FORCE, instances=2)
-    log.imu(RATE_RAD[: N // 10], FORCE[: N // 10], instances=2, step_us=10_000, degrees=20.0)
-    log.batch(1, 1, 10**6, 1000.0, 938, np.rint(1e3 * RATE_RAD).astype(int))
-    degrees = read(log.write(tmp_path / "a.BIN"), topic=topic).values[:, -1]
-    expected = 20.0 + int(topic[-1]) + 1e-4 * np.minimum(np.arange(N), N - 10)
-    np.testing.assert_allclose(degrees, expected, rtol=1e-6)
-
-
-def test_a_raw_accelerometer_of_another_rate_is_a_topic_of_its_own(tmp_path: Path) -> None:
-    log = DataFlash()
-    log.raw_samples(RATE_RAD, FORCE, accel_every=4)
-    path = log.write(tmp_path / "a.BIN")
-    report, remarks = replayed(path)
-    assert report.device.source == "ardupilot GYR/0 (gyro)"
-    assert "ACC/0 not used: its samples are at other times; as the chosen topic it is read alone" in remarks
-    assert len(read(path, topic="ACC/0")) == N // 4
-
-
-def test_the_imu_of_a_log_with_raw_samples_is_used_first(tmp_path: Path) -> None:
-    log = DataFlash()
-    log.raw_samples(RATE_RAD, FORCE)
-    log.imu(RATE_RAD, FORCE)
-    report, remarks = replayed(log.write(tmp_path / "a.BIN"))
-    assert report.device.source == "ardupilot IMU/0 (gyro, accel, temperature)"
-    assert "--topic selects another: GYR/0, ACC/0" in remarks
-
-
 def test_batches_are_samples_with_pauses(tmp_path: Path) -> None:
     """Raw batches of gyroscope and accelerometer in turn, at 2 kHz, one message of which is lost."""
     log, rng = DataFlash(), np.random.default_rng(4)
@@ -365,17 +255,6 @@ def test_batches_are_samples_with_pauses(tmp_path: Path) -> None:
     path.write_bytes(data[:at] + data[at + size :])
     lost = replayed(path, topic="ISBD/gyro/0")[0].session
     assert lost.samples + replayed(path, topic="ISBD/accel/0")[0].session.samples == 12000 - 32
-
-
-def test_foreign_bytes_in_a_log_are_skipped(tmp_path: Path) -> None:
-    log = DataFlash()
-    log.imu(RATE_RAD[:250], FORCE[:250])
-    log.raw(bytes(700))
-    log.imu(RATE_RAD[250:], FORCE[250:], define=False)
-    path = log.write(tmp_path / "a.BIN")
-    reader = DFReader.DFReader_binary(str(path))
-    count = sum(1 for _ in iter(lambda: reader.recv_match(type="IMU"), None))
-    assert len(read(path)) == count == N
 
 
 # ---------------------------------------------------------------- packages, options, damage
@@ -506,66 +385,3 @@ def test_fields_of_a_bag_can_be_named(tmp_path: Path, ros: int) -> None:
     assert found.stream.interval_s == pytest.approx(0.01)
     by_arrival = read(path, topic="/fused", columns=parse_map(f"{given},t=log_time:ns"))
     assert by_arrival.stream.interval_s == pytest.approx(0.01)
-
-
-def test_an_accelerometer_in_g_can_be_corrected(tmp_path: Path) -> None:
-    stamps = 1_700_000_000_000_000_000 + np.arange(200) * 10_000_000
-    path = write_bag2(
-        tmp_path / "bag", [(int(s), g, a / 9.80665) for s, g, a in zip(stamps, RATE_RAD, FORCE, strict=False)]
-    )
-    with pytest.raises(RecordingError) as error:
-        read(path)
-    assert error.value.code == "wrong_unit"
-    cure = error.value.cure.partition("--map ")[2]
-    np.testing.assert_allclose(read(path, columns=parse_map(cure)).values[:, 3:], FORCE[:200], rtol=1e-9)
-
-
-def test_a_telemetry_log_is_named_with_a_conversion_that_works(tmp_path: Path) -> None:
-    mavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
-    rng = np.random.default_rng(1)
-    sender, path = mavlink.MAVLink(None, srcSystem=1), tmp_path / "a.tlog"
-    with path.open("wb") as file:
-        for k in range(600):
-            gyro, accel = rng.normal(0.0, 30.0, 3), rng.normal((0.0, 0.0, -1000.0), 20.0, 3)
-            numbers = (round(x) for x in (*accel, *gyro, 0.0, 0.0, 0.0))
-            message = mavlink.MAVLink_scaled_imu2_message(10 * k, *numbers)
-            file.write(struct.pack(">Q", 1_700_000_000_000_000 + 10_000 * k) + message.pack(sender))
-    with pytest.raises(RecordingError) as error:
-        replayed(path)
-    assert error.value.code == "format_tlog"
-    options = error.value.cure.partition("--map ")[2]
-    dump = Path(sys.executable).parent / "mavlogdump.py"
-    if not dump.exists():
-        pytest.skip("the programs of pymavlink are not installed")
-    words = [sys.executable, str(dump), "--types", "SCALED_IMU2", "--format", "csv", str(path)]
-    table = tmp_path / "imu.csv"
-    table.write_bytes(subprocess.run(words, capture_output=True, check=True).stdout)
-    report, _ = replayed(table, columns=parse_map(options))
-    assert report.session.samples >= 599
-    assert report.channels["gyro/x"].coefficients["N"].value == pytest.approx(0.030 * 0.1, rel=0.15)
-
-
-def test_a_bag_without_the_definition_of_its_messages_says_so(tmp_path: Path) -> None:
-    import sqlite3
-
-    from rosbags import rosbag2
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg("float64 x\nfloat64 y\nfloat64 z\n", "my_msgs/msg/Rates"))
-    path = tmp_path / "bag"
-    plugin = rosbag2.StoragePlugin.SQLITE3
-    with rosbag2.Writer(path, version=9, storage_plugin=plugin) as bag:
-        connection = bag.add_connection("/rates", "my_msgs/msg/Rates", typestore=store)
-        for k in range(20):
-            message = store.types["my_msgs/msg/Rates"](*map(float, RATE_RAD[k]))
-            data = store.serialize_cdr(message, "my_msgs/msg/Rates")
-            bag.write(connection, 1_700_000_000_000_000_000 + k * 10_000_000, bytes(data))
-    database = sqlite3.connect(next(path.glob("*.db3")))
-    database.execute("delete from message_definitions")
-    database.commit()
-    database.close()
-    with pytest.raises(RecordingError) as error:
-        read(path, topic="/rates")
-    assert error.value.code == "no_definition"
-    assert "my_msgs/msg/Rates" in error.value.message

@@ -6,14 +6,10 @@ import fcntl
 import os
 import re
 import struct
-import subprocess
-import sys
 import termios
 import time
-from pathlib import Path
 
 import pytest
-from tables import sentences
 from waiting import until
 
 from imumon.cli.progress_bar import ProgressBar
@@ -79,21 +75,3 @@ def test_short_work_and_a_pipe_show_nothing() -> None:
     assert os.read(reader, 100) == b""
     os.close(master)
     os.close(reader)
-
-
-@pytest.mark.slow
-def test_a_replay_on_a_terminal_shows_a_bar_and_then_the_remarks(tmp_path: Path) -> None:
-    path = tmp_path / "a.txt"
-    path.write_text("\r\n".join(sentences(4000)[1]) + "\r\n")
-    command = [sys.executable, "-m", "imumon", "replay", str(path), "--rate", "100", "--speed", "10"]
-    master, slave = os.openpty()
-    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 120, 0, 0))
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=slave, timeout=60, check=False, text=True)
-    shown = drained(master)
-    os.close(slave)
-    os.close(master)
-    assert done.returncode == 0
-    assert re.search(r"\d+ %  \d+ s of record, [\d.]+ times real time [━╺╸]+ 0:00:0\d", shown_text(shown))
-    assert "━" not in shown.rpartition("\x1b[2K")[2]
-    assert "imumon" not in shown.rpartition("\x1b[2K")[0]
-    assert "4,000 samples" in done.stdout

@@ -163,11 +163,6 @@ def join(items: Any) -> list[Any]:
     return joined
 
 
-def test_an_endless_line_is_data() -> None:
-    data = MARK + b"x" * 200_000
-    assert b"".join(item for item in split_lines(iter([data[:70_000], data[70_000:]])) if item) == data  # type: ignore[misc]
-
-
 def test_a_run_whose_recording_ended_early_fails(tmp_path: Path) -> None:
     """The report is complete; the exit code says that the recording is not."""
     with spawn(EmulatorSettings(seed=15)) as sensor:
@@ -224,18 +219,6 @@ def slow_disk(tmp_path: Path) -> tuple[Recorder, int]:
     return recorder, reader
 
 
-def test_bytes_of_an_earlier_record_that_were_not_written_are_reported(tmp_path: Path) -> None:
-    recorder, reader = slow_disk(tmp_path)
-    recorder.start_new_record()
-    assert recorder.needs_header
-    assert recorder.problems() == []
-    recorder.close(wait_s=0.1)
-    (messages,) = recorder.problems()
-    assert "200000 bytes did not reach it" in messages
-    assert recorder.problems() == []
-    os.close(reader)
-
-
 def test_a_recording_that_has_stopped_is_reported_and_not_restarted(tmp_path: Path) -> None:
     recorder, reader = slow_disk(tmp_path)
     recorder.write(bytes(BACKLOG + 1))
@@ -244,12 +227,6 @@ def test_a_recording_that_has_stopped_is_reported_and_not_restarted(tmp_path: Pa
     (messages,) = recorder.problems()
     assert "has ended" in messages
     os.close(reader)
-
-
-def test_a_wrong_path_is_refused_at_the_start(tmp_path: Path) -> None:
-    path = tmp_path / "none" / "raw.bin"
-    messages = imumon("run", "--port", "/dev/ttyNOWHERE", "--state", tmp_path, "--record", path, code=1)
-    assert f"cannot record to {path}: there is no directory" in messages
 
 
 def test_a_pipe_without_a_reader_is_refused_and_one_with_a_reader_is_kept_open(tmp_path: Path) -> None:
@@ -269,22 +246,6 @@ def test_a_pipe_without_a_reader_is_refused_and_one_with_a_reader_is_kept_open(t
     assert os.read(reader, 4096).endswith(b"\nabc")
     assert os.read(reader, 1) == b""
     os.close(reader)
-
-
-def test_the_log_names_the_file_of_a_recording_and_of_the_state(tmp_path: Path) -> None:
-    path = tmp_path / "raw.bin"
-    path.write_bytes(b"of an earlier run")
-    with (
-        spawn(EmulatorSettings(seed=1)) as sensor,
-        Daemon(sensor.path, tmp_path / "state", "--record", str(path)) as daemon,
-    ):
-        count = daemon.samples(20).session.samples
-        _, _, log = daemon.stop(signal.SIGINT)
-    assert f"recording to {tmp_path / 'raw.0001.bin'}: the given file exists" in log
-    stopped = re.search(r"stopped: the record has ([\d,]+) samples, saved in (.*)", log)
-    assert stopped is not None
-    assert int(stopped[1].replace(",", "")) >= count
-    assert Path(stopped[2]).is_file()
 
 
 @pytest.mark.parametrize(

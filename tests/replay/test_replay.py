@@ -18,14 +18,12 @@ import pytest
 from commands import imumon
 from daemons import free_endpoint
 from paths import RECORDINGS, needs_recordings
-from tables import csv, truth
 
 from imumon.api.replay import replay
 from imumon.api.replay_options import ReplayOptions
-from imumon.api.replayed_record import ReplayedRecord
 from imumon.bus import Publisher, Subscriber
 from imumon.documents.appendix import event_rows
-from imumon.model.report import Event, Report, from_json
+from imumon.model.report import Report, from_json
 from imumon.sources.files import RecordingError
 from imumon.sources.vn100 import ascii as sentences
 
@@ -51,18 +49,6 @@ def test_real_recording_agrees_with_an_independent_tool() -> None:
             assert channel["std"] == pytest.approx(truth["std_ddof1"], rel=1e-9)
     assert report["grade"]["gyro"]["meets"] == "consumer"
     assert report["grade"]["accel"]["meets"] == "industrial"
-
-
-def test_a_gap_between_short_parts_is_the_reason_why_nothing_is_known(tmp_path: Path) -> None:
-    t, gyro, accel = truth(2000)
-    names = ["t", *(f"{s}_{a}" for s in ("gyro", "accel") for a in "xyz")]
-    path = csv(tmp_path / "two.csv", names, t + np.where(t < 22.0, 0.0, 3600.0), gyro, accel)
-    report = json.loads(imumon("replay", path, "--json"))
-    part = report["channels"]["gyro/x"]["N"]
-    assert (part["reason"], part["reason_code"]) == ("1 gap, 1 h, between parts that are too short", "gaps")
-    shown = imumon("replay", path)
-    assert "cut by gaps" in shown
-    assert "too short" not in shown
 
 
 def capture(path: Path, n: int = 400, seed: int = 5) -> Path:
@@ -113,12 +99,6 @@ def test_the_report_has_the_fields_of_the_contract(tmp_path: Path, name: str) ->
     assert report["channels"]["mag/x"]["grade"] is None
 
 
-def test_table_names_every_channel(tmp_path: Path) -> None:
-    shown = imumon("replay", capture(tmp_path / "a.txt"), "--rate", "40")
-    for name in ("gyro/x", "accel/z", "mag/y", "°/√h", "caveats: ", "compensated"):
-        assert name in shown
-
-
 def test_a_table_of_unknown_origin_is_unknown_and_gets_no_advice_about_a_vn100(tmp_path: Path) -> None:
     rng, path = np.random.default_rng(1), tmp_path / "a.npz"
     gyro, accel = rng.normal(0.0, 1e-3, (400, 3)), rng.normal((0.0, 0.0, 9.8), 1e-2, (400, 3))
@@ -165,16 +145,6 @@ def test_a_report_lists_what_was_excluded_and_when(tmp_path: Path) -> None:
     assert imumon("replay", path, "--json", "--no-guards").count('"kind":"disturbance"') == 0
 
 
-def test_a_report_lists_at_most_256_events(tmp_path: Path) -> None:
-    path = capture(tmp_path / "a.txt")
-    run = ReplayedRecord(ReplayOptions(path=str(path)), ReplayOptions(path=str(path)).open())
-    for k in range(300):
-        run._note(Event(time="", kind="gap", text=f"gap {k}", device="replay", elapsed_s=300.0 - k))
-    events = run.record_events()
-    assert len(events) == 256
-    assert (events[-1].kind, events[-1].text) == ("remark", "45 later events are not listed")
-
-
 def test_signal_findings_are_reported(tmp_path: Path) -> None:
     """Of known truth: a machine that shakes two axes, mains, a temperature with its effect, three biases."""
     n, rate = 40_000, 40.0
@@ -212,10 +182,6 @@ def test_signal_findings_are_reported(tmp_path: Path) -> None:
         assert text in shown
     for name in ("gyro/x", "gyro/z", "accel/z", "mag/y", "mag/z"):
         assert f"\n{name}:" not in shown
-
-
-def test_a_stream_without_a_clock_requires_its_rate(tmp_path: Path) -> None:
-    assert "--rate" in imumon("replay", capture(tmp_path / "a.txt"), code=2)
 
 
 @pytest.mark.parametrize(
@@ -289,18 +255,6 @@ def test_a_corrupt_recording_is_used_up_to_the_corruption(tmp_path: Path, damage
     assert "truncated" in report["channels"]["gyro/x"]["caveats"]
     assert done.stderr.count("\n") == 1
     assert str(path) in done.stderr
-
-
-def test_the_settings_apply_as_in_the_daemon(tmp_path: Path) -> None:
-    path, file = capture(tmp_path / "a.txt"), tmp_path / "config.toml"
-    file.write_text("[device]\nrate_hz = 40.0\n[guards]\nenabled = false\n")
-    report = json.loads(imumon("replay", path, "--config", file, "--json"))
-    assert report["session"]["elapsed_s"] == pytest.approx(10.0)
-
-
-def test_missing_file_and_directory_are_named(tmp_path: Path) -> None:
-    assert "nowhere.bin" in imumon("replay", tmp_path / "nowhere.bin", code=1)
-    imumon("replay", tmp_path, code=1)
 
 
 def test_corruption_is_counted_and_takes_one_tick_each(tmp_path: Path) -> None:

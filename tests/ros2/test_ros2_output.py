@@ -196,22 +196,3 @@ def test_covariances_need_another_topic(port: str, topic: str, words: str) -> No
     assert words in caught.value.message
     assert caught.value.cure
     assert exit_code(caught.value) == 2
-
-
-@pytest.mark.slow
-def test_a_vn100_publishes_diagnostics_as_soon_as_the_router_is_there(tmp_path: Path) -> None:
-    endpoint = free_router()
-    settings = tmp_path / "imumon.toml"
-    settings.write_text(f'[ros2]\nrouter = "{endpoint}"\ndiagnostics = true\ndomain = 4\n')
-    with Daemon("sim", tmp_path / "state", "--config", str(settings)) as daemon:
-        daemon.samples()
-        with ros2_actors.router(endpoint):
-            node = open_node(parse_url(f"ros2:/x?router={endpoint}&domain=4"), "listener")
-            topic = node.subscribe(DIAGNOSTICS, DIAGNOSTIC_ARRAY)
-            found = until(topic.take)
-            nodes = {each.node for each in node.publishers()}
-            node.close()
-        _, _, log = daemon.stop()
-    assert found
-    assert nodes == {"/imumon"}
-    assert "nothing is published in ROS 2 yet" in log

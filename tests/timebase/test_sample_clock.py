@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from imumon.grid.sample_clock import BREAK, PlacedSamples, SampleClock
 from imumon.model.samples import GYRO, SampleBlock, Stream
 from imumon.record import Monitor, MonitorOptions
-from imumon.sources.vn100.measurements import sample_converter
 
 TICK = 25_000_000  # ns at 40 Hz
 LOOP_S = 1.0 / 800.0  # s, tick of a device whose intervals are multiples of one
@@ -116,12 +115,6 @@ def test_count_of_loop_ticks_is_a_clock() -> None:
     assert steps == [1] * 50 + [3] + [1] * 47
 
 
-def test_count_of_microseconds_is_a_clock() -> None:
-    clock = SampleClock("counter", tick_s=LOOP_S)
-    place(clock, block(np.arange(100) * 5000, "counter"))
-    assert clock.interval_s == 0.005
-
-
 def test_without_a_clock_damaged_messages_are_lost_ticks() -> None:
     clock = SampleClock("none", 0.025)
     steps, _ = place(clock, block([0] * 4, "none", [0, 0, 2, 0]))
@@ -143,20 +136,6 @@ def test_interval_of_the_deltas_is_a_clock() -> None:
 def test_no_clock_and_no_rate_is_refused() -> None:
     with pytest.raises(ValueError, match="rate"):
         SampleClock("none")
-
-
-@given(
-    st.lists(st.sampled_from([0, 1, 1, 1, 1, 1, 2, 7, 5000, -40, 10**7]), min_size=1, max_size=80),
-    st.lists(st.integers(0, 80), max_size=6),
-    st.booleans(),
-)
-def test_any_chunking_gives_the_same_grid(jumps: list[int], cuts: list[int], known: bool) -> None:
-    whole = block((np.cumsum(jumps) + 10**6) * TICK)
-    cuts = [c for c in cuts if c <= len(whole)]
-    interval = 0.025 if known else None
-    one, many = SampleClock("startup", interval), SampleClock("startup", interval)
-    assert place(one, whole) == place(many, whole, cuts)
-    assert one.duplicates == many.duplicates
 
 
 def test_a_restored_clock_continues() -> None:
@@ -262,32 +241,11 @@ def test_a_gap_with_two_interruptions_has_a_known_length() -> None:
     assert [int(s) for p in out for s in p.steps] == [4800] + [1] * 9
 
 
-def test_a_fast_host_clock_leaves_no_time_open() -> None:
-    clock = SampleClock("startup", 0.025)
-    for k in range(2000):
-        clock.place(block((np.arange(400) + 400 * k) * TICK), host_s=10.0 * 1.0001)
-    out = clock.place(block((np.arange(10) + 800_000 + 4000) * TICK), host_s=0.25)
-    assert out[0].steps[0] == BREAK
-
-
-def test_time_before_the_first_sample_is_not_open() -> None:
-    clock = SampleClock("startup", 0.025)
-    clock.place(block(np.arange(100) * TICK), host_s=7200.0)
-    out = clock.place(block((np.arange(10) + 100 + 280_000) * TICK), host_s=0.25)
-    assert out[0].steps[0] == BREAK
-
-
 def test_a_jump_of_the_last_sample_is_no_gap_of_known_length() -> None:
     clock = SampleClock("startup", 0.025)
     clock.place(block(np.append(np.arange(100), 20 * 86400 * 40) * TICK), host_s=2.5)
     [last] = clock.finish()
     assert last.steps.tolist() == [BREAK]
-
-
-def test_a_jump_of_a_century_is_no_gap_of_known_length() -> None:
-    ticks = np.array([0, 1, 2, 126_144_000_000, 126_144_000_001])
-    steps, _ = place(SampleClock("startup", 0.025), block(ticks * TICK))
-    assert steps == [1, 1, 1, BREAK, 1]
 
 
 def test_a_jump_that_the_host_clock_does_not_confirm_is_no_gap() -> None:
@@ -316,11 +274,6 @@ def test_a_count_of_32_bits_continues_over_its_wrap() -> None:
     for cuts in ([], [88, 91, 120]):
         steps, _ = place(SampleClock("counter"), block(counts, "counter"), cuts)
         assert steps == [1] * 200
-
-
-def test_one_sample_with_a_nominal_rate_is_placed() -> None:
-    steps, values = place(SampleClock("startup", 0.01), block([7 * TICK]))
-    assert (steps, values) == ([1], [0.0])
 
 
 # ---------------------------------------------------------------- clocks without a tick
@@ -417,18 +370,6 @@ def test_any_chunking_gives_the_same_grid_with_jitter(
     one, many = SampleClock("startup", interval), SampleClock("startup", interval)
     assert place(one, whole) == place(many, whole, cuts)
     assert one.duplicates == many.duplicates
-
-
-def test_a_count_without_a_tick_is_of_microseconds() -> None:
-    clock = SampleClock("counter")
-    place(clock, block(np.arange(100) * 625, "counter"))
-    assert clock.interval_s == 625e-6
-
-
-def test_streams_of_a_vn_100_have_the_tick_of_its_loop() -> None:
-    converter = sample_converter(frozenset({"startup", "ugyro", "uaccel"}), "binary")
-    assert converter is not None
-    assert converter.stream.tick_s == LOOP_S
 
 
 @pytest.mark.few

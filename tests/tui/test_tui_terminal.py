@@ -92,16 +92,6 @@ def test_terminals_with_few_capabilities(tmux: Callable[..., Tmux], change: str)
     until(lambda: "EXIT=0" in pane.text())
 
 
-def test_an_ascii_terminal(tmux: Callable[..., Tmux]) -> None:
-    pane = tmux(f"env LC_ALL=C PYTHONUTF8=0 PYTHONCOERCECLOCALE=0 {shell()}", (80, 24))
-    until(lambda: "* live" in pane.text())
-    assert "\\u" not in pane.text()
-    assert all(len(line) <= 80 for line in pane.text().splitlines())
-    assert pane.text().isascii()
-    pane.press("q")
-    until(lambda: "EXIT=0" in pane.text())
-
-
 # ---------------------------------------------------------------------------- without a multiplexer
 
 

@@ -19,7 +19,6 @@ from pathlib import Path
 
 import pytest
 from browser import PROGRAMS, browser
-from commands import imumon
 from daemons import Daemon
 from free_ports import free_port
 from waiting import until
@@ -72,17 +71,6 @@ def test_only_the_page_itself_may_connect(tmp_path: Path) -> None:
         assert "in use" in second.stderr
         process.send_signal(signal.SIGTERM)
         assert process.wait(60) in (0, -signal.SIGTERM)
-
-
-def test_ctrl_c_is_an_interrupt(tmp_path: Path) -> None:
-    with page(tmp_path) as (_, process):
-        process.send_signal(signal.SIGINT)
-        assert process.wait(60) == 130
-
-
-@pytest.mark.parametrize("words", [("--listen", "0.0.0.0:8448"), ("--listen", "8448")])
-def test_errors_of_the_command(words: tuple[str, ...]) -> None:
-    imumon("web", *words, code=2)
 
 
 def children(pid: int) -> list[int]:

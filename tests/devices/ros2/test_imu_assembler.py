@@ -20,7 +20,6 @@ from imumon.sources.ros2.imu_assembler import ImuAssembler
 
 UNIX_NS = 1_700_000_000_000_000_000
 STEP_NS = 5_000_000
-OTHER = imu_payload(UNIX_NS, [-1.0] * 3, [-1.0] * 3)
 
 
 # ---------------------------------------------------------------------- messages to blocks
@@ -127,20 +126,6 @@ def test_a_publisher_that_restarts_is_followed_after_half_a_second() -> None:
     made, items = assemble("ros2:/imu", rows)
     assert len(samples(items)) == 800
     assert (made.lost, made.invalid) == (0, 0)
-
-
-def test_a_late_batch_of_two_publishers_is_no_silence_of_the_first() -> None:
-    """A host that is busy for a second takes the messages of both at once: the first one was not silent."""
-    made = ImuAssembler(parse_url("ros2:/imu"))
-    items = made.add([received(k) for k in range(100)], {}, UNIX_NS)
-    both = [
-        received(k, publisher=publisher, payload=None if publisher == b"a" else OTHER)
-        for k in range(100, 400)
-        for publisher in (b"b", b"a")
-    ]
-    items += made.add(both, {}, UNIX_NS + 1_500_000_000) + made.finish()
-    assert samples(items)[:, 0].tolist() == [float(k + 1) for k in range(400)]
-    assert (made.invalid, made.lost) == (300, 0)
 
 
 @pytest.mark.parametrize("delay_ns", [0, 1_000_000])

@@ -38,7 +38,6 @@ from imumon.sources.vn100.emulator.command_handler import BOOTING_S
 from imumon.sources.vn100.registers import ASCII_RATES, LOOP_RATE, REGISTERS
 
 WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
-TIME_AND_DELTAS = BinaryLayout.of({2: 0x0001, 3: 0x00C0})
 
 # ---------------------------------------------------------------- registers and commands
 
@@ -264,55 +263,6 @@ class Client:
         while time.monotonic() < end:
             received.append(self.port.read(max(1, self.port.in_waiting)))
         return b"".join(received)
-
-
-def stamps(data: bytes) -> np.ndarray:
-    """Time stamps, ns, of a capture of whole packets that begins and ends at any byte and contains nothing else."""
-    start = data.index(TIME_AND_DELTAS.header)
-    count = (len(data) - start) // TIME_AND_DELTAS.length
-    assert TIME_AND_DELTAS.count_valid(data, start, count) == count
-    decoded = TIME_AND_DELTAS.decode(data, start, count)
-    return np.asarray(decoded["2.timeStartup"][:, 0].astype(np.int64))
-
-
-def test_each_client_starts_with_new_bytes_at_its_baud() -> None:
-    with emulator(baud=460800, rate=400) as sensor:
-        begun = time.monotonic()
-        for _ in range(3):
-            time.sleep(0.2)  # without a client
-            fd = os.open(sensor.path, os.O_RDWR | os.O_NOCTTY)
-            received = b""
-            while len(received) < 1000:
-                received += os.read(fd, 4096)
-            age_s = stamps(received)[0] / 1e9
-            assert age_s == pytest.approx(time.monotonic() - begun + 0.55, abs=0.15)
-            os.close(fd)
-        with Client(sensor.path, 57600) as client:
-            data = client.collect(0.3)
-            assert data
-            assert TIME_AND_DELTAS.header not in data[: len(data) // 2]
-            client.port.baudrate = 460800
-            assert client.ask("VNRRG,01") == "VNRRG,01,VN-100T-CR"
-            assert client.ask("VNWRG,05,921600") == "VNWRG,05,921600"
-            client.port.baudrate = 921600
-            assert client.ask("VNRRG,05") == "VNRRG,05,921600"
-
-
-def test_a_client_that_does_not_read_loses_whole_messages_and_the_sensor_goes_on() -> None:
-    with emulator(baud=921600, rate=800) as sensor, Client(sensor.path, 921600) as client:
-        time.sleep(5.0)  # of 35 kB each second, four are held
-        received = client.collect(1.0)
-        assert client.ask("VNRRG,01") == "VNRRG,01,VN-100T-CR"
-    assert np.diff(stamps(received)).max() > 0.5e9
-
-
-def test_time_lapse_waits_for_its_reader_and_loses_nothing() -> None:
-    with emulator(speed=200, rate=160) as sensor, Client(sensor.path) as client:
-        time.sleep(0.4)  # nothing reads: the sensor clock stops when the terminal is full
-        data = client.collect(0.6)
-    times = stamps(data)
-    assert (np.abs(np.diff(times) - 6_250_000) < 50_000).all()
-    assert len(times) > 2000
 
 
 def test_the_emulator_exits_with_its_parent() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import gzip
 import json
 import math
 import re
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cases import case
-from paths import RECORDINGS, TESTS, needs_recordings
+from paths import RECORDINGS, TESTS
 
 from imumon.model.samples import SampleBlock, Stream, concatenated
 from imumon.sources.vn100 import ascii, binary, checksum
@@ -184,48 +183,6 @@ def test_a_wink_recording_has_the_documented_messages(
         assert np.all(np.abs(steps - np.median(steps)) < 50_000)
     else:
         assert decoder.bad_checksums > 0 or lines
-
-
-@needs_recordings
-def test_recordings_of_sentences_have_the_documented_messages() -> None:
-    seen = 0
-    for page in sorted(RECORDINGS.glob("*.md")):
-        documented = re.search(r"(\d+) valid `\$VNYMR`", page.read_text())
-        if documented is None:
-            continue
-        data = gzip.decompress((RECORDINGS / f"{page.stem}.vnymr.txt.gz").read_bytes())
-        decoder, items = decode(data, 65536)
-        assert total(items, "$VNYMR") == decoder.messages == int(documented[1]), page.stem
-        assert sum(int(block.lost.sum()) for block in blocks(items)) == 0
-        seen += 1
-    assert seen >= 8
-
-
-@needs_recordings
-def test_only_the_two_truncated_sentences_of_a_raw_capture_are_missing() -> None:
-    data = gzip.decompress((RECORDINGS / "chase_0513.vnymr.txt.gz").read_bytes())
-    decoder, _ = decode(data)
-    lines = data.split(b"\n")
-    assert decoder.messages == 3902
-    assert decoder.discarded == len(lines[0]) + 1 + len(lines[-1])
-
-
-@needs_recordings
-def test_text_of_a_logger_between_packets_is_discarded_but_not_counted_as_lost_packets() -> None:
-    decoder, items = decode(gzip.decompress((RECORDINGS / "lwi_F00294.raw.bin.gz").read_bytes()), 100)
-    assert decoder.messages == total(items) == 99
-    assert sum(int(block.lost.sum()) for block in blocks(items)) == 0
-    gyro = np.concatenate([block.values[:, :3] for block in blocks(items)])
-    np.testing.assert_allclose(
-        gyro.mean(axis=0), [-1.91073930e-04, 8.75264065e-05, -3.64837441e-03], atol=1e-8
-    )
-
-
-@needs_recordings
-def test_a_recording_of_vnacc_has_the_documented_messages() -> None:
-    _, items = decode(gzip.decompress((RECORDINGS / "chase_vnacc.txt.gz").read_bytes()))
-    assert total(items, "$VNACC") == 498
-    assert blocks(items)[0].stream.channels == ("accel/x", "accel/y", "accel/z")
 
 
 # ---------------------------------------------------------------------------------- kinds, clocks

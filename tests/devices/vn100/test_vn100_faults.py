@@ -45,24 +45,6 @@ def test_other_baud_after_a_power_interruption_is_found(flash: int) -> None:
     assert bench.baud == 115200, "the requested baud rate is set again"
 
 
-def test_paused_sensor_is_resumed_during_the_stream() -> None:
-    bench = Bench()
-    session = bench.streaming()
-    bench.device.receive(b"$VNASY,0*XX\r\n", bench.now)
-    samples, notices = bench.run(session, 3.0)
-    assert samples >= 100
-    assert kinds(notices) == ["resumed"]
-
-
-def test_one_second_of_bad_checksums_reopens_the_port() -> None:
-    bench = Bench()
-    session = bench.streaming()
-    bench.garbling = bench.cured_by_reopening = True
-    samples, notices = bench.run(session, 4.0)
-    assert kinds(notices) == ["garbage", "resumed"]
-    assert samples >= 200
-
-
 def test_silence_and_its_end_give_one_notice_each() -> None:
     bench = Bench()
     session = bench.streaming()

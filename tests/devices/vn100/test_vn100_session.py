@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 
-import numpy as np
 import pytest
 from vn100_bench import RATE, Bench
 
@@ -12,12 +11,10 @@ from imumon.config import DeviceSettings
 from imumon.model.samples import DeviceInfo
 from imumon.sources.device import DeviceNotFound, InvalidOption
 from imumon.sources.ports import BAUD_RATES
-from imumon.sources.vn100.binary import BinaryLayout
 from imumon.sources.vn100.commands import NotAVn100
-from imumon.sources.vn100.decoder import Vn100Decoder
 from imumon.sources.vn100.emulator import EmulatorSettings
 from imumon.sources.vn100.emulator.emulator import make_device
-from imumon.sources.vn100.stream_settings import DIVISORS, alias_factors, divisors, is_ours, output
+from imumon.sources.vn100.stream_settings import alias_factors
 
 # ---------------------------------------------------------------------- connection
 
@@ -48,12 +45,6 @@ def test_stream_does_not_depend_on_the_previous_output(rate: float) -> None:
     bench = Bench(device)
     samples, _ = bench.run(bench.streaming(), 1.0)
     assert samples >= 395
-
-
-def test_garbage_in_the_input_buffer_does_not_disturb_the_first_request() -> None:
-    bench = Bench(rate=0.0)
-    bench.write(b"\x00\xff$VNRRG,0")
-    assert bench.session().connect().model == "VN-100T-CR"
 
 
 def test_the_requested_output_rate_is_set_and_the_change_is_said() -> None:
@@ -96,28 +87,6 @@ def test_unsupported_baud_is_skipped_or_an_error() -> None:
     assert bench.device.baud == 115200
 
 
-def test_the_other_port_keeps_its_stream() -> None:
-    bench = Bench()
-    bench.device.set_register(76, "3", "80", "01", "0001")
-    session = bench.streaming()
-    assert bench.device.registers.read(76) == ("2", "80", "01", "0001")
-    assert session.restore()
-    assert bench.device.registers.read(76) == ("3", "80", "01", "0001")
-
-
-def test_packets_of_another_model_are_no_garbage() -> None:
-    """GNSS and INS: groups 4, 6 and 7."""
-    decoder = Vn100Decoder()
-    layouts = [
-        BinaryLayout.of({4: 0x0FFF}),
-        BinaryLayout.of({6: 0x07FF}),
-        BinaryLayout.of({1: 0x0441, 7: 0x0001}),
-    ]
-    data = b"".join(layout.encode({layout.fields[0]: np.zeros(20)}) for layout in layouts)
-    decoder.feed(data)
-    assert (decoder.messages, decoder.discarded) == (60, 0)
-
-
 # ---------------------------------------------------------------------- other devices
 
 
@@ -140,14 +109,6 @@ def test_another_device_is_refused_with_a_code_for_its_bytes(kind: str, code: st
     assert listen_only == (not bench.written)
 
 
-def test_interrupted_transmit_wire_has_its_own_code() -> None:
-    bench = Bench()
-    bench.deaf = True
-    with pytest.raises(NotAVn100) as refused:
-        bench.session().connect()
-    assert refused.value.code == "device_receives_nothing"
-
-
 # ---------------------------------------------------------------------- requested stream
 
 
@@ -166,15 +127,6 @@ def test_readings_are_averaged_over_their_interval(stream: str, baud: int) -> No
     samples, notices = bench.run(session, 1.0)
     assert samples >= info.sample_rate_hz - 3
     assert notices == []
-
-
-def test_compensated_deltas_are_switched_to_uncompensated() -> None:
-    bench = Bench()
-    bench.device.set_register(82, "0", "1", "1", "0", "0")
-    session = bench.streaming()
-    assert bench.device.registers.read(82) == ("0", "0", "0", "0", "0")
-    assert session.restore()
-    assert bench.device.registers.read(82) == ("0", "1", "1", "0", "0")
 
 
 def test_set_baud_raises_the_baud_and_restore_lowers_it() -> None:
@@ -253,16 +205,6 @@ def listening(*binary: str, register: tuple[str, ...] = (), **options: object) -
     return session.info()
 
 
-def test_only_increments_are_free_of_aliasing() -> None:
-    info = listening("1", "8", "04", "0044")  # delta theta, uncompensated acceleration
-    assert info.stream == "uncompensated"
-    assert info.alias_factor is None
-    assert any("aliasing" in remark for remark in info.remarks)
-    info = listening("1", "8", "04", "0044", register=("0", "0", "0", "0", "0"))
-    assert info.alias_factor == pytest.approx(2**0.5)
-    assert "aliased" in info.caveats
-
-
 def test_deltas_are_uncompensated_only_if_register_82_is_known() -> None:
     assert "unknown_compensation" in listening("1", "8", "06", "0001", "00C0").caveats
     for register, caveats in ((("0", "1", "1", "0", "0"), ("compensated",)), (("0",) * 5, ())):
@@ -310,11 +252,3 @@ def test_alias_factors_follow_the_definition() -> None:
     )
     for rate, text in ((None, factory), (40.0, None), (40.0, "nonsense")):
         assert set(factors_of("compensated", rate, text).values()) == {None}
-
-
-def test_requested_streams_fit_the_baud_and_are_recognised() -> None:
-    for kind in ("deltas", "uncompensated", "compensated"):
-        assert all(is_ours(output(kind, divisor, mode)) for divisor in DIVISORS for mode in (1, 2))  # type: ignore[arg-type]
-        for baud in BAUD_RATES:
-            fastest = divisors(kind, baud)[0]  # type: ignore[arg-type]
-            assert 60 * 800 / fastest <= 0.6 * baud / 10

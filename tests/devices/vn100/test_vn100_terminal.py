@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
-import subprocess
-import sys
 import termios
 import time
 from collections.abc import Iterator
@@ -13,10 +10,9 @@ from pathlib import Path
 
 import pytest
 from faulty_sensor import FaultySensorProcess, spawn
-from vn100_bench import kinds
 
 from imumon.config import DeviceSettings
-from imumon.model.samples import Notice, SampleBlock
+from imumon.model.samples import SampleBlock
 from imumon.sources.device import DeviceLost
 from imumon.sources.serial_port import SerialPort
 from imumon.sources.vn100.emulator import EmulatorSettings
@@ -85,48 +81,3 @@ def test_replugged_sensor_under_another_name(tmp_path: Path) -> None:
             assert again.restore()
         for terminal in taken:
             os.close(terminal)
-
-
-def test_reboot_on_a_terminal(emulator: FaultySensorProcess) -> None:
-    with SerialPort(emulator.path) as port:
-        session = Vn100Session(port, DeviceSettings(), time.monotonic)
-        session.connect()
-        session.configure()
-        assert live(session, 3.0, 20) >= 20
-        emulator.ask("reboot")
-        notices: list[Notice] = []
-        until = time.monotonic() + 60.0
-        while "reconfigured" not in kinds(notices) and time.monotonic() < until:
-            session.decode(session.read(0.1))
-            notices += session.check_health()
-        assert "reconfigured" in kinds(notices)
-        assert live(session, 3.0, 50) >= 50
-
-
-def test_settings_of_a_killed_process_are_restored(emulator: FaultySensorProcess) -> None:
-    code = """
-import sys, time
-from imumon.config import DeviceSettings
-from imumon.sources.vn100.vn100_session import Vn100Session
-from imumon.sources.serial_port import SerialPort
-session = Vn100Session(SerialPort(sys.argv[1]), DeviceSettings(), time.monotonic)
-session.connect(); session.save_settings(); session.configure()
-print("streaming", flush=True)
-while True:
-    session.read(1.0)
-"""
-    command = [sys.executable, "-c", code, emulator.path]
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as victim:
-        assert victim.stdout is not None
-        assert victim.stdout.readline() == b"streaming\n"
-        victim.send_signal(signal.SIGKILL)
-    with SerialPort(emulator.path) as port:
-        session = Vn100Session(port, DeviceSettings(), time.monotonic)
-        assert session.connect().settings["6 async data output type"] == "0"
-        assert session.save_settings()["6"] == "14"
-        session.configure()
-        assert live(session, 3.0, 20) >= 20
-        assert session.restore()
-        after = Vn100Session(port, DeviceSettings(), time.monotonic).connect()
-        assert after.settings["6 async data output type"] == "14"
-        assert after.settings["75 binary output 1"] == "0,0,00"
