@@ -6,9 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from imumon.model.samples import Floats
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
+from imumon.noise.fit import statement
 
 RATE, SAMPLES, N = 100.0, 180_000, 1e-6
 
@@ -85,3 +87,24 @@ def test_a_rounded_rate_is_right_or_pending(steps: float, mean: float) -> None:
         assert steps > 1.8
         assert fit.N.reason is not None
         assert "resolution" in fit.N.reason
+
+
+@pytest.mark.parametrize("sigma", [0.3, 0.45, 0.6])
+def test_the_error_of_the_variance_is_that_of_rounded_gaussian_noise(sigma: float) -> None:
+    """In steps, for any mean: the exact variance of what is rounded, less its own and that of rounding."""
+    mean, level = np.linspace(0.0, 1.0, 64, endpoint=False), np.arange(-6.0, 8.0)[:, None]
+    share = ndtr((level + 0.5 - mean) / sigma) - ndtr((level - 0.5 - mean) / sigma)
+    variance = np.sum(level**2 * share, axis=0) - np.sum(level * share, axis=0) ** 2
+    error = variance - sigma**2 - 1.0 / 12.0
+    stated = statement._rounding_error(sigma**2, 1.0 / 12.0)
+    assert stated == pytest.approx(float(np.sqrt(np.mean(error**2))), rel=0.03 if sigma > 0.3 else 0.2)
+
+
+def test_limits_of_counts_are_those_of_the_deviation_of_rounding_errors() -> None:
+    errors = np.random.default_rng(6).uniform(-0.5, 0.5, (4000, 50))
+    deviations = np.sqrt(np.mean(errors**2, axis=1))
+    q = statement._of_counts(1.0, white=10.0, samples=50.0)
+    assert q.low is not None
+    assert q.high is not None
+    assert q.value == pytest.approx(deviations.mean(), rel=0.01)
+    assert np.mean((q.low < deviations) & (deviations < q.high)) == pytest.approx(0.95, abs=0.015)
