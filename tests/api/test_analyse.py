@@ -170,10 +170,8 @@ def test_increments_averages_and_units_are_one_measurement() -> None:
 
 def test_importing_loads_no_numbers_and_threads_stay_those_of_the_caller() -> None:
     code = """
-import sys, time
-begin = time.process_time()
+import sys
 import imumon
-took = time.process_time() - begin
 assert not {"numpy", "scipy", "pandas", "matplotlib"} & set(sys.modules), "loaded"
 import numpy as np
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -183,8 +181,6 @@ with threadpool_limits(2, user_api="blas"):
     after = {pool["filepath"]: pool["num_threads"] for pool in threadpool_info()}
     assert before.items() <= after.items(), (before, after)
 assert not {"pandas", "xarray", "matplotlib"} & set(sys.modules), "loaded by analyse"
-print(took)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert float(done.stdout) < 0.1  # 0.02 s on a free core

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 import os
-import time
 from pathlib import Path
 
 import pytest
@@ -77,10 +76,8 @@ def test_a_command_that_hangs_is_killed_with_its_children(
     pids, out = tmp_path / "pids", tmp_path / "out"
     hangs = f"test -e '{pids}' && cat >> '{out}' && exit; sleep 600 & echo $! $$ > '{pids}'; wait"
     alert = AlertCommand(hangs)
-    begin = time.monotonic()
     alert.submit(event("loss"))
     alert.submit(event("change"))
-    assert time.monotonic() - begin < 1.5
     until(lambda: appended(out))  # the second one runs after the first one is killed
     until(lambda: not any(runs(int(pid)) for pid in pids.read_text().split()))  # reaped by another process
     alert.close()
@@ -150,9 +147,7 @@ def test_a_daemon_passes_on_that_its_sensor_is_disconnected(tmp_path: Path) -> N
         sensor.ask("replug")  # while the command hangs
         report = daemon.wait(lambda r: r.state == "running")
         daemon.samples(report.session.samples + 100)
-        begin = time.monotonic()
-        code, _, _ = daemon.stop()
-        assert (code, time.monotonic() - begin < alert_command.KILL_S) == (0, True)
+        assert daemon.stop()[0] == 0
     (alert,) = [each for each in appended(out) if each["kind"] == "disconnect"]
     assert alert["level"] == "warning"
     assert alert["device"] == "vn100-0100056785"

@@ -251,9 +251,7 @@ def test_a_daemon_that_restarts_or_has_two_routes_is_one_program(router: str) ->
             with Publisher("a", listen=[endpoint], connect=[router]) as daemon:
                 for number in range(start + 1, start + 6):
                     daemon.publish(report("a", number))
-                    begin = time.monotonic()
                     until(lambda number=number: viewer.reports() and _samples(viewer) == number)
-                    assert start or time.monotonic() - begin < 4.0
             until(lambda: not viewer.alive())
         assert viewer.rivals() == {}
 

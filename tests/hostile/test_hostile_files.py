@@ -63,6 +63,7 @@ def test_damaged_settings_are_faults_or_are_read(tmp_path: Path) -> None:
 # ---------------------------------------------------------------------- more than one file or process
 
 
+@pytest.mark.slow
 def test_the_time_for_a_line_without_an_end_is_linear(tmp_path: Path) -> None:
     """The time for 100 MB in one line was 21 s."""
     times = []
