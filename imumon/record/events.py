@@ -134,7 +134,7 @@ class EventLog:
         self._warming_up = (self._warming_up and not over) or (warming_up and heats_up)
         if over and not self._warmup_reported and not record.warmup_s:
             self._warmup_reported = True
-            text = "the warm-up is over: it does not show in the record so far, nothing is excluded"
+            text = "the warm-up is over: the numbers do not show it, and all samples count"
             self.add(DetectedEvent("warmup", text, record.elapsed_s))
 
     def update_clock(self, steps: Ints, record: Accumulators) -> None:

@@ -339,12 +339,14 @@ def _envelope(envelope: Strip, factor: float, end: str, width: int, height: int)
     low, high = numbers(envelope.low, factor), numbers(envelope.high, factor)
     canvas = Canvas(width, height)
     span = envelope.column_s * len(low)
-    area = (GUTTER + 2, 0, max(width - GUTTER - 4, 4), max(height - 1, 2))
-    y, ticks = ticked(np.concatenate((low, high)), area[3])
-    frame = PlotFrame(canvas, area, AxisScale(-span, 0.0), y)
+    rows = max(height - 1, 2)
+    y, ticks = ticked(np.concatenate((low, high)), rows)
+    levels = [(t, tick_text(t, ticks)) for t in ticks]
+    left = max(GUTTER + 2, *(len(text) + 1 for _, text in levels))  # a label is never cut
+    frame = PlotFrame(canvas, (left, 0, max(width - left - 2, 4), rows), AxisScale(-span, 0.0), y)
     times = AxisScale(0.0, span).multiples(round_step(span, MOST_TIMES))
     frame.grid([-t for t in times], ticks)
-    frame.y_labels([(t, tick_text(t, ticks)) for t in ticks])
+    frame.y_labels(levels)
     # x labels are placed from the left, and one that would touch its neighbour is left out: `end` is the last
     labels = [(-t, f"−{approximate_duration(t)}" if t else end) for t in reversed(times)]
     frame.x_labels(labels, canvas.height - 1)
@@ -396,6 +398,8 @@ def tick_text(value: float, ticks: Sequence[float]) -> str:
 
     >>> tick_text(0.2, [0.0, 0.2, 0.4]), tick_text(1.05e-5, [1e-5, 1.05e-5]), tick_text(0.0, [0.0, 1e-5])
     ('0.2', '1.05e-05', '0')
+    >>> tick_text(-331.7501, [-331.7502, -331.7501])
+    '-331.7501'
     """
     step = ticks[1] - ticks[0] if len(ticks) > 1 else abs(value) or 1.0
     decimals = max(-math.floor(math.log10(step) + 1e-9), 0)
@@ -405,7 +409,8 @@ def tick_text(value: float, ticks: Sequence[float]) -> str:
     if len(text) <= GUTTER + 1 and decimals <= DECIMALS:
         return text
     digits = math.floor(math.log10(abs(value)) + 1e-9) - math.floor(math.log10(step) + 1e-9)
-    return f"{value:.{max(digits, 0)}e}"
+    with_power = f"{value:.{max(digits, 0)}e}"
+    return text if len(text) <= len(with_power) else with_power
 
 
 @EXTREME_VALUES

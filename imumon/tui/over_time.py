@@ -20,6 +20,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from imumon.model.coefficients import CONVERGING, Estimate
 from imumon.model.history_report import HistoryRow, history_rows, objects
@@ -134,21 +135,41 @@ def over_time_chart(state: ViewState, width: int, height: int) -> list[Line]:
     notes = _notes(legend, of_record=state.span == RECORD, has_events=bool(events))
     head = padded(fitted([title, *notes], width), width)
     labels = _lengths(axis, width) if state.span == RECORD else _dates(axis, width)
-    return [head, *_stacked(panels, axis, events, width, height - 2), _axis_line(axis, labels, width)][
-        :height
-    ]
+    scaled = _scaled(panels, axis, height - 2)
+    # the panels have one time axis: the longest label, which is never cut, gives the cells left of all
+    gutter = max([GUTTER, *(len(text) + 1 for one in scaled for _, text in one.labels)])
+    drawn = [line for one in scaled for line in _drawn(one, axis, events, gutter, width)]
+    return [head, *drawn, _axis_line(axis, labels, gutter, width)][:height]
 
 
-def _stacked(
-    panels: Sequence[Panel], axis: AxisScale, events: Sequence[tuple[float, str]], width: int, height: int
-) -> list[Line]:
+@dataclass(frozen=True, slots=True)
+class _ScaledPanel:
+    """A panel with its rows, the scale of its values, and the labels of the scale."""
+
+    panel: Panel
+    rows: int
+    scale: AxisScale
+    labels: list[tuple[float, str]]
+
+
+def _scaled(panels: Sequence[Panel], axis: AxisScale, height: int) -> list[_ScaledPanel]:
     """Return the panels that have room, one below the other, of heights that differ by one row at most."""
-    shown, lines, left = panels[: max(height // LEAST_ROWS, 1)], list[Line](), height
+    shown, scaled, left = panels[: max(height // LEAST_ROWS, 1)], list[_ScaledPanel](), height
     for k, panel in enumerate(shown):
         rows = left // (len(shown) - k)
         left -= rows
-        lines += _drawn(panel, axis, events, width, rows)
-    return lines
+        inside = _inside(panel, axis)
+        value, low, high = (column[inside] for column in (panel.value, panel.low, panel.high))
+        scale, ticks = ticked(
+            np.concatenate((value, panel.goal, *_edges(value, low, high))), max(rows - 1, 1)
+        )
+        scaled.append(_ScaledPanel(panel, rows, scale, [(tick, tick_text(tick, ticks)) for tick in ticks]))
+    return scaled
+
+
+def _inside(panel: Panel, axis: AxisScale) -> npt.NDArray[np.bool_]:
+    """Return (n,) whether each point lies in the span that is shown."""
+    return (panel.time >= axis.low) & (panel.time <= axis.high)
 
 
 def _notes(legend: str, *, of_record: bool, has_events: bool) -> list[Line]:
@@ -218,19 +239,19 @@ def _scale(state: ViewState, channel: str, name: str) -> tuple[float, str]:
 
 
 def _drawn(
-    panel: Panel, axis: AxisScale, events: Sequence[tuple[float, str]], width: int, height: int
+    scaled: _ScaledPanel, axis: AxisScale, events: Sequence[tuple[float, str]], gutter: int, width: int
 ) -> list[Line]:
     """Return the title and the chart of one quantity."""
-    canvas = Canvas(width, max(height - 1, 1))
-    inside = (panel.time >= axis.low) & (panel.time <= axis.high)
+    panel, scale = scaled.panel, scaled.scale
+    canvas = Canvas(width, max(scaled.rows - 1, 1))
+    inside = _inside(panel, axis)
     time, value, low, high, wide = (
         column[inside] for column in (panel.time, panel.value, panel.low, panel.high, panel.width)
     )
     measured, bound = np.isfinite(value), ~np.isfinite(value) & np.isfinite(high)
-    scale, ticks = ticked(np.concatenate((value, panel.goal, *_edges(value, low, high))), canvas.height)
-    frame = _frame(canvas, axis, scale)
-    frame.grid([], ticks)
-    frame.y_labels([(tick, tick_text(tick, ticks)) for tick in ticks])
+    frame = _frame(canvas, axis, scale, gutter)
+    frame.grid([], [tick for tick, _ in scaled.labels])
+    frame.y_labels(scaled.labels)
     for when, kind in events:
         cell = frame.cell(when, 0.5 * (scale.low + scale.high))
         for row in range(canvas.height) if cell is not None else ():
@@ -245,9 +266,9 @@ def _drawn(
     return [padded(panel.title, width), *canvas.rows()]
 
 
-def _frame(canvas: Canvas, x: AxisScale, y: AxisScale) -> PlotFrame:
+def _frame(canvas: Canvas, x: AxisScale, y: AxisScale, gutter: int) -> PlotFrame:
     """Return the axes of a panel, which are those of the labels of time, too."""
-    return PlotFrame(canvas, (GUTTER, 0, max(canvas.width - GUTTER - 2, 4), canvas.height), x, y)
+    return PlotFrame(canvas, (gutter, 0, max(canvas.width - gutter - 2, 4), canvas.height), x, y)
 
 
 def _edges(value: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
@@ -260,10 +281,10 @@ def _edges(value: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
     return np.clip(low, least - room, greatest + room), np.clip(high, least - room, greatest + room)
 
 
-def _axis_line(axis: AxisScale, labels: Sequence[tuple[float, str]], width: int) -> Line:
+def _axis_line(axis: AxisScale, labels: Sequence[tuple[float, str]], gutter: int, width: int) -> Line:
     """Return the labels of the time axis, each below what it names."""
     canvas = Canvas(width, 1)
-    _frame(canvas, axis, AxisScale(0.0, 1.0)).x_labels(labels, 0)
+    _frame(canvas, axis, AxisScale(0.0, 1.0), gutter).x_labels(labels, 0)
     return canvas.rows()[0]
 
 

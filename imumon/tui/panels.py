@@ -96,10 +96,14 @@ def _footer_keys(state: ViewState, *, wide: bool) -> list[Line]:
 
 
 def _footer_form(state: ViewState, width: int) -> tuple[Line, list[Line]]:
-    """Return views and keys in the widest form that has room for all: the keys matter more than names of views."""
+    """Return views and keys in the widest form that has room for the names of all views and the help.
+
+    The help lists every key; nothing else lists the views.
+    """
     for named, wide in ((True, True), (True, False), (False, False)):
         line, keys = _views(state, named=named, wide=wide), _footer_keys(state, wide=wide)
-        if length(line) + sum(map(length, keys)) < width:
+        needed = keys if wide else keys[: len(FIRST_KEYS)]
+        if length(line) + sum(map(length, needed)) < width:
             break
     return line, keys
 

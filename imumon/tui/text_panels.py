@@ -8,6 +8,7 @@ from itertools import zip_longest
 from imumon.model.messages import (
     CLOCKS,
     caveat_lines,
+    caveats,
     drifts_with_temperature,
     excluded_by,
     follows_temperature,
@@ -143,7 +144,7 @@ def _excluded(report: Report) -> list[Line]:
         _pair("disturbed", duration(s.excluded_s)),
         *(_pair(f"  by {reason}", duration(seconds)) for reason, seconds in reasons.items()),
         *([_pair("magnetometer only", duration(mag_only))] if mag_only else []),
-        _pair("warm-up", duration(s.warmup_s)),
+        _pair("warm-up", "continues" if "warming_up" in caveats(report) else duration(s.warmup_s)),
     ]
 
 

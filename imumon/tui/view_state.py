@@ -214,6 +214,6 @@ def _of_report(report: Report) -> ConnectionStatus:
     if SHOWN_CAVEATS["moving"] in caveats:
         return ConnectionStatus("moving", "◐", "not at rest", "motion is excluded", "warn", True)
     if SHOWN_CAVEATS["warming_up"] in caveats:
-        text = "excluded later if it shows"
+        text = "the part that shows is excluded at its end"
         return ConnectionStatus("warming_up", "◐", "warming up", text, "warn", True)
     return ConnectionStatus("live", "●", "live", "", "good", True)

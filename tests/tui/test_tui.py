@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from imumon.documents.program_settings import number_lines
 from imumon.model.report import Drift, Report, from_json
 from imumon.tui import text_panels
 from imumon.tui.app import ImumonApp
+from imumon.tui.over_time import over_time_chart
 from imumon.tui.panels import FIRST_KEYS, LAST_KEYS, VIEW_KEYS, footer
 from imumon.tui.view_state import VIEWS, ViewState
 from imumon.tui.views import View, keys_of
@@ -302,16 +304,16 @@ async def test_every_view_shows_the_status(app: ImumonApp, pilot: Pilot[int]) ->
 @pytest.mark.few
 @pytest.mark.parametrize("width", [44, 66, 80, 99, 120, 150, 200])
 @pytest.mark.parametrize("view", VIEWS)
-def test_the_footer_has_the_keys_first_and_the_names_of_views_where_all_fit(view: str, width: int) -> None:
+def test_the_footer_names_the_views_and_the_help_wherever_they_fit(view: str, width: int) -> None:
     text = "".join(text for text, _ in footer(ViewState(view=view), width)[0])
     assert len(text) == width
     assert f"{VIEWS.index(view) + 1} {view}" in text
     assert "? help" in text
-    for key, name in (*FIRST_KEYS, *VIEW_KEYS.get(view, ())) if width >= 99 else FIRST_KEYS:
+    for key, name in FIRST_KEYS:
         assert f" {key} {name}" in text
-    for key, name in LAST_KEYS if width >= 120 else ():
+    for key, name in (*VIEW_KEYS.get(view, ()), *LAST_KEYS) if width >= 150 else ():
         assert f" {key} {name}" in text
-    for name in VIEWS if width >= 200 else ():
+    for name in VIEWS if width >= 80 else ():
         assert name in text
     assert "…" not in text
 
@@ -374,3 +376,24 @@ def test_the_report_is_saved_as_a_baseline(tmp_path: Path, monkeypatch: pytest.M
         assert note.message.startswith("not saved: ")
 
     drive(reports.FakeSource(reports.report()), script)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 36)])
+def test_no_label_of_an_axis_is_cut(size: tuple[int, int]) -> None:
+    """A value with many digits that hardly changes has long labels."""
+    report = reports.report()
+    channel = report.channels["mag/x"]
+    stated = replace(channel.convergence, elapsed_s=(10.0, 100.0, 1000.0))
+    values = (-331.75010, -331.75011, -331.75012)
+    series = {"N": replace(stated.coefficients["N"], value=values, low=values, high=values)}
+    channel = replace(channel, convergence=replace(stated, coefficients=series))
+    state = ViewState(
+        reports={report.device.id: replace(report, channels={"mag/x": channel})},
+        id=report.device.id,
+        channel="mag/x",
+    )
+    rows = ["".join(text for text, _ in line) for line in over_time_chart(state, *size)]
+    factor = state.notation.coefficient_scale("mag", "N")[0]
+    labels = [float(found[0]) for row in rows if (found := re.match(r" *-[\d.]+", row))]
+    assert len(labels) > 1
+    assert all(abs(label - factor * values[0]) < 1e-3 * factor for label in labels)
