@@ -109,7 +109,7 @@ def ready_text(report: Report, program: str, length: Callable[[float], str] = du
         elif item.seconds is not None:
             text = f"in {length(item.seconds)}{whose}"
         elif item.letter == "K" and report.session.elapsed_s < USUAL_RECORD_S:
-            text = f"usually after {length(USUAL_RECORD_S)}{whose}"
+            text = f"usually after {duration(USUAL_RECORD_S)}{whose}"
         else:
             text = "not yet"
         parts.append(f"{item.letter} {text}")

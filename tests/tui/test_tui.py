@@ -320,7 +320,7 @@ def test_the_footer_names_the_views_and_the_help_wherever_they_fit(view: str, wi
 
 def with_times(report: Report, times: dict[str, float | None]) -> Report:
     """Return a report in which gyro z reaches the precision after these times."""
-    report = replace(report, precision={"N": 0.01, "B": 0.15, "K": 0.5})
+    report = replace(report, precision={"N": 0.001, "B": 0.15, "K": 0.5})
     channel = replace(report.channels["gyro/z"], time_to=times)
     return replace(report, channels={**report.channels, "gyro/z": channel})
 
@@ -333,12 +333,12 @@ def test_the_time_to_the_configured_precision_is_visible(size: tuple[int, int]) 
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
         await pilot.press("down", "down")
         text = visible_text(app)
-        for goal in ("±1 % in 42 s", "±15 % in 25 min", "±50 % in 3.0 d"):
+        for goal in ("±0.1 % in 42 s", "±15 % in 25 min", "±50 % in 3.0 d"):
             assert text.count(goal) == 1
         app.source.arrive(replace(report, state="stopped"))
         app.poll()
         await pilot.pause()
-        assert "±1 % in" not in visible_text(app)  # it does not grow any more
+        assert "±0.1 % in" not in visible_text(app)  # it does not grow any more
 
     drive(reports.FakeSource(report), script, size)
 
