@@ -39,9 +39,10 @@ async def test_it_explains_the_words_of_each_view(app: ImumonApp, pilot: Pilot[i
         if key != "1":  # a view that names no caveat explains none
             assert ("aliased: " in words) is (key == "3")
         window = app.screen.query_one("#window", ScrolledPanel)
-        await pilot.press("question_mark")
-        await pilot.pause()
-        assert window.scroll_offset.y > 0
+        if window.max_scroll_y > 0:  # the words are below what is visible: the key shows them, then closes
+            await pilot.press("question_mark")
+            await pilot.pause()
+            assert window.scroll_offset.y > 0
         await pilot.press("question_mark")
         await pilot.pause()
         assert len(app.screen_stack) == 1
