@@ -36,7 +36,7 @@ from imumon.model.report_json import to_json
 from imumon.model.samples import ACCEL, GYRO, MAG, Floats, SampleBlock, Stream
 from imumon.model.saved_state import pack
 from imumon.noise import Estimator, OctaveCascade, synthesise
-from imumon.record import Monitor, MonitorOptions
+from imumon.record import Record, RecordOptions
 
 RATE, BLOCK, PER_REPORT, SAVE_S = 100.0, 10, 10, 30
 """Hz; samples a block; blocks a report; s between two saved states."""
@@ -87,7 +87,7 @@ class Run:
         names = (*GYRO, *ACCEL, *MAG, "temperature")[: values.shape[1]]
         self._stream = Stream("uncompensated", names, "made", "startup")
         self._values, self._at = values, 0
-        self.monitor = Monitor(MonitorOptions(periods=True))
+        self.monitor = Record(RecordOptions(periods=True))
         self.spent: dict[str, float] = defaultdict(float)
 
     def until(self, end_s: int) -> None:

@@ -29,7 +29,7 @@ from imumon.model.report import Channel, DeviceDescription, Report, SessionCount
 from imumon.model.report_json import MAX_ITEMS
 from imumon.model.samples import SampleBlock
 from imumon.model.units import figures, pretty
-from imumon.record import Monitor
+from imumon.record import Record
 from imumon.record.filter_report_builder import filter_report
 from imumon.sources import registry
 from imumon.sources.vn100.decoder import Vn100Decoder
@@ -80,7 +80,7 @@ def measure(hours: float, seed: int) -> tuple[Report, EmulatorSettings]:
     sensor = Emulated(settings, SensorModel(settings))
     sensor.set_register(6, "0")
     sensor.set_register(75, *OUTPUT)
-    decoder, monitor = Vn100Decoder(), Monitor(rate_hz=RATE)
+    decoder, monitor = Vn100Decoder(), Record(rate_hz=RATE)
     rng = np.random.default_rng(seed)
     chunks = round(hours * 3600 / CHUNK_S)
     damage = set(rng.choice(chunks, min(chunks, round(hours)), replace=False).tolist())

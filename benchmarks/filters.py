@@ -24,7 +24,7 @@ from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.filter_consistency import ChannelTruths, FilterModels, predict
 from imumon.noise.filter_parameters import gauss_markov_terms, smallest_walk
 from imumon.noise.filter_parameters import horizons as imumon_horizons
-from imumon.record import Monitor
+from imumon.record import Record
 from imumon.record.filter_report_builder import assumed_noise, filter_report
 
 RATE = 5.0  # Hz, of the filter
@@ -280,7 +280,7 @@ def fitted_part(records: int, runs: int) -> list[str]:
 def report_of_samples(values: np.ndarray, rate: float, kind: Kind = "uncompensated") -> Report:
     """Return the report of samples at rest, (n, 6) rad/s and m/s^2, through the pipeline with its guards."""
     channels = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel") for axis in "xyz")
-    stream, monitor = Stream(kind, channels, "simulated", "startup"), Monitor()
+    stream, monitor = Stream(kind, channels, "simulated", "startup"), Record()
     for begin in range(0, len(values), 4096):
         rows = np.arange(begin, min(begin + 4096, len(values)))
         stamps = 10**9 + np.rint(rows * 1e9 / rate).astype(np.int64)

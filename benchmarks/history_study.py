@@ -21,9 +21,9 @@ from imumon.history.day_changes import DayChanges
 from imumon.history.store import TimedPeriod
 from imumon.model.history_report import PeriodChannel
 from imumon.model.samples import Floats, SampleBlock, Stream
-from imumon.noise.stretches import RecordStatistics
+from imumon.noise.stretches import Sums
 from imumon.noise.synthesis import synthesise
-from imumon.record import Monitor, MonitorOptions
+from imumon.record import Record, RecordOptions
 from imumon.record import record as record_module
 from imumon.record.periods import Periods
 
@@ -72,8 +72,8 @@ class _Days(Periods):
 def days_of(seed: int) -> list[TimedPeriod]:
     """The daily periods of one month."""
     record_module.Periods = _Days  # type: ignore[misc]
-    RecordStatistics._compare = lambda self, hour, hour_begin: {}  # type: ignore[method-assign]
-    monitor, values, days = Monitor(MonitorOptions(periods=True)), samples(seed), []
+    Sums._compare = lambda self, hour, hour_begin: {}  # type: ignore[method-assign]
+    monitor, values, days = Record(RecordOptions(periods=True)), samples(seed), []
     for at in range(0, len(values), 20_000):
         part = values[at : at + 20_000]
         times = 10**9 + np.rint((at + np.arange(len(part))) * 1e9 / RATE).astype(np.int64)

@@ -10,7 +10,7 @@ effect is added to the samples; the truth of N includes what it turns into white
 1 % of them, a variance that changes).
 
 Two ways lead to the limits. "estimator": the curve of the record with the sums of its noise, then the fit.
-"pipeline": the whole `Monitor`, with its guards, six channels at a time. Widths are relative to those of the same
+"pipeline": the whole `Record`, with its guards, six channels at a time. Widths are relative to those of the same
 noise without the effect: the clean records of the same seeds, by the same way. That of N is relative to the truth.
 """
 
@@ -37,7 +37,7 @@ from imumon.model.report import DeviceDescription, SessionCounters
 from imumon.model.samples import ACCEL, GYRO, SampleBlock, Stream
 from imumon.noise import AllanCurve, ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.statistics.differences import DifferenceAccumulator
-from imumon.record import Monitor
+from imumon.record import Record
 
 # What real sensors add: the cells -------------------------------------------------------
 
@@ -66,7 +66,7 @@ class Effect:
     step : resolution, in standard deviations of a sample; 0: none.
     heated : a temperature channel is given.
     settles_s : s, time constant of a warm-up; 0: none.
-    pipeline : the whole `Monitor` has to run.
+    pipeline : the whole `Record` has to run.
     hidden : the resolution hides the noise, and no value is expected.
     N, B : of the sensor.
     rate, length : Hz, and samples of a record.
@@ -442,7 +442,7 @@ def by_pipeline(records: Records, effect: Effect) -> list[Row]:
         part = values[:, first : first + 6]
         columns = part.shape[1]
         part = np.pad(part, ((0, 0), (0, 6 - columns)), mode="wrap")
-        monitor = Monitor()
+        monitor = Record()
         stream = WARM_STREAM if effect.heated else STREAM
         if effect.heated:
             part = np.column_stack((part, DEGREES))
@@ -452,8 +452,7 @@ def by_pipeline(records: Records, effect: Effect) -> list[Row]:
             monitor.feed(SampleBlock(stream, block, tick, np.zeros(len(block), dtype=np.int64)))
         monitor.flush()
         monitor.report(NOW, DeviceDescription(id="x"), "stopped", SessionCounters())
-        assert monitor._record is not None
-        fits = [monitor._record._analysis.fits[name] for name in STREAM.channels[:columns]]
+        fits = [monitor.fits.fits[name] for name in STREAM.channels[:columns]]
         rows += [row_of([fit.N, fit.B, fit.K], [math.nan] * 3) for fit in fits]
     return rows
 

@@ -23,7 +23,7 @@ from imumon.model.coefficients import Estimate
 from imumon.model.report import Channel, DeviceDescription, SessionCounters
 from imumon.model.samples import ACCEL, GYRO, SampleBlock, Stream
 from imumon.noise import synthesise
-from imumon.record import Monitor
+from imumon.record import Record
 from imumon.record.combined_limits import with_combined
 
 TRUTH = {"N": 6.1e-5, "B": 2.4e-5}
@@ -60,7 +60,7 @@ def sensors(law: str, wander: float, seed: int) -> list[tuple[Channel, dict[str,
         present[letter] = size * np.sqrt(np.mean(factor**2, axis=0))
         noise = synthesise(n, RATE_HZ, **{letter: [size] * len(SENSORS)}, seed=generator, averaged=False)
         values += np.repeat(factor, round(RATE_HZ), axis=0) * noise
-    monitor, stamps = Monitor(), np.rint(np.arange(n) * 1e9 / RATE_HZ).astype(np.int64)
+    monitor, stamps = Record(), np.rint(np.arange(n) * 1e9 / RATE_HZ).astype(np.int64)
     for begin in range(0, n, 8000):
         rows = slice(begin, min(begin + 8000, n))
         block = SampleBlock(STREAM, values[rows], stamps[rows], np.zeros(rows.stop - begin, dtype=np.int64))

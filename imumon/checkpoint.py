@@ -109,7 +109,7 @@ class SavedState:
     """Content of a state file: whose it is, and what `imumon.record` saves of the record."""
 
     header: StateHeader
-    monitor: Any
+    record: Any
 
 
 def encode(packed: bytes) -> bytes:

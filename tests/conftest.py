@@ -50,17 +50,17 @@ def _balance_every_ledger() -> None:
     """Check of each report that a test makes in its process that what was received is what became of it."""
     from imumon.model.ledger import imbalance
     from imumon.model.report import SessionCounters
-    from imumon.record import Monitor
+    from imumon.record import Record
 
-    counted = Monitor._counted
+    counted = Record._counted
 
-    def balanced(self: Monitor, link: SessionCounters) -> SessionCounters:
+    def balanced(self: Record, link: SessionCounters) -> SessionCounters:
         session = counted(self, link)
         assert imbalance(session.ledger) == 0, f"the ledger does not add up: {dict(session.ledger)}"
         assert all(count >= 0 for count in session.ledger.values()), dict(session.ledger)
         return session
 
-    Monitor._counted = balanced  # type: ignore[method-assign]
+    Record._counted = balanced  # type: ignore[method-assign]
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is slow
@@ -87,7 +87,7 @@ def _mix(items: list[pytest.Item]) -> None:
         "devices",
         "cautions",
         "tui",
-        "monitor",
+        "record",
         "doctor",
         "mistakes",
         "wait",

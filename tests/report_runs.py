@@ -2,7 +2,7 @@
 
     python tests/report_runs.py    makes the files of tests/data/reports again
 
-A run feeds a `Monitor` with a sensor of known N, B and K that has gaps, a knock, a vibration and a slowly
+A run feeds a `Record` with a sensor of known N, B and K that has gaps, a knock, a vibration and a slowly
 cycling temperature. The seed is fixed, so the numbers are the same on every machine. Tests that draw or print a report
 read the files (`reports.report`); `test_saved_reports.py` makes them again every night, and compares.
 """
@@ -19,7 +19,7 @@ from imumon.model.report import Report, SessionCounters, Signal, stamp
 from imumon.model.samples import ACCEL, GYRO, Floats, SampleBlock, Stream
 from imumon.noise import OctaveCascade, fit_curve
 from imumon.noise.synthesis import synthesise
-from imumon.record import Monitor, MonitorOptions
+from imumon.record import Record, RecordOptions
 
 AMBIENT_S = 7200.0
 """s, period of the ambient temperature."""
@@ -38,7 +38,7 @@ class Run:
     walk : factor of K.
     moving_s : s of motion at the end of the record.
     warm_up : let the gyroscopes settle with the temperature.
-    convergence : of `MonitorOptions`.
+    convergence : of `RecordOptions`.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Run:
         warm_up: bool = False,
         convergence: bool = False,
     ) -> None:
-        self.monitor = Monitor(MonitorOptions(convergence=convergence))
+        self.monitor = Record(RecordOptions(convergence=convergence))
         self._rate_hz = rate_hz
         self._values = _samples(
             round(length_s * rate_hz), rate_hz, seed, (scale, scale, scale * walk), moving_s, warm_up
@@ -125,7 +125,7 @@ def correlated() -> Report:
     values[:, 1] += _not_separable(values[:, 1], rate_hz)
     values[:, 2] += synthesise(count, rate_hz, N=1e-9, B=1.5e-4, seed=9)[:, 0]
     values[:, 5] -= 9.80665
-    monitor, stream = Monitor(), Stream("uncompensated", (*GYRO, *ACCEL), "binary 01:0739", "startup")
+    monitor, stream = Record(), Stream("uncompensated", (*GYRO, *ACCEL), "binary 01:0739", "startup")
     for begin in range(0, count, CHUNK):
         rows = np.arange(begin, min(begin + CHUNK, count))
         stamps = 10**9 + np.rint(rows * 1e9 / rate_hz).astype(np.int64)

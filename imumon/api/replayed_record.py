@@ -1,6 +1,6 @@
-"""Replayed record: the monitor of one recording, and the report of what has been read of it.
+"""Replayed record: the record of one recording, and the report of what has been read of it.
 
-The samples come from whoever reads the recording, block by block; the report joins what the monitor knows of them to
+Whoever reads the recording feeds the record, block by block; the report joins what the record knows of the samples to
 what the recording and its user say: identity, filter, remarks, and why reading ended early.
 """
 
@@ -18,8 +18,8 @@ from imumon.model.cures import option, option_text
 from imumon.model.ledger import merged
 from imumon.model.report import DeviceDescription, Event, Report
 from imumon.model.report_json import MAX_ITEMS, plain
-from imumon.model.samples import ALIASED, Gap, SampleBlock
-from imumon.record import Monitor, MonitorOptions
+from imumon.model.samples import ALIASED, Gap
+from imumon.record import Record, RecordOptions
 from imumon.sources import registry
 from imumon.sources.device import DeviceDriver
 from imumon.sources.files import Recording
@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # arrays need no bus
 
 
 class ReplayedRecord:
-    """Monitor of one recording; events wait until they are published.
+    """Record of one recording; events wait until they are published.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class ReplayedRecord:
 
     Attributes
     ----------
-    monitor : gets the samples.
+    record : gets the samples.
     device : as the header of the recording describes it.
     started : date of the first sample by the header.
     ledger : of the recording when the last samples were read; None: it is as the recording has it.
@@ -48,14 +48,14 @@ class ReplayedRecord:
     def __init__(self, options: ReplayOptions, recording: Recording) -> None:
         header = recording.header or {}
         self.recording = recording
-        monitored = MonitorOptions(
+        record_options = RecordOptions(
             guarded=options.guarded,
             precision=options.precision,
             max_loss=options.max_loss,
             baseline=options.baseline,
             convergence=options.convergence,
         )
-        self.monitor = Monitor(monitored, rate_hz=options.rate_hz or header.get("rate_hz"))
+        self.record = Record(record_options, rate_hz=options.rate_hz or header.get("rate_hz"))
         serial, scheme = header.get("serial"), header.get("driver", registry.DEFAULT_SCHEME)
         id = header.get("id") or (f"{scheme}-{serial}" if serial else "replay")
         settings = header.get("settings", {})
@@ -82,25 +82,22 @@ class ReplayedRecord:
         self._restarts: Counter[str] = Counter()  # breaks of the record by code
         self._restart_texts: dict[str, str] = {}  # the last one by code
 
-    def feed(self, item: SampleBlock | Gap) -> None:
-        """Feed an item to the monitor, as the daemon does."""
-        if isinstance(item, SampleBlock):
-            self.monitor.feed(item)
-            return
-        if item.length_s is not None:
-            self.monitor.flush()
-        self.monitor.gap(item.length_s)
+    def gap(self, gap: Gap) -> None:
+        """Note that the recording was interrupted, as the daemon does."""
+        if gap.length_s is not None:
+            self.record.flush()
+        self.record.gap(gap.length_s)
 
     def left_out(self) -> dict[str, int]:
         """Return what was received and what became of all of it that is no sample of the record."""
         read = self.recording.ledger if self.ledger is None else self.ledger
-        return merged(read, self.monitor.left_out(), self.earlier_ledger)
+        return merged(read, self.record.left_out(), self.earlier_ledger)
 
     @property
     def elapsed_s(self) -> float:
         """Length of the recording so far, s."""
-        rate = self.monitor.sample_rate_hz
-        return self.monitor.samples / rate if rate else 0.0
+        rate = self.record.sample_rate_hz
+        return self.record.samples / rate if rate else 0.0
 
     def publish(self, bus: Publisher, state: report.State) -> None:
         """Publish a report and the events since the last one; their time and name are those of the replay."""
@@ -112,7 +109,7 @@ class ReplayedRecord:
 
     def _caveats(self, device: report.DeviceDescription) -> tuple[str, ...]:
         """Return the caveats of the stream and of the recording, each once."""
-        stream = self.monitor.stream
+        stream = self.record.stream
         stream_caveats = stream.caveats if stream is not None else ()
         # those that the daemon noted come first: it could ask the device
         noted = (self.recording.header or {}).get("caveats", stream_caveats)
@@ -143,8 +140,8 @@ class ReplayedRecord:
         )
         device, remark = self._filtered()
         now = datetime.now(UTC)
-        current = self.monitor.report(now, device, state, session, device_caveats=self._caveats(device))
-        for event in self.monitor.events():
+        current = self.record.report(now, device, state, session, device_caveats=self._caveats(device))
+        for event in self.record.events():
             self._note(event.stamped(now, self.device.id))
             if event.kind == "restart":
                 self._restarts[event.code] += 1
@@ -156,7 +153,7 @@ class ReplayedRecord:
 
     def _without_time(self) -> tuple[str, ...]:
         """Return a remark on the samples whose clock stood still; none: there are no such samples."""
-        count = self.monitor.left_out().get("repeated", 0)
+        count = self.record.left_out().get("repeated", 0)
         if not count:
             return ()
         samples = "1 sample has" if count == 1 else f"{count:,} samples have"
@@ -170,7 +167,7 @@ class ReplayedRecord:
         ------
         ImumonError : it has no samples.
         """
-        self.monitor.flush()
+        self.record.flush()
         final = replace(self.report("stopped"), events=self.record_events())
         if not final.session.samples:
             raise self.recording.no_samples()
@@ -178,7 +175,7 @@ class ReplayedRecord:
 
     def _filtered(self) -> tuple[DeviceDescription, tuple[str, ...]]:
         """Return the device with the filter that the user names, and why that is not used."""
-        stream, rate = self.monitor.stream, self.monitor.sample_rate_hz
+        stream, rate = self.record.stream, self.record.sample_rate_hz
         if self._filter is None or stream is None or rate is None:
             return self.device, ()
         if stream.kind == "deltas":

@@ -242,7 +242,7 @@ def _from_state(path: Path) -> Any:
     """Return the report of a saved state, as of the time when it was saved."""
 
     from imumon.checkpoint import SavedState, decode
-    from imumon.record import Monitor, MonitorOptions
+    from imumon.record import Record, RecordOptions
 
     state = decode(path.read_bytes(), f"the state {path}")
     if not isinstance(state, SavedState):
@@ -250,9 +250,9 @@ def _from_state(path: Path) -> Any:
             "state_invalid", f"{path} is the state of an imumon.Live", "load it with imumon.Live.load"
         )
     header = state.header
-    monitor = Monitor(MonitorOptions(guarded=state.monitor.guarded))
-    monitor.restore(state.monitor, 0.0)
-    monitor.accept_restored()
+    record = Record(RecordOptions(guarded=state.record.guarded))
+    record.restore(state.record, 0.0)
+    record.accept_restored()
     known = asdict(header.device)
     caveats = known.pop("caveats")
     driver = registry.installed(header.device.driver)
@@ -263,7 +263,7 @@ def _from_state(path: Path) -> Any:
         setting_texts=registry.setting_texts(driver, header.settings),
     )
     session = SessionCounters(started=header.started, **asdict(header.session))
-    if monitor.stream is not None and monitor.stream.kind == "compensated":
+    if record.stream is not None and record.stream.kind == "compensated":
         caveats = tuple(dict.fromkeys((*caveats, "compensated")))
     moment = datetime.fromisoformat(header.saved)
-    return monitor.report(moment, device, "stopped", session, device_caveats=caveats)
+    return record.report(moment, device, "stopped", session, device_caveats=caveats)

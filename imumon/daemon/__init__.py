@@ -2,7 +2,7 @@
 
 daemon         the loop
 connection     what is known of the device: identity, state, silence
-kept_record    the record with everything that keeps it: state, history, recording
+keeper         what keeps the record: state, history, recording
 outputs        where reports and events go: log, bus, ROS 2, alert command
 run_limits     what to run, what ends it, how long a device may be silent, when a duty is due
 persistence    the record on disk: restored, saved, set aside

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from imumon.bus import Publisher
 from imumon.config import Settings
 from imumon.daemon.alert_command import CLOSE_S, AlertCommand
-from imumon.daemon.kept_record import KeptRecord
+from imumon.daemon.keeper import Keeper
 from imumon.daemon.log import LEVELS
 from imumon.daemon.run_limits import RunOptions
 from imumon.model.messages import EVENT_LEVELS
@@ -36,8 +36,8 @@ class Outputs:
     RosError : what is to be published in ROS 2 is not possible.
     """
 
-    def __init__(self, settings: Settings, options: RunOptions, record: KeptRecord) -> None:
-        self._settings, self._record, self._clock = settings, record, options.clock
+    def __init__(self, settings: Settings, options: RunOptions, keeper: Keeper) -> None:
+        self._settings, self._keeper, self._clock = settings, keeper, options.clock
         self._alert = AlertCommand(settings.alert.command if self._clock.is_real_time else "")
         self._ros = RosOutput(settings.ros2, options.url)
         self.bus: Publisher | None = None
@@ -81,7 +81,7 @@ class Outputs:
         self._alert.submit(event)
         if self.bus is not None:
             self.bus.event(event)
-            self._record.event(event)
+            self._keeper.event(event)
 
     def report(self, report: Report, signals: Mapping[str, Callable[[], Signal]]) -> None:
         """Send a report."""

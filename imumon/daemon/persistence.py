@@ -26,7 +26,7 @@ from imumon.model.report import SessionCounters, stamp
 from imumon.model.report_json import plain
 from imumon.model.samples import DeviceInfo, Level
 from imumon.model.saved_state import pack
-from imumon.record import Monitor, RecordMismatch
+from imumon.record import Record, RecordMismatch
 from imumon.sources.clock import HostClock
 
 COUNTERS = tuple(counter.name for counter in fields(SavedSession) if counter.name != "ledger")
@@ -41,14 +41,13 @@ class Persistence:
     ----------
     directory : of the states; created if needed.
     device : name of the device.
-    monitor : holds the record.
+    record : of the device.
     clock : of the host.
     fresh : start a new record; the old state is kept under another name.
 
     Attributes
     ----------
     started : when the record began; None for a new one.
-    fed_s : s, `HostClock.uptime_s` of the last samples, from which a gap is counted; None before the first.
 
     Raises
     ------
@@ -56,10 +55,10 @@ class Persistence:
     """
 
     def __init__(
-        self, directory: Path, device: str, monitor: Monitor, clock: HostClock, *, fresh: bool = False
+        self, directory: Path, device: str, record: Record, clock: HostClock, *, fresh: bool = False
     ) -> None:
         self._checkpoint = Checkpoint(directory, device)
-        self._monitor = monitor
+        self._record = record
         self._clock, self._fresh = clock, fresh
         self._serial: str | None = None
         self._settings: dict[str, str] = {}
@@ -68,7 +67,6 @@ class Persistence:
         self._reported_problem: str | None = None
         self._reported_again = 0
         self.started: str | None = None
-        self.fed_s: float | None = None
 
     @property
     def failed(self) -> str | None:
@@ -81,7 +79,7 @@ class Persistence:
         return None if self._checkpoint.failed else self._checkpoint.path
 
     def restore(self, info: DeviceInfo) -> list[tuple[str, Level]]:
-        """Let the monitor continue the saved record, if it is one of this sensor with these settings.
+        """Let the record continue the saved one, if it is one of this sensor with these settings.
 
         Returns
         -------
@@ -111,7 +109,7 @@ class Persistence:
             if changed := differing(header.settings, self._settings):
                 return self._set_aside("other-settings", f"of other settings, {plain('; '.join(changed))}")
             away_s = self._clock.to_sample_s(max(0.0, _since(header, self._clock) + header.age_s))
-            self._monitor.restore(state.monitor, away_s)
+            self._record.restore(state.record, away_s)
         except RecordMismatch as error:
             return self._set_aside("other-settings", plain(error.message))
         self.started = None if header.started is None else _stamped(header.started)
@@ -137,12 +135,12 @@ class Persistence:
         """Return the settings that differ from those of the record, as text."""
         return differing(self._settings, data_settings(info))
 
-    def start_new_record(self, info: DeviceInfo, monitor: Monitor, session: SessionCounters) -> str:
+    def start_new_record(self, info: DeviceInfo, session: SessionCounters, fed_s: float | None) -> str:
         """Set the record aside as it is and start another one; return what was done."""
-        self.save(session)
+        self.save(session, fed_s)
         self._checkpoint.flush()
         changed = "; ".join(self.differing(info))
-        self._monitor, self._settings, self._device = monitor, data_settings(info), _saved_device(info)
+        self._settings, self._device = data_settings(info), _saved_device(info)
         return self._set_aside("other-settings", f"of other settings, {changed}")
 
     def with_earlier_runs(self, session: SessionCounters) -> SessionCounters:
@@ -150,13 +148,24 @@ class Persistence:
         sums = {name: getattr(session, name) + getattr(self._before, name) for name in COUNTERS}
         return replace(session, **sums, ledger=merged(session.ledger, self._before.ledger))
 
-    def save(self, session: SessionCounters, before: Callable[[], None] | None = None) -> None:
-        """Hand the state over to be written; `before` returns when the history that belongs to it is written."""
-        self._checkpoint.save(self._state(session), before)
+    def save(
+        self, session: SessionCounters, fed_s: float | None, before: Callable[[], None] | None = None
+    ) -> None:
+        """Hand the state over to be written.
 
-    def close(self, session: SessionCounters, before: Callable[[], None] | None = None) -> None:
-        """Write the last state and wait for the disk; `before` is as of `save`."""
-        state = self._state(session) if self._monitor.samples else None
+        Parameters
+        ----------
+        session : counters of the record.
+        fed_s : s, `HostClock.uptime_s` of the last samples, from which a gap is counted; None before the first.
+        before : returns when the history that belongs to the state is written.
+        """
+        self._checkpoint.save(self._state(session, fed_s), before)
+
+    def close(
+        self, session: SessionCounters, fed_s: float | None, before: Callable[[], None] | None = None
+    ) -> None:
+        """Write the last state and wait for the disk; the parameters are those of `save`."""
+        state = self._state(session, fed_s) if self._record.samples else None
         self._checkpoint.close(state, before)
 
     def problems(self) -> Iterator[tuple[str, Level]]:
@@ -175,7 +184,7 @@ class Persistence:
             else:
                 yield f"the state cannot be saved: {failed}", "error"
 
-    def _state(self, session: SessionCounters) -> bytes:
+    def _state(self, session: SessionCounters, fed_s: float | None) -> bytes:
         assert self._device is not None
         header = StateHeader(
             version=__version__,
@@ -186,12 +195,12 @@ class Persistence:
             saved=stamp(self._clock.now()),
             boot=_boot_id(),
             uptime_s=self._clock.uptime_s(),
-            age_s=self._clock.uptime_s() - self.fed_s if self.fed_s is not None else 0.0,
+            age_s=self._clock.uptime_s() - fed_s if fed_s is not None else 0.0,
             session=SavedSession(
                 **{name: getattr(session, name) for name in COUNTERS}, ledger=dict(session.ledger)
             ),
         )
-        return pack(SavedState(header, self._monitor.save()))
+        return pack(SavedState(header, self._record.save()))
 
 
 def data_settings(info: DeviceInfo) -> dict[str, str]:

@@ -100,6 +100,18 @@ class PlacedSamples:
     steps: Ints
     saturated: Bools | None
 
+    def split(self, count: int) -> tuple[PlacedSamples, PlacedSamples]:
+        """Return the first samples, and the others."""
+        first, others = (
+            PlacedSamples(
+                self.values[rows],
+                self.steps[rows],
+                None if self.saturated is None else self.saturated[rows],
+            )
+            for rows in (slice(count), slice(count, None))
+        )
+        return first, others
+
 
 @restorable
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,20 +210,20 @@ class SampleClock:
             block, self._pending = concatenated(self._pending), []
         if self._unconfirmed is not None:
             block, self._unconfirmed = concatenated([self._unconfirmed, block]), None
-        if not len(block) or self.rest is not None:
+        if not len(block.values) or self.rest is not None:
             return []
         changed = self._rate_change(block)
         if changed is not None:
             # a grid has one interval: the caller begins another one with the rest
             self.rest = selected(block, slice(changed, None))
             block, final = selected(block, slice(0, changed)), True
-        if not len(block):
+        if not len(block.values):
             return []
         if self.clock not in ("startup", "counter"):
             return [self._relative(block)]
         placed = self._absolute(block, final)
         waiting = 0 if self._unconfirmed is None else 1
-        if len(block) > waiting and block.time_ns is not None:
+        if len(block.values) > waiting and block.time_ns is not None:
             self._previous = int(block.time_ns[-1 - waiting])
         return [placed] if len(placed.steps) else []
 
@@ -327,7 +339,7 @@ class SampleClock:
 
     def _without_wraps(self, block: SampleBlock) -> SampleBlock:
         """Return the block with a counter of 32 bits continued over its wraps."""
-        if self.clock != "counter" or block.time_ns is None or not len(block):
+        if self.clock != "counter" or block.time_ns is None or not len(block.values):
             return block
         counter = block.time_ns
         # a step back by more than half of the period is a wrap; by less, the device restarted
@@ -352,12 +364,12 @@ class SampleClock:
         doubtful = (steps < 1) | (steps > far) | (np.abs(exact - steps) > AMBIGUOUS)
         if self._last is None:
             steps[0], doubtful[0] = 1, False
-        keep = np.ones(len(block), dtype=bool)
+        keep = np.ones(len(time), dtype=bool)
         if doubtful.any():
             self._decide(time, steps, keep, np.flatnonzero(doubtful), far, final)
             if not final and keep[-1] and (steps[-1] < 0 or steps[-1] > far):
                 # a jump that nothing confirms yet: wait for the next sample
-                self._unconfirmed = selected(block, slice(len(block) - 1, None))
+                self._unconfirmed = selected(block, slice(len(time) - 1, None))
                 keep[-1] = False
             longest = LONGEST_GAP_S if self._open_s is None else _with_slack(self._open_s)
             steps[steps > max(far, int(longest / self.interval_s))] = BREAK

@@ -29,7 +29,9 @@ GYRO = ("gyro/x", "gyro/y", "gyro/z")
 ACCEL = ("accel/x", "accel/y", "accel/z")
 MAG = ("mag/x", "mag/y", "mag/z")
 CHANNELS = (*GYRO, *ACCEL, *MAG, "temperature", "pressure")
-"""Channels of a stream, in their order."""
+"""Channels of a stream, in their order: those with an Allan curve first."""
+WITH_CURVE = (*INERTIAL, "mag")
+"""Sensors with an Allan curve; the others have running statistics only."""
 
 SLOWEST_HZ, FASTEST_HZ = 1e-4, 1e5
 """Limits of a sample rate, Hz: no inertial sensor is slower or faster."""

@@ -88,9 +88,9 @@ class ValidityGroups:
         if isinstance(values, np.ma.MaskedArray):  # asarray would drop the mask and keep what is below it
             values = np.ma.filled(values.astype(np.float64), np.nan)
         values = np.asarray(values, dtype=np.float64)
-        if values.ndim == 1 and self.channels == 1:
+        if values.ndim == 1 and self.of.size == 1:
             values = values[:, None]
-        if values.ndim != 2 or values.shape[1] != self.channels:
+        if values.ndim != 2 or values.shape[1] != self.of.size:
             turned = ": transpose them" if values.ndim == 2 and values.shape[0] == self.channels else ""
             raise ValueError(f"samples must have the shape (n, {self.channels}), not {values.shape}{turned}")
         with np.errstate(over="ignore", invalid="ignore"):

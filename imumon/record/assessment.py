@@ -6,7 +6,7 @@ an axis that never changes, a sensor that repeats its values, a record that is m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 
 from imumon.model.grading import grade_sensor
@@ -14,52 +14,161 @@ from imumon.model.messages import excluded_text
 from imumon.model.report import UNGRADED_SHARE, Change, Channel, ChannelGrade, Report, SensorGrade
 from imumon.model.samples import UNITS, sensor_of
 from imumon.model.units import share_text
+from imumon.noise.fit import ChannelFit
+from imumon.noise.statistics.envelope import RecentStatistics
+from imumon.noise.stretches import Sums
 from imumon.record import report_builder
-from imumon.record.accumulators import Accumulators
-from imumon.record.analysis import Analysis
-from imumon.record.changes import compare_with_report
+from imumon.record.changes import compare_with_report, hour_changes
+from imumon.record.counts import Counts
+from imumon.record.fits import Fits
 from imumon.record.report_builder import step_change
 
 NOTED_SHARE = 0.1
 """Share of the samples from which exclusions, or missing ones, are a caveat of the record."""
 
 
-def record_caveats(record: Accumulators, analysis: Analysis, *, guarded: bool) -> tuple[str, ...]:
+class Assessment:
+    """What the results of a record mean.
+
+    Parameters
+    ----------
+    fits, sums, counts : of the record.
+    recent : statistics of the last minute.
+    baseline : an earlier report of the sensor to compare with; None: there is none.
+
+    Attributes
+    ----------
+    caveats : that hold for the whole record.
+    no_grade : why nothing of the record can be graded; None if it can.
+    constant : channels that should show noise and never changed: dead, stuck, or not measured.
+    changes : steps of the bias and differences from the baseline, by column. The samples have shown those between hours
+        where they happened.
+    """
+
+    def __init__(
+        self,
+        fits: Fits,
+        sums: Sums,
+        counts: Counts,
+        recent: RecentStatistics,
+        baseline: Report | None,
+    ) -> None:
+        self._fits, self._sums, self._counts, self._recent = fits, sums, counts, recent
+        self.caveats, self.no_grade = _record_caveats(counts, fits), _no_grade_reason(counts)
+        # `fits` are the leading channels, those with a curve: a temperature that never changes is no fault
+        shapes = zip(fits.fits, fits.shapes, strict=False)
+        self.constant = tuple(name for name, shape in shapes if shape is not None and shape.constant)
+        self.changes = _changes(fits, baseline)
+        self._clipped = _clipped(fits, sums)
+
+    def channels(self, caveats: Sequence[str]) -> dict[str, Channel]:
+        """Return every channel of the report; `caveats` are those of the stream and the settings of the sensor."""
+        fits, moments = self._fits, self._sums.moments()
+        means = {name: channel.mean for name, channel in zip(fits.names, moments.channels, strict=True)}
+        correlations: dict[str, dict[str, float]] = {}
+        for axes, covariance in zip(_by_sensor(fits.names), moments.covariance, strict=True):
+            correlations |= report_builder.correlations(axes, covariance)
+        between_hours, channels = hour_changes(self._sums.changes()), {}
+        for column, name in enumerate(fits.names):
+            channel, fit, statistics = fits.channels[name], fits.fits.get(name), moments.channels[column]
+            changes = (*between_hours.get(column, ()), *self.changes.get(column, ()))
+            distribution = report_builder.distribution(
+                fits.shapes[column],
+                (float(self._recent.mean[column]), float(self._recent.std[column])),
+                correlations[name],
+                report_builder.effective_samples(channel.allan, statistics.std, statistics.count),
+            )
+            # A temperature has no caveats: those of the record are about noise.
+            of_channel = (
+                () if fit is None else self._channel_caveats(column, name, fit, changed=bool(changes))
+            )
+            channels[name] = replace(
+                channel,
+                **asdict(statistics),
+                distribution=report_builder.with_bias(distribution, name, means, fit, self._counts.elapsed_s),
+                # a sensor without grades keeps None: it has none, while this one has lost its grade
+                grade=ChannelGrade() if channel.grade is not None and self.no_grade else channel.grade,
+                changes=changes if fit is not None else (),
+                # record and fit may name the same one
+                caveats=() if fit is None else tuple(dict.fromkeys((*caveats, *self.caveats, *of_channel))),
+            )
+        return channels
+
+    def _channel_caveats(self, column: int, name: str, fit: ChannelFit, *, changed: bool) -> tuple[str, ...]:
+        """Return the caveats of one channel."""
+        robust = self._fits.robust.get(name)
+        holds = {
+            # the guard sees them while they pass; the robust deviation in the whole record, also without a guard
+            "outliers": bool(self._counts.noisy[column]) or (robust is not None and robust.disagrees),
+            "constant": name in self.constant,
+            "clipped": name in self._clipped,
+            "changed": changed,
+            "temperature": fit.follows_temperature,
+        }
+        return (*fit.caveats, *(caveat for caveat, true in holds.items() if true))
+
+    def sensor_grades(self, channels: Mapping[str, Channel]) -> dict[str, SensorGrade]:
+        """Return the headline of each sensor, without a grade if the record or a constant axis prevents it.
+
+        Parameters
+        ----------
+        channels : of the report, with their combined limits: a grade is certain within these.
+        """
+        grades = {}
+        for sensor in self._fits.grades:
+            axes = [name.partition("/")[2] for name in self.constant if sensor_of(name) == sensor]
+            ends = [
+                f"{name.partition('/')[2]} is clipped at {' and '.join(map('{:.4g}'.format, values))} {UNITS[sensor]}"
+                for name, values in self._clipped.items()
+                if sensor_of(name) == sensor
+            ]
+            # A reason of the record takes precedence: it says what to do first.
+            if self.no_grade is not None:
+                grades[sensor] = SensorGrade(reason=self.no_grade)
+            elif axes:
+                reason = f"{', '.join(axes)} never changed: dead, stuck or not measured"
+                grades[sensor] = SensorGrade(reason=reason)
+            elif ends:
+                grades[sensor] = SensorGrade(reason=f"{', '.join(ends)}: a range is too small")
+            else:
+                axes_with_fit = {
+                    name.partition("/")[2]: channel.coefficients
+                    for name, channel in channels.items()
+                    if sensor_of(name) == sensor and channel.fit
+                }
+                grades[sensor] = grade_sensor(sensor, axes_with_fit)
+        return grades
+
+
+def _record_caveats(counts: Counts, fits: Fits) -> tuple[str, ...]:
     """Return the caveats that hold for the whole record."""
     holds = {
-        "not_at_rest": not record.guard.at_rest,
-        "disturbed": record.excluded_share > NOTED_SHARE,
+        "not_at_rest": not counts.at_rest,
+        "disturbed": counts.excluded_share > NOTED_SHARE,
         # a single sample beyond the range counts: the setting is wrong, and the next motion shows it again
-        "saturated": "clipped" in record.excluded_by,
-        "stuck": record.stuck,
-        "gaps": record.missing_share > NOTED_SHARE,
-        "warming_up": guarded and analysis.warming_up,
+        "saturated": "clipped" in counts.excluded,
+        "stuck": counts.stuck,
+        "gaps": counts.missing_share > NOTED_SHARE,
+        "warming_up": fits.warming_up,
     }
     return tuple(caveat for caveat, true in holds.items() if true)
 
 
-def no_grade_reason(record: Accumulators) -> str | None:
-    """Return why nothing of this record can be graded; None if it can."""
+def _no_grade_reason(counts: Counts) -> str | None:
+    """Return why nothing of a record can be graded; None if it can."""
     # A sensor that hangs now would be graded by its past, so the present counts, not the share alone.
-    if record.stuck or record.stuck_share > UNGRADED_SHARE:
-        return f"{share_text(record.stuck_share)} of the samples repeat: stuck"
-    if record.excluded_share > UNGRADED_SHARE:
-        return excluded_text(record.excluded_share, record.excluded_by)
-    if not record.guard.at_rest:
+    if counts.stuck or counts.stuck_share > UNGRADED_SHARE:
+        return f"{share_text(counts.stuck_share)} of the samples repeat: stuck"
+    if counts.excluded_share > UNGRADED_SHARE:
+        return excluded_text(counts.excluded_share, counts.excluded_by)
+    if not counts.at_rest:
         return "the sensor is not at rest"
     return None
 
 
-def constant_channels(analysis: Analysis) -> tuple[str, ...]:
-    """Return the channels that should show noise and never changed: dead, stuck, or not measured."""
-    # `fits` are the leading channels, those with a curve: a temperature that never changes is no fault
-    shapes = zip(analysis.fits, analysis.shapes, strict=False)
-    return tuple(name for name, shape in shapes if shape is not None and shape.constant)
-
-
-def clipped_channels(record: Accumulators, analysis: Analysis) -> dict[str, tuple[float, ...]]:
+def _clipped(fits: Fits, sums: Sums) -> dict[str, tuple[float, ...]]:
     """Return the channels whose values end at a limit of their range, with these values, channel unit."""
-    extremes = zip(analysis.fits.items(), analysis.shapes, record.statistics.extremes.result(), strict=False)
+    extremes = zip(fits.fits.items(), fits.shapes, sums.extremes.result(), strict=False)
     limits = {
         name: of_channel.clipped_at(shape)
         for (name, fit), shape, of_channel in extremes
@@ -69,13 +178,10 @@ def clipped_channels(record: Accumulators, analysis: Analysis) -> dict[str, tupl
     return {name: values for name, values in limits.items() if values}
 
 
-def detect_changes(analysis: Analysis, baseline: Report | None) -> dict[int, tuple[Change, ...]]:
-    """Return the steps of the bias, and what differs from a saved baseline, by column.
-
-    Changes between hours are not among them: the samples show those where they happen, in `Happened.ended`.
-    """
+def _changes(fits: Fits, baseline: Report | None) -> dict[int, tuple[Change, ...]]:
+    """Return the steps of the bias, and what differs from a saved baseline, by column."""
     changes = {}
-    for column, (name, fit) in enumerate(analysis.fits.items()):
+    for column, (name, fit) in enumerate(fits.fits.items()):
         of_channel = [] if fit.step is None else [step_change(fit.step)]
         if baseline is not None:
             of_channel += compare_with_report(baseline, name, fit)
@@ -84,108 +190,9 @@ def detect_changes(analysis: Analysis, baseline: Report | None) -> dict[int, tup
     return changes
 
 
-def merged(*changes: Mapping[int, tuple[Change, ...]]) -> dict[int, tuple[Change, ...]]:
-    """Return changes of several kinds together, by column."""
-    columns = dict.fromkeys(column for kind in changes for column in kind)
-    return {
-        column: tuple(change for kind in changes for change in kind.get(column, ())) for column in columns
-    }
-
-
-def assess_channels(
-    record: Accumulators,
-    analysis: Analysis,
-    record_caveats: tuple[str, ...],
-    changes: Mapping[int, tuple[Change, ...]],
-    no_grade: str | None,
-) -> dict[str, Channel]:
-    """Return every channel of the report.
-
-    Parameters
-    ----------
-    record_caveats : caveats that hold for all channels.
-    changes : by column.
-    no_grade : why nothing of the record can be graded; None if it can.
-    """
-    fits, moments, recent = analysis.fits, record.statistics.noise.moments(), record.envelope.recent()
-    means = {name: channel.mean for name, channel in zip(record.channels, moments.channels, strict=True)}
-    correlations: dict[str, dict[str, float]] = {}
-    for group, covariance in enumerate(moments.covariance):
-        axes = [
-            name for name, of_sensor in zip(record.channels, record.groups, strict=True) if of_sensor == group
-        ]
-        correlations |= report_builder.correlations(axes, covariance)
-    constant, clipped, channels = constant_channels(analysis), clipped_channels(record, analysis), {}
-    noisy = record.guard.noisy_outliers
-    for column, name in enumerate(record.channels):
-        channel, fit, shape = analysis.channels[name], fits.get(name), analysis.shapes[column]
-        statistics = moments.channels[column]
-        # A temperature has no caveats: those of the record are about noise.
-        caveats: tuple[str, ...] = ()
-        if fit is not None:
-            robust = analysis.robust.get(name)
-            holds = {
-                # the guard sees them while they pass; the robust deviation in the whole record, also without a guard
-                "outliers": bool(noisy[column]) or (robust is not None and robust.disagrees),
-                "constant": name in constant,
-                "clipped": name in clipped,
-                "changed": column in changes,
-                "temperature": fit.follows_temperature,
-            }
-            caveats = (
-                *record_caveats,
-                *fit.caveats,
-                *(caveat for caveat, true in holds.items() if true),
-            )
-        distribution = report_builder.distribution(
-            shape,
-            (float(recent.mean[column]), float(recent.std[column])),
-            correlations[name],
-            report_builder.effective_samples(channel.allan, statistics.std, statistics.count),
-        )
-        channels[name] = replace(
-            channel,
-            **asdict(statistics),
-            distribution=report_builder.with_bias(distribution, name, means, fit, record.elapsed_s),
-            # a sensor without grades keeps None: it has none, while this one has lost its grade
-            grade=ChannelGrade() if channel.grade is not None and no_grade else channel.grade,
-            changes=changes.get(column, ()) if fit is not None else (),
-            caveats=tuple(dict.fromkeys(caveats)),  # record and fit may name the same one
-        )
-    return channels
-
-
-def sensor_grades(
-    record: Accumulators, analysis: Analysis, channels: Mapping[str, Channel], no_grade: str | None
-) -> dict[str, SensorGrade]:
-    """Return the headline of each sensor, without a grade if the record or a constant axis prevents it.
-
-    Parameters
-    ----------
-    channels : of the report, with their combined limits: a grade is certain within these.
-    no_grade : why nothing of the record can be graded; None if it can.
-    """
-    constant, clipped, grades = constant_channels(analysis), clipped_channels(record, analysis), {}
-    for sensor in analysis.grades:
-        axes = [name.partition("/")[2] for name in constant if sensor_of(name) == sensor]
-        ends = [
-            f"{name.partition('/')[2]} is clipped at {' and '.join(f'{value:.4g}' for value in values)} {UNITS[sensor]}"
-            for name, values in clipped.items()
-            if sensor_of(name) == sensor
-        ]
-        # A reason of the record takes precedence: it says what to do first.
-        if no_grade is not None:
-            grades[sensor] = SensorGrade(reason=no_grade)
-        elif axes:
-            reason = f"{', '.join(axes)} never changed: dead, stuck or not measured"
-            grades[sensor] = SensorGrade(reason=reason)
-        elif ends:
-            grades[sensor] = SensorGrade(reason=f"{', '.join(ends)}: a range is too small")
-        else:
-            axes_with_fit = {
-                name.partition("/")[2]: channel.coefficients
-                for name, channel in channels.items()
-                if sensor_of(name) == sensor and channel.fit
-            }
-            grades[sensor] = grade_sensor(sensor, axes_with_fit)
-    return grades
+def _by_sensor(names: Sequence[str]) -> list[list[str]]:
+    """Return the channels of each sensor."""
+    sensors: dict[str, list[str]] = {}
+    for name in names:
+        sensors.setdefault(sensor_of(name), []).append(name)
+    return list(sensors.values())

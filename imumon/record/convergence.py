@@ -6,7 +6,7 @@ each with the last statement in it. The newest point is what is stated now. A ye
 memory is bounded.
 
 Statements are made when somebody asks for a report. A record without reports, such as that of a replay, is fitted
-whenever its length has doubled (`next_due_s`) if a document shows the convergence (`MonitorOptions.convergence`): its
+whenever its length has doubled (`next_due_s`) if a document shows the convergence (`RecordOptions.convergence`): its
 curve then has a point in each octave of its length. Such fits take a fifth of the time of a replay.
 """
 

@@ -18,7 +18,9 @@ from imumon.model.messages import EVENT_LEVELS, change_text, grade_text, loss_te
 from imumon.model.report import WARM_S, Change, Event, SensorGrade, stamp
 from imumon.model.samples import Ints, Level
 from imumon.model.units import counted, duration
-from imumon.record.accumulators import Accumulators, Happened
+from imumon.noise.detection.disturbance import Disturbance
+from imumon.noise.stretches.change import CoefficientChange
+from imumon.noise.stretches.sums import Ended
 from imumon.record.changes import hour_changes
 
 GAP_EVENT_S = 10.0
@@ -75,6 +77,8 @@ class EventLog:
         self._grades: dict[str, SensorGrade] = {}  # as reported
         self._candidates: dict[str, tuple[SensorGrade, float]] = {}  # other grades, and since when, s
         self._first_grades_known = False
+        self._channels: Sequence[str] = ()
+        self._interval_s = 0.0
 
     def drain(self) -> list[DetectedEvent]:
         """Return and forget the events since the last call, in order."""
@@ -85,92 +89,107 @@ class EventLog:
         """Add one event."""
         self._events.append(event)
 
-    def record_began(self) -> None:
-        """Note that the times of the record begin at 0, and that nothing of it has been reported."""
+    def begin(self, channels: Sequence[str], interval_s: float) -> None:
+        """Note that a record of these channels begins: its times begin at 0, and nothing of it has been reported."""
+        self._channels, self._interval_s = channels, interval_s
         self._gaps, self._missing = 0, 0
         self._next_gap_s = self._next_reset_s = 0.0
         self._warming_up = self._warmup_reported = False
         self._changes_between_hours.clear()
         self._other_changes.clear()
 
-    def record_restored(self, record: Accumulators) -> None:
+    def restored(self, changes: Mapping[int, tuple[CoefficientChange, ...]]) -> None:
         """Note that the changes between hours and the grades of a restored record have been reported before."""
-        for column, changes in hour_changes(record.noise.changes()).items():
-            for change in changes:
+        for column, of_column in hour_changes(changes).items():
+            for change in of_column:
                 self._changes_between_hours[column, change.against, change.quantity] = 0.0
         self._first_grades_known = True
 
-    def update_happened(self, happened: Happened, record: Accumulators) -> None:
-        """Add what the guard excluded, the end of a warm-up, rest and motion, and changes between hours."""
-        for disturbance in happened.disturbances:
-            name = None if disturbance.channel is None else record.channels[disturbance.channel]
-            start, length = disturbance.start * record.interval_s, disturbance.length * record.interval_s
+    def update_happened(
+        self,
+        disturbances: Iterable[Disturbance],
+        rest: Iterable[tuple[int, bool]],
+        stuck: Iterable[tuple[int, bool]],
+        ended: Ended,
+    ) -> None:
+        """Add what the guard excluded, rest and motion, the end of a warm-up, and changes between hours.
+
+        Parameters
+        ----------
+        disturbances : that ended.
+        rest, stuck : places on the grid where the sensor comes to rest or moves, and where it hangs or does not.
+        ended : warm-ups and hours.
+        """
+        for disturbance in disturbances:
+            name = None if disturbance.channel is None else self._channels[disturbance.channel]
+            start, length = disturbance.start * self._interval_s, disturbance.length * self._interval_s
             excluded = duration(length) if length >= 60.0 else f"{length:.2g} s"
             text = f"{disturbance.kind}{f' on {name}' if name else ''}: {excluded} excluded"
             size = disturbance.size
             self.add(DetectedEvent("disturbance", text, start, channel=name, length_s=length, size=size))
-        for elapsed_s, warmup in happened.ended.warmups:
+        for elapsed_s, warmup in ended.warmups:
             text = f"a warm-up of {duration(warmup)} is over and excluded"
             self.add(DetectedEvent("warmup", text, elapsed_s, length_s=warmup))
-        for place, at_rest in happened.rest:
+        for place, at_rest in rest:
             text = "at rest again" if at_rest else "not at rest: statistics are suspended"
-            self.add(DetectedEvent("rest" if at_rest else "motion", text, place * record.interval_s))
-        for place, stuck in happened.stuck:
+            self.add(DetectedEvent("rest" if at_rest else "motion", text, place * self._interval_s))
+        for place, hangs in stuck:
             begins = "the values do not change: an axis or the whole sensor hangs"
-            text, level = (begins, None) if stuck else ("the values change again", NOTICE)
-            self.add(DetectedEvent("stuck", text, place * record.interval_s, level=level))
-        for elapsed_s, changes in happened.ended.hours:
-            changed = hour_changes(changes)
-            self._update_changes(self._changes_between_hours, changed, record.channels, elapsed_s)
+            text, level = (begins, None) if hangs else ("the values change again", NOTICE)
+            self.add(DetectedEvent("stuck", text, place * self._interval_s, level=level))
+        for elapsed_s, changes in ended.hours:
+            self._update_changes(self._changes_between_hours, hour_changes(changes), elapsed_s)
 
-    def update_warmup(self, record: Accumulators, warming_up: bool, *, heats_up: bool) -> None:
+    def update_warmup(self, elapsed_s: float, excluded_s: float, warming_up: bool, *, heats_up: bool) -> None:
         """Add, once, the end of a warm-up of which nothing is excluded; else `update_happened` adds it.
 
         The temperature begins it: means that seem to settle for a while are no event. A temperature that rests for a
         while in the first half hour does not end it.
+
+        Parameters
+        ----------
+        elapsed_s, excluded_s : length of the record, and of the warm-up that is excluded of it.
         """
         # A mean may rest in the first minutes and move again: before half an hour no sensor counts as warm.
-        over = self._warming_up and not warming_up and record.elapsed_s >= WARM_S
+        over = self._warming_up and not warming_up and elapsed_s >= WARM_S
         self._warming_up = (self._warming_up and not over) or (warming_up and heats_up)
-        if over and not self._warmup_reported and not record.warmup_s:
+        if over and not self._warmup_reported and not excluded_s:
             self._warmup_reported = True
             text = "the warm-up is over: the numbers do not show it, and all samples count"
-            self.add(DetectedEvent("warmup", text, record.elapsed_s))
+            self.add(DetectedEvent("warmup", text, elapsed_s))
 
-    def update_clock(self, steps: Ints, record: Accumulators) -> None:
-        """Add resets of the clock before samples that the record has just received.
-
-        After an event, resets in the next `GAP_EVENT_S` are counted by the monitor only.
+    def update_steps(self, steps: Ints, span: int) -> None:
+        """Add the gaps, and the resets of the clock, before samples that the record has just received.
 
         Parameters
         ----------
         steps : (n,) grid steps since the sample before.
+        span : ticks of the grid at the end of these samples.
         """
+        if self._gaps or (steps != 1).any():
+            self._update_clock(steps, span)
+            self._update_gaps(steps, span)
+
+    def _update_clock(self, steps: Ints, span: int) -> None:
+        """Add resets of the clock; after an event, those in the next `GAP_EVENT_S` are only counted."""
         breaks = steps == BREAK
         if not breaks.any():
             return
-        places = record.span - np.cumsum(np.where(breaks, 1, steps)[::-1])[::-1]
-        for elapsed_s in (places[breaks] * record.interval_s).tolist():
+        places = span - np.cumsum(np.where(breaks, 1, steps)[::-1])[::-1]
+        for elapsed_s in (places[breaks] * self._interval_s).tolist():
             if elapsed_s >= self._next_reset_s:
                 self._next_reset_s = elapsed_s + GAP_EVENT_S
                 text = "the clock of the sensor was reset: a gap of unknown length"
                 self.add(DetectedEvent("restart", text, elapsed_s, code="clock_reset"))
 
-    def update_gaps(self, steps: Ints, record: Accumulators) -> None:
-        """Add the gaps before samples that the record has just received.
-
-        The first gap is an event at its end. Gaps in the next `GAP_EVENT_S` are one event together.
-
-        Parameters
-        ----------
-        steps : (n,) grid steps since the sample before.
-        """
-        ticks = np.where(steps == BREAK, 1, steps)  # `update_clock` reports a gap of unknown length
+    def _update_gaps(self, steps: Ints, span: int) -> None:
+        """Add gaps: the first one is an event at its end, those in the next `GAP_EVENT_S` are one event together."""
+        ticks = np.where(steps == BREAK, 1, steps)  # `_update_clock` reports a gap of unknown length
         rows = np.flatnonzero(ticks > 1)  # the first sample after a gap each
         missing = ticks[rows] - 1
         # The record has the samples already: count back from its end. A gap is placed at its last missing tick.
-        places = record.span - int(ticks.sum()) + np.cumsum(ticks)[rows] - 1
-        times = places * record.interval_s
+        places = span - int(ticks.sum()) + np.cumsum(ticks)[rows] - 1
+        times = places * self._interval_s
         first = 0
         # Each pass closes one interval without events: the gaps in it are one event at its end, and the first gap
         # after it begins the next. Blocks of any length give the same events.
@@ -180,33 +199,33 @@ class EventLog:
             self._missing += int(missing[first:last].sum())
             first = last
             if self._gaps:
-                if record.elapsed_s < self._next_gap_s:
+                if span * self._interval_s < self._next_gap_s:
                     return
-                self.report_gaps(self._next_gap_s, record)
+                self.report_gaps(self._next_gap_s)
             elif first < len(times):
-                self._next_gap_s = float(times[first]) + record.interval_s
+                self._next_gap_s = float(times[first]) + self._interval_s
             else:
                 return
 
-    def report_gaps(self, elapsed_s: float, record: Accumulators) -> None:
+    def report_gaps(self, elapsed_s: float) -> None:
         """Add the gaps that wait, if there are any, as one event."""
         if not self._gaps:
             return
-        length = self._missing * record.interval_s
+        length = self._missing * self._interval_s
         plural = "gap" if self._gaps == 1 else f"{self._gaps} gaps"
         text = f"{plural}: {counted(self._missing, 'sample')} missing ({length:.4g} s)"
         self.add(DetectedEvent("gap", text, elapsed_s, length_s=length))
         self._gaps, self._missing, self._next_gap_s = 0, 0, elapsed_s + GAP_EVENT_S
 
-    def update_constant(self, names: Iterable[str], record: Accumulators) -> None:
+    def update_constant(self, names: Iterable[str], elapsed_s: float) -> None:
         """Add channels that never change, and those that change after all."""
         now = set(names)
         for name in sorted(now - self._constant):
             text = f"{name} never changed: dead, stuck or not measured"
-            self.add(DetectedEvent("constant", text, record.elapsed_s, channel=name))
+            self.add(DetectedEvent("constant", text, elapsed_s, channel=name))
         for name in sorted(self._constant - now):
             text = f"{name} changes now"
-            self.add(DetectedEvent("constant", text, record.elapsed_s, channel=name, level=NOTICE))
+            self.add(DetectedEvent("constant", text, elapsed_s, channel=name, level=NOTICE))
         self._constant = now
 
     def update_loss(self, share: float, limit: float, elapsed_s: float, *, ends: bool = True) -> None:
@@ -220,58 +239,56 @@ class EventLog:
             text = f"the alarm is over: {loss_text(share)}"
             self.add(DetectedEvent("loss", text, elapsed_s, level=NOTICE))
 
-    def update_changes(self, changes: Mapping[int, tuple[Change, ...]], record: Accumulators) -> None:
+    def update_changes(self, changes: Mapping[int, tuple[Change, ...]], elapsed_s: float) -> None:
         """Add changes that are new and those that are over, other than those between hours.
 
         Parameters
         ----------
         changes : by column, all that hold now.
         """
-        self._update_changes(self._other_changes, changes, record.channels, record.elapsed_s)
+        self._update_changes(self._other_changes, changes, elapsed_s)
 
     def _update_changes(
         self,
         reported: dict[tuple[int, str, str], float],
         changes: Mapping[int, tuple[Change, ...]],
-        channels: Sequence[str],
         elapsed_s: float,
     ) -> None:
         """Add what differs between the changes that hold now and those of the same kind that were reported."""
         current: dict[tuple[int, str, str], str] = {
-            (column, change.against, change.quantity): change_text(channels[column], change)
+            (column, change.against, change.quantity): change_text(self._channels[column], change)
             for column, of_channel in changes.items()
             for change in of_channel
         }
         for key, text in current.items():
             if key not in reported:
-                self.add(DetectedEvent("change", text, elapsed_s, channel=channels[key[0]]))
+                self.add(DetectedEvent("change", text, elapsed_s, channel=self._channels[key[0]]))
             reported[key] = elapsed_s
         for key, seen in list(reported.items()):
             if not seen <= elapsed_s < seen + CHANGE_HOLD_S:
                 del reported[key]  # of a longer record before, or over
                 if elapsed_s > seen:
                     column, against, quantity = key
-                    name = channels[column]
+                    name = self._channels[column]
                     text = f"{name}: {quantity} does not differ from the {against} any more"
                     self.add(DetectedEvent("change", text, elapsed_s, channel=name, level=NOTICE))
 
-    def update_grades(self, grades: Mapping[str, SensorGrade], record: Accumulators) -> None:
+    def update_grades(self, grades: Mapping[str, SensorGrade], elapsed_s: float) -> None:
         """Add a headline grade that differs from the reported one and has held for `GRADE_HOLD`."""
-        elapsed = record.elapsed_s
         for sensor, grade in grades.items():
             before = self._grades.get(sensor, SensorGrade())
             # A grade that returns before another one has held is no event: forget the other.
             if sensor in self._grades and grade.meets == before.meets:
                 self._candidates.pop(sensor, None)
                 continue
-            candidate, since = self._candidates.get(sensor, (grade, elapsed))
-            if candidate.meets != grade.meets or elapsed < since:  # a shorter record is another one
-                since = elapsed
+            candidate, since = self._candidates.get(sensor, (grade, elapsed_s))
+            if candidate.meets != grade.meets or elapsed_s < since:  # a shorter record is another one
+                since = elapsed_s
             self._candidates[sensor] = (grade, since)
-            if sensor not in self._grades or elapsed >= since * GRADE_HOLD:
+            if sensor not in self._grades or elapsed_s >= since * GRADE_HOLD:
                 self._grades[sensor] = grade
                 # A restored record has reported its grades before the restart.
                 if not self._first_grades_known:
                     was = f" (before: {grade_text(before)})" if before.meets else ""
-                    self.add(DetectedEvent("grade", f"{sensor}: {grade_text(grade)}{was}", elapsed))
+                    self.add(DetectedEvent("grade", f"{sensor}: {grade_text(grade)}{was}", elapsed_s))
         self._first_grades_known &= not grades

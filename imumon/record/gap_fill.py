@@ -15,8 +15,8 @@ from typing import TypeAlias
 import numpy as np
 
 from imumon.grid.sample_clock import BREAK, PlacedSamples
-from imumon.model.samples import Bools, Floats, SampleBlock, selected, sensor_of
-from imumon.noise.validity_groups import ValidityGroups
+from imumon.model.samples import INERTIAL, Bools, Floats, Ints, SampleBlock, Stream, selected, sensor_of
+from imumon.noise.validity_groups import LARGEST
 
 LONG_GAP = 256
 """Ticks, longest step that is filled row by row: a longer gap would cost more than two calls do."""
@@ -36,14 +36,23 @@ class InvalidSamples:
     def __init__(self) -> None:
         self.any = False
         self._lost = 0  # since the last sample that was kept
+        self._stream: Stream | None = None  # of the last block
+        self._inertial: list[int] = []  # columns of it that must be numbers
 
     def remove(self, block: SampleBlock) -> SampleBlock:
         """Return the block without them; the next sample counts them as lost before it."""
-        inertial = [k for k, name in enumerate(block.stream.channels) if sensor_of(name) in ("gyro", "accel")]
-        valid = ValidityGroups(len(inertial)).check(block.values[:, inertial], None)[1] if inertial else None
-        if valid is None and not self._lost:
+        if block.stream is not self._stream:
+            channels = enumerate(block.stream.channels)
+            self._stream, self._inertial = (
+                block.stream,
+                [k for k, name in channels if sensor_of(name) in INERTIAL],
+            )
+        values = block.values[:, self._inertial]
+        with np.errstate(over="ignore", invalid="ignore"):
+            all_valid = bool(abs(values.sum()) < LARGEST)  # one fast pass, which NaN and inf fail, too
+        if all_valid and not self._lost:
             return block
-        keep = np.ones(len(block), bool) if valid is None else valid[:, 0]
+        keep = np.ones(len(block), bool) if all_valid else np.asarray((np.abs(values) < LARGEST).all(axis=1))
         self.any = self.any or not keep.all()
         # A sample that is taken out is lost, and so is what was lost before it: the next one that stays has the sum.
         before = self._lost + np.cumsum(block.lost + ~keep)  # lost up to each sample, itself included
@@ -67,6 +76,10 @@ class DenseBlock:
     present: Bools | None
     saturated: Bools | None
 
+    def valid(self, groups: int) -> Bools | None:
+        """Return (n, groups) ticks with a sample; None: all."""
+        return None if self.present is None else np.repeat(self.present[:, None], groups, axis=1)
+
 
 @dataclass(frozen=True, slots=True)
 class LongGap:
@@ -83,9 +96,16 @@ class Break:
 Part: TypeAlias = DenseBlock | LongGap | Break
 
 
-def fill_gaps(placed: PlacedSamples) -> Iterator[Part]:
-    """Yield the grid of placed samples in order."""
+def fill_gaps(placed: PlacedSamples) -> list[Part]:
+    """Return the grid of placed samples in order."""
     steps = placed.steps
+    if (steps == 1).all() and len(steps) < MOST_ROWS:
+        return [DenseBlock(placed.values, None, placed.saturated)]
+    return list(_parts(placed, steps))
+
+
+def _parts(placed: PlacedSamples, steps: Ints) -> Iterator[Part]:
+    """Yield dense blocks, long gaps and breaks."""
     cuts = set(np.flatnonzero((steps == BREAK) | (steps > LONG_GAP)).tolist())
     # in ticks, with long gaps as one: where a dense block is full, another one begins
     full = np.diff(np.cumsum(np.minimum(steps, LONG_GAP)) // MOST_ROWS, prepend=0) > 0

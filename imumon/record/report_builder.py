@@ -7,8 +7,9 @@ number of points; it estimates nothing but the bias.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from imumon.noise.fit import BiasFit, ChannelFit, RegressorEstimate, StepEstimat
 from imumon.noise.spectrum import PowerSpectrum
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.distribution_shape import DistributionShape
-from imumon.noise.statistics.envelope import EnvelopeColumns
+from imumon.noise.statistics.envelope import Envelope, EnvelopeColumns
 
 NEARLY_VERTICAL = 0.95
 """Share of gravity that an axis must measure to have a bias: the excess of the vector's length says nothing
@@ -213,6 +214,10 @@ def limit_curves(
             curve = report.LimitCurve(tau_s=_rounded(tau), sigma=_rounded(sigma))
             curves.setdefault(sensor, {})[grade] = curve
     return curves
+
+
+LIMIT_CURVES = limit_curves(LIMITS)
+"""Allan deviation at the limits of each grade of `imumon.model.grading`."""
 
 
 def with_bias(
@@ -444,8 +449,19 @@ def spectrum(sensor: str, density: PowerSpectrum, column: int) -> report.Spectru
     )
 
 
-def signal(name: str, strips: Sequence[EnvelopeColumns], column: int, interval_s: float) -> report.Signal:
-    """Return the signal view of one channel, of the last minute, the last hour, and everything."""
+def signals(
+    names: Sequence[str], envelope: Envelope, interval_s: float
+) -> dict[str, Callable[[], report.Signal]]:
+    """Return what makes the signal view of each channel as it is now: of the last minute, the last hour, everything.
+
+    The columns are copies, which another thread may use: it makes a message only where somebody asks for one.
+    """
+    strips = envelope.minute(), envelope.hour(), envelope.everything()
+    return {name: partial(_signal, name, strips, column, interval_s) for column, name in enumerate(names)}
+
+
+def _signal(name: str, strips: Sequence[EnvelopeColumns], column: int, interval_s: float) -> report.Signal:
+    """Return the signal view of one channel."""
     minute, hour, everything = (_strip(columns, column, interval_s) for columns in strips)
     return report.Signal(
         channel=name,

@@ -25,7 +25,7 @@ from imumon.model.coefficients import GRADES
 from imumon.model.report import DeviceDescription, Report, SensorGrade, SessionCounters, stamp
 from imumon.model.report_json import to_json
 from imumon.model.samples import SampleBlock
-from imumon.record import Monitor
+from imumon.record import Record
 from imumon.sources.vn100.emulator import EmulatorSettings
 
 PERFORMANCE = re.compile(r"[A-Za-z_]+=-?\d+(\.\d+)?(s|%|c)?(;-?[\d.]*){0,4}")
@@ -91,7 +91,7 @@ def disconnected(report: Report) -> Report:
 def measured(scale: float = 1.0) -> Report:
     """Return the report of a minute of white noise, of an industrial sensor by default."""
     stream = replace(DELTAS, channels=(*DELTAS.channels, "temperature"))
-    part, monitor = block(6000), Monitor()
+    part, monitor = block(6000), Record()
     assert part.time_ns is not None
     values = np.column_stack((LEVEL + scale * (part.values - LEVEL), np.full(6000, 25.0)))
     monitor.feed(SampleBlock(stream, values, part.time_ns, part.lost))

@@ -200,8 +200,8 @@ def test_a_stop_saves_before_its_last_report(tmp_path: Path, monkeypatch: pytest
     def late(reader: Reader) -> Report:
         if reader._connection.state == "stopped":
             (path,) = until(lambda: list(tmp_path.glob("*.state")))
-            samples = reader._record.monitor.samples
-            until(lambda: decode(path.read_bytes()).monitor.record.accumulators.samples == samples)
+            samples = reader._record.samples
+            until(lambda: decode(path.read_bytes()).record.samples == samples)
             saved.append(samples)
         return publish(reader)
 

@@ -16,8 +16,8 @@ from imumon.daemon.persistence import Persistence
 from imumon.model.report import SessionCounters
 from imumon.model.samples import DeviceInfo, SampleBlock, Stream
 from imumon.model.saved_state import unpack
-from imumon.record import Monitor
-from imumon.record import MonitorOptions as Watched
+from imumon.record import Record
+from imumon.record import RecordOptions as Watched
 from imumon.sources.clock import HostClock
 
 FILTER = "85 IMU filtering"
@@ -35,8 +35,8 @@ def block(first: int, n: int = 200) -> SampleBlock:
     return SampleBlock(STREAM, values, (first + np.arange(n)) * 10_000_000, np.zeros(n, dtype=np.int64), None)
 
 
-def begun(directory: Path, of: DeviceInfo, *, fresh: bool = False) -> tuple[Persistence, Monitor, list[str]]:
-    monitor = Monitor(rate_hz=100.0)
+def begun(directory: Path, of: DeviceInfo, *, fresh: bool = False) -> tuple[Persistence, Record, list[str]]:
+    monitor = Record(rate_hz=100.0)
     kept = Persistence(directory, "lab", monitor, HostClock(), fresh=fresh)
     return kept, monitor, [text for text, _ in kept.restore(of)]
 
@@ -45,7 +45,7 @@ def leave(directory: Path) -> None:
     """A record of 200 samples of the sensor as it is set at first."""
     kept, monitor, _ = begun(directory, facts())
     monitor.feed(block(0))
-    kept.close(SessionCounters(started="2026-01-01T00:00:00.000Z"))
+    kept.close(SessionCounters(started="2026-01-01T00:00:00.000Z"), None)
 
 
 def test_a_record_goes_on(tmp_path: Path) -> None:
@@ -55,17 +55,17 @@ def test_a_record_goes_on(tmp_path: Path) -> None:
     assert monitor.samples == 400
     assert "continues" in said[0]
     assert kept.with_earlier_runs(SessionCounters()).restarts == 1
-    kept.close(SessionCounters(started=kept.started))
+    kept.close(SessionCounters(started=kept.started), None)
 
 
 def test_a_record_with_the_guards_on_does_not_go_on_with_them_off(tmp_path: Path) -> None:
     leave(tmp_path)
-    bare = Monitor(Watched(guarded=False), rate_hz=100.0)
+    bare = Record(Watched(guarded=False), rate_hz=100.0)
     kept = Persistence(tmp_path, "lab", bare, HostClock())
     (text, level), *_ = kept.restore(facts())
     assert level == "warning"
     assert "guards on" in text
-    kept.close(SessionCounters())
+    kept.close(SessionCounters(), None)
     assert (tmp_path / "lab.other-settings-1.state").exists()
 
 
@@ -73,10 +73,10 @@ def test_a_state_that_waits_for_the_disk_is_of_one_moment(tmp_path: Path) -> Non
     """It is written by another thread, while samples go on."""
     kept, monitor, _ = begun(tmp_path, facts())
     monitor.feed(block(0, 5000))
-    waiting = kept._state(SessionCounters())
+    waiting = kept._state(SessionCounters(), None)
     monitor.feed(block(5000, 5000))
-    assert unpack(waiting).monitor.record.accumulators.samples < monitor.samples
-    kept.close(SessionCounters())
+    assert unpack(waiting).record.samples < monitor.samples
+    kept.close(SessionCounters(), None)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_another_is_set_aside_whole(tmp_path: Path, other: DeviceInfo, name: str
     monitor.feed(block(0))
     assert monitor.samples == 200
     assert word in said[0]
-    kept.close(SessionCounters())
+    kept.close(SessionCounters(), None)
     assert (tmp_path / f"lab.{name}-1.state").read_bytes() == before
     assert (tmp_path / "lab.state").exists()
 
@@ -103,12 +103,12 @@ def test_settings_that_change_while_it_is_away_start_new_record(tmp_path: Path) 
     monitor.feed(block(0))
     changed = facts(filtering="0,8,4,4,0")
     assert kept.differing(changed)
-    other = Monitor(rate_hz=100.0)
-    said = kept.start_new_record(changed, other, SessionCounters())
-    other.feed(block(0, 50))
-    kept.close(SessionCounters())
+    said = kept.start_new_record(changed, SessionCounters(), None)
+    monitor.forget()
+    monitor.feed(block(0, 50))
+    kept.close(SessionCounters(), None)
     assert "lab.other-settings-1.state" in said
-    assert decode((tmp_path / "lab.other-settings-1.state").read_bytes()).monitor.stream
+    assert decode((tmp_path / "lab.other-settings-1.state").read_bytes()).record.stream
     assert decode((tmp_path / "lab.state").read_bytes()).header.settings == changed.settings
 
 
@@ -130,7 +130,7 @@ def test_a_record_that_is_saved_before_its_clock_is_known_again_goes_on(tmp_path
     leave(tmp_path)
     kept, monitor, _ = begun(tmp_path, facts())
     monitor.accept_restored()
-    kept.close(SessionCounters())
+    kept.close(SessionCounters(), None)
     _, _, said = begun(tmp_path, facts())
     assert "continues" in said[0]
 
@@ -140,12 +140,12 @@ def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Pa
     monitor.feed(block(0))
     place = tmp_path / "lab.state.new"
     place.mkdir()  # nothing can be written under this name
-    kept.save(SessionCounters())
+    kept.save(SessionCounters(), None)
     kept._checkpoint.flush()
     assert [level for _, level in kept.problems()] == ["error"]
     assert not list(kept.problems())  # once per change
     place.rmdir()
-    kept.close(SessionCounters())
+    kept.close(SessionCounters(), None)
     assert Checkpoint(tmp_path, "lab").load()[0] is not None
 
 
@@ -153,14 +153,14 @@ def test_a_state_that_is_removed_is_made_again_and_said_once(tmp_path: Path) -> 
     directory = tmp_path / "state"
     kept, monitor, _ = begun(directory, facts())
     monitor.feed(block(0))
-    kept.save(SessionCounters())
+    kept.save(SessionCounters(), None)
     assert kept._checkpoint.flush()
     assert not list(kept.problems())
     shutil.rmtree(directory)
-    kept.save(SessionCounters())
+    kept.save(SessionCounters(), None)
     assert kept._checkpoint.flush()
     ((text, level),) = kept.problems()
     assert ("removed" in text, level) == (True, "warning")
-    kept.close(SessionCounters())
+    kept.close(SessionCounters(), None)
     assert not list(kept.problems())
     assert Checkpoint(directory, "lab").load()[0] is not None

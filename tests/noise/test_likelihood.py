@@ -18,7 +18,7 @@ from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.likelihood import Surface, quantiles, upper_limit
 from imumon.noise.fit.model import FLICKER, WALK, powers_of
 from imumon.noise.fit.time_to_precision import relative_errors
-from imumon.noise.stretches.parts import RecordParts
+from imumon.noise.stretches.parts import Parts
 
 N, B, K, RATE = 6.1e-5, 2.4e-5, 3e-6, 40.0
 LENGTH, CHANNELS = 72_000, 48
@@ -218,16 +218,16 @@ def results(found: Sequence[ChannelFit]) -> list[Any]:
     ]
 
 
-def marked(values: Floats) -> RecordParts:
+def marked(values: Floats) -> Parts:
     """Return the parts of a record of `values`, with a mark at sample 512."""
-    parts = RecordParts([0] * values.shape[1], range(values.shape[1]), 1.0 / RATE)
+    parts = Parts([0] * values.shape[1], range(values.shape[1]), 1.0 / RATE)
     parts.update(values[:512])
     parts.mark(curve=True)
     parts.update(values[512:])
     return parts
 
 
-def other_records(parts: RecordParts, values: Floats) -> Iterator[tuple[str, AllanCurve]]:
+def other_records(parts: Parts, values: Floats) -> Iterator[tuple[str, AllanCurve]]:
     """Yield curves of records other than that of the cascade of `values`, (n, 2), with the difference."""
     n, first = len(values), parts.cascade
     white = 5e-4 * np.random.default_rng(9).standard_normal((2 * n, 2))

@@ -11,16 +11,16 @@ from imumon.model.samples import Floats
 from imumon.model.saved_state import pack
 from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.blocks.block_means import BLOCK
-from imumon.noise.stretches.parts import RecordParts
+from imumon.noise.stretches.parts import Parts
 
 RNG = np.random.default_rng(11)
 
 
-def two_channels() -> RecordParts:
-    return RecordParts([0, 0], [0, 1], 0.01)
+def two_channels() -> Parts:
+    return Parts([0, 0], [0, 1], 0.01)
 
 
-def marked(values: Floats, place: int) -> RecordParts:
+def marked(values: Floats, place: int) -> Parts:
     """Return the parts of a record with a mark, at which a curve begins."""
     parts = two_channels()
     parts.update(values[:place])

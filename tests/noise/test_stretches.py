@@ -9,9 +9,9 @@ from imumon.model.coefficients import Estimate
 from imumon.model.samples import Floats
 from imumon.model.saved_state import pack, unpack
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
-from imumon.noise.stretches import RecordStatistics
+from imumon.noise.stretches import Sums
 from imumon.noise.stretches.change import detect_changes
-from imumon.noise.stretches.parts import RecordParts
+from imumon.noise.stretches.parts import Parts
 from imumon.noise.stretches.quarters import Quarters, excess
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch
 from imumon.noise.stretches.warmup import is_warming_up
@@ -29,10 +29,10 @@ def fitted(values: Floats) -> tuple[ChannelFit, ...]:
 # --- quarters ----------------------------------------------------------------------------------------------
 
 
-def fed(values: Floats, chunk: int) -> tuple[RecordParts, Quarters]:
+def fed(values: Floats, chunk: int) -> tuple[Parts, Quarters]:
     """Return the parts of a record and its quarters after some samples."""
     channels = values.shape[1]
-    parts = RecordParts([0] * channels, range(channels), 1.0 / RATE)
+    parts = Parts([0] * channels, range(channels), 1.0 / RATE)
     quarters, begin = Quarters(parts, RATE), 0
     while begin < len(values):
         end = min(len(values), begin + chunk, quarters.next_end)
@@ -118,16 +118,14 @@ def test_parts_before_the_end_of_a_warm_up_are_forgotten() -> None:
 # --- stretches ---------------------------------------------------------------------------------------------
 
 
-def statistics(channels: int, warmup: tuple[int, ...] = ()) -> RecordStatistics:
-    return RecordStatistics(
-        [0] * channels, channels, 1.0 / RATE, averaged=[True] * channels, warmup_channels=warmup
-    )
+def statistics(channels: int, warmup: tuple[int, ...] = ()) -> Sums:
+    return Sums([0] * channels, channels, 1.0 / RATE, averaged=[True] * channels, warmup_channels=warmup)
 
 
 def finished(values: Floats, chunk: int) -> list[Stretch]:
     record, out = statistics(values.shape[1]), []
     for at in range(0, len(values), chunk):
-        record.update(values[at : at + chunk])
+        record.add(values[at : at + chunk])
         out += record.ended().stretches
     return out
 
@@ -154,13 +152,13 @@ def test_a_finished_stretch_is_fitted_as_its_samples_alone() -> None:
 def test_a_stretch_in_progress_grows_and_one_without_samples_is_none() -> None:
     record = statistics(2)
     assert record.stretch_in_progress(3600) is None
-    record.update(noise(HOUR + 9000))
+    record.add(noise(HOUR + 9000))
     counts = [record.stretch_in_progress(step) for step in LENGTHS_S]
     assert [each and each.end - each.start for each in counts] == [9000, HOUR + 9000]
     record.skip(10 * HOUR)
     assert record.stretch_in_progress(3600) is None
     assert [each.length_s for each in record.ended().stretches].count(3600) == 2
-    record.update(noise(HOUR))  # a gap ends only the stretches that it lies in
+    record.add(noise(HOUR))  # a gap ends only the stretches that it lies in
     stretch = record.stretch_in_progress(3600)
     assert stretch is not None
     assert stretch.moments.result().channels[0].count == 9000
@@ -170,13 +168,13 @@ def test_a_stretch_in_progress_grows_and_one_without_samples_is_none() -> None:
 def test_the_record_is_its_own_for_any_chunking_and_after_a_restart() -> None:
     values = noise(2 * HOUR)
     records = [statistics(2, (0, 1)) for _ in range(2)]
-    records[0].update(values)
+    records[0].add(values)
     for at in range(0, len(values), 4321):
-        records[1].update(values[at : at + 4321])
+        records[1].add(values[at : at + 4321])
         if at == 4321 * 8:
             restored = unpack(pack(records[1]))
         elif at > 4321 * 8:
-            restored.update(values[at : at + 4321])
+            restored.add(values[at : at + 4321])
     one, other, third = (record.curve() for record in (*records, restored))
     assert one.sums is not None
     for curve in (other, third):
@@ -197,7 +195,7 @@ def test_the_record_is_its_own_for_any_chunking_and_after_a_restart() -> None:
 def test_ordinary_hours_are_no_change(seed: int) -> None:
     values = synthesise(4 * HOUR, RATE, N=[N] * 4, B=[B, 5e-6, 2e-5, 0.0], K=[1e-7, 1e-6, 0, 0], seed=seed)
     record = statistics(4)
-    record.update(values)
+    record.add(values)
     assert [changes for _, changes in record.ended().hours] == [{}, {}, {}]
 
 
@@ -206,7 +204,7 @@ def test_an_hour_with_another_n_is_a_change() -> None:
     values[2 * HOUR :, 1] *= 1.4
     values[2 * HOUR :, 2] += 3e-4  # another bias is no change of the noise
     record = statistics(3)
-    record.update(values)
+    record.add(values)
     assert list(record.changes()) == [1]
     (change,) = [each for each in record.changes()[1] if each.letter == "N"]
     assert change.ratio == pytest.approx(1.4, rel=0.03)
@@ -237,7 +235,7 @@ def test_an_exponential_is_excluded_when_it_is_over(time_s: float, least: float,
     values = noise(round(2.2 * HOUR), channels=3, seed=3)
     at = np.arange(len(values)) / RATE
     record = statistics(3, (0, 1, 2))
-    record.update(values + 5e-4 * np.exp(-at / time_s)[:, None])
+    record.add(values + 5e-4 * np.exp(-at / time_s)[:, None])
     assert least <= record.warmup_s == record.begin_s <= most
     begin = round(record.warmup_s * RATE)
     after = record.moments().channels[0]
@@ -254,9 +252,9 @@ def test_a_warm_up_counts_its_valid_samples_only() -> None:
     ok = np.ones((len(values), 1), dtype=bool)
     ok[100:300] = False
     record = statistics(2, (0, 1))
-    record.update(values[:1000], ok[:1000])
+    record.add(values[:1000], ok[:1000])
     record.skip(200)
-    record.update(values[1200:], ok[1200:])
+    record.add(values[1200:], ok[1200:])
     assert record.warmup_s > 0.0
     total = record.moments().channels[0].count + round(record.warmup_s * RATE)
     assert total == len(values) - 400
@@ -275,15 +273,15 @@ def test_what_does_not_settle_is_no_warm_up(kind: str) -> None:
     elif kind == "step":
         values += 3e-4 * (at > 2000.0)
     record = statistics(4, (0, 1, 2, 3))
-    record.update(values)
+    record.add(values)
     assert record.warmup_s == 0.0
 
 
 def test_a_gap_of_a_month_costs_little() -> None:
     record = statistics(2, (0, 1))
-    record.update(noise(HOUR))
+    record.add(noise(HOUR))
     record.skip(30 * 24 * HOUR)
-    record.update(noise(HOUR, seed=7))
+    record.add(noise(HOUR, seed=7))
     assert record.position == (30 * 24 + 2) * HOUR
     assert record.moments().channels[0].count == 2 * HOUR
 
@@ -312,17 +310,18 @@ def test_a_cycle_of_the_temperature_is_no_warm_up() -> None:
 # --- temperature -------------------------------------------------------------------------------------------
 
 
-def heated(hours: float, chunk: int) -> tuple[RecordStatistics, list[Stretch]]:
+def heated(hours: float, chunk: int) -> tuple[Sums, list[Stretch]]:
     """Return the statistics of a record whose second channel follows the temperature, its third column."""
     values = noise(round(hours * HOUR), channels=2, seed=8)
     at = np.arange(len(values)) / RATE
     degrees = 30.0 - 8.0 * np.exp(-at / 600.0) + 0.5 * np.sin(at / 300.0)
     values[:, 1] += 1e-4 * degrees
     degrees[1000:1500] = np.nan
-    record = RecordStatistics([0, 0, 1], 2, 1.0 / RATE, averaged=[True] * 2, temperature=2)
+    record = Sums([0, 0, 1], 2, 1.0 / RATE, averaged=[True] * 2, temperature=2)
     columns, found = np.column_stack((values, degrees)), []
+    valid = np.isfinite(columns[:, 1:])
     for start in range(0, len(columns), chunk):
-        record.update(columns[start : start + chunk])
+        record.add(columns[start : start + chunk], valid[start : start + chunk])
         found += record.ended().stretches
     return record, found
 
@@ -347,5 +346,5 @@ def test_a_record_warms_up_as_long_as_its_temperature_rises() -> None:
         record, _ = heated(hours, 10_000)
         assert record.is_warming_up(record.curve()) == warming
     record = statistics(2)
-    record.update(noise(9000))
+    record.add(noise(9000))
     assert not record.is_warming_up(record.curve())

@@ -15,11 +15,11 @@ from imumon.model.samples import SampleBlock, selected
 from imumon.model.units import YEAR
 from imumon.noise.fit import ChannelFit
 from imumon.noise.fit.statement import pending_fit
-from imumon.record import Monitor, MonitorOptions
+from imumon.record import Record, RecordOptions
 from imumon.record.convergence import FIRST_DUE_S, MOST_POINTS, StatementLog, next_due_s
 
 RATE = 100
-WITH_CONVERGENCE = MonitorOptions(convergence=True)
+WITH_CONVERGENCE = RecordOptions(convergence=True)
 
 
 def block(n: int, start: int = 0) -> SampleBlock:
@@ -28,12 +28,12 @@ def block(n: int, start: int = 0) -> SampleBlock:
     return replace(whole, stream=replace(DELTAS, channels=("gyro/x", "gyro/y")), values=whole.values[:, :2])
 
 
-def report(monitor: Monitor, state: State = "running") -> Report:
+def report(monitor: Record, state: State = "running") -> Report:
     return monitor.report(NOW, DeviceDescription(id="x"), state, SessionCounters())
 
 
-def fed(samples: SampleBlock, chunk: int, monitor: Monitor | None = None) -> Monitor:
-    monitor = monitor or Monitor()
+def fed(samples: SampleBlock, chunk: int, monitor: Record | None = None) -> Record:
+    monitor = monitor or Record()
     for start in range(0, len(samples), chunk):
         monitor.feed(selected(samples, slice(start, start + chunk)))
     return monitor
@@ -75,7 +75,7 @@ def test_the_last_point_is_what_is_stated_now() -> None:
 
 def test_a_record_for_a_document_has_a_point_at_each_doubling_for_any_chunking() -> None:
     samples = block(150 * RATE)
-    one, other = (fed(samples, chunk, Monitor(WITH_CONVERGENCE)) for chunk in (97, 50_000))
+    one, other = (fed(samples, chunk, Record(WITH_CONVERGENCE)) for chunk in (97, 50_000))
     for monitor in (one, other):
         monitor.flush()
     first, second = report(one, "stopped"), report(other, "stopped")
@@ -98,9 +98,9 @@ def test_a_record_for_a_document_has_a_point_at_each_doubling_for_any_chunking()
 
 def test_it_continues_from_a_saved_state() -> None:
     samples = block(100 * RATE)
-    whole = fed(samples, 1000, Monitor(WITH_CONVERGENCE))
-    saved = fed(selected(samples, slice(0, 80 * RATE)), 1000, Monitor(WITH_CONVERGENCE))
-    restored = Monitor(WITH_CONVERGENCE)
+    whole = fed(samples, 1000, Record(WITH_CONVERGENCE))
+    saved = fed(selected(samples, slice(0, 80 * RATE)), 1000, Record(WITH_CONVERGENCE))
+    restored = Record(WITH_CONVERGENCE)
     restored.restore(saved.save(), 0.0)
     fed(selected(samples, slice(80 * RATE, None)), 1000, restored)
     lengths = []

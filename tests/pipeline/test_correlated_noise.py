@@ -98,7 +98,7 @@ def test_the_shares_add_up_to_the_drawn_model(make: object) -> None:
 
 def test_m_of_a_sensor_that_warms_up_is_a_bound(report: Report) -> None:
     from imumon.noise.fit import ChannelFit
-    from imumon.record.analysis import _without_slow_values
+    from imumon.record.fits import _without_slow_values
 
     channel, zeros = report.channels["gyro/x"], np.zeros(1)
     fit = ChannelFit(

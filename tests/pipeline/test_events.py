@@ -6,8 +6,6 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -15,8 +13,7 @@ import pytest
 from imumon.grid.sample_clock import BREAK
 from imumon.model.samples import ACCEL, GYRO, Floats, Ints, SampleBlock, Stream
 from imumon.model.saved_state import pack, unpack
-from imumon.record import Monitor
-from imumon.record.accumulators import Accumulators
+from imumon.record import Record
 from imumon.record.events import DetectedEvent, EventLog
 from imumon.sources.vn100 import ascii
 
@@ -33,14 +30,14 @@ def clock(values: Floats, rate: float = RATE, after_s: float = 1.0) -> Ints:
     return (round(after_s * 1e9) + np.arange(len(values)) * round(1e9 / rate)).astype(np.int64)
 
 
-def feed(monitor: Monitor, values: Floats, time: Ints, block: int = 5000) -> None:
+def feed(monitor: Record, values: Floats, time: Ints, block: int = 5000) -> None:
     for begin in range(0, len(values), block):
         part = values[begin : begin + block]
         lost = np.zeros(len(part), dtype=np.int64)
         monitor.feed(SampleBlock(STREAM, part, time[begin : begin + block], lost))
 
 
-def drained(monitor: Monitor, kind: str) -> list[tuple[str, float | None]]:
+def drained(monitor: Record, kind: str) -> list[tuple[str, float | None]]:
     return [(event.text, event.elapsed_s) for event in monitor.events() if event.kind == kind]
 
 
@@ -52,7 +49,7 @@ def drifted(rate: float = 10.0, seed: int = 1) -> Floats:
 
 
 def test_a_new_record_reports_the_changes_that_the_record_before_had() -> None:
-    monitor, before, after = Monitor(), drifted(), drifted(8.0, 2)
+    monitor, before, after = Record(), drifted(), drifted(8.0, 2)
     feed(monitor, before, clock(before, 10.0))
     feed(monitor, after, clock(after, 8.0, 7301.0))
     changes = drained(monitor, "change")
@@ -60,12 +57,12 @@ def test_a_new_record_reports_the_changes_that_the_record_before_had() -> None:
 
 
 def test_changes_between_hours_are_reported_once_over_a_restart_of_the_daemon() -> None:
-    before, monitor = drifted(), Monitor()
+    before, monitor = drifted(), Record()
     feed(monitor, before, clock(before, 10.0))
     assert len(drained(monitor, "change")) == 1
     saved = pack(monitor.save())
     for factor, expected in ((1.5, []), (1.25, ["gyro/z: N does not differ from the hours before any more"])):
-        again = Monitor()
+        again = Record()
         again.restore(unpack(saved), 0.0)
         after = noise(3600.0, 10.0, 9)
         after[:, 2] *= factor
@@ -78,7 +75,7 @@ def test_each_end_of_a_warm_up_is_an_event_for_any_splitting_of_the_samples() ->
     values[:, 1] += 5e-3 * np.exp(-np.arange(len(values)) / 1000.0)
     found = []
     for block in (100, len(values)):
-        monitor = Monitor()
+        monitor = Record()
         feed(monitor, values, clock(values, 10.0), block)
         found.append(drained(monitor, "warmup"))
     assert found[0] == found[1]
@@ -90,7 +87,7 @@ def test_lost_samples_do_not_end_that_an_axis_is_stuck() -> None:
     values[12_000:16_000, 0] = values[12_000, 0]
     kept = np.ones(len(values), dtype=bool)
     kept[14_010:14_085] = False  # most of a frame
-    monitor = Monitor()
+    monitor = Record()
     feed(monitor, values[kept], clock(values)[kept])
     assert [elapsed_s for _, elapsed_s in drained(monitor, "stuck")] == [122.0, 161.0]
 
@@ -98,7 +95,7 @@ def test_lost_samples_do_not_end_that_an_axis_is_stuck() -> None:
 def test_no_event_is_behind_the_end_of_the_record() -> None:
     values = noise(140.56)
     values[14_000:] = values[14_000]
-    monitor = Monitor()
+    monitor = Record()
     feed(monitor, values, clock(values))
     monitor.flush()
     events = [event for event in monitor.events() if event.kind in ("stuck", "disturbance")]
@@ -111,7 +108,7 @@ def test_a_disturbance_that_a_new_record_ends_is_an_event() -> None:
     values, after = noise(160.0), noise(10.0, 80.0, 5)
     steps = np.random.default_rng(1).normal(0.0, 0.05, (2000, 6))
     values[14_000:] += np.cumsum(steps, axis=0)
-    monitor = Monitor()
+    monitor = Record()
     feed(monitor, values, clock(values))
     assert drained(monitor, "disturbance") == []
     feed(monitor, after, clock(after, 80.0, 161.0))
@@ -158,9 +155,10 @@ with _temporary() as directory:
 @pytest.mark.parametrize("size", [1, 7, 6000])
 def test_a_clock_that_is_reset_all_the_time_does_not_flood_the_log(size: int) -> None:
     events, steps, span = EventLog(), np.where(np.arange(6000) % 50 == 49, BREAK, 1), 0
+    events.begin(STREAM.channels, 0.01)
     for begin in range(0, len(steps), size):
         part = steps[begin : begin + size]
         span += len(part)
-        events.update_clock(part, cast(Accumulators, SimpleNamespace(span=span, interval_s=0.01)))
+        events.update_steps(part, span)
     found = [event.elapsed_s for event in events.drain()]
     assert found == pytest.approx([0.49, 10.49, 20.49, 30.49, 40.49, 50.49])

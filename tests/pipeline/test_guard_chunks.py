@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
+from placed import PlacedRecord
 
 from imumon.grid.sample_clock import BREAK, PlacedSamples
 from imumon.model.samples import ACCEL, GYRO, MAG, Floats, Ints
-from imumon.record.accumulators import Accumulators
 
 RATE = 20.0
 ROWS = 4000
@@ -53,28 +53,27 @@ def record(events: list[tuple[str, int]], repeats: int) -> PlacedSamples:
 def result(placed: PlacedSamples, edges: list[int]) -> tuple[list[object], list[Floats]]:
     """Return what must be equal, and what must be equal but for rounding."""
     channels = GYRO + ACCEL + MAG
-    statistics = Accumulators(channels, 1.0 / RATE, averaged=[True] * 9, guarded=True)
-    happened = []
+    made = PlacedRecord(channels, RATE)
+    record, happened = made.record, []
     for begin, end in itertools.pairwise([0, *edges, ROWS]):
-        block = PlacedSamples(placed.values[begin:end], placed.steps[begin:end], placed.saturated[begin:end])
         if end > begin:
-            happened.append(statistics.feed(block))
-    happened.append(statistics.flush())
-    events = [event for each in happened for event in each.disturbances]
-    events.sort(key=lambda e: (e.start, e.kind, e.length))
-    curve, moments = statistics.statistics.noise.curve(), statistics.statistics.noise.moments()
+            made.feed(placed.values[begin:end], placed.steps[begin:end], placed.saturated[begin:end])
+            happened += record.events()
+    record.flush()
+    happened += record.events()
+    happened = [event for event in happened if event.kind in ("disturbance", "rest", "motion", "stuck")]
+    happened.sort(key=lambda e: (e.elapsed_s, e.kind, e.text))
+    curve, moments, counts = record.sums.curve(), record.sums.moments(), record.counts()
     exact = [
-        [(e.kind, e.start, e.length, e.channel) for e in events],
-        statistics.guard.excluded,
-        statistics.disturbances,
-        statistics.guard.at_rest,
-        [change for each in happened for change in each.rest],
-        [change for each in happened for change in each.stuck],
+        [(e.kind, e.elapsed_s, e.length_s, e.channel) for e in happened],
+        counts.excluded,
+        counts.disturbances,
+        counts.at_rest,
         curve.terms.tolist(),
         [(m.count, m.min, m.max, m.last) for m in moments.channels],
-        [s.counts for s in statistics.statistics.histogram.result() if s is not None],
+        [s.counts for s in record.sums.histogram.result() if s is not None],
     ]
-    sizes = np.array([e.size or 0.0 for e in events])
+    sizes = np.array([e.size or 0.0 for e in happened])
     rounded = [sizes, curve.sigma, np.array([[m.mean, m.std] for m in moments.channels], dtype=float)]
     return exact, rounded
 

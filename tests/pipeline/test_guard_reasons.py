@@ -8,7 +8,7 @@ import numpy as np
 
 from imumon.model.report import DeviceDescription, Report, SessionCounters
 from imumon.model.samples import ACCEL, GYRO, Bools, Floats, SampleBlock, Stream
-from imumon.record import Monitor
+from imumon.record import Record
 
 RATE = 100.0
 ROWS = 12_000
@@ -22,7 +22,7 @@ def record(gyro: Floats | float = 0.0) -> Floats:
 
 
 def report(values: Floats, saturated: Bools | None = None) -> Report:
-    monitor, n = Monitor(), len(values)
+    monitor, n = Record(), len(values)
     stream = Stream("deltas", GYRO + ACCEL, "table", "startup")
     time_ns = np.arange(n) * round(1e9 / RATE)
     monitor.feed(SampleBlock(stream, values, time_ns, np.zeros(n, dtype=np.int64), saturated=saturated))

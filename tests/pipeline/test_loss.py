@@ -14,7 +14,7 @@ from faulty_sensor import spawn
 
 from imumon.model.report import DeviceDescription, SessionCounters
 from imumon.model.samples import Ints, SampleBlock
-from imumon.record import Monitor, MonitorOptions
+from imumon.record import Record, RecordOptions
 from imumon.record.events import RECOVERED, EventLog
 from imumon.record.loss import WINDOW_S, LossWindow
 from imumon.sources.vn100.emulator import EmulatorSettings
@@ -101,7 +101,7 @@ def test_the_share_of_a_short_record_refers_to_its_length() -> None:
 
 
 def test_the_monitor_reports_loss_with_its_level_and_time() -> None:
-    monitor = Monitor(MonitorOptions(max_loss=0.05))
+    monitor = Record(RecordOptions(max_loss=0.05))
     whole = block(12_000)
     there = np.random.default_rng(1).random(12_000) >= np.where(np.arange(12_000) < 2000, 0.0, 0.2)
     values, time, lost = whole.values[there], whole.time_ns[there], whole.lost[there]
@@ -123,7 +123,7 @@ def test_the_monitor_reports_loss_with_its_level_and_time() -> None:
 
 
 def test_a_stuck_sensor_and_its_recovery_are_events() -> None:
-    monitor, part = Monitor(), block(9000)
+    monitor, part = Record(), block(9000)
     part.values[4000:6000] = part.values[4000]
     levels = []
     for a in range(0, 9000, 100):

@@ -9,7 +9,7 @@ import pytest
 
 from imumon.model.report import DeviceDescription, Report, SessionCounters
 from imumon.model.samples import ACCEL, GYRO, Clock, SampleBlock, Stream
-from imumon.record import Monitor
+from imumon.record import Record
 
 SAMPLES = 3000
 INTERVAL_NS = 10_000_000
@@ -17,7 +17,7 @@ INTERVAL_NS = 10_000_000
 
 def report_of(values: np.ndarray, clock: Clock, block: int = 50) -> tuple[Report, list[str]]:
     stream = Stream("uncompensated", (*GYRO, *ACCEL, "temperature"), "test", clock)
-    monitor = Monitor(rate_hz=100.0)
+    monitor = Record(rate_hz=100.0)
     for at in range(0, len(values), block):
         some = values[at : at + block]
         time = (at + np.arange(len(some))) * INTERVAL_NS if clock == "startup" else None

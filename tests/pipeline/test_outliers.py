@@ -14,7 +14,7 @@ from imumon.model.messages import caveat_lines
 from imumon.model.report import DeviceDescription, SessionCounters
 from imumon.model.samples import ACCEL, GYRO, Bools, Floats, SampleBlock, Stream
 from imumon.noise.detection import Guard
-from imumon.record import Monitor
+from imumon.record import Record
 
 SENSORS = ("gyro",) * 3 + ("accel",) * 3
 SIGMA = np.array([4e-4] * 3 + [1e-2] * 3)
@@ -174,7 +174,7 @@ def test_real_sensor_with_single_outliers_is_hardly_excluded(name: str) -> None:
 
 def test_the_report_gives_the_size_of_what_outliers_add() -> None:
     """5 % outliers of ten deviations: N is 2.4 times that of the core, and the report says so."""
-    monitor = Monitor(rate_hz=RATE)
+    monitor = Record(rate_hz=RATE)
     stream = Stream("uncompensated", GYRO + ACCEL, "table", "none")
     values = contaminated(60_000, 0.05, [0])
     monitor.feed(SampleBlock(stream, values, None, np.zeros(len(values), dtype=np.int64)))

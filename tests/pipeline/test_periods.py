@@ -8,7 +8,7 @@ import pytest
 from imumon.model.history_report import HistoryPeriod
 from imumon.model.samples import Floats, SampleBlock, Stream
 from imumon.model.saved_state import pack, unpack
-from imumon.record import Monitor, MonitorOptions
+from imumon.record import Record, RecordOptions
 
 RATE = 4.0
 STREAM = Stream(kind="deltas", source="made", clock="startup", channels=("gyro/x", "gyro/y", "temperature"))
@@ -22,7 +22,7 @@ def values(hours: float, noise: float = 1e-3, seed: int = 1) -> Floats:
     return samples
 
 
-def feed(monitor: Monitor, samples: Floats, first: int = 0, chunk: int = 777) -> list[HistoryPeriod]:
+def feed(monitor: Record, samples: Floats, first: int = 0, chunk: int = 777) -> list[HistoryPeriod]:
     periods = []
     for at in range(0, len(samples), chunk):
         part = samples[at : at + chunk]
@@ -32,8 +32,8 @@ def feed(monitor: Monitor, samples: Floats, first: int = 0, chunk: int = 777) ->
     return periods
 
 
-def monitor() -> Monitor:
-    return Monitor(MonitorOptions(periods=True))
+def monitor() -> Record:
+    return Record(RecordOptions(periods=True))
 
 
 def of(periods: list[HistoryPeriod], step_s: int) -> list[HistoryPeriod]:
@@ -77,7 +77,7 @@ def test_a_day_has_the_slope_against_its_temperature() -> None:
     feed(made, samples)
     made.flush()
     (in_progress,) = of(made.periods_in_progress(force=True), 86400)
-    made.end_record()
+    made.end()
     (day,) = of(made.periods(), 86400)
     assert in_progress.channels == day.channels
     slope = day.channels["gyro/x"].coefficients["slope"]
@@ -138,7 +138,7 @@ def test_a_gap_of_days_has_no_periods_and_is_counted_as_missing() -> None:
 def test_a_new_record_ends_the_periods_of_the_old_one() -> None:
     made = monitor()
     feed(made, values(0.2))
-    made.end_record()
+    made.end()
     ended = made.periods()
     assert [p.complete for p in ended] == [True] * 2
     assert of(ended, 86400)[0].samples == made.samples

@@ -18,7 +18,7 @@ from imumon.model.report import DeviceDescription, Report, SessionCounters
 from imumon.model.report_json import to_json
 from imumon.model.samples import SampleBlock
 from imumon.noise.synthesis import NoiseStream
-from imumon.record import Monitor
+from imumon.record import Record
 from imumon.record.events import DetectedEvent
 from imumon.sources.files import ReadOptions, open_recording
 from imumon.sources.vn100 import binary
@@ -57,7 +57,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def live(path: Path, block_bytes: int) -> tuple[Report, list[DetectedEvent]]:
     """Read a recording in small blocks, with reports in between, as a daemon that publishes does."""
-    monitor, events, due_s = Monitor(), list[DetectedEvent](), 0.0
+    monitor, events, due_s = Record(), list[DetectedEvent](), 0.0
 
     def report(state: str) -> Report:
         made = monitor.report(NOW, DeviceDescription(id="replay"), state, SessionCounters())  # type: ignore[arg-type]

@@ -162,8 +162,8 @@ def nothing_lost(before: Moment, after: Moment, fault: Fault) -> None:
 
 def is_kept(state: Path, report: Report) -> None:
     """What lies on disk is what was said last."""
-    kept = decode(state.read_bytes()).monitor.record.accumulators
-    assert (kept.samples, kept.missing) == (report.session.samples, report.session.missing)
+    kept = decode(state.read_bytes()).record
+    assert (kept.samples, kept.span - kept.samples) == (report.session.samples, report.session.missing)
 
 
 def hold(before: Moment, after: Moment, final: Report, sent: int, fault: Fault) -> None:

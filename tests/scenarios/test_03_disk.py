@@ -91,7 +91,7 @@ def test_09_disk_is_full_and_has_room_again(tmp_path: Path, size: str, records: 
         after = play.calm(more=300)
         assert after.report.session.missing == 0
         state = decode((seen / f"{ID}.state").read_bytes())
-        assert state.monitor.record.accumulators.samples > before.report.session.samples
+        assert state.record.samples > before.report.session.samples
         play.end(before, after, code=int(records))  # 1: the recording has ended before the record
         assert play.said.count("the state cannot be saved") == 1
         assert play.said.count(" error: recording to ") == int(records)
@@ -134,7 +134,7 @@ def test_12_killed(tmp_path: Path) -> None:
     with scene(tmp_path, seed=12) as play:
         before = play.calm(more=220)
         play.kill()
-        kept = decode((play.state / f"{ID}.state").read_bytes()).monitor.record.accumulators.samples
+        kept = decode((play.state / f"{ID}.state").read_bytes()).record.samples
         assert kept >= before.report.session.samples - 200
         play.start()
         after = play.calm()

@@ -49,7 +49,7 @@ def test_26_killed_thirty_times(tmp_path: Path) -> None:
             time.sleep(moments.uniform(0.0, 1.5))
             play.kill()
             left = time.monotonic()
-            record = decode((play.state / f"{ID}.state").read_bytes()).monitor.record.accumulators
+            record = decode((play.state / f"{ID}.state").read_bytes()).record
             assert record.samples >= saved
             saved = record.samples
             play.start()
@@ -217,7 +217,7 @@ def readable(directory: Path, scratch: Path, least: int) -> int:
     loaded, messages = Checkpoint(scratch, ID).load()
     assert loaded is not None
     assert not messages
-    samples = loaded.monitor.record.accumulators.samples
+    samples = loaded.record.samples
     assert samples >= least
     with HistoryStore(scratch / f"{ID}{SUFFIX}") as store:
         assert sum(timed.period.samples for timed in store.periods(EVER)) > 0
@@ -321,7 +321,7 @@ def test_32_a_month(tmp_path: Path) -> None:
             daemon.wait(lambda r, least=known + third - 2: r.session.samples >= least, 900.0)
             _, out, said = daemon.stop(how)
         assert "Traceback" not in said
-        record = decode((state / f"{ID}.state").read_bytes()).monitor.record.accumulators
+        record = decode((state / f"{ID}.state").read_bytes()).record
         known = record.samples
     sensor.close()
     final = from_json(Report, out)

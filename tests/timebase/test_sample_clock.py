@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from imumon.grid.sample_clock import BREAK, PlacedSamples, SampleClock
 from imumon.model.samples import GYRO, SampleBlock, Stream
-from imumon.record import Monitor, MonitorOptions
+from imumon.record import Record, RecordOptions
 
 TICK = 25_000_000  # ns at 40 Hz
 LOOP_S = 1.0 / 800.0  # s, tick of a device whose intervals are multiples of one
@@ -379,7 +379,7 @@ def test_the_monitor_has_the_rate_of_a_clock_without_a_tick(jitter: str) -> None
     n = 5001
     kept = np.arange(n) % 50 != 3
     whole = block(stamps(101.0, jitter, n)[kept])
-    monitor = Monitor(MonitorOptions(guarded=False), rate_hz=100.0)
+    monitor = Record(RecordOptions(guarded=False), rate_hz=100.0)
     assert whole.time_ns is not None
     for a in range(0, len(whole), 7):
         rows = slice(a, a + 7)

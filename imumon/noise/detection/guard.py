@@ -293,8 +293,11 @@ class Guard:
         self._values = np.concatenate((self._values.T, values.T), axis=1).T
         self._valid = np.concatenate((self._valid, received))
         self._saturated = np.concatenate((self._saturated, out_of_range))
-        if not self._begun and self._unassessed_frames >= FIRST_FRAMES:
+        unassessed = self._unassessed_frames
+        if not self._begun and unassessed >= FIRST_FRAMES:
             self._assess_first(FIRST_FRAMES)
+        if not unassessed:  # nearly every block of a live stream ends within the frame in which it begins
+            return []
         self._assess_next()
         return self._pass_on(len(self._codes) // PARTS - 1)
 
@@ -455,8 +458,6 @@ class Guard:
             begin = row
         out.append(GuardedSamples(values[begin:], valid[begin:]))
         return out
-
-    # ------------------------------------------------------------------ state
 
 
 def _with_margins(codes: Codes) -> Codes:

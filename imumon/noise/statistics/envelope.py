@@ -114,6 +114,10 @@ class Envelope:
         np.add.reduceat(d, edges, axis=1, out=sums[:, 2].T)
         new = -(-self._n // self.column)  # first column that begins in this block
         self._n += n
+        if first == last < new:  # nearly every block of a live stream lies within one column
+            self._widen_newest(first, extremes[0])
+            self._sums[first % RECENT_COLUMNS] += sums[0]
+            return
         self._join_columns(last)
         _widen(self._minute, first, last, new, extremes)
         kept = max(first, last + 1 - RECENT_COLUMNS)  # a long block overwrites its own first columns
@@ -136,6 +140,13 @@ class Envelope:
         first, last = -(-first // HOUR_COLUMN), last // HOUR_COLUMN
         hours = np.arange(max(first, last + 1 - RECENT_COLUMNS), last + 1)
         self._hour[hours % RECENT_COLUMNS] = np.nan
+
+    def _widen_newest(self, number: int, extremes: Floats) -> None:
+        """Add (2, c) extremes to column `number` of the minute, and to those that it belongs to."""
+        for ring, wide in ((self._minute, 1), (self._hour, HOUR_COLUMN), (self._all, self._wide)):
+            low, high = ring[number // wide % len(ring)]
+            np.fmin(low, extremes[0], out=low)
+            np.fmax(high, extremes[1], out=high)
 
     def _join_columns(self, last: int) -> None:
         """Double the columns of everything until column `last` of the minute fits."""

@@ -1,7 +1,7 @@
 """Parts of a record: what each of them says, by the same fit.
 
-`parts` returns the sums between two places of a record. `record_statistics` decides where the places are, and holds all
-statistics of one record. `warmup`, `quarters`, `stretches` and `change` are what it asks: has the sensor settled, how
+`parts` returns the sums between two places of a record. `sums` decides where the places are, and holds all that is
+added up over one record. `warmup`, `quarters`, `stretches` and `change` are what it asks: has the sensor settled, how
 much does a coefficient move, what did each hour show, did an hour differ from those before. `change` asks the
 last of whole days of the history.
 
@@ -13,6 +13,6 @@ last of whole days of the history.
 | quarter | a fourth of the record, from the end of its warm-up on |
 """
 
-from imumon.noise.stretches.record_statistics import RecordStatistics
+from imumon.noise.stretches.sums import Sums
 
-__all__ = ["RecordStatistics"]
+__all__ = ["Sums"]

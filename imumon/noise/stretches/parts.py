@@ -29,7 +29,7 @@ Moments begin exactly at a place, the other sums at the last end of a block of 2
 has processed all samples. So any chunking gives the same sums.
 
 >>> noise = np.random.default_rng(1).standard_normal((20 * BLOCK, 1))
->>> parts = RecordParts([0], [0], interval_s=0.01)
+>>> parts = Parts([0], [0], interval_s=0.01)
 >>> parts.update(noise)
 >>> middle = parts.mark(curve=True)
 >>> parts.update(3.0 * noise)
@@ -140,7 +140,7 @@ class Mark:
 
 
 @restorable
-class RecordParts:
+class Parts:
     """Sums of a record and of its parts.
 
     A place is a number of samples of the grid. Place 0 is always marked.

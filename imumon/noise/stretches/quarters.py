@@ -24,7 +24,7 @@ from imumon.model.samples import Floats
 from imumon.model.saved_state import restorable
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.noise_sums import NoiseSums
-from imumon.noise.stretches.parts import RecordParts
+from imumon.noise.stretches.parts import Parts
 
 NEGLECTED_P = 0.25
 """The variance between quarters counts where chance makes as much in fewer records. Unit: probability.
@@ -96,7 +96,7 @@ class Quarters:
     rate_hz : Hz, sampling rate.
     """
 
-    def __init__(self, parts: RecordParts, rate_hz: float) -> None:
+    def __init__(self, parts: Parts, rate_hz: float) -> None:
         self._parts = parts
         # whole blocks: there, all samples have been processed
         self._shortest = self._length = BLOCK * max(1, round(SHORTEST_S * rate_hz / BLOCK))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from imumon.model.saved_state import restorable
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.statistics.moments import Moments
-from imumon.noise.stretches.parts import RecordParts
+from imumon.noise.stretches.parts import Parts
 
 LENGTHS_S = (3600, 86400)
 """s, lengths of the stretches; the longer one is a multiple of the shorter one."""
@@ -52,7 +52,7 @@ class Stretches:
     starts : marked place at which the stretch in progress of each length begins, as in `LENGTHS_S`.
     """
 
-    def __init__(self, parts: RecordParts, rate_hz: float) -> None:
+    def __init__(self, parts: Parts, rate_hz: float) -> None:
         self._parts = parts
         shortest = max(1, round(LENGTHS_S[0] * rate_hz))
         # multiples of the shorter one, so that a day ends where its last hour does, whatever the rate

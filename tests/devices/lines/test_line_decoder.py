@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from paths import ROOT
 
 from imumon.model.samples import ACCEL, GYRO, SampleBlock
-from imumon.record import Monitor
+from imumon.record import Record
 from imumon.sources.device import InvalidOption, sample_blocks
 from imumon.sources.lines import line_decoder
 from imumon.sources.lines.line_decoder import LONGEST_LINE, LineDecoder
@@ -142,7 +142,7 @@ def test_a_counter_that_wraps_is_no_gap(unit: str, period: int) -> None:
 @pytest.mark.parametrize("uptime_s", [5, 1000, 3000, 4000])
 def test_a_clock_that_goes_back_is_a_restart_and_no_gap_of_known_length(uptime_s: int) -> None:
     data = lines(500, start=uptime_s * 1_000_000) + lines(500, start=1234)
-    monitor = Monitor()
+    monitor = Record()
     for block in decoded(data, SEVEN)[0]:
         monitor.feed(block)
     monitor.flush()

@@ -12,7 +12,7 @@ from ros2_actors import imu_payload
 from ros2_messages import encode, header, samples
 
 from imumon.model.samples import ACCEL, GYRO, Item, Notice, SampleBlock
-from imumon.record import Monitor
+from imumon.record import Record
 from imumon.ros2.node import Received
 from imumon.ros2.ros_messages import MAGNETIC_FIELD, TEMPERATURE
 from imumon.ros2.topic_url import parse_url
@@ -231,7 +231,7 @@ def test_hostile_messages_never_raise_and_counts_add_up(data: st.DataObject) -> 
     made, items = assemble("ros2:/imu", rows)
     blocks = [item for item in items if isinstance(item, SampleBlock)]
     assert made.messages == len(rows) == sum(map(len, blocks)) + made.invalid
-    monitor = Monitor()
+    monitor = Record()
     for block in blocks:
         monitor.feed(block)
     monitor.flush()

@@ -19,7 +19,7 @@ from waiting import until
 from imumon.config import Settings
 from imumon.model.report import DeviceDescription, Report, SessionCounters
 from imumon.model.samples import ACCEL, GYRO, SampleBlock
-from imumon.record import Monitor
+from imumon.record import Record
 from imumon.sources import registry
 from imumon.sources.device import DeviceOptions
 from imumon.sources.vn100.emulator import EmulatorSettings, spawn
@@ -75,7 +75,7 @@ def test_a_bridged_sensor_has_the_numbers_of_its_port(tmp_path: Path) -> None:
         )
         sensor.open()
         sensor.start()
-        bridge, monitor = Bridge(endpoint, "/vectornav/imu"), Monitor()
+        bridge, monitor = Bridge(endpoint, "/vectornav/imu"), Record()
         daemon.wait(lambda r: r.state != "waiting")
         until(lambda: bridge.publisher.matching_status.matching)
         end = time.monotonic() + SECONDS

@@ -1,7 +1,7 @@
-"""Statistics of a record, split at the possible ends of a warm-up and at every hour.
+"""Sums of a record: everything that is added up over the samples that the guard passes on.
 
-`RecordParts` has the sums of the record and between any two marked places. This module decides which places are marked
-and what happens there:
+`Parts` has the sums of the noise, of the record and between any two marked places; histogram, differences and extremes
+are those of the whole record. `Sums` decides which places are marked and what happens there:
 
 | place | what happens |
 |---|---|
@@ -21,15 +21,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
-from imumon.model.coefficients import QUARTERS
 from imumon.model.samples import Bools, Floats
 from imumon.model.saved_state import restorable
 from imumon.noise.allan import AllanCurve
+from imumon.noise.detection import GuardedSamples
 from imumon.noise.fit import Estimator, settling_times_s
 from imumon.noise.noise_sums import NoiseSums
+from imumon.noise.statistics.differences import DifferenceAccumulator
+from imumon.noise.statistics.extreme_values import ExtremeVisits
+from imumon.noise.statistics.histogram import HistogramAccumulator
 from imumon.noise.statistics.moments import MomentsResult
 from imumon.noise.stretches.change import LEAST_CHANGE, CoefficientChange, detect_changes
-from imumon.noise.stretches.parts import RecordParts
+from imumon.noise.stretches.parts import Parts
 from imumon.noise.stretches.quarters import Quarters
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch, Stretches
 from imumon.noise.stretches.warmup import CANDIDATES_S, DECISION_LENGTH, is_over, is_warming_up
@@ -45,7 +48,7 @@ class Ended:
     Attributes
     ----------
     stretches : shorter ones first.
-    warmups : time in s, and `RecordStatistics.warmup_s`, of each end of a warm-up that was decided.
+    warmups : time in s, and `Sums.warmup_s`, of each end of a warm-up that was decided.
     hours : time in s, and changes by column, of each hour that was compared.
     """
 
@@ -55,8 +58,8 @@ class Ended:
 
 
 @restorable
-class RecordStatistics:
-    """Statistics of a record, with its warm-up excluded and its hours compared.
+class Sums:
+    """Sums of a record, with its warm-up excluded and its hours compared.
 
     Parameters
     ----------
@@ -71,7 +74,9 @@ class RecordStatistics:
     ----------
     warmup_s : s, valid samples that are excluded as a warm-up, without the missing or otherwise excluded ones
         within it.
-    warmup_channels : as given.
+    allan_channels, warmup_channels, temperature : as given.
+    histogram : of all channels, warm-up included.
+    differences, extremes : of neighbouring samples, and of the values, in the channels with a curve, warm-up included.
     """
 
     NOT_SAVED: ClassVar = {"_ended": Ended}  # whoever feeds samples asks at once
@@ -87,13 +92,17 @@ class RecordStatistics:
         temperature: int | None = None,
     ) -> None:
         self._interval = interval_s
-        self._allan_channels, self.warmup_channels = allan_channels, tuple(warmup_channels)
+        self.allan_channels, self.warmup_channels = allan_channels, tuple(warmup_channels)
         self._averaged = list(averaged)
-        self._temperature = temperature
+        self.temperature = temperature
         rate = 1.0 / interval_s
         # the block means of the temperature are a regressor of the fit; `_without_temperature` takes them apart
         columns = [*range(allan_channels), *([] if temperature is None else [temperature])]
-        self._parts = RecordParts(groups, columns, interval_s)
+        self._parts = Parts(groups, columns, interval_s)
+        with_curve = list(groups[:allan_channels])
+        self._allan_groups = max(with_curve, default=-1) + 1  # their groups are the first ones, too
+        self.histogram = HistogramAccumulator(groups)
+        self.differences, self.extremes = DifferenceAccumulator(with_curve), ExtremeVisits(with_curve)
         # candidate end of a warm-up and the place at which it is decided, samples of the grid
         self._decisions = {
             (end := round(time_s * rate)): round(DECISION_LENGTH * end)
@@ -117,7 +126,17 @@ class RecordStatistics:
         """Samples of the grid so far."""
         return self._parts.position
 
-    def update(self, values: Floats, valid: Bools | None = None) -> None:
+    def update(self, passed: GuardedSamples) -> None:
+        """Add what the guard has passed on."""
+        if passed.broken:
+            self.break_()
+        if passed.skipped:
+            self.skip(passed.skipped)
+        if len(passed.values):
+            # None lets every accumulator take its short way without masks: nearly all blocks are complete
+            self.add(passed.values, None if passed.valid.all() else passed.valid)
+
+    def add(self, values: Floats, valid: Bools | None = None) -> None:
         """Add samples (n, c), channel unit, of which those with `valid` (n, g) count; None: all."""
         begin = 0
         while begin < len(values):
@@ -125,9 +144,15 @@ class RecordStatistics:
             self._parts.update(values[begin:end], None if valid is None else valid[begin:end])
             self._at_place()
             begin = end
+        self.histogram.update(values, valid)
+        with_curve = values[:, : self.allan_channels]
+        present = None if valid is None else valid[:, : self._allan_groups]
+        self.differences.update(with_curve, present)
+        self.extremes.update(with_curve, present)
 
     def skip(self, n: int) -> None:
         """Note that `n` samples are missing."""
+        self.differences.break_()  # a difference across the gap would hold the drift in it
         while n > 0:
             length = min(n, self._until_place())
             if n > self._hour and self.position % self._hour == 0 and len(self._own_places()) == 1:
@@ -139,6 +164,7 @@ class RecordStatistics:
 
     def break_(self) -> None:
         """Note a gap of unknown length."""
+        self.differences.break_()
         self._parts.break_()
 
     # --- results --------------------------------------------------------------------------------------
@@ -146,7 +172,7 @@ class RecordStatistics:
     def curve(self) -> AllanCurve:
         """Return the Allan curve of everything after the warm-up, with the sums of its noise."""
         curve = self._parts.curve(self._start)
-        return curve if self._temperature is None else curve.with_temperature()
+        return curve if self.temperature is None else curve.with_temperature()
 
     def whole_sums(self) -> NoiseSums | None:
         """Return the sums of the whole record, with its warm-up; None: there are none."""
@@ -157,15 +183,11 @@ class RecordStatistics:
         """Return the moments of everything after the warm-up."""
         return self._parts.moments(self._start).result()
 
-    def quarters(self) -> list[tuple[NoiseSums, int]] | None:
-        """Return the sums of the four quarters after the warm-up, and their lengths, samples; None: too short."""
-        return self._equal_parts(QUARTERS)
+    def equal_parts(self, count: int) -> list[tuple[NoiseSums, int]] | None:
+        """Return the sums of two halves or four quarters after the warm-up, and their lengths, samples.
 
-    def halves(self) -> list[tuple[NoiseSums, int]] | None:
-        """Return the sums of the halves after the warm-up, and their lengths, samples; None: too short."""
-        return self._equal_parts(2)
-
-    def _equal_parts(self, count: int) -> list[tuple[NoiseSums, int]] | None:
+        None: the record is too short.
+        """
         parts = self._quarters.result(count)
         return None if parts is None else [(self._without_temperature(sums), n) for sums, n in parts]
 
@@ -185,9 +207,9 @@ class RecordStatistics:
 
     def temperature_range(self) -> tuple[float, float] | None:
         """Return the least and the greatest temperature of the whole record, degC; None: there is none."""
-        if self._temperature is None:
+        if self.temperature is None:
             return None
-        temperature = self._parts.moments().result().channels[self._temperature]
+        temperature = self._parts.moments().result().channels[self.temperature]
         if temperature.min is None or temperature.max is None:
             return None
         return temperature.min, temperature.max
@@ -200,7 +222,7 @@ class RecordStatistics:
 
     def _without_temperature(self, sums: NoiseSums) -> NoiseSums:
         """Return sums of the parts as those of the channels with a curve, with the temperature beside them."""
-        return sums if self._temperature is None else sums.with_temperature()
+        return sums if self.temperature is None else sums.with_temperature()
 
     # --- places ---------------------------------------------------------------------------------------
 
@@ -256,8 +278,8 @@ class RecordStatistics:
         parts = ((before, hour.start - self._start), (hour.sums, hour.end - hour.start))
         old, new = (Estimator(averaged=self._averaged, time_to=False).fit_sums(*part) for part in parts)
         by_column = {}
-        pairs = self._allan_channels * len(LEAST_CHANGE) * (self.position // self._hour)
-        for column in range(self._allan_channels):
+        pairs = self.allan_channels * len(LEAST_CHANGE) * (self.position // self._hour)
+        for column in range(self.allan_channels):
             if changes := detect_changes(old[column].coefficients, new[column].coefficients, pairs=pairs):
                 by_column[column] = changes
         return by_column

@@ -1,7 +1,7 @@
-"""Kept record: the record of the device with everything that keeps it.
+"""Keeper: what keeps the record of the device beyond the run.
 
-The monitor holds the record. Its state is saved to disk, its periods go to the history, and the raw bytes to a
-recording, if the settings want them.
+The state of the record is saved to disk, its periods go to the history, and the raw bytes to a recording, if the
+settings want them. No block of samples passes through here: the daemon feeds the record itself.
 """
 
 from __future__ import annotations
@@ -17,47 +17,39 @@ from imumon.history.history import History
 from imumon.model.ledger import RECEIVED, SAMPLES, merged
 from imumon.model.report import Event, Report, SessionCounters, stamp
 from imumon.model.samples import DeviceCounters, DeviceInfo, Level, SampleBlock
-from imumon.record import Monitor, MonitorOptions, RecordMismatch
+from imumon.record import Record, RecordMismatch
 
 UNKEPT = ("gap",)
 """Kinds of events that are not kept: a lossy link has thousands, and the rows count what is missing."""
 
 
-class KeptRecord:
-    """One record after the other, of one device.
+class Keeper:
+    """Keeps one record after the other, of one device.
+
+    Parameters
+    ----------
+    record : of the device.
 
     Attributes
     ----------
-    monitor : holds the record.
     started : when the record began; None before its first sample.
     recorder : of this device.
     history : of this device; None: none is kept, or the device has no name yet, which is that of the file.
     persistence : state on disk; None while no device has a name.
+    newest : last block of samples, and the s since 1970 when it came; None: there was none.
+    fed_s : s, `HostClock.uptime_s` of the last samples of the record, from which a gap is counted; None: none yet.
     """
 
-    def __init__(self, settings: Settings, options: RunOptions) -> None:
-        self._options, self._clock, precision = options, options.clock, settings.report
-        self._monitor_options = MonitorOptions(
-            guarded=settings.guards.enabled,
-            precision=precision.precision,
-            period_s=precision.period_s,
-            baseline=options.baseline,
-            periods=settings.history.enabled,
-            max_loss=settings.alert.max_loss,
-        )
-        self._rate_hz = settings.device.rate_hz or None
-        self.monitor = self._new_monitor()
+    def __init__(self, settings: Settings, options: RunOptions, record: Record) -> None:
+        self._options, self._clock, self._record = options, options.clock, record
         self.started: str | None = None
         self.recorder = Recorder(settings.record)
         self.history: History | None = None
         self._history_settings = settings.history
         self.persistence: Persistence | None = None
+        self.newest: tuple[SampleBlock, float] | None = None
+        self.fed_s: float | None = None
         self._save_timer = Timer(settings.state.save_period_s)
-        self._fed_at: float | None = None  # s, `HostClock.uptime_s` of the last samples
-        self._earlier: dict[str, int] = {}  # ledger of the monitors of records before, in this run
-
-    def _new_monitor(self) -> Monitor:
-        return Monitor(self._monitor_options, rate_hz=self._rate_hz)
 
     # ------------------------------------------------------------------ life
 
@@ -69,12 +61,12 @@ class KeptRecord:
         StateError : another daemon uses it.
         """
         directory, fresh = self._options.state_directory, self._options.fresh
-        self.persistence = Persistence(directory, name, self.monitor, self._clock, fresh=fresh)
+        self.persistence = Persistence(directory, name, self._record, self._clock, fresh=fresh)
 
     def release(self) -> None:
         """Give up the state: the device went while it was started."""
         if self.persistence is not None:
-            self.persistence.close(SessionCounters())
+            self.persistence.close(SessionCounters(), self.fed_s)
         self.persistence = None
 
     def begin(self, info: DeviceInfo, bus: Publisher) -> list[tuple[str, Level]]:
@@ -97,19 +89,13 @@ class KeptRecord:
     def resume(self, info: DeviceInfo, counters: DeviceCounters) -> str | None:
         """Continue after an interruption; return why the device begins a new record, None if it does not."""
         assert self.persistence is not None
-        now = self._clock.uptime_s()
-        unfed_s, self._fed_at = now - (self._fed_at or now), now  # longer than the connection was away
-        self.gap(self._clock.to_sample_s(unfed_s))
-        if not self.persistence.differing(info) or not self.monitor.samples:
+        if not self.persistence.differing(info) or not self._record.samples:
             return None
-        self.monitor.end_record()
+        self._record.end()
         self.keep()
-        session = self.session(counters)
-        ended = {"earlier_record": self.monitor.ended_samples()}
-        self._earlier = merged(self._earlier, self.monitor.left_out(), ended)
-        self.monitor = self._new_monitor()
+        text = self.persistence.start_new_record(info, self.session(counters), self.fed_s)
+        self._record.forget()
         self.recorder.start_new_record()
-        text = self.persistence.start_new_record(info, self.monitor, session)
         self.started = None
         return text
 
@@ -117,36 +103,14 @@ class KeptRecord:
         """Write everything, and wait for it."""
         self.keep(in_progress=True)
         if self.persistence is not None:
-            self.persistence.close(self.session(counters), self._history_barrier())
+            self.persistence.close(self.session(counters), self.fed_s, self._history_barrier())
         if self.history is not None:
             self.history.close()
         self.recorder.close()
 
-    # ------------------------------------------------------------------ samples
-
-    def feed(self, block: SampleBlock, info: DeviceInfo | None) -> str | None:
-        """Add samples; return why they begin a new record, None if they do not."""
-        monitor = self.monitor
-        if monitor.rate_hz is None and info is not None:
-            monitor.rate_hz = info.sample_rate_hz
-        now = self._clock.uptime_s()
-        passed, self._fed_at = now - (self._fed_at or now), now
-        before = monitor.samples
-        # in time-lapse the host clock proves nothing
-        mismatch = monitor.feed(block, host_s=passed if self._clock.is_real_time else None)
-        if self.history is not None and block.stream.clock == "startup" and block.time_ns is not None:
-            self.history.clock(float(block.time_ns[-1]) * 1e-9, self._clock.time_s())
-        self.keep()
-        if self.persistence is not None and monitor.samples != before:
-            self.persistence.fed_s = now
-        return self._set_aside(mismatch)
-
-    def flush(self) -> str | None:
-        """Process everything that is held back; return why it begins a new record, None if it does not."""
-        return self._set_aside(self.monitor.flush())
-
-    def _set_aside(self, mismatch: RecordMismatch | None) -> str | None:
-        if mismatch is None or self.persistence is None:
+    def set_aside(self, mismatch: RecordMismatch) -> str | None:
+        """Set aside the record that the stream does not continue; return what was done, None: it has no name yet."""
+        if self.persistence is None:
             return None
         self.started = None
         return self.persistence.set_aside_rejected(mismatch)
@@ -156,11 +120,6 @@ class KeptRecord:
         if self.started is None:
             self.started = stamp(self._clock.now())
 
-    def gap(self, length_s: float | None) -> None:
-        """Note that the stream was interrupted; None: for an unknown time."""
-        self.monitor.gap(length_s)
-        self.recorder.gap(length_s)
-
     def start_recording(self, name: str, info: DeviceInfo) -> str | None:
         """Start to record the raw bytes; return the path of the file, None if there is a problem."""
         known = ("driver", "model", "serial", "firmware", "stream", "alias_factor", "caveats")
@@ -168,7 +127,7 @@ class KeptRecord:
             "time": stamp(self._clock.now()),
             "record": self.started,  # it continues in the next recording after a restart
             "id": name,
-            "rate_hz": self.monitor.rate_hz,  # of a stream without a clock
+            "rate_hz": self._record.rate_hz,  # of a stream without a clock
             "settings": dict(info.settings),
             **{field: getattr(info, field) for field in known},
         }
@@ -179,13 +138,17 @@ class KeptRecord:
     def keep(self, *, in_progress: bool = False) -> None:
         """Keep the periods that have ended, and with `in_progress` also the others."""
         if self.history is None:
-            self.monitor.periods()  # without a history none is kept
+            self._record.periods()  # without a history none is kept
             return
+        if self.newest is not None:
+            (block, received_s), self.newest = self.newest, None
+            if block.stream.clock == "startup" and block.time_ns is not None:
+                self.history.clock(float(block.time_ns[-1]) * 1e-9, received_s)
         if self.started is None:
             return  # those of the first block wait until the record has a name
-        periods = self.monitor.periods()
+        periods = self._record.periods()
         if in_progress:
-            periods += self.monitor.periods_in_progress()
+            periods += self._record.periods_in_progress()
         self.history.add(periods, self.started, self._clock.time_s())
 
     def event(self, event: Event) -> None:
@@ -203,14 +166,14 @@ class KeptRecord:
 
     def save(self, now: float, counters: DeviceCounters) -> None:
         """Let the state and the history be written, if that is due at `now`, s, monotonic."""
-        if self.persistence is not None and self.monitor.samples and self._save_timer.is_due(now):
+        if self.persistence is not None and self._record.samples and self._save_timer.is_due(now):
             self.save_now(counters)
 
     def save_now(self, counters: DeviceCounters) -> None:
         """Let the state and the history be written; return at once."""
-        if self.persistence is not None and self.monitor.samples:
+        if self.persistence is not None and self._record.samples:
             self.keep()
-            self.persistence.save(self.session(counters), self._history_barrier())
+            self.persistence.save(self.session(counters), self.fed_s, self._history_barrier())
 
     def _history_barrier(self) -> Callable[[], None] | None:
         """Let the history be written; return what a state has to wait for, None: there is no history."""
@@ -233,11 +196,11 @@ class KeptRecord:
     def _ledger(self, counters: DeviceCounters) -> dict[str, int]:
         """Return what became of what the device received in this run, without the samples of the record."""
         others = {RECEIVED: counters.other_sender, "other_sender": counters.other_sender}
-        here = merged(self._earlier, self.monitor.left_out())
+        left_out = self._record.left_out()
         if counters.ledger:
-            return merged(counters.ledger, others, here)
-        delivered = sum(merged(here, {SAMPLES: self.monitor.ended_samples()}).values())
-        return merged({RECEIVED: delivered}, others, here)
+            return merged(counters.ledger, others, left_out)
+        delivered = sum(merged(left_out, {SAMPLES: self._record.own_samples()}).values())
+        return merged({RECEIVED: delivered}, others, left_out)
 
     def problems(self) -> Iterator[tuple[str, str, Level | None]]:
         """Yield what is new about keeping the record: kind, text and level of an event; None: that of the kind."""
@@ -252,12 +215,12 @@ class KeptRecord:
 
     def unsaved(self) -> str | None:
         """Return why the last state could not be saved; None if it was, or if there is none to keep."""
-        kept = self.persistence if self.monitor.samples and not self._options.temporary else None
+        kept = self.persistence if self._record.samples and not self._options.temporary else None
         return None if kept is None else kept.failed
 
     def end_text(self) -> str:
         """Return what the run leaves behind, for the log."""
-        samples = self.monitor.samples
+        samples = self._record.samples
         if not samples:
             return "stopped: no sample arrived"
         text = f"stopped: the record has {samples:,} sample{'s' * (samples > 1)}"

@@ -6,8 +6,6 @@ import gc
 import tracemalloc
 from dataclasses import replace
 from itertools import pairwise
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -17,18 +15,17 @@ from imumon.model.errors import RateRequired
 from imumon.model.report import DeviceDescription, Report, SensorGrade, SessionCounters
 from imumon.model.samples import ACCEL, GYRO, MAG, SampleBlock, Stream
 from imumon.model.saved_state import pack, unpack
-from imumon.record import Monitor, MonitorOptions
-from imumon.record.accumulators import Accumulators
+from imumon.record import Record, RecordOptions
 from imumon.record.events import EventLog
 
 
-def report(monitor: Monitor) -> Report:
+def report(monitor: Record) -> Report:
     return monitor.report(NOW, DeviceDescription(id="x"), "running", SessionCounters())
 
 
-def fed(*parts: SampleBlock, rate_hz: float | None = None) -> tuple[Monitor, Report]:
+def fed(*parts: SampleBlock, rate_hz: float | None = None) -> tuple[Record, Report]:
     """Return a monitor that got these blocks to their end, and its report."""
-    monitor = Monitor(rate_hz=rate_hz)
+    monitor = Record(rate_hz=rate_hz)
     for part in parts:
         monitor.feed(part)
     monitor.flush()
@@ -41,7 +38,7 @@ def of_gyroscope(part: SampleBlock) -> SampleBlock:
 
 
 def test_n_is_known_early_and_no_fit_is_older_than_five_seconds_and_two_per_cent() -> None:
-    monitor, at, known, oldest = Monitor(), 0.0, None, 0.0
+    monitor, at, known, oldest = Record(), 0.0, None, 0.0
     for second in range(80):
         monitor.feed(of_gyroscope(block(100, start=100 * second)))
         n = report(monitor).channels["gyro/x"].coefficients["N"]
@@ -58,7 +55,7 @@ def test_n_is_known_early_and_no_fit_is_older_than_five_seconds_and_two_per_cent
 
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_record() -> None:
-    monitor, n, held = Monitor(), 100 * 60 * 5, []
+    monitor, n, held = Record(), 100 * 60 * 5, []
     tracemalloc.start()
     try:
         for fives in range(5):
@@ -72,7 +69,7 @@ def test_memory_does_not_grow_with_the_record() -> None:
 
 
 def test_a_report_exists_before_the_first_sample() -> None:
-    current = report(Monitor())
+    current = report(Record())
     assert current.channels == {}
     assert current.session.samples == 0
 
@@ -86,9 +83,9 @@ def test_best_stream_is_characterised_and_counted_alone() -> None:
 
 
 def test_stream_without_clock_and_rate_is_refused() -> None:
-    silent, few, slow = replace(DELTAS, clock="none"), Monitor(), Monitor()
+    silent, few, slow = replace(DELTAS, clock="none"), Record(), Record()
     with pytest.raises(RateRequired):
-        Monitor().feed(block(500, stream=silent))
+        Record().feed(block(500, stream=silent))
     few.feed(block(10, stream=silent))
     with pytest.raises(RateRequired):
         few.flush()
@@ -116,7 +113,7 @@ def test_any_chunking_gives_the_same_report(guarded: bool) -> None:
     whole.values[4000:4200] += 0.5
     reports = []
     for cuts in ([], [1, 40, 41, 3999, 4100, 8000]):
-        monitor = Monitor(MonitorOptions(guarded=guarded))
+        monitor = Record(RecordOptions(guarded=guarded))
         edges = [0, *cuts, 9000]
         for a, b in pairwise(edges):
             monitor.feed(SampleBlock(DELTAS, whole.values[a:b], whole.time_ns[a:b], whole.lost[a:b]))
@@ -146,9 +143,9 @@ def test_knock_is_excluded_counted_and_reported() -> None:
 
 
 def test_restored_monitor_continues_identically() -> None:
-    one = Monitor()
+    one = Record()
     one.feed(block(5000))
-    two = Monitor()
+    two = Record()
     two.restore(unpack(pack(one.save())), 10.0)
     for monitor in (one, two):
         monitor.feed(block(5000, 6000))
@@ -168,8 +165,7 @@ def test_a_grade_change_is_an_event_when_it_lasts() -> None:
     def reported(events: EventLog, lengths: range, flips: int) -> list[str]:
         for k, length in enumerate(lengths):
             meets = "industrial" if k // flips % 2 == 0 else "consumer"
-            at = cast(Accumulators, SimpleNamespace(elapsed_s=float(length)))
-            events.update_grades({"gyro": SensorGrade(meets=meets)}, at)
+            events.update_grades({"gyro": SensorGrade(meets=meets)}, float(length))
         return [event.text for event in events.drain()]
 
     assert reported(EventLog(), range(1000, 2000), 20) == ["gyro: industrial, provisional"]
@@ -179,11 +175,11 @@ def test_a_grade_change_is_an_event_when_it_lasts() -> None:
     ]
     lost = EventLog()
     for k in range(100):
-        at = cast(Accumulators, SimpleNamespace(elapsed_s=1000.0 + k))
-        lost.update_grades({"gyro": SensorGrade(meets=None if k % 2 else "industrial")}, at)
+        grade = SensorGrade(meets=None if k % 2 else "industrial")
+        lost.update_grades({"gyro": grade}, 1000.0 + k)
     assert len(lost.drain()) == 1
     again = EventLog()
-    again.record_restored(cast(Accumulators, SimpleNamespace(noise=SimpleNamespace(changes=dict))))
+    again.restored({})
     assert reported(again, range(1000, 1100), 200) == [], "reported before the restart"
     assert reported(again, range(2000, 3000), 500) == [
         "gyro: consumer, provisional (before: industrial, provisional)"
@@ -191,7 +187,7 @@ def test_a_grade_change_is_an_event_when_it_lasts() -> None:
 
 
 def test_a_gap_has_a_known_length_if_another_stream_resumes_first() -> None:
-    monitor = Monitor()
+    monitor = Record()
     monitor.feed(block(5000), host_s=0.0)
     other = replace(block(10), stream=replace(DELTAS, kind="compensated", source="VNYMR", clock="none"))
     monitor.feed(other, host_s=7200.0)
@@ -201,19 +197,19 @@ def test_a_gap_has_a_known_length_if_another_stream_resumes_first() -> None:
 
 
 def test_saved_record_of_another_stream_is_refused() -> None:
-    one = Monitor()
+    one = Record()
     one.feed(block(500))
-    two = Monitor()
+    two = Record()
     two.restore(one.save(), 1.0)
     mismatch = two.feed(block(500, stream=replace(DELTAS, kind="uncompensated")))
     assert mismatch.code == "other_stream"
     assert two.samples == 500
 
 
-def warmed(minutes: tuple[int, ...], time_s: float, follows: float = 0.0) -> tuple[Monitor, list[Report]]:
+def warmed(minutes: tuple[int, ...], time_s: float, follows: float = 0.0) -> tuple[Record, list[Report]]:
     """Return the monitor of a sensor that heats up by 8 degrees, and its reports after some minutes."""
     stream = replace(DELTAS, channels=(*GYRO, *ACCEL, "temperature"))
-    monitor, reports, rng = Monitor(), [], np.random.default_rng(5)
+    monitor, reports, rng = Record(), [], np.random.default_rng(5)
     for minute in range(minutes[-1]):
         at = 600 * minute + np.arange(600)
         cold = np.exp(-at / (10.0 * time_s))
@@ -312,10 +308,10 @@ def test_a_constant_axis_is_a_caveat_and_its_sensor_has_no_grade() -> None:
 
 
 def test_changes_against_a_baseline_are_reported() -> None:
-    old = Monitor()
+    old = Record()
     old.feed(block(60_000))
     saved = report(old)
-    new = Monitor(MonitorOptions(baseline=saved))
+    new = Record(RecordOptions(baseline=saved))
     part = block(60_000, seed=9)
     part.values[:, 1] = LEVEL[1] + 1.4 * (part.values[:, 1] - LEVEL[1])
     new.feed(part)
@@ -341,7 +337,7 @@ def at_rate(n: int, tick: int, start: int = 0) -> SampleBlock:
 
 
 def test_another_rate_starts_a_new_record() -> None:
-    monitor = Monitor()
+    monitor = Record()
     assert monitor.feed(at_rate(2000, TICK)) is None
     mismatch = monitor.feed(at_rate(4000, TICK // 2, 2000 * TICK)) or monitor.flush()
     monitor.flush()
@@ -360,7 +356,7 @@ def test_a_magnetometer_beside_increments_is_a_point_sample() -> None:
     walk = np.cumsum(np.random.default_rng(3).normal(size=n)) * 1e-4
     stream = replace(DELTAS, channels=(*GYRO, *MAG))
     values = np.repeat(walk[:, None], 6, axis=1)
-    monitor = Monitor(MonitorOptions(guarded=False), rate_hz=1e9 / TICK)
+    monitor = Record(RecordOptions(guarded=False), rate_hz=1e9 / TICK)
     monitor.feed(SampleBlock(stream, values, np.arange(n) * TICK, np.zeros(n, dtype=np.int64)))
     channels = report(monitor).channels
     gyro, mag = channels["gyro/x"], channels["mag/x"]

@@ -1,4 +1,4 @@
-"""Analysis: fits, spectra and shapes of a record, recomputed when it has grown enough to show.
+"""Fits of a record, with its spectra and shapes: recomputed when the record has grown enough to show.
 
 They cost many times what the samples of a second cost and hardly change in a second. A report therefore
 reuses the last ones until the record has grown by a tenth, or by a minute,
@@ -15,22 +15,23 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from imumon.model.coefficients import LIMIT_95, NOISE, Estimate, Excess, MarkovEstimate
+from imumon.model.coefficients import LIMIT_95, NOISE, QUARTERS, Estimate, Excess, MarkovEstimate
 from imumon.model.grading import LIMITS, grade_sensor
 from imumon.model.report import UNGRADED_SHARE, Channel, SensorGrade
-from imumon.model.samples import UNITS, sensor_of
+from imumon.model.samples import UNITS, WITH_CURVE, sensor_of
 from imumon.model.units import counted, duration
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import BiasFit, ChannelFit, Estimator
 from imumon.noise.fit.slow_terms import CHANCE
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.distribution_shape import DistributionShape
+from imumon.noise.stretches import Sums
 from imumon.noise.stretches.change import compare
 from imumon.noise.stretches.quarters import excess
 from imumon.noise.stretches.warmup import still_settles
 from imumon.record import report_builder
-from imumon.record.accumulators import Accumulators
 from imumon.record.convergence import StatementLog
+from imumon.record.counts import Counts
 
 GROWTH = 0.1
 """Growth of a record, as a share, after which it is analysed again: each result changes visibly."""
@@ -55,20 +56,23 @@ def pause_s(elapsed_s: float) -> float:
     return min(GROWTH * elapsed_s, LONGEST_PAUSE_S)
 
 
-class Analysis:
+class Fits:
     """The expensive results of a record.
 
     Parameters
     ----------
+    names : (c,) channels of the stream.
     averaged : (c,) channels that are true averages over their interval.
     precision : target of the 95 % half-width by coefficient, as a share of the value.
+    guarded : disturbances and warm-up are excluded.
 
     Attributes
     ----------
+    names, guarded : as given.
     fits : by channel, of those with a curve.
     robust : by channel, of those with a curve, the robust companion of its shortest deviation.
     shapes : (c,) shape of the distribution of each channel; None without samples.
-    channels : by channel, the fields of a report that come from the analysis.
+    channels : by channel, the fields of a report that come from the fits.
     convergence : what was stated when the record was shorter.
     grades : headline of each graded sensor, from the fits alone.
     resolution : (c,) channel unit, quantisation steps of the channels with a curve; 0.0 without.
@@ -77,9 +81,14 @@ class Analysis:
     """
 
     def __init__(
-        self, record: Accumulators, *, averaged: Sequence[bool], precision: Mapping[str, float]
+        self,
+        names: Sequence[str],
+        *,
+        averaged: Sequence[bool],
+        precision: Mapping[str, float],
+        guarded: bool,
     ) -> None:
-        self._record = record
+        self.names, self.guarded = names, guarded
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
         self._quarters = Estimator(averaged=averaged, time_to=False)
         self._scatter: dict[int, dict[str, tuple[float, Excess]]] = {}  # by column and letter
@@ -88,7 +97,7 @@ class Analysis:
         self._contradictions: dict[int, float] = {}  # by column, greatest upper limit of K in the halves
         self._compared: set[int] = set()  # columns whose halves have been compared since they were due
         self.warming_up = self.heats_up = False
-        self.convergence = StatementLog(record.allan_channels)
+        self.convergence = StatementLog(sum(sensor_of(name) in WITH_CURVE for name in names))
         self._due_s = 0.0
         self._analysed = (-1, -1, 0.0, False)  # length, samples past the guard, warm-up, and `force`
         self.fits: dict[str, ChannelFit] = {}
@@ -98,101 +107,109 @@ class Analysis:
         self.grades: dict[str, SensorGrade] = {}
         self.resolution: list[float] | None = None
 
-    def update(self, renewal: Renewal) -> None:
+    def update(self, sums: Sums, counts: Counts, renewal: Renewal) -> None:
         """Recompute everything if it is due, or, with ``all``, if anything has changed."""
         if renewal == "none" and self.channels:
             return
         force = renewal == "all"
-        record, statistics = self._record, self._record.statistics
-        current = (record.span, statistics.noise.position, record.warmup_s, force)
-        elapsed = record.elapsed_s
-        # A warm-up that has just been excluded changes every number: it makes the analysis due at once.
-        early = not force and elapsed < self._due_s and record.warmup_s == self._analysed[2]
+        current = (counts.span, sums.position, counts.warmup_s, force)
+        elapsed_s = counts.elapsed_s
+        # A warm-up that has just been excluded changes every number: it makes the fits due at once.
+        early = not force and elapsed_s < self._due_s and counts.warmup_s == self._analysed[2]
         if early or current == self._analysed:
             return
-        if record.warmup_s != self._analysed[2]:
+        if counts.warmup_s != self._analysed[2]:
             self._slow_due_s = self._halves_due_s = 0.0
-        self._analysed, self._due_s = current, elapsed + pause_s(elapsed)
-        curve, kurtosis, fits = self._fit(force=force)
-        robust = record.robust_deviations(self.resolution or ())
-        self.robust = dict(zip(record.channels, robust, strict=False))
-        self.fits = dict(zip(record.channels, fits, strict=False))
-        self._update_slowly(kurtosis, force=force)
+        self._analysed, self._due_s = current, elapsed_s + pause_s(elapsed_s)
+        curve, kurtosis, fits = self._fit(sums, counts, force=force)
+        self.robust = dict(zip(self.names, sums.differences.result(self.resolution or ()), strict=False))
+        self.fits = dict(zip(self.names, fits, strict=False))
+        self._update_slowly(sums, elapsed_s, kurtosis, force=force)
         graded: dict[str, dict[str, Mapping[str, Estimate]]] = {}  # by sensor and axis
         for name, fit in self.fits.items():
             graded.setdefault(sensor_of(name), {})[name.partition("/")[2]] = fit.coefficients
         self.grades = {sensor: grade_sensor(sensor, graded[sensor]) for sensor in LIMITS if sensor in graded}
-        self.channels = {name: self._channel(curve, c, name) for c, name in enumerate(record.channels)}
+        self.channels = {
+            name: self._channel(sums, curve, column, name) for column, name in enumerate(self.names)
+        }
 
-    def note_convergence(self) -> None:
+    def note_convergence(self, sums: Sums, counts: Counts) -> None:
         """Note what the record states at its present length, without the results that only a report needs."""
-        self._fit(force=False)
+        self._fit(sums, counts, force=False)
 
-    def _fit(self, *, force: bool) -> tuple[AllanCurve, list[float], Sequence[ChannelFit]]:
+    def _fit(
+        self, sums: Sums, counts: Counts, *, force: bool
+    ) -> tuple[AllanCurve, list[float], Sequence[ChannelFit]]:
         """Return curve, excess kurtosis and fits of the record as it is now, and note what they state."""
-        record, statistics = self._record, self._record.statistics
-        curve, self.shapes = statistics.noise.curve(), statistics.histogram.result()
-        shapes = self.shapes[: record.allan_channels]
+        curve, self.shapes = sums.curve(), sums.histogram.result()
+        shapes = self.shapes[: sums.allan_channels]
         self.resolution = [shape.step or 0.0 if shape else 0.0 for shape in shapes]
-        kurtosis = record.excess_kurtosis().tolist()
-        fits = self._fitted(curve, self.resolution, kurtosis, force=force)
-        self.convergence.add(record.elapsed_s, fits)
+        # Slow drift does not enter the kurtosis. The relative variance of N^2 gains it over the number of samples.
+        kurtosis = sums.differences.fast_kurtosis().tolist()
+        fits = self._fitted(sums, counts, curve, kurtosis, force=force)
+        self.convergence.add(counts.elapsed_s, fits)
         return curve, kurtosis, fits
 
     def _fitted(
-        self, curve: AllanCurve, steps: list[float], kurtosis: list[float], *, force: bool
+        self, sums: Sums, counts: Counts, curve: AllanCurve, kurtosis: list[float], *, force: bool
     ) -> Sequence[ChannelFit]:
         """Return the fits, as far as the state of the record lets them count; decide whether it warms up."""
-        record, noise = self._record, self._record.statistics.noise
-        fits = self._estimator.fit(curve, renew=force or None, resolution=steps, kurtosis=kurtosis)
+        fits = self._estimator.fit(curve, renew=force or None, resolution=self.resolution, kurtosis=kurtosis)
         fits = _judged_as_a_record(fits)
-        excluded = (record.excluded_noise() * record.interval_s).tolist()
+        excluded = (counts.excluded_noise() * counts.interval_s).tolist()
         fits = tuple(_with_tails(fit, power) for fit, power in zip(fits, excluded, strict=False))
-        self._compare_halves(fits, steps, kurtosis, force=force)
+        self._compare_halves(sums, counts.elapsed_s, fits, kurtosis, force=force)
         fits = tuple(
             _with_contradiction(fit, self._contradictions[c]) if c in self._contradictions else fit
             for c, fit in enumerate(fits)
         )
-        inertial = [fits[c] for c in noise.warmup_channels if c < len(fits)]
-        settles = still_settles(inertial, record.elapsed_s - noise.begin_s)
-        self.heats_up = record.guarded and noise.is_warming_up(curve)
-        self.warming_up = self.heats_up or (record.guarded and settles)
+        inertial = [fits[c] for c in sums.warmup_channels if c < len(fits)]
+        settles = still_settles(inertial, counts.elapsed_s - sums.begin_s)
+        self.heats_up = self.guarded and sums.is_warming_up(curve)
+        self.warming_up = self.heats_up or (self.guarded and settles)
         if self.warming_up:
             # A mean that settles looks like a random walk, so K would be a figure of the warm-up.
             fits = tuple(_without_slow_values(fit) for fit in fits)
-        if (why := _why_pending(record)) is not None:
+        if (why := _why_pending(counts)) is not None:
             fits = tuple(_with_reason(fit, why) for fit in fits)
         return fits
 
     def _compare_halves(
-        self, fits: Sequence[ChannelFit], steps: list[float], kurtosis: list[float], *, force: bool
+        self,
+        sums: Sums,
+        elapsed_s: float,
+        fits: Sequence[ChannelFit],
+        kurtosis: list[float],
+        *,
+        force: bool,
     ) -> None:
         """Find the channels whose K in the halves contradict each other, when the record has grown enough.
 
         Not where the whole record shows nothing slow beside N, and so has no more than a bound of K: parts of it show
         less, and two fits of each such channel are saved.
         """
-        record = self._record
-        if force or record.elapsed_s >= self._halves_due_s:
-            self._halves_due_s = SCATTER_GROWTH * record.elapsed_s
+        if force or elapsed_s >= self._halves_due_s:
+            self._halves_due_s = SCATTER_GROWTH * elapsed_s
             self._compared.clear()
         slow = {c for c, fit in enumerate(fits) if fit.K.status in ("measured", "indistinct")}
         columns = sorted(slow - self._compared)
         self._compared |= slow
         self._contradictions = {c: high for c, high in self._contradictions.items() if c in self._compared}
-        if not columns or (halves := record.statistics.noise.halves()) is None:
+        if not columns or (halves := sums.equal_parts(2)) is None:
             return
         first, second = (
-            self._quarters.fit_sums(sums, span, steps, kurtosis, like=self._estimator, channels=columns)
-            for sums, span in halves
+            self._quarters.fit_sums(
+                part, span, self.resolution, kurtosis, like=self._estimator, channels=columns
+            )
+            for part, span in halves
         )
         for column, one, two in zip(columns, first, second, strict=True):
             self._contradictions.pop(column, None)
             if compare("K", one.K, two.K, pairs=len(fits)) is not None:
                 self._contradictions[column] = max(one.K.high or 0.0, two.K.high or 0.0)
 
-    def _channel(self, curve: AllanCurve, column: int, name: str) -> Channel:
-        """Return the fields of a channel that come from the analysis."""
+    def _channel(self, sums: Sums, curve: AllanCurve, column: int, name: str) -> Channel:
+        """Return the fields of a channel that come from the fits."""
         sensor, fit, shape = sensor_of(name), self.fits.get(name), self.shapes[column]
         step = shape.step if shape is not None else None
         channel = Channel(
@@ -204,9 +221,7 @@ class Analysis:
         return replace(
             report_builder.with_fit(channel, sensor, curve, column, fit, self._scatter.get(column, {})),
             spectrum=None if spectrum is None else report_builder.spectrum(sensor, spectrum, column),
-            drift=report_builder.drift(
-                fit, self._record.statistics.noise.begin_s, _range(curve), self._bias_curves.get(column)
-            ),
+            drift=report_builder.drift(fit, sums.begin_s, _range(curve), self._bias_curves.get(column)),
             convergence=self.convergence.of_channel(column),
             time_to={
                 letter: seconds if self.convergence.is_lasting(column, letter) else None
@@ -216,19 +231,17 @@ class Analysis:
             bias_curve=report_builder.bias_curve(sensor, self._bias_curves.get(column)),
         )
 
-    def _update_slowly(self, kurtosis: Sequence[float], *, force: bool) -> None:
+    def _update_slowly(self, sums: Sums, elapsed_s: float, kurtosis: Sequence[float], *, force: bool) -> None:
         """Compute the scatter between the quarters and the curves of the bias, when the record has grown enough."""
-        record = self._record
-        if not force and record.elapsed_s < self._slow_due_s:
+        if not force and elapsed_s < self._slow_due_s:
             return
         # Four fits, one per quarter, would cost more than all else; quarters that are longer by less show the same.
-        self._slow_due_s = SCATTER_GROWTH * record.elapsed_s
-        noise = record.statistics.noise
-        if (sums := noise.whole_sums()) is not None:
-            self._bias_curves = dict(enumerate(self._estimator.bias_curves(sums, noise.temperature_range())))
+        self._slow_due_s = SCATTER_GROWTH * elapsed_s
+        if (whole := sums.whole_sums()) is not None:
+            self._bias_curves = dict(enumerate(self._estimator.bias_curves(whole, sums.temperature_range())))
         parts = [
-            self._quarters.fit_sums(sums, span, self.resolution, kurtosis, like=self._estimator)
-            for sums, span in noise.quarters() or ()
+            self._quarters.fit_sums(part, span, self.resolution, kurtosis, like=self._estimator)
+            for part, span in sums.equal_parts(QUARTERS) or ()
         ]
         self._scatter = {
             column: {
@@ -320,12 +333,12 @@ def _bounded(part: Estimate, reason: str) -> Estimate:
     return Estimate(low=0.0, high=part.high, status="upper_bound", reason=reason)
 
 
-def _why_pending(record: Accumulators) -> Estimate | None:
+def _why_pending(counts: Counts) -> Estimate | None:
     """Return why coefficients are pending of a record most of which is excluded or missing; None: it is not."""
-    if record.excluded_share > UNGRADED_SHARE:
+    if counts.excluded_share > UNGRADED_SHARE:
         return Estimate(reason="most of the record is excluded", reason_code="excluded")
-    if record.missing_share > UNGRADED_SHARE:
-        missing = f"{counted(record.gaps, 'gap')}, {duration(record.missing * record.interval_s)}"
+    if counts.missing_share > UNGRADED_SHARE:
+        missing = f"{counted(counts.gaps, 'gap')}, {duration(counts.missing * counts.interval_s)}"
         return Estimate(reason=f"{missing}, between parts that are too short", reason_code="gaps")
     return None
 
