@@ -216,10 +216,6 @@ def limit_curves(
     return curves
 
 
-LIMIT_CURVES = limit_curves(LIMITS)
-"""Allan deviation at the limits of each grade of `imumon.model.grading`."""
-
-
 def with_bias(
     distribution: report.Distribution,
     name: str,
@@ -497,3 +493,7 @@ def _rounded(values: Floats, digits: int = CURVE_DIGITS) -> tuple[float, ...]:
 def _positive(values: Floats) -> tuple[float | None, ...]:
     """Return (k,) numbers, with None for 0.0, which means "none" in a fit."""
     return tuple(v if v > 0.0 else None for v in values.tolist())
+
+
+LIMIT_CURVES = limit_curves(LIMITS)
+"""Allan deviation at the limits of each grade of `imumon.model.grading`."""
