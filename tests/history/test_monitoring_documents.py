@@ -7,7 +7,6 @@ import math
 import re
 import shutil
 import subprocess
-import sys
 import time
 import urllib.parse
 import urllib.request
@@ -17,24 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from daemons import Daemon
-from faulty_sensor import spawn
 from free_ports import free_port
-from metrics_viewer import MetricsViewer
 from paths import ROOT
-from prometheus_client.parser import text_string_to_metric_families
-from scraping import scraped
-
-from imumon.sources.vn100.emulator import EmulatorSettings, Noise
 
 DOCS = ROOT / "docs" / "monitoring"
-PANELS = json.loads((DOCS / "grafana-dashboard.json").read_text())["panels"]
 RULES = re.findall(r"- alert: (\w+)", (DOCS / "alerts.yml").read_text())
-CLEAR_B = Noise.equal(6.1e-5, 3e-4, 0.0)
-SPEED = 60.0
-LAPSE = (sys.executable, str(ROOT / "tests" / "lapse.py"), f"{SPEED:g}")
-SCRAPED = {"instance", "job"}
-"""Labels that Prometheus adds."""
 
 DEVICE = 'device="a",instance="h",job="imumon"'
 OF_N = 'channel="gyro/x",coefficient="N",' + DEVICE
@@ -153,42 +139,3 @@ def prometheus(folder: Path, address: str) -> Iterator[Prometheus]:
             yield Prometheus(f"127.0.0.1:{own}")
         finally:
             process.terminate()
-
-
-@pytest.mark.slow
-@installed
-def test_every_panel_and_every_rule_finds_its_series_in_prometheus(tmp_path: Path) -> None:
-    """A sensor that loses messages, and whose B shows soon; what a panel names, its series have."""
-    link = str(tmp_path / "port")
-    lapse = (*LAPSE, 'device.id="lab"')
-    settings = EmulatorSettings(seed=4, speed=SPEED, baud=57600, link=link, gyro=CLEAR_B)
-    with (
-        spawn(settings) as sensor,
-        Daemon(link, tmp_path / "state", before=lapse) as daemon,
-        MetricsViewer(daemon.endpoint) as viewer,
-        prometheus(tmp_path, viewer.address) as server,
-    ):
-        assert server.until('imumon_events_total{kind="loss"}')[0]["value"][1] == "0"
-        sensor.ask("fault drop=0.2")
-        for panel in PANELS:
-            for target in panel["targets"]:
-                shorter = re.sub(r"\[\w+\]", "[10s]", target["expr"].replace("$device", "la.*|other"))
-                series = server.until(shorter)
-                legend = re.findall(r"{{(\w+)}}", target["legendFormat"])
-                assert all(set(legend) <= set(each["metric"]) for each in series), (panel["title"], series)
-                legends = {tuple(each["metric"][label] for label in legend) for each in series}
-                assert not legend or len(legends) == len(series), panel["title"]  # no two lines of one name
-                assert {each["metric"].get("device", "lab") for each in series} == {"lab"}
-        assert server.until('increase(imumon_events_total{kind="loss"}[5m]) > 0')
-        rules = server.rules()
-        assert set(rules) == set(RULES)
-        assert {rule["health"] for rule in rules.values()} == {"ok"}
-        assert server.until(rules["ImumonAlarm"]["query"])[0]["metric"]["alarm"] == "loss"
-        labels = {
-            sample.name: set(sample.labels)
-            for family in text_string_to_metric_families(scraped(viewer.address))
-            for sample in family.samples
-        }
-        daemon.stop()
-    for series in {s for each in (*FIRES.values(), QUIET) for s in each if not s.startswith("up{")}:
-        assert set(re.findall(r'(\w+)="', series)) == labels[name_of(series)] | SCRAPED

@@ -15,7 +15,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -79,12 +79,6 @@ def attachment(endpoint: str, id: str, seconds: float) -> int:
     return repeat(endpoint, seconds, 0.005, lambda s, n: query(s, key, attachment=data, timeout=60))
 
 
-def parameters(endpoint: str, id: str, seconds: float) -> int:
-    """Queries with parameters of 1 MB."""
-    key = f"imumon/{id}/signal/x?{'a' * 1_000_000}"
-    return repeat(endpoint, seconds, 0.005, lambda s, n: query(s, key, timeout=60))
-
-
 def small_payload(endpoint: str, id: str, seconds: float) -> int:
     """Queries whose payload is just below the largest message that the daemon accepts."""
     data = bytes(60_000)
@@ -104,11 +98,6 @@ def many(endpoint: str, id: str, seconds: float) -> int:
     return repeat(endpoint, seconds, 0.0, lambda s, n: query(s, f"{key}{n}", timeout=3600))
 
 
-def storm(endpoint: str, id: str, seconds: float) -> int:
-    """Queries for everything, 200 a second."""
-    return repeat(endpoint, seconds, 0.005, lambda s, n: query(s, f"imumon/{id}/**", timeout=60))
-
-
 def forge(endpoint: str, id: str, seconds: float) -> int:
     """Messages on the keys of the daemon: small ones, and 50 MB now and then."""
     big = bytes(5 * BIG)
@@ -120,21 +109,6 @@ def forge(endpoint: str, id: str, seconds: float) -> int:
             open_session.put(f"imumon/{id}/report", big)
 
     return repeat(endpoint, seconds, 0.005, put)
-
-
-def sessions(endpoint: str, id: str, seconds: float) -> int:
-    """Sessions that are opened, subscribe and are closed: 500 at the least in a minute."""
-    end, count = time.monotonic() + seconds, 0
-    while time.monotonic() < end:
-        with suppress(zenoh.ZError):
-            opened = [session(endpoint) for _ in range(5)]
-            for one in opened:
-                one.declare_subscriber("imumon/**", ignore)
-            for one in opened:
-                one.close()
-            count += len(opened)
-        time.sleep(0.05)
-    return count
 
 
 def stopped(endpoint: str, id: str, seconds: float) -> int:
@@ -161,11 +135,8 @@ def stopped(endpoint: str, id: str, seconds: float) -> int:
 
 WAYS = (
     payload,
-    parameters,
     many,
-    storm,
     forge,
-    sessions,
     stopped,
 )
 

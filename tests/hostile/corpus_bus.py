@@ -26,7 +26,7 @@ BUS = (
             "query", way.__name__.replace("_", "-"), lambda _, way=way: way, "bounded",
         )
         for way in (
-            attackers.payload, attackers.parameters, attackers.many, attackers.forge,
+            attackers.payload, attackers.many, attackers.forge,
         )
     ),
     *(

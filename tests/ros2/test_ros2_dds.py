@@ -1,11 +1,9 @@
-"""ROS 2 over DDS: Cyclone DDS here, Cyclone DDS and Debian's Fast DDS in other processes."""
+"""ROS 2 over DDS: Cyclone DDS here and in another process."""
 
 from __future__ import annotations
 
 import importlib.util
 import random
-import shutil
-import subprocess
 import sys
 import threading
 import time
@@ -16,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 from daemons import Daemon, n_is_within_a_tenth
-from paths import TESTS
 from ros2_actors import imu_payload
 from ros2_messages import decode
 from waiting import until
@@ -25,7 +22,7 @@ from imumon.config import Settings
 from imumon.model.samples import Item, SampleBlock
 from imumon.ros2.diagnostics import DIAGNOSTICS
 from imumon.ros2.node import Received, RosError, RosNode
-from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, IMU, imu_message
+from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, IMU
 from imumon.ros2.topic_url import open_node, parse_url
 from imumon.sources import registry
 from imumon.sources.device import Device, DeviceOptions
@@ -133,66 +130,3 @@ def test_a_daemon_reads_a_topic_over_dds_and_publishes_diagnostics(
     assert made.session.missing == 0
     fields = decode(DIAGNOSTIC_ARRAY, arrays[-1].payload)
     assert fields["status"][0]["name"] == "imumon: stream"
-
-
-# ---------------------------------------------------------------------- Fast DDS
-
-
-@pytest.fixture(scope="module")
-def fast_dds(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A program that publishes and reads an Imu with Fast DDS, made from tests/Imu.idl and tests/fastdds_imu.cpp."""
-    if not (shutil.which("fastddsgen") and shutil.which("g++")):
-        pytest.skip("Fast DDS is not installed (Debian: libfastrtps-dev, fastddsgen, g++)")
-    directory = tmp_path_factory.mktemp("fastdds")
-    for name in ("Imu.idl", "fastdds_imu.cpp"):
-        shutil.copy(TESTS / name, directory)
-    compiler = ["g++", "-std=c++14", "-O0", "Imu.cxx", "ImuPubSubTypes.cxx", "fastdds_imu.cpp"]
-    for command in (
-        ["fastddsgen", "-replace", "Imu.idl"],
-        [*compiler, "-lfastrtps", "-lfastcdr", "-o", "fastdds_imu"],
-    ):
-        done = subprocess.run(
-            command, cwd=directory, capture_output=True, text=True, timeout=150, check=False
-        )
-        if done.returncode:
-            pytest.skip(f"{command[0]} fails: {done.stderr[-200:]}")
-    return directory / "fastdds_imu"
-
-
-@needs_dds
-@pytest.mark.slow
-def test_we_read_what_fast_dds_publishes(fast_dds: Path, domain: int) -> None:
-    program = [str(fast_dds), "publish", str(domain), "200", "12000"]
-    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as driver:
-        made = device(domain)
-        info = made.open()
-        assert info.settings["publisher"].startswith("participant")
-        blocks: list[SampleBlock] = []
-        end = time.monotonic() + 60.0
-        while sum(map(len, blocks)) <= 500 and time.monotonic() < end:
-            blocks += [item for item in made.read(0.2) if isinstance(item, SampleBlock)]
-        made.close()
-        driver.kill()
-    values = np.concatenate([block.values for block in blocks])
-    assert len(values) > 500
-    assert (np.diff(values[:, 0]) == 1.0).all()
-    assert (values[:, 5] == values[:, 0] + 9.8125).all()
-    times = np.concatenate([block.time_ns for block in blocks if block.time_ns is not None])
-    assert (times == 1_700_000_000_000_000_000 + 5_000_000 * values[:, 0]).all()
-
-
-@needs_dds
-@pytest.mark.slow
-def test_fast_dds_reads_what_we_publish(fast_dds: Path, node: RosNode, domain: int) -> None:
-    program = [str(fast_dds), "listen", str(domain), "5"]
-    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as listener:
-        assert listener.stdout.readline() == "ready\n"
-        topic = node.advertise("/imu/data", IMU)
-        payload = imu_payload(1_700_000_000_123_456_789, [0.001, 0.0, 0.0], [0.0, 0.0, -9.8125])
-        assert imu_message(payload).gyro == (0.001, 0.0, 0.0)
-        end = time.monotonic() + 60.0
-        while listener.poll() is None and time.monotonic() < end:  # it ends with the fifth message
-            topic.publish(payload, time.time_ns())
-            time.sleep(0.05)
-        lines = [line.split() for line in listener.stdout]
-    assert lines == [["1700000000", "123456789", "imu_link", "0.001", "-9.8125", "0"]] * 5
