@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator
 from functools import partial
 
-from imumon.documents.convergence_figure import convergence_svg, convergence_table, convergences
+from imumon.documents.convergence_figure import convergence_svg, convergences
 from imumon.documents.elements import AppendixSection, Caution, DataTable, Element, Figure, Paragraph
 from imumon.documents.figures import curve_table, svg
 from imumon.documents.spectrum_figure import spectra, spectrum_svg
@@ -166,7 +166,7 @@ def _convergence(report: Report) -> Iterator[Element]:
         if convergences(report, sensor):
             caption = f"{SENSOR_TITLES[sensor]}, what was stated when the record was shorter, with the 95 % limits of "
             caption += "statistics; ▼ and <: 95 % upper bounds."
-            yield Figure(caption, convergence_table(report, sensor), partial(convergence_svg, report, sensor))
+            yield Figure(caption, None, partial(convergence_svg, report, sensor))
 
 
 def _magnetometer(report: Report) -> Iterator[Element]:

@@ -57,10 +57,7 @@ def _sensor_elements(sensor: str, curves: Mapping[str, BiasCurve]) -> Iterator[E
     yield DataTable(head, tuple((axis, *_cells(curve, unit.factor)) for axis, curve in shown.items()))
     text = f"{title}, bias less that at {reference}, in {name}; {some.degC[0]:.1f} to {some.degC[-1]:.1f} °C."
     legend = "Band: 95 %, for another record as long."
-    numbers = DataTable(
-        (f"{title}: °C", *(f"{axis}, {name}" for axis in shown)), tuple(_rows(shown, unit.factor))
-    )
-    yield Figure(text, numbers, partial(temperature_svg, sensor, shown), legend)
+    yield Figure(text, None, partial(temperature_svg, sensor, shown), legend)
 
 
 def temperature_svg(sensor: str, shown: Mapping[str, BiasCurve]) -> str:
@@ -135,10 +132,3 @@ def _cells(curve: BiasCurve, factor: float) -> Iterator[str]:
 
 def _rise(curve: BiasCurve, values: tuple[float, ...], factor: float) -> list[float]:
     return [(value - curve.bias[len(curve.bias) // 2]) * factor for value in values]
-
-
-def _rows(shown: Mapping[str, BiasCurve], factor: float) -> Iterator[tuple[str, ...]]:
-    """Yield the rise of each axis at the temperatures of the first."""
-    columns = [(_rise(c, c.bias, factor), _rise(c, c.high, factor)) for c in shown.values()]
-    for k, degrees in enumerate(next(iter(shown.values())).degC):
-        yield (f"{degrees:.1f}", *(with_error(bias[k], high[k] - bias[k]) for bias, high in columns))

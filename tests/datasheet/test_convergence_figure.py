@@ -1,4 +1,4 @@
-"""Plain K is the coefficient itself; the convergence is a table and a figure."""
+"""Plain K is the coefficient itself; the convergence is a figure."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 import reports
 
 from imumon.documents import document
-from imumon.documents.convergence_figure import convergence_svg, convergence_table
+from imumon.documents.convergence_figure import convergence_svg
 from imumon.model.coefficients import NOISE
 from imumon.model.filter_report import FilterReport
 from imumon.model.report import Report
@@ -34,11 +34,6 @@ def test_plain_k_is_the_coefficient_and_says_so(sheet: Report, filters: FilterRe
 
 
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
-def test_the_convergence_ends_with_what_is_stated_now(sheet: Report, sensor: str) -> None:
-    table = convergence_table(sheet, sensor)
-    for letter, head, cell in zip(NOISE, table.head[1:], table.rows[-1][1:], strict=True):
-        axis = head.removeprefix(f"{letter} of ")[0]
-        part = sheet.channels[f"{sensor}/{axis}"].coefficients[letter].readable
-        assert part.value is not None
-        assert float(cell.split()[0].replace(",", "")) == pytest.approx(part.value, rel=0.01)
-    assert "<svg" in convergence_svg(sheet, sensor)
+def test_the_convergence_is_a_figure(sheet: Report, sensor: str) -> None:
+    drawn = convergence_svg(sheet, sensor)
+    assert all(f">{letter}, " in drawn for letter in NOISE)

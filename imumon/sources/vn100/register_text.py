@@ -1,8 +1,8 @@
 """Register text: what the settings of a VN-100 do to its data.
 
 A report contains register values as sent, such as ``"85 IMU filtering": "0,4,4,4,0,0,3,3,3,0"``: this form is
-compared and written back. This module describes each register that changes what the samples mean in a few words.
-Other registers and invalid values have no description and are shown unchanged.
+compared and written back. This module describes the two registers that decide which samples the sensor sends, in a few
+words. Other registers and invalid values have no description and are shown unchanged.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from imumon.sources.vn100.registers import FILTERED, LOOP_RATE, RegisterNumber
 
 Values = list[float]
-_IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
 
 
 def describe_setting(name: str, value: str) -> str | None:
@@ -45,17 +44,6 @@ def _join(items: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(items[:-1]), *items[-1:])))
 
 
-def _calibration(values: Values) -> str:
-    """Describe registers 23, 84 and 25: out = C (in - b)."""
-    changed = ["scale or axes"] if values[:9] != _IDENTITY else []
-    changed += ["bias"] if any(values[9:]) else []
-    return f"{_join(changed)} changed by the user" if changed else "factory calibration only"
-
-
-def _rotation(values: Values) -> str:
-    return "axes are rotated" if values != _IDENTITY else "none: the axes of the housing"
-
-
 def _filter(values: Values) -> str:
     """Describe the boxcar averages: sensors, number of samples of the loop, and outputs."""
     by_window: dict[tuple[float, float], list[str]] = {}
@@ -76,30 +64,7 @@ def _delta(values: Values) -> str:
     return f"in {frame}, bias {f'of {_join(removed)} removed' if removed else 'not removed'}"
 
 
-def _vpe(values: Values) -> str:
-    if not values[0]:
-        return "off: no attitude filter"
-    return f"on, {('absolute', 'relative', 'indoor')[int(values[1])]} heading"
-
-
-def _bias(values: Values) -> str:
-    return f"{', '.join(f'{value:g}' for value in values)} rad/s" if any(values) else "none"
-
-
-def _iron(values: Values) -> str:
-    mode = ("off", "on", "reset")[int(values[0])]
-    return f"hard and soft iron: {mode}, {'not applied' if values[1] == 1 else 'applied'}"
-
-
 _DESCRIPTIONS: dict[int, Callable[[Values], str]] = {
-    RegisterNumber.MAG_CALIBRATION: _calibration,
-    RegisterNumber.ACCEL_CALIBRATION: _calibration,
-    RegisterNumber.GYRO_CALIBRATION: _calibration,
-    RegisterNumber.ROTATION: _rotation,
-    RegisterNumber.VPE_CONTROL: _vpe,
-    RegisterNumber.STARTUP_BIAS: _bias,
-    RegisterNumber.IRON_CONTROL: _iron,
     RegisterNumber.DELTA_CONTROL: _delta,
     RegisterNumber.IMU_FILTER: _filter,
 }
-"""Function of each of `DATA_REGISTERS`."""

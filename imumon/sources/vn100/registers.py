@@ -54,18 +54,9 @@ class RegisterNumber(IntEnum):
     BAUD = 5
     OUTPUT_TYPE = 6
     OUTPUT_RATE = 7
-    MAG_CALIBRATION = 23
-    ACCEL_CALIBRATION = 25
-    ROTATION = 26
     PROTOCOL = 30
     SYNC_CONTROL = 32
-    SYNC_STATUS = 33
-    VPE_CONTROL = 35
-    STARTUP_BIAS = 43
-    IRON_CONTROL = 44
-    IRON_RESULT = 47
     DELTA_CONTROL = 82
-    GYRO_CALIBRATION = 84
     IMU_FILTER = 85
 
 
@@ -161,41 +152,36 @@ _ZERO = "+00.000000,+00.000000,+00.000000"
 def _settings() -> Iterable[Register]:
     """Yield the registers that can be written."""
     yield Register(USER_TAG, "user tag", "")
-    number = RegisterNumber
-    yield Register(number.BAUD, "serial baud rate", "115200", ports=True, allowed=BAUDS)
+    yield Register(RegisterNumber.BAUD, "serial baud rate", "115200", ports=True, allowed=BAUDS)
     # 14 is VNYMR, as captures of new sensors show; a table of the manual prints another type, a misprint
     types = (0, *OUTPUT_TYPES)
-    yield Register(number.OUTPUT_TYPE, "async data output type", "14", ports=True, allowed=types)
+    yield Register(RegisterNumber.OUTPUT_TYPE, "async data output type", "14", ports=True, allowed=types)
     rates = (0, *ASCII_RATES)
-    yield Register(number.OUTPUT_RATE, "async data output frequency", "40", ports=True, allowed=rates)
+    yield Register(RegisterNumber.OUTPUT_RATE, "async data output frequency", "40", ports=True, allowed=rates)
     yield Register(21, "magnetic and gravity reference vectors", "1,0,1.8,0,0,-9.793746")
-    for sensor, calibration in (
-        ("magnetometer", number.MAG_CALIBRATION),
-        ("accelerometer", number.ACCEL_CALIBRATION),
-        ("gyro", number.GYRO_CALIBRATION),
-    ):
-        yield Register(calibration, f"{sensor} compensation", f"{_IDENTITY},0,0,0")
-    yield Register(number.ROTATION, "reference frame rotation", _IDENTITY)
+    for number, sensor in ((23, "magnetometer"), (25, "accelerometer"), (84, "gyro")):
+        yield Register(number, f"{sensor} compensation", f"{_IDENTITY},0,0,0")
+    yield Register(26, "reference frame rotation", _IDENTITY)
     protocol = "0,0,0,0,1,0,1"
-    yield Register(number.PROTOCOL, "communication protocol control", protocol, allowed=range(5))
-    yield Register(number.SYNC_CONTROL, "synchronization control", "3,0,0,0,6,1,0,100000000,0")
-    yield Register(number.SYNC_STATUS, "synchronization status", "0,0,0")
-    yield Register(number.VPE_CONTROL, "VPE basic control", "1,1,1,1")
+    yield Register(RegisterNumber.PROTOCOL, "communication protocol control", protocol, allowed=range(5))
+    yield Register(RegisterNumber.SYNC_CONTROL, "synchronization control", "3,0,0,0,6,1,0,100000000,0")
+    yield Register(33, "synchronization status", "0,0,0")
+    yield Register(35, "VPE basic control", "1,1,1,1")
     yield Register(36, "VPE magnetometer tuning", "4,4,4,5,5,5,5.5,5.5,5.5")
     yield Register(38, "VPE accelerometer tuning", "6,6,6,3,3,3,5,5,5")
     yield Register(40, "VPE gyro tuning", "8,8,8,4,4,4,0,0,0")
-    yield Register(number.STARTUP_BIAS, "startup gyro bias", _ZERO)
-    yield Register(number.IRON_CONTROL, "magnetometer calibration control", "0,1,5")
+    yield Register(43, "startup gyro bias", _ZERO)
+    yield Register(44, "magnetometer calibration control", "0,1,5")
     yield Register(50, "velocity aiding measurement", "0,0,0")
     yield Register(51, "velocity aiding control", "1,0.1,0.01")
     for output in BINARY_OUTPUTS:
         yield Register(output, f"binary output {output - 74}", "0,0,00")
-    yield Register(number.DELTA_CONTROL, "delta theta and delta velocity", "0,0,0,0,0")
+    yield Register(RegisterNumber.DELTA_CONTROL, "delta theta and delta velocity", "0,0,0,0,0")
     place = "1,1,0,0,1000,0.000,+00.00000000,+000.00000000,+00000.000"
     yield Register(83, "reference model configuration", place)
     # the largest window that a sensor accepts is not known: one second, that of 1 Hz, is assumed
     windows = range(LOOP_RATE + 1)
-    yield Register(number.IMU_FILTER, "IMU filtering", "0,4,4,4,0,0,3,3,3,0", allowed=windows)
+    yield Register(RegisterNumber.IMU_FILTER, "IMU filtering", "0,4,4,4,0,0,3,3,3,0", allowed=windows)
     yield Register(101, "NMEA output 1", "0,0,0,0,00000000")
     yield Register(102, "NMEA output 2", "0,0,0,0,00000000")
     yield Register(206, "legacy compatibility settings", "0,0,0,0")
@@ -208,7 +194,7 @@ def _readings() -> Iterable[Register]:
     yield Register(3, "serial number", "0100056785", "fixed")
     yield Register(4, "firmware version", "3.1.0.0", "fixed")
     result = f"{_IDENTITY},0,0,0"
-    yield Register(RegisterNumber.IRON_RESULT, "magnetometer calibration result", result, "fixed")
+    yield Register(47, "magnetometer calibration result", result, "fixed")
     for number, message in MEASUREMENTS.items():
         yield Register(number, f"measurements of {message}", "", "measurement")
 
