@@ -7,7 +7,7 @@ columns of the table are that wide. `Notation` chooses readable units or SI.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from imumon.model.coefficients import INDISTINCT_WORD, Estimate, mean_unit, unit_of
@@ -153,6 +153,15 @@ def approximate_duration(seconds: float) -> str:
 def wrap(text: str, width: int) -> list[str]:
     """Break a text into lines of at most `width` cells, at blanks; longer words are broken too."""
     return textwrap.wrap(text, max(width, 1), break_on_hyphens=False) or [""]
+
+
+def marked(texts: Iterable[str], width: int, role: str) -> list[Line]:
+    """Return texts as wrapped lines, each with a mark before its first one."""
+    lines: list[Line] = []
+    for text in texts:
+        for k, part in enumerate(wrap(text, max(width - 5, 10))):
+            lines.append([("    " if k else "  ! ", "warn"), (part, role)])
+    return lines
 
 
 def length(line: Line) -> int:

@@ -11,9 +11,11 @@ from imumon.model.units import counted, duration, number, pretty, sentence
 from imumon.tui.formatting import (
     Line,
     Notation,
+    Span,
     approximate_duration,
     fitted,
     length,
+    marked,
     padded,
     with_background,
     wrap,
@@ -85,52 +87,33 @@ VIEW_KEYS = {
 
 
 FIRST_KEYS = (("?", "help"), ("q", "quit"))
-LAST_KEYS = (("s", "save"), ("u", "units"), ("f", "freeze"), ("^p", "palette"))
+LAST_KEYS = (("s", "save"), ("u", "units"), ("f", "freeze"))
 """Keys that are everywhere: before those of the view, and behind them."""
 
 
-def _footer_keys(state: ViewState, *, wide: bool) -> list[Line]:
-    """Return the keys of the footer, the most important first; `wide`: two blanks before each."""
+def _footer_keys(state: ViewState) -> list[Line]:
+    """Return the keys of the footer, the most important first."""
     keys = (*FIRST_KEYS, *VIEW_KEYS.get(state.view, ()), *LAST_KEYS)
-    return [[(f"  {key} " if wide else f" {key} ", "key"), (name, "muted")] for key, name in keys]
-
-
-def _footer_form(state: ViewState, width: int) -> tuple[Line, list[Line]]:
-    """Return views and keys in the widest form that has room for the names of all views and the help.
-
-    The help lists every key; nothing else lists the views.
-    """
-    for named, wide in ((True, True), (True, False), (False, False)):
-        line, keys = _views(state, named=named, wide=wide), _footer_keys(state, wide=wide)
-        needed = keys if wide else keys[: len(FIRST_KEYS)]
-        if length(line) + sum(map(length, needed)) < width:
-            break
-    return line, keys
+    return [[(f" {key} ", "key"), (name, "muted")] for key, name in keys]
 
 
 def tabs(state: ViewState, width: int) -> Line:
-    """Return the views of the footer, the visible one highlighted."""
-    return _footer_form(state, width)[0]
+    """Return the views of the footer, the visible one highlighted; by name where the first keys have room beside them.
 
-
-def _views(state: ViewState, *, named: bool, wide: bool) -> Line:
-    """Return the views: `named`, all by name, else the visible one; `wide`: two blanks apart."""
-    roles = ["tab" if name == state.view else "muted" for name in VIEWS]
-    names = [f"{k} {name}" if named or name == state.view else str(k) for k, name in enumerate(VIEWS, 1)]
-    if wide:
-        return [(f" {name} ", role) for name, role in zip(names, roles, strict=True)]
-    before = ["muted", *roles]
+    The help lists every key; nothing else lists the views.
+    """
+    named = [f"{k} {name} " for k, name in enumerate(VIEWS, 1)]
+    needed = sum(map(len, named)) + sum(map(length, _footer_keys(state)[: len(FIRST_KEYS)]))
     return [
-        (f"{'' if left == 'tab' else ' '}{name}{' ' if role == 'tab' else ''}", role)
-        for name, role, left in zip(names, roles, before, strict=False)
+        (text if needed < width or name == state.view else text[:2], "tab" if name == state.view else "muted")
+        for name, text in zip(VIEWS, named, strict=True)
     ]
 
 
 def footer(state: ViewState, width: int, height: int = 1) -> list[Line]:
     """Return the views and the most important keys, those of the view before those that are everywhere."""
-    line, keys = _footer_form(state, width)
-    right: Line = []
-    for item in keys:
+    line, right = tabs(state, width), list[Span]()
+    for item in _footer_keys(state):
         if length(line) + length(right) + length(item) < width:
             right += item
     return [
@@ -218,14 +201,8 @@ def detail(state: ViewState, width: int, height: int) -> list[Line]:
         if goal := precision_goal(state, letter):
             line = [*padded(line, 56), (goal, "muted")]  # below one another, behind the longest limits
         lines.append(line)
-    if (grade := channel.grade) is not None:
-        text = grade_text(SensorGrade(meets=grade.meets, provisional=False))
-        lines.append([("   grade ", "muted"), (text, "text" if grade.meets else "faint")])
     if channel.allan is not None:
         lines.append(_quality(channel))
-    shape = channel.distribution
-    if shape is not None and shape.verdict:
-        lines.append([("   shape ", "muted"), (shape.verdict, "text")])
     if cautions := _caveats(state, width, height - len(lines) - 1):
         lines += [[], *cautions]
     return [padded(line, width) for line in lines[:height]]
@@ -306,11 +283,8 @@ def _quality(channel: Channel) -> Line:
 
 def _caveats(state: ViewState, width: int, height: int) -> list[Line]:
     """Return what restricts the numbers, each with the channels it holds for."""
-    lines: list[Line] = []
-    for caveat in caveat_lines(state.report) if state.report is not None else ():
-        for k, text in enumerate(wrap(caveat, width - 6)):
-            lines.append([("   ! " if not k else "     ", "warn"), (text, "muted")])
-    return lines[: max(height, 0)]
+    texts = caveat_lines(state.report) if state.report is not None else ()
+    return marked(texts, width, "muted")[: max(height, 0)]
 
 
 # ---------------------------------------------------------------------------- nothing to show

@@ -17,7 +17,16 @@ from imumon.model.messages import (
 from imumon.model.report import Channel, Drift, Event, Report, SensorGrade
 from imumon.model.samples import INERTIAL
 from imumon.model.units import duration, number, plus_minus, pretty, share_text
-from imumon.tui.formatting import Line, approximate_duration, fitted, length, padded, with_background, wrap
+from imumon.tui.formatting import (
+    Line,
+    approximate_duration,
+    fitted,
+    length,
+    marked,
+    padded,
+    with_background,
+    wrap,
+)
 from imumon.tui.view_state import ViewState
 
 
@@ -150,10 +159,7 @@ def _excluded(report: Report) -> list[Line]:
 
 def _notes(report: Report, width: int) -> list[Line]:
     """Return the caveats of the numbers and the remarks about the sensor."""
-    lines: list[Line] = []
-    for caveat in (*caveat_lines(report), *report.device.remarks):
-        for k, text in enumerate(wrap(caveat, max(width - 5, 10))):
-            lines.append([("  ! " if not k else "    ", "warn"), (text, "text")])
+    lines = marked((*caveat_lines(report), *report.device.remarks), width, "text")
     return [_title("Caveats"), *lines] if lines else []
 
 

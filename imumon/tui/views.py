@@ -153,8 +153,7 @@ class ScrolledView(View):
     ]
 
     def action_scroll(self, step: int) -> None:
-        panel = self.query_one(ScrolledPanel)
-        panel.scroll_to(y=panel.scroll_offset.y + step, animate=False)
+        self.query_one(ScrolledPanel).scroll_by(step)
 
 
 _LINE_KEYS: list[BindingType] = [
@@ -209,7 +208,7 @@ class EventsView(ScrolledView):
 
 
 class SensorsView(ScrolledView):
-    """All sensors, and the Allan deviation of the selected one."""
+    """All sensors with their status and grades."""
 
     title = "sensors"
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -220,7 +219,6 @@ class SensorsView(ScrolledView):
 
     def compose(self) -> ComposeResult:
         yield ScrolledPanel(text_panels.sensors, id="sensors-sheet")
-        yield DrawnPanel(charts.allan_chart, id="sensors-allan")
 
 
 SYMBOL_WORDS = "✓: ready. ↗: not yet. ↓: bound."
@@ -284,8 +282,7 @@ class HelpWindow(DialogWindow):
             self.query_one(ScrolledPanel).border_subtitle = "? words of this view · ↑ ↓ · esc"
 
     def action_scroll(self, step: int) -> None:
-        panel = self.query_one(ScrolledPanel)
-        panel.scroll_to(y=panel.scroll_offset.y + step, animate=False)
+        self.query_one(ScrolledPanel).scroll_by(step)
 
     def action_words(self) -> None:
         """Show the words; close the window where they are shown."""

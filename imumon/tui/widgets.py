@@ -202,6 +202,10 @@ class ScrolledPanel(ScrollView, StyledWidget, can_focus=False):
     def lines(self) -> list[Line]:
         return self._lines
 
+    def scroll_by(self, rows: int) -> None:
+        """Scroll by some rows, as far as there are any."""
+        self.scroll_to(y=self.scroll_offset.y + rows, animate=False)
+
     def render_line(self, y: int) -> Strip:
         row = y + self.scroll_offset.y
         return self.strip(self._lines[row] if row < len(self._lines) else [], self.size.width)
