@@ -137,30 +137,7 @@ def _peers() -> list[list[str]]:
     return rows
 
 
-def _day() -> list[list[str]]:
-    """Return time and memory of a channel of a day in imumon and in allantools."""
-    time_row, memory_row = (
-        next(line for line in _saved("performance") if line[0] == f"one channel of 24 h at 100 Hz, {what}")
-        for what in ("time", "memory")
-    )
-
-    def other(line: list[str], name: str) -> str:
-        match = re.search(rf"{name} ([\d.]+ \w+)", line[2])
-        return match[1] if match else "–"
-
-    names = {
-        "allantools, offline": "offline",
-        "real-time class of allantools, ten octaves of tau": "realtime",
-    }
-    rows = [["", "time", "memory", "grows with the record"]]
-    rows += [[text, other(time_row, name), other(memory_row, name), "yes"] for text, name in names.items()]
-    return [
-        *rows,
-        ["**imumon**, all octaves, sample blocks as they arrive", time_row[1], memory_row[1], "no"],
-    ]
-
-
-DERIVED: Mapping[str, Callable[[], list[list[str]]]] = {"readme-peers": _peers, "readme-day": _day}
+DERIVED: Mapping[str, Callable[[], list[list[str]]]] = {"readme-peers": _peers}
 """Tables of a document that are parts of saved ones."""
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import reports
-from paths import TESTS
+from paths import ROOT, TESTS
 from textual.pilot import Pilot
 from textual.widgets import Input
 
@@ -26,6 +26,8 @@ from imumon.tui.view_state import ViewState
 from imumon.tui.widgets import StyledWidget
 
 FOLDER = TESTS / "data" / "screen"
+IN_README = ("overview-large", ROOT / "docs" / "screen.svg")
+"""The snapshot that the README shows, and its copy."""
 SMALL, LARGE, HUGE = (80, 24), (150, 40), (220, 60)
 OTHER = "vn100-0100056799"
 
@@ -159,3 +161,5 @@ if __name__ == "__main__":
                 old.unlink()
     for name, svg in drawn(p for p in PICTURES.values() if any(part in p.name for part in names)).items():
         (FOLDER / f"{name}.svg").write_text(svg, encoding="utf-8")
+        if name == IN_README[0]:
+            IN_README[1].write_text(svg, encoding="utf-8")

@@ -255,3 +255,7 @@ def test_the_changelog_has_known_headings() -> None:
     assert heads[1].startswith(f"{imumon.__version__} - ")
     kinds = set(re.findall(r"^### (.+)$", text, re.MULTILINE))
     assert kinds <= {"Added", "Changed", "Fixed", "Removed", "Security"}
+
+
+def test_the_readme_fits_three_screens() -> None:
+    assert len((ROOT / "README.md").read_text("utf-8").splitlines()) <= 120
