@@ -32,23 +32,71 @@ sample. Missing samples are `cascade.update(block, valid)` or `cascade.skip(n)`,
 `cascade.break_()`. An unknown value is None with a reason, never 0 and never NaN. A curve of another record
 restarts the estimator: it never returns limits of one record for another.
 
-| package | content |
-|---|---|
-| `allan/` | octave cascade: Allan variance of an endless stream, also since several starts |
-| `noise_sums` | what the fit sees of a record, or of a part of it |
-| `spectrum/` | Welch sums of the levels, bins that are lines, their expectation |
-| `blocks/` | means over blocks that merge in pairs |
-| `markov_law` | the same of Gauss–Markov noise of standard deviation 1 |
-| `power_law` | density, autocovariance and cosine coefficients of N = B = K = 1 |
-| `fit/` | `Estimator`: the likelihood of N, B and K, with limits, and the time to a precision |
-| `statistics/` | moments, histogram, envelope |
-| `detection/` | disturbances, stuck and repeated samples, excluded before they reach a sum |
-| `stretches/` | parts of a record: quarters, hours, days, warm-up, changes |
-| `filter_consistency` | predicted consistency (NEES) of a Kalman filter with given noise parameters |
-| `filter_parameters` | numbers that keep a Kalman filter consistent |
-| `uncertainty` | what the limits of a fit do not hold |
-| `validity_groups` | channels that miss the same samples |
-| `synthesis` | noise of given N, B, K |
+Which samples are noise?
+    `detection/`: `guard` (holds samples), `baseline` (at rest), `disturbance`, `outliers`, `stuck`, `exclusions`
+How do averages over τ vary?
+    `allan/`: `cascade`, `octave` (sums), `curve`
+Which density, autocovariance and cosine coefficients have N, B and K?
+    `power_law`
+How much power does each frequency have?
+    `spectrum/`: `spectrum_accumulator` (levels), `level_sums` (for the fit), `power_spectrum` (for people)
+Which bins are lines, of those that the fit masks and of those that the report names?
+    `spectrum/spectral_lines`
+What do the Welch sums expect of N, B and K?
+    `spectrum/expectation`
+What do missing samples let leak between frequencies?
+    `spectrum/leakage`
+How does the mean move?
+    `blocks/block_means`
+What is known of the noise of a record, or of a part?
+    `noise_sums`
+Which terms has the noise, and what does each statistic expect of them?
+    `fit/model`
+Which thresholds lie between data and numbers?
+    the constants at the top of each module, with what goes wrong otherwise
+What is compared with a model?
+    `fit/observations`: bands and coefficients, and the frequency at which the two parts meet
+What moves the mean and is not noise?
+    `fit/slow_terms` (`SlowTermSearch`); `fit/regressors` (drift, temperature, settling, step, oscillation)
+Which oscillations of the mean are real, and no alias of a line?
+    `fit/oscillations`
+How does the bias follow the temperature?
+    `fit/bias_curve`
+What is the upper end of the spectrum?
+    `fit/search` (`ModelSearch`: filters, quantisation, the error of the model)
+How likely are N, B and K, and which are their limits?
+    `fit/likelihood`
+What does the fit state in SI, with which status and caveats?
+    `fit/statement`
+Which Allan curve follows, and which limits has the measured one?
+    `fit/curve_statement`, from the formulas of `fit/model_curve`
+How long until a coefficient is precise enough?
+    `fit/time_to_precision`
+When is a fit due, and why is a coefficient pending?
+    `fit/estimator`
+What is known between two places of a record?
+    `stretches/parts`; which places: `stretches/sums`
+Has the sensor warmed up?
+    `stretches/warmup`, decided in `stretches/sums`
+How much do N, B and K move within the record?
+    `stretches/quarters`
+What did each hour and day show?
+    `stretches/stretches`
+Has N or B changed?
+    `stretches/change`: halves, hours, a baseline, days of the history
+How are the values distributed?
+    `statistics/`: `moments`, `histogram`, `distribution_shape`, `differences` (kurtosis), `envelope` (signal
+    view)
+How good is the sensor?
+    `grading` of `model`; `uncertainty` (what the limits of a fit do not hold)
+Which numbers keep a Kalman filter consistent?
+    `filter_parameters`; `filter_consistency` (NEES without simulation)
+Which channels miss the same samples?
+    `validity_groups`
+How is an accumulator saved and restored?
+    `imumon.model.saved_state`
+What does noise of given N, B and K look like?
+    `synthesis`
 """
 
 from importlib import import_module
