@@ -13,14 +13,34 @@ from dataclasses import replace
 from datetime import timedelta
 
 import numpy as np
-from reports import BEGIN, DEVICE, FOLDER, LENGTH_S, LONG_RATE, LONG_S, NOISE, RATE, STREAM, TRUTH, written
+from reports import BEGIN, FOLDER, ID, LENGTH_S, LONG_RATE, LONG_S, NOISE, RATE, TRUTH, written
 
-from imumon.model.report import Report, SessionCounters, Signal, stamp
+from imumon.model.report import DeviceDescription, Report, SessionCounters, Signal, stamp
 from imumon.model.samples import ACCEL, GYRO, Floats, SampleBlock, Stream
 from imumon.noise import OctaveCascade, fit_curve
 from imumon.noise.synthesis import synthesise
 from imumon.record import Record, RecordOptions
+from imumon.sources import registry
 
+SETTINGS = {
+    "75 binary output 1": "1,40,01,0739",
+    "82 delta theta and delta velocity": "0,0,0,0,0",
+    "85 IMU filtering": "0,4,4,4,0,0,3,3,3,0",
+    "of tomorrow": "a value without a text",
+}
+DEVICE = DeviceDescription(
+    id=ID,
+    driver="vn100",
+    model="VN-100T-CR",
+    serial="0100056785",
+    firmware="2.1.0.0",
+    port="/dev/ttyUSB0",
+    baud=115200,
+    alias_factor=3.162,
+    settings=SETTINGS,
+    setting_texts=registry.setting_texts(registry.driver("vn100"), SETTINGS),
+)
+STREAM = Stream("uncompensated", (*NOISE, "temperature", "pressure"), "binary 01:0739", "startup")
 AMBIENT_S = 7200.0
 """s, period of the ambient temperature."""
 VIBRATION_HZ = 4.37
@@ -162,7 +182,9 @@ def saved() -> dict[str, Report | tuple[Signal, ...]]:
     hours, long = Run(), Run(LONG_S, LONG_RATE, seed=4, walk=2.0, convergence=True)
     # the last report contains what the fits of those before showed
     grown = {age: hours.report_at(age) for age in (8.0, 60.0, 200.0, 400.0, 900.0, 3600.0, LENGTH_S)}
+    unknown = DeviceDescription(id="vn100", port="/dev/ttyUSB0")
     return {
+        "nothing": Record().report(BEGIN, unknown, "starting", SessionCounters()),
         "seconds": grown[8.0],
         "minutes": grown[200.0],
         "hours": grown[LENGTH_S],

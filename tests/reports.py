@@ -19,18 +19,14 @@ from imumon.model.coefficients import Estimate
 from imumon.model.messages import EVENT_LEVELS
 from imumon.model.report import (
     Channel,
-    DeviceDescription,
     Event,
     Report,
-    SessionCounters,
     Signal,
     from_json,
     stamp,
 )
 from imumon.model.report_json import to_json
-from imumon.model.samples import ACCEL, GYRO, MAG, Stream
-from imumon.record import Record
-from imumon.sources import registry
+from imumon.model.samples import ACCEL, GYRO, MAG
 
 FOLDER = TESTS / "data" / "reports"
 ID = "vn100-0100056785"
@@ -55,25 +51,6 @@ TRUTH: dict[str, tuple[float, float, float, float]] = {
     "mag/z": (1.6e-4, 1.1e-5, 3.0e-7, 0.4417),
 }
 """N, B, K and mean of each channel, SI."""
-SETTINGS = {
-    "75 binary output 1": "1,40,01,0739",
-    "82 delta theta and delta velocity": "0,0,0,0,0",
-    "85 IMU filtering": "0,4,4,4,0,0,3,3,3,0",
-    "of tomorrow": "a value without a text",
-}
-DEVICE = DeviceDescription(
-    id=ID,
-    driver="vn100",
-    model="VN-100T-CR",
-    serial="0100056785",
-    firmware="2.1.0.0",
-    port="/dev/ttyUSB0",
-    baud=115200,
-    alias_factor=3.162,
-    settings=SETTINGS,
-    setting_texts=registry.setting_texts(registry.driver("vn100"), SETTINGS),
-)
-STREAM = Stream("uncompensated", (*NOISE, "temperature", "pressure"), "binary 01:0739", "startup")
 AGES = {8.0: "seconds", 200.0: "minutes", 900.0: "other", LENGTH_S: "hours", LONG_S: "long"}
 """Files by the length of the record, s; "other" is a sensor of twice the noise."""
 
@@ -160,11 +137,9 @@ def _report(elapsed_s: float, id: str, state: str, caveats: tuple[str, ...], spe
     )
 
 
-@cache
 def nothing_yet() -> Report:
     """Return what a daemon publishes before it detects its sensor."""
-    device = DeviceDescription(id="vn100", port="/dev/ttyUSB0")
-    return Record().report(BEGIN, device, "starting", SessionCounters())
+    return read("nothing")
 
 
 @cache

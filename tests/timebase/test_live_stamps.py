@@ -76,7 +76,6 @@ def test_stamps_of_a_sample_clock_are_used_as_they_are() -> None:
     assert live.remark is None
 
 
-@pytest.mark.few
 @pytest.mark.parametrize(
     ("rate_hz", "batch_ms"), [(50.0, 60.0), (200.0, 16.0), (200.0, 60.0), (1000.0, 16.0)]
 )
@@ -151,7 +150,6 @@ def test_duplicated_stamps_count_once() -> None:
     assert session.missing == 0
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("wrong", [0, 4_000_000_000 * 10**9])
 @pytest.mark.parametrize("batch_ns", [1, 16_000_000])
 def test_single_wrong_stamps_do_no_harm(wrong: int, batch_ns: int) -> None:
@@ -165,7 +163,6 @@ def test_single_wrong_stamps_do_no_harm(wrong: int, batch_ns: int) -> None:
     assert rate == pytest.approx(RATE_HZ, rel=5e-4)
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("batch_ns", [1, 40_000_000])
 def test_another_rate_begins_another_record(batch_ns: int) -> None:
     first = grid(200.0, 60.0)

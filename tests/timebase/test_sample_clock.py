@@ -70,7 +70,6 @@ def test_a_gap_longer_than_plausible_counts_once_confirmed() -> None:
     assert steps == [1, 1, 1, 399_998, 1]
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("bad", [10**15, 0, 5 * TICK, 99 * TICK + 10**9 * 100])
 def test_a_damaged_stamp_does_not_change_the_grid(bad: int) -> None:
     times = (np.arange(50) + 100) * TICK
@@ -147,7 +146,6 @@ def test_a_restored_clock_continues() -> None:
     assert restored.interval_s == clock.interval_s
 
 
-@pytest.mark.few
 @pytest.mark.parametrize(("length_s", "step"), [(10.0, 401), (60.0, BREAK), (None, 401)])
 def test_gap_that_another_clock_contradicts_is_of_unknown_length(length_s: float | None, step: int) -> None:
     clock = SampleClock("startup", 0.025)
@@ -157,7 +155,6 @@ def test_gap_that_another_clock_contradicts_is_of_unknown_length(length_s: float
     assert steps == [step] + [1] * 9
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("factor", [0.5, 0.625, 0.8, 0.875, 1.04, 1.25, 4 / 3, 1.5, 1.6, 2.0, 2.5, 3.0])
 def test_another_rate_is_detected_and_its_samples_are_separated(factor: float) -> None:
     for cuts in ([], [190, 230, 231], list(range(0, 600, 7))):
