@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from decimal import Decimal
 from enum import IntEnum
 from typing import Any
@@ -49,8 +48,6 @@ def add_check(parser: Parser) -> None:
     options.add_id(parser)
     text = f"critical if the report is older than T (5, 90s, 10m); default {MAX_AGE_S:g}"
     add("--max-age", type=options.seconds, default=MAX_AGE_S, metavar="T", help=text)
-    text = "warning if more of the samples of the last minute are missing; default: the setting max_loss of the daemon"
-    add("--max-loss", type=options.percentage, metavar="PERCENT", help=text)
     text = "critical if gyroscope or accelerometer is certainly worse than this grade, a warning if it may be"
     add("--grade", choices=GRADES, help=text)
     add("--baseline", metavar="FILE", help="warning if N or B differs from an earlier report (JSON)")
@@ -67,8 +64,6 @@ def check(arguments: argparse.Namespace) -> int:
         ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
         stopped = current_trouble(subscriber, report, time.monotonic() + options.ANSWER_S)
         rivals = report.device.id in subscriber.rivals()
-    if arguments.max_loss is not None:
-        report = replace(report, alarm_limits={"loss": arguments.max_loss})
     critical, warnings = [], []
     if report.state == "stopped":
         critical.append("the daemon has ended")

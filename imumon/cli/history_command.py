@@ -33,7 +33,6 @@ def add_history(parser: Parser) -> None:
     add("--state", metavar="DIR", help="read the file in this directory, and ask no daemon")
     text = "rows from T on: 2h, 30d, 2026-11-03 or 2026-11-03T10:20:00Z (UTC); default: 1d before the end"
     add("--since", metavar="T", help=text)
-    add("--until", metavar="T", help="rows up to T; default: now")
     text = "only this channel or sensor (gyro/x or gyro), repeatable"
     add("--channel", action="append", metavar="NAME", help=text)
     text = "length of a row; default: 10m up to 2 days, 1h up to 2 months, else 1d"
@@ -50,7 +49,6 @@ def history(arguments: argparse.Namespace) -> int:
     chosen = selection(
         now,
         since=None if arguments.since is None else moment(arguments.since, now),
-        until=None if arguments.until is None else moment(arguments.until, now),
         channels=tuple(arguments.channel or ()),
         step=arguments.step,
     )

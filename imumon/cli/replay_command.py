@@ -128,9 +128,7 @@ def add_replay(parser: Parser) -> None:
     add_datasheet(parser)
     add("--speed", default="max", metavar="X|max", help="times as fast as real time; default max")
     add("--json", action="store_true", help="the report as JSON")
-    add("--verbose", action="store_true", help="print the whole datasheet as text")
-    text = "also state what shorter parts of the record would have shown, which takes a fifth more time"
-    add("--convergence", action="store_true", help=text)
+    add("--verbose", action="store_true", help="print the whole datasheet, which takes a fifth more time")
     add("--publish", action="store_true", help="publish on Zenoh while replaying")
     add("--baseline", metavar="FILE", help="compare with an earlier report (JSON)")
     options.add_listen(parser)
@@ -150,7 +148,7 @@ def replay(arguments: argparse.Namespace) -> int:
                 arguments.files[0],
                 pace=pace,
                 baseline=baseline,
-                convergence=arguments.convergence,
+                convergence=arguments.verbose,
             )
             report = replayed(wanted, sheet, bus).report
     # who names a data sheet wants to see the comparison with it

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from imumon.api.document_report import document_report
 from imumon.cli import options
@@ -26,18 +26,13 @@ from imumon.cli.replay_command import (
     replay_options,
     replayed,
 )
-from imumon.documents import DEFAULT_PROGRAM, FORMS, PAGES, document, short_record_text
+from imumon.documents import FORMS, PAGES, document, short_record_text
 from imumon.files import check_replaceable, replace_file
 from imumon.model.filter_report import DEFAULT_HORIZON_S, FilterReport
-from imumon.model.readiness import ProgramName
 from imumon.model.report import DeviceDescription, SessionCounters
 from imumon.model.system_errors import not_read, not_written
 from imumon.sources import registry
 
-PLAIN_K_REMARK = (
-    "--walk K: random_walk is K alone. Flicker B moves the bias, too, so a filter with it is too sure of its bias; "
-    "without --walk K the number covers both"
-)
 REPORT_CURE = "make one with imumon report --format json"
 
 EXTENSIONS = {"": "md", "htm": "html", "markdown": "md", "yaml": "kalibr", "yml": "kalibr"}
@@ -61,11 +56,6 @@ def add_report(parser: Parser) -> None:
     )
     horizon += "that may lose its track for 10 s needs 10s, a car in a tunnel 2m"
     add("--horizon", type=options.horizon, metavar="S", help=horizon)
-    text = f"whose settings a datasheet has: {', '.join(get_args(ProgramName))}; default {DEFAULT_PROGRAM}"
-    add("--program", choices=get_args(ProgramName), metavar="PROGRAM", help=text)
-    text = "random walk of the bias for other programs: filter (default), so large that a filter is not too sure of "
-    text += "its bias, although flicker is no random walk; K, the coefficient alone, as other tools give it"
-    add("--walk", choices=("filter", "K"), help=text)
     add("-o", "--output", metavar="OUT", help="file to write; default: standard output")
     add_datasheet(parser)
     add_read_options(parser.add_argument_group("of a recording"))
@@ -96,13 +86,11 @@ def report(arguments: argparse.Namespace) -> int:
     filter_numbers = FORMS[form].settings
     if filter_numbers and (warning := short_record_text(source)) is not None:
         print_message(warning)
-    filters = _filters(source, arguments.horizon, FORMS[form].filters, arguments.walk or "filter")
-    if arguments.walk == "K":
-        print_message(PLAIN_K_REMARK)
+    filters = _filters(source, arguments.horizon, FORMS[form].filters)
     if FORMS[form].settings:
         topic = arguments.topic or source.device.topic
         filters = replace(filters, device=replace(filters.device, topic=topic))
-    data = document(source, form, filters, arguments.program or DEFAULT_PROGRAM)
+    data = document(source, form, filters, options.settings(arguments).report.program)
     if to_file:
         with writing_to(arguments.output):
             replace_file(arguments.output, data)
@@ -132,13 +120,6 @@ def _check_options(arguments: argparse.Namespace, form: str) -> None:
 def _check_fits_form(arguments: argparse.Namespace, form: str) -> None:
     """Raise an error if an option, or a terminal as the output, does not fit the form."""
 
-    if arguments.walk and not (FORMS[form].settings or form in PAGES):
-        message = f"--walk is for numbers of other programs, and {form} has none"
-        raise CommandError("walk_not_applicable", message, "leave it out, or name such a --format", USAGE)
-    if arguments.program and form not in PAGES:
-        message = f"--program is for the settings on a datasheet, and {form} is none"
-        cure = f"name {' or '.join(PAGES)} with --format or -o"
-        raise CommandError("program_not_applicable", message, cure, USAGE)
     if FORMS[form].binary and arguments.output is None and sys.stdout.isatty():
         message = f"a {form} file cannot be shown in a terminal"
         raise CommandError("binary_to_terminal", message, "name a file with -o", USAGE)
@@ -158,14 +139,14 @@ def _source(arguments: argparse.Namespace) -> tuple[Any, Any]:
     return source, rows
 
 
-def _filters(report: Any, horizon_s: float | None, needed: bool, walk: Any) -> Any:
+def _filters(report: Any, horizon_s: float | None, needed: bool) -> Any:
     """Return the parameters for filters of a report; without channels where the form does not use them."""
 
     if not needed:
         return FilterReport(time=report.time, device=report.device)
     from imumon.record.filter_report_builder import filter_report
 
-    return filter_report(report, horizon_s or DEFAULT_HORIZON_S, walk)
+    return filter_report(report, horizon_s or DEFAULT_HORIZON_S)
 
 
 def _form(arguments: argparse.Namespace) -> str:

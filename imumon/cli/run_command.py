@@ -76,7 +76,6 @@ def add_demo(parser: Parser) -> None:
         metavar="X",
         help="run the emulator X times faster; default 60",
     )
-    parser.add_argument("--seed", type=int, metavar="N", help="seed of the random noise")
 
 
 def add_sim(parser: Parser) -> None:
@@ -279,7 +278,6 @@ def _demo_daemon(arguments: argparse.Namespace, directory: str) -> Iterator[tupl
     command = [sys.executable, "-P", "-m", "imumon", "run", "--port", "sim"]
     command += ["--speed", f"{arguments.speed:g}", "--listen", endpoint, "--state", directory, "--id", "demo"]
     command += [options.STOP_WITH_STDIN]
-    command += [] if arguments.seed is None else ["--seed", str(arguments.seed)]
     with tempfile.TemporaryFile("w+") as log:
         daemon = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True

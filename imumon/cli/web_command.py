@@ -12,15 +12,12 @@ from imumon.cli.output import print_message
 from imumon.tui.web import is_loopback, serve
 
 LISTEN = "127.0.0.1:8448"
-PASSED_ON = ("config", "id")
-"""Options of `imumon tui` with a value, which the process of each browser gets."""
 
 
 def add_web(parser: Parser) -> None:
     add = parser.add_argument
     text = f"address of the page; default {LISTEN}. Other machines can reach it only on another address than 127.0.0.1"
     add("--listen", type=options.address, default=LISTEN, metavar="HOST:PORT", help=text)
-    add("--id", metavar="NAME", help="device to show first")
 
 
 def web(arguments: argparse.Namespace) -> int:
@@ -37,9 +34,8 @@ def web(arguments: argparse.Namespace) -> int:
     words: list[str] = []
     for endpoint in arguments.connect or ():
         words += ["--connect", endpoint]
-    for name in PASSED_ON:
-        if (value := getattr(arguments, name)) is not None:
-            words += [f"--{name}", os.path.abspath(value) if name == "config" else value]
+    if arguments.config is not None:
+        words += ["--config", os.path.abspath(arguments.config)]
 
     def ready(address: str) -> None:
         print_message(f"the screen is at {address}; end with ctrl+c")

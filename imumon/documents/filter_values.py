@@ -44,10 +44,6 @@ INDISTINCT = "does not show apart from B or M in this record: made for half the 
 """Comment after a walk that rests on coefficients which the record does not separate."""
 
 
-PLAIN_K = "plain K (--walk K): a filter without a state for flicker is too sure of its bias with it"
-"""Comment of a walk that is K alone."""
-
-
 @dataclass(frozen=True, slots=True)
 class FilterValue:
     """A number for a filter: of one axis, or the largest of three."""
@@ -90,14 +86,11 @@ def worst_axis(report: Report, filters: FilterReport, sensor: str, letter: str) 
         lines.append(f"  N of the fit; rests on {_rests_on(report)}")
     else:
         lines += [f"  {name}: {_walk_text(report, filters, f'{sensor}/{name}')}" for name in parts]
-        if filters.walk_rule == "K":
-            lines += [f"  {PLAIN_K}", f"  rests on {_rests_on(report)}"]
-        else:
-            lines += [
-                f"  from {_origin(filters, sensor)}: the smallest with NEES <= 1.25 "
-                f"for 1 to {filters.horizon_s:g} s without a fix;",
-                f"  rests on {_rests_on(report)}",
-            ]
+        lines += [
+            f"  from {_origin(filters, sensor)}: the smallest with NEES <= 1.25 "
+            f"for 1 to {filters.horizon_s:g} s without a fix;",
+            f"  rests on {_rests_on(report)}",
+        ]
     return FilterValue(values[axis], tuple(lines), bound_text(letter, {axis: parts[axis], **parts}))
 
 
@@ -174,9 +167,7 @@ def settings_header(report: Report, filters: FilterReport) -> list[str]:
     lines = [
         f"{sensor_title(report)}: noise at rest, measured by imumon, {report.time}",
         f"{record_title(report)}, {duration(excluded) if excluded else 'nothing'} excluded",
-        "walks are plain K: imumon report --walk"
-        if filters.walk_rule == "K"
-        else f"walks for at most {filters.horizon_s:g} s without a fix: imumon report --horizon",
+        f"walks for at most {filters.horizon_s:g} s without a fix: imumon report --horizon",
     ]
     lines += textwrap.wrap(FIX_WORDS)
     if (short := short_record_text(report)) is not None:

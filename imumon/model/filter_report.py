@@ -16,13 +16,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 from imumon.model.errors import ImumonError
 from imumon.model.report import DeviceDescription
 from imumon.model.units import DAY
 
-WalkRule: TypeAlias = Literal["filter", "K"]
 FILTER_SCHEMA = "imumon.filter/1"
 FIX_WORDS = (
     "A fix is a measurement of the angle or the velocity from another source. NEES (normalised estimation error "
@@ -127,6 +126,5 @@ class FilterReport:
     device: DeviceDescription  # device that the numbers describe
     horizon_s: float = DEFAULT_HORIZON_S  # s, longest time without a fix that the numbers hold for
     elapsed_s: float = 0.0  # s, length of the record that they rest on
-    walk_rule: WalkRule = "filter"  # "filter": `walk` keeps a filter consistent; "K": it is plain K
     words: str = FIX_WORDS  # meaning of a fix and of NEES
     channels: Mapping[str, FilterChannel] = field(default_factory=dict)  # gyro/x ... accel/z

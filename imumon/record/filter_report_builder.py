@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -26,7 +25,6 @@ from imumon.model.filter_report import (
     FilterReport,
     GaussMarkovTerm,
     MarkovTerm,
-    WalkRule,
 )
 from imumon.model.report import Channel, Report
 from imumon.model.samples import Floats, sensor_of
@@ -44,7 +42,7 @@ CURVE_DIGITS, TIME_DIGITS = 5, 6
 """Significant digits of the curves and of times: rounding errors of the processor are not published."""
 
 
-def filter_report(report: Report, horizon_s: float, walk: WalkRule = "filter") -> FilterReport:
+def filter_report(report: Report, horizon_s: float) -> FilterReport:
     """Return the parameters for filters of every gyroscope and accelerometer channel.
 
     A channel without a value or bound of N, B or K has no entry.
@@ -52,7 +50,6 @@ def filter_report(report: Report, horizon_s: float, walk: WalkRule = "filter") -
     Parameters
     ----------
     horizon_s : s, 1 or more: longest time without a fix for which the numbers hold.
-    walk : "K": plain K in place of the walk that keeps a filter consistent.
     """
     assumed = {
         name: noise
@@ -60,28 +57,12 @@ def filter_report(report: Report, horizon_s: float, walk: WalkRule = "filter") -
         # a magnetometer is not integrated: it has no fix in the reference scenario
         if sensor_of(name) in FIX_STD and (noise := assumed_noise(channel)) is not None
     }
-    channels = _channels(report, assumed, horizon_s) if assumed else {}
     return FilterReport(
         time=report.time,
         device=report.device,
         horizon_s=horizon_s,
         elapsed_s=report.session.elapsed_s,
-        walk_rule=walk,
-        channels=channels
-        if walk == "filter"
-        else {n: _with_plain_k(report, n, c) for n, c in channels.items()},
-    )
-
-
-def _with_plain_k(report: Report, name: str, channel: FilterChannel) -> FilterChannel:
-    """Return the parameters of a channel with K as the walk, and what a filter with N and K achieves."""
-    k = channel.assumed.K
-    return replace(
-        channel,
-        walk=k,
-        walk_factor=_factor(report.channels[name].coefficients["K"], k),
-        nees=replace(channel.nees, white_walk=channel.nees.n_and_k),
-        std=replace(channel.std, white_walk=channel.std.n_and_k),
+        channels=_channels(report, assumed, horizon_s) if assumed else {},
     )
 
 

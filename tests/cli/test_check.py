@@ -129,22 +129,24 @@ def test_the_worst_state_decides(
     assert {"gyro_x_N", "accel_z_N"} <= set(names)
 
 
-def test_thresholds_grade_and_baseline(report: Report, tmp_path: Path) -> None:
+def test_the_limit_of_the_loss_a_grade_and_a_baseline(report: Report, tmp_path: Path) -> None:
     final = SensorGrade(meets="industrial", best="industrial", worst="industrial", provisional=False)
-    with published(with_loss(replace(report, grade={"gyro": final, "accel": final}))) as place:
-        assert plugin("--connect", place, "--max-loss", "25")[0] == 0
-        assert plugin("--connect", place, "--max-loss", "25%")[0] == 0
-        assert plugin("--connect", place, "--max-loss", "0.25")[0] == 1
-        code, text, _ = plugin("--connect", place, "--max-loss", "25", "--grade", "tactical")
+    lossy = replace(with_loss(report), alarm_limits={"loss": 0.1})
+    with published(lossy) as place:
+        assert plugin("--connect", place)[0] == 1
+    lossy = replace(lossy, alarm_limits={"loss": 0.25}, grade={"gyro": final, "accel": final})
+    with published(lossy) as place:
+        assert plugin("--connect", place)[0] == 0
+        code, text, _ = plugin("--connect", place, "--grade", "tactical")
         assert (code, text.count(" industrial")) == (2, 2)
-        assert plugin("--connect", place, "--max-loss", "25", "--grade", "industrial")[0] == 0
+        assert plugin("--connect", place, "--grade", "industrial")[0] == 0
         saved = tmp_path / "baseline.json"
         saved.write_text(to_json(measured(2.0)))
-        code, text, _ = plugin("--connect", place, "--max-loss", "25", "--baseline", str(saved))
+        code, text, _ = plugin("--connect", place, "--baseline", str(saved))
         assert code == 1
         assert "gyro/x: N has fallen by 50 % against the baseline" in text
         saved.write_text(to_json(report))
-        assert plugin("--connect", place, "--max-loss", "25", "--baseline", str(saved))[0] == 0
+        assert plugin("--connect", place, "--baseline", str(saved))[0] == 0
 
 
 def test_a_grade_that_may_be_missed_is_a_warning(report: Report) -> None:

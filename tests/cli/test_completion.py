@@ -58,7 +58,7 @@ complete -p imumon >/dev/null"""
         ("imumon config ", {"show", "check"}),
         ("imumon config --c", {"--config", "--connect"}),
         ("imumon completion z", {"zsh"}),
-        ("imumon sim --gyro-", {"--gyro-n", "--gyro-b", "--gyro-k"}),
+        ("imumon sim --gy", {"--gyro"}),
         ("imumon run --port si", {"sim"}),
         ("imumon run --duration ", set()),
         ("imumon replay cap", {"capture.bin"}),

@@ -27,8 +27,8 @@ from waiting import until
         (("replay", ""), "the name of the file is empty"),
         (("report", " "), "the name of the file is empty"),
         (("sim", "--rate", "0"), "--rate 0"),
-        (("sim", "--gyro-n", "abc"), "'abc': give one number"),
-        (("sim", "--accel-k", "nan"), "'nan': give one number"),
+        (("sim", "--gyro", "abc"), "'abc': give N,B,K"),
+        (("sim", "--accel", "1e-3,0,nan"), "give N,B,K"),
         (("sim", "--seed", "x"), "'x' is not a whole number"),
         (("sim", "--warm-up", "x"), "'x' is not a number"),
         (

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 from imumon.sources.clock import HostClock
 from imumon.sources.device import InvalidOption
-from imumon.sources.vn100.registers import ASCII_RATES, BAUDS, FACTORY_BAUD, LOOP_RATE
+from imumon.sources.vn100.registers import ASCII_RATES, LOOP_RATE
 
 Axes: TypeAlias = tuple[float, float, float]
 
@@ -102,25 +102,22 @@ def time_lapse_settings(clock: HostClock, seed: int | None) -> EmulatorSettings:
     return EmulatorSettings(speed=clock.time_lapse, seed=seed)
 
 
-def _axes(text: str) -> Axes:
-    """Return the numbers of a text: one for all axes, or three separated by commas."""
+def _noise(text: str) -> Noise:
+    """Return the noise of N, B and K, which are separated by commas."""
     try:
-        numbers = [float(part) for part in text.split(",")]
+        n, b, k = (float(part) for part in text.split(","))
     except ValueError:
-        numbers = []
-    if len(numbers) not in (1, 3) or not all(0.0 <= number < float("inf") for number in numbers):
-        raise argparse.ArgumentTypeError(
-            f"{text!r}: give one number, 0 or more, or three with commas between them"
-        )
-    x, y, z = numbers * (3 // len(numbers))
-    return x, y, z
+        n = b = k = -1.0
+    if not all(0.0 <= number < float("inf") for number in (n, b, k)):
+        raise argparse.ArgumentTypeError(f"{text!r}: give N,B,K, three numbers of 0 or more")
+    return Noise.equal(n, b, k)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the emulator; the help shows their defaults."""
     standard = EmulatorSettings()
     line = parser.add_argument_group("serial line")
-    noise = parser.add_argument_group("noise", "one number for all axes, or x,y,z")
+    noise = parser.add_argument_group("noise")
 
     def number(group: Any, name: str, metavar: str, text: str) -> None:
         default = getattr(standard, name)
@@ -130,15 +127,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     rates = ", ".join(map(str, ASCII_RATES))
     number(line, "rate", "HZ", f"output rate: VNYMR at {rates}, others in binary")
-    text = f"default {FACTORY_BAUD}, or the next one that carries the rate"
-    line.add_argument("--baud", type=int, choices=BAUDS, metavar="N", help=text)
     number(line, "speed", "X", "time-lapse: the sensor clock runs X times faster and waits for the reader")
     line.add_argument("--link", metavar="PATH", help="create a symbolic link to the pseudo-terminal")
     for sensor, unit in _UNITS.items():
-        for letter, dimension in (("n", f"{unit}/sqrt(Hz)"), ("b", unit), ("k", f"{unit}*sqrt(Hz)")):
-            default: Axes = getattr(getattr(standard, sensor), letter)
-            option, text = f"--{sensor}-{letter}", f"{dimension} (default {default[0]:g})"
-            noise.add_argument(option, type=_axes, default=default, metavar=letter.upper(), help=text)
+        default: Noise = getattr(standard, sensor)
+        given = ",".join(f"{values[0]:g}" for values in (default.n, default.b, default.k))
+        text = f"in {unit}/sqrt(Hz), {unit} and {unit}*sqrt(Hz) (default {given})"
+        noise.add_argument(f"--{sensor}", type=_noise, default=default, metavar="N,B,K", help=text)
     text = "seed of the noise (default: a different one each time)"
     noise.add_argument("--seed", type=int, metavar="N", help=text)
     number(noise, "warm_up", "DEGC", "temperature rise after power-up, degC")
@@ -151,9 +146,5 @@ def from_arguments(arguments: argparse.Namespace) -> EmulatorSettings:
     ------
     InvalidOption : a value that no VN-100 can have.
     """
-    values: dict[str, Any] = {
-        sensor: Noise(*(getattr(arguments, f"{sensor}_{letter}") for letter in "nbk")) for sensor in _UNITS
-    }
-    names = [entry.name for entry in fields(EmulatorSettings) if entry.name not in _UNITS]
-    others = {name: getattr(arguments, name) for name in names if hasattr(arguments, name)}
-    return EmulatorSettings(**values, **others)
+    names = [entry.name for entry in fields(EmulatorSettings)]
+    return EmulatorSettings(**{name: getattr(arguments, name) for name in names if hasattr(arguments, name)})
