@@ -31,7 +31,10 @@ from typing import Any
 
 from imumon.files import open_regular, read_bounded, rename_aside, write_new
 from imumon.model.errors import ImumonError, why
+from imumon.model.ledger import ColumnUse
+from imumon.model.report import SessionCounters
 from imumon.model.report_json import plain
+from imumon.model.samples import DeviceInfo
 from imumon.model.saved_state import restorable, unpack
 from imumon.model.system_errors import OTHER_STATE, cure_of_writing
 
@@ -58,32 +61,8 @@ class StateError(ImumonError):
     """The state cannot be used."""
 
 
-@restorable
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SavedDevice:
-    """What is known of a device, for a report that is made from its state alone."""
-
-    driver: str | None
-    model: str | None
-    serial: str | None
-    firmware: str | None
-    port: str | None
-    baud: int | None
-    alias_factor: float | None
-    caveats: tuple[str, ...]
-
-
-@restorable
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SavedSession:
-    """Counters of the link, over all runs of a record."""
-
-    discarded_bytes: int
-    bad_checksums: int
-    received_bytes: int
-    overruns: int
-    restarts: int
-    ledger: Mapping[str, int]  # without the samples
+for _known in (DeviceInfo, ColumnUse, SessionCounters):
+    restorable(_known)
 
 
 @restorable
@@ -92,15 +71,13 @@ class StateHeader:
     """Whose state it is and when it was saved."""
 
     version: str  # of imumon
-    serial: str | None  # of the sensor
-    settings: Mapping[str, str]  # those that change the data, by name
-    device: SavedDevice
-    started: str | None  # ISO 8601, begin of the record; null: it was not known
+    device: DeviceInfo
+    settings: Mapping[str, str]  # those that change the data, by name, when the record began
+    session: SessionCounters  # of the link, over all runs of the record; its ledger is without the samples
     saved: str  # ISO 8601
     boot: str | None  # id of the boot of the machine; null: it is hidden
     uptime_s: float  # s, of that boot when it was saved
     age_s: float  # s, of the newest sample at that time
-    session: SavedSession
 
 
 @restorable

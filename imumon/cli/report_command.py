@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,6 @@ from imumon.cli.replay_command import (
 from imumon.documents import FORMS, PAGES, document, short_record_text
 from imumon.files import check_replaceable, replace_file
 from imumon.model.filter_report import DEFAULT_HORIZON_S, FilterReport
-from imumon.model.report import DeviceDescription, SessionCounters
 from imumon.model.system_errors import not_read, not_written
 from imumon.sources import registry
 
@@ -234,17 +233,10 @@ def _from_state(path: Path) -> Any:
     record = Record(RecordOptions(guarded=state.record.guarded))
     record.restore(state.record, 0.0)
     record.accept_restored()
-    known = asdict(header.device)
-    caveats = known.pop("caveats")
-    driver = registry.installed(header.device.driver)
-    device = DeviceDescription(
-        **known,
-        id=path.name.partition(".state")[0],
-        settings=header.settings,
-        setting_texts=registry.setting_texts(driver, header.settings),
-    )
-    session = SessionCounters(started=header.started, **asdict(header.session))
+    info = replace(header.device, settings=header.settings)
+    device = registry.description(info, path.name.partition(".state")[0])
+    caveats = info.caveats
     if record.stream is not None and record.stream.kind == "compensated":
         caveats = tuple(dict.fromkeys((*caveats, "compensated")))
     moment = datetime.fromisoformat(header.saved)
-    return record.report(moment, device, "stopped", session, device_caveats=caveats)
+    return record.report(moment, device, "stopped", header.session, device_caveats=caveats)

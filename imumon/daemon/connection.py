@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 
 from imumon.daemon.run_limits import DataTimeout
 from imumon.model.ledger import ledger_text
@@ -130,9 +130,7 @@ class Connection:
         info = self.info
         if info is None:
             return DeviceDescription(id=name)
-        shared = {f.name for f in fields(DeviceDescription)} & {f.name for f in fields(info)}
-        driver = registry.driver(info.driver) if info.driver else None
-        known = DeviceDescription(**{field: getattr(info, field) for field in shared})
+        known = registry.description(info, name)
         if self._without_samples:
             known = replace(known, remarks=(*known.remarks, self._without_samples))
-        return replace(known, id=name, setting_texts=registry.setting_texts(driver, info.settings))
+        return known

@@ -7,7 +7,7 @@ state of another one is never mixed in and never overwritten: it is renamed, and
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import replace
 from datetime import datetime
 from functools import cache
 from pathlib import Path
@@ -16,8 +16,6 @@ from typing import Any
 from imumon import __version__
 from imumon.checkpoint import (
     Checkpoint,
-    SavedDevice,
-    SavedSession,
     SavedState,
     StateHeader,
 )
@@ -29,7 +27,7 @@ from imumon.model.saved_state import pack
 from imumon.record import Record, RecordMismatch
 from imumon.sources.clock import HostClock
 
-COUNTERS = tuple(counter.name for counter in fields(SavedSession) if counter.name != "ledger")
+COUNTERS = ("discarded_bytes", "bad_checksums", "received_bytes", "overruns", "restarts")
 """Counters of the link that continue in the next run."""
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
@@ -60,9 +58,8 @@ class Persistence:
         self._checkpoint = Checkpoint(directory, device)
         self._record = record
         self._clock, self._fresh = clock, fresh
-        self._serial: str | None = None
-        self._settings: dict[str, str] = {}
-        self._device: SavedDevice | None = None
+        self._device: DeviceInfo | None = None
+        self._settings: dict[str, str] = {}  # of the record
         self._before = SessionCounters()
         self._reported_problem: str | None = None
         self._reported_again = 0
@@ -85,11 +82,7 @@ class Persistence:
         -------
         What was decided, with the log level.
         """
-        self._serial, self._settings, self._device = (
-            info.serial,
-            data_settings(info),
-            _saved_device(info),
-        )
+        self._device, self._settings = info, data_settings(info)
         if self._fresh:
             if not self._checkpoint.exists:
                 return []
@@ -97,24 +90,24 @@ class Persistence:
         state, problems = self._checkpoint.load()
         decisions: list[tuple[str, Level]] = [(text, "warning") for text in problems]
         if isinstance(state, SavedState):  # a state of `imumon.Live` has another name
-            text = self._restore(state)
+            text = self._restore(state, info)
             decisions.append((text, "warning" if self.started is None else "info"))
         return decisions
 
-    def _restore(self, state: SavedState) -> str:
+    def _restore(self, state: SavedState, info: DeviceInfo) -> str:
         header = state.header
         try:
-            if header.serial != self._serial:
-                return self._set_aside("other-sensor", f"of another sensor, {_quoted(header.serial)}")
+            if (serial := header.device.serial) != info.serial:
+                return self._set_aside("other-sensor", f"of another sensor, {_quoted(serial)}")
             if changed := differing(header.settings, self._settings):
                 return self._set_aside("other-settings", f"of other settings, {plain('; '.join(changed))}")
             away_s = self._clock.to_sample_s(max(0.0, _since(header, self._clock) + header.age_s))
             self._record.restore(state.record, away_s)
         except RecordMismatch as error:
             return self._set_aside("other-settings", plain(error.message))
-        self.started = None if header.started is None else _stamped(header.started)
-        session = asdict(header.session) | {"restarts": header.session.restarts + 1}
-        self._before = SessionCounters(**session)
+        began = header.session.started
+        self.started = None if began is None else _stamped(began)
+        self._before = replace(header.session, restarts=header.session.restarts + 1)
         return f"the record that began {self.started} continues, saved {_stamped(header.saved)}"
 
     def _set_aside(self, name: str, why: str) -> str:
@@ -129,7 +122,7 @@ class Persistence:
 
     def describe(self, info: DeviceInfo) -> None:
         """Keep what is known of the device now: a caveat may show when samples arrive."""
-        self._device = _saved_device(info)
+        self._device = info
 
     def differing(self, info: DeviceInfo) -> list[str]:
         """Return the settings that differ from those of the record, as text."""
@@ -140,7 +133,7 @@ class Persistence:
         self.save(session, fed_s)
         self._checkpoint.flush()
         changed = "; ".join(self.differing(info))
-        self._settings, self._device = data_settings(info), _saved_device(info)
+        self._settings, self._device = data_settings(info), info
         return self._set_aside("other-settings", f"of other settings, {changed}")
 
     def with_earlier_runs(self, session: SessionCounters) -> SessionCounters:
@@ -188,17 +181,14 @@ class Persistence:
         assert self._device is not None
         header = StateHeader(
             version=__version__,
-            serial=self._serial,
             settings=self._settings,
             device=self._device,
-            started=session.started,
             saved=stamp(self._clock.now()),
             boot=_boot_id(),
             uptime_s=self._clock.uptime_s(),
             age_s=self._clock.uptime_s() - fed_s if fed_s is not None else 0.0,
-            session=SavedSession(
-                **{name: getattr(session, name) for name in COUNTERS}, ledger=dict(session.ledger)
-            ),
+            # what is counted of one run does not continue in the next one
+            session=replace(session, kernel_overruns=None, most_queued_bytes=None),
         )
         return pack(SavedState(header, self._record.save()))
 
@@ -206,11 +196,6 @@ class Persistence:
 def data_settings(info: DeviceInfo) -> dict[str, str]:
     """Return the settings that change the data, as far as they are known."""
     return {name: info.settings[name] for name in info.data_settings if name in info.settings}
-
-
-def _saved_device(info: DeviceInfo) -> SavedDevice:
-    """Return what the saved state holds of the device."""
-    return SavedDevice(**{field.name: getattr(info, field.name) for field in fields(SavedDevice)})
 
 
 def differing(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:

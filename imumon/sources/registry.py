@@ -10,9 +10,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import fields
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
+from imumon.model.report import DeviceDescription
+from imumon.model.samples import DeviceInfo
 from imumon.sources.device import DeviceDriver, DeviceError
 
 GROUP = "imumon.devices"
@@ -108,3 +111,11 @@ def setting_texts(driver: DeviceDriver | None, settings: Mapping[str, str]) -> d
 @cache
 def _entry_points() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=GROUP)}
+
+
+def description(info: DeviceInfo, name: str) -> DeviceDescription:
+    """Return the device in a report, under its name on the bus."""
+    shared = {field.name for field in fields(DeviceDescription)} & {field.name for field in fields(info)}
+    known = {field: getattr(info, field) for field in shared - {"id"}}
+    texts = setting_texts(installed(info.driver), info.settings)
+    return DeviceDescription(**known, id=name, setting_texts=texts)
