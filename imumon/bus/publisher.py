@@ -13,14 +13,15 @@ import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
+from dataclasses import replace
 from functools import partial
 
 import zenoh
 
 from imumon.bus.bus_error import BusError, Unreachable
 from imumon.bus.queryable import MAX_QUEUED, LastValues, Signals
-from imumon.bus.uplink import Links, Uplink, open_local, open_uplink
-from imumon.bus.zenoh_session import RETRY_S, SessionOptions, check_endpoint, clean_id
+from imumon.bus.uplink import Links, Uplink, open_local
+from imumon.bus.zenoh_session import RETRY_S, SessionOptions, check_endpoint, clean_id, open_session
 from imumon.model.report import Channel, Event, Report
 from imumon.model.report_json import members, to_json
 
@@ -47,7 +48,7 @@ class Publisher:
 
     Raises
     ------
-    BusError : an endpoint cannot be used, or another running daemon has this name.
+    BusError : an endpoint cannot be used.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class Publisher:
         self._stop_connecting = threading.Event()
         self._reported_uplinks: dict[str, str | None] = {}
         self._reported_error: str | None = None
-        self._session, self.endpoints = open_local(options, listen, self.id)
+        self._session, self.endpoints = open_local(options, listen)
         self._last_values = LastValues(self._root)
         self._timestamp = self._session.new_timestamp
         self._links = Links(Uplink(self._session, self._root, self._reply), self._last_values)
@@ -226,7 +227,7 @@ class Publisher:
         """Connect to a router as soon as it is reachable. Zenoh itself restores a lost connection."""
         while not self._stop_connecting.is_set():
             try:
-                session = open_uplink(options, endpoint, self.id)
+                session = open_session(replace(options, mode="client"), (), [endpoint], access_control=True)
             except BusError as error:
                 self._links.failed(endpoint, error)
                 if not first.done() and not isinstance(error, Unreachable):

@@ -6,12 +6,8 @@ router: a router does not forward between two of its peers, because it expects t
 
 from __future__ import annotations
 
-import socket
 import threading
-import time
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
 import zenoh
 from zenoh import ext
@@ -19,7 +15,7 @@ from zenoh.handlers import RingChannel
 
 from imumon.bus.bus_error import BusError
 from imumon.bus.queryable import EVENTS_KEPT, JSON, MOST_QUERIES, LastValues
-from imumon.bus.zenoh_session import LEASE_S, SessionOptions, local_endpoints, open_session, start_listener
+from imumon.bus.zenoh_session import SessionOptions, local_endpoints, open_session, start_listener
 
 _CACHED = {"report": 1, "grade": 1, "event": EVENTS_KEPT}
 _DROP = zenoh.CongestionControl.DROP
@@ -27,8 +23,6 @@ _BY_NUMBER = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None)
 """Makes subscribers order messages by sequence number. Ordered by time, a subscriber whose clock is behind
 the daemon's would get only one message."""
 
-_FIND_S = 0.15  # s; time in which a liveliness token of a local daemon arrives
-_LEASE_MARGIN_S = 0.5  # s after the lease
 _LOST = "connection lost; trying again"
 
 
@@ -136,74 +130,22 @@ class Links:
             link.close()
 
 
-def open_local(
-    options: SessionOptions, listen: Sequence[str], id: str
-) -> tuple[zenoh.Session, tuple[str, ...]]:
+def open_local(options: SessionOptions, listen: Sequence[str]) -> tuple[zenoh.Session, tuple[str, ...]]:
     """Open the session that listens: on `listen`, or if that is empty on the first free default port.
 
     Return the session and its endpoints.
 
     Raises
     ------
-    BusError : no endpoint can be used, or another running daemon has this name.
+    BusError : no endpoint can be used.
     """
     if listen:
         return open_session(options, listen, (), access_control=True), tuple(listen)
     for endpoint in local_endpoints():
         try:
-            session = open_session(options, [endpoint], (), access_control=True)
+            return open_session(options, [endpoint], (), access_control=True), (endpoint,)
         except BusError as error:
             if error.code != "address_in_use":
                 raise
-            continue
-        try:
-            # also those after it: where a daemon has ended, its neighbours go on behind a free port
-            others = [other for other in local_endpoints() if other != endpoint and _listens(other)]
-            check_name_is_free(options.without_login(), others, id)
-        except BusError:
-            session.close()
-            raise
-        return session, (endpoint,)
     message = "all of tcp/127.0.0.1:7448 to 7463 are in use"
     raise BusError("no_free_port", message, "choose another with --listen")
-
-
-def _listens(endpoint: str) -> bool:
-    """Return whether something listens on an endpoint of this machine."""
-    host, port = endpoint.removeprefix("tcp/").split(":")
-    with suppress(OSError), socket.create_connection((host, int(port)), timeout=_FIND_S):
-        return True
-    return False
-
-
-def open_uplink(options: SessionOptions, endpoint: str, id: str) -> zenoh.Session:
-    """Open a session to a router or another peer.
-
-    Raises
-    ------
-    imumon.bus.zenoh_session.Unreachable : no connection now.
-    BusError : the endpoint cannot be used, or another running daemon has this name there.
-    """
-    options = replace(options, mode="client")
-    check_name_is_free(options, [endpoint], id)
-    return open_session(options, (), [endpoint], access_control=True)
-
-
-def check_name_is_free(options: SessionOptions, endpoints: Iterable[str], id: str) -> None:
-    """Raise `BusError` (``name_in_use``) if a running daemon on these endpoints has this name.
-
-    The token of a killed daemon disappears only after its lease: a token counts if it is there after that.
-    """
-    endpoints = tuple(endpoints)
-    if not endpoints:
-        return
-    with open_session(options, (), endpoints, access_control=False) as session:
-        tokens = session.liveliness().declare_subscriber(f"imumon/{id}/alive", RingChannel(8), history=True)
-        alive, start = False, time.monotonic()
-        while time.monotonic() - start < (LEASE_S + _LEASE_MARGIN_S if alive else _FIND_S):
-            while sample := tokens.try_recv():
-                alive = sample.kind == zenoh.SampleKind.PUT
-            time.sleep(0.01)
-        if alive:
-            message = f'a daemon named "{id}" is running already'
-            raise BusError("name_in_use", message, "stop it or choose another with --id")
