@@ -218,9 +218,6 @@ def zenoh(zenoh: ZenohObservation) -> Check:
         text = f"{len(sessions)} programs publish {id}: the Zenoh sessions {' and '.join(sessions)}"
         cure = "the first is shown; end the other, or use a Unix socket: see docs/ZENOH.md"
         return Check("zenoh", "warning", text, cure)
-    if zenoh.exposed:
-        text = f"{zenoh.exposed[0]} is open to every host on the network"
-        return Check("zenoh", "warning", text, "use tls/ with certificates: see docs/ZENOH.md")
     if zenoh.unreachable:
         text = f"no answer from {', '.join(zenoh.unreachable)}"
         return Check("zenoh", "warning", text, "start the router there, or remove it from zenoh.connect")

@@ -22,7 +22,6 @@ class ZenohObservation:
     rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     free: str | None = None  # endpoint on which a daemon could listen now; None: none
     error: ImumonError | None = None  # why there is none, or what is wrong with the settings
-    exposed: tuple[str, ...] = ()  # configured endpoints that are open to the network without encryption
     unreachable: tuple[str, ...] = ()  # configured routers that do not answer
 
 

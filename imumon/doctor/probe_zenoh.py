@@ -9,7 +9,7 @@ from dataclasses import replace
 from imumon.bus import BusError, SessionOptions, Subscriber
 from imumon.bus.bus_error import Unreachable
 from imumon.bus.subscriber import GATHER_S
-from imumon.bus.zenoh_session import is_local, local_endpoints, open_session
+from imumon.bus.zenoh_session import local_endpoints, open_session
 from imumon.doctor.observed import ZenohObservation
 
 ANSWER_S = 1.0  # s to wait for the first daemon
@@ -46,9 +46,6 @@ class ZenohProbe:
         rivals = self.subscriber.rivals()
         observation = ZenohObservation(reports=reports, rivals=rivals, free=free, error=error)
         with suppress(BusError):  # an invalid endpoint is the error above
-            listen = self._options.listen
-            exposed = tuple(e for e in listen if not is_local(e) and not e.startswith(("tls/", "quic/")))
-            observation = replace(observation, exposed=exposed)
             observation = replace(observation, unreachable=self._unreachable())
         return observation
 

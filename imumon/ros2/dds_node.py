@@ -179,7 +179,7 @@ class DdsNode(RosNode):
             ):
                 topic = endpoint.topic_name.removeprefix(PREFIX[:-1])
                 node = f"participant {str(endpoint.participant_key)[:8]}"
-                publishers.add(TopicPublisher(topic, ros_name(endpoint.type_name), node, ""))
+                publishers.add(TopicPublisher(topic, ros_name(endpoint.type_name), node))
         return publishers
 
     def topic(self, topic: str, type_name: str) -> Any:

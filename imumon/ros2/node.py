@@ -33,7 +33,6 @@ class Received(NamedTuple):
     sequence: int | None  # of its publisher, from 1; None: the middleware does not say
     source_ns: int | None  # ns since the Unix epoch, when it was published
     publisher: bytes  # identifies its publisher; empty: unknown
-    hash: str = ""  # type hash of the topic
 
 
 class TopicPublisher(NamedTuple):
@@ -42,7 +41,6 @@ class TopicPublisher(NamedTuple):
     topic: str  # /imu/data
     type: str  # sensor_msgs/msg/Imu
     node: str  # /driver; empty: unknown
-    hash: str  # type hash; empty: unknown
 
 
 def is_plain(*names: str) -> bool:

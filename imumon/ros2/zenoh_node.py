@@ -81,10 +81,9 @@ class ZenohSubscription(Subscription):
 
 def _received(sample: zenoh.Sample) -> Received:
     data = None if sample.attachment is None else parse_attachment(sample.attachment.to_bytes())
-    hash = str(sample.key_expr).rpartition("/")[2]
     if data is None:
-        return Received(sample.payload.to_bytes(), None, None, b"", hash)
-    return Received(sample.payload.to_bytes(), data.sequence, data.source_ns, data.gid, hash)
+        return Received(sample.payload.to_bytes(), None, None, b"")
+    return Received(sample.payload.to_bytes(), data.sequence, data.source_ns, data.gid)
 
 
 class ZenohPublication(Publication):
@@ -166,7 +165,7 @@ class ZenohNode(RosNode):
         self._update()
         with self._lock:
             return {
-                TopicPublisher(entity.topic, entity.type, entity.node, entity.hash)
+                TopicPublisher(entity.topic, entity.type, entity.node)
                 for entity in self._tokens.values()
                 if entity.kind == "MP"
             }

@@ -235,7 +235,6 @@ def test_a_wrong_sample_clock_is_a_warning(ratio: float, status: str) -> None:
             lambda: ZenohObservation(error=ImumonError("address_in_use", "it is taken", "choose another")),
             "failed",
         ),
-        (lambda: ZenohObservation(free="tcp/0.0.0.0:7448", exposed=("tcp/0.0.0.0:7448",)), "warning"),
         (lambda: ZenohObservation(free="tcp/127.0.0.1:7448", unreachable=("tcp/10.0.0.9:7447",)), "warning"),
         (
             lambda: ZenohObservation(free="tcp/127.0.0.1:7448", reports=(reports.report(state="waiting"),)),

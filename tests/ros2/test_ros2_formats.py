@@ -231,8 +231,8 @@ def test_a_wrong_url_is_an_error_with_a_cure(url: str) -> None:
 
 def test_an_absent_topic_names_what_there_is() -> None:
     url = parse_url("ros2:/imu")
-    others = {TopicPublisher("/a", IMU, "/n", ""), TopicPublisher("/b", STRING, "/n", "")}
+    others = {TopicPublisher("/a", IMU, "/n"), TopicPublisher("/b", STRING, "/n")}
     assert "IMU topics: /a:" in str(absent_topic(url, others))
-    assert absent_topic(url, {TopicPublisher("/imu", STRING, "/n", "")}).code == "ros2_topic_type"
-    assert "1 topic, none" in str(absent_topic(url, {TopicPublisher("/b", STRING, "/n", "")}))
+    assert absent_topic(url, {TopicPublisher("/imu", STRING, "/n")}).code == "ros2_topic_type"
+    assert "1 topic, none" in str(absent_topic(url, {TopicPublisher("/b", STRING, "/n")}))
     assert "RMW_IMPLEMENTATION" in str(absent_topic(url, set()))

@@ -22,13 +22,11 @@ from imumon.ros2.node import QUEUE_MESSAGES, Received
 from imumon.ros2.ros_messages import (
     IMU,
     MAGNETIC_FIELD,
-    NO_HASH,
     TEMPERATURE,
     CdrError,
     decode,
     imu_message,
     stamp_ns,
-    type_hash,
 )
 from imumon.ros2.topic_url import TopicUrl
 
@@ -193,7 +191,6 @@ class ImuAssembler:
                 self._reject(message, "repeated")
                 return
             self._count_lost(message.sequence)
-        self._note_hash(message.hash)
         try:
             stamp, gyro, accel = imu_message(message.payload)
         except CdrError:
@@ -232,12 +229,6 @@ class ImuAssembler:
             self.lost += lost
             self.losses += 1
         self._sequence = sequence
-
-    def _note_hash(self, hash: str) -> None:
-        if hash and hash not in (NO_HASH, type_hash(IMU)):
-            text = f"{self._url.topic} has an unknown type hash: messages of another length are invalid"
-            if text not in self.remarks:
-                self.remarks.append(text)
 
     def _reject(self, message: Received, reason: str | None = None) -> None:
         """Count a message without a usable sample; the reason is that of the ledger, None: of another publisher."""
