@@ -22,7 +22,7 @@ import numpy as np
 
 from imumon.api.document_report import document_report
 from imumon.documents import document
-from imumon.documents.tables import coefficient_text
+from imumon.documents.report_texts import coefficient_text
 from imumon.model.coefficients import COEFFICIENTS
 from imumon.model.filter_report import DEFAULT_HORIZON_S
 from imumon.model.report import Channel, DeviceDescription, Report, SessionCounters, from_json

@@ -6,7 +6,7 @@ appendix         what supports them, section by section
 elements         the elements, and their form in Markdown
 html             the form as one self-contained HTML page
 figures          Allan deviation as an element of the page and as SVG and PNG, by matplotlib
-tables           texts and numbers that several forms share
+report_texts     texts and numbers that several forms share
 summary          the report on one screen
 csv_table        every number as one tidy CSV table
 filter_values    numbers for filters, with comments: unit, origin, factor against plain K, record length

@@ -10,14 +10,14 @@ from functools import partial
 from imumon.documents.convergence_figure import convergence_svg, convergences
 from imumon.documents.elements import AppendixSection, Caution, DataTable, Element, Figure, Paragraph
 from imumon.documents.figures import curve_table, svg
-from imumon.documents.spectrum_figure import spectra, spectrum_svg
-from imumon.documents.tables import (
+from imumon.documents.report_texts import (
     SENSOR_TITLES,
     driver_advice,
     invalid_noun,
     readable_curves,
     stream_noun,
 )
+from imumon.documents.spectrum_figure import spectra, spectrum_svg
 from imumon.documents.temperature_figure import temperature_elements, with_error
 from imumon.model.coefficients import SIGNIFICANT, unit_of
 from imumon.model.ledger import ledger_text

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from imumon.documents.plotting import COLOURS, MARKERS, draw_grid, page_svg
-from imumon.documents.tables import sensor_axes
+from imumon.documents.report_texts import sensor_axes
 from imumon.model.coefficients import NOISE, unit_of
 from imumon.model.report import Convergence, Report
 from imumon.model.units import pretty

@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any
 
-from imumon.documents.tables import sensor_title, without_aliasing
+from imumon.documents.report_texts import sensor_title, without_aliasing
 from imumon.model.coefficients import Estimate
 from imumon.model.messages import spreadsheet_cell
 from imumon.model.report import Allan, Channel, Report

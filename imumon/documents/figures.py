@@ -24,7 +24,7 @@ from imumon.documents.plotting import (
     page_svg,
     saved,
 )
-from imumon.documents.tables import (
+from imumon.documents.report_texts import (
     SENSOR_TITLES,
     coefficient_text,
     readable_curves,

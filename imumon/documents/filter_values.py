@@ -14,7 +14,13 @@ import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from imumon.documents.tables import SENSOR_TITLES, filter_warning, record_title, sensor_axes, sensor_title
+from imumon.documents.report_texts import (
+    SENSOR_TITLES,
+    filter_warning,
+    record_title,
+    sensor_axes,
+    sensor_title,
+)
 from imumon.model.coefficients import MARKOV, NOISE, Estimate
 from imumon.model.filter_report import FIX_WORDS, FilterReport
 from imumon.model.messages import (

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from imumon.documents.filter_values import axis_values, bound_text, settings_header, value_text, worst_axis
-from imumon.documents.tables import sensor_axes
+from imumon.documents.report_texts import sensor_axes
 from imumon.model.filter_report import FilterReport
 from imumon.model.report import Report
 from imumon.model.samples import AXES

@@ -25,7 +25,7 @@ from imumon.documents.elements import (
 )
 from imumon.documents.figures import curve_table, legend_text, svg
 from imumon.documents.program_settings import PROGRAMS, number_lines, settings_document
-from imumon.documents.tables import (
+from imumon.documents.report_texts import (
     SENSOR_TITLES,
     coefficient_text,
     counters_text,

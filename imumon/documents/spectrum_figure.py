@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from imumon.documents.plotting import COLOURS, axes_for, draw_grid, draw_legend, page_svg
-from imumon.documents.tables import sensor_axes
+from imumon.documents.report_texts import sensor_axes
 from imumon.model.coefficients import COEFFICIENTS
 from imumon.model.errors import ImumonError
 from imumon.model.report import Report, Spectrum

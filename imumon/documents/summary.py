@@ -11,8 +11,7 @@ from collections.abc import Iterator, Sequence
 from html import escape
 
 from imumon.documents.html import table_html
-from imumon.documents.sheet import coefficient_table, shown_sensors
-from imumon.documents.tables import (
+from imumon.documents.report_texts import (
     coefficient_text,
     counters_text,
     excluded_sentence,
@@ -20,6 +19,7 @@ from imumon.documents.tables import (
     sensor_title,
     shown_letters,
 )
+from imumon.documents.sheet import coefficient_table, shown_sensors
 from imumon.model.coefficients import GRADED, NOISE, mean_unit
 from imumon.model.ledger import RECEIVED, SAMPLES, ledger_text
 from imumon.model.messages import (

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from imumon.documents.elements import DataTable, Element, Figure, Paragraph
 from imumon.documents.plotting import COLOURS, MARKERS, axes_for, draw_legend, page_svg
-from imumon.documents.tables import SENSOR_TITLES, sensor_axes
+from imumon.documents.report_texts import SENSOR_TITLES, sensor_axes
 from imumon.model.coefficients import unit_of
 from imumon.model.errors import ImumonError
 from imumon.model.messages import no_bias_curve

@@ -15,9 +15,9 @@ from reports import report as make_report
 from imumon.documents import FORMS
 from imumon.documents.csv_table import COLUMNS as CSV_COLUMNS
 from imumon.documents.elements import DataTable
+from imumon.documents.report_texts import excluded_sentence
 from imumon.documents.sheet import datasheet
 from imumon.documents.summary import LINES, summary_text
-from imumon.documents.tables import excluded_sentence
 from imumon.model.messages import CAVEATS, FILTER_NOT_KNOWN
 
 

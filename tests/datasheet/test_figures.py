@@ -18,7 +18,7 @@ from imumon.documents import NoCurve
 from imumon.documents.figures import _draw as draw
 from imumon.documents.figures import svg
 from imumon.documents.plotting import INCHES, figure_style
-from imumon.documents.tables import coefficient_text
+from imumon.documents.report_texts import coefficient_text
 from imumon.model.coefficients import COEFFICIENTS
 from imumon.model.report import Report
 from imumon.model.report_json import to_json

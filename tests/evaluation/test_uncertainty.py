@@ -13,7 +13,7 @@ from reports import RATE, with_coefficients
 from imumon.api.document_report import document_report
 from imumon.cli.wait_condition import WaitCondition
 from imumon.documents.references import read_sheet
-from imumon.documents.tables import coefficient_text
+from imumon.documents.report_texts import coefficient_text
 from imumon.model.coefficients import COEFFICIENTS, Estimate, Excess, coefficient_ratio
 from imumon.model.history_report import DayScatter
 from imumon.model.report import Report

@@ -19,7 +19,7 @@ from reports import report as report_at
 from imumon.api.document_report import document_report
 from imumon.cli.history_command import stored_days
 from imumon.cli.main import main
-from imumon.documents.tables import coefficient_text
+from imumon.documents.report_texts import coefficient_text
 from imumon.history import HistoryStore
 from imumon.history.repeatability import day_scatter
 from imumon.history.store import SUFFIX, PowerUp
