@@ -107,7 +107,7 @@ class _Packer:
     def __init__(self) -> None:
         self.objects: list[Any] = []
         self.arrays: list[Any] = []
-        self.pieces: list[bytes] = []
+        self.pieces: list[memoryview] = []
         self._length = 0
         self._numbers: dict[int, int] = {}  # of objects and of arrays, by their identity
 
@@ -153,10 +153,11 @@ class _Packer:
             number = self._numbers[id(array)] = len(self.arrays)
             # sums over an array depend on its order in memory, in their last bits
             order = "F" if array.flags.f_contiguous and not array.flags.c_contiguous else "C"
-            piece = array.tobytes(order)  # type: ignore[arg-type]
+            # no copy of an array that is contiguous: together they are as large as the state
+            piece = np.ascontiguousarray(array if order == "C" else array.T)
             self.arrays.append([array.dtype.str, array.shape, order, self._length])
-            self.pieces.append(piece)
-            self._length += len(piece)
+            self.pieces.append(piece.data)
+            self._length += piece.nbytes
         return number
 
 
