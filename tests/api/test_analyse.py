@@ -47,6 +47,7 @@ def samples(effect: str) -> dict[str, Any]:
 EFFECTS = ("glitches", "knocks", "quantised", "temperature", "missing")
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_a_file_its_arrays_and_the_command_give_equal_reports(tmp_path: Path, effect: str) -> None:
     arrays, path = samples(effect), tmp_path / "a.npz"

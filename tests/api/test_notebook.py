@@ -35,6 +35,7 @@ def shown(notebook: Any) -> list[list[str]]:
     ]
 
 
+@pytest.mark.slow
 def test_the_notebook_shows_what_it_is_stored_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", str(NOTEBOOK.parents[1]))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path))

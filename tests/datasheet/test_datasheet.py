@@ -153,6 +153,7 @@ def test_the_summary_names_its_caveats_and_counts_in_the_singular() -> None:
     assert "in 1 gap," in shown
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("form", ["text", "md", "html"])
 @pytest.mark.parametrize("provisional", [False, True])
 def test_tables_and_datasheet_name_the_grade(form: str, provisional: bool) -> None:

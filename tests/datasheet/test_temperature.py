@@ -48,6 +48,7 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Report]:
     return out, from_json(Report, out.read_text())
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("degrees", "reason"),
     [

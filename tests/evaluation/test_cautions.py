@@ -36,7 +36,7 @@ def test_each_row_of_the_table_has_its_device_and_caveats(recording: Path) -> No
 
 def test_words_are_explained_where_they_are_printed(recording: Path, saved: Path) -> None:
     for text in (imumon("replay", recording, "--verbose"), imumon("report", saved)):
-        assert "best one whose limits all N and B allow" in " ".join(text.split())
+        assert "best one whose limits no N and no B exceeds" in " ".join(text.split())
     for form in ("filter", "kalibr", "px4", "ros"):
         text = " ".join(imumon("report", saved, "--format", form).replace("#", "").split())
         assert ("A fix is a measurement" in text) == ("fix" in text.replace("prefix", "")), form
