@@ -201,8 +201,10 @@ def caveat_lines(report: Report) -> list[str]:
 
 
 def short_record_text(report: Report) -> str | None:
-    """Return a warning about a short record; None if it is long enough."""
-    if report.session.elapsed_s >= USUAL_RECORD_S:
+    """Return a warning about a short record; None if it is long enough, or shows what programs take."""
+    axes = [channel.estimates for name, channel in report.channels.items() if sensor_of(name) in INERTIAL]
+    shown = [known[letter].status == "measured" for known in axes for letter in "NK" if letter in known]
+    if report.session.elapsed_s >= USUAL_RECORD_S or (shown and all(shown)):
         return None
     return (
         f"recorded {duration(report.session.elapsed_s)}: what the record does not show is a comment; "
