@@ -151,8 +151,7 @@ def replay(arguments: argparse.Namespace) -> int:
                 convergence=arguments.verbose,
             )
             report = replayed(wanted, sheet, bus).report
-    # who names a data sheet wants to see the comparison with it
-    print_report(report, arguments.json, baseline, verbose=arguments.verbose or sheet is not None)
+    print_report(report, arguments.json, baseline, verbose=arguments.verbose)
     noise = [channel.coefficients["N"] for channel in report.channels.values() if "N" in channel.coefficients]
     if all(estimate.status == "pending" for estimate in noise):  # scripts see nothing but empty cells
         reasons = "; ".join(dict.fromkeys(estimate.reason for estimate in noise if estimate.reason))

@@ -89,7 +89,10 @@ def test_a_data_sheet_on_the_command_line(recording: Path, tmp_path: Path) -> No
         assert "Rev. C, 2026" in page
         assert "Above: the whole interval is above" in page
         assert ("; above " in page) == above
-    printed = imumon("replay", recording, "--datasheet", sheet)  # N may be raised: the filter is unknown
+    assert "above the data sheet " in imumon("replay", recording, "--datasheet", sheet)
+    printed = imumon(
+        "replay", recording, "--datasheet", sheet, "--verbose"
+    )  # N may be raised: the filter is unknown
     assert "Rev. C, 2026" in printed
     assert "aliasing" in printed
 
