@@ -120,17 +120,6 @@ def test_stamps_that_their_neighbours_refute_are_counted_live_and_recorded(tmp_p
     assert live == total
 
 
-def test_stamps_that_repeat_are_repeats(tmp_path: Path) -> None:
-    rng = np.random.default_rng(2)
-    stamps = np.sort(np.append(np.arange(500) * 10, [1230, 2450, 2450]))
-    rows = [f"{t},{','.join(f'{x:.6f}' for x in rng.normal(0.0, 1e-3, 3))}" for t in stamps]
-    decoder, monitor = LineDecoder({"columns": "t_ms,gx,gy,gz"}), Record()
-    for block in [*decoder.feed("\n".join([*rows, ""]).encode()), *decoder.finish()]:
-        monitor.feed(block)
-    monitor.flush()
-    assert merged(decoder.ledger, monitor.left_out()) == {"received": 503, "repeated": 3}
-
-
 @pytest.mark.parametrize("stuck", [slice(600, 1000), slice(1000, 2000), slice(0, 500)])
 @pytest.mark.parametrize("resumes", ["ahead", "where it stopped"])
 def test_a_clock_that_stands_still_is_counted_live_and_recorded(
@@ -226,26 +215,6 @@ def test_samples_of_an_earlier_record_and_of_a_better_stream_are_counted() -> No
         monitor.feed(part)
     assert monitor.left_out() == {"received": 0, "other_message": 200, "earlier_record": 200}
     assert monitor.samples == 100
-
-
-def test_a_rest_that_is_no_table_is_said(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    lines = table(path)
-    for rest in (b"\0" * 300, b"\0" * 300_000, bytes(range(14, 256)) * 4):
-        path.write_bytes("\n".join([*lines, ""]).encode() + rest)
-        recording_problem = _problem(path)
-        assert f"{len(rest):,} bytes behind its last line that are no row" in (recording_problem or "")
-    path.write_bytes("\n".join([*lines, lines[-1][:20]]).encode())
-    assert _problem(path) is None
-
-
-def _problem(path: Path) -> str | None:
-    from imumon.api.replay_options import ReplayOptions
-
-    recording = ReplayOptions(path=str(path)).open()
-    for _ in recording:
-        pass
-    return recording.problem
 
 
 def test_each_column_has_a_use_or_a_reason(tmp_path: Path) -> None:

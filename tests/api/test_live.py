@@ -51,15 +51,6 @@ def test_blocks_of_any_size_give_the_report_of_all_samples(
     assert comparable(live.result().report) == expected, "a result changes nothing"
 
 
-def test_a_result_begins_from_the_last_fit_of_its_record() -> None:
-    gyro = imumon.simulate(48_000, RATE, N=6.1e-5, B=2.4e-5, seed=2)
-    live = imumon.Live(rate_hz=RATE, channels=("gyro/z",), kind="average")
-    live.update(gyro)
-    # the rows that still wait are more than a minute: the copy that takes them fits them as the record would
-    expected = imumon.analyse(gyro, rate_hz=RATE, kind="average").report.channels["gyro/x"]
-    assert live.result()["gyro/z"].fit == expected.fit
-
-
 def test_missing_samples_are_a_mask_or_a_number_before_the_block() -> None:
     gyro = imumon.simulate(3000, RATE, N=[6.1e-5] * 3, seed=2)
     holes = gyro.copy()

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 from daemons import Daemon
-from fake_device import install_fake
 from faulty_sensor import spawn
 from waiting import until
 
@@ -96,40 +95,6 @@ def test_a_command_that_fails_is_logged_once(
     until(lambda: caplog.text)
     alert.close()
     assert caplog.text.count(problem) == 1
-
-
-def test_a_remark_at_the_start_is_no_alarm_and_a_new_one_of_a_device_that_is_back_is(tmp_path: Path) -> None:
-    """At each start of a daemon it says again what is unknown of its device: nothing has happened."""
-    site, device, out = tmp_path / "site", tmp_path / "device", tmp_path / "out"
-    install_fake(site)
-    device.write_text("the range is unknown\n")
-    out.touch()
-    config = tmp_path / "config.toml"
-    config.write_text(f"[alert]\ncommand = \"cat >> '{out}'\"\n")
-    words, path = ("--config", str(config)), {"PYTHONPATH": str(site)}
-    with Daemon(f"fake:{device}", tmp_path / "state", *words, environment=path) as daemon:
-        daemon.samples(100)
-        _, _, log = daemon.stop()
-    assert "notice: the range is unknown" in log
-    assert appended(out) == []
-    with Daemon(f"fake:{device}", tmp_path / "state", *words, environment=path) as daemon:
-        daemon.wait(lambda r: r.state == "running")
-        device.rename(device.with_name("away"))
-        daemon.wait(lambda r: r.state == "waiting")
-        device.with_name("away").write_text("the range is unknown\nthe filter is off\n")
-        device.with_name("away").rename(device)
-        report = daemon.wait(lambda r: r.state == "running" and len(r.device.remarks) == 2)
-
-        def levels() -> dict[str, str]:
-            return {event.text: event.level for event in daemon.viewer.events(report.device.id)}
-
-        until(lambda: {"the range is unknown", "the filter is off"} <= set(levels()))
-        assert (levels()["the range is unknown"], levels()["the filter is off"]) == ("notice", "warning")
-        until(lambda: "remark" in [each["kind"] for each in appended(out)])
-        daemon.stop()
-    alerts = {each["kind"]: each["text"] for each in appended(out)}
-    assert alerts["remark"] == "the filter is off"
-    assert "disconnect" in alerts
 
 
 def test_a_daemon_passes_on_that_its_sensor_is_disconnected(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from waiting import until
 
 from imumon.sources import linux_tty
 from imumon.sources.device import DeviceError, DeviceLost
-from imumon.sources.linux_tty import holders, pseudo_terminal
+from imumon.sources.linux_tty import holders
 from imumon.sources.ports import PortInfo, find_again
 from imumon.sources.serial_port import SerialPort
 
@@ -245,25 +245,3 @@ def test_replugged_adapter_is_identified_by_its_serial_number(tmp_path: Path) ->
     assert find_again(here, [PortInfo(here, "", ours)], now) == [here, "/dev/ttyUSB9"]
     assert find_again("/dev/ttyS99", [PortInfo("/dev/ttyS99", "", None)], now) == []
     assert find_again("socket://a:1", [], now) == ["socket://a:1"]
-
-
-def test_another_terminal_of_the_same_number_is_not_the_port(tmp_path: Path) -> None:
-    """It belongs to whoever has opened it, and would be written to."""
-    master, slave = os.openpty()
-    path, link = os.ttyname(slave), tmp_path / "sensor"
-    link.symlink_to(path)
-    opened = pseudo_terminal(path)
-    os.write(slave, b"x")
-    assert find_again(path, [], [], opened) == [path]
-    os.close(master)
-    os.close(slave)
-    assert find_again(path, [], [], opened) == []
-    time.sleep(0.05)  # the kernel stamps in steps of some milliseconds
-    others = []
-    while not os.path.exists(path):
-        others.append(os.openpty())
-    assert find_again(path, [], [], opened) == []
-    assert find_again(str(link), [], [], pseudo_terminal(str(link))) == [str(link)]
-    for pair in others:
-        for end in pair:
-            os.close(end)

@@ -35,20 +35,6 @@ def test_a_number_of_no_sensor_is_no_sample(beyond: float, tmp_path: Path) -> No
     assert any("of no sensor" in remark for remark in recording.remarks)
 
 
-def test_a_log_that_ends_within_a_message_is_remarked(tmp_path: Path) -> None:
-    path = SAMPLES["px4"](tmp_path)
-    whole, recording = read(path)
-    assert recording.problem is None
-    data = path.read_bytes()
-    place = data.rindex(b"D", 0, len(data) // 2)
-    for content in (data[:-7], data[: place - 1] + b"\xff" + data[place:]):
-        path.write_bytes(content)
-        samples, recording = read(path)
-        assert 0 < samples <= whole
-        assert recording.problem is not None
-        assert "corrupt" in recording.problem
-
-
 def test_bytes_between_the_messages_of_a_log_are_remarked(tmp_path: Path) -> None:
     path = SAMPLES["ardupilot"](tmp_path)
     whole, recording = read(path)
@@ -69,22 +55,6 @@ def history(path: Path) -> Path:
     with HistoryStore(path, write=True) as store:
         store.add_events([(1e9, EVENT)])
     return path
-
-
-def test_what_may_pass_is_no_damage_of_a_history(tmp_path: Path) -> None:
-    """A daemon would set the file aside."""
-    path = history(tmp_path / "a.history.sqlite")
-    for write in (False, True):
-        with HistoryStore(path, write=write) as store:
-            store._connection.set_progress_handler(
-                lambda: 1, 1
-            )  # as a lock, or a disk that fails for a moment
-            with pytest.raises((HistoryError, sqlite3.OperationalError)) as raised:
-                store.events(0.0, 2e9)
-            code = raised.value.code if isinstance(raised.value, HistoryError) else "passes"
-            assert code == ("passes" if write else "history_unreadable")
-            store._connection.set_progress_handler(None, 0)
-            assert len(store.events(0.0, 2e9)) == 1
 
 
 @pytest.mark.parametrize("damage", ["DROP TABLE event", "UPDATE event SET text = CAST(x'ff' AS TEXT)"])
@@ -124,23 +94,3 @@ def test_no_row_of_a_damaged_history_has_another_number(tmp_path: Path) -> None:
         assert after <= before
         readable += 1
     assert readable > 20
-
-
-def test_a_changed_number_of_a_bag_is_an_error_or_has_a_remark(
-    tmp_path: Path,
-) -> None:
-    """MCAP: rosbags checks the CRC of a chunk that has one."""
-    for kind, has_remark in (("mcap", True), ("mcap with checksums", False)):
-        folder = tmp_path / kind.replace(" ", "-")
-        folder.mkdir()
-        path = SAMPLES[kind](folder)
-        assert any("without a checksum" in text for text in read(path)[1].remarks) == has_remark
-        data = bytearray(path.read_bytes())
-        data[9000] ^= 1  # within a message
-        path.write_bytes(data)
-        if has_remark:
-            assert read(path)[0] == 40
-        else:
-            with pytest.raises(ImumonError) as raised:
-                read(path)
-            assert raised.value.code == "bag_corrupt"

@@ -213,19 +213,6 @@ def test_a_slow_oscillation_is_left_out_and_its_period_stated(
         assert min(abs(each / period_s - 1.0) for each in fit.oscillations_s) < 0.08
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("period_s", [240.0, 420.0])
-def test_air_conditioning_is_no_random_walk(period_s: float) -> None:
-    """Two hours with an amplitude of 0.08 standard deviations."""
-    values = synthesise(288_000, RATE, N=[N] * 4, B=B, seed=1, averaged=False)
-    fits = fitted(values + wave(len(values), period_s, 0.08))
-    assert sum(fit.K.status == "measured" for fit in fits) == 0
-    assert missed(fits, "N", N) <= 1
-    assert missed(fits, "B", B) <= 1
-    for fit in fits:
-        assert fit.oscillations_s[0] == pytest.approx(period_s, rel=0.05)
-
-
 @pytest.mark.slow
 def test_noise_seldom_oscillates() -> None:
     """3 % of the records have a coefficient that chance does not explain at the stated probability."""
@@ -260,19 +247,6 @@ def test_the_drawn_model_passes_through_its_data(quiet: Floats) -> None:
             found.append(((fit.model < fit.low) | (fit.model > fit.high))[present])
         outside[name] = float(np.mean(found))
     assert float(np.mean(list(outside.values()))) <= 0.05, outside
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("samples", [46, 58])
-def test_a_fast_oscillation_of_a_short_record_is_drawn_as_large_as_it_is(samples: int) -> None:
-    """Columns of an oscillation beyond the coefficients that they are fitted to would be arbitrary."""
-    for seed in range(3):
-        rng = np.random.default_rng(seed)
-        values = rng.standard_normal((samples, 6))
-        values += 5.0 * np.cos(2.0 * np.pi * np.arange(samples)[:, None] / rng.uniform(2.2, 6.0, 6))
-        curve = curve_of(values)
-        for channel, fit in enumerate(fit_curve(curve, averaged=False, time_to=False)):
-            assert fit.model.max() < 10.0 * curve.sigma[:, channel].max()
 
 
 @pytest.mark.slow

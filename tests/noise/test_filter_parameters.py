@@ -73,12 +73,6 @@ def test_the_prediction_is_what_an_independent_filter_measures(name: str) -> Non
         assert np.abs(distance / filters.standard_error(forecast, len(ratio))).max() < 3.5
 
 
-def test_a_filter_with_the_right_model_is_consistent() -> None:
-    given = truths((6.1e-5, 0.0, 1e-7), (6.1e-5, 0.0, 1e-6), (1e-3, 0.0, 1e-4))
-    consistency = predict(FilterModels.without_terms(given.N, given.K), given, horizons(1800.0))
-    np.testing.assert_allclose(consistency.nees, 1.0, atol=0.01)
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("horizon", [1.0, 10.0, 600.0, 1800.0, 86400.0])
 def test_the_walk_is_the_smallest_that_is_consistent(horizon: float) -> None:
@@ -90,17 +84,6 @@ def test_the_walk_is_the_smallest_that_is_consistent(horizon: float) -> None:
     needed = walk > 0.1001 * VARIED.K
     assert needed.sum() >= 5
     assert (walking(VARIED, 0.97 * walk, times) > MOST_NEES)[needed].all()
-
-
-def test_the_walk_of_a_channel_without_b_or_k_is_that_of_nearly_none() -> None:
-    one = np.ones(4)
-    truths = ChannelTruths(
-        6e-5 * one, np.array([2e-5, 2e-5, 0.0, 0.0]), np.array([0.0, 1e-12, 0.0, 1e-15]), 1e-3 * one
-    )
-    flicker, nearly, none, nearly_none = smallest_walk(truths, horizons(600.0)).tolist()
-    assert flicker == pytest.approx(nearly, rel=1e-3)
-    assert 0.0 < none < 1e-3 * flicker
-    assert 0.0 < nearly_none < 1e-3 * flicker
 
 
 @pytest.mark.few
@@ -124,18 +107,6 @@ def test_the_walk_covers_gauss_markov_noise_up_to_the_horizon() -> None:
     assert (walking(MARKOV, 0.97 * walk, times) > MOST_NEES)[:5].all()
     n_and_k = predict(FilterModels.without_terms(MARKOV.N, MARKOV.K), MARKOV, times).nees.max(axis=1)
     assert (n_and_k[:4] > 5.0).all()
-
-
-def test_slow_gauss_markov_noise_is_a_walk() -> None:
-    """Within a thousandth of its time constant it moves as a walk of M sqrt(2 / T), from an unknown beginning."""
-    one = np.ones(1)
-    slow = ChannelTruths(6e-5 * one, 0.0 * one, 1e-12 * one, 1e-3 * one, 1e-3 * one, 1e7 * one)
-    walk = ChannelTruths(6e-5 * one, 0.0 * one, 1e-3 * np.sqrt(2e-7) * one, 1e-3 * one)
-    times = horizons(600.0)
-    filters = FilterModels.without_terms(walk.N, walk.K)
-    np.testing.assert_allclose(
-        predict(filters, slow, times).nees, predict(filters, walk, times).nees, rtol=1e-3
-    )
 
 
 @pytest.mark.few

@@ -174,24 +174,6 @@ def test_results_scale_with_the_unit_and_with_the_interval(records: Floats) -> N
         assert c.model == pytest.approx(a.model, rel=1e-6)
 
 
-def test_a_constant_does_not_matter(records: Floats) -> None:
-    values = records[:20_000, :2]
-    for a, b in zip(*(fit_curve(curve_of(values + c), averaged=False) for c in (0.0, 9.8)), strict=True):
-        assert b.N.value == pytest.approx(a.N.value, rel=1e-6)
-        assert b.B.high == pytest.approx(a.B.high, rel=1e-6)
-
-
-def test_channels_are_fitted_independently(records: Floats) -> None:
-    values = records[:20_000, :3]
-    together = fit_curve(curve_of(values), averaged=False)
-    for c in (0, 2):
-        for alone in (
-            fit_curve(curve_of(values[:, [c]]), averaged=False)[0],
-            fit_curve(curve_of(values).select([c]), averaged=False)[0],
-        ):
-            assert (alone.N, alone.B, alone.K) == (together[c].N, together[c].B, together[c].K)
-
-
 def test_lost_samples_widen_limits_and_keep_values(records: Floats) -> None:
     values = records[:40_000, :8]
     valid = np.random.default_rng(3).random((len(values), 1)) > 0.3
@@ -385,22 +367,6 @@ def test_a_resolution_that_hides_the_noise_is_reported() -> None:
     assert first.N.status == "pending"
     assert first.N.reason_code == first.B.reason_code == first.K.reason_code == "resolution"
     assert second.N.value == pytest.approx(3.0 / math.sqrt(RATE), rel=0.03)
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("skipped", [146, 1716, 9294])
-def test_a_few_impulses_beside_a_gap_are_fitted_without_a_warning(skipped: int) -> None:
-    """Most bins of the spectrum of a few impulses are zero, and so is the information about its shape."""
-    values = np.zeros((9_484, 1))
-    values[[1748, 1663, 1356]] = 1.0
-    cascade = OctaveCascade(1, tau0=0.01)
-    cascade.update(values[:4_742])
-    cascade.skip(skipped)
-    cascade.update(values[4_742:])
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        fits = Estimator(averaged=False).fit(cascade.result())
-    assert np.isfinite(fits[0].model).all()
 
 
 @pytest.mark.few

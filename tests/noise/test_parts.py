@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imumon.model.samples import Floats
-from imumon.model.saved_state import pack
 from imumon.noise.allan import AllanCurve, OctaveCascade
 from imumon.noise.blocks.block_means import BLOCK
 from imumon.noise.stretches.parts import Parts
@@ -90,37 +88,6 @@ def test_the_parts_between_marks_add_up_to_the_record() -> None:
     np.testing.assert_array_equal(np.concatenate([part.blocks.means for part in each]), whole.blocks.means)
     counts = [parts.moments(*ends).result().channels[0].count for ends in places]
     assert sum(counts) == parts.moments().result().channels[0].count == len(x)
-
-
-def test_gaps_and_breaks_are_counted() -> None:
-    x = RNG.normal(size=(20_000, 2))
-    parts = marked(x[:6000], 3000)
-    parts.break_()
-    parts.update(x[6000:9000])
-    parts.skip(10**6)
-    parts.update(x[9000:])
-    curve, first = parts.curve(3000), 3000 // BLOCK * BLOCK
-    assert curve.span == 20_000 + 10**6 - first
-    assert curve.valid[0] == 20_000 - first
-    assert curve.sections == 2
-    assert np.all(curve.avar >= 0.0)
-    assert parts.moments(3000).result().channels[0].count == 17_000
-
-
-def test_forgotten_marks_leave_their_samples_to_the_part_before() -> None:
-    x = RNG.normal(size=(20 * BLOCK, 2))
-    parts, places = two_channels(), []
-    for begin in range(0, len(x), 5 * BLOCK):
-        places.append(parts.mark(finer=begin == 5 * BLOCK))
-        parts.update(x[begin : begin + 5 * BLOCK])
-    before = parts.moments(places[1]).result().channels[0]
-    size = len(pack(parts))
-    parts.keep([places[1]])
-    assert len(pack(parts)) < size
-    assert parts.moments(places[1]).result().channels[0] == before
-    assert not parts.cascade.finer_blocks
-    with pytest.raises(KeyError):
-        parts.sums(places[2])
 
 
 def test_the_sums_of_the_noise_of_a_part_are_those_of_a_cascade_that_begins_there() -> None:

@@ -154,16 +154,6 @@ def test_a_temperature_slope_is_recovered_and_leaves_the_noise(quiet: Floats, pe
     assert held >= 6
 
 
-def test_noise_beside_a_temperature_is_that_without_one(quiet: Floats) -> None:
-    values = quiet[:, :4]
-    for plain, warm in zip(fitted(values, DEGREES), fitted(values + 1e-3 * DEGREES, DEGREES), strict=True):
-        assert warm.N.value == pytest.approx(plain.N.value, rel=1e-3)
-        # Neither B nor K shows: the bound of each is that without the other, at one edge of the grid. There a grid of
-        # 20 points that is made for both of them gives it to some per cent, and the two fits have different grids.
-        assert warm.B.high == pytest.approx(plain.B.high, rel=0.05)
-        assert warm.K.high == pytest.approx(plain.K.high, rel=0.1)
-
-
 def test_temperatures_that_say_nothing_have_a_reason(quiet: Floats) -> None:
     values = quiet[:, :1]
     rng = np.random.default_rng(1)
@@ -241,11 +231,6 @@ def test_a_step_is_found_with_its_place_and_size_and_is_no_random_walk(quiet: Fl
             assert column.error < 1e-5
             assert fit.step.after - fit.step.before == pytest.approx(column.value)
             assert fit.step.before == pytest.approx(9.8, abs=1e-4)
-
-
-def test_slow_changes_are_no_step(quiet: Floats, walk: Floats) -> None:
-    slow = (quiet, quiet + 5.0 * walk, quiet + 1e-6 * AT_S, quiet + 1e-3 * np.exp(-AT_S / 600.0))
-    assert sum(fit.step is not None for values in slow for fit in fitted(values)) == 0
 
 
 # --- gaps of unknown length --------------------------------------------------------------------------------

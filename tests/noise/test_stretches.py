@@ -104,17 +104,6 @@ def test_the_quarters_do_not_depend_on_chunks_and_continue_from_a_saved_state() 
                 np.testing.assert_array_equal(a.power, b.power)
 
 
-def test_parts_before_the_end_of_a_warm_up_are_forgotten() -> None:
-    _, quarters = fed(noise(14 * 1024), 1024)
-    assert quarters.result() is not None
-    quarters.discard_before(6 * 1024)
-    after = quarters.result()
-    assert after is not None
-    assert sum(samples for _, samples in after) <= 8 * 1024
-    quarters.discard_before(13 * 1024)
-    assert quarters.result() is None
-
-
 # --- stretches ---------------------------------------------------------------------------------------------
 
 
@@ -277,15 +266,6 @@ def test_what_does_not_settle_is_no_warm_up(kind: str) -> None:
     assert record.warmup_s == 0.0
 
 
-def test_a_gap_of_a_month_costs_little() -> None:
-    record = statistics(2, (0, 1))
-    record.add(noise(HOUR))
-    record.skip(30 * 24 * HOUR)
-    record.add(noise(HOUR, seed=7))
-    assert record.position == (30 * 24 + 2) * HOUR
-    assert record.moments().channels[0].count == 2 * HOUR
-
-
 @pytest.mark.few
 @pytest.mark.parametrize(
     ("minutes", "time_s", "warming"),
@@ -299,12 +279,6 @@ def test_a_temperature_that_rises_is_a_warm_up_until_it_rests(
     degrees = 20.0 + 8.0 * (1.0 - np.exp(-at / time_s)) + np.random.default_rng(1).normal(0.0, 0.03, at.size)
     degrees[at.size // 3 : at.size // 3 + 3] = np.nan
     assert is_warming_up(degrees, block_s) == warming
-
-
-def test_a_cycle_of_the_temperature_is_no_warm_up() -> None:
-    at = np.arange(0.0, 7200.0, 7.2)
-    assert not is_warming_up(25.0 + 3.0 * np.sin(2.0 * np.pi * at / 2400.0), 7.2)
-    assert not is_warming_up(np.full(1000, np.nan), 7.2)
 
 
 # --- temperature -------------------------------------------------------------------------------------------

@@ -160,27 +160,6 @@ async def test_several_sensors_are_listed_and_switched(app: ImumonApp, pilot: Pi
     assert (app.view_state.id, app.view_state.view) == (OTHER, "overview")
 
 
-def test_a_finished_daemon_is_forgotten_after_a_minute() -> None:
-    ended = [reports.report(900.0, id=f"{OTHER}-{k}", state="stopped") for k in range(4)]
-    source = reports.FakeSource(reports.report(), *ended)
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        await pilot.press("5")
-        assert "1 of 5" in status(app)
-        source.now += 61.0
-        source.arrive(reports.report())
-        app.poll()
-        await pilot.pause()
-        assert " of " not in status(app)
-        assert f"{OTHER}-0" not in visible_text(app)
-        source.arrive(replace(reports.report(), state="stopped"))
-        source.now += 61.0
-        app.poll()
-        assert app.view_state.id == reports.ID  # what is selected stays
-
-    drive(source, script)
-
-
 @driven(lambda: reports.FakeSource(reports.report()), id=OTHER)
 async def test_the_screen_waits_for_the_requested_device(app: ImumonApp, pilot: Pilot[int]) -> None:
     """With --id, no other device is shown instead."""
@@ -268,21 +247,6 @@ async def test_the_screen_survives_loss_and_return_of_the_daemon(app: ImumonApp,
     app.poll()
     assert "● live" in status(app)
     assert not app.query_one("#body").has_class("stale")
-
-
-def test_nothing_is_drawn_when_nothing_is_new() -> None:
-    source = reports.FakeSource(reports.report(200.0))
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        state = app.view_state
-        source.now += 1.0
-        app.poll()
-        assert app.view_state is state
-        source.arrive(reports.report())
-        app.poll()
-        assert app.view_state is not state
-
-    drive(source, script)
 
 
 @driven(lambda: SwitchableSource(), size=(80, 24))
