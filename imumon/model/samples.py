@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from imumon.model.ledger import ColumnUse
@@ -55,6 +56,18 @@ def sensor_of(channel: str) -> str:
     return channel.partition("/")[0]
 
 
+@cache
+def _sensors_of(channels: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the sensors of the channels of a stream: names are taken apart once, and not with each block."""
+    return tuple(map(sensor_of, channels))
+
+
+@cache
+def _groups_of(channels: tuple[str, ...]) -> tuple[int, ...]:
+    sensors = _sensors_of(channels)
+    return tuple(list(dict.fromkeys(sensors)).index(sensor) for sensor in sensors)
+
+
 @dataclass(frozen=True, slots=True)
 class Stream:
     """One of the streams on a line: which fields it takes and what they mean.
@@ -85,6 +98,29 @@ class Stream:
     accel: Kind | None = None
     tick_s: float | None = field(default=None, compare=False)  # two streams do not differ by it
 
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Sensor of each channel.
+
+        >>> Stream("deltas", ("gyro/x", "gyro/y", "temperature"), "binary", "startup").sensors
+        ('gyro', 'gyro', 'temperature')
+        """
+        return _sensors_of(self.channels)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Axis of each channel; empty for a channel that is a sensor by itself."""
+        return tuple(name.partition("/")[2] for name in self.channels)
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Number of the sensor of each channel, from 0 on: the channels of a sensor miss the same samples.
+
+        >>> Stream("deltas", ("gyro/x", "gyro/y", "temperature"), "binary", "startup").groups
+        (0, 0, 1)
+        """
+        return _groups_of(self.channels)
+
     def kind_of(self, sensor: str) -> Kind:
         """Kind of the numbers of ``gyro`` or ``accel``."""
         return {"gyro": self.gyro, "accel": self.accel}.get(sensor) or self.kind
@@ -101,8 +137,7 @@ class Stream:
         >>> Stream("deltas", ("gyro/x", "mag/x", "temperature"), "binary", "startup").averaged
         (True, False, False)
         """
-        sensors = map(sensor_of, self.channels)
-        return tuple(s in INERTIAL and self.kind_of(s) == "deltas" for s in sensors)
+        return tuple(s in INERTIAL and self.kind_of(s) == "deltas" for s in self.sensors)
 
     @property
     def caveats(self) -> tuple[str, ...]:

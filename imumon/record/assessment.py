@@ -12,7 +12,7 @@ from dataclasses import asdict, replace
 from imumon.model.grading import grade_sensor
 from imumon.model.messages import excluded_text
 from imumon.model.report import UNGRADED_SHARE, Change, Channel, ChannelGrade, Report, SensorGrade
-from imumon.model.samples import UNITS, sensor_of
+from imumon.model.samples import UNITS, Stream
 from imumon.model.units import share_text
 from imumon.noise.fit import ChannelFit
 from imumon.noise.statistics.envelope import RecentStatistics
@@ -64,12 +64,14 @@ class Assessment:
     def channels(self, caveats: Sequence[str]) -> dict[str, Channel]:
         """Return every channel of the report; `caveats` are those of the stream and the settings of the sensor."""
         fits, moments = self._fits, self._sums.moments()
-        means = {name: channel.mean for name, channel in zip(fits.names, moments.channels, strict=True)}
+        means = {
+            name: channel.mean for name, channel in zip(fits.stream.channels, moments.channels, strict=True)
+        }
         correlations: dict[str, dict[str, float]] = {}
-        for axes, covariance in zip(_by_sensor(fits.names), moments.covariance, strict=True):
+        for axes, covariance in zip(_by_sensor(fits.stream), moments.covariance, strict=True):
             correlations |= report_builder.correlations(axes, covariance)
         between_hours, channels = hour_changes(self._sums.changes()), {}
-        for column, name in enumerate(fits.names):
+        for column, name in enumerate(fits.stream.channels):
             channel, fit, statistics = fits.channels[name], fits.fits.get(name), moments.channels[column]
             changes = (*between_hours.get(column, ()), *self.changes.get(column, ()))
             distribution = report_builder.distribution(
@@ -114,13 +116,18 @@ class Assessment:
         ----------
         channels : of the report, with their combined limits: a grade is certain within these.
         """
-        grades = {}
+        grades, stream = {}, self._fits.stream
         for sensor in self._fits.grades:
-            axes = [name.partition("/")[2] for name in self.constant if sensor_of(name) == sensor]
+            of_sensor = {
+                name: axis
+                for name, axis, each in zip(stream.channels, stream.axes, stream.sensors, strict=True)
+                if each == sensor
+            }
+            axes = [axis for name, axis in of_sensor.items() if name in self.constant]
             ends = [
-                f"{name.partition('/')[2]} is clipped at {' and '.join(map('{:.4g}'.format, values))} {UNITS[sensor]}"
-                for name, values in self._clipped.items()
-                if sensor_of(name) == sensor
+                f"{axis} is clipped at {' and '.join(map('{:.4g}'.format, self._clipped[name]))} {UNITS[sensor]}"
+                for name, axis in of_sensor.items()
+                if name in self._clipped
             ]
             # A reason of the record takes precedence: it says what to do first.
             if self.no_grade is not None:
@@ -132,9 +139,9 @@ class Assessment:
                 grades[sensor] = SensorGrade(reason=f"{', '.join(ends)}: a range is too small")
             else:
                 axes_with_fit = {
-                    name.partition("/")[2]: channel.coefficients
-                    for name, channel in channels.items()
-                    if sensor_of(name) == sensor and channel.fit
+                    axis: channels[name].coefficients
+                    for name, axis in of_sensor.items()
+                    if channels[name].fit
                 }
                 grades[sensor] = grade_sensor(sensor, axes_with_fit)
         return grades
@@ -190,9 +197,9 @@ def _changes(fits: Fits, baseline: Report | None) -> dict[int, tuple[Change, ...
     return changes
 
 
-def _by_sensor(names: Sequence[str]) -> list[list[str]]:
+def _by_sensor(stream: Stream) -> list[list[str]]:
     """Return the channels of each sensor."""
     sensors: dict[str, list[str]] = {}
-    for name in names:
-        sensors.setdefault(sensor_of(name), []).append(name)
+    for sensor, name in zip(stream.sensors, stream.channels, strict=True):
+        sensors.setdefault(sensor, []).append(name)
     return list(sensors.values())

@@ -69,7 +69,7 @@ class StatementLog:
         for channel, fit in enumerate(fits):
             for row, letter in enumerate(CONVERGING):
                 if (part := _stated(fit, letter)) is not None:
-                    sizes[channel, row] = [_number(getattr(part, size)) for size in SIZES]
+                    sizes[channel, row] = [getattr(part, size) for size in SIZES]  # None becomes NaN
                     statuses[channel, row] = STATUSES.index(part.status)
         if self._elapsed_s and _cell(self._elapsed_s[-1]) == _cell(elapsed_s):
             self._drop_last()
@@ -105,7 +105,10 @@ class StatementLog:
             if all(status == _UNKNOWN for status in statuses):
                 continue
             sizes = np.stack([point[channel, row] for point in self._sizes])
-            columns = [list(map(_known, column)) for column in sizes.T.tolist()]
+            columns = [
+                [float(f"{size:.{DIGITS}g}") if math.isfinite(size) else None for size in column]
+                for column in sizes.T.tolist()
+            ]
             if self._newest and (part := _stated(self._newest[channel], letter)) is not None:
                 for name, column in zip(SIZES, columns, strict=True):
                     column[-1] = getattr(part, name)
@@ -136,11 +139,3 @@ def _stated(fit: ChannelFit, letter: str) -> Estimate | None:
 def _cell(elapsed_s: float) -> int:
     """Return the number of the cell of a length; all beyond a year share the last one."""
     return min(math.floor(PER_DECADE * math.log10(elapsed_s / FIRST_S)), MOST_POINTS - 1)
-
-
-def _number(size: float | None) -> float:
-    return math.nan if size is None else size
-
-
-def _known(size: float) -> float | None:
-    return float(f"{size:.{DIGITS}g}") if math.isfinite(size) else None

@@ -18,7 +18,7 @@ import numpy as np
 from imumon.model.coefficients import LIMIT_95, NOISE, QUARTERS, Estimate, Excess, MarkovEstimate
 from imumon.model.grading import LIMITS, grade_sensor
 from imumon.model.report import UNGRADED_SHARE, Channel, SensorGrade
-from imumon.model.samples import UNITS, WITH_CURVE, sensor_of
+from imumon.model.samples import UNITS, WITH_CURVE, Stream
 from imumon.model.units import counted, duration
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import BiasFit, ChannelFit, Estimator
@@ -61,14 +61,13 @@ class Fits:
 
     Parameters
     ----------
-    names : (c,) channels of the stream.
-    averaged : (c,) channels that are true averages over their interval.
+    stream : of the record.
     precision : target of the 95 % half-width by coefficient, as a share of the value.
     guarded : disturbances and warm-up are excluded.
 
     Attributes
     ----------
-    names, guarded : as given.
+    stream, guarded : as given.
     fits : by channel, of those with a curve.
     robust : by channel, of those with a curve, the robust companion of its shortest deviation.
     shapes : (c,) shape of the distribution of each channel; None without samples.
@@ -82,13 +81,12 @@ class Fits:
 
     def __init__(
         self,
-        names: Sequence[str],
+        stream: Stream,
         *,
-        averaged: Sequence[bool],
         precision: Mapping[str, float],
         guarded: bool,
     ) -> None:
-        self.names, self.guarded = names, guarded
+        self.stream, self.guarded, averaged = stream, guarded, stream.averaged
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
         self._quarters = Estimator(averaged=averaged, time_to=False)
         self._scatter: dict[int, dict[str, tuple[float, Excess]]] = {}  # by column and letter
@@ -97,7 +95,7 @@ class Fits:
         self._contradictions: dict[int, float] = {}  # by column, greatest upper limit of K in the halves
         self._compared: set[int] = set()  # columns whose halves have been compared since they were due
         self.warming_up = self.heats_up = False
-        self.convergence = StatementLog(sum(sensor_of(name) in WITH_CURVE for name in names))
+        self.convergence = StatementLog(sum(sensor in WITH_CURVE for sensor in stream.sensors))
         self._due_s = 0.0
         self._analysed = (-1, -1, 0.0, False)  # length, samples past the guard, warm-up, and `force`
         self.fits: dict[str, ChannelFit] = {}
@@ -122,15 +120,17 @@ class Fits:
             self._slow_due_s = self._halves_due_s = 0.0
         self._analysed, self._due_s = current, elapsed_s + pause_s(elapsed_s)
         curve, kurtosis, fits = self._fit(sums, counts, force=force)
-        self.robust = dict(zip(self.names, sums.differences.result(self.resolution or ()), strict=False))
-        self.fits = dict(zip(self.names, fits, strict=False))
+        self.robust = dict(
+            zip(self.stream.channels, sums.differences.result(self.resolution or ()), strict=False)
+        )
+        self.fits = dict(zip(self.stream.channels, fits, strict=False))
         self._update_slowly(sums, elapsed_s, kurtosis, force=force)
         graded: dict[str, dict[str, Mapping[str, Estimate]]] = {}  # by sensor and axis
-        for name, fit in self.fits.items():
-            graded.setdefault(sensor_of(name), {})[name.partition("/")[2]] = fit.coefficients
+        for sensor, axis, fit in zip(self.stream.sensors, self.stream.axes, fits, strict=False):
+            graded.setdefault(sensor, {})[axis] = fit.coefficients
         self.grades = {sensor: grade_sensor(sensor, graded[sensor]) for sensor in LIMITS if sensor in graded}
         self.channels = {
-            name: self._channel(sums, curve, column, name) for column, name in enumerate(self.names)
+            name: self._channel(sums, curve, column, name) for column, name in enumerate(self.stream.channels)
         }
 
     def note_convergence(self, sums: Sums, counts: Counts) -> None:
@@ -210,7 +210,7 @@ class Fits:
 
     def _channel(self, sums: Sums, curve: AllanCurve, column: int, name: str) -> Channel:
         """Return the fields of a channel that come from the fits."""
-        sensor, fit, shape = sensor_of(name), self.fits.get(name), self.shapes[column]
+        sensor, fit, shape = self.stream.sensors[column], self.fits.get(name), self.shapes[column]
         step = shape.step if shape is not None else None
         channel = Channel(
             unit=UNITS[sensor], resolution=step or None, histogram=report_builder.histogram(shape)

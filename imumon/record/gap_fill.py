@@ -15,7 +15,7 @@ from typing import TypeAlias
 import numpy as np
 
 from imumon.grid.sample_clock import BREAK, PlacedSamples
-from imumon.model.samples import INERTIAL, Bools, Floats, Ints, SampleBlock, Stream, selected, sensor_of
+from imumon.model.samples import INERTIAL, Bools, Floats, Ints, SampleBlock, Stream, selected
 from imumon.noise.validity_groups import LARGEST
 
 LONG_GAP = 256
@@ -42,11 +42,8 @@ class InvalidSamples:
     def remove(self, block: SampleBlock) -> SampleBlock:
         """Return the block without them; the next sample counts them as lost before it."""
         if block.stream is not self._stream:
-            channels = enumerate(block.stream.channels)
-            self._stream, self._inertial = (
-                block.stream,
-                [k for k, name in channels if sensor_of(name) in INERTIAL],
-            )
+            self._stream = block.stream
+            self._inertial = [k for k, sensor in enumerate(block.stream.sensors) if sensor in INERTIAL]
         values = block.values[:, self._inertial]
         with np.errstate(over="ignore", invalid="ignore"):
             all_valid = bool(abs(values.sum()) < LARGEST)  # one fast pass, which NaN and inf fail, too

@@ -33,7 +33,6 @@ class Periods:
     counts : of this record as it is now.
     counted : those of a saved record, which continues; None: a record begins, or the earlier samples of this one belong
         to no period.
-    averaged : (c,) channels that are true averages over their interval.
 
     Attributes
     ----------
@@ -46,11 +45,11 @@ class Periods:
         fits: Fits,
         counts: Counts,
         counted: dict[int, dict[str, int]] | None = None,
-        *,
-        averaged: Sequence[bool],
     ) -> None:
         self._sums, self._fits = sums, fits
-        self._estimators = {step: Estimator(averaged=averaged, time_to=False) for step in LENGTHS_S}
+        self._estimators = {
+            step: Estimator(averaged=fits.stream.averaged, time_to=False) for step in LENGTHS_S
+        }
         self.counted = counted or {step: _totals(counts) for step in LENGTHS_S}
         self._current: dict[int, HistoryPeriod] = {}
         self._due_s = 0.0
@@ -123,7 +122,7 @@ class Periods:
         is_day = stretch.length_s == LENGTHS_S[-1]  # a shorter period seldom spans enough temperature
         curves = estimator.bias_curves(stretch.sums, extremes) if is_day else ()
         channels = {}
-        for column, name in enumerate(self._fits.names):
+        for column, name in enumerate(self._fits.stream.channels):
             fit = fits[column] if column < len(fits) else None
             known = {} if fit is None else by_letter(fit.coefficients, fit.markov)
             if column < len(curves) and curves[column].terms:

@@ -41,7 +41,7 @@ from imumon.model.report import (
     State,
     stamp,
 )
-from imumon.model.samples import INERTIAL, WITH_CURVE, SampleBlock, Stream, sensor_of
+from imumon.model.samples import INERTIAL, WITH_CURVE, SampleBlock, Stream
 from imumon.model.saved_state import restorable
 from imumon.noise.detection import Guard, GuardedSamples
 from imumon.noise.statistics.envelope import Envelope
@@ -387,42 +387,40 @@ class Record:
     def _begin(self, interval_s: float, saved: SavedRecord | None = None) -> None:
         """Begin a record of the stream on a grid, or continue a saved one."""
         assert self.stream is not None
-        channels, averaged, options = self.stream.channels, self.stream.averaged, self.options
-        sensors = [sensor_of(name) for name in channels]
-        groups = [list(dict.fromkeys(sensors)).index(sensor) for sensor in sensors]
+        stream, options = self.stream, self.options
         self.begun, self.interval_s = True, interval_s
-        self._sensors = ValidityGroups(len(channels), groups)
+        self._sensors = ValidityGroups(len(stream.channels), stream.groups)
         self._loss = LossWindow(interval_s)
-        self.fits = Fits(channels, averaged=averaged, precision=options.precision, guarded=options.guarded)
+        self.fits = Fits(stream, precision=options.precision, guarded=options.guarded)
         if saved is None:
             self.samples = self.gaps = self.span = 0
             # a guard that excludes nothing still detects motion
-            self.guard = Guard(sensors, 1.0 / interval_s, excludes=options.guarded)
-            self._envelope = Envelope(groups, 1.0 / interval_s)
+            self.guard = Guard(stream.sensors, 1.0 / interval_s, excludes=options.guarded)
+            self._envelope = Envelope(stream.groups, 1.0 / interval_s)
             self.sums = self._new_sums()
         else:
             self.samples, self.gaps, self.span = saved.samples, saved.gaps, saved.span
             self.guard, self._envelope, self.sums = saved.guard, saved.envelope, saved.sums
             self.fits.convergence = saved.statements
-        self._log.begin(channels, interval_s)
+        self._log.begin(stream.channels, interval_s)
         self._due_s = next_due_s(self.elapsed_s) if options.convergence else math.inf
         self._periods = None
         if options.periods:
             counted = None if saved is None else saved.counted
-            self._periods = Periods(self.sums, self.fits, self.counts(), counted, averaged=averaged)
+            self._periods = Periods(self.sums, self.fits, self.counts(), counted)
 
     def _new_sums(self) -> Sums:
         """Return empty sums of the stream."""
         assert self.stream is not None
-        sensors = [sensor_of(name) for name in self.stream.channels]
+        stream, sensors = self.stream, self.stream.sensors
         # `Stream.channels` has the sensors with a curve first, so a count says which columns these are
         with_curve = sum(sensor in WITH_CURVE for sensor in sensors)
         inertial = [column for column, sensor in enumerate(sensors) if sensor in INERTIAL]
         return Sums(
-            self._sensors.of.tolist(),
+            stream.groups,
             with_curve,
             self.interval_s,
-            averaged=self.stream.averaged[:with_curve],
+            averaged=stream.averaged[:with_curve],
             # A magnetometer sees currents and steel nearby, not the heat of the sensor: its mean shows no warm-up.
             warmup_channels=inertial if self.options.guarded else (),
             temperature=sensors.index("temperature") if "temperature" in sensors else None,

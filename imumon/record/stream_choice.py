@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from imumon.model.cures import option
 from imumon.model.errors import RateRequired
-from imumon.model.samples import INERTIAL, Stream, sensor_of
+from imumon.model.samples import INERTIAL, Stream
 
 NO_CLOCK_SAMPLES = 100
 """Samples of a stream without clock and rate after which a record stops waiting for another stream: a device that sends
@@ -25,7 +25,7 @@ STREAM_RANK = {"compensated": 0, "unknown": 1, "uncompensated": 2, "deltas": 3}
 
 def rank(stream: Stream) -> tuple[int, int, int]:
     """Return the rank of a stream: the stream of the highest rank is characterised."""
-    inertial = sum(sensor_of(name) in INERTIAL for name in stream.channels)
+    inertial = sum(sensor in INERTIAL for sensor in stream.sensors)
     return STREAM_RANK[stream.kind], inertial, len(stream.channels)
 
 

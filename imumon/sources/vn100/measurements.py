@@ -116,7 +116,7 @@ class SampleConverter:
             time = get(self.stream.clock)[:, 0].astype(np.int64)
         saturated: Bools | None = None
         if self.flags:
-            sensors = list(dict.fromkeys(map(sensor_of, self.stream.channels)))
+            sensors = list(dict.fromkeys(self.stream.sensors))
             saturated = np.zeros((count, len(sensors)), dtype=bool)
             for flag in self.flags:
                 for sensor, bits in SATURATION_BITS[flag].items():
