@@ -66,7 +66,8 @@ CAVEATS: Mapping[str, CaveatText] = {
     ),
     "vibration": CaveatText(
         "something vibrates: short times are distorted",
-        "The fit does not use the frequencies of a vibration or a spectral line.",
+        "The fit does not use the frequencies of a vibration, a hum or a spectral line. Mains, fans and pumps are "
+        "common causes.",
     ),
     "misfit": CaveatText(
         "the curve is not that of the coefficients: B, K and M are bounds",
@@ -349,6 +350,12 @@ def line_with_size(report: Report, caveat: str) -> str:
         return f"{line(caveat)}: up to {max(ratios):.2f} times the N without them"
     models = [c.model for c in report.channels.values() if caveat in c.caveats and c.model is not None]
     periods = sorted({duration(period) for model in models for period in model.oscillations_s})
+    hums = [model for model in models if caveat == "vibration" and model.vibration_hz]
+    if hums:
+        low, high = min(hum.vibration_hz[0] for hum in hums), max(hum.vibration_hz[-1] for hum in hums)
+        mains = sorted({f"{hz:g} Hz" for hum in hums for hz in hum.vibration_mains_hz})
+        cause = f"; mains of {' or '.join(mains[:2])} fold there" if mains else ""
+        return f"{line(caveat)}; {low:.2g} to {high:.2g} Hz are left out{cause}"
     if caveat == "oscillation" and periods:
         return f"{line(caveat)}; period {', '.join(periods)}"
     return line(caveat)

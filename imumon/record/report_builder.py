@@ -290,6 +290,8 @@ def noise_model(sensor: str, fit: ChannelFit, rows: Ints) -> report.NoiseModel |
     return report.NoiseModel(
         columns=tuple(model_column(column, units.get(column.name, unit)) for column in fit.columns),
         lines_hz=fit.lines_hz,
+        vibration_hz=fit.hump_hz or (),
+        vibration_mains_hz=fit.hump_mains_hz,
         oscillations_s=fit.oscillations_s,
         jumps=_jumps(fit),
         highest_hz=fit.highest_hz,

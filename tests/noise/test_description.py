@@ -161,6 +161,26 @@ def test_a_line_leaves_the_noise(
 
 
 @pytest.mark.few
+@pytest.mark.parametrize(
+    ("frequency_hz", "wander_hz", "size"), [(0.03, 0.02, 1.0), (0.3, 0.05, 0.5), (2.0, 0.4, 1.0)]
+)
+def test_a_hum_that_wanders_leaves_the_noise(
+    quiet: Floats, frequency_hz: float, wander_hz: float, size: float
+) -> None:
+    """N is the level of the highest frequencies where these are flat, whatever stands below."""
+    fits = fitted(quiet + line(frequency_hz, size, wander=wander_hz / frequency_hz))
+    check_noise(fits)
+    assert width(fits, "N") <= 2.0 * width(fitted(quiet), "N")
+    for fit in fits:
+        assert "vibration" in fit.caveats
+        assert "correlated" not in fit.caveats
+        low, high = fit.hump_hz or (0.0, 0.0)
+        assert low < frequency_hz < high
+        assert fit.K.status != "measured"
+        assert fit.markov is None or fit.markov.sigma.status != "measured"
+
+
+@pytest.mark.few
 @pytest.mark.parametrize("more", [0, 64, 100])
 def test_many_lines_leave_the_noise(quiet: Floats, more: int) -> None:
     """Wherever in a block the record ends, too: a line does not average out over a part of a block."""

@@ -126,7 +126,7 @@ def _fitted(series: BlockSeries, u: Floats, noise: Surface | None) -> _Fit:
     """Return the regression on the drifts and, last, on a temperature u (n,), -1 to 1 over the span."""
     regressors = [*columns_of.drifts(series), columns_of.of_series(series, "temperature", u)]
     masked = np.zeros(series.y.size, dtype=bool)
-    terms = SlowTerms(series, regressors, masked, [], 0.0, "")
+    terms = SlowTerms(series, regressors, masked, masked, [], 0.0, "")
     top = meeting_frequency(series)
     beside = {} if noise is None else noise.beside
     terms = terms.with_terms(list(beside))

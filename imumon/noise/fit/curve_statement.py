@@ -24,6 +24,7 @@ import numpy as np
 from imumon.model.coefficients import COEFFICIENTS, NOISE, Estimate, MarkovEstimate
 from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.allan import AllanCurve
+from imumon.noise.fit.hump import line_bands
 from imumon.noise.fit.model import QUANTISATION, WHITE, NoiseTerm, UpperShape, total
 from imumon.noise.fit.model_curve import (
     VISIBLE,
@@ -35,7 +36,6 @@ from imumon.noise.fit.model_curve import (
     possible_differences,
 )
 from imumon.noise.fit.observations import observed_density
-from imumon.noise.fit.oscillations import line_bands
 from imumon.noise.fit.statement import ChannelFit, FittedModel
 from imumon.noise.noise_sums import NoiseSums
 from imumon.noise.spectrum.expectation import window_power
@@ -83,6 +83,11 @@ def with_curve(
     }
     noise = np.sum([terms[term] for term in noise_powers], axis=0)
     bent, of_lines = _departure(m, sums, channel, fitted, averaged, line_shares.sum(axis=0))
+    hump = fitted.hump
+    if hump is not None:
+        lines = np.append(lines, [[hump.frequency, hump.width, hump.power]], axis=0)
+        line_shares = np.append(line_shares, [density_variances(m, hump.f, hump.size, hump.density)], axis=0)
+        of_lines = of_lines + line_shares[-1]
     # a filter takes from the noise, but an Allan variance is never zero
     random = np.maximum(noise + bent + of_lines, 1e-3 * noise)
     present = curve.terms[:, channel] > 0
@@ -103,7 +108,12 @@ def with_curve(
     positive = present & (sigma > 0.0)
     visible, drift = VISIBLE * (random + fixed), fit.column("drift")
     caveats = list(fit.caveats)
-    if (line_shares.sum(axis=0) > visible).any():
+    # a hump that chance may make is drawn, but has no name
+    is_named = hump is None or hump.band.is_certain
+    if (
+        fit.hump_hz is not None
+        or ((line_shares if is_named else line_shares[:-1]).sum(axis=0) > visible).any()
+    ):
         caveats.append("vibration")
     if "R" in fit.coefficients and drift and (0.5 * (drift.value * curve.tau) ** 2 > visible).any():
         caveats.append("ramp")
@@ -201,6 +211,8 @@ def _departure(
         return np.zeros(m.size), np.zeros(m.size)
     f, width, density, lines = observed_density(sums, channel)
     above = f > fitted.meeting
+    if fitted.hump is not None:
+        above &= ~fitted.hump.band.holds(f)  # what a hump holds is a line
     f, width, density, lines = f[above], width[above], density[above], lines[above]
     powers = surface.powers
     noise = total(surface.sensor_powers, lambda term: term.density(f, averaged=averaged))

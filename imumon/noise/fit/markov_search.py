@@ -190,7 +190,7 @@ def peaks(likelihood: Likelihood, surface: Surface, terms: Sequence[GaussMarkov]
     # a power of zero has no logarithm: a ten thousandth of the noise, where it shows most, is zero here
     least = LEAST_SHARE * np.append((model / np.maximum(unit, 1e-300)).min(axis=1), (model / markov).min())
     start = np.tile(np.append(likeliest, 1e3 * least[-1]), (m, 1))
-    power = np.exp(_scored(squares, units, np.log(np.maximum(start, 10.0 * least)), np.log(least)))
+    power = np.exp(scored_powers(squares, units, np.log(np.maximum(start, 10.0 * least)), np.log(least)))
     by_term = {term: power[:, i] for i, term in enumerate(others)}
     each: dict[NoiseTerm, Floats] = {
         term: np.where(np.arange(m) == i + 1, power[:, -1], 0.0) for i, term in enumerate(terms)
@@ -222,7 +222,7 @@ def gain_instead(
     least = LEAST_SHARE * np.append((model / np.maximum(unit, 1e-300)).min(axis=1), (model / markov).min())
     # the other term leaves its power where it shows most: there the first Gauss–Markov noise has as much
     start = np.column_stack((np.tile(likeliest, (len(terms), 1)), (model / markov).min(axis=1)))
-    power = np.exp(_scored(squares, units, np.log(np.maximum(start, 10.0 * least)), np.log(least)))
+    power = np.exp(scored_powers(squares, units, np.log(np.maximum(start, 10.0 * least)), np.log(least)))
     by_term = {term: power[:, i] for i, term in enumerate(others)}
     each: dict[NoiseTerm, Floats] = {
         term: np.where(np.arange(len(terms)) == i, power[:, -1], 0.0) for i, term in enumerate(terms)
@@ -251,7 +251,7 @@ def _score_gains(squares: Squares, others: Floats, markov: Floats, model: Floats
     )
 
 
-def _scored(squares: Squares, units: Floats, log: Floats, least: Floats) -> Floats:
+def scored_powers(squares: Squares, units: Floats, log: Floats, least: Floats) -> Floats:
     """Return (m, p) logarithms of the likeliest powers of m models, by Fisher's scoring.
 
     In logarithms a power stays positive and may vanish. Steps are bounded, and a share of the diagonal of the
@@ -259,6 +259,7 @@ def _scored(squares: Squares, units: Floats, log: Floats, least: Floats) -> Floa
 
     Parameters
     ----------
+    squares : whose half degrees of freedom may be (m, 1, r), others for each model.
     units : (m, p, r) what each square expects of each term.
     log : (m, p) first values.
     least : (p,) least values.

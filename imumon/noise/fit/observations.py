@@ -106,7 +106,7 @@ class Bands:
     bend: Floats
     top: Floats
 
-    def take(self, rows: Bools) -> Bands:
+    def take(self, rows: Bools | Ints) -> Bands:
         """Return some of the powers."""
         expected = {term: unit[rows] for term, unit in self.expected.items()}
         return Bands(self.power[rows], self.dof[rows], expected, self.bend[rows], self.top[rows])

@@ -41,6 +41,7 @@ from imumon.model.coefficients import LIMIT_95
 from imumon.model.samples import Bools, Floats
 from imumon.model.units import DAY
 from imumon.noise.fit import markov_search
+from imumon.noise.fit.hump import KEPT, Band, Hump, at_aliases, band_left_out, line_bands
 from imumon.noise.fit.likelihood import EVIDENCE, Grids, Likelihood, Surface, evidence, mixed
 from imumon.noise.fit.markov_search import MarkovSurface, Peaks
 from imumon.noise.fit.model import (
@@ -54,11 +55,13 @@ from imumon.noise.fit.model import (
     NoiseTerm,
     UpperEnd,
     UpperShape,
+    total,
 )
 from imumon.noise.fit.observations import (
     Bands,
     BlockSeries,
     meeting_frequency,
+    observed_density,
     spectral_expectations,
     spectral_powers,
 )
@@ -106,6 +109,8 @@ Otherwise: its spectrum is fitted as a low-pass, and octaves are left out that s
 have: VN-100 and ADIS16405 powers of two, others divisors of their rates (`real_effects.py`).
 """
 
+BAND_MIDDLE = 0.8
+"""A band of the spectrum is left out by the frequency in its middle. Unit: of its upper end."""
 INSTEAD_GAIN = 1.0
 """A walk that Gauss–Markov noise in its place explains better by as much is `indistinct`. Unit: log likelihood.
 
@@ -125,6 +130,8 @@ class ModelChoice:
     grids, slow_grids : of the whole likelihood and of that of the block means, where the next fit begins to search;
         None: unknown.
     markov : power of Gauss–Markov noise of this fit, which parts of the record have, too.
+    band : cycles per sample, frequencies of a hump that is left out, kept as long as the upper end; None: none.
+    may_be_hump : whether what looks like Gauss–Markov noise may be a hump.
     """
 
     samples: int
@@ -132,6 +139,8 @@ class ModelChoice:
     grids: Grids | None
     slow_grids: Grids | None
     markov: Mapping[NoiseTerm, float] = field(default_factory=dict)
+    band: Band | None = None
+    may_be_hump: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,6 +161,7 @@ class Model:
     upper_error : relative standard deviation of N^2 between choices of the highest frequency, beyond their statistics.
     is_markov_instead : whether Gauss–Markov noise describes the record better than the walk that shows.
     may_be_counted : whether the record does not exclude that the samples are differences of an angle in counts.
+    hump : what no term explains, and whose band is left out; None: there is none.
     """
 
     surface: Surface
@@ -168,6 +178,7 @@ class Model:
     upper_error: float = 0.0
     is_markov_instead: bool = False
     may_be_counted: bool = False
+    hump: Hump | None = None
 
     @property
     def error(self) -> float:
@@ -203,31 +214,63 @@ class ModelSearch:
         self._sums, self._column, self._averaged, self._previous = sums, column, averaged, previous
         self._step, self._count = step, step if counted else 0.0
         self._known_markov = {} if whole or previous is None else dict(previous.markov)
-        series = series.with_terms(list(self._known_markov))
+        self._series, self._whole = series.with_terms(list(self._known_markov)), whole
+        self._tried_markov = markov_search.tried_terms(series.samples) if whole else ()
+        self._chosen_samples = self._samples = int(series.samples)
+        self._meeting = meeting_frequency(series)
+        self._at_lines = at_aliases(series, line_bands(sums, column))
+        self._may_be_hump = False
+        self._recent = previous is not None and self._samples < 2 * previous.samples
+        self._leave_out(previous.band if previous is not None and (self._recent or not whole) else None)
+
+    def _leave_out(self, band: Band | None) -> None:
+        """Search for the slow terms without a band of frequencies, and forget what was fitted with others."""
+        self._spectral: dict[int, tuple[Bands, Bools]] = {}  # by window, with which of all bands they are
+        self._step_power, self._band, previous = 0.0, band, self._previous
+        self._is_hidden = band is not None and not self._powers(1).top.size
+        if self._is_hidden:
+            self._band = band = None
+            self._spectral.clear()
         slow_grids = None if previous is None else previous.slow_grids
         search = SlowTermSearch(
-            series, slow_grids, whole=whole, markov=self._known_markov, day=DAY / sums.tau0
+            self._series,
+            slow_grids,
+            whole=self._whole,
+            markov=self._known_markov,
+            day=DAY / self._sums.tau0,
+            left_out=self._at_lines if band is None else self._at_lines | band.holds(self._series.f),
+            spectral=None if band is None else self._powers(1),
         )
-        self._tried_markov = markov_search.tried_terms(series.samples) if whole else ()
         # with the terms that are tried in every fit: to form observations costs more than to expect them
         self._slow = search.result().with_terms(self._tried_markov)
         self._slow_grids = search.surface.grids
         # the block means show B and K already: their grid is a good first one of the whole likelihood
         self._grids = previous.grids if previous is not None and previous.grids else self._slow_grids
         self._step_power = self._slow.step_power(search.surface)
-        self._chosen_samples = self._samples = int(series.samples)
-        self._meeting = meeting_frequency(series)
-        self._spectral: dict[int, tuple[Bands, Bools]] = {}  # by window, with which of all bands they are
+        if self._step_power:
+            self._spectral.clear()
         self._fits: dict[tuple[UpperEnd, float], tuple[Likelihood, Surface]] = {}  # by upper end and error
 
     def result(self) -> Model | str:
         """Return the model, or why there is none."""
         previous = self._previous
-        recent = previous is not None and self._samples < 2 * previous.samples
-        if previous is not None and recent and self._judged(previous.upper_end)[0] > REJECT_P:
+        if self._is_hidden:
+            return "a hum hides its noise"
+        if previous is not None and self._recent and self._judged(previous.upper_end)[0] > REJECT_P:
             # of the choice, not of today: else it would never be renewed
-            self._chosen_samples = previous.samples
+            self._chosen_samples, self._may_be_hump = previous.samples, previous.may_be_hump
             return self._finished(previous.upper_end)
+        if self._whole:
+            self._search_hump()
+        model = self._described()
+        if isinstance(model, str) and self._band is not None:
+            # the slow terms beside the band are others than those with which it was found
+            self._leave_out(None)
+            model = self._described()
+        return model
+
+    def _described(self) -> Model | str:
+        """Return the model with the first description of the upper end that the bands do not reject."""
         best, least = UpperEnd(), np.inf
         for upper_end in self._candidates():
             p_value, misfit = self._judged(upper_end)
@@ -295,6 +338,8 @@ class ModelSearch:
             counts = powers.top > self._meeting * (1.0 + 1e-6)
             # steps are columns of the block means only: a band that they reach is left out
             counts &= self._step_power * powers.expected[WALK] <= TOLERANCE * powers.power
+            if self._band is not None:
+                counts &= ~self._band.holds(BAND_MIDDLE * powers.top)
             self._spectral[window] = powers.take(counts), counts
         powers, counts = self._spectral[window]
         missing = [term for term in more if term not in powers.expected]
@@ -305,6 +350,21 @@ class ModelSearch:
         )
         added = {term: unit[counts] for term, unit in units.items()}
         return replace(powers, expected={**powers.expected, **added})
+
+    def _search_hump(self) -> None:
+        """Leave out the band of a hump, and search for the slow terms again without it; see `hump`."""
+        if self._band is not None:
+            self._leave_out(None)
+        if self._powers(1).top.size < KEPT:
+            return  # too short: no frequency above the blocks shows N
+        markov_shows = self._markov_peaks(UpperEnd()) is not None
+        bands = self._powers(1).joined(self._slow.bands(self._meeting))
+        bands = bands.take(np.argsort(bands.top, kind="stable"))
+        band, self._may_be_hump = band_left_out(
+            bands, self._tried_markov, error=TOLERANCE, least=REJECT_P, markov_shows=markov_shows
+        )
+        if band is not None:
+            self._leave_out(band)
 
     def _bands(self, upper_end: UpperEnd) -> int:
         """Return the number of bands, of both parts, with some octaves left out."""
@@ -415,7 +475,15 @@ class ModelSearch:
             likelihood = replace(likelihood, beside=surface.beside)
         tested = replace(likelihood, error=TOLERANCE)
         misfit, dof = np.add(tested.misfit(surface), likelihood.slow_misfit(surface)).tolist()
-        choice = ModelChoice(self._chosen_samples, upper_end, grids, self._slow_grids, surface.beside)
+        choice = ModelChoice(
+            self._chosen_samples,
+            upper_end,
+            grids,
+            self._slow_grids,
+            surface.beside,
+            self._band,
+            self._may_be_hump,
+        )
         return Model(
             surface,
             likelihood,
@@ -431,6 +499,26 @@ class ModelSearch:
             self._upper_error(upper_end),
             (markov is None or not markov.is_certain) and self._is_markov_instead(upper_end, error, surface),
             self._may_be_counted(upper_end, surface),
+            None if self._band is None else self._hump(surface, slow, self._band),
+        )
+
+    def _hump(self, surface: Surface, slow: SlowTerms, band: Band) -> Hump:
+        """Return what a band that is left out holds above the noise."""
+        f, size, density, _ = observed_density(self._sums, self._column)
+        above = band.holds(f) & (f > self._meeting)
+        f, size, density = f[above], size[above], density[above]
+        noise = total(surface.powers, lambda term: term.density(f, averaged=self._averaged))
+        series = slow.series
+        left_out = band.holds(series.f) & (series.f <= self._meeting)
+        # a coefficient of n blocks of L samples is 1 / (2 n L) wide; its square is 1 / L of a density, as block means
+        # see it
+        seen = np.sinc(series.f * series.length) ** 2 / series.length
+        squares = (slow.squares_over_noise(surface) - 1.0) * slow.noise_variances(surface) / seen
+        return Hump(
+            band,
+            np.concatenate((series.f[left_out], f)),
+            np.concatenate((np.full(int(left_out.sum()), 0.5 / series.samples), size)),
+            np.concatenate((squares[left_out], density - noise)),
         )
 
     def _may_be_counted(self, upper_end: UpperEnd, surface: Surface) -> bool:

@@ -31,6 +31,7 @@ from imumon.model.coefficients import SIGNIFICANT
 from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.fit import markov_search
 from imumon.noise.fit import regressors as columns_of
+from imumon.noise.fit.hump import LEAK
 from imumon.noise.fit.likelihood import (
     EVIDENCE,
     GRID,
@@ -61,13 +62,6 @@ CHANCE = 0.01
 
 Otherwise: leaving out a coefficient costs little, missing an oscillation makes B too large. Origin: over all
 coefficients of a record (Bonferroni) (`real_effects.py`).
-"""
-LEAK = 0.02
-"""Coefficients beside an oscillation are left out up to where its leakage is below this share of the noise. Unit:
-of the noise.
-
-Otherwise: the skirt of a strong oscillation is fitted as B. Origin: the leakage of a steady oscillation falls with
-the square of the distance; 2 % is below the limits of B (`real_effects.py`).
 """
 OSCILLATION_WIDTHS = (1, 3, 8, 24)
 """Neighbouring coefficients that are tested together for an oscillation. Unit: coefficients.
@@ -192,7 +186,8 @@ class SlowTerms:
     ----------
     series : the block means.
     regressors : the columns, with their scales.
-    masked : (m,) coefficients that oscillations hold, left out.
+    left_out : (m,) coefficients within humps and lines of the spectrum.
+    masked : (m,) all coefficients that do not count: these, and those that oscillations hold.
     doubtful : an exponential in doubt, with its derivative, a step or a cycle of a day in doubt; empty without one.
     odds : likelihood of this column against none.
     no_temperature : why the temperature is no column: "", ``no_temperature``, ``small_range`` or ``collinear``.
@@ -206,6 +201,7 @@ class SlowTerms:
 
     series: BlockSeries
     regressors: list[Regressor]
+    left_out: Bools
     masked: Bools
     doubtful: list[Regressor]
     odds: float
@@ -236,25 +232,41 @@ class SlowTerms:
         series = self.series
         X = columns_of.matrix(series, [*self.regressors, *(self.doubtful if with_doubtful else ())])
         single = _single(series, X)
-        weighted = X * (series.f * ~self.masked)[:, None]
-        beta = np.linalg.lstsq(weighted.T @ X, weighted.T @ series.y, rcond=None)[0]
-        residual = series.y - X @ beta
-        pooled = pooled_coefficients(series, residual, self.masked, single, min(meeting, highest))
+        pooled = pooled_coefficients(series, self._residual(X), self.masked, single, min(meeting, highest))
         rows = series.order[:single]
         rows = rows[~self.masked[rows] & (series.f[rows] <= highest)]
         variances = {term: variance[rows] for term, variance in series.variances.items()}
         return pooled, Coefficients(series.y[rows], X[rows], variances)
 
+    def _residual(self, X: Floats) -> Floats:
+        """Return (m,) the coefficients without a weighted regression on some columns (m, q); see `observations`."""
+        weighted = X * (self.series.f * ~self.masked)[:, None]
+        beta = np.linalg.lstsq(weighted.T @ X, weighted.T @ self.series.y, rcond=None)[0]
+        return np.asarray(self.series.y - X @ beta)
+
+    def bands(self, meeting: float) -> Bands:
+        """Return bands of all coefficients that count up to a frequency, also of the lowest ones."""
+        residual = self._residual(columns_of.matrix(self.series, self.regressors))
+        return pooled_coefficients(self.series, residual, self.masked, 0, meeting)
+
     def excess(self, surface: Surface) -> Floats:
-        """Return (m,) (channel unit)^2, what the coefficients that are left out hold above the noise."""
-        if not self.masked.any():
-            return np.zeros(self.masked.size)
-        above = np.maximum(_squares_over_noise(self, surface) - 1.0, 0.0)
-        return np.where(self.masked, above * self.noise_variances(surface), 0.0)
+        """Return (m,) (channel unit)^2, what the coefficients that oscillations hold have above the noise."""
+        held = self.masked & ~self.left_out
+        if not held.any():
+            return np.zeros(held.size)
+        above = np.maximum(self.squares_over_noise(surface) - 1.0, 0.0)
+        return np.where(held, above * self.noise_variances(surface), 0.0)
 
     def noise_variances(self, surface: Surface) -> Floats:
         """Return (m,) (channel unit)^2, the variance of each coefficient by the likeliest noise."""
         return total(surface.powers, lambda term: self.series.variances[term])
+
+    def squares_over_noise(self, surface: Surface) -> Floats:
+        """Return (m,) the squares of all coefficients over their expectation, without what the regressors explain."""
+        X = columns_of.matrix(self.series, self.regressors)
+        return np.asarray(
+            (self.series.y - X @ surface.beta[surface.best]) ** 2 / self.noise_variances(surface)
+        )
 
     def step_power(self, surface: Surface) -> float:
         """Return the K^2 of a random walk whose spectrum the steps have: the sum of their squares over the time."""
@@ -302,6 +314,8 @@ class SlowTermSearch:
         see them.
     markov : power of Gauss–Markov noise that is known to be there; the series has its variances.
     day : samples of a day; 0.0: unknown.
+    left_out : (m,) coefficients within humps and lines of the spectrum; None: there are none.
+    spectral : bands of the spectrum that show N where the coefficients that are left do not; None: these do.
     """
 
     def __init__(
@@ -312,14 +326,18 @@ class SlowTermSearch:
         whole: bool = True,
         markov: Mapping[NoiseTerm, float] | None = None,
         day: float = 0.0,
+        left_out: Bools | None = None,
+        spectral: Bands | None = None,
     ) -> None:
+        self._spectral = spectral
         self._series, self._whole, self._grids, self._day = series, whole, grids, day
         self._top = meeting_frequency(series)
         temperature, reason = columns_of.temperature(series)
         self._bends = columns_of.bends(series, temperature) if temperature is not None and whole else []
         regressors = [*columns_of.drifts(series), *([] if temperature is None else [temperature])]
-        masked = np.zeros(series.y.size, dtype=bool)
-        self.terms = SlowTerms(series, regressors, masked, [], 0.0, reason, markov=markov or {})
+        if left_out is None:
+            left_out = np.zeros(series.y.size, dtype=bool)
+        self.terms = SlowTerms(series, regressors, left_out, left_out, [], 0.0, reason, markov=markov or {})
         self.surface = self._searched()
 
     def result(self) -> SlowTerms:
@@ -341,7 +359,10 @@ class SlowTermSearch:
     def _observed(self, more: Sequence[NoiseTerm]) -> Likelihood:
         """Return the likelihood of the block means, with expectations of some more terms."""
         terms = self.terms.with_terms(more)
-        return Likelihood(*terms.observations(self._top, self._top), beside=self.terms.markov)
+        pooled, coefficients = terms.observations(self._top, self._top)
+        if self._spectral is not None:
+            pooled = self._spectral.joined(pooled)
+        return Likelihood(pooled, coefficients, beside=self.terms.markov)
 
     def _is_markov(self, gain: float) -> bool:
         """Add Gauss–Markov noise if it explains more than twice a gain in log likelihood; return whether it does.
@@ -464,9 +485,7 @@ class SlowTermSearch:
         """Add regressors; what looked like an oscillation beside settling or a step is judged again."""
         terms = self.terms
         if added[0].name not in columns_of.OSCILLATION:
-            terms = replace(
-                terms, masked=np.zeros_like(terms.masked), slowest=terms.slowest[:0], walk_high=0.0
-            )
+            terms = replace(terms, masked=terms.left_out, slowest=terms.slowest[:0], walk_high=0.0)
         # what looked like Gauss–Markov noise may have been the column
         self.terms = replace(terms, regressors=[*terms.regressors, *added], doubtful=[], markov={})
 
@@ -506,7 +525,7 @@ class SlowTermSearch:
         """Leave out the coefficients of oscillations, narrow ones first; return whether there are new ones."""
         series, masked = self._series, self.terms.masked.copy()
         counted = (series.f <= self._top) & ~masked
-        ratio = np.where(counted, _squares_over_noise(self.terms, self.surface), 0.0)
+        ratio = np.where(counted, self.terms.squares_over_noise(self.surface), 0.0)
         chance = CHANCE / (max(int(counted.sum()), 1) * len(OSCILLATION_WIDTHS))
         for begin, count in zip(series.begin - np.arange(series.begin.size), series.count - 1, strict=True):
             squares, left_out = ratio[begin : begin + count], masked[begin : begin + count]
@@ -520,8 +539,9 @@ class SlowTermSearch:
                     reach = int(np.sqrt(squares[k] / LEAK) / np.pi) if width == 1 else 0
                     # the lowest coefficients are never left out: what is there is a walk, or a column describes it
                     left_out[max(k - reach - 1, 2 * FEWEST_CYCLES) : k + width + reach + 1] = True
-        if masked[series.f <= self._top].mean() > MOST_MASKED:
-            masked[:] = False
+        free = (series.f <= self._top) & ~self.terms.left_out
+        if masked[free].sum() > MOST_MASKED * free.sum():
+            masked = self.terms.left_out.copy()
             masked[self.terms.slowest] = True
         if not (masked & ~self.terms.masked).any():
             return False
@@ -579,13 +599,6 @@ def _shows_walk(beyond: Likelihood, surface: Surface) -> bool:
         return False
     value = quantiles(surface, WALK, LIMITS)[1]
     return bool(quantiles(rest, WALK, np.array([CONSISTENT]))[0] > value)
-
-
-def _squares_over_noise(terms: SlowTerms, surface: Surface) -> Floats:
-    """Return (m,) the squares of all coefficients over their expectation, without what the regressors explain."""
-    series = terms.series
-    X = columns_of.matrix(series, terms.regressors)
-    return np.asarray((series.y - X @ surface.beta[surface.best]) ** 2 / terms.noise_variances(surface))
 
 
 def _chi_square(dof: int, probability: float) -> float:

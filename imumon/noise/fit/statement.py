@@ -48,6 +48,7 @@ import numpy as np
 
 from imumon.model.coefficients import LIMIT_95, NOISE, SIGNIFICANT, Estimate, MarkovEstimate
 from imumon.model.samples import Bools, Floats
+from imumon.noise.fit.hump import Hump, line_bands
 from imumon.noise.fit.likelihood import (
     EVIDENCE,
     LIMITS,
@@ -66,13 +67,14 @@ from imumon.noise.fit.model_curve import (
 )
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import meeting_frequency
-from imumon.noise.fit.oscillations import line_bands, moved, periods
+from imumon.noise.fit.oscillations import moved, periods
 from imumon.noise.fit.popcorn import TwoLevels, two_levels
 from imumon.noise.fit.regressors import BENT, COLLINEAR, OSCILLATION
 from imumon.noise.fit.search import Model, ModelChoice
 from imumon.noise.fit.slow_terms import CHANCE
 from imumon.noise.fit.time_to_precision import seconds_to
 from imumon.noise.noise_sums import NoiseSums
+from imumon.noise.spectrum.spectral_lines import mains
 from imumon.noise.validity_groups import ROUNDING_VARIANCE
 
 LEAST_B_K_S = 10.0
@@ -164,6 +166,8 @@ class ChannelFit:
     explained : share of the variance of the means beyond white noise that follows the temperature; None: unknown.
     step : sudden change of the mean; None: there is none.
     lines_hz : Hz, lines of the spectrum that are no part of the noise.
+    hump_hz : Hz, range of frequencies that is left out because of a hum or a vibration; None: there is none.
+    hump_mains_hz : Hz, mains and harmonics that fold into this range.
     oscillations_s : s, periods of slow oscillations that are left out.
     highest_hz : Hz, highest frequency in use; None without a fit.
     incomplete : where the fit says less than it should: ``unbounded`` (the grid does not hold the likelihood of B and
@@ -192,6 +196,8 @@ class ChannelFit:
     explained: float | None = None
     step: StepEstimate | None = None
     lines_hz: tuple[float, ...] = ()
+    hump_hz: tuple[float, float] | None = None
+    hump_mains_hz: tuple[float, ...] = ()
     oscillations_s: tuple[float, ...] = ()
     highest_hz: float | None = None
     incomplete: tuple[str, ...] = ()
@@ -246,6 +252,7 @@ class FittedModel:
     error : relative error of the model in every band.
     meeting, highest : cycles per sample, least and highest frequency of the spectrum that counts.
     moved : (2, j) the Allan variance of what the regressors move; see `model_curve.moved_variances`.
+    hump : what no term explains, and whose band is left out; None: there is none.
     """
 
     fit: ChannelFit
@@ -255,6 +262,7 @@ class FittedModel:
     meeting: float
     highest: float
     moved: Floats
+    hump: Hump | None
 
 
 def state_model(
@@ -294,10 +302,11 @@ def state_model(
     if not collinear and model.slow.no_temperature != "collinear":
         coefficients |= _rate_ramp(columns)
     highest = float(model.likelihood.bands.top.max())
-    none, lines = np.zeros(0), line_bands(sums, channel)
+    none, lines, band = np.zeros(0), line_bands(sums, channel), model.choice.band
+    hump_hz = (band.low / tau0, band.high / tau0) if band is not None and band.is_certain else None
     markov = _markov(model, coefficients.pop("M", None), tau0)
     jumps = _jumps(model, tau0) if markov is not None and markov.sigma.status == "measured" else None
-    periods_s = periods(model, lines, tau0)
+    periods_s = periods(model, tau0)
     caveats = {
         "misfit": model.p_value < CHANCE,
         "correlated": model.upper_end.window > 1 or model.upper_end.low_pass,
@@ -324,6 +333,10 @@ def state_model(
         explained=_explained(model),
         step=_step(model, columns),
         lines_hz=tuple((lines[:, 0] / tau0).tolist()),
+        hump_hz=hump_hz,
+        hump_mains_hz=()
+        if hump_hz is None
+        else mains(sum(hump_hz) / 2.0, 1.0 / tau0, hump_hz[1] - hump_hz[0])[0],
         oscillations_s=periods_s,
         highest_hz=highest / tau0,
         incomplete=_incomplete(model),
@@ -341,7 +354,8 @@ def state_model(
         model.error,
         meeting_frequency(series),
         highest,
-        moved_variances(series, moved(model, lines)),
+        moved_variances(series, moved(model)),
+        model.hump,
     )
 
 
@@ -456,11 +470,13 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
     limits[WALK] = low, value, max(high, model.slow.walk_high)
     open_terms: list[NoiseTerm] = [term for term in GRIDDED if not shown[term]]
     if markov is not None:
-        shown[markov.term] = markov.is_certain
+        shown[markov.term] = markov.is_certain and not model.choice.may_be_hump
         limits[markov.term] = tuple(quantiles(markov.surface, markov.term, LIMITS).tolist())
-        if not markov.is_certain:
+        if not shown[markov.term]:
             open_terms.append(markov.term)
     confused = _confused(model, open_terms)
+    if markov is not None and markov.is_certain and model.choice.may_be_hump:
+        confused[markov.term] = ["a vibration"]
     if model.is_markov_instead:
         shown[WALK], confused[WALK] = False, ["M"]
     estimates: dict[NoiseTerm, Estimate] = {}
@@ -528,7 +544,7 @@ def _jumps(model: Model, tau0: float) -> TwoLevels | None:
     """Return the levels between which the mean jumps, channel unit, and the time in each, s; None without jumps."""
     assert model.markov is not None
     series, term = model.slow.series, model.markov.term
-    steady = series.series - moved(model, np.zeros((0, 3)))
+    steady = series.series - moved(model)
     jumps = two_levels(steady, math.sqrt(model.markov.peak[term]), term.time / series.length)
     if jumps is None:
         return None

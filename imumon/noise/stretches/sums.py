@@ -257,13 +257,26 @@ class Sums:
 
     def _decide(self, candidate: int) -> None:
         """Decide whether a warm-up ended at a candidate."""
+        length_s = (candidate - self._start) * self._interval
         blocks = self._parts.blocks(self._start).select(list(self.warmup_channels))
-        if is_over(settling_times_s(blocks), (candidate - self._start) * self._interval):
+        if is_over(settling_times_s(blocks), length_s) and is_over(self._settling_times_s(), length_s):
             self._start = candidate
             self._quarters.discard_before(candidate)
             self.warmup_s = self._warmup_length_s()
             self._ended.warmups.append((self.position * self._interval, self.warmup_s))
             self._changes = {}  # those of an hour against hours that are excluded now
+
+    def _settling_times_s(self) -> list[float]:
+        """Return the time constants of the channels that settle, s, by the fit of their whole spectrum.
+
+        The block means alone do not distinguish a settling from a line or a hum. Beside one, an exponential may be its
+        beginning: a line never ends a warm-up.
+        """
+        sums = replace(self._without_temperature(self._parts.sums(self._start)), degrees=None)
+        estimator = Estimator(averaged=self._averaged, time_to=False)
+        fits = estimator.fit_sums(sums, self.position - self._start, channels=self.warmup_channels)
+        columns = [fit.column("settling") for fit in fits if not (fit.oscillations_s or fit.hump_hz)]
+        return [column.time_constant_s for column in columns if column and column.time_constant_s is not None]
 
     def _warmup_length_s(self) -> float:
         """Return the length of the valid samples before the end of the warm-up, s."""

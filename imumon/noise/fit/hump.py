@@ -1,0 +1,280 @@
+"""Humps: bands of the spectrum that no sum of noise terms explains.
+
+Mains hum that is sampled folds to a frequency near zero and wanders with the mains; so does the line of a fan or of a
+pump. It is too wide for a line (`spectral_lines`), and it may lie at any frequency, also below the spectrum, in the
+block means. The density of N, B, K and M falls at all frequencies, or is flat; a hump rises. Fitted as noise it is
+taken for M or B, or for a plateau behind a filter.
+
+So a band that is left out must explain what the terms do not. The likeliest powers of N, B and K follow by Fisher's
+scoring for each range of neighbouring bands that may be left out, and the range with the least
+
+    deviance of the bands that are left + 2 (number of bands that are left out)
+
+counts (Akaike 1974), if chance explains that deviance. A filter in the sensor falls towards the highest frequency, and
+a hump ends before it: the highest bands are never left out. They show N, whatever stands below.
+
+A weak hump looks like Gauss–Markov noise. Where the bands ask for that, a hump that explains them better is left out
+instead: a band that is left out takes nothing from B, which M would. Where both explain them, M is not measured. A hump
+has a name only where chance would not make it at any of its places.
+
+Example: white noise, of which two of nine bands are ten times too high.
+
+>>> from imumon.noise.fit.model import FLICKER, WALK, WHITE
+>>> f = 0.5 * 2.0 ** np.arange(-8.0, 1.0)
+>>> power = np.where((f > 0.02) & (f < 0.1), 10.0, 1.0)
+>>> expected = {WHITE: np.ones(9), FLICKER: 0.1 / f, WALK: 0.01 / f**2}
+>>> bands = Bands(power, np.full(9, 100.0), expected, np.zeros(9), f)
+>>> band_left_out(bands, (), error=0.01, least=1e-3)
+(Band(low=0.0078125, high=0.0625, is_certain=True), False)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import gammaincc
+
+from imumon.model.samples import Bools, Floats
+from imumon.noise.fit.likelihood import Squares
+from imumon.noise.fit.markov_search import LEAST_SHARE, scored_powers
+from imumon.noise.fit.model import NOISE_TERMS, WHITE, NoiseTerm
+from imumon.noise.fit.normal_equations import LEAST_VARIANCE
+from imumon.noise.fit.observations import Bands, BlockSeries
+from imumon.noise.fit.regressors import CHI_SQUARE_MEDIAN
+from imumon.noise.noise_sums import NoiseSums
+from imumon.noise.validity_groups import ROUNDING
+
+KEPT = 3
+"""The highest bands are never left out: they show N. Unit: bands, of half an octave.
+
+Otherwise: with fewer, the end of a filter is left out as a hump. Origin: N, B and K are three numbers (`wander.py`).
+"""
+MARKOV_NUMBERS = 2
+"""Numbers of Gauss–Markov noise that the bands determine: standard deviation and time constant."""
+HUMP_GAIN = 2.0
+"""M is not measured where a hump in its place explains the bands worse by less. Unit: log likelihood.
+
+Otherwise: a weak hum is measured as M. Origin: odds of seven (`markov.py`).
+"""
+WIDEST_WEAK = 6
+"""A hump that Gauss–Markov noise may be is at most as wide. Unit: bands, of half an octave.
+
+Otherwise: bands that are left out over seven octaves explain Gauss–Markov noise as well as a term of it does. Chosen:
+three octaves, more than a hum wanders (`markov.py`).
+"""
+CHANCE = 0.05
+"""Noise alone makes a hump that has a name in this share of records. Unit: probability.
+
+Otherwise: one clean record in twenty has the caveat of a vibration, because a chance of Gauss–Markov noise is one of a
+hump, too (`markov.py`).
+"""
+LINE_WIDTHS = 3.0
+"""Distance from a line up to which its power reaches. Unit: widths of the line.
+
+Otherwise: a strong hum is left out once, and once more with a false period. Origin: the share of a Gaussian line beyond
+is 0.3 %.
+"""
+LEAST_RATIO = 12.0
+"""A line shows in a cosine coefficient of the block means from here on. Unit: of the median.
+
+Otherwise: coefficients are left out that lines do not disturb. Origin: chance exceeds it in 0.05 % of coefficients.
+"""
+MOST_HELD = 0.3
+"""Lines are left out of the block means up to here. Unit: of the coefficients.
+
+Otherwise: no coefficient is left beside a fast line that wanders (`real_effects.py`).
+"""
+LEAK = 0.02
+"""Coefficients beside a line, or an oscillation, are left out up to where its leakage is below this share of the noise.
+Unit: of the noise.
+
+Otherwise: the skirt of a strong oscillation is fitted as B. Origin: the leakage of a steady oscillation falls with
+the square of the distance; 2 % is below the limits of B (`real_effects.py`).
+"""
+
+
+class Band(NamedTuple):
+    """A range of frequencies that is left out.
+
+    Attributes
+    ----------
+    low, high : cycles per sample.
+    is_certain : whether chance would not make such a hump of noise without Gauss–Markov noise, at any of its places.
+    """
+
+    low: float
+    high: float
+    is_certain: bool
+
+    def holds(self, f: Floats) -> Bools:
+        """Return which of some frequencies are in the band."""
+        return np.asarray((f > self.low) & (f <= self.high))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hump:
+    """What the bands that are left out hold above the noise.
+
+    Attributes
+    ----------
+    band : the range of frequencies.
+    f, size : (b,) cycles per sample, middle and width of each bin, or of each cosine coefficient.
+    density : (b,) (channel unit)^2 per cycle per sample, two-sided.
+    """
+
+    band: Band
+    f: Floats
+    size: Floats
+    density: Floats
+
+    @property
+    def power(self) -> float:
+        """(channel unit)^2, the variance of the samples that it makes."""
+        return max(2.0 * float(self.density @ self.size), 0.0)
+
+    @property
+    def frequency(self) -> float:
+        """Cycles per sample, its middle."""
+        return float(self._weight @ self.f)
+
+    @property
+    def width(self) -> float:
+        """Cycles per sample, root mean square deviation of its frequency."""
+        squares = (self.f - self.frequency) ** 2 + self.size**2 / 12.0
+        return float(np.sqrt(self._weight @ squares))
+
+    @property
+    def _weight(self) -> Floats:
+        """(b,) share of each bin in its power; a bin that chance puts below the noise has none."""
+        weight = np.maximum(self.density, 0.0) * self.size
+        return np.asarray(weight / max(float(weight.sum()), 1e-300))
+
+
+def band_left_out(
+    bands: Bands, markov: Sequence[NoiseTerm], *, error: float, least: float, markov_shows: bool = False
+) -> tuple[Band | None, bool]:
+    """Return the band of a hump, None without one, and whether one may be in the place of Gauss–Markov noise.
+
+    Parameters
+    ----------
+    bands : of the whole spectrum and all block means, lowest frequency first.
+    markov : Gauss–Markov noise of several time constants, one of which may explain the bands instead.
+    error : 1, relative error of the model in each band.
+    least : probability from which on chance explains a deviance.
+    markov_shows : the bands ask for Gauss–Markov noise: a hump may be what they show.
+    """
+    number = bands.power.size
+    every = np.ones((1, number), dtype=bool)
+    left = number - len(NOISE_TERMS)
+    alone = float(_deviances(bands, every, NOISE_TERMS, error)[0][0])
+    explained = _explained(alone, left, least)
+    if explained and not markov_shows:
+        return None, False
+    beside = _least([float(_deviances(bands, every, (*NOISE_TERMS, term), error)[0][0]) for term in markov])
+    explained = explained or _explained(beside, left - MARKOV_NUMBERS, least)
+    if explained and not markov_shows:
+        return None, False
+    ranges = np.array(
+        [
+            (begin, end)
+            for begin in range(number - KEPT)
+            for end in range(begin + 1, min(number - KEPT, begin + number // 2) + 1)
+        ]
+    ).reshape(-1, 2)
+    places = np.arange(number)
+    counted = (places < ranges[:, :1]) | (places >= ranges[:, 1:])
+    deviance, model = _deviances(bands, counted, NOISE_TERMS, error)
+    left_out = ranges[:, 1] - ranges[:, 0]
+    # a hump is above the noise: what lies below it is the end of a filter, or a walk beside a mean that does not move
+    rises = ((bands.power > model) & ~counted).sum(axis=1) > 0.5 * left_out
+    if explained:
+        rises &= left_out <= WIDEST_WEAK
+    cost = np.where(rises, deviance + 2.0 * left_out, np.inf)
+    best = int(cost.argmin()) if cost.size else 0
+    if not cost.size or not _explained(float(deviance[best]), left - int(left_out[best]), least):
+        return None, False
+    ahead = float(cost[best]) - (beside + 2.0 * MARKOV_NUMBERS)
+    if explained and ahead > 0.0:
+        return None, ahead < 2.0 * HUMP_GAIN
+    begin, end = ranges[best].tolist()
+    # its skirts lie in the bands beside it, where chance hides them
+    begin, end = max(begin - 1, 0), min(end + 1, number - KEPT)
+    low = float(bands.top[begin - 1]) if begin else 0.0
+    chance = float(gammaincc(0.5 * left_out[best], 0.5 * max(alone - float(deviance[best]), 0.0)))
+    is_certain = chance < CHANCE / cost.size  # over all places (Bonferroni)
+    return Band(low, float(bands.top[end - 1]), is_certain), False
+
+
+def _least(deviances: Sequence[float]) -> float:
+    """Return the least deviance of Gauss–Markov noise over its time constant, by a parabola through three of them."""
+    if not deviances:
+        return np.inf
+    best = int(np.argmin(deviances))
+    if not 0 < best < len(deviances) - 1:
+        return deviances[best]
+    before, least, after = deviances[best - 1 : best + 2]
+    return least - 0.125 * (after - before) ** 2 / max(before - 2.0 * least + after, 1e-9)
+
+
+def _explained(deviance: float, dof: int, least: float) -> bool:
+    return dof > 0 and float(gammaincc(0.5 * dof, 0.5 * deviance)) > least
+
+
+def _deviances(
+    bands: Bands, counted: Bools, terms: Sequence[NoiseTerm], error: float
+) -> tuple[Floats, Floats]:
+    """Return (m,) the deviance of the likeliest sum of some terms in the bands that count, and (m, r) that sum.
+
+    Parameters
+    ----------
+    counted : (m, r) which bands count in each of m cases.
+    """
+    half = np.where(counted, 0.5 / (1.0 / bands.dof + 0.5 * error**2), 0.0)
+    units = np.stack([bands.expected[term] for term in terms])
+    white = float(np.median((bands.power / units[0])[-KEPT:]))
+    # where each term alone is nearly all of some band, and a ten thousandth of N everywhere
+    most = np.append(white, (bands.power / units[1:]).min(axis=1))
+    least = LEAST_SHARE * white * (units[list(terms).index(WHITE)] / units).min(axis=1)
+    start = np.log(np.maximum(most, 10.0 * least))
+    squares = Squares(bands.power, half[:, None], {})
+    powers = np.exp(scored_powers(squares, units[None], np.tile(start, (len(counted), 1)), np.log(least)))
+    model = powers @ units
+    ratio = bands.power / model
+    return np.asarray(
+        2.0 * (half * (ratio - 1.0 - np.log(np.maximum(ratio, ROUNDING**2)))).sum(axis=1)
+    ), model
+
+
+def line_bands(sums: NoiseSums, channel: int) -> Floats:
+    """Return (l, 3) frequency and width, cycles per sample, and power of the lines of a channel, strongest first."""
+    bands = () if sums.spectrum is None else sums.spectrum.bands[channel]
+    scaled = [(band.frequency_hz * sums.tau0, band.width_hz * sums.tau0, band.power) for band in bands]
+    return np.array(scaled).reshape(-1, 3)
+
+
+def at_aliases(series: BlockSeries, lines: Floats) -> Bools:
+    """Return which cosine coefficients a line of the spectrum disturbs.
+
+    Block means of L samples see a line of frequency f at its alias, the distance of f from the nearest multiple of
+    1/L. A mean that such a line moves looks like a settling, a step or an oscillation.
+
+    Parameters
+    ----------
+    lines : (l, 3) frequency and width, cycles per sample, and power of each line.
+    """
+    held = np.zeros(series.y.size, dtype=bool)
+    step = 0.5 / series.samples  # of a segment that is the whole record
+    ratio = series.y**2 / (np.median(series.y**2) / CHI_SQUARE_MEDIAN + LEAST_VARIANCE)
+    for f, width, _ in lines.tolist():
+        alias = abs(f - round(f * series.length) / series.length)
+        near = np.abs(series.f - alias) <= LINE_WIDTHS * width + step
+        highest = float(ratio[near].max(initial=0.0))
+        if highest > LEAST_RATIO:
+            # the leakage of a steady line falls with the square of the distance
+            reach = LINE_WIDTHS * width + step * (1.0 + np.sqrt(highest / LEAK) / np.pi)
+            held |= np.abs(series.f - alias) <= reach
+    # lines that wander over most of what the blocks see are white noise there
+    return held if held.mean() <= MOST_HELD else np.zeros_like(held)
