@@ -10,10 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from blocks_at_rest import NOW, block
 from paths import ROOT
 
 import imumon
+from imumon.model.report import DeviceDescription, SessionCounters
 from imumon.model.samples import ACCEL, GYRO, Floats
+from imumon.record import Record
 
 N = 1e-4
 """rad/s/√Hz"""
@@ -37,6 +40,14 @@ def test_a_measurement_and_a_growing_record_continue_in_another_process() -> Non
     for one in (live, copy):
         one.update(rows[3000:])
     assert copy.result().report.channels == live.result().report.channels
+    record = Record()
+    record.feed(block(3000))
+    other = pickle.loads(pickle.dumps(record))
+    for one in (record, other):
+        one.feed(block(3000, 3000))
+        one.flush()
+    device, session = DeviceDescription(id="x"), SessionCounters()
+    assert other.report(NOW, device, "running", session) == record.report(NOW, device, "running", session)
 
 
 def test_the_program_of_the_page_combines_recordings_on_a_local_cluster(tmp_path: Path) -> None:

@@ -44,9 +44,9 @@ CURES = {
 }
 """What to do about a coefficient that more data will not give, by its `reason_code`."""
 
-BOUNDED = "does not show in this record: made for half its 95 % upper bound"
+BOUNDED = "does not show in this record: it counts with half its 95 % upper bound"
 """Comment after a number that rests on a bound."""
-INDISTINCT = "does not show apart from B or M in this record: made for half the 95 % upper bound of each"
+INDISTINCT = "does not show apart from B or M in this record: it counts with half its 95 % upper bound"
 """Comment after a walk that rests on coefficients which the record does not separate."""
 
 

@@ -54,7 +54,7 @@ def with_bounded_k(report: Report) -> Report:
 
 def test_a_walk_that_rests_on_a_bound_is_a_comment_with_the_bound() -> None:
     report = with_bounded_k(make_report(LONG_S))
-    bound = "K of [xyz] does not show in this record: made for half its 95 % upper bound"
+    bound = "K of [xyz] does not show in this record: it counts with half its 95 % upper bound"
     for form, line in (
         ("kalibr", "gyroscope_random_walk: "),
         ("openvins", "gyroscope_random_walk: "),
