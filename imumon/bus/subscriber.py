@@ -88,11 +88,9 @@ class Subscriber:
         self._selected: tuple[str, str] | None = None
         self._signal: tuple[Signal, float] | None = None
         self._closed = False
-        self._signal_due = threading.Event()
+        self._due = threading.Event()  # something is to be requested
         self._asked: HistoryQuestion | None = None
         self._answer: HistoryAnswer | None = None
-        self._history_due = threading.Event()
-        self._history_thread: threading.Thread | None = None
         self._session = open_session(options, (), self.endpoints, access_control=False)
         queue: RingChannel[Any] = RingChannel(MAX_QUEUED)
         alive = self._session.liveliness().declare_subscriber(f"{self._root}/alive", queue, history=True)
@@ -100,7 +98,7 @@ class Subscriber:
             start_listener(alive, self._on_alive),
             start_listener(self._subscribe("report", 1, _MAX_QUEUED_REPORTS), self._on_report),
             start_listener(self._subscribe("event", EVENTS_KEPT, MAX_QUEUED), self._on_event),
-            threading.Thread(target=self._request_signals, name="imumon-signal", daemon=True),
+            threading.Thread(target=self._request, name="imumon-request", daemon=True),
         )
         self._threads[-1].start()
         atexit.register(self.close)
@@ -165,7 +163,7 @@ class Subscriber:
             if selected == self._selected:
                 return
             self._selected, self._signal = selected, None
-        self._signal_due.set()
+        self._due.set()
 
     def signal(self) -> tuple[Signal, float] | None:
         """Return the newest signal of the selected channel with its arrival, s of the monotonic clock."""
@@ -198,29 +196,42 @@ class Subscriber:
         if asked == self._asked:
             return
         self._asked = asked
-        if asked is not None and self._history_thread is None:
-            run = self._request_history
-            self._history_thread = threading.Thread(target=run, name="imumon-history", daemon=True)
-            self._history_thread.start()
-        self._history_due.set()
+        self._due.set()
 
     def history_answer(self) -> HistoryAnswer | None:
         """Return the newest replies with their question."""
         return self._answer
 
-    def _request_history(self) -> None:
+    def _request(self) -> None:
+        """Request the signal of the selected channel with every report of its device, and the history now and then."""
+        requested: tuple[HistoryQuestion | None, float] = None, 0.0
         while not self._closed:
-            self._history_due.clear()
-            if (asked := self._asked) is not None:
-                id, channel, span, step = asked
-                time_range = f"_time=[now(-{span:.0f}s)..now()]"
-                with suppress(BusError, zenoh.ZError):
-                    rows = self.history(id, f"{time_range};channel={channel};step={step}")
-                    events = self.history(id, time_range, "event")
-                    with self._changed:
-                        self._answer = (asked, rows or b"[]", events or b"[]")
-                        self._notify()
-            self._history_due.wait(HISTORY_PERIOD_S)
+            with self._changed:
+                selected, asked = self._selected, self._asked
+            if selected is not None:
+                self._request_signal(selected)
+            now = time.monotonic()
+            if asked is not None and (asked != requested[0] or now - requested[1] >= HISTORY_PERIOD_S):
+                requested = asked, now
+                self._request_history(asked)
+            self._due.wait(HISTORY_PERIOD_S)
+            self._due.clear()
+
+    def _request_signal(self, selected: tuple[str, str]) -> None:
+        key = "imumon/{}/signal/{}".format(*selected)
+        with suppress(zenoh.ZError):
+            for reply in self._session.get(key, timeout=_SIGNAL_S):
+                self._on_signal(selected, reply)
+
+    def _request_history(self, asked: HistoryQuestion) -> None:
+        id, channel, span, step = asked
+        time_range = f"_time=[now(-{span:.0f}s)..now()]"
+        with suppress(BusError, zenoh.ZError):
+            rows = self.history(id, f"{time_range};channel={channel};step={step}")
+            events = self.history(id, time_range, "event")
+            with self._changed:
+                self._answer = (asked, rows or b"[]", events or b"[]")
+                self._notify()
 
     def connected(self) -> bool:
         """Return whether there is a link to any daemon or router."""
@@ -246,8 +257,7 @@ class Subscriber:
     def close(self) -> None:
         atexit.unregister(self.close)
         self._closed = True
-        self._signal_due.set()
-        self._history_due.set()
+        self._due.set()
         self._session.close()
         for thread in self._threads:
             thread.join(1.0)
@@ -321,7 +331,7 @@ class Subscriber:
             selected = self._selected is not None and self._selected[0] == id
             self._notify()
         if selected:
-            self._signal_due.set()
+            self._due.set()
 
     def _on_event(self, sample: zenoh.Sample) -> None:
         with self._changed:
@@ -341,21 +351,6 @@ class Subscriber:
                 if event.kind in EVENT_LEVELS:  # others could be any number
                     device.event_counts[event.kind] += 1
                 self._notify()
-
-    def _request_signals(self) -> None:
-        """Request the signal of the selected channel whenever its device publishes a report."""
-        while True:
-            self._signal_due.wait()
-            self._signal_due.clear()
-            if self._closed:
-                return
-            with self._changed:
-                selected = self._selected
-            if selected is not None:
-                key = "imumon/{}/signal/{}".format(*selected)
-                with suppress(zenoh.ZError):
-                    for reply in self._session.get(key, timeout=_SIGNAL_S):
-                        self._on_signal(selected, reply)
 
     def _on_signal(self, selected: tuple[str, str], reply: zenoh.Reply) -> None:
         if reply.ok is None or len(reply.ok.payload) > _MAX_MESSAGE:

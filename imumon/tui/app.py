@@ -9,17 +9,15 @@ from __future__ import annotations
 import io
 import os
 import time
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from textual import work
-from textual.app import App, ComposeResult, SystemCommand
+from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container
 from textual.events import Click
-from textual.screen import Screen
 
 from imumon.files import replace_file
 from imumon.model.errors import why
@@ -91,7 +89,6 @@ class ImumonApp(App[int]):
 
     CSS_PATH = "app.tcss"
     TITLE = "imumon"
-    ENABLE_COMMAND_PALETTE = True
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (132, "-wide")]  # noqa: RUF012
     VERTICAL_BREAKPOINTS = [(0, "-short"), (34, "-tall")]  # noqa: RUF012
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -144,7 +141,6 @@ class ImumonApp(App[int]):
         self._watched: tuple[str, str | None] | None = None
         # version of the source and everything else that a poll has shown: while both are the same, nothing is drawn
         self._seen: tuple[int, tuple[object, ...]] | None = None
-        self._warned: set[str] = set()
         self._parsed: tuple[HistoryAnswer | None, HistorySeries | None] = (None, None)
 
     # ------------------------------------------------------------------ start
@@ -202,7 +198,6 @@ class ImumonApp(App[int]):
         if seen == self._seen:
             return
         self._seen = seen
-        self._warn_of_rivals(self.view_state.id)
         state = self.view_state.updated(
             reports={name: reports[name][0] for name in sorted(reports)},
             ages=ages,
@@ -211,14 +206,6 @@ class ImumonApp(App[int]):
             ended=ended,
         )
         self._show(state.with_existing_selection())
-
-    def _warn_of_rivals(self, id: str | None) -> None:
-        """Notify once if several programs publish a device."""
-        if id is not None and id in self.source.rivals() and id not in self._warned:
-            self._warned.add(id)
-            text = f"two programs publish {id}; the first is shown; imumon doctor names both"
-            # no markup: a name in brackets would vanish
-            self.notify(text, severity="warning", markup=False)
 
     def _show(self, state: ViewState) -> None:
         """Add signal and events of the selected device and channel, then draw."""
@@ -393,19 +380,6 @@ class ImumonApp(App[int]):
         except OSError as error:
             cure = cure_of_writing(error, "start the screen in another directory")
             self.notify(f"not saved: {why(error)}: {cure}", severity="error", markup=False)
-
-    def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
-        for k, name in enumerate(VIEWS, 1):
-            yield SystemCommand(f"View: {name}", f"key {k}", partial(self.action_view, name))
-        yield SystemCommand("Units", "readable or SI", self.action_units)
-        yield SystemCommand(
-            "Freeze", "stop the display, or resume it; the record continues", self.action_freeze
-        )
-        yield SystemCommand("Save", "the report as JSON, a baseline for later", self.action_save)
-        yield SystemCommand("Screenshot", "this screen as SVG", self.deliver_screenshot)
-        yield SystemCommand("Help", "keys of this view", self.action_help)
-        yield SystemCommand("Theme", "choose another theme", self.action_change_theme)
-        yield SystemCommand("Quit", "close the screen; the daemon continues", self.action_quit)
 
     def on_click(self, event: Click) -> None:
         """Select a view by a click on its name in the footer."""
