@@ -36,7 +36,8 @@ one without a name                   with `--stop-with-stdin`: ends the run when
 
 Threads of other commands:
 
-imumon-listener, imumon-request           of a subscriber: take messages; request the signal and the history that are shown
+imumon-listener, imumon-request           of a subscriber: take messages; request the signal and the history
+                                          that are shown
 terminal                                  of the screen: ends it when its terminal, or the server of the browser, is
                                           gone
 those of prometheus_client                of `imumon metrics`: one for each connection, answers from the newest
