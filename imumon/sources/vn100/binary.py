@@ -21,12 +21,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from imumon.sources.vn100.checksum import crc16, crc16_rows
+from imumon.sources.vn100.checksum import crc16
 from imumon.sources.vn100.measurements import SampleConverter, sample_converter
 
 SYNC = 0xFA
-_MIN_ARRAY = 128
-"""Packets; the first ones are checked one by one, the following ones as arrays. Sets the speed only."""
 
 
 class Group(IntEnum):
@@ -187,21 +185,6 @@ class BinaryLayout:
 
     def count_valid(self, data: bytes, begin: int, limit: int) -> int:
         """Return the number of consecutive valid packets of this layout from `begin`, at most `limit`."""
-        count = self._count_valid_singly(data, begin, min(limit, _MIN_ARRAY))
-        size = _MIN_ARRAY
-        # arrays only after many valid packets, so that damaged data are not checked again and again
-        while count >= size and count < limit:
-            size = min(4 * size, limit - count)
-            rows = np.frombuffer(data, np.uint8, size * self.length, begin + count * self.length)
-            invalid = self._is_invalid(rows.reshape(size, self.length))
-            first = int(invalid.argmax())
-            if invalid[first]:
-                return count + first
-            count += size
-        return count
-
-    def _count_valid_singly(self, data: bytes, begin: int, limit: int) -> int:
-        """Return the same as `count_valid`, packet by packet."""
         # The CRC of the header is the same for all, and that of the rest continues it. Over the packet and the CRC that
         # ends it, a CRC without final XOR is 0.
         header, header_crc = self.header, crc16(self.header[1:])
@@ -211,16 +194,6 @@ class BinaryLayout:
             if head != header or crc16(rest, header_crc):
                 return count
         return limit
-
-    def _is_invalid(self, packets: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
-        """Return (count,) whether each row of bytes is not a valid packet of this layout."""
-        # `crc16_rows` takes two bytes at a time: from the last byte of the header on if the rest has an odd number
-        begin = len(self.header) - (self.length - len(self.header)) % 2
-        invalid = np.not_equal(crc16_rows(packets[:, begin:], crc16(self.header[1:begin])), 0)
-        # the CRC began with the expected header, so the one that is there has to be compared
-        for column, byte in enumerate(self.header):
-            invalid |= packets[:, column] != byte
-        return invalid
 
 
 class IncompleteHeader(Exception):

@@ -251,15 +251,6 @@ def test_checksums_match_the_bitwise_definition(data: bytes) -> None:
     assert checksum.crc16(data + crc.to_bytes(2, "big")) == 0
 
 
-@laws
-@given(st.binary(min_size=120, max_size=120), st.integers(1, 10), st.integers(0, 0xFFFF))
-def test_checksums_of_rows_equal_those_of_each_row(data: bytes, half: int, initial: int) -> None:
-    width = 2 * half
-    rows = np.frombuffer(data[: 120 // width * width], np.uint8).reshape(-1, width)
-    expected = [checksum.crc16(row.tobytes(), initial) for row in rows]
-    assert checksum.crc16_rows(rows, initial).tolist() == expected
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("where", [0, 127, 128, 129, 640, 641, 2500, 2999])
