@@ -46,7 +46,7 @@ def test_a_damaged_recording_is_an_error_or_is_read(tmp_path: Path, kind: str) -
 @pytest.mark.parametrize("kind", SAMPLES)
 def test_much_damage_to_a_recording_is_an_error_or_is_read(tmp_path: Path, kind: str) -> None:
     with little_memory(2 << 30):
-        read_damaged(SAMPLES[kind](tmp_path), range(100, 200 if kind in OWN_PROCESS else 3000))
+        read_damaged(SAMPLES[kind](tmp_path), range(100, 200 if kind in OWN_PROCESS else 1000))
 
 
 def test_damaged_settings_are_faults_or_are_read(tmp_path: Path) -> None:
