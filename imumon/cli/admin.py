@@ -42,9 +42,14 @@ def doctor(arguments: argparse.Namespace) -> int:
     state, connect = options.state_directory(settings), tuple(arguments.connect or ())
     width = 1 + max(map(len, NAMES))
     with emulator as port:
-        own = tuple(options.own_devices(arguments)) if not faults else ()
+        own_devices = () if faults else tuple(options.own_devices(arguments))
         case = Case(
-            settings=settings, faults=faults, port=port, state_directory=state, connect=connect, own=own
+            settings=settings,
+            faults=faults,
+            port=port,
+            state_directory=state,
+            connect=connect,
+            own_devices=own_devices,
         )
         checks = []
         for check in examine(case, print_status):

@@ -274,15 +274,15 @@ def own_devices(arguments: argparse.Namespace) -> list[str]:
 
     That is the state directory; if none runs there, the temporary one of a daemon on an emulator.
     """
-    own = []
+    running = []
     with suppress(OSError):
         for lock in sorted(state_directory(settings(arguments)).glob("*.lock")):
-            own += [lock.stem] if _is_locked(lock) else []
-    for directory in [] if own else sorted(Path(tempfile.gettempdir()).glob(f"{TEMPORARY}*")):
+            running += [lock.stem] if _is_locked(lock) else []
+    for directory in [] if running else sorted(Path(tempfile.gettempdir()).glob(f"{TEMPORARY}*")):
         with suppress(OSError):
             if directory.lstat().st_uid == os.getuid():  # anybody may make one of this name
-                own += [lock.stem for lock in sorted(directory.glob("*.lock")) if _is_locked(lock)]
-    return own
+                running += [lock.stem for lock in sorted(directory.glob("*.lock")) if _is_locked(lock)]
+    return running
 
 
 def _is_locked(lock: Path) -> bool:
@@ -297,21 +297,21 @@ def _is_locked(lock: Path) -> bool:
 
 def only_own_device(arguments: argparse.Namespace, subscriber: Any) -> str | None:
     """Return the device of the only daemon of this user, or the only one at the configured port; None: not one."""
-    own = own_devices(arguments)
+    running = own_devices(arguments)
     end_s = time.monotonic() + ANSWER_S
-    if len(own) > 1 and settings(arguments).device.port:  # the reports have the ports
-        while not {*own} <= {*subscriber.reports()} and time.monotonic() < end_s:
+    if len(running) > 1 and settings(arguments).device.port:  # the reports have the ports
+        while not {*running} <= {*subscriber.reports()} and time.monotonic() < end_s:
             time.sleep(POLL_S)
-        own = own_among(arguments, subscriber, own)
-    return own[0] if len(own) == 1 else None
+        running = own_among(arguments, subscriber, running)
+    return running[0] if len(running) == 1 else None
 
 
 def own_among(arguments: argparse.Namespace, subscriber: Any, names: Iterable[str]) -> list[str]:
     """Return which of these devices belong to daemons of this user, and of them those at the configured port."""
-    own = [name for name in own_devices(arguments) if name in names]
+    running = [name for name in own_devices(arguments) if name in names]
     port = settings(arguments).device.port
-    at_port = [name for name in own if port and _is_same_port(subscriber.report(name), port)]
-    return at_port or own
+    at_port = [name for name in running if port and _is_same_port(subscriber.report(name), port)]
+    return at_port or running
 
 
 def _is_same_port(newest: Any, port: str) -> bool:
@@ -341,11 +341,11 @@ def report_of(
 ) -> Any:
     """Return the newest report of the only one of these devices, as `first_report` does."""
     if len(names) > 1 and not id and arguments is not None:
-        own = own_among(arguments, subscriber, names)
-        if len(own) == 1:
-            others = ", ".join(name for name in names if name != own[0])
-            print_message_once(f"this is {own[0]}, your own; --id chooses another one: {others}")
-            names = own
+        running = own_among(arguments, subscriber, names)
+        if len(running) == 1:
+            others = ", ".join(name for name in names if name != running[0])
+            print_message_once(f"this is {running[0]}, your own; --id chooses another one: {others}")
+            names = running
     if len(names) > 1:
         message = f"{len(names)} daemons have names that begin with {id}" if id else "several daemons answer"
         raise CommandError("several_daemons", message, f"give one with --id: {', '.join(names)}", USAGE)

@@ -41,7 +41,7 @@ class Case:
     port: str | None = None  # path or URL; None: of the settings, of a daemon, or the only sensor there is
     state_directory: Path  # of the daemon
     connect: tuple[str, ...] = ()  # endpoints of daemons; empty: those of the settings
-    own: tuple[str, ...] = ()  # devices of daemons of the same user
+    own_devices: tuple[str, ...] = ()  # devices of daemons of the same user
     seconds: float = OBSERVE_S  # s for which a device is observed
 
 
@@ -66,7 +66,7 @@ def _examine_device(
     case: Case, probe: ZenohProbe, zenoh: ZenohObservation, progress: Callable[[str], None]
 ) -> list[Check]:
     """Return the checks of the port and of its device, or of the daemon that reads it."""
-    path = case.port or case.settings.device.port or daemon_port(zenoh, case.own)
+    path = case.port or case.settings.device.port or daemon_port(zenoh, case.own_devices)
     report = next((r for r in zenoh.reports if r.device.port and _same_port(r.device.port, path)), None)
     try:
         if report is not None and probe.subscriber is not None:
@@ -82,10 +82,10 @@ def _examine_device(
     return [opened, *checks.device(observation, specific, max_loss)]
 
 
-def daemon_port(zenoh: ZenohObservation, own: Collection[str] = ()) -> str:
+def daemon_port(zenoh: ZenohObservation, own_devices: Collection[str] = ()) -> str:
     """Return the port to examine if none is configured: of an own daemon, else of any; empty: there is none."""
     used = {report.device.id: report.device.port for report in zenoh.reports if report.device.port}
-    mine = [port for name, port in used.items() if name in own]
+    mine = [port for name, port in used.items() if name in own_devices]
     return next(iter(mine or used.values()), "")
 
 

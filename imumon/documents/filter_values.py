@@ -114,8 +114,8 @@ def bound_text(letter: str, axes: Mapping[str, Estimate]) -> str:
 
 def _origin(filters: FilterReport, sensor: str) -> str:
     """Return the coefficients that the walks of a sensor are made from."""
-    own = [channel for name, channel in filters.channels.items() if sensor_of(name) == sensor]
-    letters = [*NOISE, *([MARKOV.sigma] if any(channel.markov is not None for channel in own) else [])]
+    channels = [channel for name, channel in filters.channels.items() if sensor_of(name) == sensor]
+    letters = [*NOISE, *([MARKOV.sigma] if any(channel.markov is not None for channel in channels) else [])]
     return f"{', '.join(letters[:-1])} and {letters[-1]}"
 
 

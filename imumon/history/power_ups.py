@@ -24,7 +24,7 @@ SAME_S, SAME_SHARE = 60.0, 1e-3
 power-up: delays of the line, and clocks of 1000 ppm."""
 LEAST_POWER_UPS = 5
 """Power-ups from which the repeatability is given: from fewer, its upper limit is over three times its value."""
-LEAST_SHARE = 0.5
+LEAST_COUNTED = 0.5
 """Share of its samples that a period must have, and not excluded, to give a settled bias."""
 
 
@@ -107,7 +107,7 @@ class PowerUps:
         excluded = min(period.excluded_s / min(length_s, period.step_s), 1.0)
         if newest is None or newest.means or not period.complete or period.warming_up or clock_s < WARM_S:
             return False
-        if counted * (1.0 - excluded) < LEAST_SHARE:
+        if counted * (1.0 - excluded) < LEAST_COUNTED:
             return False
         means = {
             name: channel.mean

@@ -97,8 +97,8 @@ def _attributes(thing: Any) -> Iterator[tuple[str, Any]]:
 
 def _not_saved(cls: type) -> Mapping[str, Callable[[], Any]]:
     """Return what makes the attributes of a class that are not saved, by name."""
-    made: Mapping[str, Callable[[], Any]] = getattr(cls, "NOT_SAVED", {})
-    return made
+    makers: Mapping[str, Callable[[], Any]] = getattr(cls, "NOT_SAVED", {})
+    return makers
 
 
 class _Packer:

@@ -284,12 +284,12 @@ def _markov_within(increments: Floats, time: Floats) -> Floats:
     From one second to the next it falls by exp(-1 / T). So two sums with weights that decay, one over the seconds
     before and one over those after, are all others.
     """
-    own, decay = _markov_increment(1.0, time)[:, None], np.exp(-1.0 / time)[:, None]
+    same, decay = _markov_increment(1.0, time)[:, None], np.exp(-1.0 / time)[:, None]
     next_one = (time * np.expm1(-1.0 / time))[:, None] ** 2
     others = np.zeros_like(increments)
     others[1:] = _decaying_sums(increments[:-1], decay)
     others[:-1] += _decaying_sums(increments[:0:-1], decay)[::-1]
-    return np.asarray(own * increments + next_one * others)
+    return np.asarray(same * increments + next_one * others)
 
 
 def _decaying_sums(values: Floats, decay: Floats) -> Floats:

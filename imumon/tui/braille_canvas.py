@@ -27,7 +27,7 @@ RESOLUTION = 1e-12
 LONGEST_LINE = 20000.0
 """Dots of a line at most: far more than any screen has, and a bound for points far outside of it."""
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
-TAKEN = 10_000
+TEXT_COST = 10_000
 """Cost of a text at a place where another text is."""
 
 
@@ -137,7 +137,7 @@ class Canvas:
         if not 0 <= row < self.height or column < 0 or column + length > self.width:
             return 1_000_000
         part = (row, slice(column, column + length))
-        return TAKEN * int(self.text_mask[part].any()) + int(np.count_nonzero(self.bits[part]))
+        return TEXT_COST * int(self.text_mask[part].any()) + int(np.count_nonzero(self.bits[part]))
 
     def rows(self) -> list[Line]:
         """Return the canvas as lines of spans, joining neighbours of one role."""

@@ -17,7 +17,7 @@ from imumon.model.report import Allan, Channel, Histogram, Spectrum, Strip
 from imumon.model.samples import sensor_of
 from imumon.model.units import MINUTE, duration, number, pretty
 from imumon.tui.braille_canvas import (
-    TAKEN,
+    TEXT_COST,
     AxisScale,
     Canvas,
     Floats,
@@ -267,7 +267,7 @@ def _axis(frame: PlotFrame, state: ViewState, name: str, factor: float) -> None:
     if cell is not None:
         column, row = min(cell[0] + 1, frame.canvas.width - 1), cell[1]
         # axes that end in one row have their names in rows of their own
-        free = [r for r in (row, row - 1, row + 1) if frame.canvas.overlap(column, r, 1) < TAKEN]
+        free = [r for r in (row, row - 1, row + 1) if frame.canvas.overlap(column, r, 1) < TEXT_COST]
         frame.canvas.text(column, free[0] if free else row, name[-1], f"axis-{name[-1]}")
 
 

@@ -157,7 +157,7 @@ class Outlier:
 @restorable
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """An excluded stretch of samples, or the outliers of one sensor within a minute.
+    """Consecutive samples that are excluded, or the outliers of one sensor within a minute.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ from scipy.special import gammaincc
 
 from imumon.model.samples import Bools, Floats
 from imumon.noise.fit.likelihood import Squares
-from imumon.noise.fit.markov_search import LEAST_SHARE, scored_powers
+from imumon.noise.fit.markov_search import LEAST_MARKOV_SHARE, scored_powers
 from imumon.noise.fit.model import NOISE_TERMS, WHITE, NoiseTerm
 from imumon.noise.fit.normal_equations import LEAST_VARIANCE
 from imumon.noise.fit.observations import Bands, BlockSeries
@@ -237,7 +237,7 @@ def _deviances(
     white = float(np.median((bands.power / units[0])[-KEPT:]))
     # where each term alone is nearly all of some band, and a ten thousandth of N everywhere
     most = np.append(white, (bands.power / units[1:]).min(axis=1))
-    least = LEAST_SHARE * white * (units[list(terms).index(WHITE)] / units).min(axis=1)
+    least = LEAST_MARKOV_SHARE * white * (units[list(terms).index(WHITE)] / units).min(axis=1)
     start = np.log(np.maximum(most, 10.0 * least))
     squares = Squares(bands.power, half[:, None], {})
     powers = np.exp(scored_powers(squares, units[None], np.tile(start, (len(counted), 1)), np.log(least)))

@@ -126,7 +126,7 @@ LONGEST_STEP = 1.5
 
 Otherwise: a power far from its maximum overshoots, and scoring does not end.
 """
-LEAST_SHARE = 1e-4
+LEAST_MARKOV_SHARE = 1e-4
 """Least power that a term has in scoring, where it shows most. Unit: of the noise.
 
 Otherwise: a power that vanishes has no logarithm. Chosen: far below what any record shows.
@@ -188,7 +188,9 @@ def peaks(likelihood: Likelihood, surface: Surface, terms: Sequence[GaussMarkov]
     units = np.zeros((m, len(others) + 1, unit.shape[1]))
     units[:, :-1], units[1:, -1] = unit, markov
     # a power of zero has no logarithm: a ten thousandth of the noise, where it shows most, is zero here
-    least = LEAST_SHARE * np.append((model / np.maximum(unit, 1e-300)).min(axis=1), (model / markov).min())
+    least = LEAST_MARKOV_SHARE * np.append(
+        (model / np.maximum(unit, 1e-300)).min(axis=1), (model / markov).min()
+    )
     start = np.tile(np.append(likeliest, 1e3 * least[-1]), (m, 1))
     power = np.exp(scored_powers(squares, units, np.log(np.maximum(start, 10.0 * least)), np.log(least)))
     by_term = {term: power[:, i] for i, term in enumerate(others)}
@@ -219,7 +221,9 @@ def gain_instead(
     units[:, :-1], units[:, -1] = unit, markov
     likeliest = np.array([surface.powers[term] for term in others])
     model = surface.powers[absent] * squares.expected[absent] + likeliest @ unit
-    least = LEAST_SHARE * np.append((model / np.maximum(unit, 1e-300)).min(axis=1), (model / markov).min())
+    least = LEAST_MARKOV_SHARE * np.append(
+        (model / np.maximum(unit, 1e-300)).min(axis=1), (model / markov).min()
+    )
     # the other term leaves its power where it shows most: there the first Gauss–Markov noise has as much
     start = np.column_stack((np.tile(likeliest, (len(terms), 1)), (model / markov).min(axis=1)))
     power = np.exp(scored_powers(squares, units, np.log(np.maximum(start, 10.0 * least)), np.log(least)))

@@ -475,10 +475,10 @@ def expected_bins(
     expected = np.stack([factor * of_term for factor, of_term in zip(missing, unit, strict=True)])
     if level.holes[group].any():
         # white noise times any pattern of missing samples is white; the slow waves take a share of what leaks
-        taken = WAVES_SHARE * np.repeat(level.holes[group] / count, SUB_BAND)[: expected.shape[1]]
+        wave_share = WAVES_SHARE * np.repeat(level.holes[group] / count, SUB_BAND)[: expected.shape[1]]
         for row, term in enumerate(terms):
             if term == WHITE:
-                expected[row] *= 1.0 - taken
+                expected[row] *= 1.0 - wave_share
             else:
                 density = partial(_level_density, term, averaged=averaged, window=window)
                 expected[row] += leaked(levels, s, group, density)
