@@ -99,6 +99,32 @@ def power_law(exponent: float, size: float) -> Added:
     return added
 
 
+def hum(frequency_hz: float, wander_hz: float, size: float) -> Added:
+    """A line, of some standard deviations of the noise, whose frequency wanders over a minute."""
+
+    def added(rng: np.random.Generator, n: int) -> np.ndarray:
+        pole = np.exp(-1.0 / 60.0)
+        drive = np.sqrt(1.0 - pole * pole) * rng.standard_normal(n // round(RATE) + 2)
+        drive[0] = rng.standard_normal()
+        slow = scipy.signal.lfilter([1.0], [1.0, -pole], drive)
+        steps = frequency_hz + wander_hz * np.interp(np.arange(n) / RATE, np.arange(slow.size), slow)
+        return np.asarray(
+            size * N * np.sqrt(RATE) * np.sin(2.0 * np.pi * (np.cumsum(steps) / RATE + rng.random()))
+        )
+
+    return added
+
+
+def louder(share: float) -> Added:
+    """White noise that makes N larger by a share in the second half."""
+
+    def added(rng: np.random.Generator, n: int) -> np.ndarray:
+        more = N * np.sqrt(RATE * ((1.0 + share) ** 2 - 1.0))
+        return more * (np.arange(n) >= n // 2) * rng.standard_normal(n)
+
+    return added
+
+
 def nothing(rng: np.random.Generator, n: int) -> np.ndarray:
     return np.zeros(n)
 
@@ -147,6 +173,16 @@ CELLS = (
     Cell("clean B, K = 1e-5", K=1e-5),
     Cell("clean K, 12 h", K=3e-7, length=6 * LENGTH),
     Cell("1/f^0.5", power_law(0.5, 0.1), B=0.0),
+    Cell("hum 0.03 Hz, 1 sigma, 1 h", hum(0.03, 0.02, 1.0), length=LENGTH // 2),
+    Cell("hum 0.03 Hz, 0.3 sigma, 1 h", hum(0.03, 0.02, 0.3), length=LENGTH // 2),
+    Cell("hum 0.03 Hz, 0.1 sigma, 1 h", hum(0.03, 0.02, 0.1), length=LENGTH // 2),
+    Cell("hum 0.3 Hz, 0.3 sigma, 1 h", hum(0.3, 0.05, 0.3), length=LENGTH // 2),
+    Cell("line 0.1 Hz, 2 sigma, 1 h", hum(0.1, 0.001, 2.0), length=LENGTH // 2),
+    Cell("slow sine, 0.7 records, 1 h", cycle(FLOOR, 0.7 * 3600.0), length=LENGTH // 2),
+    Cell("telegraph 1.5 floors, 30 s, 1 h", popcorn(1.5 * FLOOR, 60.0), length=LENGTH // 2),
+    Cell("clean B, K = 1e-6, 1 h", K=1e-6, length=LENGTH // 2),
+    Cell("N rises by 20 %, 1 h", louder(0.2), length=LENGTH // 2),
+    Cell("white, 20 min", B=0.0, length=LENGTH // 6),
 )
 
 
@@ -184,7 +220,7 @@ def counted(cell: Cell, fits: list[ChannelFit]) -> str:
         words.append(f"T missed {low} {high}")
     caveats = {
         c: sum(c in fit.caveats for fit in fits)
-        for c in ("misfit", "model_misses", "correlated", "oscillation", "popcorn")
+        for c in ("misfit", "model_misses", "correlated", "not_white", "vibration", "oscillation", "popcorn")
     }
     words.append(" ".join(f"{c} {n}" for c, n in caveats.items() if n))
     return "  ".join(words)
