@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import subprocess
 import sys
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -44,6 +45,12 @@ def parts(quick: bool, plot: str | None) -> dict[str, Iterator[Figure]]:
     }
 
 
+def commit() -> str:
+    """Return the commit that is measured."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
+
+
 def machine() -> dict[str, str]:
     """Processor, other work, system and versions."""
     cpu = platform.processor() or platform.machine()
@@ -66,7 +73,8 @@ def main() -> None:
     parser.add_argument("--plot", metavar="FILE", help="draw cost and state against the length, SVG")
     words = parser.parse_args()
     command = " ".join(["python -m benchmarks", *sys.argv[1:]])
-    run = {"command": f"`{command}`", "date": f"{datetime.now(UTC):%Y-%m-%d}", **machine()}
+    run = {"command": f"`{command}`", "commit": commit(), "date": f"{datetime.now(UTC):%Y-%m-%d}"}
+    run |= machine()
     print(
         "\n".join(
             [head("performance-run", "run", ""), *map(row, run.items()), "", head("performance", *COLUMNS)]

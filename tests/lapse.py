@@ -26,8 +26,8 @@ from imumon.sources.clock import HostClock
 from imumon.sources.device import Device, DeviceDriver, DeviceOptions
 
 RATE_HZ = 100.0
-BLOCK = 4096
-"""Samples of a block, as of a raw capture: a port has 700."""
+BLOCK = 1024
+"""Samples of a block: in time-lapse, a port has 700."""
 STREAM = Stream("deltas", (*GYRO, *ACCEL, *MAG, "temperature", "pressure"), source="memory", clock="startup")
 MEAN = np.array([0.0] * 5 + [9.8, 0.2, 0.0, 0.4, 25.0, 101.3])
 SPREAD = np.array([6e-4] * 3 + [1.4e-2] * 3 + [1.4e-3] * 3 + [1e-3] * 2)
