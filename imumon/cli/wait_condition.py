@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from imumon.model.coefficients import NOISE, SCALE, GradeName
 from imumon.model.messages import grade_text
-from imumon.model.readiness import seconds_left
+from imumon.model.readiness import USUAL_RECORD_S, seconds_left
 from imumon.model.report import Channel, Report, SensorGrade
 from imumon.model.samples import INERTIAL, sensor_of
 from imumon.model.units import duration, figures, share_text
@@ -113,7 +113,9 @@ class WaitCondition:
             if coefficient is None or coefficient.status == "pending":
                 return f"{subject} is pending"
             if coefficient.is_bound or not coefficient.value:
-                return f"{subject} is only bounded so far"
+                young = self.coefficient == "K" and report.session.elapsed_s < USUAL_RECORD_S
+                usual = f"; it usually shows after {duration(USUAL_RECORD_S)}" if young else ""
+                return f"{subject} is only bounded so far{usual}"
             half = coefficient.stated.half_width
             if half is None:
                 return f"{subject} has no limits yet"
