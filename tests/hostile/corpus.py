@@ -11,9 +11,6 @@ control character and no traceback, and time and memory are bounded.
 | report, signal | JSON of a message | `rejected`; `shown`: in every panel |
 | device-name | a name | `rejected` |
 | saved-report | a file for `imumon report` | `refused` |
-| state | a directory of states with something that is no state | `set aside` |
-| save | a directory with something in the way of a save | `replaced` |
-| sensor-settings | a file of settings that a sensor had | `ignored`; `read` |
 | query | a way to ask a daemon for the impossible, again and again | `bounded`: its memory; it measures on |
 | message | key and text on the bus | `ignored` by viewers, and counted |
 | command | words of a command beside a daemon with hostile reports | exit code |
@@ -30,8 +27,7 @@ import pytest
 from corpus_bus import BUS
 from corpus_messages import MESSAGES
 from corpus_recordings import CAPTURES, IN_BAGS, KINDS_OF_FILES, MORE_THAN_A_FILE_HOLDS, TABLES
-from corpus_settings import OF_A_SENSOR, SETTINGS
-from corpus_states import STATES
+from corpus_settings import SETTINGS
 
 CORPUS = (
     *TABLES,
@@ -40,8 +36,6 @@ CORPUS = (
     *CAPTURES,
     *IN_BAGS,
     *SETTINGS,
-    *OF_A_SENSOR,
-    *STATES,
     *MESSAGES,
     *BUS,
 )

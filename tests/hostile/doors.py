@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import resource
 import time
 from collections.abc import Callable, Iterator
@@ -12,18 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from commands import imumon
-from corpus_states import FOREIGN, STATE
 from hostile_input import Hostile
 from hostile_reports import show_on_screen
 
 from imumon.api.replay import replay
 from imumon.api.replay_options import ReplayOptions
-from imumon.checkpoint import Checkpoint, decode, encode
 from imumon.config import ConfigError, load
 from imumon.model.errors import ImumonError
 from imumon.model.report import Report, Signal, from_json, is_device_name
-from imumon.model.saved_state import unpack
-from imumon.sources.port_device import _saved_settings
 
 
 @contextmanager
@@ -92,38 +86,6 @@ def saved_report(path: Path) -> tuple[str, str]:
     return "refused", message.rstrip("\n")
 
 
-def state(place: Path) -> tuple[str, str]:
-    """Load a state; the next save works, and what its links point to stays as it is."""
-    checkpoint = Checkpoint(place, "d")
-    loaded, (message,) = checkpoint.load()
-    if loaded is not None:
-        return "loaded", message
-    (name,) = (path.name for path in place.glob("d.*-1.state"))
-    assert not os.path.lexists(place / "d.state")
-    assert not os.path.lexists(place / "d.state.1"), name
-    checkpoint.close(STATE)
-    assert checkpoint.failed is None
-    assert Checkpoint(place, "d").load()[0] is not None
-    assert (place / "target").read_bytes() == encode(STATE)
-    return "set aside", message
-
-
-def save(place: Path) -> tuple[str, str]:
-    """Save a state twice, through nothing that is there."""
-    for _ in range(2):
-        checkpoint = Checkpoint(place, "d")
-        checkpoint.close(STATE)
-        assert checkpoint.failed is None
-    assert (place / "target").read_bytes() == FOREIGN
-    return "replaced" if decode((place / "d.state").read_bytes()) == unpack(STATE) else "damaged", ""
-
-
-def sensor_settings(path: Path) -> tuple[str, str]:
-    saved = _saved_settings(path)
-    assert saved is None or saved == json.loads(path.read_text())
-    return "ignored" if saved is None else "read", ""
-
-
 DOORS: dict[str, Callable[[Any], tuple[str, str]]] = {
     "recording": recording,
     "settings": settings,
@@ -131,9 +93,6 @@ DOORS: dict[str, Callable[[Any], tuple[str, str]]] = {
     "signal": signal,
     "device-name": device_name,
     "saved-report": saved_report,
-    "state": state,
-    "save": save,
-    "sensor-settings": sensor_settings,
 }
 """Doors that need no other process. tests/hostile/test_hostile_bus.py has those of the bus."""
 

@@ -9,7 +9,6 @@ import scipy
 from imumon.model.samples import Bools, Floats
 from imumon.noise.detection import Guard
 from imumon.noise.detection.baseline import PARTS, FrameStatistics
-from imumon.noise.synthesis import synthesise
 
 GYRO = ("gyro",) * 3
 BOTH = GYRO + ("accel",) * 3
@@ -55,23 +54,6 @@ def test_white_noise_of_any_size_is_rest(rate: float, deviation: float) -> None:
         assert guard.rest_changes() == []
 
 
-def test_no_record_of_noise_begins_as_motion() -> None:
-    """The first seconds are judged by few differences."""
-    assert all(run(at_rest(25.0, 50.0, 2.0, 0.3, seed), 50.0)[1].all() for seed in range(100))
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("sensors", [("gyro",), GYRO])
-def test_noise_of_a_cheap_gyroscope_is_rest(sensors: tuple[str, ...]) -> None:
-    """White noise of 2 deg/s, flicker noise and random walk."""
-    rate, axes = 100.0, len(sensors)
-    density = np.radians(2.0) / np.sqrt(rate)
-    N, B, K = [density] * axes, density / 20.0, density / 300.0
-    guard, valid = run(synthesise(1_000_000, rate, N=N, B=B, K=K, seed=1), rate, sensors)
-    assert guard.at_rest
-    assert valid.all()
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("rate", [100.0, 400.0])
 def test_noise_behind_the_filter_of_a_sensor_is_rest(rate: float) -> None:
@@ -81,16 +63,6 @@ def test_noise_behind_the_filter_of_a_sensor_is_rest(rate: float) -> None:
     guard, valid = run(scipy.signal.lfilter([1.0 - pole], [1.0, -pole], white - LEVEL, axis=0) + LEVEL, rate)
     assert guard.at_rest
     assert valid.all()
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("rate", [10.0, 50.0, 100.0])
-def test_lost_samples_do_not_make_noise_motion(rate: float) -> None:
-    values = at_rest(1200.0, rate, 1.0, 0.3)
-    lost = np.random.default_rng(3).random(len(values)) < 0.2
-    guard, valid = run(values, rate, received=np.repeat(~lost[:, None], 2, axis=1))
-    assert guard.at_rest
-    assert np.array_equal(valid, ~lost)
 
 
 @pytest.mark.few

@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from paths import RECORDINGS
 
 import imumon
 from imumon.documents.summary import summary_text
@@ -100,19 +99,6 @@ def test_heavy_tails_are_noise_from_the_beginning(columns: list[int]) -> None:
     assert valid.mean() > 0.95
 
 
-def test_the_end_of_heavy_tails_is_noise_and_stays() -> None:
-    """Student's t(3): below 1 % of the samples are outliers, but they hold a fifth of the variance."""
-    values = quiet(60_000)
-    values[:, 0] = SIGMA[0] * np.random.default_rng(4).standard_t(3.0, 60_000) / np.sqrt(3.0)
-    values[50_000, 0] += 200.0 * SIGMA[0]
-    values[50_010, 1] += 200.0 * SIGMA[1]
-    guard, valid = guarded(values)
-    assert np.flatnonzero(guard.noisy_outliers).tolist() == [0]
-    assert values[20_000:, 0][valid[20_000:, 0]].std() > 0.93 * values[20_000:50_000, 0].std()
-    assert not valid[50_000, 0]  # no tail reaches as far
-    assert not valid[50_010, 0]  # the other axis has no tails
-
-
 @pytest.mark.slow
 def test_the_upper_limit_of_n_holds_the_excluded_end_of_heavy_tails() -> None:
     """What the guards take from noise before they know it is noise of the sensor; glitches are not."""
@@ -149,27 +135,6 @@ def test_motion_takes_more_than_one_axis_or_another_mean() -> None:
         assert ("motion" in guard.excluded) == (reason == "motion")
         assert guard.at_rest  # the new noise is the baseline
         assert valid[-4_000:].all()
-
-
-def test_a_knock_in_noise_with_outliers_is_excluded() -> None:
-    values = contaminated(60_000, 0.05, [0, 1, 2])
-    values[40_000:40_060] += 30.0 * SIGMA * np.random.default_rng(5).standard_normal((60, 6))
-    _, valid = guarded(values)
-    assert not valid[40_000:40_060].any()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["adis16405_1", "adis16405_4"])
-def test_real_sensor_with_single_outliers_is_hardly_excluded(name: str) -> None:
-    path = RECORDINGS / f"{name}.npz"
-    if not path.exists():
-        pytest.skip("the recordings are not available")
-    data = np.load(path)
-    values = np.concatenate((np.radians(data["gyro_dps"]), 9.80665 * data["accel_g"]), axis=1)
-    guard, _ = guarded(values)
-    assert guard.at_rest
-    assert "motion" not in guard.excluded
-    assert guard.excluded_samples < 0.01 * len(values)
 
 
 def test_the_report_gives_the_size_of_what_outliers_add() -> None:

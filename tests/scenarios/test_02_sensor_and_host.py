@@ -34,17 +34,6 @@ def test_05_sensor_reboots(tmp_path: Path) -> None:
         play.end(before, after, Fault(unknown=1, beside=10_000))
 
 
-@pytest.mark.slow
-def test_06_sensor_is_silent_for_a_while(tmp_path: Path) -> None:
-    with scene(tmp_path, seed=6) as play:
-        before = play.calm()
-        play.sensor.ask("silence 8")
-        play.daemon.wait(lambda r: r.state == "waiting")
-        after = play.calm()
-        assert after.report.session.gaps == 1
-        play.end(before, after, Fault())
-
-
 @pytest.mark.skipif(shutil.which("cc") is None, reason="a C compiler makes the wrong calendar; install gcc")
 @pytest.mark.parametrize("step_s", [3600, DAY_S, 20 * 365 * DAY_S], ids=["hour", "day", "years"])
 def test_07_calendar_of_the_host_steps(tmp_path: Path, step_s: int) -> None:

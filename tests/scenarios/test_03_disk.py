@@ -98,19 +98,6 @@ def test_09_disk_is_full_and_has_room_again(tmp_path: Path, size: str, records: 
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full here")
-def test_10_recording_where_nothing_can_be_written(tmp_path: Path) -> None:
-    """It is said, and the daemon does its work without."""
-    with scene(tmp_path, seed=10, start=False) as play:
-        play.start("--record", "/dev/full")
-        before = play.calm()
-        after = play.calm()
-        assert told(play, "recording", "/dev/full")
-        assert after.report.session.missing == 0
-        play.end(before, after, code=1)
-
-
-@pytest.mark.slow
 @mounts
 def test_11_state_directory_is_read_only(tmp_path: Path) -> None:
     """What is kept is taken up; nothing is written, and that is said; once it may be written, it is."""

@@ -14,9 +14,6 @@ from scene import ID, scene
 
 pytestmark = pytest.mark.slow
 
-MEMORY_MAX_KB = 256 << 10
-"""What the service unit grants."""
-
 
 @pytest.mark.slow
 def test_15_two_daemons(tmp_path: Path) -> None:
@@ -37,16 +34,6 @@ def test_15_two_daemons(tmp_path: Path) -> None:
             assert "another imumon" in said
         after = play.calm()
         assert after.report.session.missing == 0
-        play.end(before, after)
-
-
-@pytest.mark.slow
-def test_17_memory_that_the_service_unit_grants(tmp_path: Path) -> None:
-    """All of its data, not only what is resident, fits in the unit's limit."""
-    with scene(tmp_path, seed=17, start=False) as play:
-        play.start(before=("sh", "-c", f'ulimit -d {MEMORY_MAX_KB} && exec "$@"', "sh"))
-        before = play.calm()
-        after = play.calm(more=1500)
         play.end(before, after)
 
 

@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import random
 import select
-import shutil
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from daemons import Daemon
-from laws import ON_THE_WAY, Fault, adds_up, is_kept, nothing_invented
-from scene import CONFIG, ID, Scene, scene
+from laws import ON_THE_WAY, Fault
+from scene import CONFIG, ID, scene
 from test_03_disk import NAMESPACE, mounts
-from test_05_signals import first_samples, reconnecting, running, saving, shaking_hands, starting, stopping
-from test_07_history import EVER, kept
-from waiting import until
+from test_07_history import kept
 
-from imumon.checkpoint import Checkpoint, decode
-from imumon.history.store import SUFFIX, HistoryStore
+from imumon.checkpoint import decode
+from imumon.history.store import SUFFIX
 from imumon.model.report import Report, from_json
 from imumon.model.report_json import to_json
 
@@ -67,47 +61,6 @@ def test_26_killed_thirty_times(tmp_path: Path) -> None:
         assert not [
             path.name for path in play.state.iterdir() if "damaged" in path.name or ".new" in path.name
         ]
-
-
-PHASES = (starting, shaking_hands, first_samples, running, saving, reconnecting, stopping)
-UNSTARTED = (starting, shaking_hands)
-"""A machine that is free has started by then; it waits for the sensor."""
-
-
-def has_waited(play: Scene) -> bool:
-    return any(report.state == "waiting" for report, _ in play.daemon.viewer.reports().values())
-
-
-@pytest.mark.parametrize("phase", PHASES, ids=lambda phase: phase.__name__)
-def test_27_unplugged_while(tmp_path: Path, phase: Callable[[Scene], None]) -> None:
-    """A start without the sensor is an error of one line; whoever has measured waits for it, and goes on."""
-    with scene(tmp_path, seed=27, start=False) as play:
-        phase(play)
-        if phase is not reconnecting:
-            play.sensor.ask("unplug")
-        until(lambda: play.daemon.process.poll() is not None or has_waited(play))
-        if not has_waited(play):
-            assert phase in UNSTARTED or phase is stopping
-            out, said = play.daemon.ended()
-            assert "Traceback" not in said
-            assert play.daemon.process.returncode in ((0,) if phase is stopping else (1, 3)), said
-            if phase is stopping:
-                final = from_json(Report, out)
-                adds_up(final)
-                is_kept(play.state / f"{ID}.state", final)
-            else:
-                error = json.loads(said.splitlines()[-1])["error"]
-                assert error["code"] in ("port_not_found", "device_lost")
-                assert error["cure"]
-            return
-        play.daemon.wait(lambda r: r.state == "waiting")
-        play.sensor.ask("replug")
-        report = play.calm().report
-        assert report.session.gaps >= 1
-        final = play.stop()
-        adds_up(final)
-        told = play.sensor.ask("counters")
-        nothing_invented(final, told["sent"] - told["replies"])
 
 
 DOCUMENTS = ("json", "csv", "html")
@@ -163,95 +116,6 @@ def test_29_documents_on_a_full_disk(tmp_path: Path) -> None:
 
 CALLS_OF_A_SAVE, CALLS_OF_A_DAEMON = 24, 8
 """Calls that write of one save of state and history, with some more; the log has a message ten times an hour."""
-ROOM = struct.Struct("qq")
-"""Calls that still succeed, and those that have failed, as `full_disk.c` has them."""
-PATIENCE_S = 30.0
-
-
-class FullDisk:
-    """The disk of a daemon, which is full after so many more calls that write, or has room."""
-
-    def __init__(self, folder: Path, directory: Path) -> None:
-        library, source = folder / "full_disk.so", Path(__file__).with_name("full_disk.c")
-        subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", library, source, "-ldl"], check=True)
-        self._room = folder / "room"
-        self._room.write_bytes(ROOM.pack(-1, 0))
-        self.world = {
-            "LD_PRELOAD": str(library), "FULL_DISK": str(directory), "FULL_DISK_ROOM": str(self._room)
-        }  # fmt: skip
-
-    def leave(self, calls: int) -> None:
-        with self._room.open("r+b") as file:
-            file.write(ROOM.pack(calls, 0))
-
-    @property
-    def failed(self) -> int:
-        return int(ROOM.unpack(self._room.read_bytes())[1])
-
-
-SAYS = {
-    "state": ("the state cannot be saved", "saved again"),
-    "history": ("the history cannot be", "written again"),
-}
-"""Texts of the lines for a disk that is full, and that has room again."""
-
-
-def unsaved(play: Scene) -> list[str]:
-    """Return what is said to be unsaved; each full disk is said once, with its cure, and so is its end."""
-    lines = play.daemon.log.splitlines()
-    of_kind = {kind: [line for line in lines if any(text in line for text in SAYS[kind])] for kind in SAYS}
-    for kind, said in of_kind.items():
-        full, again = SAYS[kind]
-        assert all(full in line and ": free space" in line for line in said[::2]), said
-        assert all(again in line for line in said[1::2]), said
-    return [kind for kind, said in of_kind.items() if len(said) % 2]
-
-
-def readable(directory: Path, scratch: Path, least: int) -> int:
-    """Return the samples of the state that a daemon would continue; nothing is set aside, and the history is read."""
-    shutil.rmtree(scratch, ignore_errors=True)
-    scratch.mkdir()
-    for path in directory.iterdir():
-        with suppress(FileNotFoundError):  # what a save in progress removes
-            shutil.copy2(path, scratch)
-    loaded, messages = Checkpoint(scratch, ID).load()
-    assert loaded is not None
-    assert not messages
-    samples = loaded.record.samples
-    assert samples >= least
-    with HistoryStore(scratch / f"{ID}{SUFFIX}") as store:
-        assert sum(timed.period.samples for timed in store.periods(EVER)) > 0
-    return int(samples)
-
-
-@pytest.mark.skipif(shutil.which("cc") is None, reason="a C compiler makes the full disk; install gcc")
-@pytest.mark.parametrize("first", range(0, CALLS_OF_A_SAVE, CALLS_OF_A_DAEMON))
-def test_30_disk_is_full_at_each_write(tmp_path: Path, first: int) -> None:
-    """The first call of a save that fails is each in turn: the state before stays, one line each, and it recovers."""
-    with scene(tmp_path, seed=30, start=False) as play:
-        disk = FullDisk(tmp_path, play.state)
-        play.start(environment=disk.world)
-        play.daemon.wait(
-            lambda r: (play.state / f"{ID}.state.1").exists() and kept(play.state / f"{ID}{SUFFIX}") > 0
-        )
-        least = 0
-        for calls in range(first, first + CALLS_OF_A_DAEMON):
-            disk.leave(calls)
-            until(lambda: disk.failed > 0 and unsaved(play), PATIENCE_S)
-            further = disk.failed + 1
-            until(lambda further=further: disk.failed > further, PATIENCE_S)
-            least = readable(play.state, tmp_path / "copy", least)
-            disk.leave(-1)
-            until(lambda: not unsaved(play), PATIENCE_S)
-        final = play.stop()
-        adds_up(final)
-        told_by = play.sensor.ask("counters")
-        nothing_invented(final, told_by["sent"] - told_by["replies"])
-        assert final.session.missing == 0
-        assert 0 < kept(play.state / f"{ID}{SUFFIX}") <= final.session.samples
-        assert not [
-            path.name for path in play.state.iterdir() if "damaged" in path.name or ".new" in path.name
-        ]
 
 
 DAYS, STEP_S, PERIOD_S = 30, 10, 3600
