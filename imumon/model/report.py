@@ -34,8 +34,9 @@ SCHEMA = "imumon.report/1"
 
 State: TypeAlias = Literal["starting", "running", "waiting", "stopped"]
 Axis: TypeAlias = Literal["x", "y", "z"]
-Against: TypeAlias = Literal["hours before", "time before", "history", "baseline"]
-"""What a change is against: the hours before, the time before a step of the bias, days of the history, a baseline."""
+Against: TypeAlias = Literal["hours before", "time before", "first half", "history", "baseline"]
+"""What a change is against: the hours before, the time before a step of the bias, the first half of the record, days of
+the history, a baseline."""
 
 MAX_DEGC = 1e3
 """degC, beyond which a number in a message is no temperature."""
@@ -354,9 +355,10 @@ class Convergence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """Change of N, B or bias against the hours before, the time before a step, or a baseline."""
+    """Change of N, B or bias against the hours before, the first half, the time before a step, or a baseline."""
 
-    against: Against  # "hours before", "time before" (a step of the bias), "history" (days) or "baseline"
+    # "hours before", "first half", "time before" (a step of the bias), "history" (days) or "baseline"
+    against: Against
     quantity: str  # "N", "B", "bias" or "slope" (against the temperature, per degC)
     before: float  # in the channel's unit of the quantity
     now: float  # in the channel's unit of the quantity

@@ -18,7 +18,7 @@ from imumon.noise.fit import ChannelFit
 from imumon.noise.statistics.envelope import RecentStatistics
 from imumon.noise.stretches import Sums
 from imumon.record import report_builder
-from imumon.record.changes import compare_with_report, hour_changes
+from imumon.record.changes import FIRST_HALF, HOURS_BEFORE, changes_by_column, compare_with_report
 from imumon.record.counts import Counts
 from imumon.record.fits import Fits
 from imumon.record.report_builder import step_change
@@ -70,7 +70,7 @@ class Assessment:
         correlations: dict[str, dict[str, float]] = {}
         for axes, covariance in zip(_by_sensor(fits.stream), moments.covariance, strict=True):
             correlations |= report_builder.correlations(axes, covariance)
-        between_hours, channels = hour_changes(self._sums.changes()), {}
+        between_hours, channels = changes_by_column(self._sums.changes(), HOURS_BEFORE), {}
         for column, name in enumerate(fits.stream.channels):
             channel, fit, statistics = fits.channels[name], fits.fits.get(name), moments.channels[column]
             changes = (*between_hours.get(column, ()), *self.changes.get(column, ()))
@@ -186,10 +186,10 @@ def _clipped(fits: Fits, sums: Sums) -> dict[str, tuple[float, ...]]:
 
 
 def _changes(fits: Fits, baseline: Report | None) -> dict[int, tuple[Change, ...]]:
-    """Return the steps of the bias, and what differs from a saved baseline, by column."""
-    changes = {}
+    """Return the steps of the bias, and what differs from the first half or from a saved baseline, by column."""
+    changes, halves = {}, changes_by_column(fits.half_changes, FIRST_HALF)
     for column, (name, fit) in enumerate(fits.fits.items()):
-        of_channel = [] if fit.step is None else [step_change(fit.step)]
+        of_channel = [*([] if fit.step is None else [step_change(fit.step)]), *halves.get(column, ())]
         if baseline is not None:
             of_channel += compare_with_report(baseline, name, fit)
         if of_channel:

@@ -9,15 +9,16 @@ from imumon.noise.fit import ChannelFit
 from imumon.noise.stretches.change import LEAST_CHANGE, CoefficientChange, detect_changes
 
 HOURS_BEFORE: Against = "hours before"
+FIRST_HALF: Against = "first half"
 BASELINE: Against = "baseline"
 
 
-def hour_changes(
-    changes: Mapping[int, tuple[CoefficientChange, ...]],
+def changes_by_column(
+    changes: Mapping[int, tuple[CoefficientChange, ...]], against: Against
 ) -> dict[int, tuple[Change, ...]]:
-    """Return the changes of an hour against all before it, by column."""
+    """Return the changes of an hour, or of the second half, against what was before it."""
     return {
-        column: tuple(_reported(change, HOURS_BEFORE) for change in of_column)
+        column: tuple(_reported(change, against) for change in of_column)
         for column, of_column in changes.items()
     }
 

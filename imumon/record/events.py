@@ -21,7 +21,7 @@ from imumon.model.units import counted, duration
 from imumon.noise.detection.disturbance import Disturbance
 from imumon.noise.stretches.change import CoefficientChange
 from imumon.noise.stretches.sums import Ended
-from imumon.record.changes import hour_changes
+from imumon.record.changes import HOURS_BEFORE, changes_by_column
 
 GAP_EVENT_S = 10.0
 """s of device time between two events about gaps, or about resets of the clock: a lossy link or a broken clock
@@ -100,7 +100,7 @@ class EventLog:
 
     def restored(self, changes: Mapping[int, tuple[CoefficientChange, ...]]) -> None:
         """Note that the changes between hours and the grades of a restored record have been reported before."""
-        for column, of_column in hour_changes(changes).items():
+        for column, of_column in changes_by_column(changes, HOURS_BEFORE).items():
             for change in of_column:
                 self._changes_between_hours[column, change.against, change.quantity] = 0.0
         self._first_grades_known = True
@@ -138,7 +138,9 @@ class EventLog:
             text, level = (begins, None) if hangs else ("the values change again", NOTICE)
             self.add(DetectedEvent("stuck", text, place * self._interval_s, level=level))
         for elapsed_s, changes in ended.hours:
-            self._update_changes(self._changes_between_hours, hour_changes(changes), elapsed_s)
+            self._update_changes(
+                self._changes_between_hours, changes_by_column(changes, HOURS_BEFORE), elapsed_s
+            )
 
     def update_warmup(self, elapsed_s: float, excluded_s: float, warming_up: bool, *, heats_up: bool) -> None:
         """Add, once, the end of a warm-up of which nothing is excluded; else `update_happened` adds it.

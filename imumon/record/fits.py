@@ -26,7 +26,13 @@ from imumon.noise.fit.slow_terms import CHANCE
 from imumon.noise.statistics.differences import RobustDeviation
 from imumon.noise.statistics.distribution_shape import DistributionShape
 from imumon.noise.stretches import Sums
-from imumon.noise.stretches.change import compare
+from imumon.noise.stretches.change import (
+    LEAST_CHANGE,
+    CoefficientChange,
+    compare,
+    detect_changes,
+    joined,
+)
 from imumon.noise.stretches.quarters import excess
 from imumon.noise.stretches.warmup import still_settles
 from imumon.record import report_builder
@@ -90,6 +96,7 @@ class Fits:
         self._estimator = Estimator(averaged=averaged, precision=dict(precision))
         self._quarters = Estimator(averaged=averaged, time_to=False)
         self._scatter: dict[int, dict[str, tuple[float, Excess]]] = {}  # by column and letter
+        self.half_changes: dict[int, tuple[CoefficientChange, ...]] = {}  # by column, of N and B
         self._bias_curves: dict[int, BiasFit] = {}  # by column
         self._slow_due_s = self._halves_due_s = 0.0
         self._contradictions: dict[int, float] = {}  # by column, greatest upper limit of K in the halves
@@ -243,6 +250,13 @@ class Fits:
             self._quarters.fit_sums(part, span, self.resolution, kurtosis, like=self._estimator)
             for part, span in sums.equal_parts(QUARTERS) or ()
         ]
+        pairs = len(LEAST_CHANGE) * len(self.stream.sensors)
+        self.half_changes = {
+            column: detect_changes(
+                *(joined([fit.coefficients for fit in half]) for half in (fits[:2], fits[2:])), pairs=pairs
+            )
+            for column, fits in enumerate(zip(*parts, strict=True))
+        }
         self._scatter = {
             column: {
                 letter: scatter

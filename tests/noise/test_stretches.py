@@ -10,7 +10,7 @@ from imumon.model.samples import Floats
 from imumon.model.saved_state import pack, unpack
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.stretches import Sums
-from imumon.noise.stretches.change import detect_changes
+from imumon.noise.stretches.change import detect_changes, joined
 from imumon.noise.stretches.parts import Parts
 from imumon.noise.stretches.quarters import Quarters, excess
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch
@@ -213,6 +213,14 @@ def test_a_change_is_beyond_chance_and_large() -> None:
     assert detect_changes({}, limited(1e-4), pairs=18) == ()
     without_limits = {"N": Estimate(value=1e-4, low=1e-4, high=1e-4, status="measured")}
     assert detect_changes(without_limits, limited(1.4e-4), pairs=18) == ()
+
+
+def test_parts_together_are_known_as_well_as_their_number_says() -> None:
+    (whole,) = joined([limited(1e-4), limited(1e-4)]).values()
+    assert whole.value == pytest.approx(1e-4)
+    assert whole.high is not None
+    assert whole.high / 1e-4 - 1.0 == pytest.approx(0.01 / np.sqrt(2.0), rel=0.05)
+    assert joined([limited(1e-4), {"N": Estimate()}]) == {}
 
 
 # --- warm-up -----------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ One comparison serves all pairs of parts:
 
     before                      now                    of
     the hours before            an hour                N, B
-    the first half of a record  its second half        K
+    the first half of a record  its second half        K; N, B by its quarters
     a saved report              the record             N, B
     the days before             a day of the history   N, B, the slope against the temperature
 
@@ -23,9 +23,10 @@ not a change of N or B.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from scipy.special import ndtr, stdtr
 
 from imumon.model.coefficients import LIMIT_95, Estimate
@@ -96,6 +97,21 @@ def compare(
     if p_value > CHANCE or abs(new - old) < LEAST_CHANGE.get(letter, 0.0) * old:
         return None
     return CoefficientChange(letter, old, new, sigma, p_value)
+
+
+def joined(parts: Sequence[Mapping[str, Estimate]]) -> dict[str, Estimate]:
+    """Return N and B of some equal parts together: the root mean square, where all parts show them."""
+    whole = {}
+    for letter in LEAST_CHANGE:
+        shown = [part[letter] for part in parts if letter in part]
+        known = [(each.value, each.low, each.high) for each in shown if each.status == "measured"]
+        if len(known) == len(parts) and all(value and low and high for value, low, high in known):
+            value, low, high = np.array(known, dtype=np.float64).T
+            mean = float(np.sqrt(np.mean(value**2)))
+            # the logarithms of independent parts, whose errors add in quadrature
+            factor = float(np.exp(0.5 * np.linalg.norm(np.log(high / low)) / len(parts)))
+            whole[letter] = Estimate(value=mean, low=mean / factor, high=mean * factor, status="measured")
+    return whole
 
 
 def detect_changes(
