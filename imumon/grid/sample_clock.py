@@ -291,12 +291,18 @@ class SampleClock:
                 self.interval_s, self._learned = self._nominal_s, True  # nothing contradicts it
             else:  # the clock does not run, or at a rate that no sensor has: keep the last sample only
                 useless = min(count, len(time) - 1)
-                self.duplicates += 0 if runs else useless
-                self.wrong_times += useless if runs else 0
+                self._count_useless(useless, runs)
                 block, self._tried = selected(block, slice(useless, None)), 0
                 self._pending = [block]
                 if not useless:
                     return
+
+    def _count_useless(self, count: int, runs: bool) -> None:
+        """Count samples whose clock does not run, or runs at a rate that no sensor has."""
+        if runs:
+            self.wrong_times += count
+        else:
+            self.duplicates += count
 
     def _nominal_agrees(self, time: Ints) -> bool:
         """Return whether the first steps are the nominal interval, so that there is no need to wait."""
