@@ -15,7 +15,7 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from ipaddress import ip_address
 from typing import Any
@@ -71,7 +71,7 @@ def serve(arguments: Sequence[str], host: str, port: int, ready: Callable[[str],
     command = shlex.join([sys.executable, "-P", "-m", "imumon", "tui", *arguments])
     server = _server(f"exec {command}", host, port, page.answer)
     try:
-        return _run(page.serve(server, ready))
+        return asyncio.run(page.serve(server, ready))
     except OSError as error:
         cure = cure_of_writing(error, "choose another address with --listen")
         reason = os.strerror(error.errno or 0).lower()  # the text of asyncio repeats the address
@@ -155,20 +155,6 @@ class _Page:
         with suppress(TimeoutError):
             await asyncio.wait_for(runner.cleanup(), END_S)
         return stopped_by == signal.SIGINT
-
-
-def _run(serving: Coroutine[Any, Any, bool]) -> bool:
-    """Run the server; leave what does not end in `END_S`: the screens of browsers end when their input does."""
-    loop = asyncio.new_event_loop()
-    try:
-        return loop.run_until_complete(serving)
-    finally:
-        rest = asyncio.all_tasks(loop)
-        for task in rest:
-            task.cancel()
-        if rest:
-            loop.run_until_complete(asyncio.wait(rest, timeout=END_S / 2.0))
-        loop.close()
 
 
 def _log_fault(loop: asyncio.AbstractEventLoop, context: Mapping[str, Any]) -> None:
