@@ -177,9 +177,8 @@ def _magnetometer(report: Report) -> Iterator[Element]:
 
 
 def _record(report: Report) -> Iterator[Element]:
-    """Yield the stream, what became of everything received, the settings of the sensor, and what happened."""
+    """Yield the stream, where it comes from, and what happened."""
     device, session = report.device, report.session
-    columns = report.recording.columns if report.recording is not None else ()
     times = report.recording.times if report.recording is not None else ()
     clock = CLOCKS.get(device.clock or "", "unknown")
     invalid = counted(session.bad_checksums, invalid_noun(device))
@@ -194,15 +193,22 @@ def _record(report: Report) -> Iterator[Element]:
         ("Transmission", f"{invalid}, {counted(session.discarded_bytes, 'byte')} discarded"),
         ("Restarts", f"{session.restarts:,}"),
     ]
-    rows += [("Ledger", text) for text in filter(None, [ledger_text(session.ledger)])]
-    for name, value in device.settings.items():
-        text = device.setting_texts.get(name)
-        rows.append((f"Setting {name}", f"{text} ({value})" if text else value))
-    rows += [(f"Column {c.name}", c.use or f"not used: {c.reason}") for c in columns]
-    rows += [("Remark", text) for text in device.remarks]
-    yield DataTable(("", ""), tuple(rows))
+    yield DataTable(("", ""), (*rows, *_source_rows(report)))
     if events := tuple(event_rows(report)):
         yield DataTable(("at", "event"), events)
+
+
+def _source_rows(report: Report) -> Iterator[tuple[str, str]]:
+    """Yield what became of everything received, the settings of the sensor, the columns of a table, and remarks."""
+    device = report.device
+    if text := ledger_text(report.session.ledger):
+        yield "Ledger", text
+    for name, value in device.settings.items():
+        text = device.setting_texts.get(name, "")
+        yield f"Setting {name}", f"{text} ({value})" if text else value
+    for column in report.recording.columns if report.recording is not None else ():
+        yield f"Column {column.name}", column.use or f"not used: {column.reason}"
+    yield from (("Remark", text) for text in device.remarks)
 
 
 def event_rows(report: Report) -> Iterator[tuple[str, str]]:

@@ -25,7 +25,7 @@ import numpy.typing as npt
 from imumon.model.coefficients import CONVERGING, Estimate
 from imumon.model.history_report import HistoryRow, history_rows, objects
 from imumon.model.readiness import seconds_left, state_of
-from imumon.model.report import Channel, Convergence
+from imumon.model.report import Channel
 from imumon.model.samples import Floats, sensor_of
 from imumon.model.units import MINUTE, duration, pretty
 from imumon.tui.braille_canvas import AxisScale, Canvas, PlotFrame, ticked
@@ -119,27 +119,28 @@ def over_time_chart(state: ViewState, width: int, height: int) -> list[Line]:
     channel = state.channel or ""
     title: Line = [(" ", "text"), (channel.replace("/", " "), "title"), ("   ", "text")]
     title += [(f" {name} ", "tab" if name == state.span else "muted") for name in (RECORD, *SPANS)]
-    series = state.history if state.history is not None and state.history.channel == channel else None
-    stated = state.selected.convergence if state.selected is not None else None
-    if state.span == RECORD and stated is not None and len(stated.elapsed_s) > 1:
-        panels = _of_record(state, stated)
-        axis, legend = AxisScale(stated.elapsed_s[0], stated.elapsed_s[-1] * 1.001, log=True), "by length"
-    elif state.span != RECORD and series is not None:
-        panels = _of_history(state, series)
-        axis = AxisScale(max(series.begin, series.end - SPANS[state.span][0]), series.end)
-        legend = f"each {duration(series.period_s)}, UTC"
-    else:
+    shown = _of_record(state) if state.span == RECORD else _of_history(state)
+    if shown is None:
         text = ["nothing yet", "a record fills this after its first seconds, a history after its first row"]
         return [padded(title, width), *centred_text(text, width, height - 1)]
-    events = series.events if series is not None and state.span != RECORD else ()
-    notes = _notes(legend, of_record=state.span == RECORD, has_events=bool(events))
+    notes = _notes(shown.legend, of_record=state.span == RECORD, has_events=bool(shown.events))
     head = padded(fitted([title, *notes], width), width)
-    labels = _lengths(axis, width) if state.span == RECORD else _dates(axis, width)
-    scaled = _scaled(panels, axis, height - 2)
+    labels = _lengths(shown.axis, width) if state.span == RECORD else _dates(shown.axis, width)
+    scaled = _scaled(shown.panels, shown.axis, height - 2)
     # the panels have one time axis: the longest label, which is never cut, gives the cells left of all
     gutter = max([GUTTER, *(len(text) + 1 for one in scaled for _, text in one.labels)])
-    drawn = [line for one in scaled for line in _drawn(one, axis, events, gutter, width)]
-    return [head, *drawn, _axis_line(axis, labels, gutter, width)][:height]
+    drawn = [line for one in scaled for line in _drawn(one, shown.axis, shown.events, gutter, width)]
+    return [head, *drawn, _axis_line(shown.axis, labels, gutter, width)][:height]
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """Panels on one axis of time, what it shows, and events on it, s since 1970 with their kinds."""
+
+    panels: list[Panel]
+    axis: AxisScale
+    legend: str
+    events: tuple[tuple[float, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,11 +184,12 @@ def _notes(legend: str, *, of_record: bool, has_events: bool) -> list[Line]:
     ]
 
 
-def _of_record(state: ViewState, stated: Convergence) -> list[Panel]:
-    """Return what was stated of each coefficient while the record grew."""
+def _of_record(state: ViewState) -> Timeline | None:
+    """Return what was stated of each coefficient while the record grew; None: nothing yet."""
     channel, report = state.selected, state.report
-    if channel is None or report is None:
-        return []
+    stated = channel.convergence if channel is not None else None
+    if channel is None or report is None or stated is None or len(stated.elapsed_s) < 2:
+        return None
     time, panels = np.array(stated.elapsed_s), []
     for letter in (letter for letter in CONVERGING if letter in stated.coefficients):
         factor = state.notation.coefficient_scale(sensor_of(state.channel or ""), letter)[0]
@@ -197,7 +199,8 @@ def _of_record(state: ViewState, stated: Convergence) -> list[Panel]:
         goal = (now * (1.0 - precision), now * (1.0 + precision)) if precision and now > 0.0 else ()
         title = _record_title(state, channel, letter)
         panels.append(Panel(title, time, value, low, high, np.gradient(time), letter, goal))
-    return panels
+    axis = AxisScale(stated.elapsed_s[0], stated.elapsed_s[-1] * 1.001, log=True)
+    return Timeline(panels, axis, "by length")
 
 
 def _record_title(state: ViewState, channel: Channel, letter: str) -> Line:
@@ -215,8 +218,11 @@ def _record_title(state: ViewState, channel: Channel, letter: str) -> Line:
     return title
 
 
-def _of_history(state: ViewState, series: HistorySeries) -> list[Panel]:
-    """Return the quantities of the history of which a row has a value or a bound."""
+def _of_history(state: ViewState) -> Timeline | None:
+    """Return the quantities of the history of which a row has a value or a bound; None: no row of the channel."""
+    series = state.history
+    if series is None or series.channel != state.channel:
+        return None
     unknown, panels = np.full(len(series.time), math.nan), []
     width = np.full(len(series.time), series.period_s)
     for name, values in series.values.items():
@@ -226,7 +232,8 @@ def _of_history(state: ViewState, series: HistorySeries) -> list[Panel]:
             title: Line = [(f" {name}", "title"), (f" [{unit}]", "muted")]
             role = _ROLES.get(name, name)
             panels.append(Panel(title, series.time, values * factor, low, high, width, role))
-    return panels
+    axis = AxisScale(max(series.begin, series.end - SPANS[state.span][0]), series.end)
+    return Timeline(panels, axis, f"each {duration(series.period_s)}, UTC", series.events)
 
 
 def _scale(state: ViewState, channel: str, name: str) -> tuple[float, str]:
