@@ -1,4 +1,4 @@
-"""The way of a block through the running code, from the port to the bus: short, and never back.
+"""The way of a block through the running code, from the device to the bus: short, and never back.
 
 `model`, `grid`, `noise` and `files` are libraries, and so is the clock of the host: others call them, they call nobody.
 """
@@ -7,21 +7,22 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
+import numpy as np
 import pytest
 from daemons import free_endpoint
-from faulty_sensor import spawn
+from fake_device import FakeDevice
 from source_trees import PACKAGE
 
 from imumon.config import Settings
 from imumon.daemon import Daemon, RunOptions
-from imumon.sources.vn100.emulator import EmulatorSettings
+from imumon.model.samples import ACCEL, GYRO, MAG, Item, SampleBlock, Stream
 
 LIBRARIES = ("model", "grid", "noise", "files")
 WAY = ("sources", "daemon", "record", "bus")
@@ -30,6 +31,8 @@ LIGHT_CALLS = 40
 """Most calls of functions of a block that only waits in the guard: nearly every block of a live stream."""
 RESULT_CALLS = 2500
 """Most calls outside of the mathematics of a report with new fits of nine channels."""
+
+STREAM = Stream("uncompensated", (*GYRO, *ACCEL, *MAG), source="quick", clock="startup")
 
 Call = tuple[tuple[str, ...], str]
 """Packages on the stack, outermost first, without libraries; and the name of the function, with its package."""
@@ -87,18 +90,31 @@ def has_fits(turn: list[Call]) -> bool:
     return {"noise.fit", "bus.publish"} <= names(turn)
 
 
+class QuickDevice(FakeDevice):
+    """Nine channels of noise, a few samples at a time and as fast as they are taken, whatever the machine does."""
+
+    def read(self, timeout_s: float) -> list[Item]:
+        index, self._next = np.arange(self._next, self._next + 5), self._next + 5
+        values = self._random.normal(0.0, 1e-3, (5, 9))
+        stamps = (index * 10**7).astype(np.int64)
+        return [SampleBlock(STREAM, values, stamps, np.zeros(5, dtype=np.int64))]
+
+
 @pytest.fixture(scope="module")
-def traces(tmp_path_factory: pytest.TempPathFactory) -> tuple[Trace, Trace]:
-    """The loop of a daemon on an emulated sensor, and the thread of its device."""
+def traces(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Trace, Trace]]:
+    """The loop of a daemon, and the thread of its device."""
     directory: Path = tmp_path_factory.mktemp("walk")
-    with spawn(EmulatorSettings(seed=1)) as sensor:
-        default = Settings()
-        settings = replace(
-            default,
-            history=replace(default.history, enabled=False),
-            zenoh=replace(default.zenoh, listen=[free_endpoint()]),
-        )
-        daemon = Daemon(settings, RunOptions(url=sensor.path, state_directory=directory))
+    (directory / "device").touch()
+    default = Settings()
+    settings = replace(
+        default,
+        history=replace(default.history, enabled=False),
+        zenoh=replace(default.zenoh, listen=[free_endpoint()]),
+    )
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("imumon.daemon.daemon.create_device", lambda driver, options: QuickDevice(options))
+        options = RunOptions(url=f"vn100:{directory / 'device'}", state_directory=directory)
+        daemon = Daemon(settings, options)
         seen = {"light": 0, "fits": 0}
 
         def ended(turn: list[Call]) -> None:
@@ -109,7 +125,7 @@ def traces(tmp_path_factory: pytest.TempPathFactory) -> tuple[Trace, Trace]:
 
         main = threading.main_thread().name
         loop = Trace(main, "daemon._handle", "sources.get", ended)
-        device = Trace("imumon-device", "sources.read", "sources.read", lambda turn: None)
+        device = Trace("imumon-device", "sources._put_items", "sources.read", lambda turn: None)
         threading.setprofile(device)
         sys.setprofile(loop)
         try:
@@ -117,7 +133,7 @@ def traces(tmp_path_factory: pytest.TempPathFactory) -> tuple[Trace, Trace]:
         finally:
             sys.setprofile(None)
             threading.setprofile(None)  # type: ignore[arg-type]
-    return loop, device
+        yield loop, device
 
 
 def test_no_package_returns_to_one_that_it_came_from(traces: tuple[Trace, Trace]) -> None:
