@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from imumon.model.coefficients import INDISTINCT_WORD, LIMIT_95, SIGNIFICANT, Estimate
-from imumon.model.report import Change, Drift, Event, Report, SensorGrade
+from imumon.model.report import Change, Drift, Event, NoiseModel, Report, SensorGrade
 from imumon.model.samples import INERTIAL, Level, sensor_of
 from imumon.model.units import duration, sentence, share_text
 
@@ -354,15 +354,22 @@ def line_with_size(report: Report, caveat: str) -> str:
         return f"{line(caveat)}: up to {max(ratios):.2f} times the N without them"
     models = [c.model for c in report.channels.values() if caveat in c.caveats and c.model is not None]
     periods = sorted({duration(period) for model in models for period in model.oscillations_s})
-    hums = [model for model in models if caveat == "vibration" and model.vibration_hz]
-    if hums:
-        low, high = min(hum.vibration_hz[0] for hum in hums), max(hum.vibration_hz[-1] for hum in hums)
-        mains = sorted({f"{hz:g} Hz" for hum in hums for hz in hum.vibration_mains_hz})
-        cause = f"; mains of {' or '.join(mains[:2])} fold there" if mains else ""
-        return f"{line(caveat)}; {low:.2g} to {high:.2g} Hz are left out{cause}"
+    if caveat == "vibration":
+        return f"{line(caveat)}{_left_out_of_spectrum(models)}"
     if caveat == "oscillation" and periods:
         return f"{line(caveat)}; period {', '.join(periods)}"
     return line(caveat)
+
+
+def _left_out_of_spectrum(models: Sequence[NoiseModel]) -> str:
+    """Return which frequencies are left out because of a vibration, and which mains fold there; "" if none are."""
+    hums = [model for model in models if model.vibration_hz]
+    if not hums:
+        return ""
+    low, high = min(hum.vibration_hz[0] for hum in hums), max(hum.vibration_hz[-1] for hum in hums)
+    mains = sorted({f"{hz:g} Hz" for hum in hums for hz in hum.vibration_mains_hz})
+    cause = f"; mains of {' or '.join(mains[:2])} fold there" if mains else ""
+    return f"; {low:.2g} to {high:.2g} Hz are left out{cause}"
 
 
 def advice(report: Report, caveat: str) -> str:

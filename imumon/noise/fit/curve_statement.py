@@ -24,7 +24,7 @@ import numpy as np
 from imumon.model.coefficients import COEFFICIENTS, NOISE, Estimate, MarkovEstimate
 from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.allan import AllanCurve
-from imumon.noise.fit.hump import line_bands
+from imumon.noise.fit.hump import Hump, line_bands
 from imumon.noise.fit.model import QUANTISATION, WHITE, NoiseTerm, UpperShape, total
 from imumon.noise.fit.model_curve import (
     VISIBLE,
@@ -108,12 +108,7 @@ def with_curve(
     positive = present & (sigma > 0.0)
     visible, drift = VISIBLE * (random + fixed), fit.column("drift")
     caveats = list(fit.caveats)
-    # a hump that chance may make is drawn, but has no name
-    is_named = hump is None or hump.band.is_certain
-    if (
-        fit.hump_hz is not None
-        or ((line_shares if is_named else line_shares[:-1]).sum(axis=0) > visible).any()
-    ):
+    if fit.hump_hz is not None or (_named(line_shares, hump).sum(axis=0) > visible).any():
         caveats.append("vibration")
     if "R" in fit.coefficients and drift and (0.5 * (drift.value * curve.tau) ** 2 > visible).any():
         caveats.append("ramp")
@@ -143,6 +138,11 @@ def with_curve(
         readings=read_slopes(curve.tau[positive], sigma[positive]),
         caveats=tuple(caveats),
     )
+
+
+def _named(line_shares: Floats, hump: Hump | None) -> Floats:
+    """Return (l, m) the variances of the lines that have a name: a hump that chance may make is drawn, but has none."""
+    return line_shares if hump is None or hump.band.is_certain else line_shares[:-1]
 
 
 def _misses(outside: Ints, used: Ints) -> bool:

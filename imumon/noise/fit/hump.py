@@ -37,7 +37,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaincc
 
-from imumon.model.samples import Bools, Floats
+from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.fit.likelihood import Squares
 from imumon.noise.fit.markov_search import LEAST_MARKOV_SHARE, scored_powers
 from imumon.noise.fit.model import NOISE_TERMS, WHITE, NoiseTerm
@@ -177,13 +177,7 @@ def band_left_out(
     explained = explained or _explained(beside, left - MARKOV_NUMBERS, least)
     if explained and not markov_shows:
         return None, False
-    ranges = np.array(
-        [
-            (begin, end)
-            for begin in range(number - KEPT)
-            for end in range(begin + 1, min(number - KEPT, begin + number // 2) + 1)
-        ]
-    ).reshape(-1, 2)
+    ranges = _ranges(number)
     places = np.arange(number)
     counted = (places < ranges[:, :1]) | (places >= ranges[:, 1:])
     deviance, model = _deviances(bands, counted, NOISE_TERMS, error)
@@ -206,6 +200,15 @@ def band_left_out(
     chance = float(gammaincc(0.5 * left_out[best], 0.5 * max(alone - float(deviance[best]), 0.0)))
     is_certain = chance < CHANCE / cost.size  # over all places (Bonferroni)
     return Band(low, float(bands.top[end - 1]), is_certain), False
+
+
+def _ranges(number: int) -> Ints:
+    """Return (m, 2) the first band, and the one behind the last, of each range that may be left out."""
+    last = number - KEPT
+    ranges = [
+        (begin, end) for begin in range(last) for end in range(begin + 1, min(last, begin + number // 2) + 1)
+    ]
+    return np.array(ranges, dtype=np.int64).reshape(-1, 2)
 
 
 def _least(deviances: Sequence[float]) -> float:
