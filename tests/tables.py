@@ -33,8 +33,8 @@ def csv(path: Path, names: Iterable[str], *columns: np.ndarray, sep: str = ",") 
 
 
 def read(path: Path, **more: object) -> SampleBlock:
-    """Return all samples of a file as one block."""
-    recording = ReplayOptions(path=str(path), **more).open()  # type: ignore[arg-type]
+    """Return all samples of a file as one block; what its columns do not state is accepted."""
+    recording = ReplayOptions(path=str(path), **({"accept": True} | more)).open()  # type: ignore[arg-type]
     blocks = [item for items in recording for item in items if isinstance(item, SampleBlock)]
     return SampleBlock(
         blocks[0].stream,
@@ -49,7 +49,8 @@ def read(path: Path, **more: object) -> SampleBlock:
 def replayed(path: Path, **more: object) -> tuple[Report, str]:
     """Return the report of a file, and the remarks on it."""
     remarks: list[str] = []
-    report = replay(ReplayOptions(path=str(path), guarded=False, **more), remark=remarks.append)  # type: ignore[arg-type]
+    given = {"guarded": False, "accept": True} | more
+    report = replay(ReplayOptions(path=str(path), **given), remark=remarks.append)  # type: ignore[arg-type]
     assert [text.removeprefix(f"{path}: ") for text in remarks] == list(report.device.remarks)
     return report, "\n".join(remarks)
 

@@ -34,18 +34,19 @@ from imumon.api.record_analysis import (
 )
 from imumon.api.replay_options import ReplayOptions, SensorFilter
 from imumon.api.replayed_record import ReplayedRecord
-from imumon.api.sensor_arrays import checked_rate
+from imumon.api.sensor_arrays import SI, checked_rate
 from imumon.checkpoint import StateError, decode, encode
 from imumon.files import replace_file
 from imumon.model.cures import python_caller
 from imumon.model.errors import ImumonError
 from imumon.model.ledger import merged
-from imumon.model.samples import CHANNELS, GYRO, Floats, SampleBlock
+from imumon.model.samples import CHANNELS, GYRO, Floats, SampleBlock, sensor_of
 from imumon.model.saved_state import pack, restorable
 from imumon.model.system_errors import not_read, not_written
 from imumon.record.record import SavedRecord
 from imumon.sources.files.base import ROWS, OptionError, ReadOptions, RecordingError, RowSource, Samples
-from imumon.sources.files.columns import layout
+from imumon.sources.files.column_names import FEWEST
+from imumon.sources.files.column_reader import read_columns
 from imumon.sources.files.memory_table import FORM, NAME, float_array
 from imumon.sources.files.table import Table
 
@@ -89,7 +90,19 @@ class PushedTable(Table):
         self, channels: Sequence[str], timed: bool, options: ReadOptions, origin_ns: float | None = None
     ) -> None:
         names = [channel.replace("/", "_") for channel in channels] + ["time [s]"] * timed
-        self._order = self._begin(RowSource(NAME, FORM, names), layout(names), options)
+        units = (
+            SI
+            | ({"gyro": "rad", "accel": "m/s"} if options.samples == "increment" else {})
+            | dict(options.units)
+        )
+        fields = {
+            channel: f"{k + 1}:{units.get(sensor_of(channel), 'kPa')}" for k, channel in enumerate(channels)
+        }
+        fields |= {"t": f"{len(names)}:{units['time']}"} if timed else {}
+        stated = replace(options, columns=fields, units={})
+        self._names, self._stated = names, stated
+        reading = read_columns(names, (), np.empty((0, len(names))), stated)
+        self._order = self._begin(RowSource(NAME, FORM, names), reading.layout(), options)
         self._pushed = 0
         self.origin_ns = origin_ns
         self._later_ns = 0  # by which the times of this table begin after those of the record
@@ -98,6 +111,8 @@ class PushedTable(Table):
         """Return the samples that (n, c) more rows complete; NaN is missing."""
         first = self._pushed + 1
         self._pushed += len(rows)
+        if first == 1 and len(rows) >= FEWEST:  # an acceleration that is 1 g in another unit is refused
+            read_columns(self._names, (), rows, self._stated)
         chosen = np.ascontiguousarray(rows[:, self._order])
         self.fed += chosen.nbytes
         return self._since_origin(self._blocks(chosen, range(first, self._pushed + 1)))

@@ -25,7 +25,7 @@ from imumon.api.document_report import document_report
 from imumon.api.measurement import Measurement, report_of
 from imumon.api.replay import replay
 from imumon.api.replay_options import ReplayOptions, SensorFilter
-from imumon.api.sensor_arrays import checked_rate, has_time, named_source
+from imumon.api.sensor_arrays import checked_rate, columns_of_arrays, has_time, named_source, units_of_arrays
 from imumon.documents.references import read_sheet
 from imumon.model.coefficients import NOISE, default_precision
 from imumon.model.cures import python_caller
@@ -33,7 +33,7 @@ from imumon.model.errors import ImumonError
 from imumon.model.report import Report
 from imumon.model.samples import INERTIAL, sensor_of
 from imumon.sources.files.base import OptionError, Samples
-from imumon.sources.files.columns import KINDS, parse_map
+from imumon.sources.files.columns import KINDS, check_meaning, parse_map
 
 if TYPE_CHECKING:
     import os
@@ -64,6 +64,7 @@ def analyse(
     stream: str | None = None,
     where: Mapping[str, str] | None = None,
     msg: str | os.PathLike[str] | None = None,
+    accept: bool = False,
     guards: bool = True,
     filter: str | None = None,
     precision: Mapping[str, float] | None = None,
@@ -90,6 +91,7 @@ def analyse(
     topic, sensor, stream : which topic of a log, which sensor of a table, and which of several streams.
     where : by column of a table, the value of the rows that are read, ``{"sensor": "4"}``.
     msg : path of a ``.msg`` file, or of a directory of them, with types of messages that a bag does not define.
+    accept : take what is proposed for columns whose names and units do not say what they are.
     guards : exclude disturbances, motion and warm-up.
     filter : of the sensor, where the record does not say: ``none``, ``factory``, ``8`` samples, ``8@1000`` Hz.
     precision : requested half-width of the 95 % limits by letter, as a share of the value.
@@ -100,11 +102,15 @@ def analyse(
 
     Raises
     ------
+    ColumnsUnclear : what columns are is not certain; `proposal` is the text for `columns`, `accept` takes it.
     ImumonError : with code, message and cure, if the record cannot be read or cannot be that of a sensor.
     """
     with python_caller(), one_thread():
         sensors = {"gyro": gyro, "accel": accel, "mag": mag, "temperature": temperature}
         path, arrays = named_source(source, sensors, time_s)
+        given_units = units_of_arrays(source, kind) | dict(units or {})
+        check_meaning(given_units, kind)
+        of_arrays = columns_of_arrays(arrays or {}, given_units) if units_of_arrays(source, kind) else {}
         options = ReplayOptions(
             path=path,
             arrays=arrays,
@@ -114,14 +120,15 @@ def analyse(
             baseline=None if baseline is None else report_of(baseline),
             convergence=convergence,
             kind=_stream(stream),
-            columns=parse_map(columns) if isinstance(columns, str) else dict(columns or {}),
+            columns=of_arrays | (parse_map(columns) if isinstance(columns, str) else dict(columns or {})),
             topic=topic,
             sensor=sensor,
             where=where,
             definitions=None if msg is None else os.fspath(msg),
             filter=None if filter is None else SensorFilter.parse(filter),
-            units=dict(units or {}),
+            units=given_units,
             samples=kind,
+            accept=accept,
         )
         sheet = None
         if datasheet is not None:

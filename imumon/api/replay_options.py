@@ -18,7 +18,7 @@ from imumon.sources.clock import HostClock
 from imumon.sources.device import DeviceDriver
 from imumon.sources.files import ReadOptions, Recording, open_recording
 from imumon.sources.files.base import BLOCK_BYTES, OptionError, Samples
-from imumon.sources.files.column_meaning import check_meaning
+from imumon.sources.files.columns import check_meaning
 from imumon.sources.files.memory_table import NAME, MemoryTable
 
 PACED_BLOCK_BYTES = 1 << 12
@@ -111,6 +111,7 @@ class ReplayOptions:
     units : unit by sensor, also of ``time``; others are found by the names of columns.
     samples : ``point``, ``average`` or ``increment``; None: by the names of columns.
     definitions : path of a ``.msg`` file, or of a directory of them, for messages that a bag does not define.
+    accept : take what is proposed for columns that are not certain.
     """
 
     path: str = ""
@@ -131,6 +132,7 @@ class ReplayOptions:
     units: Mapping[str, str] = field(default_factory=dict)
     samples: Samples | None = None
     definitions: str | None = None
+    accept: bool = False
 
     @property
     def name(self) -> str:
@@ -151,6 +153,7 @@ class ReplayOptions:
             self.units,
             self.samples,
             self.definitions,
+            self.accept,
         )
         if self.arrays is not None:
             return MemoryTable(self.arrays, options)

@@ -120,9 +120,7 @@ class ReplayedRecord:
 
     def _remarks(self, current: report.Report) -> list[str]:
         """Return what the recording leaves open, and why the record began again."""
-        remarks, assumed = list(self.recording.remarks), self.recording.assumed_unit
-        if assumed in remarks and current.session.mostly_excluded:
-            remarks[remarks.index(assumed)] = f"most of it is excluded, as with a wrong unit: {assumed}"
+        remarks = list(self.recording.remarks)
         breaks = [
             f"{self._restart_texts[code]}{f' (the last of {n:,} such events)' if n > 1 else ''}"
             for code, n in self._restarts.items()

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from imumon.model.samples import AXES, FASTEST_HZ, SLOWEST_HZ
-from imumon.sources.column_names import parse_name
 from imumon.sources.files.base import OptionError, RecordingError
+from imumon.sources.files.column_names import names_time
 
 TIME_ROWS = 1 << 16
 """Times that are compared at once."""
@@ -66,6 +66,34 @@ def named_source(source: Any, sensors: Mapping[str, Any], time_s: Any) -> tuple[
     return "", arrays
 
 
+SI = {"gyro": "rad/s", "accel": "m/s^2", "mag": "gauss", "temperature": "degC", "time": "s"}
+"""Units of arrays that are given by sensor, unless the caller states others."""
+
+
+def units_of_arrays(source: Any, kind: str | None) -> dict[str, str]:
+    """Return the units of arrays by sensor, which are a part of the contract; those of a table stand in it."""
+    if isinstance(source, str | os.PathLike) or (source is not None and _is_table(source)):
+        return {}
+    return SI | ({"gyro": "rad", "accel": "m/s"} if kind == "increment" else {})
+
+
+def columns_of_arrays(arrays: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, str]:
+    """Return what the columns of arrays by sensor are, as a map gives it."""
+    columns: dict[str, str] = {}
+    for name, array in arrays.items():
+        if name == "time_s":
+            columns |= {} if "datetime" in _dtype(array) else {"t": f"{name}:{units['time']}"}
+            continue
+        sensor, _, axis = name.partition("_")
+        if sensor == "temperature":
+            columns[sensor] = f"{name}:{units[sensor]}"
+        elif axis or np.ndim(array) == 1 or 1 in np.shape(array):
+            columns[f"{sensor}/{axis or AXES[0]}"] = f"{name}:{units[sensor]}"
+        else:
+            columns |= {f"{sensor}/{a}": f"{name}_{a}:{units[sensor]}" for a in AXES}
+    return columns
+
+
 def checked_rate(rate_hz: Any, *, alone: bool) -> float | None:
     """Return a sample rate, Hz; None: there is none.
 
@@ -95,10 +123,7 @@ def checked_rate(rate_hz: Any, *, alone: bool) -> float | None:
 
 def has_time(arrays: Mapping[str, Any]) -> bool:
     """Return whether one of some named arrays is a time."""
-    return any(
-        parse_name(0, name).quantity in ("t", "dt") or "datetime" in _dtype(array)
-        for name, array in arrays.items()
-    )
+    return any(names_time(name) or "datetime" in _dtype(array) for name, array in arrays.items())
 
 
 def _dtype(array: Any) -> str:
@@ -121,7 +146,7 @@ def _columns(table: Any) -> dict[str, Any]:
     index: Any = getattr(table, "index", None)
     name = getattr(index, "name", None)
     is_time = "datetime" in _dtype(index) or "timedelta" in _dtype(index)
-    if is_time or (isinstance(name, str) and parse_name(0, name).quantity == "t"):
+    if is_time or (isinstance(name, str) and names_time(name)):
         arrays[str(name or "time")] = index.to_series() if hasattr(index, "to_series") else index
     return arrays
 

@@ -21,6 +21,8 @@ INTERRUPTED = 130
 """Interrupted from the keyboard."""
 
 _USAGE_CODES = (
+    "columns_unclear",
+    "rate_required",
     "invalid_settings",
     "endpoint_invalid",
     "id_invalid",

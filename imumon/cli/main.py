@@ -133,7 +133,11 @@ def _fail(error: ImumonError, arguments: argparse.Namespace) -> int:
         from imumon.cli import check_command
 
         return check_command.fail(error)
-    print_error(error, as_json=getattr(arguments, "json", False))
+    as_json = getattr(arguments, "json", False)
+    if (question := getattr(error, "text", None)) is not None and not as_json:
+        print(f"{question}\n{error.cure}", file=sys.stderr)
+    else:
+        print_error(error, as_json=as_json)
     return exit_code(error)
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any
 
 from imumon.api.document_report import document_report
@@ -34,8 +36,11 @@ def add_read_options(parser: argparse._ActionsContainer) -> None:
         choices=options.STREAMS,
         help="stream to use if the file has several; default: the first of these that it has",
     )
-    text = "columns of a table, fields of a topic: gyro/x=COLUMN:UNIT,... or COLUMN/COUNTS:UNIT; a name, or a number "
-    text += "from 1; also t and dt; repeatable"
+    text = (
+        "columns of a table, fields of a topic: gyro=COLUMN,COLUMN,COLUMN:UNIT,t=COLUMN:UNIT, or "
+        "gyro/x=COLUMN:UNIT, "
+    )
+    text += "COLUMN/COUNTS:UNIT; a name, or a number from 1; also accel, mag, dt and rate=HZ; repeatable"
     add(OPTIONS["columns"], action=options.Joined, metavar="MAP", help=text)
     add(
         OPTIONS["topic"],
@@ -46,6 +51,10 @@ def add_read_options(parser: argparse._ActionsContainer) -> None:
     add(OPTIONS["sensor"], choices=("gyro", "accel"), help=text)
     text = "rows of a table that are read, where a column says which sensor they are of; repeatable"
     add(OPTIONS["where"], action=options.Joined, metavar="COLUMN=VALUE", help=text)
+    text = (
+        "take what is proposed for columns that the recording does not state; the report says what is assumed"
+    )
+    add(OPTIONS["accept"], action="store_true", help=text)
     text = "definition of messages that a bag of ROS does not have: a .msg file, or a directory of them"
     add(OPTIONS["definitions"], metavar="PATH", help=text)
     text = (
@@ -81,8 +90,7 @@ def reference_sheet(arguments: argparse.Namespace) -> Any:
 def replay_options(arguments: argparse.Namespace, path: str, **more: Any) -> Any:
     """Return the options of a replay; raise `ImumonError` if one of them is malformed."""
     from imumon.api.replay_options import ReplayOptions
-    from imumon.sources.files.columns import parse_map
-    from imumon.sources.files.sensor_column import parse_where
+    from imumon.sources.files.columns import parse_map, parse_where
 
     loaded = options.settings(arguments)
     required = loaded.report
@@ -99,6 +107,7 @@ def replay_options(arguments: argparse.Namespace, path: str, **more: Any) -> Any
         where=parse_where(arguments.where) if arguments.where else {},
         filter=arguments.filter,
         definitions=arguments.msg,
+        accept=arguments.accept,
         **more,
     )
 
@@ -106,18 +115,43 @@ def replay_options(arguments: argparse.Namespace, path: str, **more: Any) -> Any
 def replayed(wanted: Any, sheet: Any = None, bus: Any = None) -> Any:
     """Return the measurement of a recording, as `imumon.analyse` makes it; a terminal shows a progress bar.
 
-    What is doubtful in the recording is printed behind the bar.
+    What is doubtful in the recording is printed behind the bar. Columns that are not certain are asked on a terminal.
     """
     from imumon.api.record_analysis import measured
     from imumon.cli.progress_bar import ProgressBar
+    from imumon.sources.files.columns import ColumnsUnclear
 
-    with ProgressBar() as bar:
-        measurement = measured(wanted, sheet, progress=bar.update, bus=bus)
+    try:
+        with ProgressBar() as bar:
+            measurement = measured(wanted, sheet, progress=bar.update, bus=bus)
+    except ColumnsUnclear as question:
+        if (answered := _answered(question, wanted)) is None:
+            raise
+        return replayed(answered, sheet, bus)
     for text in measurement.report.device.remarks:
         print_message(f"{wanted.path}: {text}")
     for text in measurement.notes:
         print_message(text)
     return measurement
+
+
+def _answered(question: Any, wanted: Any) -> Any:
+    """Return the options with the answer to a question about columns; None: there is none, or it is no."""
+    from imumon.sources.files.columns import parse_map
+
+    if wanted.path == "-" or not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return None
+    print(question.text, file=sys.stderr)
+    choices = "[e/N]" if question.lacks else "[Y/n/e]"
+    print(f"Use this? {choices} ", end="", file=sys.stderr, flush=True)
+    answer = sys.stdin.readline().strip().lower() or ("n" if question.lacks else "y")
+    if answer in ("y", "yes") and not question.lacks:
+        return replace(wanted, accept=True)
+    if answer != "e":
+        return None
+    print(f"{question.proposal}\n--map ", end="", file=sys.stderr, flush=True)
+    edited = sys.stdin.readline().strip() or question.proposal
+    return replace(wanted, columns=parse_map(edited), where=question.where or wanted.where)
 
 
 def add_replay(parser: Parser) -> None:

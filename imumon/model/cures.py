@@ -20,7 +20,8 @@ from contextvars import ContextVar
 from typing import Any
 
 OPTIONS = {"kind": "--stream", "columns": "--map", "rate_hz": "--rate", "topic": "--topic", "sensor": "--sensor",
-           "where": "--where", "definitions": "--msg", "filter": "--filter", "datasheet": "--datasheet"}  # fmt: skip
+           "where": "--where", "definitions": "--msg", "filter": "--filter", "datasheet": "--datasheet",
+           "accept": "--accept"}  # fmt: skip
 """Option of the command line by field of `ReplayOptions`: the parser takes these names, and cures have them."""
 
 ARGUMENTS = {"kind": "stream", "definitions": "msg"}
@@ -41,6 +42,8 @@ def python_caller() -> Iterator[None]:
 
 def option(field: str) -> str:
     """Return the name of an option, such as ``--rate``, or of the argument, ``rate_hz=``."""
+    if field == "accept" and _in_python.get():
+        return "accept=True"
     return f"{ARGUMENTS.get(field, field)}=" if _in_python.get() else OPTIONS[field]
 
 

@@ -39,9 +39,19 @@ CAVEATS: Mapping[str, CaveatText] = {
         "N is not affected. Use deltas or the uncompensated fields.",
     ),
     "assumed_unit": CaveatText(
-        "the recording names no unit of a sensor: SI is assumed",
-        "The numbers do not show the unit of a quiet gyroscope: in another unit, all coefficients differ by a "
-        "factor. The remarks name the columns. State the unit, with --map or in the header.",
+        "a unit is assumed",
+        "The recording does not state it, and its numbers only suggest it: in another unit, all coefficients of the "
+        "sensor differ by a factor. The remarks name the columns. State the unit, with --map or in the header.",
+    ),
+    "assumed_rate": CaveatText(
+        "the unit of the time is assumed",
+        "The recording does not state it. At another rate, N differs by the root of the factor, and all times by the "
+        "factor. State it, with --map t=COLUMN:UNIT or --rate.",
+    ),
+    "assumed_columns": CaveatText(
+        "which columns are the sensor is assumed",
+        "No name says which numbers are the gyroscope and the accelerometer: their size suggests it. Name them, with "
+        "--map.",
     ),
     "doubtful_unit": CaveatText(
         "the size of the samples contradicts the unit of a sensor",

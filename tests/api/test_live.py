@@ -89,7 +89,7 @@ def test_a_number_of_missing_samples_is_arithmetic() -> None:
         (
             {"channels": ("gyro/x", "gyro/y"), "rate_hz": 10.0},
             {"block": np.zeros((5, 2))},
-            "sensor_incomplete",
+            "map_incomplete",
         ),
         ({}, {"block": np.zeros((5, 3))}, "rate_required"),
         ({"rate_hz": 0.0}, {}, "rate_invalid"),

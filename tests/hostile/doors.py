@@ -44,7 +44,7 @@ def printable(text: str) -> str:
 def recording(path: Path) -> tuple[str, str]:
     remarks: list[str] = []
     try:
-        report = replay(ReplayOptions(path=str(path), guarded=False), remark=remarks.append)
+        report = replay(ReplayOptions(path=str(path), guarded=False, accept=True), remark=remarks.append)
     except ImumonError as error:
         return error.code, str(error)
     return f"{report.session.samples} samples", "\n".join(remarks)

@@ -21,7 +21,7 @@ from imumon.sources.files.recording import Recording
 
 
 def read(path: Path) -> tuple[int, Recording]:
-    recording = ReplayOptions(path=str(path)).open()
+    recording = ReplayOptions(path=str(path), accept=True).open()
     return sum(len(item) for items in recording for item in items if hasattr(item, "values")), recording
 
 

@@ -135,7 +135,7 @@ def test_a_definition_that_the_user_names_reads_the_bag(tmp_path: Path, place: s
     file = tmp_path / (place if place.endswith(".msg") else "vendor_msgs/msg/Rates.msg")
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(RATES)
-    options = ReplayOptions(path=str(path), guarded=False, topic="/rates")
+    options = ReplayOptions(path=str(path), guarded=False, topic="/rates", accept=True)
     reports = list(outcomes(path, options, known={"Rates.msg": str(tmp_path / place)}))
     assert len(reports) == 1
     assert reports[0].session.samples == 600

@@ -156,7 +156,7 @@ def test_signal_findings_are_reported(tmp_path: Path) -> None:
     accel[:, :2] += 0.01 * np.sin(2 * np.pi * 13.3 * t)[:, None]
     mag[:, 0] += 2e-3 * np.sin(2 * np.pi * 50.0 * t)
     path = tmp_path / "a.npz"
-    np.savez(path, t_s=t, gyro_uncomp=gyro, accel_uncomp=accel, mag_gauss=mag, temperature_C=degrees)
+    np.savez(path, t_s=t, gyro_uncomp_rps=gyro, accel_uncomp_mps2=accel, mag_gauss=mag, temperature_C=degrees)
     text = imumon("replay", path, "--json")
     channels = json.loads(text)["channels"]
     shown = documents.text(from_json(Report, text), "md")
@@ -187,15 +187,15 @@ def test_signal_findings_are_reported(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "code"),
     [
-        ("notes.txt", b"shopping list\n" * 40, "no_messages"),
+        ("notes.txt", b"shopping list\n" * 40, "no_rows"),
         (
             "noise.bin",
             bytes(np.random.default_rng(1).integers(0, 256, 20_000, dtype=np.uint8)),
             "no_messages",
         ),
         ("empty.bin", b"", "empty"),
-        ("gps.txt", b"$GPGGA,1,2,3*4F\r\n" * 50, "no_messages"),
-        ("cut.gz", gzip.compress(b"hello" * 1000, mtime=0)[:30], "no_messages"),
+        ("gps.txt", b"$GPGGA,1,2,3*4F\r\n" * 50, "no_sensor"),
+        ("cut.gz", gzip.compress(b"hello" * 1000, mtime=0)[:30], "no_rows"),
     ],
     ids=["notes", "noise", "empty", "gps", "cut"],  # the same in every worker
 )
@@ -207,7 +207,8 @@ def test_a_file_that_is_no_recording_is_one_line_with_a_code(
     with pytest.raises(RecordingError, match=name) as error:
         replay(ReplayOptions(path=str(path), rate_hz=40.0))
     assert error.value.code == code
-    assert imumon("replay", path, "--rate", "40", code=3).strip() == f"imumon: {error.value}"
+    printed = imumon("replay", path, "--rate", "40", code=1 if code == "no_sensor" else 3)
+    assert printed.strip() == f"imumon: {error.value}"
 
 
 @pytest.mark.parametrize(
@@ -238,7 +239,7 @@ def test_deltas_of_a_bare_file_may_be_compensated(tmp_path: Path) -> None:
     names = [f"delta_{name}_{axis}" for name in ("theta", "vel") for axis in "xyz"]
     rows = np.random.default_rng(3).normal((0, 0, 0, 0, 0, -0.098), 1e-4, (600, 6))
     np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="")
-    report = json.loads(imumon("replay", path, "--rate", "100", "--json"))
+    report = json.loads(imumon("replay", path, "--rate", "100", "--accept", "--json"))
     assert report["device"]["stream"] == "deltas"
     assert report["caveats"] == ["unknown_compensation", "assumed_unit"]
 
@@ -278,7 +279,7 @@ def test_events_are_published_beside_the_reports(tmp_path: Path) -> None:
     noise[:, 5] -= 9.8
     noise[4000:, 1] = noise[4000, 1]
     path = tmp_path / "a.npz"
-    np.savez(path, t_s=np.arange(n) / 40.0, gyro_uncomp=noise[:, :3], accel_uncomp=noise[:, 3:])
+    np.savez(path, t_s=np.arange(n) / 40.0, gyro_uncomp_rps=noise[:, :3], accel_uncomp_mps2=noise[:, 3:])
     with Publisher("replay", listen=[place]) as bus, Subscriber([place]) as viewer:
         replay(ReplayOptions(path=str(path)), bus=bus)
         assert viewer.wait_report("replay", timeout=60.0) is not None

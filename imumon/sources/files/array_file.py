@@ -22,9 +22,9 @@ from imumon.files import open_regular
 from imumon.model.errors import ImumonError, why
 from imumon.model.samples import Floats
 from imumon.model.system_errors import cure_of_reading, is_damage
-from imumon.sources.column_names import parse_name
 from imumon.sources.files.array_table import ArrayColumn, ArrayTable, Opened, Reader, Shape, in_blocks
 from imumon.sources.files.base import ROWS, ReadOptions, RecordingError
+from imumon.sources.files.column_names import names_time
 
 MOST_RATIO = 100
 """Bytes per byte of the file to which it may decompress: numbers of a sensor reach 10."""
@@ -280,7 +280,7 @@ def _parquet(path: str) -> Opened:
     for field in file.schema_arrow:
         # a type of time has its unit, which a name need not have
         if kinds.is_timestamp(field.type) or kinds.is_duration(field.type):
-            named = parse_name(0, field.name).quantity == "t"
+            named = names_time(field.name)
             names[f"{field.name if named else 'time'} [{field.type.unit}]"] = field.name
         elif kinds.is_integer(field.type) or kinds.is_floating(field.type):
             names[field.name] = field.name

@@ -75,6 +75,7 @@ class ReadOptions:
     units : unit by sensor, also of ``time``, of a table; others are found by the names.
     samples : ``point``, ``average`` or ``increment``, what a number of a table is; None: by the names.
     definitions : path of a ``.msg`` file, or of a directory of them, for messages that a bag does not define.
+    accept : take what is proposed for columns that are not certain.
     """
 
     kind: Kind | None = None
@@ -87,6 +88,7 @@ class ReadOptions:
     units: Mapping[str, str] = field(default_factory=dict)
     samples: Samples | None = None
     definitions: str | None = None
+    accept: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +129,6 @@ class Recording:
     problem : why reading ended early, or None.
     remarks : what was left out or is doubtful, one line each.
     caveats : what limits the meaning of all numbers, codes of `imumon.model.messages.CAVEATS`.
-    assumed_unit : which unit was assumed, and how to give another; empty: none that matters.
     fed, discarded, bad_checksums : bytes read, bytes of no message, messages or rows that were invalid.
     ledger : what became of all rows or messages but those that are samples (`imumon.model.ledger`).
     columns : what became of each column, where it has any.
@@ -141,7 +142,6 @@ class Recording:
     problem: str | None = None
     remarks: Sequence[str] = ()
     caveats: Sequence[str] = ()
-    assumed_unit = ""
     fed = discarded = bad_checksums = 0
     ledger: Mapping[str, int] = {}
     columns: Sequence[ColumnUse] = ()

@@ -5,7 +5,6 @@ are. `FirstRows` takes each of these decisions once, before the first sample:
 
 - Which columns have numbers. A time without numbers gives way to the next one, a sensor without numbers is left out.
   A magnetometer that most rows lack is left out, too; a temperature may be slow and is held between its numbers.
-- Whether the numbers can have their units.
 - Whether the stamps are those of a sample clock, or of a host (`timebase.stamp_kinds`), and the sampling interval. The
   stamps of a sample clock are used whatever rate is configured; those of a host give way to it.
 - Whether rows are copies of the row before (`row_selection`).
@@ -17,7 +16,7 @@ error that names both and how to choose.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
@@ -25,17 +24,16 @@ import numpy as np
 
 from imumon.grid.counter_wraps import CounterWraps
 from imumon.grid.interval import RATE_TOLERANCE
-from imumon.grid.stamp_kinds import StampCandidate, decide, shows_rate, stamp_interval, typical_step
+from imumon.grid.stamp_kinds import StampCandidate, decide, typical_step
 from imumon.grid.stamp_placement import StampPlacer
 from imumon.model.cures import option, option_text
 from imumon.model.errors import RateRequired
 from imumon.model.report import stamp
-from imumon.model.samples import AXES, LONGEST_NS, Bools, Clock, Floats, Ints, Stream, sensor_of
+from imumon.model.samples import AXES, INERTIAL, LONGEST_NS, Bools, Clock, Floats, Ints, Stream, sensor_of
 from imumon.model.units import share_text
 from imumon.noise.validity_groups import LARGEST
-from imumon.sources.column_names import UNITS, Column
 from imumon.sources.files.base import RecordingError, RowSource
-from imumon.sources.files.columns import INERTIAL, LISTED, ColumnLayout, read_alone
+from imumon.sources.files.columns import SINCE_1970_S, Column, ColumnLayout
 from imumon.sources.files.row_selection import (
     COPIED,
     FEWEST_HELD,
@@ -44,15 +42,6 @@ from imumon.sources.files.row_selection import (
     are_doubled,
     copies,
     repeats_by_chance,
-)
-from imumon.sources.files.unit_checks import (
-    POSSIBLE_HZ,
-    SINCE_1970_S,
-    check_magnitudes,
-    column_text,
-    time_unit,
-    unit_cure,
-    unit_remarks,
 )
 
 FILLED = 0.9
@@ -79,9 +68,10 @@ UNSET_ROWS, UNSET_STEPS = 2, 1e6
 STATED_TOLERANCE = 0.02
 """Share by which the rate of a time may differ from one that a comment states: those are nominal."""
 
-INTERVAL_SPAN = 30.0
-"""Ratio of the interval of a sample and the step of its stamps up to which both may be right, chosen: units differ by
-1000, and a program that writes one sample in ten has a tenth of the step as its interval."""
+
+def read_alone() -> str:
+    """Return the cure for sensors of different rates."""
+    return f"read each alone, {option_text(sensor='gyro')} and {option_text(sensor='accel')}"
 
 
 def rate_cure() -> str:
@@ -160,13 +150,11 @@ class TableStart:
     ----------
     times : None: the table has no time that is used.
     doubled : rows may be copies of the row before.
-    assumed_unit : see `Recording`.
     """
 
     stream: Stream
     times: TableTimes | None
     doubled: bool
-    assumed_unit: str
 
 
 class FirstRows:
@@ -197,8 +185,8 @@ class FirstRows:
         self.no_time = ""
         self.unused: dict[int, str] = dict(table_layout.unused)
         self.repeated: list[int] = []
-        self.caveats: list[str] = []
-        self._source, self._rate = source, rate_hz
+        self.caveats = list(table_layout.caveats)
+        self._source, self._rate = source, rate_hz if rate_hz is not None else table_layout.rate_hz
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -214,15 +202,14 @@ class FirstRows:
         filled = np.isfinite(rows).mean(axis=0)
         empty = self._empty_sensors(filled)
         held = self._held_sensors(rows, empty)
-        inertial = INERTIAL & set(map(sensor_of, stream_layout.channels)) - empty
+        inertial = set(INERTIAL) & set(map(sensor_of, stream_layout.channels)) - empty
         if len(held) < len(inertial):  # the sensor that has a sample in each row is used
             empty |= held
         sensors = [sensor_of(name) for name in stream_layout.channels]
         channels = [k for k in range(end_of_channels) if _is_used(sensors[k], float(filled[k]), empty)]
         times = [k for k in range(end_of_channels, end_of_times) if filled[k] > FILLED]
-        # seconds and nanoseconds are one time
-        if not stream_layout.split_time:
-            times = self._best_time(times, rows)
+        if len(times) < len(stream_layout.times):
+            times = []
         interval = [k for k in range(end_of_times, len(filled)) if filled[k] > FILLED]
         used = [*channels, *times, *interval]
         self.remarks += _sparse(self.columns, sensors, filled, used)
@@ -274,7 +261,7 @@ class FirstRows:
         # a row with the stamp of the row before is a copy of it, which is another matter
         time = rows[:, len(layout.columns)]
         rows = rows[np.append(True, time[1:] != time[:-1])]
-        inertial = sorted(INERTIAL & set(map(sensor_of, layout.channels)) - empty)
+        inertial = sorted(set(INERTIAL) & set(map(sensor_of, layout.channels)) - empty)
         for sensor in inertial:
             axes = [k for k, name in enumerate(layout.channels) if sensor_of(name) == sensor]
             whole = rows[present(rows[:, axes]).all(axis=1)][:, axes]
@@ -299,70 +286,6 @@ class FirstRows:
             text = f"the rows repeat {shares[0]} of them: it is slower than they are, and left out"
             self.remarks.append(f"{text}; {option_text(sensor=sensor)} reads it")
         return set(held)
-
-    def _best_time(self, times: Sequence[int], rows: Floats) -> list[int]:
-        """Return the time that is used, in a list: of those with numbers, the first that is that of a clock.
-
-        A time that the user has assigned is used as it is. Without a clock, the first that shows a rate is used.
-        """
-        columns = self.columns
-        if len(times) < 2 or columns[times[0]].rank < 0:
-            return list(times[:1])
-        stamps = {k: rows[present(rows[:, k]), k] for k in times}
-        usable = [k for k in times if shows_rate(stamps[k]) and _has_possible_rate(columns[k], stamps[k])]
-        steady = [k for k in usable if stamp_interval(stamps[k])[1]]
-        stated = [k for k in usable if self._has_stated_rate(k, stamps[k])]
-        best = (*[k for k in steady if k in stated], *stated, *steady, *usable, *times)[0]
-        self._compare_clocks(best, {k: stamps[k] for k in steady})
-        if best != times[0]:
-            other = columns[times[0]]
-            why = "which has the rate that a comment states" if best in stated else "which is even"
-            fault = "" if times[0] in usable else ", which shows no rate of a sensor"
-            cure = option_text(columns={"t": self._reference(other)})
-            self.remarks.append(
-                f"the time is {columns[best].name}, {why}, and not {other.name}{fault}; {cure} uses it"
-            )
-        return [best]
-
-    def _compare_clocks(self, best: int, stamps: Mapping[int, Floats]) -> None:
-        """Note the times that are even and show another rate than the one that is used, in any unit.
-
-        Parameters
-        ----------
-        best : index of the time that is used.
-        stamps : (n,) as in the table, of the times that are even, by their indices.
-        """
-        if best not in stamps:
-            return
-        used = self._possible_rates(best, stamps[best])
-        for k in stamps:
-            rates = self._possible_rates(k, stamps[k])
-            if k != best and not any(abs(r / u - 1.0) < STATED_TOLERANCE for r in rates for u in used):
-                column, other = self.columns[best], self.columns[k]
-                cure = option_text(columns={"t": self._reference(other)})
-                names = f"{column.name} and {other.name}"
-                text = f"{names} show different rates: {column.name} is used; {cure} uses the other"
-                self.remarks.append(text)
-                self.caveats.append("doubtful_rate")
-
-    def _possible_rates(self, k: int, stamps: Floats) -> list[float]:
-        """Return the rates that a time shows, Hz, in the unit of its name or in each."""
-        column = self.columns[k]
-        units = [column.unit] if column.unit is not None else list(UNITS["t"])
-        return [1e9 / (column.scale * typical_step(stamps) * UNITS["t"][unit]) for unit in units]
-
-    def _reference(self, column: Column) -> str:
-        """Return how ``--map`` names a column of time."""
-        name = column_text(self._source, column)
-        return name if column.unit is None else f"{name}:{column.unit}"
-
-    def _has_stated_rate(self, k: int, stamps: Floats) -> bool:
-        """Return whether a time has the rate that a comment states, in the unit of its name or in any."""
-        stated_hz = self._source.stated_hz
-        if stated_hz is None:
-            return False
-        rates = self._possible_rates(k, stamps)
-        return any(abs(rate / stated_hz - 1.0) < STATED_TOLERANCE for rate in rates)
 
     def note_unset_times(self, rows: Floats) -> bool:
         """Return whether the time is 0 in rows for which the clock was not set, and note it.
@@ -397,7 +320,7 @@ class FirstRows:
         empty_axis = {sensor_of(name): k for k, name in enumerate(channels) if not filled[k]}
         empty = {sensor for sensor in empty_axis if sensor in INERTIAL}
         # then the rows themselves are the problem: `start` raises the error that no row is complete
-        if empty == {sensor_of(name) for name in channels} & INERTIAL:
+        if empty == {sensor_of(name) for name in channels} & set(INERTIAL):
             return set()
         for sensor in empty:
             column = self.layout.columns[empty_axis[sensor]].name
@@ -414,11 +337,6 @@ class FirstRows:
         """
         stream_layout, source = self.layout, self._source
         width = len(stream_layout.columns)
-        finite = np.where(present(rows), rows, np.nan)
-        doubts = check_magnitudes(source, stream_layout, finite)
-        assumed = unit_remarks(source, stream_layout.columns)
-        self.remarks += [*assumed, *doubts]
-        self.caveats += [*["assumed_unit"] * bool(assumed), *["doubtful_unit"] * bool(doubts)]
         doubled = bool(stream_layout.times) and are_doubled(
             rows, slice(width, width + len(stream_layout.times))
         )
@@ -433,13 +351,6 @@ class FirstRows:
             text = f"{source.name}: no row has numbers in all of {names}"
             raise RecordingError("no_complete_row", text, "check that it is complete")
         clock, interval, times = self._clock_of_stream(whole)
-        if stream_layout.has_increments:
-            known_s = interval
-            if stream_layout.interval is not None:
-                known_s = float(np.median(whole[:, -1])) * stream_layout.interval.factor
-            doubts = check_magnitudes(source, stream_layout, finite, known_s)
-            self.remarks += doubts
-            self.caveats += ["doubtful_unit"] * bool(doubts)
         self.remarks += list(_repeating(stream_layout, whole))
         self._note_alternating(whole)
         sensors = ", ".join(dict.fromkeys(sensor_of(channel) for channel in stream_layout.channels))
@@ -453,12 +364,12 @@ class FirstRows:
             stream_layout.gyro,
             stream_layout.accel,
         )
-        return TableStart(stream, times, doubled, (assumed or [""])[0])
+        return TableStart(stream, times, doubled)
 
     def _note_alternating(self, whole: Floats) -> None:
         """Note whether every second row is of another sensor, and no column says it."""
         channels = self.layout.channels
-        for sensor in sorted(INERTIAL & set(map(sensor_of, channels))):
+        for sensor in sorted(set(INERTIAL) & set(map(sensor_of, channels))):
             axes = [k for k, name in enumerate(channels) if sensor_of(name) == sensor]
             if alternate(whole[:, axes]):
                 text = (
@@ -474,70 +385,13 @@ class FirstRows:
         # a time shows what was lost; intervals of samples do not, and a rate least of all
         if self.layout.times:
             width = len(self.layout.columns)
-            clock = self._clock(whole[:, width : width + len(self.layout.times)])
-            if self.layout.interval is not None:
-                self._check_interval(self.layout.interval, float(np.median(whole[:, -1])), clock[1])
-            return clock
+            return self._clock(whole[:, width : width + len(self.layout.times)])
         if (column := self.layout.interval) is not None:
-            unit, remark = time_unit(self._source, column, np.cumsum(whole[:, -1]), self._rate)
-            self.layout = replace(self.layout, interval=replace(column, unit=unit))
-            self.remarks += [remark] if remark else []
-            self._compare(
-                float(np.median(whole[:, -1])) * column.scale * UNITS["dt"][unit], keeps_stamps=True
-            )
+            self._compare(float(np.median(whole[:, -1])) * column.factor, keeps_stamps=True)
             return "dt", None, None
-        stated_hz = self._source.stated_hz
-        if interval is None and stated_hz is not None:
-            interval = 1.0 / stated_hz
-            cure = option_text(rate_hz=stated_hz)
-            self.remarks.append(f"a comment states {stated_hz:g} Hz, which is used as if by {cure}")
-        elif interval is None:
-            raise self._rate_required()
+        if interval is None:
+            raise RateRequired("rate_required", f"{self._source.name} has no clock", rate_cure())
         return "none", interval, None
-
-    def _check_interval(self, column: Column, typical: float, interval_s: float) -> None:
-        """Find the unit of the intervals of samples by that of their stamps.
-
-        Parameters
-        ----------
-        column : of the intervals.
-        typical : interval of a sample, as in the table.
-        interval_s : s, between samples by their stamps.
-
-        Raises
-        ------
-        RecordingError : the intervals are of another size than the stamps show, in their unit or in any.
-        """
-        sizes = {unit: typical * column.scale * UNITS["dt"][unit] / interval_s for unit in UNITS["dt"]}
-        fitting = {unit: size for unit, size in sizes.items() if 1.0 / INTERVAL_SPAN < size < INTERVAL_SPAN}
-        if column.unit in fitting:
-            return
-        if column.unit is None and fitting:
-            unit = min(fitting)
-            self.layout = replace(self.layout, interval=replace(column, unit=unit))
-            if unit != "s":
-                self.remarks.append(f"{column.name} without a unit: it is in {unit}, by the time of the rows")
-            return
-        text = f"{self._source.name}: {column.name} has intervals of {typical:.3g}{column.unit or ''}, "
-        text += f"and the time of the rows steps by {interval_s:.3g} s"
-        cure = (
-            unit_cure(self._source, [column], next(iter(fitting)))
-            if fitting
-            else f"delete the column {column.name}"
-        )
-        raise RecordingError("wrong_interval", text, cure)
-
-    def _rate_required(self) -> RateRequired:
-        """Return the error that lists the columns that may be a time."""
-        used = {column.index for column in self.layout.columns}
-        others = [
-            name.strip() for k, name in enumerate(self._source.column_names) if k not in used and name.strip()
-        ]
-        hint = f" (other columns: {', '.join(others[:LISTED])})" if others else ""
-        text = f"{self._source.name} has no clock: no column with numbers has the name of a time{hint}"
-        time, rate = self.layout.time_option, rate_cure()
-        cure = f"if it is the time, {time}, or {rate}" if time else rate
-        return RateRequired("rate_required", text, cure)
 
     def _compare(self, interval_s: float, *, keeps_stamps: bool) -> None:
         """Note if the configured rate differs from that of the stamps, and which is used."""
@@ -549,7 +403,7 @@ class FirstRows:
 
     def _clock(self, times: Floats) -> tuple[Clock, float, TableTimes | None]:
         """Return clock, interval, s, and the times that are used, from the times of the first rows."""
-        scales, unit_remark = self._scales(times)
+        scales = tuple(column.factor for column in self.layout.times)
         origin = times[0].copy()
         nanoseconds = _nanoseconds(times, origin, scales)
         unit_ns = int(scales[0]) if len(scales) == 1 and scales[0] in WRAPPING_NS else 0
@@ -563,7 +417,6 @@ class FirstRows:
             return "none", self._mean_interval(nanoseconds), None
         if decision.interval is None:
             return "none", self._rate_instead(decision.kind.name), None
-        self.remarks += unit_remark
         placer, interval_s = decision.placer(nanoseconds), decision.interval * 1e-9
         stated_hz = self._source.stated_hz
         if stated_hz is not None and abs(stated_hz * interval_s - 1.0) > STATED_TOLERANCE:
@@ -595,18 +448,6 @@ class FirstRows:
         # the mean is more precise, unless a gap is in it
         return (mean if abs(mean / typical - 1.0) < HELD_SHARE else typical) * 1e-9
 
-    def _scales(self, times: Floats) -> tuple[tuple[float, ...], list[str]]:
-        """Return the ns in a unit of each column of time, and a remark on a unit that is assumed."""
-        columns = self.layout.times
-        scales = tuple(column.scale * UNITS["t"][column.unit or "ns"] for column in columns)
-        # seconds and nanoseconds have their units; times that show no rate show no unit, and any does for the error
-        if len(columns) > 1 or not shows_rate(times[:, 0]):
-            return scales, []
-        unit, remark = time_unit(self._source, columns[0], times[:, 0], self._rate or self._source.stated_hz)
-        if remark and columns[0].unit is not None and columns[0].rank >= 0:
-            self.caveats.append("doubtful_rate")
-        return (columns[0].scale * UNITS["t"][unit],), [remark] if remark else []
-
     def _rate_instead(self, code: str) -> float:
         """Return the configured interval, s, for times that show none; raise `RecordingError` if there is none."""
         fault, cure = NO_RATE[code]
@@ -620,12 +461,6 @@ class FirstRows:
         return 1.0 / self._rate
 
 
-def _has_possible_rate(column: Column, stamps: Floats) -> bool:
-    """Return whether a time has a rate that is possible, in the unit of its name if that has one."""
-    rate = 1e9 / (typical_step(stamps) * UNITS["t"][column.unit or "s"])
-    return column.unit is None or POSSIBLE_HZ[0] <= rate <= POSSIBLE_HZ[1]
-
-
 def present(rows: Floats) -> Bools:
     """Return which of some numbers are there: finite, and no larger than an instrument writes."""
     return np.abs(rows) < LARGEST
@@ -635,7 +470,7 @@ def _repeating(stream_layout: ColumnLayout, rows: Floats) -> Iterator[str]:
     """Yield a remark on each inertial sensor that is slower than its rows and holds its values between."""
     from imumon.noise.statistics.differences import REPEATED
 
-    for sensor in sorted(INERTIAL & set(map(sensor_of, stream_layout.channels)), reverse=True):
+    for sensor in sorted(set(INERTIAL) & set(map(sensor_of, stream_layout.channels)), reverse=True):
         axes = [k for k, name in enumerate(stream_layout.channels) if sensor_of(name) == sensor]
         share = float(copies(rows[:, axes]).mean()) if len(rows) > 1 else 0.0
         # nearly all: the sensor is stuck, or constant, which the guard finds

@@ -14,7 +14,7 @@ import json
 import os
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from multiprocessing.connection import Pipe
 from pathlib import Path
@@ -23,9 +23,10 @@ from typing import Any
 
 import numpy as np
 
-from imumon.model.cures import example_text, option, option_text
+from imumon.model.cures import option, option_text
 from imumon.model.report_json import plain
-from imumon.model.samples import SampleBlock
+from imumon.model.samples import AXES, Floats, SampleBlock, sensor_of
+from imumon.sources.files.array_table import HEAD_ROWS
 from imumon.sources.files.base import (
     SQLITE,
     OptionError,
@@ -34,7 +35,10 @@ from imumon.sources.files.base import (
     RecordingError,
     RowSource,
 )
-from imumon.sources.files.columns import LISTED, ColumnLayout, layout, mapped
+from imumon.sources.files.column_names import names_sensor
+from imumon.sources.files.column_reader import read_columns
+from imumon.sources.files.columns import LISTED, ColumnLayout, find, parse_map
+from imumon.sources.files.formats import known_format
 from imumon.sources.files.log_process.base import Topic
 from imumon.sources.files.table import Table
 
@@ -185,6 +189,8 @@ class LogFile(Table):
     def _chosen(self, options: ReadOptions) -> int:
         """Return the index of the given topic, else of the best or only one with an IMU."""
         imus = self._imus()
+        for is_imu in (_has_format, _has_sensor):
+            imus = imus or [k for k, topic in enumerate(self._topics) if is_imu(topic)]
         names = sorted({self._topics[k].name for k in imus})
         topics = " or ".join(option_text(topic=name) for name in names)
         cure = f"choose {topics}" if names else f"choose one of {self._listed()}"
@@ -215,26 +221,55 @@ class LogFile(Table):
         return ", ".join(sorted(shown)[:LISTED]) + (" ..." if len(shown) > LISTED else "")
 
     def _stream_columns(self, options: ReadOptions) -> ColumnLayout:
-        """Return the columns of the stream: the known ones, unless the user names others."""
-        topic, given = self._topic, options.columns or {}
+        """Return the columns of the stream: those that the type of the messages states, the user names, or "
+        "are accepted."""
+        topic, given = self._topic, dict(options.columns or {})
         names = list(map(plain, topic.columns))
-        known = {channel: plain(text) for channel, text in topic.map.items()}
-        if not given and self._topic_index not in self._imus():
-            if not names:
-                raise self._no_definition()
-            raise self._unknown_fields(names)
+        if not names:
+            raise self._no_definition()
         if options.kind == "deltas" and not topic.averaged:
             text = f"{topic.name} of {self.path} has no averages over its interval"
             raise RecordingError("no_stream", text, f"leave {option('kind')} out")
-        if not given:
-            used = {text.partition(":")[0] for text in known.values()}
+        # the types of ROS have SI, also where the log process gives no unit
+        known = {
+            channel: plain(text if ":" in text or sensor_of(channel) != "accel" else f"{text}:m/s^2")
+            for channel, text in topic.map.items()
+        }
+        stated = known_format(type_name=topic.type)
+        if stated is not None and self._topic_index not in self._imus():
+            known = parse_map(stated.map)
+        is_known = bool({"gyro/x", "accel/x"} & set(known))
+        # the head shows what no type states, and whether an acceleration is 1 g in the unit that one states
+        rows = self._head(names)
+        if is_known and not given:
+            used = {
+                find(names, part.rpartition(":")[0]) for text in known.values() for part in text.split("+")
+            }
             # the known fields are all: a name such as x of another field would be taken for an axis
-            names = [name if name in used else "" for name in names]
+            names = [name if k in used else "" for k, name in enumerate(names)]
+        reading = read_columns(names, (), rows, replace(options, columns=known | given), source=topic.type)
         try:
-            table_layout = layout(names, None, {**known, **given}, options.sensor)
+            layout = reading.checked(f"{topic.name} of {self.path}", accept=options.accept).layout()
         except RecordingError as error:
-            raise error.of(self.path) from None
-        return replace(table_layout, kind="deltas" if topic.averaged else options.kind or "unknown")
+            raise error if error.code == "columns_unclear" else error.of(self.path) from None
+        if topic.averaged:
+            return replace(layout, kind="deltas")
+        return (
+            replace(layout, kind=options.kind or "unknown")
+            if is_known and not layout.has_increments
+            else layout
+        )
+
+    def _head(self, names: Sequence[str]) -> Floats:
+        """Return the first rows of all columns."""
+        self._pipe.send_bytes(
+            json.dumps({"topic": self._topic_index, "columns": names, "head": True}).encode()
+        )
+        if self._receive().get("end"):
+            return np.empty((0, len(names)))
+        return (
+            np.frombuffer(self._receive_bytes(), "<f8").reshape(-1, len(names))[:HEAD_ROWS].astype(np.float64)
+        )
 
     def _no_definition(self) -> RecordingError:
         """Return the error for messages whose fields are not known."""
@@ -248,21 +283,6 @@ class LogFile(Table):
         given = option_text(topic=topic.name, definitions=f"{topic.type.rpartition('/')[2]}.msg")
         cure = f"{given} with the file of its package or the directory, or record it with ros2 bag record -s mcap"
         return RecordingError("no_definition", text, cure)
-
-    def _unknown_fields(self, names: list[str]) -> RecordingError:
-        """Return the error for a topic of another type, with the fields whose names show a sensor."""
-        topic = self._topic
-        text = f"the topic {topic.name} of {self.path} ({topic.type}) is not known as an IMU"
-        fields = ", ".join(names)
-        try:
-            proposed = mapped(layout(names), names)
-        except RecordingError:
-            cure = f"name its fields with {example_text('FIELD:UNIT')}; there are {fields}"
-            return RecordingError("unknown_fields", text, cure)
-        if "t" in topic.map and "t" not in proposed:
-            proposed["t"] = topic.map["t"]
-        by_names = option_text(topic=topic.name, columns=proposed)
-        return RecordingError("unknown_fields", text, f"by their names, {by_names}; there are {fields}")
 
     def _notes(self, options: ReadOptions, remarks: Any) -> list[str]:
         """Return remarks on the choice of the topic and on the log."""
@@ -302,3 +322,13 @@ class LogFile(Table):
     def no_samples(self) -> RecordingError:
         text = f"{self.path} has no message on {self._topic.name}"
         return RecordingError("no_rows", text, "record it again")
+
+
+def _has_format(topic: Topic) -> bool:
+    """Return whether the type of the messages of a topic states what they are."""
+    return known_format(type_name=topic.type) is not None
+
+
+def _has_sensor(topic: Topic) -> bool:
+    """Return whether the names of the fields of a topic show an inertial sensor."""
+    return sum(map(names_sensor, topic.columns)) >= len(AXES)

@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from imumon.model.samples import Floats
-from imumon.sources.column_names import parse_name
 from imumon.sources.files.array_table import ArrayColumn, ArrayTable, Shape, in_blocks
 from imumon.sources.files.base import ReadOptions, RecordingError
-from imumon.sources.files.columns import SENSORS
+from imumon.sources.files.column_names import names_sensor, names_time
 
 NAME = "the input"
 """What messages call the arrays."""
@@ -77,12 +76,18 @@ def _reader(name: str, value: Any) -> tuple[str, Shape, Rows] | None:
     if _is_extension(value):
         if (dates := _dates(name, value)) is not None:
             return dates
+        try:
+            _of_extension(name, value, 0, 1)
+        except RecordingError:
+            if not names_sensor(name) and not names_time(name):
+                return None
+            raise
         return name, (len(value),), lambda start, end: _of_extension(name, value, start, end)
     array = _array(name, value)
     if array.dtype.kind in "Mm":
         return _dates(name, array)
     if array.dtype.kind not in "iuf":
-        if parse_name(0, name).quantity is None and parse_name(0, f"{name}_x").quantity not in SENSORS:
+        if not names_sensor(name) and not names_time(name):
             return None  # a column of labels, say
         raise _no_numbers(name, f"{array.dtype} is no number")
     if array.ndim == 2 and 1 in array.shape:
@@ -143,7 +148,7 @@ def _dates(name: str, value: Any) -> tuple[str, Shape, Rows] | None:
     unit = np.datetime_data(dates.dtype)[0]
     if unit not in DATE_UNITS:
         unit, dates = "ns", dates.astype(f"{dates.dtype.kind}8[ns]")
-    named = name if parse_name(0, name).quantity == "t" else "time"
+    named = name if names_time(name) else "time"
 
     def take(start: int, end: int) -> Floats:
         some = dates[start:end]

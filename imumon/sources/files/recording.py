@@ -6,41 +6,26 @@ import contextlib
 import os
 import re
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterable, Iterator, Sequence
 
 from imumon.checkpoint import is_state
 from imumon.files import open_regular
 from imumon.model.cures import option, option_text
 from imumon.model.samples import AXES, Gap, SampleBlock
-from imumon.sources.column_names import parse_names, triples
 from imumon.sources.device import DeviceError, sample_blocks
 from imumon.sources.files.array_file import ArrayFile, array_kind
 from imumon.sources.files.base import (
     HEAD_BYTES,
-    HEAD_LINES,
     OptionNotApplicable,
     ReadOptions,
     Recording,
     RecordingError,
 )
-from imumon.sources.files.column_meaning import check_nothing_stated
-from imumon.sources.files.columns import SENSORS
-from imumon.sources.files.csv import CsvFile
+from imumon.sources.files.columns import SINCE_1970_S
 from imumon.sources.files.log_file import LogFile, log_kind
+from imumon.sources.files.printed_log import decoded
 from imumon.sources.files.raw_capture import RawCapture
-from imumon.sources.files.sentence_table import sentence_table
-from imumon.sources.files.table_header import (
-    below_header,
-    header_line,
-    is_echoed,
-    is_number,
-    separator_of,
-    split,
-    tagged_headers,
-)
-from imumon.sources.files.text_records import record_text
-from imumon.sources.files.unit_checks import SINCE_1970_S
+from imumon.sources.files.text_file import TextFile, utf_16
 from imumon.sources.registry import DEFAULT_SCHEME, driver, scheme_of_bytes
 
 
@@ -175,9 +160,9 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     if options.columns:
         text = f"{option('columns')} is for tables and logs, and {path} has messages of a sensor"
         raise OptionNotApplicable("map_not_applicable", text, "leave it out")
-    check_nothing_stated(path, options)
-    if opened.header is None and (advice := _text_cure(opened.head[:HEAD_BYTES])) is not None:
-        raise RecordingError("no_messages", f"{path} is {advice[0]}", _with_name(advice[1], path))
+    if options.units or options.samples is not None:
+        text = f"units and kind are for tables, and {path} has messages of a sensor, which say both"
+        raise OptionNotApplicable("units_not_applicable", text, "leave them out")
     return DecodedCapture(opened, options.block_bytes)
 
 
@@ -235,131 +220,30 @@ def _refuse_where(path: str, options: ReadOptions) -> None:
 
 
 def _text_file(capture: RawCapture, options: ReadOptions) -> Recording | None:
-    """Return the recording that the text of a file without a header of imumon is; None: it is no table."""
-    if (encoding := _utf_16(capture.head)) is not None:
-        cure = f"save it as UTF-8: iconv -f {encoding} -t UTF-8 FILE > imu.csv"
-        raise RecordingError("utf_16", f"{capture.path} is text in UTF-16", _with_name(cure, capture.path))
-    # one sentence has all sensors at one rate: there is nothing to select
-    if options.sensor is None and (decoder := driver().decoder()) is not None:
-        table = sentence_table(capture, options, decoder, DEFAULT_SCHEME)
-        if table is not None:
-            return table
-    records = None if capture.path.lower().endswith((".csv", ".tsv")) else record_text(capture)
-    if records is not None:
-        return CsvFile(records, options)
-    return CsvFile(capture, options) if _is_csv(capture, options) else None
-
-
-NOVATEL = "a log of NovAtel in ASCII, whose increments have the scales of the IMU"
-
-
-def _novatel_cure(log: str, time: int) -> str:
-    """Return how to convert a log of NovAtel, by the number of its field with the seconds of the week.
-
-    Behind it are a status, and the increments in the order z, -y, x of accelerometer and gyroscope (OEM7 Commands and
-    Logs Reference Manual, RAWIMU, RAWIMUSX).
-    """
-    axes = {"accel": ("z=2*", "y=3*-", "x=4*"), "gyro": ("z=5*", "y=6*-", "x=7*")}
-    scaled = {
-        f"{sensor}/{axis[0]}": f"{axis[2:]}{sensor.upper()}_SCALE:{unit}"
-        for (sensor, of_sensor), unit in zip(axes.items(), ("m/s", "rad"), strict=True)
-        for axis in of_sensor
-    }
-    given = option_text(kind="deltas", columns={"t": "1:s", **scaled})
-    return (
-        f"write its numbers as CSV: grep {log} FILE | cut -d ';' -f 2 | tr '*' ',' | cut -d , -f "
-        f"{time},{time + 2}-{time + 7} > imu.csv, then {given}"
-        "; the scales of the IMU are in the manual"
-    )
-
-
-JUDGED_BYTES = 40
-"""Bytes by which UTF-16 is recognised; a file with less than half of them is not judged."""
-
-
-def _utf_16(head: bytes) -> str | None:
-    """Return the name of an encoding in which every second byte of a Latin text is 0; None: it is not so.
-
-    >>> _utf_16("t,gx,gy,gz,ax,ay,az".encode("utf-16-le")), _utf_16(b"t,gx,gy"), _utf_16(bytes(40))
-    ('UTF-16LE', None, None)
-    """
-    few = head[:JUDGED_BYTES]
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0" in few:
-        return "UTF-16"
-    even, odd = few[::2], few[1::2]
-    if len(few) < JUDGED_BYTES // 2 or any(even) == any(odd):
-        return None
-    return "UTF-16LE" if any(even) and all(even) else "UTF-16BE" if all(odd) else None
-
-
-KNOWN_TEXTS: tuple[tuple[re.Pattern[str], str, Callable[[], str]], ...] = (
-    (re.compile(r"^[#%]RAWIMUS?XA?,", re.MULTILINE), NOVATEL, partial(_novatel_cure, "'^[#%]RAWIMUS*X'", 4)),
-    (re.compile(r"^[#%]RAWIMUS?A?,", re.MULTILINE), NOVATEL, partial(_novatel_cure, "'^[#%]RAWIMU'", 2)),
-    (
-        re.compile(r"^[#%](IMURATE|INSPVA|CORRIMU)\w*,", re.MULTILINE),
-        "a log of NovAtel in ASCII that has no raw increments",
-        lambda: "log RAWIMUSXA instead",
-    ),
-)
-"""Texts of known programs that are not read: how one begins, what it is, and how to convert it."""
-
-
-def _text_cure(head: bytes) -> tuple[str, str] | None:
-    """Return what text is that has no sentences of a sensor, and how to make a table of it; None: something else."""
-    text = head.decode("utf-8-sig", "ignore")
-    if not text.strip() or b"$" in head or not all(c.isprintable() or c in "\t\r\n" for c in text):
-        return None
-    for begin, noun, cure in KNOWN_TEXTS:
-        if begin.search(text):
-            return noun, cure()
-    noun = "text, but no table with a line that names its columns"
-    return noun, "write one line of names and one line of numbers per sample, with one separator"
-
-
-def _is_numbers(lines: Sequence[str]) -> bool:
-    """Return whether the first lines are rows of as many numbers: a table without a header."""
-    rows = [split(line, separator_of(line)) for line in lines[:HEAD_LINES] if line.strip()]
-    rows = rows[:-1] if len(rows) > 1 else rows  # the last one may end elsewhere
-    return bool(rows) and all(len(row) == len(rows[0]) and all(map(is_number, row)) for row in rows)
-
-
-def _is_csv(capture: RawCapture, options: ReadOptions) -> bool:
-    """Return whether text is a table: its name says so, or its header names an inertial sensor."""
-    head = capture.head[:HEAD_BYTES]
-    if _has_messages(head):
-        return False
-    # the name counts only now: a capture of sentences may be called .csv
+    """Return the recording that the text of a file without a header of imumon is; None: it is none."""
+    if utf_16(capture.head) is not None:
+        return TextFile(capture, options)
     name = capture.path.lower().removesuffix(".gz")
-    if name.endswith((".csv", ".tsv")) or options.columns:
-        return True
-    if b"\0" in capture.head:
-        return False
-    lines = head.decode("utf-8-sig", "replace").splitlines()
-    if tagged_headers(lines):
-        return True
-    header = header_line(lines)
-    if header is None:
-        return _is_numbers(lines) or any(map(is_echoed, lines))
-    # text between numbers, or JSON, is no header
-    if re.search(r"[:=]\s*[-+]?[\d.\[{]", lines[header]):
-        return False
-    names, begin, separator = below_header(lines, header)
-    return _may_have_sensor(names, lines[begin:HEAD_LINES], separator)
+    head = capture.head[:HEAD_BYTES]
+    if not name.endswith((".csv", ".tsv")) and b"\0" in head:
+        return None
+    if _is_stream_of_messages(head):
+        return None
+    text = decoded(head)
+    printable = sum(character.isprintable() or character in "\t\r\n\v\f" for character in text)
+    return TextFile(capture, options) if printable > TEXT_SHARE * len(text) else None
 
 
-def _has_messages(head: bytes) -> bool:
-    """Return whether bytes have messages of the device that is the default."""
+TEXT_SHARE = 0.95
+"""Share of the characters that can be printed in what is text; a file may have damaged bytes."""
+
+
+def _is_stream_of_messages(head: bytes) -> bool:
+    """Return whether bytes are messages of the device that is the default, and no table that has them beside a time."""
     if (decoder := driver().decoder()) is None:
+        return False
+    lines = [line for line in re.split(rb"\r\n?|\n", head) if b"$" in line]
+    if lines and sum(not line.lstrip().startswith(b"$") for line in lines[1:]) > len(lines) / 2:
         return False
     decoder.feed(head)
     return bool(decoder.messages)
-
-
-def _may_have_sensor(names: Sequence[str], lines: Sequence[str], separator: str | None) -> bool:
-    """Return whether a header names a sensor, or three columns of the lines behind it have numbers and may be one."""
-    if any(column.quantity in SENSORS for column in parse_names(names)):
-        return True
-    rows = [split(row, separator) for row in lines if row.strip()]
-    rows = [row for row in rows[:-1] if len(row) >= len(names) - 1]
-    threes = [triple.indices for triple in triples(names)]
-    return bool(rows) and any(all(is_number(row[k]) for row in rows for k in three) for three in threes)

@@ -19,10 +19,11 @@ from bisect import bisect_right
 import numpy as np
 
 from imumon.grid.interval import SINGLE_EXCESS
+from imumon.model.cures import option_text
 from imumon.model.samples import AXES, Bools, Floats, Ints, sensor_of
 from imumon.model.units import share_text
 from imumon.sources.files.base import RecordingError
-from imumon.sources.files.columns import ColumnLayout, read_alone
+from imumon.sources.files.columns import ColumnLayout
 
 COMPLETE = 0.75
 """Share of the rows of a sensor that must have the other one, for them to have one rate: a slower one has at most two
@@ -163,7 +164,8 @@ class SensorRows:
             f"{self._path}: gyro and accel have different rows: of {self._rows:,}, {counts[0]:,} have gyro, "
         )
         text += f"{counts[1]:,} have accel, {self._both:,} have both"
-        raise RecordingError("different_rates", text, read_alone())
+        alone = f"read each alone, {option_text(sensor='gyro')} and {option_text(sensor='accel')}"
+        raise RecordingError("different_rates", text, alone)
 
 
 class HeldNumbers:

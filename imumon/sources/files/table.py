@@ -15,11 +15,12 @@ recording whose reader feeds it. A remark reports everything that is left out or
 
 Example: a gyroscope of which one sample is missing.
 
->>> from imumon.sources.files.columns import layout
+>>> from imumon.sources.files.column_reader import read_columns
 >>> names = ["t [s]", "gyro_z [rad/s]"]
 >>> rows = np.column_stack([np.arange(100) * 0.01, np.random.default_rng(0).normal(size=100)])
 >>> rows[40, 1] = np.nan
->>> decoder = RowDecoder(RowSource("example", "npz", names), layout(names), rate_hz=None)
+>>> layout = read_columns(names, (), rows).layout()
+>>> decoder = RowDecoder(RowSource("example", "npz", names), layout, rate_hz=None)
 >>> blocks = [*decoder.feed(rows[:, decoder.columns], range(1, 101)), *decoder.finish()]
 >>> sum(len(block.values) for block in blocks), sum(int(block.lost.sum()) for block in blocks)
 (99, 1)
@@ -37,10 +38,9 @@ import numpy as np
 from imumon.model.ledger import RECEIVED, ColumnUse, Ledger, column_account, merged
 from imumon.model.report import MOST_CHARACTERS
 from imumon.model.report_json import plain
-from imumon.model.samples import Floats, Ints, SampleBlock, Stream, sensor_of
+from imumon.model.samples import INERTIAL, Floats, Ints, SampleBlock, Stream, sensor_of
 from imumon.sources.files.base import TEXT_FORMS, ReadOptions, Recording, RecordingError, RowSource
-from imumon.sources.files.column_meaning import with_meaning
-from imumon.sources.files.columns import INERTIAL, ColumnLayout
+from imumon.sources.files.columns import ColumnLayout
 from imumon.sources.files.first_rows import FirstRows, TableStart, TableTimes, present
 from imumon.sources.files.row_selection import RowOrder, SensorRows, copies
 
@@ -102,11 +102,6 @@ class RowDecoder:
     def origin_ns(self) -> float | None:
         """ns, time of the first row as the table has it, from which the times of blocks count; None: there is none."""
         return None if self._start is None or self._start.times is None else self._start.times.origin_ns
-
-    @property
-    def assumed_unit(self) -> str:
-        """Remark on a unit that is assumed; empty: none."""
-        return "" if self._start is None else self._start.assumed_unit
 
     @property
     def caveats(self) -> tuple[str, ...]:
@@ -427,8 +422,10 @@ class Table(Recording):
 
     def _begin(self, source: RowSource, table_layout: ColumnLayout, options: ReadOptions) -> list[int]:
         """Prepare to read rows of some columns; return the indices of their columns in the table."""
-        stated = with_meaning(table_layout, options.units, options.samples)
-        self._rows, self._column_names = RowDecoder(source, stated, options.rate_hz), source.column_names
+        self._rows, self._column_names = (
+            RowDecoder(source, table_layout, options.rate_hz),
+            source.column_names,
+        )
         return self._rows.columns
 
     def _blocks(self, rows: Floats, places: Sequence[int] | Ints) -> list[SampleBlock]:
@@ -445,7 +442,7 @@ class Table(Recording):
         self.columns = self._rows.uses(self._column_names)
         self.ledger = merged(self._line_ledger(), self._rows.ledger)
         self.remarks = [*self._line_remarks(), *self._rows.remarks]
-        self.assumed_unit, self.started = self._rows.assumed_unit, self._rows.started
+        self.started = self._rows.started
         self.caveats = self._rows.caveats
         return blocks
 

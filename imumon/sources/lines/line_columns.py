@@ -1,79 +1,74 @@
 """Lines and where they come from: which number of a line is which channel, in which unit.
 
-They come from the URL, from a header line in the stream, or are `DEFAULT_COLUMNS`. A recording keeps them as
-settings of the device, so that it can be decoded.
+They come from the URL, or the first lines show them, as the head of a file does (`files.printed_log`, `files.columns`).
+A recording keeps them as settings of the device, so that it can be decoded.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from imumon.grid.stamp_kinds import typical_step
+from imumon.model.errors import ImumonError
 from imumon.model.ledger import ColumnUse
 from imumon.model.report import MOST_CHARACTERS
 from imumon.model.report_json import plain
-from imumon.model.samples import ACCEL, CHANNELS, FASTEST_HZ, GYRO, SLOWEST_HZ, Stream
-from imumon.sources.column_names import UNITS, Column, parse_names, unit_of
+from imumon.model.samples import CHANNELS, INERTIAL, Floats, Stream, sensor_of
 from imumon.sources.device import InvalidOption
-from imumon.sources.rest_sizes import is_one_g, median_size, too_noisy
+from imumon.sources.files.base import ReadOptions
+from imumon.sources.files.column_names import named_channel
+from imumon.sources.files.column_reader import read_columns
+from imumon.sources.files.columns import Column, Reading, parse_map
+from imumon.sources.files.unit_grammar import known_unit
 
-if TYPE_CHECKING:
-    from imumon.model.samples import Floats
-
-DEFAULT_COLUMNS = "t,gx,gy,gz,ax,ay,az"
-DEFAULT_UNIT = "ms"
-"""Unit of a time without one that shows no rate: boards print `millis()`."""
-USUAL_HZ = (0.7, 1400.0)
-"""Hz, rates at which the unit of a time is inferred; they overlap those of the next unit by less than an octave."""
 SENSORS = {
     "gyro": "gyro", "accel": "accel", "mag": "mag", "temp": "temperature", "pressure": "pressure", "time": "t"
 }  # fmt: skip
 """Quantity of each parameter that gives a unit."""
 
+SI = {"gyro": "rad/s", "accel": "m/s^2", "mag": "gauss", "temperature": "degC", "pressure": "kPa"}
+"""Units of columns that the URL names without one."""
+
+NAMES_CURE = "write t_s, t_ms, t_us or t_ns, gx to gz, ax to az, mx to mz, temp, or - for a column to ignore"
+
 
 @dataclass(frozen=True, slots=True)
 class LineColumns:
-    """Meaning of the numbers of a line.
+    """Meaning of the numbers of a record.
 
     Attributes
     ----------
-    count : numbers of a line.
-    time : column of the time; None: there is none.
+    count : numbers of a record.
+    time : columns of the time; two are added; empty: there is none.
     used : columns of the channels, in the order of `stream.channels`.
     stream : stream of the samples.
-    settings : what `columns_of` makes the same from.
+    settings : what `columns_of`, or the first lines, make the same from.
     inertial : number of leading channels of gyroscope and accelerometer: a sample has all of them.
     account : what became of each column; two layouts do not differ by it.
     """
 
     count: int
-    time: Column | None
+    time: tuple[Column, ...]
     used: tuple[Column, ...]
     stream: Stream
     settings: Mapping[str, str]
     inertial: int
     account: tuple[ColumnUse, ...] = field(default=(), compare=False)
 
-    def with_unit(self, unit: str) -> LineColumns:
-        """Return these columns with a unit of the time, which has none."""
-        assert self.time is not None
-        settings = {**self.settings, "time": unit}
-        return replace(self, time=replace(self.time, unit=unit), settings=settings)
-
-    @property
-    def time_factor(self) -> float:
-        """Factor of the time to ns; 1.0 before its unit is known, or without one."""
-        return 1.0 if self.time is None else self.time.factor
-
     @property
     def wrapping_ns(self) -> int:
         """Unit of the time, ns, if it is a counter that wraps; 0: it does not wrap, or there is no time."""
         # those of Arduino and MicroPython do; no board is known whose counter of s or ns wraps
-        return int(self.time.factor) if self.time is not None and self.time.unit in ("ms", "us") else 0
+        unit_ns = self.time[0].factor if len(self.time) == 1 else 0.0
+        return int(unit_ns) if unit_ns in (1e6, 1e3) else 0
+
+    @property
+    def time_unit(self) -> str | None:
+        """Unit of the time; None: none of s, ms, us and ns."""
+        units = {1e9: "s", 1e6: "ms", 1e3: "us", 1.0: "ns"}
+        return units.get(self.time[0].factor) if len(self.time) == 1 else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +82,21 @@ class LinesUrl:
     settings: Mapping[str, str]
 
 
+def units_of(settings: Mapping[str, str]) -> dict[str, str]:
+    """Return the units that parameters give, by quantity; raise `InvalidOption` if one of them is none."""
+    units = {}
+    for name, quantity in SENSORS.items():
+        if name in settings:
+            known = known_unit(settings[name], quantity)
+            if known is None or known.quantity != quantity:
+                text = f"{settings[name]!r} is no unit of {quantity}"
+                raise InvalidOption(
+                    "lines_unit_invalid", text, "write one such as rad/s, deg/s, m/s^2, g, uT, ms"
+                )
+            units[quantity] = settings[name]
+    return units
+
+
 def columns_of(settings: Mapping[str, str]) -> LineColumns:
     """Return the columns that parameters of a URL, or settings of a recording, give.
 
@@ -94,151 +104,82 @@ def columns_of(settings: Mapping[str, str]) -> LineColumns:
     ------
     InvalidOption : a name or a unit is unknown, or there is neither a gyroscope nor an accelerometer.
     """
-    names = settings["columns"].split(",")
-    columns = [_time_named(column) for column in parse_names([name.strip() for name in names])]
-    for name, column in zip(names, columns, strict=True):
-        if column.quantity in (None, "angle", "velocity", "dt") and name.strip() not in ("-", ""):
-            cure = "write t_s, t_ms, t_us or t_ns, gx to gz, ax to az, mx to mz, temp, or - for a column to ignore"
-            raise InvalidOption("lines_columns_invalid", f"lines: has no column {name.strip()!r}", cure)
-        if column.unknown_unit is not None:
-            _known_unit(column.unknown_unit, column.quantity or "")
-    layout = _layout(columns, settings)
-    if layout is None:
-        text = f"columns={settings['columns']} name no gyroscope and no accelerometer, or one twice"
-        raise InvalidOption("lines_columns_invalid", text, f"write for example columns={DEFAULT_COLUMNS}")
-    return layout
-
-
-def header_columns(cells: Sequence[str], settings: Mapping[str, str]) -> LineColumns | None:
-    """Return the columns that a header line names; None: it is no header. Names without a meaning are ignored.
-
-    >>> header_columns(["millis", "gyro_x", "seq"], {}).stream.channels
-    ('gyro/x',)
-    >>> header_columns(["MPU6050", "ready"], {}) is None
-    True
-    """
-    if len(cells) < 2:
-        return None
-    columns = [_time_named(column) for column in parse_names(cells)]
-    if any(column.unknown_unit is not None for column in columns):
-        return None
-    return _layout(columns, settings)
-
-
-def _time_named(column: Column) -> Column:
-    """Return a column named millis or micros, as in sketches for Arduino, as a time; others unchanged."""
-    unit = {"millis": "ms", "micros": "us"}.get(column.name.lower())
-    return column if unit is None else replace(column, quantity="t", unit=unit)
-
-
-def _layout(columns: Sequence[Column], settings: Mapping[str, str]) -> LineColumns | None:
-    """Return the columns with the units of the settings; None: nothing inertial is among them, or one is twice."""
+    names = [name.strip() for name in settings["columns"].split(",")]
+    units = units_of(settings)
+    fields: dict[str, str] = {}
+    for k, name in enumerate(names):
+        if name in ("-", ""):
+            continue
+        channel, unit = named_channel(name)
+        if channel not in (*CHANNELS, "t") or channel in fields:
+            raise InvalidOption(
+                "lines_columns_invalid", f"lines: has no column {name!r}, or it is there twice", NAMES_CURE
+            )
+        sensor = sensor_of(channel)
+        unit = unit or units.get(sensor, "") or SI.get(sensor, "")
+        known = known_unit(unit, sensor) if unit else None
+        if known is None or known.quantity != sensor:
+            if unit:
+                raise InvalidOption(
+                    "lines_unit_invalid", f"{unit!r} is no unit of {sensor}", "write one such as deg/s, g, ms"
+                )
+            raise InvalidOption(
+                "lines_columns_invalid", f"the time {name!r} has no unit", "write t_s, t_ms, t_us or t_ns"
+            )
+        fields[channel] = f"{k + 1}:{unit}"
+    if not any(sensor_of(channel) in INERTIAL for channel in fields):
+        text = f"columns={settings['columns']} name no gyroscope and no accelerometer"
+        raise InvalidOption("lines_columns_invalid", text, "write for example columns=t_ms,gx,gy,gz,ax,ay,az")
+    try:
+        reading = read_columns(names, (), np.empty((0, len(names))), ReadOptions(columns=fields))
+    except ImumonError as error:
+        raise InvalidOption("lines_columns_invalid", error.message, error.cure) from None
+    kept = ",".join(
+        name if k in {u for use in reading.uses for u in use.columns} else "-" for k, name in enumerate(names)
+    )
     given = {name: settings[name] for name in SENSORS if name in settings}
-    columns = _with_units(columns, given)
-    # in the order of the channels, whatever that of the columns: inertial ones first, see `LineColumns.inertial`
-    used = sorted((c for c in columns if c.channel in CHANNELS), key=lambda c: CHANNELS.index(c.channel))
-    channels = tuple(column.channel for column in used)
-    inertial = [column for column in used if column.channel in (*GYRO, *ACCEL)]
-    if not inertial or len(set(channels)) < len(channels):
-        return None
-    time = next((column for column in columns if column.quantity == "t"), None)
-    kinds = {column.kind for column in inertial}
-    kind = kinds.pop() if len(kinds) == 1 else None  # columns that contradict each other say nothing
-    # A recording keeps these names and is decoded by them: unused columns keep their places. They also name the
-    # stream, so that another order of the columns is another record.
-    source = ",".join(column.name if column in (*used, time) else "-" for column in columns)
+    return line_columns(reading, {"columns": kept} | given)
+
+
+def line_columns(reading: Reading, settings: Mapping[str, str]) -> LineColumns:
+    """Return the columns that a reading of the first lines has."""
+    layout = reading.layout()
+    channels, used = layout.channels, layout.columns
+    time = {column.index for column in layout.times}
+    by_index = {column.index: channel for channel, column in zip(channels, used, strict=True)}
+    source = ",".join(
+        plain(name) if k in by_index or k in time else "-" for k, name in enumerate(reading.names)
+    )[:MOST_CHARACTERS]
     stream = Stream(
-        kind or "unknown", channels, source=f"lines of {source}", clock="none" if time is None else "startup"
+        layout.kind,
+        channels,
+        f"lines of {source}",
+        "startup" if layout.times else "none",
+        None,
+        layout.gyro,
+        layout.accel,
     )
-    account = tuple(_use_of(column, used, time) for column in columns)
-    return LineColumns(
-        len(columns), time, tuple(used), stream, {"columns": source} | given, len(inertial), account
-    )
-
-
-def _use_of(column: Column, used: Sequence[Column], time: Column | None) -> ColumnUse:
-    """Return what became of a column of lines."""
-    name = plain(column.name)[:MOST_CHARACTERS]
-    if column in used:
-        return ColumnUse(name=name, use=column.channel)
-    if column is time:
-        return ColumnUse(name=name, use="time")
-    reason = (
-        "another column is the time" if column.quantity == "t" else "it has no name of a sensor or a time"
-    )
-    return ColumnUse(name=name, reason="columns= ignores it" if name in ("-", "") else reason)
-
-
-def _with_units(columns: Sequence[Column], given: Mapping[str, str]) -> list[Column]:
-    """Return the columns, with the given unit of its quantity where the name of a column has none."""
-    units = {SENSORS[name]: _known_unit(text, SENSORS[name]) for name, text in given.items()}
-    return [c if c.unit else replace(c, unit=units.get(c.quantity or "")) for c in columns]
-
-
-def _known_unit(text: str, quantity: str) -> str:
-    unit = unit_of(text, quantity) if quantity in UNITS else None
-    if unit is None:
-        known = ", ".join(UNITS.get(quantity, {}))
-        raise InvalidOption(
-            "lines_unit_invalid", f"{text!r} is no unit of {quantity}", f"write one of {known}"
+    account = []
+    for k, name in enumerate(reading.names):
+        use = by_index.get(k, "time" if k in time else None)
+        ignored = "columns= ignores it" if name in ("-", "") else reading.unused.get(k)
+        account.append(
+            ColumnUse(name=plain(name)[:MOST_CHARACTERS], use=use, reason=None if use else ignored)
         )
-    return unit
+    inertial = sum(sensor_of(channel) in INERTIAL for channel in channels)
+    return LineColumns(len(reading.names), layout.times, used, stream, settings, inertial, tuple(account))
 
 
-def proposed_settings(rows: Sequence[Sequence[float]]) -> str | None:
-    """Return the parameters of a URL that lines of numbers fit, by their sizes; None: nothing shows them.
-
-    Three numbers of one g are an accelerometer, three others beside them a gyroscope, a number that only grows in even
-    steps before them a time.
-
-    >>> still = [0.001, 0.002, 0.003, 0.1, 0.2, 9.8]
-    >>> proposed_settings([[10.0 * k, *still] for k in range(30)])
-    'columns=t_ms,gx,gy,gz,ax,ay,az'
-    >>> proposed_settings([[0.01, 0.02, 0.99, *still[:3], 7.0] for k in range(30)])
-    'columns=ax,ay,az,gx,gy,gz,-&accel=g'
-    """
-
-    numbers = np.array(rows, dtype=np.float64)
-    width = numbers.shape[1]
-    names, units = ["-"] * width, []
-    begin = 0
-    if (numbers[1:, 0] > numbers[:-1, 0]).all() and (unit := unit_of_time(numbers[:, 0])) is not None:
-        names[0], begin = f"t_{unit}", 1
-    accel = _accelerometer(numbers, begin)
-    if accel is not None:
-        names[accel[0] : accel[0] + 3] = ["ax", "ay", "az"]
-        units += [] if accel[1] == "m/s2" else [f"accel={accel[1]}"]
-    # beside the accelerometer, in front of it or behind it
-    places = [begin] if accel is None else [accel[0] - 3, accel[0] + 3]
-    gyro = next((k for k in places if begin <= k <= width - 3), None)
-    if gyro is not None:
-        names[gyro : gyro + 3] = ["gx", "gy", "gz"]
-        units[:0] = ["gyro=deg/s"] if too_noisy(numbers[:, gyro : gyro + 3]) else []
-    return None if accel is None and gyro is None else "&".join([f"columns={','.join(names)}", *units])
-
-
-def unit_of_time(times: Floats) -> str | None:
-    """Return the unit in which (n,) times are those of a sensor; None: they show no rate, or one of no sensor.
-
-    It is the finest one in which their rate is usual, else the finest in which it is possible.
-
-    >>> import numpy as np
-    >>> [unit_of_time(step * np.arange(25.0)) for step in (0.01, 10.0, 2500.0, 1e7, 1e-4, 1e-7)]
-    ['s', 'ms', 'us', 'ns', 's', None]
-    """
-    if len(times) < 2 or not (times[1:] > times[:-1]).any():
-        return None
-    step_ns = {unit: typical_step(times) * UNITS["t"][unit] for unit in ("s", "ms", "us", "ns")}
-    for slowest, fastest in (USUAL_HZ, (SLOWEST_HZ, FASTEST_HZ)):
-        if units := [unit for unit, ns in step_ns.items() if slowest <= 1e9 / ns <= fastest]:
-            return units[-1]
-    return None
-
-
-def _accelerometer(numbers: Floats, begin: int) -> tuple[int, str] | None:
-    """Return the first of three columns of (n, k) numbers whose size is one g, and the unit; None: there are none."""
-    sizes = {k: median_size(numbers[:, k : k + 3]) or 0.0 for k in range(begin, numbers.shape[1] - 2)}
-    units = ("m/s2", "g", "mg")
-    return next(
-        ((k, u) for u in units for k, size in sizes.items() if is_one_g(size * UNITS["accel"][u])), None
-    )
+def first_columns(
+    names: tuple[str, ...],
+    units: tuple[str, ...],
+    rows: Floats,
+    settings: Mapping[str, str],
+    rate_hz: float | None,
+) -> Reading:
+    """Return what the numbers of the first lines are; raise `ImumonError` if they are none of a sensor."""
+    columns = parse_map(settings["map"]) if "map" in settings else None
+    options = ReadOptions(columns=columns, rate_hz=rate_hz, units={
+        {"t": "time"}.get(quantity, quantity): unit for quantity, unit in units_of(settings).items()
+    })  # fmt: skip
+    return read_columns(names, units, rows, options)

@@ -2,18 +2,16 @@
 
 Rules, which do not depend on the chunks:
 
-- A line ends with LF, or CR and LF. A sample is a line with one number for each column, apart by commas, semicolons,
-  tabs or blanks. If semicolons are apart, a comma is a decimal sign.
-- A line may have names beside its numbers (``ax: 0.1, ay: 0.2``, or JSON): see `text_fields`. A sample is complete
-  when a name comes again; then its names are a header, and its numbers a line.
+- A line ends with LF, or CR and LF. Where the URL names the columns, a sample is a line with one number for each, apart
+  by commas, semicolons, tabs or blanks. If semicolons are apart, a comma is a decimal sign.
+- Otherwise the first lines show how a sample is printed and what its numbers are, as the head of a file does
+  (`files.printed_log`, `files.columns`): cells below a header, names beside the numbers, JSON, a sample of several
+  lines. They wait until `FIRST_LINES` are there. What is not certain needs ``accept`` or ``columns=`` in the URL: until
+  then no line is a sample, and a remark has the question.
 - Any other line counts as invalid and, where the stream has no clock, as a lost sample. So does one in which the
   time, or a value of gyroscope or accelerometer, is no finite number. Other values may be no number: they are unknown.
-- Blank lines, lines that begin with ``#``, and header lines are no samples and nothing is lost by them. A header sets
-  the columns, unless they are given or samples came before it.
+- Blank lines, lines that begin with ``#``, and the header are no samples and nothing is lost by them.
 - A line longer than `LONGEST_LINE` is discarded up to its end.
-- A header has at most `MOST_NAMES` names. Once samples came, it has as many names as they have numbers: to read a name
-  takes a hundred times as long as a number, and a board may print other text all the time.
-- A time without a unit has the one that the first `UNIT_ROWS` samples show (`unit_of_time`); they wait for it.
 - A counter that wraps continues. A time that goes back otherwise is that of a restarted sensor.
 
 A line has no checksum, so a damaged digit is a number like any other.
@@ -30,45 +28,37 @@ import numpy as np
 
 from imumon.grid.counter_wraps import wrap_ns
 from imumon.grid.live_stamps import LiveStamps
-from imumon.model.errors import QUOTED
+from imumon.model.errors import QUOTED, ImumonError
 from imumon.model.ledger import Ledger
 from imumon.model.report_json import plain
-from imumon.model.samples import AXES, LONGEST_NS, Floats, SampleBlock
+from imumon.model.samples import AXES, LONGEST_NS, Floats, SampleBlock, sensor_of
 from imumon.sources.device import RESTART_NS
+from imumon.sources.files.printed_log import PrintedTable, number_of, split, tables
+from imumon.sources.files.sizes_at_rest import NOISIEST, is_one_g, median_size, sample_noise
 from imumon.sources.lines.line_columns import (
-    DEFAULT_COLUMNS,
-    DEFAULT_UNIT,
     LineColumns,
     columns_of,
-    header_columns,
-    proposed_settings,
-    unit_of_time,
+    first_columns,
+    line_columns,
 )
-from imumon.sources.rest_sizes import is_one_g, median_size, sample_noise, too_noisy
-from imumon.sources.text_fields import RecordAssembler, fields_of
 
 LONGEST_LINE = 4096
 """Bytes of a line at most, where the settings say nothing."""
-MOST_NAMES = 128
-"""Names of a header at most: there are eleven channels, and a board prints some columns of its own."""
+FIRST_LINES = (50, 100, 200, 400)
+"""Numbers of first lines from which the form of a sample is tried: half a second at 100 Hz, and longer."""
 SIZE_SAMPLES = 100
 """First samples, whose sizes are compared with those of a sensor at rest."""
-PROPOSED_ROWS = 25
-"""Lines of numbers that are no samples, from which columns are proposed."""
-UNIT_ROWS = 25
-"""Samples from which the unit of a time is inferred: a quarter of a second at 100 Hz."""
 
 _NUMBER = re.compile(rb"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """A sample: its time as it was printed, values in SI, and lines that were lost before it."""
+    """A sample: its time, ns, values in SI, and lines that were lost before it."""
 
-    time: str
+    time_ns: int
     values: list[float]
     lost: int
-    time_ns: int = 0  # once its unit is known
 
 
 class _NoSample(Exception):
@@ -84,13 +74,11 @@ class LineDecoder:
 
     Parameters
     ----------
-    settings : columns and units, see `line_columns`; without ``columns``, a header line gives them, or they are
-        the default.
-    needs_header : there is no default.
+    settings : columns and units, see `line_columns`; without ``columns``, the first lines show them.
 
     Attributes
     ----------
-    columns : in use; None before a header that is needed.
+    columns : in use; None before they are known.
     remarks : doubts about the lines, one each.
 
     >>> decoder = LineDecoder({"columns": "gx,gy,gz"})
@@ -98,41 +86,37 @@ class LineDecoder:
     ([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], 6, 3)
     """
 
-    def __init__(self, settings: Mapping[str, str], *, needs_header: bool = False) -> None:
+    def __init__(self, settings: Mapping[str, str], rate_hz: float | None = None) -> None:
         self.fed = self.messages = self.message_bytes = self.discarded = self.bad_checksums = 0
         self._ledger = Ledger()
-        self.columns: LineColumns | None = None
-        self._settings, self._given = settings, "columns" in settings
-        if not needs_header:
-            self.columns = columns_of({"columns": DEFAULT_COLUMNS} | dict(settings))
+        self._settings, self._rate_hz = settings, rate_hz
+        self.columns = columns_of(settings) if "columns" in settings else None
+        self._table: PrintedTable | None = None  # how a sample is printed; None: cells, or not known yet
+        self._pattern = re.compile("")
+        self._first_lines: list[bytes] = []  # before the columns are known
+        self._record: list[str] = []  # lines of the sample that has begun
         self._rest = b""
-        self._records = RecordAssembler()  # of lines with names beside the numbers
-        self._record_lines = 0  # of the record that has begun
-        self._skipping = self._begun = False  # an overlong line; samples or a header were there
+        self._skipping = self._begun = False  # an overlong line; samples were there
         self._lost = 0  # invalid lines since the last sample
         self._fault: str | None = None
+        self._question: str | None = None  # what the columns are, where that is not certain
         self._stamps: LiveStamps | None = None
-        self._resolution = 0.0  # ns, of the last time
+        self._resolution = 0.0  # ns, of the times
         self._offset = 0  # ns, of all wraps so far
         self._last: int | None = None  # ns, before its wraps are undone
-        self._without_unit: list[_Row] = []  # wait for the unit of their time
-        self._assumed_unit: str | None = None  # remark on it
         self._waiting: list[_Row] = []  # whose time is not decided
-        self._unmatched: list[list[float]] = []  # numbers of lines that are no samples, at the start
-        self._proposal: str | None = None  # columns that they fit
         self._first: list[list[float]] = []  # values of the first samples, in SI
         self._unit_doubts: tuple[str, ...] = ()
 
     @property
     def pending(self) -> int:
-        """Bytes of a line whose end is missing."""
-        return len(self._rest)
+        """Bytes of a line whose end is missing, and of lines that wait until the columns are known."""
+        return len(self._rest) + sum(len(line) + 1 for line in self._first_lines)
 
     @property
     def ledger(self) -> dict[str, int]:
         """What became of all lines but those that are samples, by reason."""
-        waiting = len(self._without_unit) + len(self._waiting)
-        return self._ledger.counts(pending=waiting + self._record_lines)
+        return self._ledger.counts(pending=len(self._waiting) + len(self._record) + len(self._first_lines))
 
     def skip_line(self) -> None:
         """Count a line that was not fed: of a stream that had begun before, it may be half of one."""
@@ -142,7 +126,7 @@ class LineDecoder:
     @property
     def remarks(self) -> tuple[str, ...]:
         stamps = self._stamps.remark if self._stamps is not None else None
-        doubts = [self._fault, self._proposal, stamps, self._assumed_unit, *self._unit_doubts]
+        doubts = [self._fault, self._question, stamps, *self._unit_doubts]
         return tuple(text for text in doubts if text)
 
     def feed(self, data: bytes) -> list[SampleBlock]:
@@ -151,13 +135,14 @@ class LineDecoder:
         *lines, self._rest = (self._rest + data).split(b"\n")
         blocks: list[SampleBlock] = []
         rows: list[_Row] = []
-        for line in lines:
-            for row in self._timed(self._line(line)):
-                if self._restarted(row):
-                    # decide what waits by the old clock: no stamp of the new one says anything about it
-                    blocks += self._blocks(rows, final=True)
-                    rows, self._stamps, self._offset = [], None, 0
-                rows.append(replace(row, time_ns=row.time_ns + self._offset) if self._offset else row)
+        for line in (known for received in lines for known in self._known(received)):
+            if (row := self._line(line)) is None:
+                continue
+            if self._restarted(row):
+                # decide what waits by the old clock: no stamp of the new one says anything about it
+                blocks += self._blocks(rows, final=True)
+                rows, self._stamps, self._offset = [], None, 0
+            rows.append(replace(row, time_ns=row.time_ns + self._offset) if self._offset else row)
         if len(self._rest) > LONGEST_LINE:
             self.discarded += len(self._rest)
             self._skipping, self._rest = True, b""
@@ -165,31 +150,69 @@ class LineDecoder:
 
     def finish(self) -> list[SampleBlock]:
         """Return what waits, at the end of the stream. A line without its end may be half of one: it is discarded."""
-        self.discarded += len(self._rest)
-        if self._rest or self._skipping:
+        rest, skipping = self._rest, self._skipping
+        self._rest, self._skipping = b"", False
+        rows = []
+        if self.columns is None and self._first_lines:
+            self._learn()
+            lines, self._first_lines = self._first_lines, []
+            rows = [row for line in lines if (row := self._line(line)) is not None]
+        self.discarded += len(rest)
+        if rest or skipping:
             self._ledger.receive()
             self._ledger.add("pending")
-        self._rest, self._skipping = b"", False
-        last: _Row | None = None
-        if (record := self._records.finish()) is not None:
-            lines, self._record_lines = self._record_lines, 0
+        return self._blocks(rows, final=True)
+
+    # ------------------------------------------------------------------ the first lines
+
+    def _known(self, line: bytes) -> Sequence[bytes]:
+        """Return the lines that can be decoded now: none before the columns are known, then all that waited."""
+        self._ledger.receive()
+        if self.columns is not None:
+            return (line,)
+        self._first_lines.append(line[: LONGEST_LINE + 1])
+        if len(self._first_lines) in FIRST_LINES:
+            self._learn()
+        if self.columns is None and len(self._first_lines) < FIRST_LINES[-1]:
+            return ()
+        lines, self._first_lines = self._first_lines, []
+        return lines
+
+    def _learn(self) -> None:
+        """Find how a sample is printed and what its numbers are in the first lines."""
+        text = "".join(f"{line.decode('utf-8', 'replace').rstrip()}\n" for line in self._first_lines)
+        try:
+            found = tables(f"{text}\n")
+        except ImumonError:
+            return
+        for table in found:
             try:
-                last = self._record_sample(record, lines)
-            except _NoSample as fault:
-                self._ledger.add(fault.reason)
-        return self._blocks(self._timed(last, final=True), final=True)
+                reading = first_columns(table.names, table.units, table.rows, self._settings, self._rate_hz)
+                reading = replace(reading, uses=tuple(use for use in reading.uses if use.key != "rate"))
+                used = reading.checked("lines:", accept="accept" in self._settings)
+            except ImumonError as error:
+                self._question = getattr(error, "message", str(error))
+                proposal = getattr(error, "proposal", None)
+                self._question += f": give accept or map={proposal} behind the port" if proposal else ""
+                continue
+            self._table, self._question = table, None
+            self._pattern = re.compile(table.pattern, re.MULTILINE)
+            self.columns = line_columns(used, {**self._settings, "map": reading.map})
+            assumed = [use.reason for use in used.uses if not use.certain]
+            self._unit_doubts = tuple(f"assumed: {reason}" for reason in assumed)
+            return
 
     # ------------------------------------------------------------------ lines
 
     def _line(self, line: bytes) -> _Row | None:
-        """Return the sample of a line, if it is one; count the line in any case."""
+        """Return the sample of a line, if it ends one; count the line in any case."""
         size, text = len(line) + 1, line.strip()
         skipped, self._skipping = self._skipping, False
-        self._ledger.receive()
+        is_comment = text.startswith(b"#")
         try:
             if skipped or len(line) > LONGEST_LINE:
                 raise _NoSample("is too long", "damaged")
-            row = None if not text or text.startswith(b"#") else self._parsed(text)
+            row = self._parsed(text) if text and not is_comment else None
         except _NoSample as fault:
             self.discarded += size
             self.bad_checksums += 1  # the nearest that a line without a checksum has
@@ -198,7 +221,7 @@ class LineDecoder:
             self._ledger.add("start" if greeting else fault.reason)
             self._fault = self._fault or f"a line is no sample: it {fault}"
             return None
-        if not text or text.startswith(b"#"):
+        if not text or is_comment:
             self.discarded += size
             self._ledger.add("comment" if text else "blank")
         else:
@@ -207,82 +230,72 @@ class LineDecoder:
         return row
 
     def _parsed(self, text: bytes) -> _Row | None:
-        """Return the sample of a line; None of a header. Raise `_NoSample` of any other."""
-        cells, columns = _cells(text), self.columns
-        if all(map(_NUMBER.fullmatch, cells)):
-            if columns is None or len(cells) != columns.count:
-                self._propose(cells)
-                expected = f", not {columns.count} for {columns.settings['columns']}" if columns else ""
-                raise _NoSample(f"has {len(cells)} numbers{expected}", "wrong_columns")
-            return self._sample(columns, [cell.decode() for cell in cells])
+        """Return the sample that a line ends; None of a header or a part. Raise `_NoSample` of any other."""
+        columns, table = self.columns, self._table
+        if columns is None:
+            raise _NoSample("is before the columns are known", "not_numbers")
         line = text.decode("utf-8", "replace")
-        named = {name: value for name, value in fields_of(line).items() if _NUMBER.fullmatch(value.encode())}
-        if named and _is_name(line):
-            record = self._records.add(named)
-            lines, self._record_lines = self._record_lines, self._record_lines + 1
-            if record is None:
+        if table is not None and table.pattern:
+            return self._printed(columns, table, line)
+        cells = _cells(text) if table is None else [c.encode() for c in split(line, table.separator)]
+        if table is not None and line == table.header:
+            self._ledger.add("header")
+            return None
+        if len(cells) != columns.count:
+            if any(_NUMBER.fullmatch(cell) is None for cell in cells) and not _are_mostly_numbers(cells):
+                self._text(text, cells)
                 return None
-            self._record_lines = 1
-            return self._record_sample(record, lines)
-        if not self._is_header([cell.decode("utf-8", "replace") for cell in cells]):
-            raise _NoSample(f"is {plain(text[: 4 * QUOTED].decode('latin-1'))[:QUOTED]!r}", "not_numbers")
-        self._ledger.add("header")
-        return None
+            raise _NoSample(f"has {len(cells)} numbers, not {columns.count}", "wrong_columns")
+        used = [column.index for column in (*columns.used, *columns.time)]
+        if not all(_NUMBER.fullmatch(cells[k]) for k in used) or (
+            table is None and not all(map(_NUMBER.fullmatch, cells))
+        ):
+            self._text(text, cells)
+            return None
+        self._note_digits(columns, [cell.decode() for cell in cells])
+        return self._sample(
+            columns, [float(cells[k]) if k in used else math.nan for k in range(columns.count)]
+        )
 
-    def _is_header(self, names: Sequence[str]) -> bool:
-        """Return whether names are those of columns; the first ones set the columns, unless these are given."""
-        # a name takes a hundred times as long as a number: beside samples, text of another length is not tried
-        if self._begun and self.columns is not None and len(names) != self.columns.count:
-            return False
-        if not 2 <= len(names) <= MOST_NAMES:
-            return False
-        header = header_columns(names, self._settings) if all(map(_is_name, names)) else None
-        if header is None:
-            return False
-        if not self._begun and not self._given:
-            self.columns, self._begun, self._lost = header, True, 0
-        return True
-
-    def _propose(self, cells: Sequence[bytes]) -> None:
-        """Keep some numbers that are no sample, and note which columns they may be once there are enough."""
-        if self._proposal is not None or self._begun:
+    def _text(self, text: bytes, cells: Sequence[bytes]) -> None:
+        """Count a header; raise `_NoSample` of other text."""
+        is_header = self.columns is not None and len(cells) == self.columns.count
+        if is_header and all(re.fullmatch(rb"[A-Za-z_][\w .\[\]()/^-]*", cell) for cell in cells):
+            self._ledger.add("header")
             return
-        if self._unmatched and len(cells) != len(self._unmatched[0]):
-            self._unmatched = []
-        if len(cells) <= MOST_NAMES:
-            self._unmatched.append([float(cell) for cell in cells])
-        if len(self._unmatched) == PROPOSED_ROWS:
-            fitting = proposed_settings(self._unmatched)
-            self._proposal = (
-                f"lines of {len(cells)} numbers fit ?{fitting} behind the port" if fitting else None
-            )
-            self._unmatched = []
+        raise _NoSample(f"is {plain(text[: 4 * QUOTED].decode('latin-1'))[:QUOTED]!r}", "not_numbers")
 
-    def _record_sample(self, record: Mapping[str, str], lines: int) -> _Row:
-        """Return the sample of some lines with names; raise `_NoSample` if they are not those of the columns."""
-        if not self._begun and not self._given:
-            self._is_header(list(record)[:MOST_NAMES])
-        columns = self.columns
-        try:
-            if columns is None or not all(c.name in record for c in columns.used[: columns.inertial]):
-                text = f"has numbers with the names {', '.join(record)[:QUOTED]!r}"
-                raise _NoSample(text, "wrong_columns")
-            names = columns.settings["columns"].split(",")
-            row = self._sample(columns, [record.get(name, "nan") for name in names])
-        except _NoSample as fault:
-            # the line that is read begins the next record; the caller counts one of those that are no sample
-            self._ledger.add(fault.reason, lines - 1)
-            raise
-        self._ledger.add("part", lines - 1)
-        return row
+    def _printed(self, columns: LineColumns, table: PrintedTable, line: str) -> _Row | None:
+        """Return the sample that a line with names beside its numbers ends."""
+        self._record.append(line)
+        match = self._pattern.fullmatch("".join(f"{text}\n" for text in self._record))
+        if match is None and len(self._record) < table.lines:
+            return None
+        lines, self._record = self._record, []
+        if match is None:
+            # a sample may begin later: all but the first line are tried again
+            self._ledger.add("not_numbers", 0)
+            rest = lines[1:]
+            self._record = rest
+            raise _NoSample(f"is {plain(lines[0])[:QUOTED]!r}", "not_numbers")
+        self._ledger.add("part", table.lines - 1)
+        self._note_digits(columns, match.groups())
+        numbers = [number_of(text) for text in match.groups()]
+        return self._sample(columns, [math.nan if number is None else number for number in numbers])
 
-    def _sample(self, columns: LineColumns, cells: Sequence[str]) -> _Row:
-        """Return the sample of a line of numbers."""
-        values = [float(cells[column.index]) * column.factor - column.zero for column in columns.used]
+    def _note_digits(self, columns: LineColumns, texts: Sequence[str]) -> None:
+        """Note the resolution of a time, by its digits."""
+        if columns.time:
+            last = columns.time[-1]
+            self._resolution = last.factor / 10 ** len(texts[last.index].partition(".")[2])
+
+    def _sample(self, columns: LineColumns, numbers: Sequence[float]) -> _Row:
+        """Return the sample of a record of numbers."""
+        values = [numbers[c.index] * c.factor - c.zero for c in columns.used]
         if not all(map(math.isfinite, values[: columns.inertial])):
             raise _NoSample("has a value that is no finite number", "not_finite")
-        time = "0" if columns.time is None else cells[columns.time.index]
-        if not abs(float(time) * columns.time_factor) < LONGEST_NS:
+        time = sum(numbers[c.index] * c.factor for c in columns.time)
+        if not abs(time) < LONGEST_NS:
             raise _NoSample("has a time that is no finite number", "not_finite")
         # before the first sample, invalid lines are greetings of the board and the half of a line
         lost, self._lost = self._lost if self._begun else 0, 0
@@ -290,45 +303,10 @@ class LineDecoder:
         if len(self._first) < SIZE_SAMPLES:
             self._first.append(values)
             if len(self._first) == SIZE_SAMPLES:
-                self._unit_doubts = tuple(_unit_doubts(columns, np.array(self._first)))
-        return _Row(time, values, lost)
+                self._unit_doubts += tuple(_unit_doubts(columns, np.array(self._first)))
+        return _Row(round(time), values, lost)
 
     # ------------------------------------------------------------------ time
-
-    def _timed(self, row: _Row | None, *, final: bool = False) -> list[_Row]:
-        """Return a sample with its time, once the unit is known; with it, those that have waited for the unit."""
-        rows = [] if row is None else [row]
-        columns = self.columns
-        if columns is None or columns.time is None:
-            return rows
-        if columns.time.unit is None:
-            columns, rows = self._with_unit(columns, rows, final=final)
-            self.columns = columns
-        factor, timed = columns.time_factor, []
-        for row in rows:
-            # a float resolves 256 ns of the time since 1970: whole numbers stay whole
-            whole = row.time.isdigit()
-            time_ns = int(row.time) * int(factor) if whole else round(float(row.time) * factor)
-            if abs(time_ns) < LONGEST_NS:
-                timed.append(replace(row, time_ns=time_ns))
-                self._resolution = factor / 10 ** len(row.time.partition(".")[2])
-            else:  # in the unit that the rows before it have shown
-                self._ledger.add("not_finite")
-        return timed
-
-    def _with_unit(
-        self, columns: LineColumns, rows: list[_Row], *, final: bool
-    ) -> tuple[LineColumns, list[_Row]]:
-        """Return the columns with a unit of the time, and the samples that have waited for it; before, none of them."""
-        rows = [*self._without_unit, *rows]
-        self._without_unit = [] if final or len(rows) >= UNIT_ROWS else rows
-        if self._without_unit or not rows:
-            return columns, []
-        unit = unit_of_time(np.array([float(row.time) for row in rows])) or DEFAULT_UNIT
-        if columns.time is not None and unit != "s" and columns.settings["columns"] != DEFAULT_COLUMNS:
-            name = plain(columns.time.name)
-            self._assumed_unit = f"{name} has no unit: {unit} is assumed; if it has another, write time="
-        return columns.with_unit(unit), rows
 
     def _restarted(self, row: _Row) -> bool:
         """Return whether the clock has restarted before a sample; a wrap is added to `_offset`."""
@@ -346,7 +324,7 @@ class LineDecoder:
         if columns is None or not rows:
             return []
         times, ready = None, len(rows)
-        if columns.time is not None:
+        if columns.time:
             if self._stamps is None:
                 self._stamps = LiveStamps(self._resolution)
             stamps = np.array([row.time_ns for row in rows[len(self._waiting) :]], np.int64)
@@ -363,20 +341,20 @@ class LineDecoder:
 
 def _unit_doubts(columns: LineColumns, rows: Floats) -> Iterator[str]:
     """Yield what (n, k) values in SI say against their units: gravity, and more noise than at rest."""
-    accel = [k for k, column in enumerate(columns.used) if column.quantity == "accel"]
+    sensors = [sensor_of(channel) for channel in columns.stream.channels]
+    accel = [k for k, sensor in enumerate(sensors) if sensor == "accel"]
     # two axes do not show gravity: at rest, the third one may hold all of it
     size = median_size(rows[:, accel]) if len(accel) == len(AXES) else None
     if size and not is_one_g(size):
         yield f"the acceleration is {size:.3g} m/s^2, and at rest it is 9.81: check its unit, accel="
-    gyro = [k for k, c in enumerate(columns.used) if c.quantity == "gyro" and c.unit in (None, "rad/s")]
-    if gyro and too_noisy(rows[:, gyro]):
+    gyro = [k for k, sensor in enumerate(sensors) if sensor == "gyro" and columns.used[k].factor == 1.0]
+    if gyro and sample_noise(rows[:, gyro]) > NOISIEST:
         noise = f"{math.degrees(sample_noise(rows[:, gyro])):.2g} deg/s"
         yield f"the noise of the gyroscope is {noise} if it is in rad/s, more than at rest: check its unit, gyro=deg/s"
 
 
-def _is_name(text: str) -> bool:
-    """Return whether a cell can be a name in a header: printable, without a character that is not decoded."""
-    return text.isprintable() and "\N{REPLACEMENT CHARACTER}" not in text
+def _are_mostly_numbers(cells: Sequence[bytes]) -> bool:
+    return sum(_NUMBER.fullmatch(cell) is not None for cell in cells) > len(cells) / 2
 
 
 def _cells(text: bytes) -> list[bytes]:

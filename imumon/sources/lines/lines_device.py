@@ -27,15 +27,15 @@ def _unit_cure(columns: LineColumns, ratio: float) -> str:
     """Return what to write in the URL where the time of the lines advances by `ratio` s in a second.
 
     >>> from imumon.sources.lines.line_columns import columns_of
-    >>> in_ms, inferred = columns_of({"columns": "t_ms,gx"}), columns_of({"columns": "t,gx", "time": "s"})
-    >>> _unit_cure(in_ms, 0.00095), _unit_cure(inferred, 950.0), _unit_cure(inferred, 0.00095)
-    ('write t_s for t_ms in columns=', 'write time=ms', 'check its unit, s, ms, us or ns')
+    >>> in_ms = columns_of({"columns": "t_ms,gx"})
+    >>> _unit_cure(in_ms, 0.00095), _unit_cure(in_ms, 9.5)
+    ('write t_s for t_ms in columns=', 'check its unit, s, ms, us or ns')
     """
-    unit = None if columns.time is None else columns.time.unit
+    unit = columns.time_unit
     for other, unit_s in TIME_UNITS.items():
         if unit in TIME_UNITS and 1.0 / CLOCK_RATIO < ratio * unit_s / TIME_UNITS[unit] < CLOCK_RATIO:
-            inferred = "time" in columns.settings
-            return f"write time={other}" if inferred else f"write t_{other} for t_{unit} in columns="
+            named = "columns" in columns.settings
+            return f"write t_{other} for t_{unit} in columns=" if named else f"write time={other}"
     return "check its unit, s, ms, us or ns"
 
 
@@ -82,7 +82,7 @@ class LinesSession(Session):
     def _rate_doubts(self) -> Iterator[str]:
         """Yield what does not fit the host clock: the time of the lines, or the given rate."""
         ratio, columns, rate_hz = self._rate_check.rate_hz, self._decoder.columns, self._url.rate_hz
-        if columns is not None and columns.time is not None:
+        if columns is not None and columns.time:
             if ratio is not None and not 1.0 / CLOCK_RATIO < ratio < CLOCK_RATIO:
                 shown = f"{float(f'{ratio:.2g}'):,g}"
                 yield f"the time of the lines advances by {shown} s in a second: {_unit_cure(columns, ratio)}"
@@ -133,7 +133,7 @@ class LinesDevice(PortDevice):
 
     def __init__(self, options: DeviceOptions, url: LinesUrl) -> None:
         self._url, self._name = url, options.url
-        self._lines = LineDecoder(self._url.settings)
+        self._lines = LineDecoder(self._url.settings, self._url.rate_hz)
         # the other end of these stops when nothing is read; a serial board and a sender of datagrams do not notice
         waits = self._url.path.startswith(("socket:", "tcp:", STANDARD_INPUT))
         super().__init__(options, self._url.path, self._url.baud, self._lines, lossless=waits)

@@ -9,6 +9,7 @@ from ipaddress import ip_address
 from typing import Any
 from urllib.parse import parse_qsl
 
+from imumon.model.errors import ImumonError
 from imumon.model.samples import FASTEST_HZ, SLOWEST_HZ
 from imumon.sources.device import (
     Check,
@@ -19,11 +20,12 @@ from imumon.sources.device import (
     Observation,
     RawDecoder,
 )
-from imumon.sources.lines.line_columns import DEFAULT_COLUMNS, SENSORS, LinesUrl, columns_of
+from imumon.sources.files.columns import parse_map
+from imumon.sources.lines.line_columns import SENSORS, LinesUrl, columns_of, units_of
 from imumon.sources.ports import BAUD_RATES, FROM
 
 FILTER = "Lines do not say how the sensor filters: see the settings that its program writes."
-PARAMETERS = ("columns", *SENSORS, "baud", "rate", "id", "from")
+PARAMETERS = ("columns", "map", "accept", *SENSORS, "baud", "rate", "id", "from")
 URL_CURE = "write lines:/dev/ttyACM0, lines:tcp://HOST:PORT, lines:udp://:PORT or lines:-"
 
 
@@ -42,7 +44,7 @@ class LinesDriver(DeviceDriver):
     def decoder(self, settings: Mapping[str, str] | None = None) -> RawDecoder:
         from imumon.sources.lines.line_decoder import LineDecoder
 
-        return LineDecoder(settings or {}, needs_header=settings is None)
+        return LineDecoder(settings or {})
 
     def checks(self, observation: Observation, settings: Any) -> Iterator[Check]:
         yield Check("model", "ok", f"columns {observation.info.settings.get('columns', 'not known yet')}")
@@ -77,14 +79,25 @@ def parse_url(url: str, device: Any = None) -> LinesUrl:
     rate = given.get("rate", str(getattr(device, "rate_hz", 0.0) or ""))
     if not baud.isdigit() or not 0 < int(baud) < 1e8:
         raise InvalidOption("lines_url_invalid", f"{baud!r} is no baud rate", "write for example baud=115200")
-    settings = {name: given[name] for name in ("columns", *SENSORS) if name in given}
-    columns_of({"columns": DEFAULT_COLUMNS} | settings)  # raises what is wrong with them
+    settings = {name: given[name] for name in ("columns", "map", "accept", *SENSORS) if name in given}
+    _check(settings)
     name = re.sub(r"[^a-z0-9]+", "-", path.removeprefix("/dev/").lower()).strip("-") or "stdin"
     if "from" in given:
         path = f"{path}{FROM}{_sender(path, given['from'])}"
     return LinesUrl(
         path, int(baud), _rate(rate) if rate else None, given.get("id") or f"lines-{name}", settings
     )
+
+
+def _check(settings: Mapping[str, str]) -> None:
+    """Raise `InvalidOption` if columns or units have no meaning."""
+    units_of(settings)
+    if "columns" in settings:
+        columns_of(settings)
+    try:
+        parse_map(settings.get("map", "t=1"))
+    except ImumonError as error:
+        raise InvalidOption("lines_columns_invalid", error.message, error.cure) from None
 
 
 def _sender(path: str, text: str) -> str:

@@ -16,8 +16,7 @@ from paths import ROOT
 
 from imumon.model.samples import ACCEL, GYRO, SampleBlock
 from imumon.record import Record
-from imumon.sources.device import InvalidOption, sample_blocks
-from imumon.sources.lines import line_decoder
+from imumon.sources.device import InvalidOption
 from imumon.sources.lines.line_decoder import LONGEST_LINE, LineDecoder
 from imumon.sources.lines.lines_driver import parse_url
 
@@ -100,21 +99,6 @@ def test_a_megabyte_without_an_end_of_line_is_discarded_in_bounded_memory() -> N
     assert (decoder.bad_checksums, decoder.discarded) == (1, (1 << 20) + 1)
 
 
-def test_text_beside_samples_is_not_tried_as_a_header(monkeypatch: pytest.MonkeyPatch) -> None:
-    """To read a name takes long. The header that a board prints at each start is one."""
-    trials: list[int] = []
-    real = line_decoder.header_columns
-    monkeypatch.setattr(
-        line_decoder, "header_columns", lambda names, given: trials.append(len(names)) or real(names, given)
-    )
-    header = b"micros,gx,gy,gz\n"
-    invented = b"".join(b"state%d temp%d\n" % (k, k) for k in range(2000)) + b"a," * 2047 + b"\n"
-    blocks, decoder = decoded(header + b"10,1,2,3\n" + invented + header + b"20,1,2,3\n", {})
-    assert rows(blocks).tolist() == [[1.0, 2.0, 3.0]] * 2
-    assert decoder.bad_checksums == 2001
-    assert trials == [4, 4]
-
-
 def test_a_line_that_is_too_long_is_no_sample() -> None:
     line = b"1,2,3" + b" " * (LONGEST_LINE - 5)
     blocks, decoder = decoded(line + b"\n" + line + b" \n", {"columns": "gx,gy,gz"})
@@ -154,7 +138,7 @@ def test_a_clock_that_goes_back_is_a_restart_and_no_gap_of_known_length(uptime_s
 def test_stamps_in_milliseconds_that_are_too_coarse_lose_nothing(rate: float) -> None:
     stamps = np.floor(np.arange(20_000) * 1000.0 / rate + 1e-6).astype(int)
     data = b"".join(b"%d,1,2,3,4,5,6\n" % t for t in stamps)
-    blocks, decoder = decoded(data, {})
+    blocks, decoder = decoded(data, {"columns": "t_ms,gx,gy,gz,ax,ay,az"})
     steps = np.diff(times(blocks))
     assert len(steps) == len(stamps) - 1
     assert steps == pytest.approx(1e9 / rate, rel=0.02)
@@ -175,26 +159,14 @@ def test_units_signs_and_decimal_commas() -> None:
     assert decoder.columns.stream.channels == (*GYRO, *ACCEL, "temperature")
 
 
-def test_a_header_line_names_the_columns() -> None:
-    data = b"time_ms;gyro_x [deg/s];gyro_y [deg/s];gyro_z [deg/s];seq\n" + b"10;180;1;2;77\n20;180;1;2;78\n"
-    blocks, decoder = decoded(data, {})
-    assert rows(blocks)[:, 0] == pytest.approx([math.pi] * 2)
-    assert times(blocks) == [10_000_000, 20_000_000]
-    assert blocks[0].stream.channels == GYRO
-    assert decoder.bad_checksums == 0
-    again = LineDecoder(
-        decoder.columns.settings if decoder.columns else {}
-    )  # as a recording without the header
-    assert again.columns == decoder.columns
-
-
 FORMS = [
-    "{},{},{},{}",
     "t,gx,gy,gz\n{},{},{},{}",
     "t={} gx={} gy={} gz={}",
     "t: {}, gyro_x: {}, gyro_y: {}, gyro_z: {}",
     '{{"time": {}, "gx": {}, "gy": {}, "gz": {}}}',
+    "sample {}\nGyro: {}, {}, {}",
 ]
+NOISE = np.random.default_rng(0).normal(0.0, 1e-3, (90, 3)).round(6)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -202,21 +174,30 @@ FORMS = [
     ("unit", "first", "step"),
     [("s", 0, "0.01"), ("s", 1_700_000_000, "0.01"), ("ms", 0, "10"), ("us", 5, "10000"), ("ns", 0, "1e7")],
 )
-def test_lines_with_and_without_names_have_the_same_times(
-    form: str, unit: str, first: int, step: str
-) -> None:
-    """A time without a unit has the one in which its rate is that of a sensor: here 100 Hz."""
-    header, _, row = form.rpartition("\n")
-    lines = [row.format(f"{first + k * Decimal(step):f}", k, 2, 3) for k in range(90)]
+def test_the_first_lines_show_how_a_sample_is_printed(form: str, unit: str, first: int, step: str) -> None:
+    """What they do not state is used if it is accepted; a recording of the lines then gives the same."""
+    header, row = ("t,gx,gy,gz", "{},{},{},{}") if form == FORMS[0] else ("", form)
+    lines = [row.format(f"{first + k * Decimal(step):f}", *NOISE[k]) for k in range(90)]
     data = "\n".join([*filter(None, [header]), *lines, ""]).encode()
-    given = {"columns": "t,gx,gy,gz"} if form == FORMS[0] else {}
-    blocks, decoder = decoded(data, given, size=7)
-    assert rows(blocks).tolist() == [[k, 2, 3] for k in range(90)]
-    assert set(np.diff(times(blocks)).tolist()) == {10_000_000}
+    assert not rows(decoded(data, {})[0]).size
+    blocks, decoder = decoded(data, {"accept": ""}, size=7)
+    assert rows(blocks) == pytest.approx(NOISE)
+    if form != FORMS[-1]:  # the number of a sample is no time
+        assert set(np.diff(times(blocks)).tolist()) == {10_000_000}
     assert decoder.columns is not None
-    assert decoder.columns.settings["time"] == unit
-    again, _ = decoded(data, dict(decoder.columns.settings))  # as a recording of them
+    again, _ = decoded(data, dict(decoder.columns.settings))
+    assert rows(again) == pytest.approx(rows(blocks))
     assert times(again) == times(blocks)
+
+
+def test_what_the_first_lines_state_is_not_asked() -> None:
+    header = b"time_ms;gyro_x [deg/s];gyro_y [deg/s];gyro_z [deg/s];seq\n"
+    data = header + b"".join(b"%d;180;%d;2;%d\n" % (10 * k, k % 2, k) for k in range(1, 100))
+    blocks, decoder = decoded(data, {})
+    assert rows(blocks)[:, 0] == pytest.approx([math.pi] * 99)
+    assert times(blocks)[:2] == [10_000_000, 20_000_000]
+    assert blocks[0].stream.channels == GYRO
+    assert decoder.bad_checksums == 0
 
 
 def test_a_header_changes_neither_given_columns_nor_those_of_samples() -> None:
@@ -233,14 +214,9 @@ def test_a_header_changes_neither_given_columns_nor_those_of_samples() -> None:
 
 def test_the_unit_of_an_acceleration_that_is_not_that_of_gravity_is_doubted() -> None:
     data = b"".join(b"%d,0,0,0,0.01,0.02,0.99\n" % (10 * k) for k in range(300))
-    assert any("accel=" in remark for remark in decoded(data, {})[1].remarks)
-    assert not decoded(data, {"accel": "g"})[1].remarks
-
-
-def test_a_decoder_that_needs_a_header_takes_no_other_lines() -> None:
-    decoder = LineDecoder({}, needs_header=True)
-    assert not sample_blocks(decoder.feed(lines(300)))
-    assert decoder.messages == 0
+    given = {"columns": "t_ms,gx,gy,gz,ax,ay,az"}
+    assert any("accel=" in remark for remark in decoded(data, given)[1].remarks)
+    assert not decoded(data, given | {"accel": "g"})[1].remarks
 
 
 @pytest.mark.parametrize(

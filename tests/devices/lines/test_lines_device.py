@@ -45,6 +45,7 @@ def lines(count: int, time: bool = True) -> bytes:
 
 
 MILLI = "gyro=mrad/s&accel=mg"
+PLAIN = "t_ms,gx,gy,gz,ax,ay,az"
 
 
 @pytest.mark.parametrize("kind", ["pty", "tcp", "udp"])
@@ -133,7 +134,7 @@ def test_the_address_of_the_sender_may_be_given(tmp_path: Path) -> None:
 
 
 def test_the_end_of_standard_input_ends_the_run_with_its_report(tmp_path: Path) -> None:
-    done = run(tmp_path, "--port", f"lines:-?{MILLI}", text=lines(1000) + b"oops\n")
+    done = run(tmp_path, "--port", f"lines:-?columns={PLAIN}&{MILLI}", text=lines(1000) + b"oops\n")
     assert done.returncode == 0, done.stderr
     made = json.loads(done.stdout)
     assert made["session"]["samples"] == 1000
@@ -178,7 +179,7 @@ def test_lines_that_are_no_samples_are_an_error_that_proposes_their_columns(tmp_
     text = "".join(f"{10 * k},{','.join(map(str, row))}\n" for k, row in enumerate(rows.tolist()))
     done = run(tmp_path, "--port", "lines:-", text=text.encode())
     assert (done.returncode, error_of(done)) == (3, "stream_without_samples")
-    assert "?columns=t_ms,ax,ay,az,-&accel=g" in done.stderr
+    assert "map=accel=2,3,4:g,t=1:ms" in done.stderr
     done = run(tmp_path, "--port", "lines:-?columns=t_ms,ax,ay,az,-&accel=g", text=text.encode())
     assert (done.returncode, json.loads(done.stdout)["session"]["samples"]) == (0, 60)
 
@@ -200,7 +201,7 @@ def test_lines_without_a_time_need_a_rate(given: str, tmp_path: Path) -> None:
 
 def test_a_recording_is_replayed_with_the_same_numbers(tmp_path: Path) -> None:
     capture, header = tmp_path / "capture", b"millis,gx,gy,gz,ax,ay,az\n"
-    url = f"lines:-?{MILLI}"
+    url = f"lines:-?columns={PLAIN}&{MILLI}"
     live = run(tmp_path, "--port", url, "--record", str(capture), text=header + lines(3000) + b"bad\n")
     replayed = forked.run("replay", str(capture), "--json")
     assert replayed.returncode == 0, replayed.stderr
@@ -248,8 +249,8 @@ def test_a_header_that_a_server_sends_first_is_used() -> None:
         def serve() -> None:
             client, _ = server.accept()
             with client:
-                client.sendall(b"Booting v1.2\r\ntime_ms,gyro_x,gyro_y,gyro_z,battery\r\n")
-                client.sendall(b"".join(b"%d,1,2,3,3.7\r\n" % (10 * k) for k in range(300)))
+                client.sendall(b"Booting v1.2\r\ntime_ms,gyro_x_rps,gyro_y_rps,gyro_z_rps,battery\r\n")
+                client.sendall(b"".join(b"%d,%d,2,3,3.7\r\n" % (10 * k, k % 2) for k in range(300)))
                 time.sleep(0.5)
 
         thread = threading.Thread(target=serve)
@@ -265,7 +266,7 @@ def test_a_header_that_a_server_sends_first_is_used() -> None:
     assert count == 300
     assert device.counters.bad_checksums == 1
     assert device.counters.other_sender == 0
-    assert device.info().source == "lines of time_ms,gyro_x,gyro_y,gyro_z,-"
+    assert device.info().source == "lines of time_ms,gyro_x_rps,gyro_y_rps,gyro_z_rps,-"
     device.close()
 
 
@@ -303,7 +304,8 @@ def test_a_full_queue_does_not_join_two_halves(tmp_path: Path) -> None:
 def test_a_port_that_is_only_read_ends(tmp_path: Path) -> None:
     script = (
         "from imumon.sources.device import *; from imumon.sources.registry import driver\n"
-        "d = driver('lines').create(DeviceOptions(url='lines:-')); d.open(); d.start(); n = 0\n"
+        "d = driver('lines').create(DeviceOptions(url='lines:-?columns=t_ms,gx,gy,gz,ax,ay,az')); "
+        "d.open(); d.start(); n = 0\n"
         "try:\n    while True: n += sum(len(i) for i in d.read(0.2) if hasattr(i, 'values'))\n"
         "except DeviceEnded: print(n)\n"
     )

@@ -74,11 +74,14 @@ def serve(kind: str, path: Path, pipe: Connection, definitions: Path | None = No
             topics = [asdict(topic) for topic in log.topics]
             notes = {"unused": log.unused, "remarks": log.remarks, "problem": log.problem}
             send({"topics": topics, "facts": log.facts, **notes})
-            wanted = json.loads(pipe.recv_bytes())
-            for rows, size in log.blocks(wanted["topic"], wanted["columns"]):
-                send({"bytes": size})
-                pipe.send_bytes(rows.astype("<f8").tobytes())
-            send({"end": True})
+            while wanted := json.loads(pipe.recv_bytes()):
+                for rows, size in log.blocks(wanted["topic"], wanted["columns"]):
+                    send({"bytes": size})
+                    pipe.send_bytes(rows.astype("<f8").tobytes())
+                    if wanted.get("head"):
+                        break
+                else:
+                    send({"end": True})
         except (BrokenPipeError, EOFError):
             raise
         except Exception as error:  # the packages have many of their own

@@ -1,7 +1,7 @@
 """MCAP reader: messages in JSON of MCAP files that no ROS program has written.
 
 Programs of Foxglove and others write objects of JSON. Their fields are columns by their paths, as those of a text in
-JSON (`text_fields`), and their names say which of them are a sensor. Messages in another encoding, such as protobuf,
+JSON, and their names say which of them are a sensor. Messages in another encoding, such as protobuf,
 are topics without columns.
 
 A file is a sequence of records: kind, length, content (MCAP specification). Only schemas, channels, messages and chunks
@@ -22,12 +22,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from imumon.model.samples import Floats
-from imumon.sources.column_names import NANOSECONDS, words_of
-from imumon.sources.files.base import ROWS, RecordingError
-from imumon.sources.files.columns import layout, mapped
+from imumon.sources.files.base import ROWS
 from imumon.sources.files.log_process.bag_reader import LOG_TIME
 from imumon.sources.files.log_process.base import Log, Topic
-from imumon.sources.text_fields import json_fields
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEADER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x01, 0x03, 0x04, 0x05, 0x06, 0x0F
@@ -151,9 +148,29 @@ def _text(content: bytes, place: int) -> tuple[str, int]:
     return content[place + 4 : place + 4 + length].decode("utf-8", "replace"), place + 4 + length
 
 
+NANOSECONDS = {"nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds"}
+"""Names of nanoseconds beside seconds."""
+
+MOST_FIELDS, LONGEST_LIST = 256, 9
+"""Fields of an object, and numbers of a list whose elements are fields: three axes, or a matrix of them."""
+
+
+def _flat(path: str, value: Any) -> Iterator[tuple[str, str]]:
+    """Yield the numbers and texts of a value of JSON by their paths."""
+    if isinstance(value, dict):
+        for name, inner in list(value.items())[:MOST_FIELDS]:
+            yield from _flat(f"{path}.{name}" if path else str(name), inner)
+    elif isinstance(value, list):
+        for k, inner in enumerate(value[:LONGEST_LIST] if len(value) <= LONGEST_LIST else ()):
+            yield from _flat(f"{path}[{k}]", inner)
+    elif isinstance(value, str | int | float) and not isinstance(value, bool):
+        yield path, str(value)
+
+
 def _fields(data: bytes) -> dict[str, str]:
     try:
-        return json_fields(json.loads(data))
+        value = json.loads(data)
+        return dict(_flat("", value)) if isinstance(value, dict) else {}
     except (ValueError, RecursionError):
         return {}
 
@@ -173,7 +190,7 @@ def _stamp(fields: dict[str, str]) -> int | None:
     """
     for name, text in fields.items():
         path, _, last = name.rpartition(".")
-        if set(words_of(last)) & NANOSECONDS:
+        if last.lower() in NANOSECONDS:
             seconds = next((fields[f"{path}.{s}"] for s in ("sec", "secs") if f"{path}.{s}" in fields), None)
             if seconds is not None and seconds.isdigit() and text.isdigit():
                 return int(seconds) * 10**9 + int(text)
@@ -186,11 +203,7 @@ def _topic(channel: Channel, count: int, first: Sequence[dict[str, str]]) -> Top
     if encoding != "json":
         return Topic(name=name, type=f"{kind} in {encoding}", count=count)
     names = list(dict.fromkeys(column for fields in first for column in fields))
-    try:
-        known = mapped(layout(names), names)
-    except RecordingError:
-        known = {}
+    known: dict[str, str] = {}
     pairs = [fields for fields in first if _stamp(fields) is not None]
-    if pairs or "t" not in known:
-        known["t"] = f"{STAMP if pairs else LOG_TIME}:ns"
+    known["t"] = f"{STAMP if pairs else LOG_TIME}:ns"
     return Topic(name=name, type=kind, count=count, columns=[*names, STAMP, LOG_TIME], map=known)

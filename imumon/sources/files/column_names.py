@@ -1,0 +1,373 @@
+"""Names of columns: words, the unit in a name, and columns whose names differ only by the axis."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from imumon.model.report_json import plain
+from imumon.model.samples import AXES, Floats, Kind
+from imumon.sources.files.unit_grammar import Unit, known_unit
+
+FEWEST = 8
+"""Rows from which numbers show anything."""
+
+
+ANGULAR = re.compile(
+    r"gyr|angular|omega|(?:^| )(?:ang ?vel|w|wb|g|rate|rates|pqr|fog|turn|omg|rotation|rot|roll ?rate)(?: |$)"
+    r"|rotation ?rate|turn ?rate",
+    re.IGNORECASE,
+)
+LINEAR = re.compile(r"acc|(?:^| )(?:a|f|fb|ab|lin|gf)(?: |$)|linear|specific", re.IGNORECASE)
+OTHER = re.compile(
+    r"mag(?!nit)|quat|orient|euler|attitude|bias|drift|offset|cov|(?:^| )(?:m|b|q|pos|gps|(?<!ang )(?<!angular )vel"
+    r"|std|sigma|var|noise|cmd|motor|setpoint|sp|ned|user)(?: |$)"
+    r"|gravity|position|north|east|earth|estimat|user ?acc",
+    re.IGNORECASE,
+)
+DELTA = re.compile(
+    r"delta|incr|(?:^| )(?:d ?theta|d ?vel|d ?v|d ?ang|theta|integral)(?: |$)|dtheta|dvel|dang", re.IGNORECASE
+)
+TIME = re.compile(
+    r"time|stamp|clock|epoc|elapsed"
+    r"|(?:^| )(?:t|utc|tow|date|ticks?|millis|micros|nanos|ts|cts|rtc|hms|secs?|seconds)(?: |$)",
+    re.IGNORECASE,
+)
+COUNTER = re.compile(
+    r"(?:^| )(?:count|counter|cntr|index|idx|seq|sequence|frame|packet|sample|n|id|line|iteration|row|number)(?: |$)",
+    re.IGNORECASE,
+)
+COUNTS = re.compile(r"^(?:lsb|counts?|raw|adc|digits?|codes?)$", re.IGNORECASE)
+
+_AXIS_SETS = (
+    ("x", "y", "z"),
+    ("0", "1", "2"),
+    ("1", "2", "3"),
+    ("roll", "pitch", "yaw"),
+    ("p", "q", "r"),
+    ("beta", "gamma", "alpha"),
+)
+_FOURTH = {"x": "w", "0": "3", "1": "4"}
+_AXIS_PLACES = re.compile(
+    r"(?i:roll|pitch|yaw|alpha|beta|gamma|(?<![a-z])[xyzwpqr](?![a-z]))|(?<![0-9])[0-4](?![0-9])"
+    r"|(?<=[a-z])[XYZW](?![a-z])|(?<=[A-Z])[XYZ](?![A-Za-z])|(?<=[A-Za-z])[xyzw](?![A-Za-z])|(?<![A-Za-z])[xyzXYZ](?=[Gg]yro|[Aa]cc|[Mm]ag|[Rr]ate|[Aa]ng)"
+)
+"""Where the letter of an axis may be: a word, a number, a capital within words, a last letter, or before a sensor."""
+
+
+@dataclass(frozen=True, slots=True)
+class NamedColumn:
+    """A column as its name and numbers show it.
+
+    Attributes
+    ----------
+    base : name without its unit.
+    unit : as it is stated; empty: none is.
+    known : what the unit means.
+    values : (n,) numbers in the head; not finite is missing.
+    """
+
+    index: int
+    name: str
+    base: str
+    unit: str
+    known: Unit | None
+    values: Floats
+
+    @property
+    def words(self) -> str:
+        return words_of(self.base)
+
+    @property
+    def present(self) -> Floats:
+        return self.values[np.isfinite(self.values)]
+
+    @property
+    def constant(self) -> bool:
+        there = self.present
+        return not len(there) or bool(np.ptp(there) == 0.0)
+
+    @property
+    def rises(self) -> bool:
+        """Whether the numbers never fall, as those of a clock; single ones may, and a counter may wrap."""
+        there = self.present
+        if len(there) < 3 or there[-1] == there[0]:
+            return False
+        steps = np.diff(there)
+        return bool((steps >= 0.0).mean() > 0.97) and bool((steps > 0.0).sum() >= min(5, len(steps) // 2))
+
+
+def words_of(text: str) -> str:
+    """Return the words of a name in lower case, apart by blanks.
+
+    >>> words_of("UncalGyroXRadPerSec"), words_of("imu/angular_velocity.x"), words_of("GyrX")
+    ('uncal gyro x rad per sec', 'imu angular velocity x', 'gyr x')
+    """
+    text = "".join(c for c in unicodedata.normalize("NFD", text) if not unicodedata.combining(c))
+    text = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", text)
+    text = re.sub(r"([A-Z]+)([A-Z][a-z])", r"\1 \2", text)
+    return " ".join(re.findall(r"[^\W\d_]+|\d+", text.lower()))
+
+
+_BRACKETS = re.compile(r"\s*(?:\[([^\[\]]*)\]|\(((?:[^()]|\([^()]*\))*)\)|\{([^{}]*)\})")
+_NO_UNIT = re.compile(
+    r"x?[0-9A-Fa-f]{1,4}|[-+]?\d+|txt|n|\W*|na|integer|flags?|wgs84|xyz|[xyz],[xyz],[xyz]|formatted",
+    re.IGNORECASE,
+)
+_WITH_ONE_LETTER = {
+    "g": r"acc|(?:^| )(?:[af]f?[xyz]?|g?f[xyz])(?: [xyz])?$",
+    "s": r"(?:^| )(?:t|dt)$|time|stamp|elapsed",
+    **dict.fromkeys("hm", r"time"),
+    **dict.fromkeys("ck", r"temp"),
+}
+"""One letter at the end of a name is a unit only behind such words."""
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """Return a name without its unit, and the unit that it states; empty: none.
+
+    >>> split_unit("A_X [mg]"), split_unit("gyro_rps_x"), split_unit("gyroADC[0]"), split_unit("t_ms")
+    (('A_X', 'mg'), ('gyro_x', 'rad/s'), ('gyroADC[0]', ''), ('t', 'ms'))
+    >>> split_unit("raw_angular_rate_x_deg_per_s"), split_unit("accelXMps2"), split_unit("ax_g"), split_unit("seconds")
+    (('raw_angular_rate_x', 'deg/s'), ('accelX', 'mps2'), ('ax', 'g'), ('seconds', 's'))
+    """
+    text = name.strip().strip("\"'").lstrip("#% ")
+    stated = ""
+    for match in list(_BRACKETS.finditer(text))[::-1]:
+        inside = next((part for part in match.groups() if part is not None), "").strip()
+        if inside in ("0", "1", "2", "3", "4", "5", "6", "7", "8"):
+            continue
+        known = known_unit(inside) is not None
+        if _NO_UNIT.fullmatch(inside) and not known:
+            text = text[: match.start()] + text[match.end() :]
+        elif known or (not stated and match.end() == len(text)):
+            stated, text = inside, text[: match.start()] + text[match.end() :]
+    if stated:
+        return text.strip(), stated
+    behind = re.fullmatch(
+        r"(.*[^\W\d].*?)\s*(?:[,;|:]\s*|\s+(?:in\s+)?)([^\s,;|:]*[A-Za-z°][^\s,;|:]*)", text
+    )
+    # behind a comma, a colon or a blank: "Accel X,mG", "gyro x deg/s"
+    marked = behind is not None and (re.search(r"[/^°]", behind[2]) or text[behind.end(1)] in ",;|:")
+    if behind is not None and marked and known_unit(behind[2]) is not None:
+        return behind[1], behind[2]
+    inside = re.fullmatch(r"(.*\w)\s+in\s+(.+?)(\s+[xyzXYZ])?", text)  # a sentence: "acceleration in m/s^2 X"
+    if inside is not None and known_unit(inside[2]) is not None:
+        return f"{inside[1]}{inside[3] or ''}", inside[2]
+    parts = re.findall(r"[A-Z]+(?![a-z])\d?|[A-Z]?[a-zµ°]+\d?|\d+|[^A-Za-z\dµ°]+", text)
+    words = [k for k, part in enumerate(parts) if re.search(r"\w", part) and part != "_"]
+    axes = [k for k in words if parts[k].lower() in (*AXES, "roll", "pitch", "yaw")]
+    ends = [len(words)] + ([len(words) - 1] if words and words[-1] in axes else [])
+    for end in ends:
+        for size in (4, 3, 2, 1):
+            tail = words[max(0, end - size) : end]
+            if len(tail) < size or (size == end and size > 1):
+                continue
+            unit = _unit_of_words(
+                [parts[k] for k in tail], words_of("".join(parts[: tail[0]])), alone=end == size
+            )
+            if unit:
+                rest = parts[: tail[0]] + parts[tail[-1] + 1 :]
+                base = "".join(rest).strip("_ .") or text
+                return re.sub(r"([_ .])[_ .]+", r"\1", base), unit
+    return text, ""
+
+
+def _unit_of_words(words: Sequence[str], before: str, *, alone: bool) -> str:
+    """Return the unit that the last words of a name are; empty: they are none."""
+    lower = [word.lower() for word in words]
+    text = " ".join(lower)
+    if len(words) == 1:
+        word = lower[0]
+        known = known_unit(word)
+        if known is None or (alone and (known.quantity != "t" or len(word) < 3)):
+            return ""
+        if len(word) == 1 and not re.search(_WITH_ONE_LETTER.get(word, "$^"), before):
+            return ""
+        if (
+            known.quantity == "t"
+            and word in ("ms", "us", "ns", "min")
+            and not re.search(r"time|stamp|(?:^| )(?:t|dt|ts|interval)(?: |$)|elapsed|epoc", before)
+        ):
+            return ""
+        spelled = {
+            "rads": "rad/s",
+            "degs": "deg/s",
+            "rps": "rad/s",
+            "radps": "rad/s",
+            "seconds": "s",
+            "secs": "s",
+            "sec": "s",
+        }
+        return spelled.get(word, word)
+    if "per" in lower:
+        return text.replace(" per ", "/") if known_unit(text) is not None else ""
+    joined = "/".join(lower)
+    if (
+        lower[0] in ("rad", "deg", "m", "mrad", "mdeg", "mm", "cm")
+        and (known := known_unit(joined)) is not None
+        and known.quantity in ("gyro", "accel", "velocity")
+    ):
+        return joined
+    return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Triple:
+    """Three columns whose names differ only by the axis, or one axis alone."""
+
+    columns: tuple[NamedColumn, ...]
+    axes: tuple[str, ...]
+    stem: str
+    guessed: bool = False  # no name states the axes
+
+    @property
+    def indices(self) -> tuple[int, ...]:
+        return tuple(column.index for column in self.columns)
+
+    @property
+    def label(self) -> str:
+        return ", ".join(label_of(column) for column in self.columns)
+
+    @property
+    def words(self) -> str:
+        return words_of(self.stem)
+
+    @property
+    def rows(self) -> Floats:
+        return np.column_stack([column.values for column in self.columns])
+
+    @property
+    def size(self) -> float:
+        """Median length."""
+        rows = self.rows
+        whole = rows[np.isfinite(rows).all(axis=1)]
+        return float(np.median(np.linalg.norm(whole, axis=1))) if len(whole) else 0.0
+
+    @property
+    def unit(self) -> str:
+        return next((column.unit for column in reversed(self.columns) if column.unit), "")
+
+    @property
+    def known_quantity(self) -> str | None:
+        """Quantity of the unit that is stated; None: none is, or it is not known."""
+        return next((c.known.quantity for c in reversed(self.columns) if c.known is not None), None)
+
+    @property
+    def counts(self) -> bool:
+        """Whether all numbers are whole, and differ."""
+        there = self.rows[np.isfinite(self.rows)]
+        return bool(len(there) >= FEWEST and np.ptp(there) > 1.0 and (there == np.rint(there)).all())
+
+
+def triples(columns: Sequence[NamedColumn]) -> list[Triple]:
+    """Return the triples of a table, in the order of their first columns; each column belongs to one at most."""
+    places: dict[tuple[str, str, str], dict[str, NamedColumn]] = {}
+    for column in columns:
+        for match in _AXIS_PLACES.finditer(column.base):
+            letter = match[0].lower()
+            before, behind = column.base[: match.start()].lower(), column.base[match.end() :].lower()
+            for letters in _AXIS_SETS:
+                if letter in letters or letter == _FOURTH.get(letters[0]):
+                    places.setdefault((letters[0], before, behind), {}).setdefault(letter, column)
+    complete: list[Triple] = []
+    for (first, before, behind), axes in places.items():
+        letters = next(letters for letters in _AXIS_SETS if letters[0] == first)
+        if all(letter in axes for letter in letters) and _FOURTH.get(first) not in axes:
+            complete.append(Triple(tuple(axes[letter] for letter in letters), AXES, f"{before} {behind}"))
+    used: set[int] = set()
+    result = []
+    elements = Counter(k for triple in complete for k in triple.indices)
+    for triple in sorted(complete, key=lambda t: (max(elements[k] for k in t.indices), min(t.indices))):
+        if not used & set(triple.indices) and len(set(triple.indices)) == 3:
+            used |= set(triple.indices)
+            result.append(triple)
+    return sorted(
+        [*result, *_unnamed([c for c in columns if c.index not in used])], key=lambda t: min(t.indices)
+    )
+
+
+_ELEMENT = re.compile(r"(.*?)(?:\[\d+\]|\.\d+|\d*)")
+
+
+def _unnamed(columns: Sequence[NamedColumn]) -> Iterator[Triple]:
+    """Yield the triples of neighbours that have no name, are elements of one list, or have one sensor in their names.
+
+    Their order is that of the axes, which nothing states.
+    """
+    free = [c for c in columns if not c.constant and not (c.rises and not c.base.strip("0123456789"))]
+    k = 0
+    while k + 2 < len(free):
+        three = free[k : k + 3]
+        elements = [_ELEMENT.fullmatch(c.base) for c in three]
+        stems = {match[1] for match in elements if match is not None}
+        common = _common_words([words_of(c.base).split() for c in three])
+        adjacent = three[2].index - three[0].index == 2 and not any(c.rises for c in three)
+        if adjacent and (len(stems) == 1 or names_sensor(common)):
+            stem = stems.pop() if len(stems) == 1 else common
+            yield Triple(tuple(three), AXES, stem, guessed=True)
+            k += 3
+        else:
+            k += 1
+
+
+def _common_words(names: Sequence[Sequence[str]]) -> str:
+    """Return the words that some names have in common, if each has one other word; empty: they do not.
+
+    >>> _common_words([["gyro", "raw"], ["gyro", "yaw"]]), _common_words([["surge", "acc"], ["heave", "acc"]])
+    ('gyro', 'acc')
+    """
+    common = [word for word in names[0] if all(word in words for words in names)]
+    return " ".join(common) if all(len(words) == len(common) + 1 for words in names) else ""
+
+
+def named_channel(name: str) -> tuple[str, str]:
+    """Return the channel that a name alone shows, and the unit in it; empty: none.
+
+    >>> named_channel("gx"), named_channel("acc_y"), named_channel("t_ms"), named_channel("speed")
+    (('gyro/x', ''), ('accel/y', ''), ('t', 'ms'), ('', ''))
+    """
+    base, unit = split_unit(name)
+    words = words_of(base)
+    if words in ("t", "time", "timestamp", "millis", "micros"):
+        return "t", unit or {"millis": "ms", "micros": "us"}.get(words, "")
+    for channel, pattern in (("temperature", r"^temp"), ("pressure", r"^press?")):
+        if re.search(pattern, words):
+            return channel, unit
+    match = re.fullmatch(r"(.*?)[\s_.]*([xyzXYZ])", base)
+    stem = words_of(match[1]) if match else ""
+    for sensor, meaning in (("mag", re.compile(r"^m$|mag")), ("gyro", ANGULAR), ("accel", LINEAR)):
+        if match is not None and meaning.search(stem):
+            return f"{sensor}/{match[2].lower()}", unit
+    return "", ""
+
+
+def names_sensor(name: str) -> bool:
+    """Return whether a name is that of a gyroscope or an accelerometer."""
+    words = words_of(split_unit(name)[0])
+    return bool(ANGULAR.search(words) or LINEAR.search(words)) and not OTHER.search(words)
+
+
+def names_time(name: str) -> bool:
+    """Return whether a name is that of a time or an interval."""
+    return (
+        re.search(r"^dt$", words_of(name)) is not None
+        or TIME.search(words_of(split_unit(name)[0])) is not None
+    )
+
+
+def label_of(column: NamedColumn) -> str:
+    """Return what people call a column."""
+    return plain(column.name.strip()) or f"column {column.index + 1}"
+
+
+def _kind_of_words(words: str) -> Kind:
+    """Return whether words say that numbers are compensated."""
+    if re.search(r"uncomp|(?:^| )(?:raw|uncal)", words):
+        return "uncompensated"
+    return "compensated" if re.search(r"(?:^| )comp|(?:^| )angular rate(?: |$)", words) else "unknown"

@@ -1,0 +1,699 @@
+"""Printed log: a text is what a loop printed, and its format string is recovered from it.
+
+Each line is numbers in a fixed text. What divides them decides how the text is read:
+
+1. *Cells.* Most lines have as many cells, apart by the same character: CSV in its dialects. Names stand in the last
+   line of as many cells above the first row, units in a line of units below it, or in brackets.
+2. *Template.* Otherwise the text between the numbers is the template of a line. Lines whose templates repeat with a
+   period are records: labels, YAML, JSON, dicts of Python, text of protobuf. Without a period, each template that comes
+   often is a table of its own, and the lines between are text.
+3. *Code.* A column of few values that alternate, and by which the numbers differ, says of which sensor a row is: each
+   of its values is a table of its own.
+
+A number is named by the header above it, else by the text before it; a bare axis, and an element of a list, also by the
+words before that. A date is a number, in seconds. What the names mean is for `columns`.
+
+`tables` finds the tables in the head of a text. `RecordReader` then reads blocks of lines by one of them in bulk: what
+fits the form becomes rows, every other line is counted (`imumon.ledger`).
+
+>>> table = tables("t: 0, ax: 0.1, ay: 0.2\\nt: 10, ax: 0.3, ay: 0.1\\nt: 20, ax: 0.2, ay: 0.3\\n" * 4)[0]
+>>> table.names
+('t', 'ax', 'ay')
+>>> tables("Gyro: 1, 2, 3\\n" * 12)[0].names
+('Gyro[0]', 'Gyro[1]', 'Gyro[2]')
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from imumon.model.samples import Floats
+from imumon.sources.files.base import RecordingError
+from imumon.sources.files.column_names import words_of
+from imumon.sources.files.columns import MOST_COLUMNS
+from imumon.sources.files.date_reader import DateReader
+from imumon.sources.files.unit_grammar import known_unit, stated_rate
+
+LONGEST_PERIOD = 64
+"""Lines of a record at most: a message of a topic with its covariances has about forty."""
+
+REGULAR = 0.9
+"""Share of the lines that must have one form. Without text between them, all but some have it."""
+
+FREQUENT_LINES, FREQUENT = 8, 0.03
+"""Lines, and share of the lines, from which a template is a table of its own: one sensor may be 30 times as fast."""
+
+MOST_CODES = 12
+"""Values of a column that divides the rows: a table has no more sensors."""
+
+FAR = 6.0
+"""Standard deviations by which numbers differ that are not of one sensor."""
+
+TOO_LONG = "\udfff"
+"""Line in place of one that is too long; no text in UTF-8 or Latin-1 has this character."""
+
+TOO_LONG_BYTES = b"\xed\xbf\xbf"
+"""The same in front of the decoder: it is no UTF-8."""
+
+MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
+"""Contents of a cell without a number."""
+
+_N = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_VOID = r"[-+]?(?:nan|NaN|NAN|null|None|inf|Infinity)"
+_STAMP = (
+    r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}[T ]+|\d{1,2}[-/.](?:\d{1,2}|[A-Za-z]{3})[-/.]\d{4}[T ,]+)?"
+    r"\d{1,2}:\d{2}:\d{2}(?:(?:[.,:]|::)\d{1,9})?(?:Z|[+-]\d{2}:\d{2}(?!\S*:))?(?:\s*[AaPp]M)?"
+    r"|\d{4}-\d{1,2}-\d{1,2}T\d{2}\.\d{2}\.\d{2}(?:\.\d{1,9})?"
+)
+TOKEN = re.compile(
+    rf"(?<![\w.])(?P<stamp>{_STAMP})(?![\w:])|(?:(?<![\w.^])|(?<=[A-Za-z_])(?=[-+]))(?P<number>{_N})(?![.]?\w*\d)"
+    rf"|(?<![\w.])(?P<void>{_VOID})(?!\w)"
+)
+"""A date or time of day, a number, or what stands for none. Letters behind a number are its unit, unless "
+"digits follow."""
+
+_CODE = re.compile(
+    r"\*[0-9A-Fa-f]{2,8}(?=\s*\"?\s*$)|(?<=[:=,\[(\s])(?:true|false|True|False)(?!\w)|\b0x[0-9A-Fa-f]+\b"
+)
+"""Checks, switches and bit fields: they differ from line to line and are no numbers."""
+
+
+def decoded(data: bytes) -> str:
+    """Return text in UTF-8, else in Latin-1: older spreadsheets write the degree sign as one byte."""
+    try:
+        return data.decode("utf-8-sig")  # spreadsheets begin a file with a mark of the byte order
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+@dataclass(frozen=True, slots=True)
+class PrintedTable:
+    """One table of a text, and how its records are printed.
+
+    Attributes
+    ----------
+    names, units : of each number of a record; an empty unit is none. A unit may also be a part of the name.
+    rows : (n, k) numbers of the records in the head; not finite is missing.
+    begin : lines before the first record.
+    source : text before the table, and the values of codes: what it may be a table of.
+    stated_hz : Hz, rate that this text states; None: it states none.
+    dates : columns whose cells are dates or times of day; their numbers are seconds.
+    separator : of cells; None with `pattern`: the text between the numbers divides them; None without: blanks do.
+    decimal : the decimal sign is a comma.
+    codes : values of the rows of this table, by column.
+    header : line that names the columns; empty: there is none.
+    pattern : of a record of one or more lines; empty: its parts are cells.
+    lines : of a record.
+    tail : lines of a record behind its last number, which the end of a text may lack.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    rows: Floats
+    begin: int
+    source: str = ""
+    stated_hz: float | None = None
+    dates: tuple[int, ...] = ()
+    separator: str | None = None
+    decimal: bool = False
+    codes: tuple[tuple[int, str], ...] = ()
+    header: str = ""
+    pattern: str = ""
+    lines: int = 1
+    tail: str = ""
+
+
+def tables(head: str) -> list[PrintedTable]:
+    """Return the tables in the beginning of a text; none: it has no records.
+
+    Raises
+    ------
+    RecordingError : a record has more numbers than any sensor.
+    """
+    lines = head.split("\n")
+    lines = lines[:-1] if len(lines) > 2 else lines  # the last line may end elsewhere
+    body = [line for line in lines[len(lines) // 4 :] if line.strip()]
+    if not body:
+        return []
+    form = _cell_form(body)
+    return (_cell_tables(lines, *form) if form is not None else []) or list(_template_tables(lines))
+
+
+# ---------------------------------------------------------------- cells
+
+_BEFORE_BRACKET = re.compile(r"[ \t]+(?=[\[(][^\d\s\])]*[A-Za-z°][^\[\](]*[\])])")
+
+
+def split(line: str, separator: str | None) -> list[str]:
+    """Return the cells of a line, without quotes and blanks around them.
+
+    >>> split('"a, b", 2,', ","), split("A_X [mg]  B", None), split("1;2,5", ";")
+    (['a, b', '2', ''], ['A_X [mg]', 'B'], ['1', '2,5'])
+    """
+    if separator is None:
+        return [cell.replace("\0", " ").strip("\"'") for cell in _BEFORE_BRACKET.sub("\0", line).split()]
+    cells = next(csv.reader([line], delimiter=separator), []) if '"' in line else line.split(separator)
+    return [cell.strip().strip("\"'").strip() for cell in cells]
+
+
+def number_of(cell: str, *, decimal: bool = False) -> float | None:
+    """Return the number in a cell; NaN where it says that there is none, None where it holds something else."""
+    text = cell.replace(",", ".") if decimal else cell
+    if text.lower() in MISSING:
+        return math.nan
+    try:
+        return float(text.partition("*")[0] if "*" in text[:-2] else text)  # 12.3*4F: a number with a check
+    except ValueError:
+        return None
+
+
+def _is_date(cell: str) -> bool:
+    try:
+        DateReader().seconds(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _has_value(cell: str, decimal: bool) -> bool:
+    """Return whether a cell holds a number or a date, or is empty."""
+    return number_of(cell, decimal=decimal) is not None or _is_date(cell)
+
+
+def _cell_form(body: Sequence[str]) -> tuple[str | None, bool] | None:
+    """Return what separates the cells of most lines, and whether the decimal sign is a comma; None: no cells."""
+    for separator in (";", "\t", ",", "|", None):
+        if separator is not None and sum(separator in line for line in body) < REGULAR * len(body):
+            continue
+        sample = [split(line, separator) for line in body[:200]]
+        width, count = Counter(map(len, sample)).most_common(1)[0]
+        tagged = len({cells[0] for cells in sample}) <= MOST_CODES
+        if (width < 2 and separator is not None) or not (count >= REGULAR * len(sample) or tagged):
+            continue
+        cells = [c for row in sample if len(row) == width or tagged for c in row]
+        decimal = (
+            separator != "," and sum("," in c and number_of(c, decimal=True) is not None for c in cells) > 0
+        )
+        values = sum(_has_value(c, decimal) for c in cells)
+        several = sum(not _has_value(c, decimal) and _has_labelled_number(c) for c in cells)
+        # words between blanks are labels, unless they stand in few cells
+        fewest = 0.5 if separator is not None else REGULAR
+        if values >= fewest * len(cells) and several < 0.1 * len(cells):
+            return separator, decimal
+    return None
+
+
+def _has_labelled_number(cell: str) -> bool:
+    """Return whether a cell has a name before its number, or several numbers."""
+    numbers = sum(match["number"] is not None for match in TOKEN.finditer(cell))
+    return numbers > 1 or (numbers == 1 and re.search(r"[A-Za-z\"'][:= ]\s*[\[({]?[-+.\d]", cell) is not None)
+
+
+def _cell_tables(lines: Sequence[str], separator: str | None, decimal: bool) -> list[PrintedTable]:
+    """Return the tables of lines that are cells; none: they are no rows of numbers."""
+    cells = [split(line, separator) if line.strip() else [] for line in lines]
+    rows: dict[tuple[str, int], list[int]] = {}  # lines, by the word that they begin with and their width
+    for k, row in enumerate(cells):
+        good = [_has_value(cell, decimal) for cell in row]
+        if any(number_of(c, decimal=decimal) is not None and c for c in row) and sum(good) >= max(
+            1, len(row) // 2
+        ):
+            rows.setdefault(("" if good[0] else row[0], len(row)), []).append(k)
+    total = sum(map(len, rows.values()))
+    frequent = {
+        key: of
+        for key, of in rows.items()
+        if len(of) >= max(min(FREQUENT_LINES, total // 2), FREQUENT * total)
+    }
+    words = [word for word, _ in frequent if word]
+    if len(words) < 2 or len(set(words)) < len(words):  # the first cell is a text like others, or a number
+        widths = Counter(len(cells[k]) for of in rows.values() for k in of).most_common(1)
+        frequent = {
+            ("", most): sorted(k for (_, w), of in rows.items() if w == most for k in of)
+            for most, _ in widths
+        }
+    result = []
+    for (word, width), of in frequent.items():
+        if width > MOST_COLUMNS:
+            raise RecordingError(
+                "too_many_columns",
+                f"it has {width:,} columns, more than {MOST_COLUMNS:,}",
+                "write a table with those of the sensor only",
+            )
+        first = (
+            next((k for k, later in zip(of, of[2:], strict=False) if later - k == 2), of[0])
+            if not word
+            else of[0]
+        )
+        of = [k for k in of if k >= first]
+        names, units, header = _header(lines[:first], width, separator, word)
+        texts = [cells[k] for k in of]
+        dates = tuple(k for k in range(width) if _are_dates([row[k] for row in texts]))
+        table = PrintedTable(
+            names,
+            units,
+            _numbers(texts, dates, decimal),
+            first,
+            " ".join(lines[max(0, first - 30) : first]),
+            stated_rate("\n".join(lines[:first])),
+            dates,
+            separator,
+            decimal,
+            ((0, word),) if word else (),
+            header,
+        )
+        result += [replace(table, source=f"{word} {table.source}")] if word else _by_code(table, texts)
+    return result
+
+
+def _are_dates(cells: Sequence[str]) -> bool:
+    texts = [cell for cell in cells if cell.lower() not in MISSING][:20]
+    return (
+        bool(texts)
+        and not any(number_of(text) is not None for text in texts)
+        and all(map(_is_date, texts[-5:]))
+    )
+
+
+def _numbers(texts: Sequence[Sequence[str]], dates: Sequence[int], decimal: bool) -> Floats:
+    """Return (n, k) numbers of cells; NaN where a cell has none."""
+    columns = []
+    for k in range(len(texts[0])):
+        reader = DateReader() if k in dates else None
+        columns.append([cell_number(row[k], reader, decimal) for row in texts])
+    return np.array([[math.nan if v is None else v for v in column] for column in columns]).T.reshape(
+        len(texts), -1
+    )
+
+
+def cell_number(cell: str, reader: DateReader | None, decimal: bool) -> float | None:
+    if reader is None or cell.lower() in MISSING:
+        return number_of(cell, decimal=decimal)
+    try:
+        return reader.seconds(cell)
+    except ValueError:
+        return None
+
+
+def _header(
+    above: Sequence[str], width: int, separator: str | None, word: str
+) -> tuple[tuple[str, ...], tuple[str, ...], str]:
+    """Return the names and units of columns by the lines above the first row, and the line of the names."""
+    empty = ("",) * width
+    if word:  # comments describe the rows of each word: # UncalGyro,utcTimeMillis,...
+        for line in above:
+            if (
+                match := re.search(rf"(?<![\w]){re.escape(word)}\s*{re.escape(separator or ' ')}(.*)", line)
+            ) is not None:
+                cells = [word, *split(match[1].strip("'\" "), separator)]
+                if len(cells) >= width - 1:
+                    return tuple([*cells, ""][:width]), empty, ""
+    lines = [(k, row) for k, line in enumerate(above) if (row := _header_cells(line, width, separator))]
+    named = [k for k, (_, cells) in enumerate(lines) if are_names(cells)]
+    if not named:
+        return empty, empty, ""
+    place = named[-1]
+    header, names = lines[place]
+    units: Sequence[str] = empty
+    if place and lines[place - 1][0] == header - 1:
+        above_it = lines[place - 1][1]
+        if sum(known_unit(c) is not None for c in names) >= max(2, sum(map(bool, names)) // 2) and are_names(
+            above_it
+        ):
+            header, names, units = header - 1, above_it, names
+        elif len(set(names)) < width and "" in above_it and any(above_it):  # a sensor above its axes
+            names = [f"{group} {name}".strip() for group, name in zip(_spread(above_it), names, strict=True)]
+    # a name may span the columns of its axes
+    if "" in names[:-1] and any(names):
+        names = _elements(_spread(names))
+    return tuple(names), tuple(units), above[header]
+
+
+def _header_cells(line: str, width: int, separator: str | None) -> list[str] | None:
+    """Return the cells of a line if they are as many as those of a row; other separators count, too."""
+    text = re.sub(r"^\s*(?:#+|%+|//)\s*", "", line)
+    for other in dict.fromkeys((separator, ",", ";", "\t", None)):
+        cells = split(text, other)
+        while len(cells) > width and not cells[-1]:
+            cells.pop()
+        if (
+            separator is not None and abs(len(cells) - width) == 1
+        ):  # rows end with a separator, or have no comment
+            cells = [*cells, ""][:width]
+        if len(cells) == width:
+            return cells
+    return None
+
+
+def are_names(cells: Sequence[str]) -> bool:
+    """Return whether cells can be names: most hold a letter and no number or date; axes may have the names 1 and 2."""
+    texts = [cell for cell in cells if cell]
+    words = [cell for cell in texts if re.search(r"[^\W\d]", cell) and not _has_value(cell, False)]
+    return len(words) >= max(1.0, 0.5 * len(texts), 0.25 * len(cells)) and all(
+        len(cell) < 4 for cell in texts if cell not in words
+    )
+
+
+def _spread(cells: Sequence[str]) -> list[str]:
+    """Return cells of which an empty one has the name before it."""
+    result: list[str] = []
+    for cell in cells:
+        result.append(cell or (result[-1] if result else ""))
+    return result
+
+
+def _elements(names: Sequence[str]) -> list[str]:
+    """Return names of which those that stand several times one behind the other have a number."""
+    result, index = [], 0
+    for k, name in enumerate(names):
+        index = index + 1 if k and name == names[k - 1] else 0
+        repeated = index or (k + 1 < len(names) and names[k + 1] == name)
+        result.append(f"{name}[{index}]" if repeated and name else name)
+    return result
+
+
+def _by_code(table: PrintedTable, texts: Sequence[Sequence[str]]) -> list[PrintedTable]:
+    """Return a table, or one for each value of a column by which the numbers differ."""
+    constant = []
+    for k in range(len(table.names)):
+        cells = [row[k] for row in texts]
+        counts = Counter(cell for cell in cells if cell)
+        if (
+            len(counts) == 1
+            and re.search("acc|gyr", next(iter(counts)), re.IGNORECASE)
+            and number_of(cells[0]) is None
+        ):
+            constant.append((k, cells[0]))
+        few = 1 < len(counts) <= MOST_CODES and min(counts.values()) >= max(3, FREQUENT * len(cells))
+        if k in table.dates or not few or not _may_be_code(table.names[k], counts):
+            continue
+        groups = {value: np.array([cell == value for cell in cells]) for value in counts}
+        if _differ(table.rows, k, list(groups.values())):
+            return [
+                replace(table, rows=table.rows[rows], codes=((k, value),), source=f"{value} {table.source}")
+                for value, rows in groups.items()
+            ]
+    if constant:  # all rows so far are of the sensor that a column names
+        return [replace(table, codes=tuple(constant), source=f"{constant[0][1]} {table.source}")]
+    return [table]
+
+
+_DEVICE = re.compile(
+    r"(?:^| )(?:sensor|id|device|type|name|imu|topic|source|addr|address|node|instance|kind|channel|event|stream|label"
+    r"|i)(?: |$)"
+)
+"""Words of columns that name a sensor or a device."""
+
+
+def _may_be_code(name: str, values: Iterable[str]) -> bool:
+    """Return whether a column may say of which sensor a row is: by words, or by whole numbers below such a name."""
+    if any(number_of(value) is None for value in values):
+        return True
+    return all(re.fullmatch(r"\d+", value) for value in values) and (
+        not name or bool(_DEVICE.search(words_of(name)))
+    )
+
+
+def _differ(rows: Floats, code: int, groups: Sequence[Any]) -> bool:
+    """Return whether two columns of (n, k) numbers or more differ far between groups of the rows."""
+    far = np.zeros(rows.shape[1], dtype=int)
+    for k in range(rows.shape[1]):
+        steps = np.diff(rows[:, k][np.isfinite(rows[:, k])])
+        if k == code or not len(steps) or bool((steps >= 0.0).all()):
+            continue  # a clock differs between any rows
+        parts = [part[np.isfinite(part)] for part in (rows[group, k] for group in groups)]
+        middles = [
+            (float(np.median(p)), float(np.quantile(p, 0.84) - np.quantile(p, 0.16)) / 2.0)
+            for p in parts
+            if len(p) > 2
+        ]
+        far[k] = any(abs(a - b) > FAR * math.hypot(s, t) and a != b for a, s in middles for b, t in middles)
+    return bool(far.sum() >= 1 and len(groups) > 1)
+
+
+# ---------------------------------------------------------------- templates
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """The literal text between the numbers of a line, and its numbers and dates as text."""
+
+    literals: tuple[str, ...]
+    values: tuple[str, ...]
+    dates: tuple[bool, ...]
+
+
+def _lexed(line: str, *, loose: bool) -> _Line:
+    """Return the parts of a line; `loose`: texts in quotes and words that are values are not distinguished."""
+    line = _CODE.sub("\1", line)
+    if loose:
+        line = re.sub(r"([:=]\s*)(?:\"[^\"]*\"|'[^']*')", "\\1\1", line)
+    literals, values, dates, end = [], [], [], 0
+    for match in TOKEN.finditer(line):
+        literals.append(line[end : match.start()])
+        values.append(match[0])
+        dates.append(match["stamp"] is not None)
+        end = match.end()
+    literals.append(line[end:])
+    return _Line(tuple(re.sub(r"\s+", " ", text) for text in literals), tuple(values), tuple(dates))
+
+
+def _template_tables(lines: Sequence[str]) -> Iterator[PrintedTable]:
+    """Yield the tables of lines that are numbers in a fixed text."""
+    for loose in (False, True):
+        parsed = [_lexed(line, loose=loose) for line in lines]
+        ids = [line.literals for line in parsed]
+        if (period := _period(ids)) is not None:
+            begin = _record_begin(lines, ids, period)
+            yield _template_table(lines, parsed, [begin], period)
+            return
+        counts = Counter(x for x in ids if len(x) > 1)
+        frequent = [
+            x for x, n in counts.most_common(MOST_CODES) if n >= max(FREQUENT_LINES, FREQUENT * len(ids))
+        ]
+        if sum(counts[x] for x in frequent) >= 0.5 * sum(counts.values()) and frequent:
+            for template in frequent:
+                places = [k for k, x in enumerate(ids) if x == template]
+                yield _template_table(lines, parsed, places, 1)
+            return
+
+
+def _period(ids: Sequence[tuple[str, ...]]) -> int | None:
+    """Return the number of lines after which templates come again; None: they do not."""
+    count = len(ids)
+    late = range(count // 3, count)
+    for period in range(1, min(LONGEST_PERIOD, count // 4) + 1):
+        repeated = sum(ids[k] == ids[k - period] for k in late) >= REGULAR * len(late)
+        if repeated and any(len(ids[k]) > 1 for k in late[:period]):
+            return period
+    return None
+
+
+def _record_begin(lines: Sequence[str], ids: Sequence[tuple[str, ...]], period: int) -> int:
+    """Return the first line of the first record: behind a blank line or a mark, or where a line has no indent."""
+    whole = range(len(ids) - 2 * period + 1)
+    start = next((k for k in whole if ids[k : k + period] == ids[k + period : k + 2 * period]), 0)
+
+    def rank(k: int) -> tuple[bool, bool, int]:
+        before = lines[start + k - 1 + (period if not k else 0)].strip()
+        return (
+            bool(re.search(r"\w", before)),
+            lines[start + k][:1].isspace() or not lines[start + k].strip(),
+            k,
+        )
+
+    return start + (min(range(period), key=rank) if period > 1 else 0)
+
+
+def _template_table(
+    lines: Sequence[str], parsed: Sequence[_Line], places: Sequence[int], period: int
+) -> PrintedTable:
+    """Return the table of the records that begin at a place, or of one line at each of several places."""
+    begin = places[0]
+    record = parsed[begin : begin + period]
+    if sum(len(line.values) for line in record) > MOST_COLUMNS:
+        raise RecordingError(
+            "too_many_columns",
+            f"a record has more than {MOST_COLUMNS:,} numbers",
+            "write a table with those of the sensor only",
+        )
+    numbered = max(k for k, line in enumerate(record) if line.values)
+    tail = "".join(f"{line.literals[0].strip()}\n" for line in record[numbered + 1 :])
+    dates = tuple(k for k, is_date in enumerate(d for line in record for d in line.dates) if is_date)
+    pattern = _pattern(record)
+    matches = re.compile(pattern, re.MULTILINE).findall("\n".join([*lines[begin:], tail]))
+    texts = [(match,) if isinstance(match, str) else match for match in matches]
+    names, units = _labels(record)
+    if not any(names):
+        names, units = _list_header(lines[:begin], lines[begin], names, units)
+    above = lines[max(0, begin - 30) : begin]
+    describing = record[0].literals[0] if len(places) > 1 else " ".join(above)
+    return PrintedTable(
+        names,
+        units,
+        _numbers(texts, dates, False),
+        begin,
+        describing,
+        stated_rate("\n".join(above)),
+        dates,
+        pattern=pattern,
+        lines=period,
+        tail=tail,
+    )
+
+
+def _pattern(record: Sequence[_Line]) -> str:
+    """Return the pattern of a record, with a group for each number."""
+    parts = []
+    for line in record:
+        text = "^[ \\t]*"
+        for k, literal in enumerate(line.literals):
+            fixed = literal.strip(" ") if k in (0, len(line.values)) else literal
+            escaped = re.escape(fixed).replace("\\ ", "[ \\t]*").replace("\1", "[^\\n]*?")
+            text += ("[ \\t]*" if k == len(line.values) and k else "") + escaped
+            if k < len(line.values):
+                text += ("[ \\t]*" if not k else "") + f"({_STAMP if line.dates[k] else f'{_N}|{_VOID}'})"
+        parts.append(f"{text}[ \\t\\r]*\\n")
+    return "".join(parts)
+
+
+def _labels(record: Sequence[_Line]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return a name and a unit for each number of a record, by the text between the numbers."""
+    names: list[str] = []
+    units: list[str] = []
+    sections: list[str] = []
+    section = base = tail = ""
+    index, was_assigned = 0, False
+    for line in record:
+        for k, literal in enumerate(line.literals):
+            text = f"{tail}\n{literal}" if not k else literal
+            if k == len(line.values):
+                tail = text if not k else literal
+                continue
+            tail = ""
+            behind, unit, label, container, assigned = _between(text, first=not names)
+            if behind:
+                for j in range(len(names) - 1, -1, -1):
+                    if units[j] or sections[j] != sections[-1]:
+                        break
+                    units[j] = behind
+            bare = re.fullmatch(r"[xyzw]|[xyzw]-?axis|roll|pitch|yaw", label, re.IGNORECASE)
+            section = container or section
+            if bare and label:
+                name = f"{section} {label}".strip()
+            elif label:
+                words = label.split()
+                label = " ".join(words[-2:] if len(words[-1]) == 1 else words[-1:]) if assigned else label
+                name, index, base = label, 0, label
+                section = re.sub(r"[\s_.-]*\b[xyz]$", "", label, flags=re.IGNORECASE).strip() or section
+            elif line.dates[k]:
+                name = "time"
+            elif was_assigned and not text.strip():  # a=1,b=2 3: no element of b
+                name, base = "", ""
+            else:
+                index += 1
+                name = f"{base}[{index}]" if base else ""
+                if index == 1 and names and names[-1] == base:
+                    names[-1] = f"{base}[0]" if base else ""
+            was_assigned = text.rstrip().endswith("=")
+            names.append(name)
+            units.append(unit or (units[-1] if units and not label and sections[-1] == section else ""))
+            sections.append(section)
+    if behind := _between(tail, first=False)[0] if names else "":
+        for j in range(len(names) - 1, -1, -1):
+            if units[j] or sections[j] != sections[-1]:
+                break
+            units[j] = behind
+    return _two_in_one(_distinct(names, record)), tuple(units)
+
+
+def _distinct(names: Sequence[str], record: Sequence[_Line]) -> list[str]:
+    """Return names of which those that come again have the words that only their line has."""
+    counts = Counter(names)
+    words = [list(dict.fromkeys(re.findall(r"[^\W\d_]{2,}", " ".join(line.literals)))) for line in record]
+    common = Counter(word for of_line in words for word in of_line)
+    result: list[str] = []
+    for line, of_line in zip(record, words, strict=True):
+        describing = " ".join(word for word in of_line if common[word] == 1)
+        of_names = names[len(result) : len(result) + len(line.values)]
+        result += [f"{describing} {name}".strip() if counts[name] > 1 else name for name in of_names]
+    return result
+
+
+def _two_in_one(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names of which a list of six numbers behind ``a/g`` is two lists."""
+    result = list(names)
+    for k, name in enumerate(names):
+        label = name.removesuffix("[0]")
+        both = label.split("/")
+        if len(both) == 2 and list(names[k : k + 6]) == [f"{label}[{j}]" for j in range(6)]:
+            result[k : k + 6] = [f"{part}[{j}]" for part in both for j in range(3)]
+    return tuple(result)
+
+
+def _between(text: str, *, first: bool) -> tuple[str, str, str, str, bool]:
+    """Return what stands between two numbers.
+
+    Returns
+    -------
+    unit of the number before, unit in brackets of the number behind, its label, the words of the section around it,
+    and whether an equals sign is before the number.
+    """
+    behind = ""
+    word = re.match(r"[\s\"'§\])}]*([A-Za-z°µ%][^\s,;|)\]}\"'\n]*(?: (?:per|p) \w+)?)", text)
+    if not first and word is not None and known_unit(word[1].rstrip(".")) is not None:
+        behind, text = word[1].rstrip("."), text[word.end() :]
+    unit = ""
+    for match in re.finditer(r"[\[(]\s*([^\[\]()\d][^\[\]()]*)\s*[\])]", text):
+        if known_unit(match[1]) is not None:
+            unit = match[1]
+            text = text.replace(match[0], " ", 1)
+    assigned = text.rstrip("\"' [({").endswith("=")
+    segments = [
+        " ".join(re.findall(r"[^\W]+(?:[/.\-^][^\W]+)*", part))
+        for part in re.split(r"[,;|{}()\[\]\n>]|[:=]", text)
+    ]
+    segments = [segment for segment in segments if re.search(r"[^\W\d_]", segment)]
+    label = segments[-1] if segments else ""
+    return behind, unit, label, segments[-2] if len(segments) > 1 else "", assigned
+
+
+def _list_header(
+    above: Sequence[str], line: str, names: tuple[str, ...], units: tuple[str, ...]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of numbers that stand in lists, by a header with a cell for each list."""
+    for separator in (",", ";", "\t"):
+        depth, cells = 0, [""]
+        quoted = False
+        for character in line:
+            quoted ^= character == '"'
+            depth += (character in "[({") - (character in "])}")
+            if character == separator and not depth and not quoted:
+                cells.append("")
+            else:
+                cells[-1] += character
+        header = next(
+            (
+                h
+                for text in reversed(above)
+                if len(h := split(text.lstrip("#% "), separator)) == len(cells) and are_names(h)
+            ),
+            None,
+        )
+        if header is None or len(cells) < 2:
+            continue
+        result = []
+        for name, cell in zip(header, cells, strict=True):
+            count = sum(1 for _ in TOKEN.finditer(_CODE.sub("\1", cell)))
+            result += [f"{name}[{k}]" for k in range(count)] if count > 1 else [name] * count
+        if len(result) == len(names):
+            return tuple(result), units
+    return names, units

@@ -1,0 +1,97 @@
+"""Sizes at rest: what the numbers of a sensor at rest say about their unit.
+
+The length of the three axes of an accelerometer is one g in any attitude. The mean of a gyroscope is its bias, which
+says nothing of the unit; what a sample adds to it does: N * sqrt(bandwidth) is at most about a degree per second.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from imumon.model.samples import Floats
+from imumon.model.units import STANDARD_GRAVITY
+from imumon.sources.files.column_names import FEWEST
+from imumon.sources.files.unit_grammar import known_unit
+
+ONE_G = (0.8, 1.25)
+"""Sizes of an acceleration that may be one g, in g: the errors of scale and bias of an accelerometer are smaller."""
+
+FASTEST_RATE = 70.0
+"""rad/s, 4000 deg/s: the end of the widest range of a gyroscope."""
+
+NEAR_ONE_G = 0.1
+"""Share by which a size may differ from one g in a unit that is not stated."""
+
+NOISIEST = 0.02
+"""rad/s, noise of a sample of a gyroscope at rest at most, chosen: 1.1 deg/s."""
+
+BETWEEN_UNITS = 7e-3
+"""Noise of a sample of a gyroscope, in its own unit, chosen: of consumer sensors, 0.06 deg/s
+and 1e-3 rad/s are usual."""
+
+NOISIEST_DEG = 4.0
+"""Noise of a sample that is no number of deg/s; mdeg/s or deg/h is proposed."""
+
+
+def sample_noise(rows: Floats) -> float:
+    """Return the standard deviation of the noise of (n, k) samples, the median of their columns; 0.0 of too few.
+
+    Third differences of white noise have 1 + 9 + 9 + 1 times its variance, and show no motion of a hand or a vehicle.
+    """
+    valid = rows[np.isfinite(rows).all(axis=1)]
+    if len(valid) < FEWEST:
+        return 0.0
+    # 0.6745: the median of |normal|
+    spread = np.median(np.abs(np.diff(valid, n=3, axis=0)), axis=0) / (0.6745 * 20.0**0.5)
+    return float(np.median(spread))
+
+
+def is_one_g(size: float) -> bool:
+    """Return whether an acceleration, m/s2, is one g."""
+    return ONE_G[0] <= size / STANDARD_GRAVITY <= ONE_G[1]
+
+
+def median_size(rows: Floats) -> float | None:
+    """Return the median length of (n, k) vectors, those that are finite; None: there is none."""
+    valid = rows[np.isfinite(rows).all(axis=1)]
+    return float(np.median(np.linalg.norm(valid, axis=1))) if len(valid) else None
+
+
+GRAVITY_UNITS = ("m/s^2", "g", "mg", "cm/s^2", "mm/s^2")
+"""Units in which one g is looked for."""
+
+
+def units_of_gravity(size: float) -> list[str]:
+    """Return the units in which a size is one g, the nearest first.
+
+    >>> units_of_gravity(9.79), units_of_gravity(0.98), units_of_gravity(996.0), units_of_gravity(3.0)
+    (['m/s^2'], ['g'], ['mg', 'cm/s^2'], [])
+    """
+    apart = {}
+    for unit in GRAVITY_UNITS:
+        known = known_unit(unit)
+        assert known is not None
+        apart[unit] = abs(size * known.factor / STANDARD_GRAVITY - 1.0)
+    return sorted((unit for unit in apart if apart[unit] < NEAR_ONE_G), key=apart.__getitem__)
+
+
+def counts_of_gravity(size: float) -> float:
+    """Return the counts per g that a size shows: a power of two if it is near one, else 0.0."""
+    power = 2.0 ** round(math.log2(size)) if size > 0.0 else 0.0
+    return power if 64.0 <= power <= 65536.0 and abs(size / power - 1.0) < NEAR_ONE_G else 0.0
+
+
+def unit_of_rate(rows: Floats, beside: str) -> str:
+    """Return the unit that the noise of a gyroscope at rest suggests.
+
+    Parameters
+    ----------
+    beside : unit of the accelerometer beside it: programs write deg/s with g, and rad/s with m/s^2.
+    """
+    noise = sample_noise(rows)
+    if noise > NOISIEST_DEG:
+        return "mdeg/s" if noise > 20.0 else "deg/h"
+    hint = {"g": 2.0, "mg": 2.0, "m/s^2": 0.6}.get(beside, 1.0)
+    return "deg/s" if noise * hint > BETWEEN_UNITS else "rad/s"

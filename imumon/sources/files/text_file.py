@@ -1,0 +1,296 @@
+"""Text file: a printed log as blocks of samples.
+
+`printed_log` finds the tables in the head of the text, `columns` says what their numbers are, and `table` makes samples
+of the rows. Memory does not grow with the length of the text, and a line that never ends is no more than one invalid
+row. JSON without ends of lines is divided between its objects.
+"""
+
+from __future__ import annotations
+
+import codecs
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from imumon.model.cures import option_text
+from imumon.model.ledger import Ledger, merged
+from imumon.model.samples import INERTIAL, SampleBlock
+from imumon.sources.files.base import (
+    HEAD_LINES,
+    LONGEST_LINE,
+    ROWS,
+    TABLE_BYTES,
+    ReadOptions,
+    RecordingError,
+    RowSource,
+)
+from imumon.sources.files.column_reader import read_columns
+from imumon.sources.files.columns import Reading, Use, parse_map
+from imumon.sources.files.formats import known_format
+from imumon.sources.files.printed_log import TOO_LONG_BYTES, PrintedTable, decoded, number_of, tables
+from imumon.sources.files.raw_capture import RawCapture
+from imumon.sources.files.record_reader import RecordReader
+from imumon.sources.files.table import Table
+from imumon.sources.files.unit_grammar import Unit
+
+SHOWN_BYTES = 1 << 18
+"""Bytes at the start of a text from which its form is found: a minute of samples."""
+
+COLOUR = re.compile(rb"\x1b\[[0-9;]*m")
+"""Colours that programs print for a terminal; one that a chunk splits stays."""
+
+COMPLETE = "check that it is complete"
+"""Cure for a text without records."""
+
+
+class TextFile(Table):
+    """A text, gzip or not, as blocks of samples.
+
+    Iterating raises `RecordingError` if its columns are not those of an inertial sensor.
+    """
+
+    def __init__(self, capture: RawCapture, options: ReadOptions) -> None:
+        self._capture, self._options, self.path = capture, options, capture.path
+        self._lines = Ledger()
+        self._reader: RecordReader | None = None
+        self._others: list[PrintedTable] = []
+
+    def __iter__(self) -> Iterator[list[SampleBlock]]:
+        blocks = self._line_blocks()
+        head = b""
+        for block in blocks:
+            head += block
+            if len(head) > SHOWN_BYTES:
+                break
+        table = self._open(head)
+        before = table.begin
+        parts = head.split(b"\n", before)
+        for line in parts[:before]:
+            blank = not line.strip()
+            comment = line.lstrip().startswith((b"#", b"%", b"//")) and decoded(line) != table.header
+            self._lines.add("blank" if blank else "comment" if comment else "header")
+        waiting = [parts[-1]]
+        for block in blocks:
+            # a block is handed on when the next one is there: only then it is known not to be the last one
+            if sum(map(len, waiting)) > TABLE_BYTES or sum(part.count(b"\n") for part in waiting) >= ROWS:
+                yield self._parsed(b"".join(waiting), before, last=False)
+                before += sum(part.count(b"\n") for part in waiting)
+                waiting = []
+            waiting.append(block)
+        yield self._parsed(b"".join(waiting), before, last=True)
+        yield self._finish()
+
+    def _parsed(self, block: bytes, before: int, *, last: bool) -> list[SampleBlock]:
+        assert self._reader is not None
+        rows, places = self._reader.read(block, before + 1, last=last)
+        self.problem = self._reader.problem or self.problem
+        return self._blocks(rows, places)
+
+    # ------------------------------------------------------------ the head
+
+    def _open(self, head: bytes) -> PrintedTable:
+        """Find the table and its columns, and prepare to read it."""
+        text = "\n".join(map(decoded, head.split(b"\n")))
+        for place, line in enumerate(head.split(b"\n")[:HEAD_LINES], 1):
+            if line == TOO_LONG_BYTES or len(line) > LONGEST_LINE:
+                message = f"{self.path} line {place} is longer than {LONGEST_LINE:,} bytes"
+                raise RecordingError(
+                    "line_too_long", message, "check that it is a table with one row per line"
+                )
+        try:
+            printed = tables(text)
+            if not printed:
+                raise RecordingError("no_rows", "it has no records with numbers", COMPLETE)
+            table, reading = self._chosen(printed, text)
+        except RecordingError as error:
+            raise error.of(self.path) from None
+        layout = reading.checked(self.path, accept=self._options.accept).layout(self._options.kind)
+        source = RowSource(self.path, "csv", reading.names, stated_hz=table.stated_hz)
+        columns = self._begin(source, layout, self._options)
+        self._reader = RecordReader(
+            self.path, table, columns, [each for each in printed if each is not table]
+        )
+        return table
+
+    def _chosen(self, printed: Sequence[PrintedTable], text: str) -> tuple[PrintedTable, Reading]:
+        """Return the table that is read, and what its columns are."""
+        wanted = [(k, each) for k, each in enumerate(printed) if self._is_wanted(k, each)]
+        if not wanted:
+            listed = ", ".join(f"{c}" for each in printed for _, c in each.codes)
+            message = f"no row of the first has {option_text(where=self._options.where)}"
+            raise RecordingError("no_such_rows", message, f"there are {listed or 'no such columns'}")
+        readings: list[tuple[int, PrintedTable, Reading]] = []
+        faults: list[RecordingError] = []
+        for k, table in wanted:
+            try:
+                readings.append((k, table, self._reading(table, text)))
+            except RecordingError as error:
+                faults.append(error)
+        if not readings:
+            raise max(faults, key=lambda error: error.code != "no_sensor")
+
+        def rank(entry: tuple[int, PrintedTable, Reading]) -> tuple[bool, bool, int]:
+            keys = {use.key for use in entry[2].uses}
+            return len(keys & set(INERTIAL)) < 2, "gyro" not in keys, entry[0]
+
+        k, table, reading = min(readings, key=rank)
+        if len(readings) > 1 and not self._options.where:
+            reading = self._with_choice(
+                k, table, reading, [each for each in readings if each[1] is not table]
+            )
+        return table, reading
+
+    def _is_wanted(self, place: int, table: PrintedTable) -> bool:
+        """Return whether a table has the rows that the user chooses."""
+        for column, value in (self._options.where or {}).items():
+            if column == "table":
+                if value != str(place + 1):
+                    return False
+                continue
+            of = [
+                v
+                for k, v in table.codes
+                if column in (table.names[k].strip(), str(k + 1)) or not table.names[k]
+            ]
+            number = number_of(value)
+            if not any(
+                v.lower() == value.lower() or (number is not None and number_of(v) == number) for v in of
+            ):
+                return False
+        return True
+
+    def _reading(self, table: PrintedTable, text: str) -> Reading:
+        """Return what the columns of a table are, with what is known of its format."""
+        options, names = self._options, table.names
+        top = "\n".join(text.split("\n", table.begin + 3)[: table.begin + 3])
+        known = known_format(top, names)
+        if known is not None and (not known.columns or len(names) >= len(known.columns)):
+            if known.columns:
+                kept = len(names) - len(known.columns)
+                names = (*(name or f"column {k + 1}" for k, name in enumerate(names[:kept])), *known.columns)
+            stated = parse_map(known.filled_map(top)) if known.map else {}
+            options = replace(
+                options, columns=stated | dict(options.columns or {}), units={**known.units, **options.units}
+            )
+        place = f"{table.source} {os.path.basename(self.path).partition('.')[0]}"
+        return read_columns(
+            names,
+            table.units,
+            table.rows,
+            options,
+            source=place,
+            stated_hz=table.stated_hz,
+            dates=table.dates,
+        )
+
+    def _with_choice(
+        self,
+        place: int,
+        table: PrintedTable,
+        reading: Reading,
+        others: Sequence[tuple[int, PrintedTable, Reading]],
+    ) -> Reading:
+        """Return a reading with the question whose rows are meant."""
+
+        def chosen(k: int, each: PrintedTable) -> dict[str, str]:
+            return {each.names[i].strip() or str(i + 1): value for i, value in each.codes} or {
+                "table": str(k + 1)
+            }
+
+        sensors = [
+            f"{option_text(where=chosen(k, e))} ({'+'.join(u.key for u in r.uses if u.key in INERTIAL)})"
+            for k, e, r in others
+        ]
+        choice_of_table = chosen(place, table)
+        reason = f"the rows are of several sensors: {option_text(where=choice_of_table)} is proposed; "
+        reason += f"others are {', '.join(sensors)}"
+        choice = Use("rows", (), (), "", Unit("rows", 1.0), False, reason, "assumed_columns")
+        return replace(reading, uses=(*reading.uses, choice), where=tuple(choice_of_table.items()))
+
+    # ------------------------------------------------------------ lines
+
+    def _line_blocks(self) -> Iterator[bytes]:
+        """Yield the lines that end in each chunk of the file, in a time that is linear in its size."""
+        rest, skipping = b"", False  # the line that has begun; whether it is too long, and waits for its end
+        begun = lines = 0  # bytes up to the line that has begun, and the lines before it
+        carriage = b""  # at the end of a chunk: its line feed may follow
+        head = self._capture.head[:LONGEST_LINE]
+        # objects one behind the other in a line, and lines of several objects
+        objects = head.count(b"}, {") + head.count(b"},{")
+        joined = head.lstrip()[:1] in (b"[", b"{") and objects > 4 * head.count(b"\n")
+        encoding = utf_16(self._capture.head)
+        decoder = None if encoding is None else codecs.getincrementaldecoder(encoding)("replace")
+        for chunk in self._capture:
+            self.fed += len(chunk)
+            if decoder is not None:
+                chunk = decoder.decode(chunk).encode()
+            self.problem, self.progress = self._capture.problem, self._capture.progress
+            if carriage or b"\r" in chunk:
+                # all ends of lines become \n: Windows writes \r\n, which a chunk may split, and old programs \r
+                chunk = carriage + chunk
+                carriage = b"\r" if chunk.endswith(b"\r") else b""
+                chunk = chunk.removesuffix(b"\r").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+            if b"\x1b[" in chunk:  # colours of a terminal
+                chunk = COLOUR.sub(b"", chunk)
+            if joined:
+                chunk = chunk.replace(b"}, {", b"},\n{").replace(b"},{", b"},\n{")
+            first, end, more = chunk.partition(b"\n")
+            if not skipping:
+                rest += first
+            # of a file without ends of lines, such as binary data, no more than this is in memory
+            skipping = skipping or len(rest) > LONGEST_LINE
+            if not end:
+                rest = b"" if skipping else rest
+                continue
+            whole = more.rfind(b"\n") + 1
+            block = (TOO_LONG_BYTES if skipping else rest) + b"\n" + more[:whole]
+            lines += block.count(b"\n")
+            self._lines.receive(block.count(b"\n"))
+            begun = self.fed - len(more) + whole
+            yield block
+            rest, skipping = more[whole:], False
+        self.problem = self._capture.problem
+        if skipping and lines < HEAD_LINES:  # within the head no table is before it
+            self._lines.receive()
+            yield TOO_LONG_BYTES + b"\n"
+        elif skipping or not _may_be_row(rest):
+            # a file that was made longer than its rows, a disk that was not written, data of another kind
+            text = f"{self.path} has {self.fed - begun:,} bytes behind its last line that are no row"
+            self.problem = self.problem or f"{text}: only the part before is used"
+        elif rest.strip():
+            self._lines.receive()
+            yield rest + b"\n"
+
+    def _line_remarks(self) -> Sequence[str]:
+        return [] if self._reader is None else self._reader.remarks
+
+    def _line_ledger(self) -> Mapping[str, int]:
+        return merged(self._lines.counts(), {} if self._reader is None else self._reader.ledger)
+
+    def no_samples(self) -> RecordingError:
+        return RecordingError("no_rows", f"{self.path} has no row of numbers", COMPLETE)
+
+
+def _may_be_row(rest: bytes) -> bool:
+    """Return whether the bytes behind the last end of a line may be a line, or the begin of one."""
+    return all(character.isprintable() or character in "\t\v\f\x1a" for character in decoded(rest))
+
+
+JUDGED_BYTES = 40
+"""Bytes by which UTF-16 is recognised; a file with less than half of them is not judged."""
+
+
+def utf_16(head: bytes) -> str | None:
+    """Return the name of an encoding in which every second byte of a Latin text is 0; None: it is not so.
+
+    >>> utf_16("t,gx,gy,gz,ax,ay,az".encode("utf-16-le")), utf_16(b"t,gx,gy"), utf_16(bytes(40))
+    ('UTF-16LE', None, None)
+    """
+    few = head[:JUDGED_BYTES]
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0" in few:
+        return "UTF-16"
+    even, odd = few[::2], few[1::2]
+    if len(few) < JUDGED_BYTES // 2 or any(even) == any(odd):
+        return None
+    return "UTF-16LE" if any(even) and all(even) else "UTF-16BE" if all(odd) else None

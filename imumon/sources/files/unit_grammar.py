@@ -1,0 +1,170 @@
+"""Units as people write them: a grammar of numbers, prefixes, bases, powers, and what they are per.
+
+A table of spellings never ends: ``rad s^-1``, ``RadPerSec``, ``rad_per_s``, ``mdeg/s``, ``10us``. Here a unit is a
+product of bases, each with a number, a prefix and a power; what stands behind a sign of division or the word per has
+the opposite power. The powers of the dimensions give the quantity.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import unicodedata
+from collections import Counter
+from dataclasses import dataclass
+
+from imumon.model.units import STANDARD_GRAVITY
+
+POSSIBLE_HZ = (1e-3, 2e4)
+"""Hz, rates that are possible if the unit is given."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A unit: its quantity, and value in SI (gauss, degC, kPa) = number * factor - zero."""
+
+    quantity: str
+    factor: float
+    zero: float = 0.0
+
+
+_WORDS = {
+    "angle": {
+        "rad": 1.0,
+        "deg": math.radians(1.0),
+        "arcsec": math.radians(1.0 / 3600.0),
+        "rev": 2.0 * math.pi,
+    },
+    "length": {"m": 1.0},
+    "time": {"s": 1.0, "min": 60.0, "h": 3600.0},
+    "accel": {"g": STANDARD_GRAVITY, "gal": 1e-2},
+    "gyro": {"dps": math.radians(1.0), "rps": 1.0, "dph": math.radians(1.0 / 3600.0), "rpm": math.pi / 30.0},
+    "mag": {"gauss": 1.0, "t": 1e4},
+    "temperature": {"degc": 1.0, "c": 1.0, "k": 1.0},
+    "pressure": {"pa": 1e-3, "bar": 1e2},
+}
+"""Bases by dimension, with their factor to SI (gauss, degC, kPa)."""
+
+_SPELLINGS = {
+    **dict.fromkeys(("rads", "radian", "radians"), "rad"),
+    **dict.fromkeys(("degs", "degree", "degrees", "°"), "deg"),
+    **dict.fromkeys(("meter", "meters", "metre", "metres"), "m"),
+    **dict.fromkeys(("sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("mins", "minute", "minutes"), "min"),
+    **dict.fromkeys(("hr", "hrs", "hour", "hours"), "h"),
+    **dict.fromkeys(("msec", "msecs", "millis", "millisecond", "milliseconds", "millisec"), "ms"),
+    **dict.fromkeys(("usec", "usecs", "micros", "microsecond", "microseconds", "microsec"), "us"),
+    **dict.fromkeys(("nsec", "nsecs", "nanos", "nano", "nanosecond", "nanoseconds", "nanosec"), "ns"),
+    **dict.fromkeys(("gs", "gravity", "gee", "gn"), "g"),
+    **dict.fromkeys(("°c", "celsius"), "degc"), "kelvin": "k", "tesla": "t", "gs(mag)": "gauss", "arcseconds": "arcsec",
+}  # fmt: skip
+
+_GLUED = {
+    **dict.fromkeys(("mps2", "mpss", "ms2", "mss", "ms-2", "mps^2", "mpersec2", "m_s2"), "m/s^2"),
+    "mmps2": "mm/s^2", "mps": "m/s", "ms-1": "m/s",
+    **dict.fromkeys(("radps", "rads", "rads-1", "r/s"), "rad/s"),
+    **dict.fromkeys(("degps", "degs", "degs-1", "d/s"), "deg/s"), "mdegps": "mdeg/s", "mradps": "mrad/s",
+}  # fmt: skip
+"""Units that are written without their signs: of a sensor, ``rads`` and ``degs`` are rates."""
+
+_PREFIXES = {
+    "m": 1e-3,
+    "u": 1e-6,
+    "n": 1e-9,
+    "k": 1e3,
+    "c": 1e-2,
+    "h": 1e2,
+    "milli": 1e-3,
+    "micro": 1e-6,
+    "nano": 1e-9,
+}
+
+DIMENSIONS = {
+    "gyro": [{"gyro": 1}, {"angle": 1, "time": -1}],
+    "accel": [{"accel": 1}, {"length": 1, "time": -2}],
+    "angle": [{"angle": 1}],
+    "velocity": [{"length": 1, "time": -1}, {"accel": 1, "time": 1}],
+    "t": [{"time": 1}],
+    **{name: [{name: 1}] for name in ("mag", "temperature", "pressure")},
+}
+"""Dimensions of each quantity; the powers of bases."""
+
+
+def known_unit(text: str, quantity: str = "") -> Unit | None:
+    """Return what a unit means, as people write it; None: it is none that is known.
+
+    Parameters
+    ----------
+    quantity : that it is likely to have: ``G`` of a field is gauss.
+
+    >>> known_unit("rad s^-1"), known_unit("m/(s^2)").quantity, known_unit("2s"), known_unit("ticks")
+    (Unit(quantity='gyro', factor=1.0, zero=0.0), 'accel', Unit(quantity='t', factor=2.0, zero=0.0), None)
+    >>> known_unit("deg_per_s") == known_unit("°/s") == known_unit("dps"), known_unit("mdeg").quantity
+    (True, 'angle')
+    """
+    unit = unicodedata.normalize("NFKC", text.replace("º", "°").replace("˚", "°")).strip().strip("[](){}'\" ")
+    unit = unit.replace("μ", "u").replace("**", "^").lower()
+    if quantity == "mag" and unit in ("g", "mg", "gs", "mgs"):
+        unit = (
+            unit[: unit.startswith("m") and len(unit) > 1] + "gauss"
+            if unit != "g" and unit != "gs"
+            else "gauss"
+        )
+    unit = re.sub(r"\s+per\s+|_per_|per(?=s|h)", "/", unit)
+    unit = re.sub(r"\s*squared\b", "^2", unit)
+    unit = re.sub(r"[()]", "", unit)
+    unit = _GLUED.get(re.sub(r"[\s_]", "", unit), unit) if quantity not in ("angle", "t") else unit
+    unit = re.sub(r"(?<=[a-z])[\s*·._]+(?=[a-z])", "*", unit)
+    unit = re.sub(r"\s+", "", unit)
+    powers: Counter[str] = Counter()
+    factor = 1.0
+    for place, part in enumerate(unit.split("/")):
+        for item in part.split("*"):
+            match = re.fullmatch(r"(.*?[^\d^-])\^?(-?\d)?", item)
+            word = _base(match[1]) if match else None
+            if match is None or word is None:
+                return None
+            power = int(match[2] or 1) * (-1 if place else 1)
+            powers[word[0]] += power
+            factor *= word[1] ** power
+    dimensions = {name: power for name, power in powers.items() if power}
+    quantity_of = next((name for name, of in DIMENSIONS.items() if dimensions in of), None)
+    zero = 273.15 if quantity_of == "temperature" and unit in ("k", "kelvin") else 0.0
+    return None if quantity_of is None else Unit(quantity_of, factor, zero)
+
+
+def _base(text: str) -> tuple[str, float] | None:
+    """Return the dimension of a base with a number and a prefix, and its factor; None: it is none."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?(?:e[-+]?\d+)?)?(.+)", text)
+    if match is None:
+        return None
+    scale, word = float(match[1] or 1.0), match[2]
+    for prefix, size in (("", 1.0), *_PREFIXES.items()):
+        if not word.startswith(prefix) or (prefix and len(word) == len(prefix)):
+            continue
+        base = word[len(prefix) :]
+        spelling = _SPELLINGS.get(base, base)
+        if spelling in ("ms", "us", "ns"):
+            return "time", scale * size * _PREFIXES[spelling[0]]
+        for dimension, bases in _WORDS.items():
+            if spelling in bases and (
+                not prefix or (dimension not in ("temperature",) and spelling not in ("min", "h", "gal"))
+            ):
+                return dimension, scale * size * bases[spelling]
+    return None
+
+
+def stated_rate(text: str) -> float | None:
+    """Return the rate that stands beside the word rate or Fs, Hz; None: there is none.
+
+    >>> stated_rate("// Update Rate: 100.0Hz"), stated_rate("Fs,100"), stated_rate("at 52 Hz"), stated_rate("range 8")
+    (100.0, 100.0, 52.0, None)
+    """
+    number = r"(\d+(?:\.\d+)?)\s*(k?)"
+    word = r"(?<!baud)(?<!baud_)(?<!baud )(?:\b|_)(?:\w*rate|fs|odr|sampling|frequency|freq)\b"
+    near = rf"{word}[^\d\n\w]{{0,12}}(?:hz\W*|\(hz\)\W*|is )?{number}"
+    match = re.search(near, text, re.IGNORECASE) or re.search(rf"\bat\s+{number}Hz", text, re.IGNORECASE)
+    if match is None or "baud" in match[0].lower():
+        return None
+    rate = float(match[1]) * (1e3 if match[2] else 1.0)
+    return rate if POSSIBLE_HZ[0] <= rate <= POSSIBLE_HZ[1] else None

@@ -1,0 +1,198 @@
+"""Laws of columns: what is stated is certain, what physics shows is certain, anything else is a question."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from imumon.model.errors import ImumonError
+from imumon.model.samples import Floats
+from imumon.sources.files.base import ReadOptions
+from imumon.sources.files.column_names import split_unit
+from imumon.sources.files.column_reader import read_columns
+from imumon.sources.files.columns import ColumnsUnclear, Reading, parse_map
+from imumon.sources.files.unit_grammar import known_unit, stated_rate
+
+DEG, G = np.pi / 180.0, 9.80665
+RNG = np.random.default_rng(63)
+GYRO = RNG.normal([0.004, -0.003, 0.002], 1e-3, (2000, 3))
+ACCEL = RNG.normal([0.12, -0.23, 9.79], 0.02, (2000, 3))
+STEP = np.arange(2000.0)
+
+
+def read(header: str, *columns: Floats, **options: object) -> Reading:
+    """Return what columns below a header are."""
+    return read_columns(header.split(","), (), np.column_stack(columns), ReadOptions(**options))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("texts", "quantity", "factor"),
+    [
+        (
+            ("rad/s", "rad s^-1", "rad.s-1", "RadPerSec", "rads", "radians per second", "rad_per_s"),
+            "gyro",
+            1.0,
+        ),
+        (("deg/s", "°/s", "º/s", "dps", "degree/sec", "deg.s^-1", "d/s", "degs"), "gyro", DEG),
+        (("mdps", "mdeg/s", "millideg/s"), "gyro", DEG * 1e-3),
+        (("deg/h", "°/hr", "dph"), "gyro", DEG / 3600.0),
+        (("m/s^2", "m/s²", "m/(s^2)", "m/s/s", "mps2", "ms-2", "m.s^-2"), "accel", 1.0),
+        (("g", "G", "gs"), "accel", G),
+        (("mg", "mG"), "accel", G * 1e-3),
+        (("cm/s^2", "Gal"), "accel", 1e-2),
+        (("deg", "°", "degrees"), "angle", DEG),
+        (("m/s",), "velocity", 1.0),
+        (("g*s", "g.s"), "velocity", G),
+        (("min", "minutes"), "t", 60.0),
+        (("10us", "10 µs"), "t", 1e-5),
+        (("100ns",), "t", 1e-7),
+    ],
+)
+def test_units_are_a_grammar(texts: Sequence[str], quantity: str, factor: float) -> None:
+    for text in texts:
+        unit = known_unit(text)
+        assert unit is not None, text
+        assert (unit.quantity, unit.factor) == (quantity, pytest.approx(factor)), text
+
+
+@pytest.mark.parametrize("text", ["ticks", "furlong", "x8004", "LSB", "", "WGS84", "m/", "/s", "s2s"])
+def test_what_is_no_unit_is_none(text: str) -> None:
+    assert known_unit(text) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("gyro_x [rad/s]", "rad/s"), ("gx_dps", "dps"), ("gyro_rps_x", "rad/s"), ("ax_g", "g"), ("acc_x_mg", "mg"),
+        ("raw_angular_rate_x_deg_per_s", "deg/s"), ("t_ms", "ms"), ("timestamp_seconds", "s"), ("accel_m_s2_x", "m/s2"),
+        ("gyroADC[0]", ""), ("X Accel [x8004]", ""), ("gx", ""), ("a_s", ""), ("Accel-X (g)", "g"),
+        ("time [ticks]", "ticks"),
+    ],
+)  # fmt: skip
+def test_a_name_states_its_unit_in_brackets_or_as_a_suffix(name: str, unit: str) -> None:
+    assert split_unit(name)[1] == unit
+
+
+def test_what_is_stated_is_certain() -> None:
+    reading = read("t_ms,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", 10 * STEP, GYRO / DEG, ACCEL / G)
+    assert reading.certain
+    layout = reading.layout()
+    assert [c.factor for c in layout.columns[:4]] == pytest.approx([DEG, DEG, DEG, G])
+    assert layout.times[0].factor == 1e6
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit", "certain"),
+    [(1.0, "m/s^2", True), (1 / G, "g", True), (1e3, "mm/s^2", True), (1e3 / G, "mg", False)],
+)
+def test_one_g_in_exactly_one_unit_is_certain(scale: float, unit: str, certain: bool) -> None:
+    """In mg and in cm/s^2, one g is nearly the same number."""
+    reading = read("t_ms,ax,ay,az", 10 * STEP, ACCEL * scale)
+    assert (reading.uses[0].unit, reading.uses[0].certain) == (unit, certain)
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, "rad/s"), (1 / DEG, "deg/s")])
+def test_a_gyroscope_without_a_unit_is_a_question_with_the_usual_one(scale: float, unit: str) -> None:
+    reading = read("t_ms,gx,gy,gz", 10 * STEP, GYRO * scale)
+    assert not reading.certain
+    assert reading.uses[0].unit == unit
+    with pytest.raises(ColumnsUnclear) as unclear:
+        reading.checked("a.csv", accept=False)
+    assert unclear.value.proposal == f"gyro=gx,gy,gz:{unit},t=t:ms"
+    assert reading.checked("a.csv", accept=True).layout().caveats == ("assumed_unit",)
+
+
+@pytest.mark.parametrize("start", [1.7e9, 1.7e12, 1.7e15, 1.7e18])
+def test_a_clock_that_counts_from_1970_is_certain(start: float) -> None:
+    unit = start / 1.7e9
+    reading = read("time,ax,ay,az", start + 0.01 * unit * STEP, ACCEL)
+    assert reading.certain
+    assert reading.layout().times[0].factor == pytest.approx(1e9 / unit)
+
+
+@pytest.mark.parametrize("step", [0.01, 10.0, 256.0, 1e7])
+def test_a_clock_without_a_unit_is_a_question_and_a_given_rate_answers_it(step: float) -> None:
+    assert not read("time,ax,ay,az", step * STEP, ACCEL).certain
+    reading = read("time,ax,ay,az", step * STEP, ACCEL, rate_hz=100.0)
+    assert reading.certain
+    assert reading.layout().times[0].factor * step == pytest.approx(1e7)
+
+
+@pytest.mark.parametrize(
+    "header", ["t [ticks],ax,ay,az", "t_ms,gx [furlong/s],gy [furlong/s],gz [furlong/s]"]
+)
+def test_a_unit_that_is_stated_and_not_known_is_never_replaced_by_a_guess(header: str) -> None:
+    with pytest.raises(ImumonError) as unknown:
+        read(header, 10 * STEP, ACCEL)
+    assert unknown.value.code == "unknown_unit"
+
+
+def test_a_unit_that_physics_contradicts_is_a_question() -> None:
+    assert not read("t_ms,ax [m/s^2],ay [m/s^2],az [m/s^2]", 10 * STEP, ACCEL / G).certain
+
+
+def test_constant_columns_and_orientations_are_no_sensor() -> None:
+    orientation = "roll [deg],pitch [deg],yaw [deg]"
+    names = f"t_ms,{orientation},gx [dps],gy [dps],gz [dps]"
+    reading = read(names, 10 * STEP, 1.0 + 0.01 * GYRO, GYRO / DEG)
+    assert reading.map == "gyro=gx,gy,gz:dps,t=t:ms"
+    with pytest.raises(ImumonError):
+        read("t_ms,ax,ay,az", 10 * STEP, np.ones((2000, 3)))
+
+
+def test_increments_are_divided_by_their_interval() -> None:
+    names = "time [s],dtheta_x [deg],dtheta_y [deg],dtheta_z [deg],dvel_x,dvel_y,dvel_z"
+    reading = read(names, 0.01 * STEP, GYRO / DEG / 100.0, ACCEL / 100.0)
+    assert reading.certain  # over its interval, the velocity is 1 g in m/s
+    assert reading.layout().kind == "deltas"
+
+
+def test_two_streams_of_one_sensor_show_the_unit_by_their_ratio() -> None:
+    names = "t_ms,gx,gy,gz,dtheta_x,dtheta_y,dtheta_z,ax,ay,az"
+    reading = read(names, 10 * STEP, GYRO, GYRO / DEG / 100.0, ACCEL)
+    gyro = next(use for use in reading.uses if use.key == "gyro")
+    assert gyro.unit == "rad/s"
+    assert "57.3" in gyro.reason
+
+
+def test_the_proposal_can_be_given_back_and_is_certain_then() -> None:
+    header = "time,gyr x,gyr y,gyr z,acc:x,acc:y,acc:z"
+    columns = (10 * STEP, GYRO / DEG, ACCEL / G)
+    proposal = read(header, *columns)
+    again = read(header, *columns, columns=parse_map(proposal.map))
+    assert again.certain
+    assert again.layout().columns == proposal.layout().columns
+
+
+def test_counts_need_the_number_of_the_data_sheet() -> None:
+    counts = np.rint(np.hstack([GYRO / DEG * 131.0, ACCEL / G * 16384.0]))
+    reading = read("t_ms,gx,gy,gz,ax,ay,az", 10 * STEP, counts)
+    with pytest.raises(ColumnsUnclear) as unclear:
+        reading.checked("a.csv", accept=False)
+    assert "SCALE" in unclear.value.proposal
+    accepted = reading.checked("a.csv", accept=True).layout()
+    assert {channel[:5] for channel in accepted.channels} == {"accel"}  # 1 g shows its counts
+    given = read(
+        "t_ms,gx,gy,gz", 10 * STEP, counts[:, :3], columns=parse_map("gyro=gx/131,gy/131,gz/131:deg/s")
+    )
+    assert given.layout().columns[0].factor == pytest.approx(DEG / 131.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "rate"),
+    [
+        ("Fs,100", 100.0), ("# Sample Rate = 250 Hz", 250.0), ("Update Rate: 100.0Hz", 100.0), ("ODR: 1.6 kHz", 1600.0),
+        ("data_rate = 100.0 Hz, filter = 488 Hz", 100.0), ("baud rate: 115200", None), ("range 8", None),
+    ],
+)  # fmt: skip
+def test_a_rate_beside_the_word_rate_is_stated(text: str, rate: float | None) -> None:
+    assert stated_rate(text) == rate
+
+
+@pytest.mark.parametrize("text", ["gyro", "gx=1", "gyro=1,2", "t=1,2,3", "=1"])
+def test_a_map_that_is_none_is_an_error(text: str) -> None:
+    with pytest.raises(ImumonError) as wrong:
+        parse_map(text)
+    assert wrong.value.code == "map_syntax"

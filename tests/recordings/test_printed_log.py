@@ -1,0 +1,162 @@
+"""Laws of printed logs: one table of numbers, however a loop prints it, and every line is counted."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imumon.model.errors import ImumonError
+from imumon.model.ledger import imbalance, merged
+from imumon.sources.files import ReadOptions, open_recording
+from imumon.sources.files.printed_log import tables
+from imumon.sources.files.record_reader import RecordReader
+
+RNG = np.random.default_rng(7)
+ROWS = np.column_stack(
+    [10.0 * np.arange(400), RNG.normal(0.0, 1e-3, (400, 3)), RNG.normal([0.1, -0.2, 9.8], 0.02, (400, 3))]
+).round(5)
+NAMES = ("t", "gx", "gy", "gz", "ax", "ay", "az")
+
+
+def lines(form: str, header: str = "") -> str:
+    return header + "".join(form.format(*row) for row in ROWS.tolist())
+
+
+def dicts() -> str:
+    rows = [{"t": r[0], "gyro": r[1:4], "acc": {"x": r[4], "y": r[5], "z": r[6]}} for r in ROWS.tolist()]
+    return "".join(f"{row}\n" for row in rows)
+
+
+CSV = ",".join(["{}"] * 7) + "\n"
+FORMS: dict[str, str] = {
+    "csv": lines(CSV, ",".join(NAMES) + "\n"),
+    "comments before": lines(CSV, "# a logger\n# version 2\n" + ",".join(NAMES) + "\n"),
+    "units below": lines(CSV, ",".join(NAMES) + "\nms,rad/s,rad/s,rad/s,g,g,g\n"),
+    "decimal comma": lines(CSV.replace(",", ";"), ";".join(NAMES) + "\n").replace(".", ","),
+    "blanks": lines(CSV.replace(",", "  "), "  ".join(NAMES) + "\n"),
+    "separator at the end": lines(CSV.replace("\n", ",\n"), ",".join(NAMES) + ",\n"),
+    "quoted": lines('"{}"' + ',"{}"' * 6 + "\n", ",".join(NAMES) + "\n"),
+    "no header": lines(CSV),
+    "first row cut": "0.1,9.8\n" + lines(CSV),
+    "a sentence above": lines(CSV.replace(",", " "), "/sys/bus/iio/devices/device0\n"),
+    "labels": lines("t: {}, gx: {}, gy: {}, gz: {}, ax: {}, ay: {}, az: {}\n", "ready\n"),
+    "equal signs": lines("t={} gx={} gy={} gz={} ax={} ay={} az={}\n"),
+    "several lines": lines(
+        "\nTime {} ms\nGyro X: {}, Y: {}, Z: {} rad/s\nAccel X: {}, Y: {}, Z: {} m/s^2\n", "Hello\n"
+    ),
+    "vectors": lines('{},"[{}, {}, {}]","[{}, {}, {}]"\n', "t,gyro,acc\n"),
+    "brackets": lines("Scaled. T {} Gyr (DPS) [ {}, {}, {} ], Acc (mg) [ {}, {}, {} ]\n"),
+    "yaml": lines("---\nt: {}\nangular:\n  x: {}\n  y: {}\n  z: {}\nlinear:\n  x: {}\n  y: {}\n  z: {}\n"),
+    "protobuf": lines(
+        "t: {}\nang {{\n  x: {}\n  y: {}\n  z: {}\n}}\nlin {{\n  x: {}\n  y: {}\n  z: {}\n}}\n"
+    ),
+    "json lines": "".join(json.dumps(dict(zip(NAMES, r, strict=True))) + "\n" for r in ROWS.tolist()),
+    "dicts": dicts(),
+    "carriage returns": lines(CSV, ",".join(NAMES) + "\n").replace("\n", "\r\n"),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_one_table_however_it_is_printed(form: str) -> None:
+    table = tables(FORMS[form].replace("\r", ""))[0]
+    assert table.rows[-300:, :7] == pytest.approx(ROWS[-300:])
+    if form not in ("no header", "first row cut", "a sentence above"):
+        assert "x" in table.names[1].lower() or "[0]" in table.names[1], table.names
+
+
+def read(form: str, pieces: Sequence[int]) -> tuple[np.ndarray, dict[str, int], int]:
+    """Return the rows, the ledger and the lines of a text that is read in pieces of so many lines."""
+    text = FORMS[form].replace("\r", "")
+    table = tables(text)[0]
+    reader = RecordReader("a", table, range(7))
+    every = [f"{line}\n".encode() for line in text.split("\n")[table.begin :] if line or table.pattern]
+    every = every[:-1] if not every[-1].strip() else every
+    rows, begin = [], 0
+    for size in [*pieces, len(every)]:
+        block = every[begin : begin + size]
+        if block:
+            last = begin + size >= len(every)
+            rows.append(reader.read(b"".join(block), begin + 1, last=last)[0])
+        begin += size
+    return np.concatenate(rows), reader.ledger, len(every)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_reader_gives_the_rows_and_counts_every_line(form: str) -> None:
+    rows, ledger, count = read(form, [])
+    assert rows[-300:] == pytest.approx(ROWS[-300:])
+    assert len(rows) + sum(n for reason, n in ledger.items() if reason != "received") == count
+
+
+@given(st.lists(st.integers(1, 300), max_size=6), st.sampled_from([*FORMS]))
+def test_any_chunking_gives_the_same(pieces: list[int], form: str) -> None:
+    whole, ledger, _ = read(form, [])
+    rows, other, _ = read(form, pieces)
+    assert rows == pytest.approx(whole)
+    assert other == ledger
+
+
+def test_text_between_samples_is_no_sample_and_a_damaged_one_is_lost(tmp_path: Path) -> None:
+    form = "t_ms: {}, gx_dps: {}, gy_dps: {}, gz_dps: {}, ax: {}, ay: {}, az: {}\n"
+    every = lines(form).splitlines(keepends=True)
+    every[50] = "low battery\n"
+    every[60] = every[60].replace("gy", "g?")
+    path = tmp_path / "a.log"
+    path.write_text("boot\n" + "".join(every))
+    recording = open_recording(str(path), ReadOptions())
+    samples = sum(len(block) for blocks in recording for block in blocks if hasattr(block, "values"))
+    assert samples == 398
+    assert recording.ledger["not_numbers"] == 1
+    assert recording.ledger["damaged"] == 1
+    assert imbalance(merged(recording.ledger, {"samples": samples})) == 0
+
+
+@pytest.mark.parametrize("sensor", ["1", "4"])
+def test_rows_of_several_sensors_are_chosen_by_their_code(tmp_path: Path, sensor: str) -> None:
+    path = tmp_path / "a.csv"
+    rows = [
+        f"1,{10**7 * k},{a},{b},{c}\n4,{10**7 * k + 50},{x},{y},{z}\n"
+        for k, (_, x, y, z, a, b, c) in enumerate(ROWS)
+    ]
+    path.write_text("sensor,time_ns,x,y,z\n" + "".join(rows))
+    with pytest.raises(ImumonError) as unclear:
+        list(open_recording(str(path), ReadOptions()))
+    assert unclear.value.code == "columns_unclear"
+    recording = open_recording(str(path), ReadOptions(where={"sensor": sensor}, accept=True))
+    blocks = [block for some in recording for block in some]
+    assert blocks[0].stream.channels[0] == {"1": "accel/x", "4": "gyro/x"}[sensor]
+    assert recording.ledger["other_sensor"] == 400
+
+
+HOSTILE: dict[str, Callable[[], bytes]] = {
+    "a million columns": lambda: b"a," * 10**6 + b"\n" + b"1," * 10**6 + b"\n",
+    "a line without end": lambda: b"1,2,3," * 10**6,
+    "zeros": lambda: bytes(10**6),
+    "invalid UTF-8": lambda: b"t,gx,gy,gz\n" + b"\xff\xfe\xc3,1,\xe2,3\n" * 1000,
+    "brackets": lambda: b"[" * 10**6,
+    "quotes": lambda: b'"' * 10**6 + b"\n",
+    "numbers without a separator": lambda: b"1" * 10**6 + b"\n",
+    "no numbers": lambda: b"hello world\n" * 10**5,
+    "nothing but ends of lines": lambda: b"\n" * 10**6,
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_text_is_one_error(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(HOSTILE[name]())
+    with pytest.raises(ImumonError) as error:
+        read_all(path)
+    assert "\n" not in error.value.message
+
+
+def read_all(path: Path) -> None:
+    recording = open_recording(str(path), ReadOptions(accept=True))
+    if not [block for blocks in recording for block in blocks]:
+        raise recording.no_samples()
