@@ -24,7 +24,7 @@ report to the screen and to other tools. SampleBlock and Report are the types th
 
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 if TYPE_CHECKING:
     from imumon.api import ImumonError, Live, Measurement, analyse, combine, compare, load, simulate
