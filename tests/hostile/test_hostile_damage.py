@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import random
 import sqlite3
 from contextlib import closing
 from pathlib import Path
 
 import pytest
-from damage import SAMPLES, damaged
-from histories import period
+from damage import SAMPLES
 from tables import csv, truth
 
 from imumon.api.replay_options import ReplayOptions
-from imumon.history.selection import Selection
 from imumon.history.store import HistoryError, HistoryStore
-from imumon.model.errors import ImumonError
 from imumon.model.report import Event
 from imumon.sources.files.recording import Recording
 
@@ -65,32 +61,3 @@ def test_a_damaged_history_is_an_error_with_a_code(damage: str, tmp_path: Path) 
     with HistoryStore(path) as store, pytest.raises(HistoryError) as raised:
         store.events(0.0, 2e9)
     assert raised.value.code == "history_damaged"
-
-
-def test_no_row_of_a_damaged_history_has_another_number(tmp_path: Path) -> None:
-    """A row is as it was written, or is not there."""
-    path = tmp_path / "a.history.sqlite"
-    with HistoryStore(path, write=True) as store:
-        store.add([period(number) for number in range(60)])
-    data, chosen = path.read_bytes(), Selection(since=0.0, until=2e9)
-
-    def channels() -> set[str]:
-        with HistoryStore(path) as store:
-            return {
-                repr((timed.record, timed.begin, timed.end, timed.period.samples, name, channel))
-                for timed in store.periods(chosen)
-                for name, channel in timed.period.channels.items()
-            }
-
-    before, readable = channels(), 0
-    for seed in range(120):
-        for other in tmp_path.iterdir():
-            other.unlink()
-        path.write_bytes(damaged(random.Random(seed), data))
-        try:
-            after = channels()
-        except ImumonError:
-            continue
-        assert after <= before
-        readable += 1
-    assert readable > 20
