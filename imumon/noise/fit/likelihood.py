@@ -637,3 +637,55 @@ def holds(surface: Surface) -> bool:
         for term, grid in surface.grids.items()
     ]
     return all(sizes) and ends_fall(surface)
+
+
+def _on(likelihood: Likelihood, surface: Surface, grids: Grids) -> Surface:
+    """Return a surface on some grids; itself where it is on them."""
+    if all(np.array_equal(grid, surface.grids[term]) for term, grid in grids.items()):
+        return surface
+    return likelihood.at_values_of(surface, grids)
+
+
+@dataclass(frozen=True, eq=False)
+class Alternatives:
+    """The likelihoods without and with a column in doubt; the second is None without one.
+
+    Attributes
+    ----------
+    odds : likelihood of the column against none.
+    """
+
+    likelihood: Likelihood
+    surface: Surface
+    other: Likelihood | None = None
+    other_surface: Surface | None = None
+    odds: float = 0.0
+
+    def on(self, grids: Grids) -> Surface:
+        """Return the likelihood of either of the models on a grid.
+
+        The second surface is scaled so that its maximum is `odds` times that of the first: the restricted likelihoods
+        of regressions that differ by a column have no common scale.
+        """
+        first = _on(self.likelihood, self.surface, grids)
+        if self.other is None or self.other_surface is None:
+            return first
+        second = _on(self.other, self.other_surface, grids)
+        second = replace(second, log=second.log - second.log.max() + first.log.max())
+        return mixed(first, second, self.odds)
+
+    @cached_property
+    def mixed(self) -> Surface:
+        """Likelihood of either of the models on a grid that holds both."""
+        if self.other_surface is None:
+            return self.surface
+        grids = {
+            term: np.linspace(
+                min(grid[0], self.other_surface.grids[term][0]),
+                max(grid[-1], self.other_surface.grids[term][-1]),
+                grid.size,
+            )
+            for term, grid in self.surface.grids.items()
+        }
+        # of the searches: this grid spans what they held
+        return replace(self.on(grids), holds=self.surface.holds and self.other_surface.holds)

@@ -32,7 +32,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.special import gammaincc
@@ -42,7 +41,7 @@ from imumon.model.samples import Bools, Floats
 from imumon.model.units import DAY
 from imumon.noise.fit import markov_search
 from imumon.noise.fit.hump import KEPT, Band, Hump, at_aliases, band_left_out, line_bands
-from imumon.noise.fit.likelihood import EVIDENCE, Grids, Likelihood, Surface, evidence, mixed
+from imumon.noise.fit.likelihood import EVIDENCE, Alternatives, Grids, Likelihood, Surface, evidence
 from imumon.noise.fit.markov_search import MarkovSurface, Peaks
 from imumon.noise.fit.model import (
     GRIDDED,
@@ -548,21 +547,21 @@ class ModelSearch:
         )
         return power + LIMIT_95 * math.sqrt(variance) >= rounding
 
-    def _without_markov(self, upper_end: UpperEnd, error: float) -> _Alternatives:
+    def _without_markov(self, upper_end: UpperEnd, error: float) -> Alternatives:
         """Return the models without Gauss–Markov noise: with and without a column in doubt."""
         likelihood, surface = self._fit(upper_end, error)
         if not self._slow.doubtful:
-            return _Alternatives(likelihood, surface)
+            return Alternatives(likelihood, surface)
         other = self._likelihood(upper_end, error, with_doubtful=True)
         if other.bands.top.size <= len(NOISE_TERMS):
             # the single coefficients of a column with a wide spectrum leave too few bands of a short record
-            return _Alternatives(likelihood, surface)
-        return _Alternatives(
+            return Alternatives(likelihood, surface)
+        return Alternatives(
             likelihood, surface, other, other.search(self._samples, self._grids), self._slow.odds
         )
 
     def _with_markov(
-        self, upper_end: UpperEnd, error: float, without: _Alternatives, peaks: Peaks
+        self, upper_end: UpperEnd, error: float, without: Alternatives, peaks: Peaks
     ) -> tuple[MarkovSurface, Surface]:
         """Return the likelihood with Gauss–Markov noise, and that of both, with and without it."""
 
@@ -660,55 +659,3 @@ def _shows(surface: Surface) -> bool:
     best = surface.best
     error = np.sqrt(surface.scored_variances[WHITE][best])
     return bool(error < MOST_ERROR * surface.scored[WHITE][best])
-
-
-def _on(likelihood: Likelihood, surface: Surface, grids: Grids) -> Surface:
-    """Return a surface on some grids; itself where it is on them."""
-    if all(np.array_equal(grid, surface.grids[term]) for term, grid in grids.items()):
-        return surface
-    return likelihood.at_values_of(surface, grids)
-
-
-@dataclass(frozen=True, eq=False)
-class _Alternatives:
-    """The likelihoods without and with a column in doubt; the second is None without one.
-
-    Attributes
-    ----------
-    odds : likelihood of the column against none.
-    """
-
-    likelihood: Likelihood
-    surface: Surface
-    other: Likelihood | None = None
-    other_surface: Surface | None = None
-    odds: float = 0.0
-
-    def on(self, grids: Grids) -> Surface:
-        """Return the likelihood of either of the models on a grid.
-
-        The second surface is scaled so that its maximum is `odds` times that of the first: the restricted likelihoods
-        of regressions that differ by a column have no common scale.
-        """
-        first = _on(self.likelihood, self.surface, grids)
-        if self.other is None or self.other_surface is None:
-            return first
-        second = _on(self.other, self.other_surface, grids)
-        second = replace(second, log=second.log - second.log.max() + first.log.max())
-        return mixed(first, second, self.odds)
-
-    @cached_property
-    def mixed(self) -> Surface:
-        """Likelihood of either of the models on a grid that holds both."""
-        if self.other_surface is None:
-            return self.surface
-        grids = {
-            term: np.linspace(
-                min(grid[0], self.other_surface.grids[term][0]),
-                max(grid[-1], self.other_surface.grids[term][-1]),
-                grid.size,
-            )
-            for term, grid in self.surface.grids.items()
-        }
-        # of the searches: this grid spans what they held
-        return replace(self.on(grids), holds=self.surface.holds and self.other_surface.holds)
