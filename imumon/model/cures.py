@@ -54,15 +54,6 @@ def option_text(**fields: Any) -> str:
     return " ".join(f"{option(field)} {shlex.quote(_shell_value(value))}" for field, value in fields.items())
 
 
-def example_text(column: str = "COLUMN:UNIT") -> str:
-    """Return how columns are named, with the first one as an example.
-
-    >>> example_text()
-    '--map gyro/x=COLUMN:UNIT,...'
-    """
-    return option_text(columns={"gyro/x": column, "...": ""})
-
-
 def _shell_value(value: Any) -> str:
     if isinstance(value, Mapping):
         return ",".join(f"{name}={text}" if text else name for name, text in value.items())

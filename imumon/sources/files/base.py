@@ -23,18 +23,13 @@ ROWS, TABLE_BYTES = 1 << 15, 1 << 23
 """Rows in a block of a table, at most, and bytes of its lines or messages."""
 
 Samples: TypeAlias = Literal["point", "average", "increment"]
-"""What a number of a gyroscope or an accelerometer is; see `column_meaning`."""
+"""What a number of a gyroscope or an accelerometer is: an output at an instant, a mean over its interval, or an integral."""
 
 ROW_NOUNS = {
     **dict.fromkeys(("npz", "npy", "mat", "parquet", "arrays"), "sample"),
     **dict.fromkeys(("bag", "px4", "ardupilot"), "message"),
-    "records": "record",
 }
 """Word for a row of a table in messages, by its form, where it is no line."""
-
-
-TEXT_FORMS = ("csv", "records")
-"""Forms of tables whose cells are text."""
 
 
 class RecordingError(ImumonError):
@@ -98,7 +93,7 @@ class RowSource:
     Attributes
     ----------
     name : path of the file, or what else messages call the table.
-    form : ``csv``, ``records`` (text, see `text_records`), ``npz``, ``npy``, ``mat``, ``parquet``, ``arrays`` (in
+    form : ``csv`` (text), ``npz``, ``npy``, ``mat``, ``parquet``, ``arrays`` (in
         memory), ``bag``, ``px4``, ``ardupilot``. How a unit is given and what a row is called depend on it.
     column_names : of all columns, also of those that are not used.
     title : what the samples are taken from, for people; empty: the form.

@@ -39,7 +39,7 @@ from imumon.model.ledger import RECEIVED, ColumnUse, Ledger, column_account, mer
 from imumon.model.report import MOST_CHARACTERS
 from imumon.model.report_json import plain
 from imumon.model.samples import INERTIAL, Floats, Ints, SampleBlock, Stream, sensor_of
-from imumon.sources.files.base import TEXT_FORMS, ReadOptions, Recording, RecordingError, RowSource
+from imumon.sources.files.base import ReadOptions, Recording, RecordingError, RowSource
 from imumon.sources.files.columns import ColumnLayout
 from imumon.sources.files.first_rows import FirstRows, TableStart, TableTimes, present
 from imumon.sources.files.row_selection import RowOrder, SensorRows, copies
@@ -330,7 +330,7 @@ class RowDecoder:
             self._first_lacking = f"{self._source.row} {places[k]}: {', '.join(missing)}"
         self._lacking += len(unreported)
         # text has an empty cell there, other forms NaN
-        self._ledger.add("not_numbers" if self._source.form in TEXT_FORMS else "not_finite", len(unreported))
+        self._ledger.add("not_numbers" if self._source.form == "csv" else "not_finite", len(unreported))
 
     def _note_back(self, times: Ints, places: Ints) -> None:
         """Count the steps back of a sample clock on which two stamps on either side agree; note the first."""

@@ -71,13 +71,16 @@ class TextFile(Table):
             comment = line.lstrip().startswith((b"#", b"%", b"//")) and decoded(line) != table.header
             self._lines.add("blank" if blank else "comment" if comment else "header")
         waiting = [parts[-1]]
+        count, size = parts[-1].count(b"\n"), len(parts[-1])
         for block in blocks:
             # a block is handed on when the next one is there: only then it is known not to be the last one
-            if sum(map(len, waiting)) > TABLE_BYTES or sum(part.count(b"\n") for part in waiting) >= ROWS:
+            if size > TABLE_BYTES or count >= ROWS:
                 yield self._parsed(b"".join(waiting), before, last=False)
-                before += sum(part.count(b"\n") for part in waiting)
-                waiting = []
+                before += count
+                waiting, count, size = [], 0, 0
             waiting.append(block)
+            count += block.count(b"\n")
+            size += len(block)
         yield self._parsed(b"".join(waiting), before, last=True)
         yield self._finish()
 
