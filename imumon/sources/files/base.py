@@ -23,7 +23,7 @@ ROWS, TABLE_BYTES = 1 << 15, 1 << 23
 """Rows in a block of a table, at most, and bytes of its lines or messages."""
 
 Samples: TypeAlias = Literal["point", "average", "increment"]
-"""What a number of a gyroscope or an accelerometer is: an output at an instant, a mean over its interval, or an integral."""
+"""What a number of a gyroscope or an accelerometer is: an output at an instant, a mean, or an integral."""
 
 ROW_NOUNS = {
     **dict.fromkeys(("npz", "npy", "mat", "parquet", "arrays"), "sample"),

@@ -116,7 +116,8 @@ class LineDecoder:
     @property
     def ledger(self) -> dict[str, int]:
         """What became of all lines but those that are samples, by reason."""
-        return self._ledger.counts(pending=len(self._waiting) + len(self._record) + len(self._first_lines))
+        waiting = len(self._waiting) + len(self._record)
+        return self._ledger.counts(pending=waiting, start=len(self._first_lines))
 
     def skip_line(self) -> None:
         """Count a line that was not fed: of a stream that had begun before, it may be half of one."""
