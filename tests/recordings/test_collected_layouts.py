@@ -56,7 +56,7 @@ LAYOUTS = (
     Layout("cases/phone_sensorlog/2024-03-01_10_00_00_my_iPhone.csv", stated=True),
     Layout("cases/json/imu.jsonl", accel=None),
     Layout("cases/json/mqtt.jsonl", EVEN_GYRO, EVEN_ACCEL),
-    Layout("cases/one_row_per_event/sensors.sense", EVEN_GYRO, EVEN_ACCEL),
+    Layout("cases/one_row_per_event/sensors.sense", EVEN_GYRO, None),
     Layout("cases/rostopic_echo/imu.txt", None, None),
     Layout("cases/labelled_lines/labels1.log", EVEN_GYRO, EVEN_ACCEL),
     Layout("cases/labelled_lines/serial.log", EVEN_GYRO, EVEN_ACCEL, known=("--rate", "100")),
