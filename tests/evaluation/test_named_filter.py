@@ -45,7 +45,7 @@ def test_a_filter_is_not_used_for_deltas(tmp_path: Path) -> None:
     noise = synthesise(2000, HZ, N=[6e-5] * 3 + [1.4e-3] * 3, seed=1)
     np.savez(tmp_path / "d.npz", t=np.arange(2000) / HZ, dt=np.full(2000, 1 / HZ),
              DeltaTheta=noise[:, :3] / HZ, DeltaVel=noise[:, 3:] / HZ)  # fmt: skip
-    report = replayed(tmp_path / "d.npz", "--filter", "none")
+    report = replayed(tmp_path / "d.npz", "--accept", "--filter", "none")
     if report.device.stream == "deltas":
         assert report.device.alias_factor == 1.0
         assert any("--filter is not used" in remark for remark in report.device.remarks)
@@ -57,6 +57,6 @@ def test_a_table_whose_spectrum_shows_a_filter_has_no_warning_that_noise_folds(t
     smooth = sum(noise[k : k + 19_990] for k in range(8)) / 8.0
     smooth[:, 5] += 9.8
     np.savez(tmp_path / "s.npz", t=np.arange(len(smooth)) / HZ, gyro=smooth[:, :3], accel=smooth[:, 3:])
-    report = replayed(tmp_path / "s.npz")
+    report = replayed(tmp_path / "s.npz", "--accept")
     assert all("correlated" in channel.caveats for channel in report.channels.values())
     assert "noise folds" not in shown(report)
