@@ -61,7 +61,7 @@ def bounded_memory() -> Iterator[None]:
 
 def lines(form: str, divisor: int) -> Callable[[list[int]], Iterator[SampleBlock]]:
     def blocks(times: list[int]) -> Iterator[SampleBlock]:
-        decoder = LineDecoder({})
+        decoder = LineDecoder({"accept": ""})
         for time, row in zip(times, VALUES, strict=False):
             whole, rest = divmod(abs(time), divisor)
             digits = f"{'-' * (time < 0)}{whole}.{rest:0{len(str(divisor)) - 1}d}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 import reports
 
-from imumon.documents import document
 from imumon.documents.convergence_figure import convergence_svg
 from imumon.model.coefficients import NOISE
 from imumon.model.filter_report import FilterReport
@@ -21,16 +20,6 @@ def sheet() -> Report:
 @pytest.fixture(scope="module")
 def filters(sheet: Report) -> FilterReport:
     return filter_report(sheet, 600.0)
-
-
-def test_plain_k_is_the_coefficient_and_says_so(sheet: Report, filters: FilterReport) -> None:
-    plain = filter_report(sheet, 600.0, "K")
-    for name, channel in plain.channels.items():
-        assert channel.walk == sheet.channels[name].coefficients["K"].value
-        assert channel.walk <= filters.channels[name].walk
-        assert channel.nees.white_walk == channel.nees.n_and_k
-    assert "plain K" in document(sheet, "kalibr", plain).decode()
-    assert "plain K" not in document(sheet, "kalibr", filters).decode()
 
 
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])

@@ -26,7 +26,13 @@ from imumon.sources.vn100 import binary
 RATE = 10.0
 SAMPLES = 100_000
 LAYOUT = binary.BinaryLayout.of({binary.Group.TIME: 0x0001, binary.Group.IMU: 0x000C})
-FOUND_BY_REPORTS = ("grade", "constant", "against the time before", "differ from the time before")
+FOUND_BY_REPORTS = (
+    "grade",
+    "constant",
+    "first half",
+    "against the time before",
+    "differ from the time before",
+)
 """Kinds of events, or part of their texts, that reports note: in a replay, that is the last one."""
 
 

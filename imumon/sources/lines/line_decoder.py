@@ -6,8 +6,8 @@ Rules, which do not depend on the chunks:
   by commas, semicolons, tabs or blanks. If semicolons are apart, a comma is a decimal sign.
 - Otherwise the first lines show how a sample is printed and what its numbers are, as the head of a file does
   (`files.printed_log`, `files.columns`): cells below a header, names beside the numbers, JSON, a sample of several
-  lines. They wait until `FIRST_LINES` are there. What is not certain needs ``accept`` or ``columns=`` in the URL: until
-  then no line is a sample, and a remark has the question.
+  lines. They wait until `FIRST_LINES` are there; bytes that are no text do not wait. What is not certain needs
+  ``accept`` or ``columns=`` in the URL: until then no line is a sample, and a remark has the question.
 - Any other line counts as invalid and, where the stream has no clock, as a lost sample. So does one in which the
   time, or a value of gyroscope or accelerometer, is no finite number. Other values may be no number: they are unknown.
 - Blank lines, lines that begin with ``#``, and the header are no samples and nothing is lost by them.
@@ -49,6 +49,8 @@ FIRST_LINES = (50, 100, 200, 400)
 SIZE_SAMPLES = 100
 """First samples, whose sizes are compared with those of a sensor at rest."""
 
+_NO_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")
+"""Control characters that no program prints: blanks and the escapes of colours are others."""
 _NUMBER = re.compile(rb"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf)", re.IGNORECASE)
 
 
@@ -169,7 +171,8 @@ class LineDecoder:
     def _known(self, line: bytes) -> Sequence[bytes]:
         """Return the lines that can be decoded now: none before the columns are known, then all that waited."""
         self._ledger.receive()
-        if self.columns is not None:
+        # bytes that are no text show no form: at a wrong baud rate they would fill the first lines
+        if self.columns is not None or _NO_TEXT.search(line):
             return (line,)
         self._first_lines.append(line[: LONGEST_LINE + 1])
         if len(self._first_lines) in FIRST_LINES:
