@@ -60,10 +60,11 @@ HUMP_GAIN = 2.0
 Otherwise: a weak hum is measured as M. Origin: odds of seven (`markov.py`).
 """
 WIDEST_WEAK = 6
-"""A hump that Gauss–Markov noise may be is at most as wide. Unit: bands, of half an octave.
+"""A hump that Gauss–Markov noise, or chance, may be is at most as wide. Unit: bands, of half an octave.
 
-Otherwise: bands that are left out over seven octaves explain Gauss–Markov noise as well as a term of it does. Chosen:
-three octaves, more than a hum wanders (`markov.py`).
+Otherwise: white noise of two hours loses half of its bands in one record of 60 (`tests/report_runs.py`), and bands
+that are left out over seven octaves explain Gauss–Markov noise as well as a term of it does. Chosen: three octaves,
+more than a hum wanders (`markov.py`).
 """
 CHANCE = 0.05
 """Noise alone makes a hump that has a name in this share of records. Unit: probability.
@@ -184,7 +185,8 @@ def band_left_out(
     left_out = ranges[:, 1] - ranges[:, 0]
     # a hump is above the noise: what lies below it is the end of a filter, or a walk beside a mean that does not move
     rises = ((bands.power > model) & ~counted).sum(axis=1) > 0.5 * left_out
-    if explained:
+    # neighbouring bands share samples: a misfit of chance is more frequent than their number says
+    if explained or _explained(alone, left, least**2):
         rises &= left_out <= WIDEST_WEAK
     cost = np.where(rises, deviance + 2.0 * left_out, np.inf)
     best = int(cost.argmin()) if cost.size else 0
