@@ -102,6 +102,18 @@ def known_unit(text: str, quantity: str = "") -> Unit | None:
     >>> known_unit("deg_per_s") == known_unit("°/s") == known_unit("dps"), known_unit("mdeg").quantity
     (True, 'angle')
     """
+    unit = _with_signs(text, quantity)
+    product = _product(unit)
+    if product is None:
+        return None
+    dimensions, factor = product
+    quantity_of = next((name for name, of in DIMENSIONS.items() if dimensions in of), None)
+    zero = 273.15 if quantity_of == "temperature" and unit in ("k", "kelvin") else 0.0
+    return None if quantity_of is None else Unit(quantity_of, factor, zero)
+
+
+def _with_signs(text: str, quantity: str) -> str:
+    """Return a unit in lower case, with signs in place of words and blanks."""
     unit = unicodedata.normalize("NFKC", text.replace("º", "°").replace("˚", "°")).strip().strip("[](){}'\" ")
     unit = unit.replace("μ", "u").replace("**", "^").lower()
     if quantity == "mag" and unit in ("g", "mg", "gs", "mgs"):
@@ -115,7 +127,11 @@ def known_unit(text: str, quantity: str = "") -> Unit | None:
     unit = re.sub(r"[()]", "", unit)
     unit = _GLUED.get(re.sub(r"[\s_]", "", unit), unit) if quantity not in ("angle", "t") else unit
     unit = re.sub(r"(?<=[a-z])[\s*·._]+(?=[a-z])", "*", unit)
-    unit = re.sub(r"\s+", "", unit)
+    return re.sub(r"\s+", "", unit)
+
+
+def _product(unit: str) -> tuple[dict[str, int], float] | None:
+    """Return the powers of the dimensions of a unit, and its factor; None: a base is not known."""
     powers: Counter[str] = Counter()
     factor = 1.0
     for place, part in enumerate(unit.split("/")):
@@ -127,10 +143,7 @@ def known_unit(text: str, quantity: str = "") -> Unit | None:
             power = int(match[2] or 1) * (-1 if place else 1)
             powers[word[0]] += power
             factor *= word[1] ** power
-    dimensions = {name: power for name, power in powers.items() if power}
-    quantity_of = next((name for name, of in DIMENSIONS.items() if dimensions in of), None)
-    zero = 273.15 if quantity_of == "temperature" and unit in ("k", "kelvin") else 0.0
-    return None if quantity_of is None else Unit(quantity_of, factor, zero)
+    return {name: power for name, power in powers.items() if power}, factor
 
 
 def _base(text: str) -> tuple[str, float] | None:
