@@ -301,23 +301,26 @@ class RecordReader:
         """Account for lines between two records; return how many records are damaged in them."""
         damaged = 0
         for line in text.split(b"\n")[:-1]:
-            if not line.strip():
-                self._ledger.add("blank")
-            elif any(other.match(line + b"\n") for other in self._others):
-                self._ledger.add("other_sensor")
-            elif last or not self._begun:
-                self._ledger.add("pending" if self._begun else "start")
-            elif len(line) > LONGEST_LINE or line == TOO_LONG_BYTES:
-                damaged += 1
-                self._ledger.add("damaged")
-            else:
-                numbers = sum(match["number"] is not None for match in TOKEN.finditer(decoded(line)))
-                is_part = 2 * numbers * self._table.lines >= len(self._table.names) and bool(numbers)
-                damaged += is_part
-                self._ledger.add("damaged" if is_part else "not_numbers")
+            reason = self._reason_between(line, last=last)
+            damaged += reason == "damaged"
+            self._ledger.add(reason)
         # as many records as the lines would hold
         lost = -(-damaged // self._table.lines)
         if lost and not last:
             self._invalid += lost
             self._first_invalid = self._first_invalid or f"line {place} is another text"
         return lost if not last else 0
+
+    def _reason_between(self, line: bytes, *, last: bool) -> str:
+        """Return why a line between two records is none."""
+        if not line.strip():
+            return "blank"
+        if any(other.match(line + b"\n") for other in self._others):
+            return "other_sensor"
+        if last or not self._begun:
+            return "pending" if self._begun else "start"
+        if len(line) > LONGEST_LINE or line == TOO_LONG_BYTES:
+            return "damaged"
+        numbers = sum(match["number"] is not None for match in TOKEN.finditer(decoded(line)))
+        is_part = 2 * numbers * self._table.lines >= len(self._table.names) and bool(numbers)
+        return "damaged" if is_part else "not_numbers"
