@@ -217,27 +217,7 @@ class TextFile(Table):
         """Yield the lines that end in each chunk of the file, in a time that is linear in its size."""
         rest, skipping = b"", False  # the line that has begun; whether it is too long, and waits for its end
         begun = lines = 0  # bytes up to the line that has begun, and the lines before it
-        carriage = b""  # at the end of a chunk: its line feed may follow
-        head = self._capture.head[:LONGEST_LINE]
-        # objects one behind the other in a line, and lines of several objects
-        objects = head.count(b"}, {") + head.count(b"},{")
-        joined = head.lstrip()[:1] in (b"[", b"{") and objects > 4 * head.count(b"\n")
-        encoding = utf_16(self._capture.head)
-        decoder = None if encoding is None else codecs.getincrementaldecoder(encoding)("replace")
-        for chunk in self._capture:
-            self.fed += len(chunk)
-            if decoder is not None:
-                chunk = decoder.decode(chunk).encode()
-            self.problem, self.progress = self._capture.problem, self._capture.progress
-            if carriage or b"\r" in chunk:
-                # all ends of lines become \n: Windows writes \r\n, which a chunk may split, and old programs \r
-                chunk = carriage + chunk
-                carriage = b"\r" if chunk.endswith(b"\r") else b""
-                chunk = chunk.removesuffix(b"\r").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-            if b"\x1b[" in chunk:  # colours of a terminal
-                chunk = COLOUR.sub(b"", chunk)
-            if joined:
-                chunk = chunk.replace(b"}, {", b"},\n{").replace(b"},{", b"},\n{")
+        for chunk in self._plain_chunks():
             first, end, more = chunk.partition(b"\n")
             if not skipping:
                 rest += first
@@ -265,6 +245,28 @@ class TextFile(Table):
             self._lines.receive()
             yield rest + b"\n"
 
+    def _plain_chunks(self) -> Iterator[bytes]:
+        """Yield the chunks of the file with one kind of end of lines, without colours, and one object in a line."""
+        carriage = b""  # at the end of a chunk: its line feed may follow
+        joined = _has_joined_objects(self._capture.head[:LONGEST_LINE])
+        encoding = utf_16(self._capture.head)
+        decoder = None if encoding is None else codecs.getincrementaldecoder(encoding)("replace")
+        for chunk in self._capture:
+            self.fed += len(chunk)
+            if decoder is not None:
+                chunk = decoder.decode(chunk).encode()
+            self.problem, self.progress = self._capture.problem, self._capture.progress
+            if carriage or b"\r" in chunk:
+                # all ends of lines become \n: Windows writes \r\n, which a chunk may split, and old programs \r
+                chunk = carriage + chunk
+                carriage = b"\r" if chunk.endswith(b"\r") else b""
+                chunk = chunk.removesuffix(b"\r").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+            if b"\x1b[" in chunk:  # colours of a terminal
+                chunk = COLOUR.sub(b"", chunk)
+            if joined:
+                chunk = chunk.replace(b"}, {", b"},\n{").replace(b"},{", b"},\n{")
+            yield chunk
+
     def _line_remarks(self) -> Sequence[str]:
         return [] if self._reader is None else self._reader.remarks
 
@@ -273,6 +275,13 @@ class TextFile(Table):
 
     def no_samples(self) -> RecordingError:
         return RecordingError("no_rows", f"{self.path} has no row of numbers", COMPLETE)
+
+
+def _has_joined_objects(head: bytes) -> bool:
+    """Return whether a text is JSON with several objects in a line."""
+    # objects one behind the other in a line, and lines of several objects
+    objects = head.count(b"}, {") + head.count(b"},{")
+    return head.lstrip()[:1] in (b"[", b"{") and objects > 4 * head.count(b"\n")
 
 
 def _may_be_row(rest: bytes) -> bool:
