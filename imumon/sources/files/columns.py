@@ -281,30 +281,14 @@ class Reading:
     def layout(self, stream: Kind | None = None) -> ColumnLayout:
         """Return the columns that the rows are read by."""
         by_key = {use.key: use for use in self.uses}
-        channels, columns = [], []
-        for key in ("gyro", "accel", "mag", "temperature", "pressure"):
-            use = by_key.get(key)
-            for axis, index in zip(use.axes, use.columns, strict=True) if use is not None else ():
-                assert use is not None
-                assert use.known is not None
-                channels.append(f"{key}/{axis}" if axis else key)
-                columns.append(
-                    Column(
-                        index,
-                        plain(self.names[index]),
-                        use.known.quantity,
-                        use.known.factor * use.scale,
-                        use.known.zero,
-                    )
-                )
+        channels = self._channels(by_key)
         kinds = {key: by_key[key].kind for key in INERTIAL if key in by_key}
         points = [kind for kind in kinds.values() if kind != "deltas"]
-        kind = stream if stream not in (None, "deltas") and points else points[0] if points else "deltas"
         assumed = [use for use in self.uses if not use.certain]
         rate = by_key.get("rate")
         dt = by_key.get("dt")
         return ColumnLayout(
-            kind or "unknown", tuple(channels), tuple(columns),
+            _kind_of_stream(stream, points), tuple(channels), tuple(channels.values()),
             times=self._times(by_key.get("t")),
             interval=self._interval(dt),
             remarks=(*(f"assumed: {use.reason}" for use in assumed), *self.remarks),
@@ -314,6 +298,23 @@ class Reading:
             rate_hz=None if rate is None or rate.known is None else rate.known.factor,
             unused=self.unused,
         )  # fmt: skip
+
+    def _channels(self, uses: Mapping[str, Use]) -> dict[str, Column]:
+        """Return the columns of the sensors by channel, in the order of the stream."""
+        channels: dict[str, Column] = {}
+        for key in ("gyro", "accel", "mag", "temperature", "pressure"):
+            if (use := uses.get(key)) is None:
+                continue
+            for axis, index in zip(use.axes, use.columns, strict=True):
+                assert use.known is not None
+                channels[f"{key}/{axis}" if axis else key] = Column(
+                    index,
+                    plain(self.names[index]),
+                    use.known.quantity,
+                    use.known.factor * use.scale,
+                    use.known.zero,
+                )
+        return channels
 
     def _interval(self, use: Use | None) -> Column | None:
         if use is None or use.known is None:
@@ -333,6 +334,13 @@ class Reading:
         return tuple(
             Column(k, plain(self.names[k]), "t", f) for k, f in zip(use.columns, factors, strict=True)
         )
+
+
+def _kind_of_stream(stream: Kind | None, points: Sequence[Kind]) -> Kind:
+    """Return the kind of a stream whose point samples have some kinds; without any, it is of increments."""
+    if not points:
+        return "deltas"
+    return points[0] if stream is None or stream == "deltas" else stream
 
 
 # ---------------------------------------------------------------- the map
