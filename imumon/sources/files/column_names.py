@@ -137,6 +137,14 @@ def split_unit(name: str) -> tuple[str, str]:
     (('raw_angular_rate_x', 'deg/s'), ('accelX', 'mps2'), ('ax', 'g'), ('seconds', 's'))
     """
     text = name.strip().strip("\"'").lstrip("#% ")
+    text, stated = _without_brackets(text)
+    if stated:
+        return text.strip(), stated
+    return _unit_behind_sign(text) or _unit_in_words(text) or (text, "")
+
+
+def _without_brackets(text: str) -> tuple[str, str]:
+    """Return a name without what stands in brackets, and the unit in them; empty: none."""
     stated = ""
     for match in list(_BRACKETS.finditer(text))[::-1]:
         inside = next((part for part in match.groups() if part is not None), "").strip()
@@ -147,8 +155,11 @@ def split_unit(name: str) -> tuple[str, str]:
             text = text[: match.start()] + text[match.end() :]
         elif known or (not stated and match.end() == len(text)):
             stated, text = inside, text[: match.start()] + text[match.end() :]
-    if stated:
-        return text.strip(), stated
+    return text, stated
+
+
+def _unit_behind_sign(text: str) -> tuple[str, str] | None:
+    """Return a name and the unit that a comma, a colon, a blank or the word in divides from it; None: none does."""
     behind = re.fullmatch(
         r"(.*[^\W\d].*?)\s*(?:[,;|:]\s*|\s+(?:in\s+)?)([^\s,;|:]*[A-Za-z°][^\s,;|:]*)", text
     )
@@ -159,6 +170,11 @@ def split_unit(name: str) -> tuple[str, str]:
     inside = re.fullmatch(r"(.*\w)\s+in\s+(.+?)(\s+[xyzXYZ])?", text)  # a sentence: "acceleration in m/s^2 X"
     if inside is not None and known_unit(inside[2]) is not None:
         return f"{inside[1]}{inside[3] or ''}", inside[2]
+    return None
+
+
+def _unit_in_words(text: str) -> tuple[str, str] | None:
+    """Return a name without its last words, which are a unit, and the unit; None: they are none."""
     parts = re.findall(r"[A-Z]+(?![a-z])\d?|[A-Z]?[a-zµ°]+\d?|\d+|[^A-Za-z\dµ°]+", text)
     words = [k for k, part in enumerate(parts) if re.search(r"\w", part) and part != "_"]
     axes = [k for k in words if parts[k].lower() in (*AXES, "roll", "pitch", "yaw")]
@@ -175,7 +191,7 @@ def split_unit(name: str) -> tuple[str, str]:
                 rest = parts[: tail[0]] + parts[tail[-1] + 1 :]
                 base = "".join(rest).strip("_ .") or text
                 return re.sub(r"([_ .])[_ .]+", r"\1", base), unit
-    return text, ""
+    return None
 
 
 def _unit_of_words(words: Sequence[str], before: str, *, alone: bool) -> str:
@@ -183,28 +199,7 @@ def _unit_of_words(words: Sequence[str], before: str, *, alone: bool) -> str:
     lower = [word.lower() for word in words]
     text = " ".join(lower)
     if len(words) == 1:
-        word = lower[0]
-        known = known_unit(word)
-        if known is None or (alone and (known.quantity != "t" or len(word) < 3)):
-            return ""
-        if len(word) == 1 and not re.search(_WITH_ONE_LETTER.get(word, "$^"), before):
-            return ""
-        if (
-            known.quantity == "t"
-            and word in ("ms", "us", "ns", "min")
-            and not re.search(r"time|stamp|(?:^| )(?:t|dt|ts|interval)(?: |$)|elapsed|epoc", before)
-        ):
-            return ""
-        spelled = {
-            "rads": "rad/s",
-            "degs": "deg/s",
-            "rps": "rad/s",
-            "radps": "rad/s",
-            "seconds": "s",
-            "secs": "s",
-            "sec": "s",
-        }
-        return spelled.get(word, word)
+        return _unit_of_word(text, before, alone=alone)
     if "per" in lower:
         return text.replace(" per ", "/") if known_unit(text) is not None else ""
     joined = "/".join(lower)
@@ -215,6 +210,31 @@ def _unit_of_words(words: Sequence[str], before: str, *, alone: bool) -> str:
     ):
         return joined
     return ""
+
+
+def _unit_of_word(word: str, before: str, *, alone: bool) -> str:
+    """Return the unit that the last word of a name is; empty: it is none."""
+    known = known_unit(word)
+    if known is None or (alone and (known.quantity != "t" or len(word) < 3)):
+        return ""
+    if len(word) == 1 and not re.search(_WITH_ONE_LETTER.get(word, "$^"), before):
+        return ""
+    if (
+        known.quantity == "t"
+        and word in ("ms", "us", "ns", "min")
+        and not re.search(r"time|stamp|(?:^| )(?:t|dt|ts|interval)(?: |$)|elapsed|epoc", before)
+    ):
+        return ""
+    spelled = {
+        "rads": "rad/s",
+        "degs": "deg/s",
+        "rps": "rad/s",
+        "radps": "rad/s",
+        "seconds": "s",
+        "secs": "s",
+        "sec": "s",
+    }
+    return spelled.get(word, word)
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,6 +287,21 @@ class Triple:
 
 def triples(columns: Sequence[NamedColumn]) -> list[Triple]:
     """Return the triples of a table, in the order of their first columns; each column belongs to one at most."""
+    complete = _axis_triples(columns)
+    used: set[int] = set()
+    result = []
+    elements = Counter(k for triple in complete for k in triple.indices)
+    for triple in sorted(complete, key=lambda t: (max(elements[k] for k in t.indices), min(t.indices))):
+        if not used & set(triple.indices) and len(set(triple.indices)) == 3:
+            used |= set(triple.indices)
+            result.append(triple)
+    return sorted(
+        [*result, *_unnamed([c for c in columns if c.index not in used])], key=lambda t: min(t.indices)
+    )
+
+
+def _axis_triples(columns: Sequence[NamedColumn]) -> list[Triple]:
+    """Return all triples of columns whose names differ only by the axis; a column may belong to several."""
     places: dict[tuple[str, str, str], dict[str, NamedColumn]] = {}
     for column in columns:
         for match in _AXIS_PLACES.finditer(column.base):
@@ -280,16 +315,7 @@ def triples(columns: Sequence[NamedColumn]) -> list[Triple]:
         letters = next(letters for letters in _AXIS_SETS if letters[0] == first)
         if all(letter in axes for letter in letters) and _FOURTH.get(first) not in axes:
             complete.append(Triple(tuple(axes[letter] for letter in letters), AXES, f"{before} {behind}"))
-    used: set[int] = set()
-    result = []
-    elements = Counter(k for triple in complete for k in triple.indices)
-    for triple in sorted(complete, key=lambda t: (max(elements[k] for k in t.indices), min(t.indices))):
-        if not used & set(triple.indices) and len(set(triple.indices)) == 3:
-            used |= set(triple.indices)
-            result.append(triple)
-    return sorted(
-        [*result, *_unnamed([c for c in columns if c.index not in used])], key=lambda t: min(t.indices)
-    )
+    return complete
 
 
 _ELEMENT = re.compile(r"(.*?)(?:\[\d+\]|\.\d+|\d*)")
