@@ -6,7 +6,7 @@ A recording keeps them as settings of the device, so that it can be decoded.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -105,28 +105,7 @@ def columns_of(settings: Mapping[str, str]) -> LineColumns:
     InvalidOption : a name or a unit is unknown, or there is neither a gyroscope nor an accelerometer.
     """
     names = [name.strip() for name in settings["columns"].split(",")]
-    units = units_of(settings)
-    fields: dict[str, str] = {}
-    for k, name in enumerate(names):
-        if name in ("-", ""):
-            continue
-        channel, unit = named_channel(name)
-        if channel not in (*CHANNELS, "t") or channel in fields:
-            raise InvalidOption(
-                "lines_columns_invalid", f"lines: has no column {name!r}, or it is there twice", NAMES_CURE
-            )
-        sensor = sensor_of(channel)
-        unit = unit or units.get(sensor, "") or SI.get(sensor, "")
-        known = known_unit(unit, sensor) if unit else None
-        if known is None or known.quantity != sensor:
-            if unit:
-                raise InvalidOption(
-                    "lines_unit_invalid", f"{unit!r} is no unit of {sensor}", "write one such as deg/s, g, ms"
-                )
-            raise InvalidOption(
-                "lines_columns_invalid", f"the time {name!r} has no unit", "write t_s, t_ms, t_us or t_ns"
-            )
-        fields[channel] = f"{k + 1}:{unit}"
+    fields = _fields_of(names, units_of(settings))
     if not any(sensor_of(channel) in INERTIAL for channel in fields):
         text = f"columns={settings['columns']} name no gyroscope and no accelerometer"
         raise InvalidOption("lines_columns_invalid", text, "write for example columns=t_ms,gx,gy,gz,ax,ay,az")
@@ -139,6 +118,37 @@ def columns_of(settings: Mapping[str, str]) -> LineColumns:
     )
     given = {name: settings[name] for name in SENSORS if name in settings}
     return line_columns(reading, {"columns": kept} | given)
+
+
+def _fields_of(names: Sequence[str], units: Mapping[str, str]) -> dict[str, str]:
+    """Return the number and the unit of the column of each channel; raise `InvalidOption` of an unknown name."""
+    fields: dict[str, str] = {}
+    for k, name in enumerate(names):
+        if name in ("-", ""):
+            continue
+        channel, unit = named_channel(name)
+        if channel not in (*CHANNELS, "t") or channel in fields:
+            raise InvalidOption(
+                "lines_columns_invalid", f"lines: has no column {name!r}, or it is there twice", NAMES_CURE
+            )
+        sensor = sensor_of(channel)
+        unit = unit or units.get(sensor, "") or SI.get(sensor, "")
+        _check_unit(name, unit, sensor)
+        fields[channel] = f"{k + 1}:{unit}"
+    return fields
+
+
+def _check_unit(name: str, unit: str, sensor: str) -> None:
+    """Raise `InvalidOption` if a column has no unit, or one of another quantity."""
+    if not unit:
+        raise InvalidOption(
+            "lines_columns_invalid", f"the time {name!r} has no unit", "write t_s, t_ms, t_us or t_ns"
+        )
+    known = known_unit(unit, sensor)
+    if known is None or known.quantity != sensor:
+        raise InvalidOption(
+            "lines_unit_invalid", f"{unit!r} is no unit of {sensor}", "write one such as deg/s, g, ms"
+        )
 
 
 def line_columns(reading: Reading, settings: Mapping[str, str]) -> LineColumns:
