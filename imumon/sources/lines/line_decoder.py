@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -245,15 +245,8 @@ class LineDecoder:
         if table is not None and line == table.header:
             self._ledger.add("header")
             return None
-        if len(cells) != columns.count:
-            if any(_NUMBER.fullmatch(cell) is None for cell in cells) and not _are_mostly_numbers(cells):
-                self._text(text, cells)
-                return None
-            raise _NoSample(f"has {len(cells)} numbers, not {columns.count}", "wrong_columns")
-        used = [column.index for column in (*columns.used, *columns.time)]
-        if not all(_NUMBER.fullmatch(cells[k]) for k in used) or (
-            table is None and not all(map(_NUMBER.fullmatch, cells))
-        ):
+        used = {column.index for column in (*columns.used, *columns.time)}
+        if not _are_numbers(cells, columns.count, used if table is not None else range(columns.count)):
             self._text(text, cells)
             return None
         self._note_digits(columns, [cell.decode() for cell in cells])
@@ -355,6 +348,15 @@ def _unit_doubts(columns: LineColumns, rows: Floats) -> Iterator[str]:
     if gyro and sample_noise(rows[:, gyro]) > NOISIEST:
         noise = f"{math.degrees(sample_noise(rows[:, gyro])):.2g} deg/s"
         yield f"the noise of the gyroscope is {noise} if it is in rad/s, more than at rest: check its unit, gyro=deg/s"
+
+
+def _are_numbers(cells: Sequence[bytes], count: int, needed: Collection[int]) -> bool:
+    """Return whether the needed cells of a line are numbers; raise `_NoSample` if it has another count of numbers."""
+    if len(cells) == count:
+        return all(_NUMBER.fullmatch(cells[k]) for k in needed)
+    if all(map(_NUMBER.fullmatch, cells)) or _are_mostly_numbers(cells):
+        raise _NoSample(f"has {len(cells)} numbers, not {count}", "wrong_columns")
+    return False
 
 
 def _are_mostly_numbers(cells: Sequence[bytes]) -> bool:
