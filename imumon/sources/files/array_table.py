@@ -171,11 +171,15 @@ def columns_of(array: str, shape: Shape, fields: Sequence[str]) -> list[ArrayCol
     if rows == len(AXES) != width and names_sensor(name):
         cure = f"transpose it to n x 3, {array}={array}.T"
         raise RecordingError("array_transposed", f"the array {array} is 3 x n", cure)
-    # limited: a header may claim millions of columns
-    names = [f"{name}.{k + 1}" if name else f"{k + 1}" for k in range(min(width, MOST_COLUMNS))]
+    return [ArrayColumn(column, array, rows, k) for k, column in enumerate(_column_names(name, width))]
+
+
+def _column_names(name: str, width: int) -> list[str]:
+    """Return the names of the columns of an array: its name with the axis, or with a number from 1."""
     if name and width == len(AXES):
-        names = [f"{name}_{axis}" for axis in AXES]
-    return [ArrayColumn(column, array, rows, k) for k, column in enumerate(names)]
+        return [f"{name}_{axis}" for axis in AXES]
+    # limited: a header may claim millions of columns
+    return [f"{name}.{k + 1}" if name else f"{k + 1}" for k in range(min(width, MOST_COLUMNS))]
 
 
 def in_blocks(
