@@ -14,7 +14,7 @@ import json
 import os
 import stat
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from multiprocessing.connection import Pipe
 from pathlib import Path
@@ -195,25 +195,32 @@ class LogFile(Table):
         topics = " or ".join(option_text(topic=name) for name in names)
         cure = f"choose {topics}" if names else f"choose one of {self._listed()}"
         if options.topic is not None:
-            # instances have a number, which is left out for the first one
-            wanted = (options.topic, f"{options.topic}/0")
-            matching = [k for k, topic in enumerate(self._topics) if topic.name in wanted]
+            matching = self._named(options.topic)
             if not matching:
                 raise RecordingError("unknown_topic", f"{self.path} has no topic {options.topic}", cure)
             # topics of two types may have one name: the one with an IMU
             return min(matching, key=lambda k: k not in imus)
-        is_bag = self._kind == "bag"
         if not imus:
-            wanted_topic = IMU if is_bag else "topic with a gyroscope or an accelerometer"
-            text = f"{self.path} has no {wanted_topic}; there are {self._listed() or 'no messages'}"
-            fields = option_text(topic="TOPIC", columns={"gyro/x": "FIELD:UNIT", "...": ""})
-            cure = f"name the fields, {fields}; {option_text(topic='TOPIC')} alone lists them"
-            raise RecordingError("no_imu_topic", text, cure)
+            raise self._no_imu_topic()
+        is_bag = self._kind == "bag"
         if is_bag and len(names) > 1:
             raise RecordingError("several_topics", f"{self.path} has several topics with {IMU}", cure)
         if options.kind is None or is_bag:
             return imus[0]
         return min(imus, key=lambda k: self._topics[k].averaged != (options.kind == "deltas"))
+
+    def _named(self, name: str) -> list[int]:
+        """Return the indices of the topics that have a name."""
+        # instances have a number, which is left out for the first one
+        return [k for k, topic in enumerate(self._topics) if topic.name in (name, f"{name}/0")]
+
+    def _no_imu_topic(self) -> RecordingError:
+        """Return the error for a log of which no topic is that of an IMU."""
+        wanted = IMU if self._kind == "bag" else "topic with a gyroscope or an accelerometer"
+        text = f"{self.path} has no {wanted}; there are {self._listed() or 'no messages'}"
+        fields = option_text(topic="TOPIC", columns={"gyro/x": "FIELD:UNIT", "...": ""})
+        cure = f"name the fields, {fields}; {option_text(topic='TOPIC')} alone lists them"
+        return RecordingError("no_imu_topic", text, cure)
 
     def _listed(self) -> str:
         """Return the topics with their types."""
@@ -230,23 +237,12 @@ class LogFile(Table):
         if options.kind == "deltas" and not topic.averaged:
             text = f"{topic.name} of {self.path} has no averages over its interval"
             raise RecordingError("no_stream", text, f"leave {option('kind')} out")
-        # the types of ROS have SI, also where the log process gives no unit
-        known = {
-            channel: plain(text if ":" in text or sensor_of(channel) != "accel" else f"{text}:m/s^2")
-            for channel, text in topic.map.items()
-        }
-        stated = known_format(type_name=topic.type)
-        if stated is not None and self._topic_index not in self._imus():
-            known = parse_map(stated.map)
+        known = self._stated_fields()
         is_known = bool({"gyro/x", "accel/x"} & set(known))
         # the head shows what no type states, and whether an acceleration is 1 g in the unit that one states
         rows = self._head(names)
         if is_known and not given:
-            used = {
-                find(names, part.rpartition(":")[0]) for text in known.values() for part in text.split("+")
-            }
-            # the known fields are all: a name such as x of another field would be taken for an axis
-            names = [name if k in used else "" for k, name in enumerate(names)]
+            names = _names_of_fields(names, known)
         reading = read_columns(names, (), rows, replace(options, columns=known | given), source=topic.type)
         try:
             layout = reading.checked(f"{topic.name} of {self.path}", accept=options.accept).layout()
@@ -259,6 +255,17 @@ class LogFile(Table):
             if is_known and not layout.has_increments
             else layout
         )
+
+    def _stated_fields(self) -> dict[str, str]:
+        """Return the field and the unit of each channel that the type of the messages states."""
+        stated = known_format(type_name=self._topic.type)
+        if stated is not None and self._topic_index not in self._imus():
+            return parse_map(stated.map)
+        # the types of ROS have SI, also where the log process gives no unit
+        return {
+            channel: plain(text if ":" in text or sensor_of(channel) != "accel" else f"{text}:m/s^2")
+            for channel, text in self._topic.map.items()
+        }
 
     def _head(self, names: Sequence[str]) -> Floats:
         """Return the first rows of all columns."""
@@ -322,6 +329,13 @@ class LogFile(Table):
     def no_samples(self) -> RecordingError:
         text = f"{self.path} has no message on {self._topic.name}"
         return RecordingError("no_rows", text, "record it again")
+
+
+def _names_of_fields(names: Sequence[str], fields: Mapping[str, str]) -> list[str]:
+    """Return the names of columns, empty where a column is none of some fields."""
+    used = {find(names, part.rpartition(":")[0]) for text in fields.values() for part in text.split("+")}
+    # the known fields are all: a name such as x of another field would be taken for an axis
+    return [name if k in used else "" for k, name in enumerate(names)]
 
 
 def _has_format(topic: Topic) -> bool:
