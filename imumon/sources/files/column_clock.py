@@ -21,13 +21,13 @@ from imumon.model.samples import AXES, INERTIAL
 from imumon.model.units import STANDARD_GRAVITY, share_text
 from imumon.sources.files.base import OptionError, ReadOptions, RecordingError
 from imumon.sources.files.column_names import (
-    ANGULAR,
     COUNTER,
     DELTA,
     FEWEST,
     OTHER,
     TIME,
     NamedColumn,
+    Triple,
     label_of,
     triples,
 )
@@ -37,6 +37,9 @@ from imumon.sources.files.unit_grammar import POSSIBLE_HZ, Unit, known_unit
 
 USUAL_HZ, TYPICAL_HZ = (0.5, 9000.0), 150.0
 """Hz, rates at which the unit of a time is proposed, and the one that they lie around."""
+
+CLOCK_UNITS = ("s", "ms", "us", "ns")
+"""Units in which a clock may count."""
 
 STATED_SHARE = 0.02
 """Share by which the rate of a clock may differ from one that is stated: those are nominal."""
@@ -149,38 +152,31 @@ class ClockReader:
 
     def _clocks(self, used: set[int], rate: float | None) -> list[NamedColumn]:
         """Return the columns that may be the time, the best first."""
-        result = []
-        for column in self._columns:
-            named = bool(TIME.search(column.words)) or (
-                column.known is not None and column.known.quantity == "t"
-            )
-            if (
-                column.index in used
-                or not (column.rises or column.index in self._dates)
-                or not shows_rate(column.present)
-            ):
-                continue
-            if re.search(r"^(?:dt|delta time|week|gps week)$|leap", column.words) or (
-                column.known is not None and column.known.quantity != "t"
-            ):
-                continue
-            step = typical_step(column.present)
-            if not named and (step == 1.0 or COUNTER.search(column.words)):
-                continue
-            if not named and column.words and self._clock_unit(column) is None and not _is_steady(column):
-                continue
-            if (
-                column.known is not None
-                and not POSSIBLE_HZ[0] <= 1.0 / (step * column.known.factor) <= POSSIBLE_HZ[1]
-            ):
-                continue
-            result.append(column)
+        result = [c for c in self._columns if c.index not in used and self._may_be_clock(c)]
         return sorted(result, key=lambda c: self._clock_rank(c, rate))
+
+    def _may_be_clock(self, column: NamedColumn) -> bool:
+        """Return whether a column may be the time, by its numbers, its name and its unit."""
+        known = column.known
+        if not (column.rises or column.index in self._dates) or not shows_rate(column.present):
+            return False
+        if known is not None and known.quantity != "t":
+            return False
+        if re.search(r"^(?:dt|delta time|week|gps week)$|leap", column.words):
+            return False
+        step = typical_step(column.present)
+        if known is not None:
+            return POSSIBLE_HZ[0] <= 1.0 / (step * known.factor) <= POSSIBLE_HZ[1]
+        if TIME.search(column.words):
+            return True
+        if step == 1.0 or COUNTER.search(column.words):
+            return False
+        return not column.words or self._clock_unit(column) is not None or _is_steady(column)
 
     def _clock_rank(self, column: NamedColumn, rate: float | None) -> tuple[object, ...]:
         step = typical_step(column.present)
         unit = self._clock_unit(column)
-        units = [unit] if unit is not None else [known_unit(u, "t") for u in ("s", "ms", "us", "ns")]
+        units = [unit] if unit is not None else [known_unit(u, "t") for u in CLOCK_UNITS]
         rates = [1.0 / (step * u.factor) for u in units if u is not None]
         matches = rate is not None and any(abs(r / rate - 1.0) < STATED_SHARE for r in rates)
         named = bool(TIME.search(column.words)) or not column.words
@@ -208,7 +204,7 @@ class ClockReader:
         if column.known is not None:
             return column.known
         middle = float(np.median(column.present))
-        for text in ("s", "ms", "us", "ns"):
+        for text in CLOCK_UNITS:
             unit = known_unit(text, "t")
             if unit is not None and SINCE_1970_S[0] <= middle * unit.factor < SINCE_1970_S[1]:
                 hz = 1.0 / (typical_step(column.present) * unit.factor)
@@ -217,89 +213,48 @@ class ClockReader:
 
     def _clock(self, column: NamedColumn, rate: float | None) -> Use:
         """Return the time that a column is, with its unit."""
-        name, step = label_of(column), typical_step(column.present)
-        has_unit = column.known is not None or rate is not None or "time" in self._options.units
-        if column.unit and not has_unit and self._clock_unit(column) is None:
-            stated = option_text(columns={"t": f"{reference(column.index, self._names)}:UNIT"})
-            cure = f"say which it is, {stated}, or {option('rate_hz')}"
-            raise RecordingError(
-                "unknown_unit", f"the unit {column.unit!r} of the time {name} is not known", cure
-            )
+        self._check_clock_unit(column, rate)
         if (given := self._options.units.get("time")) is not None:
             known = known_unit(given, "t")
             if known is None or known.quantity != "t":
                 raise OptionError("unknown_unit", f"{given!r} is no unit of time", "use s, ms, us or ns")
-            return Use("t", (column.index,), ("",), given, known, True, "its unit is given", "assumed_rate")
+            return _time_of(column, given, known, "its unit is given")
         unit = self._clock_unit(column)
         if unit is not None:
-            text = (
-                column.unit
-                if column.known is not None
-                else next(u for u in ("s", "ms", "us", "ns") if known_unit(u, "t") == unit)
-            )
-            return Use(
-                "t",
-                (column.index,),
-                ("",),
-                text,
-                unit,
-                bool(column.words)
-                or column.index in self._dates
-                or column.known is not None
-                or not column.name,
-                "its unit is stated, or its numbers count from 1970",
-                "assumed_rate",
-            )
-        rates = {text: 1.0 / (step * 10.0 ** (-3 * k)) for k, text in enumerate(("s", "ms", "us", "ns"))}
+            return self._clock_with_unit(column, unit)
+        step = typical_step(column.present)
+        rates = {text: 1.0 / (step * 10.0 ** (-3 * k)) for k, text in enumerate(CLOCK_UNITS)}
         if rate is not None:
             fitting = next((text for text, hz in rates.items() if abs(hz / rate - 1.0) < 0.05), None)
             text = fitting or f"{float(f'{1.0 / (step * rate):.7g}')!r}s"
-            return Use(
-                "t",
-                (column.index,),
-                ("",),
-                text,
-                known_unit(text, "t"),
-                True,
-                f"{rate:g} Hz gives the unit of {name}",
-                "assumed_rate",
-            )
-        usual = {text: hz for text, hz in rates.items() if USUAL_HZ[0] <= hz <= USUAL_HZ[1]}
-        best = min(usual or rates, key=lambda text: abs(math.log(rates[text] / TYPICAL_HZ)))
-        shown = sorted(rates, key=lambda text: abs(math.log(rates[text] / TYPICAL_HZ)))[:2]
-        alternatives = ", ".join(f"{rates[text]:.4g} Hz if it is {text}" for text in shown)
-        return Use(
-            "t",
-            (column.index,),
-            ("",),
-            best,
-            known_unit(best, "t"),
-            False,
-            f"{name} has no unit: {alternatives}",
-            "assumed_rate",
-        )
+            reason = f"{rate:g} Hz gives the unit of {label_of(column)}"
+            return _time_of(column, text, known_unit(text, "t"), reason)
+        return _proposed_time(column, rates)
+
+    def _check_clock_unit(self, column: NamedColumn, rate: float | None) -> None:
+        """Raise `RecordingError` if the unit of a time is stated and not known, and nothing else shows it."""
+        has_unit = column.known is not None or rate is not None or "time" in self._options.units
+        if column.unit and not has_unit and self._clock_unit(column) is None:
+            stated = option_text(columns={"t": f"{reference(column.index, self._names)}:UNIT"})
+            cure = f"say which it is, {stated}, or {option('rate_hz')}"
+            text = f"the unit {column.unit!r} of the time {label_of(column)} is not known"
+            raise RecordingError("unknown_unit", text, cure)
+
+    def _clock_with_unit(self, column: NamedColumn, unit: Unit) -> Use:
+        """Return the time that a column is whose unit is stated, or shown by a time since 1970."""
+        is_stated = column.known is not None
+        text = column.unit if is_stated else next(u for u in CLOCK_UNITS if known_unit(u, "t") == unit)
+        certain = bool(column.words) or column.index in self._dates or is_stated or not column.name
+        reason = "its unit is stated, or its numbers count from 1970"
+        return _time_of(column, text, unit, reason, certain=certain)
 
     def _pair(self, used: set[int]) -> Use | None:
         """Return seconds and a fine part of them in two columns; None: there are none."""
         free = [c for c in self._columns if c.index not in used]
-        coarse = [
-            c
-            for c in free
-            if len(c.present)
-            and (c.known == known_unit("s", "t") or re.search(r"(?:^| )(?:s|sec|secs|seconds)$", c.words))
-            and bool((c.present == np.rint(c.present)).all() and (np.diff(c.present) >= 0.0).all())
-        ]
-        for seconds in coarse:
+        for seconds in filter(_are_whole_seconds, free):
             for part in free:
-                match = re.search(
-                    r"(?:^| )(ns|n ?secs?|nano ?secs?|nanos?|nanoseconds|us|u ?secs?|micro ?secs?|micros)(?: |$)",
-                    f"{part.words} {part.unit}",
-                )
-                if match is None or part is seconds or not len(part.present):
-                    continue
-                unit = "ns" if match[1].startswith("n") else "us"
-                most = 1e9 if unit == "ns" else 1e6
-                if part.present.min() >= 0.0 and part.present.max() < most and (part.present.max() > 0.0):
+                unit = "" if part is seconds else _part_of_second(part)
+                if unit:
                     reason = f"{seconds.name} has seconds and {part.name} the {unit} of them"
                     return Use(
                         "t",
@@ -324,41 +279,45 @@ class ClockReader:
             or self._options.sensor is not None
         ):
             return uses
+        triple = self._velocity_increments(step_s, () if gyro is None else gyro.columns)
+        if triple is None:
+            return uses
+        reason = f"the length of {triple.label} over the interval is 1 g in m/s: they are increments"
+        accel = Use(
+            "accel",
+            triple.indices,
+            AXES,
+            "m/s",
+            known_unit("m/s"),
+            False,
+            reason,
+            "assumed_columns",
+            kind="deltas",
+        )
+        return {
+            **({"gyro": self._beside_increments(gyro)} if gyro is not None else {}),
+            "accel": accel,
+            **{k: u for k, u in uses.items() if k != "gyro"},
+        }
+
+    def _velocity_increments(self, step_s: float, used: Sequence[int]) -> Triple | None:
+        """Return the triple whose length over the interval is one g in m/s; None: there is none."""
         for triple in triples(self._columns):
-            if triple.unit or (gyro is not None and set(triple.indices) & set(gyro.columns)):
+            if triple.unit or set(triple.indices) & set(used):
                 continue
-            if (
-                re.search(r"acc|mag|quat|pos", triple.words)
-                or not abs(triple.size / step_s / STANDARD_GRAVITY - 1.0) < NEAR_ONE_G
-            ):
+            if re.search(r"acc|mag|quat|pos", triple.words):
                 continue
-            reason = f"the length of {triple.label} over the interval is 1 g in m/s: they are increments"
-            accel = Use(
-                "accel",
-                triple.indices,
-                AXES,
-                "m/s",
-                known_unit("m/s"),
-                False,
-                reason,
-                "assumed_columns",
-                kind="deltas",
-            )
-            if (
-                gyro is not None
-                and not gyro.certain
-                and gyro.kind != "deltas"
-                and gyro.assumption == "assumed_columns"
-            ):
-                listed = ", ".join(label_of(self._columns[k]) for k in gyro.columns)
-                reason = f"{listed} are beside increments: rad"
-                gyro = replace(gyro, unit="rad", known=known_unit("rad"), kind="deltas", reason=reason)
-            return {
-                **({"gyro": gyro} if gyro is not None else {}),
-                "accel": accel,
-                **{k: u for k, u in uses.items() if k != "gyro"},
-            }
-        return uses
+            if abs(triple.size / step_s / STANDARD_GRAVITY - 1.0) < NEAR_ONE_G:
+                return triple
+        return None
+
+    def _beside_increments(self, gyro: Use) -> Use:
+        """Return a gyroscope beside increments: as increments, too, if nothing but its noise shows what it is."""
+        if gyro.certain or gyro.kind == "deltas" or gyro.assumption != "assumed_columns":
+            return gyro
+        listed = ", ".join(label_of(self._columns[k]) for k in gyro.columns)
+        reason = f"{listed} are beside increments: rad"
+        return replace(gyro, unit="rad", known=known_unit("rad"), kind="deltas", reason=reason)
 
     # ------------------------------------------------------------ increments, and what is beside the sensors
 
@@ -370,38 +329,9 @@ class ClockReader:
             return {}
         step_s = self._step_s(uses)
         for column in self._columns:
-            if (
-                not re.search(
-                    r"(?:^| )dt(?: |$)|delta ?time|deltatheta time|interval|(?:^| )time$", column.words
-                )
-                or column.rises
-                or not len(column.present)
-            ):
-                continue
-            typical = float(np.median(column.present))
-            texts = (
-                [column.unit]
-                if column.known is not None and column.known.quantity == "t"
-                else ["s", "ms", "us", "ns"]
-            )
-            for text in texts:
-                unit = known_unit(text, "t")
-                if unit is None or typical <= 0.0:
-                    continue
-                if step_s is None and column.known is None and not 1e-4 < typical * unit.factor < 2.0:
-                    continue
-                if step_s is None or 1.0 / 30.0 < typical * unit.factor / step_s < 30.0:
-                    return {
-                        "dt": Use(
-                            "dt",
-                            (column.index,),
-                            ("",),
-                            text,
-                            unit,
-                            True,
-                            "its size is that of the steps of the time",
-                        )
-                    }
+            if _may_be_interval(column) and (text := _interval_unit(column, step_s)):
+                reason = "its size is that of the steps of the time"
+                return {"dt": Use("dt", (column.index,), ("",), text, known_unit(text, "t"), True, reason)}
         return {}
 
     def _step_s(self, uses: Mapping[str, Use]) -> float | None:
@@ -425,57 +355,41 @@ class ClockReader:
     def _with_increments(self, uses: dict[str, Use]) -> dict[str, Use]:
         """Return the sensors; the length of increments over their interval is 1 g, and two streams have one ratio."""
         step_s = self._step_s(uses)
-        accel = uses.get("accel")
-        if (
-            step_s
-            and accel is not None
-            and accel.kind == "deltas"
-            and not accel.certain
-            and accel.known is not None
-        ):
-            size = median_size(np.column_stack([self._columns[k].values for k in accel.columns]))
-            if size and is_one_g(size / step_s):
-                uses["accel"] = replace(
-                    accel,
-                    unit="m/s",
-                    known=known_unit("m/s"),
-                    certain=True,
-                    reason="over its interval, its length is 1 g in m/s",
-                )
-            elif size and is_one_g(size * STANDARD_GRAVITY / step_s):
-                uses["accel"] = replace(
-                    accel,
-                    unit="g*s",
-                    known=known_unit("g*s"),
-                    certain=True,
-                    reason="over its interval, its length is 1 g in g*s",
-                )
-        gyro = uses.get("gyro")
-        if step_s and gyro is not None and not gyro.certain:
-            rows = np.column_stack([self._columns[k].values for k in gyro.columns])
-            others = [
-                t
-                for t in triples(self._columns)
-                if not set(t.indices) & set(gyro.columns)
-                and len(t.axes) == len(gyro.axes) == 3
-                and bool(DELTA.search(t.words)) != (gyro.kind == "deltas")
-                and (ANGULAR.search(t.words) or DELTA.search(t.words))
-                and not OTHER.search(t.words)
-            ]
-            for other in others:
-                one, two = sample_noise(rows), sample_noise(other.rows)
-                ratio = (
-                    (two / (one * step_s) if gyro.kind != "deltas" else two * step_s / one)
-                    if one > 0.0
-                    else 0.0
-                )
-                if abs(ratio / math.degrees(1.0) - 1.0) < 0.1 and gyro.kind != "deltas":
-                    reason = (
-                        f"{gyro.reason}; {other.label} over their interval are 57.3 times as large: these are "
-                        "rad/s, and those deg"
-                    )
-                    uses["gyro"] = replace(gyro, unit="rad/s", known=known_unit("rad/s"), reason=reason)
+        if not step_s:
+            return uses
+        accel, gyro = uses.get("accel"), uses.get("gyro")
+        if accel is not None and accel.kind == "deltas" and not accel.certain and accel.known is not None:
+            uses["accel"] = self._with_length_of_gravity(accel, step_s)
+        if gyro is not None and not gyro.certain and gyro.kind != "deltas":
+            uses["gyro"] = self._compared_with_increments(gyro, step_s)
         return uses
+
+    def _with_length_of_gravity(self, accel: Use, step_s: float) -> Use:
+        """Return increments of velocity, in the unit in which their length over the interval is 1 g."""
+        size = median_size(np.column_stack([self._columns[k].values for k in accel.columns]))
+        for unit, factor in (("m/s", 1.0), ("g*s", STANDARD_GRAVITY)):
+            if size and is_one_g(size * factor / step_s):
+                reason = f"over its interval, its length is 1 g in {unit}"
+                return replace(accel, unit=unit, known=known_unit(unit), certain=True, reason=reason)
+        return accel
+
+    def _compared_with_increments(self, gyro: Use, step_s: float) -> Use:
+        """Return a gyroscope, in rad/s if increments of the same rotation beside it are those of deg."""
+        noise = sample_noise(np.column_stack([self._columns[k].values for k in gyro.columns]))
+        compared = gyro
+        for other in triples(self._columns):
+            if set(other.indices) & set(gyro.columns) or not len(other.axes) == len(gyro.axes) == 3:
+                continue
+            if not DELTA.search(other.words) or OTHER.search(other.words):
+                continue
+            ratio = sample_noise(other.rows) / (noise * step_s) if noise > 0.0 else 0.0
+            if abs(ratio / math.degrees(1.0) - 1.0) < 0.1:
+                reason = (
+                    f"{gyro.reason}; {other.label} over their interval are 57.3 times as large: these are "
+                    "rad/s, and those deg"
+                )
+                compared = replace(gyro, unit="rad/s", known=known_unit("rad/s"), reason=reason)
+        return compared
 
     # ------------------------------------------------------------ what is beside the sensors
 
@@ -484,29 +398,16 @@ class ClockReader:
         uses: dict[str, Use] = {
             key: use for key, use in self._given.items() if key in ("mag", "temperature", "pressure")
         }
-        if self._options.sensor is None:
-            for triple in triples(self._columns):
-                if (
-                    "mag" not in uses
-                    and triple.known_quantity == "mag"
-                    and not used & set(triple.indices)
-                    and not all(c.constant for c in triple.columns)
-                ):
-                    known = known_unit(triple.unit, "mag")
-                    uses["mag"] = Use(
-                        "mag", triple.indices, AXES, triple.unit, known, True, "its unit is stated"
-                    )
+        if (
+            self._options.sensor is None
+            and "mag" not in uses
+            and (mag := self._magnetometer(used)) is not None
+        ):
+            uses["mag"] = mag
         for column in self._columns:
             if column.index in used or not len(column.present) or COUNTER.search(column.words):
                 continue
-            middle = float(np.median(column.present))
-            quantity = None if column.known is None else column.known.quantity
-            named = re.search(r"temp|(?:^| )tmp(?: |$)|^t$", column.words) is not None
-            if (
-                "temperature" not in uses
-                and (quantity == "temperature" or (named and not column.unit))
-                and -60.0 <= middle - (273.15 if column.unit.lower() in ("k", "kelvin") else 0.0) <= 130.0
-            ):
+            if "temperature" not in uses and _is_temperature(column):
                 uses["temperature"] = Use(
                     "temperature",
                     (column.index,),
@@ -516,16 +417,23 @@ class ClockReader:
                     True,
                     "its size is that of degC",
                 )
-            if (
-                "pressure" not in uses
-                and quantity == "pressure"
-                and column.known is not None
-                and 20.0 < middle * column.known.factor < 130.0
-            ):
+            if "pressure" not in uses and _is_pressure(column):
                 uses["pressure"] = Use(
                     "pressure", (column.index,), ("",), column.unit, column.known, True, "its unit is stated"
                 )
         return uses
+
+    def _magnetometer(self, used: set[int]) -> Use | None:
+        """Return the first triple that states the unit of a magnetic field and moves; None: there is none."""
+        for triple in triples(self._columns):
+            if (
+                triple.known_quantity == "mag"
+                and not used & set(triple.indices)
+                and not all(c.constant for c in triple.columns)
+            ):
+                known = known_unit(triple.unit, "mag")
+                return Use("mag", triple.indices, AXES, triple.unit, known, True, "its unit is stated")
+        return None
 
     def _why_unused(self, column: NamedColumn) -> str:
         if column.constant:
@@ -557,3 +465,85 @@ def _is_steady(column: NamedColumn) -> bool:
     """Return whether the steps of a column are those of a sample clock."""
     with np.errstate(all="ignore"):
         return stamp_interval(column.present)[1]
+
+
+def _time_of(column: NamedColumn, text: str, unit: Unit | None, reason: str, *, certain: bool = True) -> Use:
+    """Return the time that a column is in a unit."""
+    return Use("t", (column.index,), ("",), text, unit, certain, reason, "assumed_rate")
+
+
+def _proposed_time(column: NamedColumn, rates: Mapping[str, float]) -> Use:
+    """Return the time that a column is, in the unit whose rate, Hz, is the most usual one."""
+    usual = {text: hz for text, hz in rates.items() if USUAL_HZ[0] <= hz <= USUAL_HZ[1]}
+    best = min(usual or rates, key=lambda text: abs(math.log(rates[text] / TYPICAL_HZ)))
+    shown = sorted(rates, key=lambda text: abs(math.log(rates[text] / TYPICAL_HZ)))[:2]
+    alternatives = ", ".join(f"{rates[text]:.4g} Hz if it is {text}" for text in shown)
+    reason = f"{label_of(column)} has no unit: {alternatives}"
+    return _time_of(column, best, known_unit(best, "t"), reason, certain=False)
+
+
+def _are_whole_seconds(column: NamedColumn) -> bool:
+    """Return whether a column has whole seconds that never fall."""
+    there = column.present
+    if not len(there):
+        return False
+    named = re.search(r"(?:^| )(?:s|sec|secs|seconds)$", column.words)
+    if column.known != known_unit("s", "t") and not named:
+        return False
+    return bool((there == np.rint(there)).all() and (np.diff(there) >= 0.0).all())
+
+
+def _part_of_second(column: NamedColumn) -> str:
+    """Return the unit of a column of parts of a second, ns or us; empty: it has none."""
+    match = re.search(
+        r"(?:^| )(ns|n ?secs?|nano ?secs?|nanos?|nanoseconds|us|u ?secs?|micro ?secs?|micros)(?: |$)",
+        f"{column.words} {column.unit}",
+    )
+    if match is None or not len(column.present):
+        return ""
+    unit, most = ("ns", 1e9) if match[1].startswith("n") else ("us", 1e6)
+    largest = column.present.max()
+    return unit if column.present.min() >= 0.0 and 0.0 < largest < most else ""
+
+
+def _may_be_interval(column: NamedColumn) -> bool:
+    """Return whether a column has the name of an interval, and is no clock."""
+    named = re.search(r"(?:^| )dt(?: |$)|delta ?time|deltatheta time|interval|(?:^| )time$", column.words)
+    return named is not None and not column.rises and len(column.present) > 0
+
+
+def _interval_unit(column: NamedColumn, step_s: float | None) -> str:
+    """Return the unit in which intervals have the size of the steps of the time, s; empty: there is none."""
+    typical = float(np.median(column.present))
+    if typical <= 0.0:
+        return ""
+    is_time = column.known is not None and column.known.quantity == "t"
+    for text in [column.unit] if is_time else CLOCK_UNITS:
+        unit = known_unit(text, "t")
+        if unit is None:
+            continue
+        interval_s = typical * unit.factor
+        if step_s is not None:
+            fits = 1.0 / 30.0 < interval_s / step_s < 30.0
+        else:
+            fits = column.known is not None or 1e-4 < interval_s < 2.0
+        if fits:
+            return text
+    return ""
+
+
+def _is_temperature(column: NamedColumn) -> bool:
+    """Return whether a column is a temperature, by its unit or name, and its size."""
+    quantity = None if column.known is None else column.known.quantity
+    named = re.search(r"temp|(?:^| )tmp(?: |$)|^t$", column.words) is not None
+    if quantity != "temperature" and not (named and not column.unit):
+        return False
+    zero = 273.15 if column.unit.lower() in ("k", "kelvin") else 0.0
+    return -60.0 <= float(np.median(column.present)) - zero <= 130.0
+
+
+def _is_pressure(column: NamedColumn) -> bool:
+    """Return whether a column is the pressure of air, by its unit and its size."""
+    if column.known is None or column.known.quantity != "pressure":
+        return False
+    return 20.0 < float(np.median(column.present)) * column.known.factor < 130.0
