@@ -29,7 +29,7 @@ import csv
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -40,6 +40,7 @@ from imumon.sources.files.base import RecordingError
 from imumon.sources.files.column_names import words_of
 from imumon.sources.files.columns import MOST_COLUMNS
 from imumon.sources.files.date_reader import DateReader
+from imumon.sources.files.number_labels import PrintedLine, number_labels
 from imumon.sources.files.unit_grammar import known_unit, stated_rate
 
 LONGEST_PERIOD = 64
@@ -193,22 +194,34 @@ def _cell_form(body: Sequence[str]) -> tuple[str | None, bool] | None:
     for separator in (";", "\t", ",", "|", None):
         if separator is not None and sum(separator in line for line in body) < REGULAR * len(body):
             continue
-        sample = [split(line, separator) for line in body[:200]]
-        width, count = Counter(map(len, sample)).most_common(1)[0]
-        tagged = len({cells[0] for cells in sample}) <= MOST_CODES
-        if (width < 2 and separator is not None) or not (count >= REGULAR * len(sample) or tagged):
+        cells = _sample_cells(body[:200], separator)
+        if cells is None:
             continue
-        cells = [c for row in sample if len(row) == width or tagged for c in row]
         decimal = (
             separator != "," and sum("," in c and number_of(c, decimal=True) is not None for c in cells) > 0
         )
-        values = sum(_has_value(c, decimal) for c in cells)
-        several = sum(not _has_value(c, decimal) and _has_labelled_number(c) for c in cells)
-        # words between blanks are labels, unless they stand in few cells
-        fewest = 0.5 if separator is not None else REGULAR
-        if values >= fewest * len(cells) and several < 0.1 * len(cells):
+        if _are_mostly_values(cells, separator, decimal):
             return separator, decimal
     return None
+
+
+def _sample_cells(lines: Sequence[str], separator: str | None) -> list[str] | None:
+    """Return the cells of lines of which most have as many, or begin with one of few words; None: they do not."""
+    sample = [split(line, separator) for line in lines]
+    width, count = Counter(map(len, sample)).most_common(1)[0]
+    tagged = len({cells[0] for cells in sample}) <= MOST_CODES
+    if (width < 2 and separator is not None) or not (count >= REGULAR * len(sample) or tagged):
+        return None
+    return [c for row in sample if len(row) == width or tagged for c in row]
+
+
+def _are_mostly_values(cells: Sequence[str], separator: str | None, decimal: bool) -> bool:
+    """Return whether most cells hold one number or date, and few a name with it."""
+    values = sum(_has_value(c, decimal) for c in cells)
+    several = sum(not _has_value(c, decimal) and _has_labelled_number(c) for c in cells)
+    # words between blanks are labels, unless they stand in few cells
+    fewest = 0.5 if separator is not None else REGULAR
+    return values >= fewest * len(cells) and several < 0.1 * len(cells)
 
 
 def _has_labelled_number(cell: str) -> bool:
@@ -220,28 +233,8 @@ def _has_labelled_number(cell: str) -> bool:
 def _cell_tables(lines: Sequence[str], separator: str | None, decimal: bool) -> list[PrintedTable]:
     """Return the tables of lines that are cells; none: they are no rows of numbers."""
     cells = [split(line, separator) if line.strip() else [] for line in lines]
-    rows: dict[tuple[str, int], list[int]] = {}  # lines, by the word that they begin with and their width
-    for k, row in enumerate(cells):
-        good = [_has_value(cell, decimal) for cell in row]
-        if any(number_of(c, decimal=decimal) is not None and c for c in row) and sum(good) >= max(
-            1, len(row) // 2
-        ):
-            rows.setdefault(("" if good[0] else row[0], len(row)), []).append(k)
-    total = sum(map(len, rows.values()))
-    frequent = {
-        key: of
-        for key, of in rows.items()
-        if len(of) >= max(min(FREQUENT_LINES, total // 2), FREQUENT * total)
-    }
-    words = [word for word, _ in frequent if word]
-    if len(words) < 2 or len(set(words)) < len(words):  # the first cell is a text like others, or a number
-        widths = Counter(len(cells[k]) for of in rows.values() for k in of).most_common(1)
-        frequent = {
-            ("", most): sorted(k for (_, w), of in rows.items() if w == most for k in of)
-            for most, _ in widths
-        }
     result = []
-    for (word, width), of in frequent.items():
+    for (word, width), of in _frequent_rows(_rows_by_word(cells, decimal)).items():
         if width > MOST_COLUMNS:
             raise RecordingError(
                 "too_many_columns",
@@ -253,25 +246,63 @@ def _cell_tables(lines: Sequence[str], separator: str | None, decimal: bool) -> 
             if not word
             else of[0]
         )
-        of = [k for k in of if k >= first]
-        names, units, header = _header(lines[:first], width, separator, word)
-        texts = [cells[k] for k in of]
-        dates = tuple(k for k in range(width) if _are_dates([row[k] for row in texts]))
-        table = PrintedTable(
-            names,
-            units,
-            _numbers(texts, dates, decimal),
-            first,
-            " ".join(lines[max(0, first - 30) : first]),
-            stated_rate("\n".join(lines[:first])),
-            dates,
-            separator,
-            decimal,
-            ((0, word),) if word else (),
-            header,
-        )
-        result += [replace(table, source=f"{word} {table.source}")] if word else _by_code(table, texts)
+        texts = [cells[k] for k in of if k >= first]
+        table = _cell_table(lines[:first], texts, word, separator, decimal)
+        result += [table] if word else _by_code(table, texts)
     return result
+
+
+def _rows_by_word(cells: Sequence[Sequence[str]], decimal: bool) -> dict[tuple[str, int], list[int]]:
+    """Return the lines that are rows of numbers, by the word that they begin with and their width."""
+    rows: dict[tuple[str, int], list[int]] = {}
+    for k, row in enumerate(cells):
+        good = [_has_value(cell, decimal) for cell in row]
+        if any(number_of(c, decimal=decimal) is not None and c for c in row) and sum(good) >= max(
+            1, len(row) // 2
+        ):
+            rows.setdefault(("" if good[0] else row[0], len(row)), []).append(k)
+    return rows
+
+
+def _frequent_rows(rows: Mapping[tuple[str, int], Sequence[int]]) -> dict[tuple[str, int], Sequence[int]]:
+    """Return the rows of each word that comes often; if words divide nothing, all rows of the most common width."""
+    total = sum(map(len, rows.values()))
+    frequent = {
+        key: of
+        for key, of in rows.items()
+        if len(of) >= max(min(FREQUENT_LINES, total // 2), FREQUENT * total)
+    }
+    words = [word for word, _ in frequent if word]
+    if len(words) < 2 or len(set(words)) < len(words):  # the first cell is a text like others, or a number
+        widths = Counter(width for (_, width), of in rows.items() for _ in of).most_common(1)
+        frequent = {
+            ("", most): sorted(k for (_, w), of in rows.items() if w == most for k in of)
+            for most, _ in widths
+        }
+    return frequent
+
+
+def _cell_table(
+    above: Sequence[str], texts: Sequence[Sequence[str]], word: str, separator: str | None, decimal: bool
+) -> PrintedTable:
+    """Return the table of rows of cells below some lines; the rows may all begin with a word."""
+    width = len(texts[0])
+    names, units, header = _header(above, width, separator, word)
+    dates = tuple(k for k in range(width) if _are_dates([row[k] for row in texts]))
+    near = " ".join(above[-30:])
+    return PrintedTable(
+        names,
+        units,
+        _numbers(texts, dates, decimal),
+        len(above),
+        f"{word} {near}" if word else near,
+        stated_rate("\n".join(above)),
+        dates,
+        separator,
+        decimal,
+        ((0, word),) if word else (),
+        header,
+    )
 
 
 def _are_dates(cells: Sequence[str]) -> bool:
@@ -308,14 +339,8 @@ def _header(
 ) -> tuple[tuple[str, ...], tuple[str, ...], str]:
     """Return the names and units of columns by the lines above the first row, and the line of the names."""
     empty = ("",) * width
-    if word:  # comments describe the rows of each word: # UncalGyro,utcTimeMillis,...
-        for line in above:
-            if (
-                match := re.search(rf"(?<![\w]){re.escape(word)}\s*{re.escape(separator or ' ')}(.*)", line)
-            ) is not None:
-                cells = [word, *split(match[1].strip("'\" "), separator)]
-                if len(cells) >= width - 1:
-                    return tuple([*cells, ""][:width]), empty, ""
+    if word and (described := _described_names(above, width, separator, word)) is not None:
+        return described, empty, ""
     lines = [(k, row) for k, line in enumerate(above) if (row := _header_cells(line, width, separator))]
     named = [k for k, (_, cells) in enumerate(lines) if are_names(cells)]
     if not named:
@@ -325,16 +350,39 @@ def _header(
     units: Sequence[str] = empty
     if place and lines[place - 1][0] == header - 1:
         above_it = lines[place - 1][1]
-        if sum(known_unit(c) is not None for c in names) >= max(2, sum(map(bool, names)) // 2) and are_names(
-            above_it
-        ):
+        if _are_units(names) and are_names(above_it):
             header, names, units = header - 1, above_it, names
-        elif len(set(names)) < width and "" in above_it and any(above_it):  # a sensor above its axes
+        elif len(set(names)) < width and _are_groups(above_it):  # a sensor above its axes
             names = [f"{group} {name}".strip() for group, name in zip(_spread(above_it), names, strict=True)]
     # a name may span the columns of its axes
     if "" in names[:-1] and any(names):
         names = _elements(_spread(names))
     return tuple(names), tuple(units), above[header]
+
+
+def _described_names(
+    above: Sequence[str], width: int, separator: str | None, word: str
+) -> tuple[str, ...] | None:
+    """Return the names in a comment on the rows that begin with a word; None: there is none."""
+    # comments describe the rows of each word: # UncalGyro,utcTimeMillis,...
+    for line in above:
+        if (
+            match := re.search(rf"(?<![\w]){re.escape(word)}\s*{re.escape(separator or ' ')}(.*)", line)
+        ) is not None:
+            cells = [word, *split(match[1].strip("'\" "), separator)]
+            if len(cells) >= width - 1:
+                return tuple([*cells, ""][:width])
+    return None
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Return whether two cells or more, and half of those with a text, are units."""
+    return sum(known_unit(c) is not None for c in cells) >= max(2, sum(map(bool, cells)) // 2)
+
+
+def _are_groups(cells: Sequence[str]) -> bool:
+    """Return whether cells name groups of columns: some are empty, but not all."""
+    return "" in cells and any(cells)
 
 
 def _header_cells(line: str, width: int, separator: str | None) -> list[str] | None:
@@ -386,11 +434,7 @@ def _by_code(table: PrintedTable, texts: Sequence[Sequence[str]]) -> list[Printe
     for k in range(len(table.names)):
         cells = [row[k] for row in texts]
         counts = Counter(cell for cell in cells if cell)
-        if (
-            len(counts) == 1
-            and re.search("acc|gyr", next(iter(counts)), re.IGNORECASE)
-            and number_of(cells[0]) is None
-        ):
+        if _name_one_sensor(cells, counts):
             constant.append((k, cells[0]))
         few = 1 < len(counts) <= MOST_CODES and min(counts.values()) >= max(3, FREQUENT * len(cells))
         if k in table.dates or not few or not _may_be_code(table.names[k], counts):
@@ -404,6 +448,15 @@ def _by_code(table: PrintedTable, texts: Sequence[Sequence[str]]) -> list[Printe
     if constant:  # all rows so far are of the sensor that a column names
         return [replace(table, codes=tuple(constant), source=f"{constant[0][1]} {table.source}")]
     return [table]
+
+
+def _name_one_sensor(cells: Sequence[str], counts: Mapping[str, int]) -> bool:
+    """Return whether all cells that are not empty hold the same name of a sensor."""
+    return (
+        len(counts) == 1
+        and re.search("acc|gyr", next(iter(counts)), re.IGNORECASE) is not None
+        and number_of(cells[0]) is None
+    )
 
 
 _DEVICE = re.compile(
@@ -442,16 +495,7 @@ def _differ(rows: Floats, code: int, groups: Sequence[Any]) -> bool:
 # ---------------------------------------------------------------- templates
 
 
-@dataclass(frozen=True, slots=True)
-class _Line:
-    """The literal text between the numbers of a line, and its numbers and dates as text."""
-
-    literals: tuple[str, ...]
-    values: tuple[str, ...]
-    dates: tuple[bool, ...]
-
-
-def _lexed(line: str, *, loose: bool) -> _Line:
+def _lexed(line: str, *, loose: bool) -> PrintedLine:
     """Return the parts of a line; `loose`: texts in quotes and words that are values are not distinguished."""
     line = _CODE.sub("\1", line)
     if loose:
@@ -463,7 +507,7 @@ def _lexed(line: str, *, loose: bool) -> _Line:
         dates.append(match["stamp"] is not None)
         end = match.end()
     literals.append(line[end:])
-    return _Line(tuple(re.sub(r"\s+", " ", text) for text in literals), tuple(values), tuple(dates))
+    return PrintedLine(tuple(re.sub(r"\s+", " ", text) for text in literals), tuple(values), tuple(dates))
 
 
 def _template_tables(lines: Sequence[str]) -> Iterator[PrintedTable]:
@@ -514,7 +558,7 @@ def _record_begin(lines: Sequence[str], ids: Sequence[tuple[str, ...]], period: 
 
 
 def _template_table(
-    lines: Sequence[str], parsed: Sequence[_Line], places: Sequence[int], period: int
+    lines: Sequence[str], parsed: Sequence[PrintedLine], places: Sequence[int], period: int
 ) -> PrintedTable:
     """Return the table of the records that begin at a place, or of one line at each of several places."""
     begin = places[0]
@@ -531,7 +575,7 @@ def _template_table(
     pattern = _pattern(record)
     matches = re.compile(pattern, re.MULTILINE).findall("\n".join([*lines[begin:], tail]))
     texts = [(match,) if isinstance(match, str) else match for match in matches]
-    names, units = _labels(record)
+    names, units = number_labels(record)
     if not any(names):
         names, units = _list_header(lines[:begin], lines[begin], names, units)
     above = lines[max(0, begin - 30) : begin]
@@ -550,7 +594,7 @@ def _template_table(
     )
 
 
-def _pattern(record: Sequence[_Line]) -> str:
+def _pattern(record: Sequence[PrintedLine]) -> str:
     """Return the pattern of a record, with a group for each number."""
     parts = []
     for line in record:
@@ -563,107 +607,6 @@ def _pattern(record: Sequence[_Line]) -> str:
                 text += ("[ \\t]*" if not k else "") + f"({_STAMP if line.dates[k] else f'{_N}|{_VOID}'})"
         parts.append(f"{text}[ \\t\\r]*\\n")
     return "".join(parts)
-
-
-def _labels(record: Sequence[_Line]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return a name and a unit for each number of a record, by the text between the numbers."""
-    names: list[str] = []
-    units: list[str] = []
-    sections: list[str] = []
-    section = base = tail = ""
-    index, was_assigned = 0, False
-    for line in record:
-        for k, literal in enumerate(line.literals):
-            text = f"{tail}\n{literal}" if not k else literal
-            if k == len(line.values):
-                tail = text if not k else literal
-                continue
-            tail = ""
-            behind, unit, label, container, assigned = _between(text, first=not names)
-            if behind:
-                for j in range(len(names) - 1, -1, -1):
-                    if units[j] or sections[j] != sections[-1]:
-                        break
-                    units[j] = behind
-            bare = re.fullmatch(r"[xyzw]|[xyzw]-?axis|roll|pitch|yaw", label, re.IGNORECASE)
-            section = container or section
-            if bare and label:
-                name = f"{section} {label}".strip()
-            elif label:
-                words = label.split()
-                label = " ".join(words[-2:] if len(words[-1]) == 1 else words[-1:]) if assigned else label
-                name, index, base = label, 0, label
-                section = re.sub(r"[\s_.-]*\b[xyz]$", "", label, flags=re.IGNORECASE).strip() or section
-            elif line.dates[k]:
-                name = "time"
-            elif was_assigned and not text.strip():  # a=1,b=2 3: no element of b
-                name, base = "", ""
-            else:
-                index += 1
-                name = f"{base}[{index}]" if base else ""
-                if index == 1 and names and names[-1] == base:
-                    names[-1] = f"{base}[0]" if base else ""
-            was_assigned = text.rstrip().endswith("=")
-            names.append(name)
-            units.append(unit or (units[-1] if units and not label and sections[-1] == section else ""))
-            sections.append(section)
-    if behind := _between(tail, first=False)[0] if names else "":
-        for j in range(len(names) - 1, -1, -1):
-            if units[j] or sections[j] != sections[-1]:
-                break
-            units[j] = behind
-    return _two_in_one(_distinct(names, record)), tuple(units)
-
-
-def _distinct(names: Sequence[str], record: Sequence[_Line]) -> list[str]:
-    """Return names of which those that come again have the words that only their line has."""
-    counts = Counter(names)
-    words = [list(dict.fromkeys(re.findall(r"[^\W\d_]{2,}", " ".join(line.literals)))) for line in record]
-    common = Counter(word for of_line in words for word in of_line)
-    result: list[str] = []
-    for line, of_line in zip(record, words, strict=True):
-        describing = " ".join(word for word in of_line if common[word] == 1)
-        of_names = names[len(result) : len(result) + len(line.values)]
-        result += [f"{describing} {name}".strip() if counts[name] > 1 else name for name in of_names]
-    return result
-
-
-def _two_in_one(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names of which a list of six numbers behind ``a/g`` is two lists."""
-    result = list(names)
-    for k, name in enumerate(names):
-        label = name.removesuffix("[0]")
-        both = label.split("/")
-        if len(both) == 2 and list(names[k : k + 6]) == [f"{label}[{j}]" for j in range(6)]:
-            result[k : k + 6] = [f"{part}[{j}]" for part in both for j in range(3)]
-    return tuple(result)
-
-
-def _between(text: str, *, first: bool) -> tuple[str, str, str, str, bool]:
-    """Return what stands between two numbers.
-
-    Returns
-    -------
-    unit of the number before, unit in brackets of the number behind, its label, the words of the section around it,
-    and whether an equals sign is before the number.
-    """
-    behind = ""
-    word = re.match(r"[\s\"'§\])}]*([A-Za-z°µ%][^\s,;|)\]}\"'\n]*(?: (?:per|p) \w+)?)", text)
-    if not first and word is not None and known_unit(word[1].rstrip(".")) is not None:
-        behind, text = word[1].rstrip("."), text[word.end() :]
-    unit = ""
-    for match in re.finditer(r"[\[(]\s*([^\[\]()\d][^\[\]()]*)\s*[\])]", text):
-        if known_unit(match[1]) is not None:
-            unit = match[1]
-            text = text.replace(match[0], " ", 1)
-    assigned = text.rstrip("\"' [({").endswith("=")
-    segments = [
-        " ".join(re.findall(r"[^\W]+(?:[/.\-^][^\W]+)*", part))
-        for part in re.split(r"[,;|{}()\[\]\n>]|[:=]", text)
-    ]
-    segments = [segment for segment in segments if re.search(r"[^\W\d_]", segment)]
-    label = segments[-1] if segments else ""
-    return behind, unit, label, segments[-2] if len(segments) > 1 else "", assigned
 
 
 def _list_header(

@@ -1,0 +1,164 @@
+"""Labels of numbers: the name and the unit of each number of a record, by the text between the numbers.
+
+A number is named by the text before it. A bare axis, and an element of a list, has the words before that, too. A unit
+stands in brackets before a number, or behind it.
+
+>>> line = PrintedLine(("Gyro x: ", " dps, y: ", " dps"), ("1", "2"), (False, False))
+>>> number_labels([line])
+(('Gyro x', 'Gyro y'), ('dps', 'dps'))
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from imumon.sources.files.unit_grammar import known_unit
+
+
+@dataclass(frozen=True, slots=True)
+class PrintedLine:
+    """The literal text between the numbers of a line, and its numbers and dates as text."""
+
+    literals: tuple[str, ...]
+    values: tuple[str, ...]
+    dates: tuple[bool, ...]
+
+
+def number_labels(record: Sequence[PrintedLine]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return a name and a unit for each number of a record, by the text between the numbers."""
+    labels = _Labels()
+    tail = ""  # text behind the last number of the lines before
+    for line in record:
+        for k, literal in enumerate(line.literals):
+            text = literal if k else f"{tail}\n{literal}"
+            if k == len(line.values):
+                tail = text
+                continue
+            tail = ""
+            labels.add(text, is_date=line.dates[k])
+    if labels.names:
+        labels.state_unit_behind(_between(tail, first=False)[0])
+    return _two_in_one(_distinct(labels.names, record)), tuple(labels.units)
+
+
+@dataclass(slots=True)
+class _Labels:
+    """The labels of the numbers of a record so far, and what the next one may depend on.
+
+    Attributes
+    ----------
+    names, units, sections : of each number so far.
+    section : words that stand before a bare axis.
+    base, index : name of a list, and place of its last element.
+    was_assigned : an equals sign is before the last number.
+    """
+
+    names: list[str] = field(default_factory=list)
+    units: list[str] = field(default_factory=list)
+    sections: list[str] = field(default_factory=list)
+    section: str = ""
+    base: str = ""
+    index: int = 0
+    was_assigned: bool = False
+
+    def add(self, text: str, *, is_date: bool) -> None:
+        """Add the label of the number behind a text."""
+        behind, unit, label, container, assigned = _between(text, first=not self.names)
+        self.state_unit_behind(behind)
+        self.section = container or self.section
+        if re.fullmatch(r"[xyzw]|[xyzw]-?axis|roll|pitch|yaw", label, re.IGNORECASE):
+            name = f"{self.section} {label}".strip()
+        elif label:
+            name = self._begin_list(label, assigned=assigned)
+        elif is_date:
+            name = "time"
+        elif self.was_assigned and not text.strip():  # a=1,b=2 3: no element of b
+            name, self.base = "", ""
+        else:
+            name = self._next_element()
+        self.was_assigned = text.rstrip().endswith("=")
+        continues = bool(self.units) and not label and self.sections[-1] == self.section
+        self.names.append(name)
+        self.units.append(unit or (self.units[-1] if continues else ""))
+        self.sections.append(self.section)
+
+    def state_unit_behind(self, unit: str) -> None:
+        """Give the last numbers of a section, which have no unit yet, the one that stands behind them; empty: none."""
+        if not unit:
+            return
+        for j in range(len(self.names) - 1, -1, -1):
+            if self.units[j] or self.sections[j] != self.sections[-1]:
+                break
+            self.units[j] = unit
+
+    def _begin_list(self, label: str, *, assigned: bool) -> str:
+        """Return the name of a number with a label, which may be the first element of a list."""
+        words = label.split()
+        name = " ".join(words[-2:] if len(words[-1]) == 1 else words[-1:]) if assigned else label
+        self.index, self.base = 0, name
+        stem = re.sub(r"[\s_.-]*\b[xyz]$", "", name, flags=re.IGNORECASE).strip()
+        self.section = stem or self.section
+        return name
+
+    def _next_element(self) -> str:
+        """Return the name of a number without a label: an element of the list that has begun."""
+        self.index += 1
+        if not self.base:
+            return ""
+        if self.index == 1 and self.names and self.names[-1] == self.base:
+            self.names[-1] = f"{self.base}[0]"
+        return f"{self.base}[{self.index}]"
+
+
+def _distinct(names: Sequence[str], record: Sequence[PrintedLine]) -> list[str]:
+    """Return names of which those that come again have the words that only their line has."""
+    counts = Counter(names)
+    words = [list(dict.fromkeys(re.findall(r"[^\W\d_]{2,}", " ".join(line.literals)))) for line in record]
+    common = Counter(word for of_line in words for word in of_line)
+    result: list[str] = []
+    for line, of_line in zip(record, words, strict=True):
+        describing = " ".join(word for word in of_line if common[word] == 1)
+        of_names = names[len(result) : len(result) + len(line.values)]
+        result += [f"{describing} {name}".strip() if counts[name] > 1 else name for name in of_names]
+    return result
+
+
+def _two_in_one(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names of which a list of six numbers behind ``a/g`` is two lists."""
+    result = list(names)
+    for k, name in enumerate(names):
+        label = name.removesuffix("[0]")
+        both = label.split("/")
+        if len(both) == 2 and list(names[k : k + 6]) == [f"{label}[{j}]" for j in range(6)]:
+            result[k : k + 6] = [f"{part}[{j}]" for part in both for j in range(3)]
+    return tuple(result)
+
+
+def _between(text: str, *, first: bool) -> tuple[str, str, str, str, bool]:
+    """Return what stands between two numbers.
+
+    Returns
+    -------
+    unit of the number before, unit in brackets of the number behind, its label, the words of the section around it,
+    and whether an equals sign is before the number.
+    """
+    behind = ""
+    word = re.match(r"[\s\"'§\])}]*([A-Za-z°µ%][^\s,;|)\]}\"'\n]*(?: (?:per|p) \w+)?)", text)
+    if not first and word is not None and known_unit(word[1].rstrip(".")) is not None:
+        behind, text = word[1].rstrip("."), text[word.end() :]
+    unit = ""
+    for match in re.finditer(r"[\[(]\s*([^\[\]()\d][^\[\]()]*)\s*[\])]", text):
+        if known_unit(match[1]) is not None:
+            unit = match[1]
+            text = text.replace(match[0], " ", 1)
+    assigned = text.rstrip("\"' [({").endswith("=")
+    segments = [
+        " ".join(re.findall(r"[^\W]+(?:[/.\-^][^\W]+)*", part))
+        for part in re.split(r"[,;|{}()\[\]\n>]|[:=]", text)
+    ]
+    segments = [segment for segment in segments if re.search(r"[^\W\d_]", segment)]
+    label = segments[-1] if segments else ""
+    return behind, unit, label, segments[-2] if len(segments) > 1 else "", assigned
