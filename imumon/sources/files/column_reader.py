@@ -48,6 +48,13 @@ from imumon.sources.files.columns import (
     find,
     reference,
 )
+from imumon.sources.files.sensors_without_unit import (
+    by_gravity,
+    by_noise,
+    in_counts,
+    increments_without_unit,
+    kind_of,
+)
 from imumon.sources.files.sizes_at_rest import (
     FASTEST_RATE,
     NOISIEST,
@@ -143,30 +150,7 @@ class _ColumnReader(ClockReader):
     # ------------------------------------------------------------ sensors
 
     def _sensors(self) -> dict[str, Use]:
-        every = [t for t in triples(self._columns) if not self._taken & set(t.indices)]
-        by_sensor: dict[str, list[Use]] = {"gyro": [], "accel": []}
-        moving = [
-            t
-            for t in every
-            if not all(c.constant for c in t.columns)
-            and not any(c.rises and TIME.search(c.words) for c in t.columns)
-        ]
-        gravity = self._unit_beside(moving)
-        for triple in moving:
-            if (use := self._sensor(triple, gravity)) is not None:
-                if triple.guessed and use.certain:
-                    reason = f"the order of the axes in {triple.label} is assumed"
-                    use = replace(use, certain=False, assumption="assumed_columns", reason=reason)
-                by_sensor[use.key].append(use)
-        if not by_sensor[
-            "gyro"
-        ]:  # beside an accelerometer, three numbers of one name that move around a constant
-            by_sensor["gyro"] += self._remaining(
-                moving, {k for use in by_sensor["accel"] for k in use.columns}, gravity
-            )
-        if not by_sensor["gyro"] or not by_sensor["accel"]:
-            for use in self._single_axes(every, gravity, by_sensor):
-                by_sensor[use.key].append(use)
+        by_sensor = self._sensors_of_names()
         chosen = {key: use for key, use in self._given.items() if key in INERTIAL}
         wanted = [key for key in INERTIAL if self._options.sensor in (None, key)]
         for key in wanted:
@@ -179,6 +163,27 @@ class _ColumnReader(ClockReader):
             for key in [k for k, use in chosen.items() if not use.certain and k not in self._given]:
                 self._remarks.append(f"{key} is not used: {chosen.pop(key).reason}")
         return self._of_one_kind(chosen, by_sensor)
+
+    def _sensors_of_names(self) -> dict[str, list[Use]]:
+        """Return all gyroscopes and accelerometers that the columns not given by the user may be."""
+        every = [t for t in triples(self._columns) if not self._taken & set(t.indices)]
+        by_sensor: dict[str, list[Use]] = {"gyro": [], "accel": []}
+        moving = [t for t in every if _moves(t)]
+        gravity = self._unit_beside(moving)
+        for triple in moving:
+            if (use := self._sensor(triple, gravity)) is not None:
+                if triple.guessed and use.certain:
+                    reason = f"the order of the axes in {triple.label} is assumed"
+                    use = replace(use, certain=False, assumption="assumed_columns", reason=reason)
+                by_sensor[use.key].append(use)
+        # beside an accelerometer, three numbers of one name that move around a constant
+        if not by_sensor["gyro"]:
+            used = {k for use in by_sensor["accel"] for k in use.columns}
+            by_sensor["gyro"] += self._remaining(moving, used, gravity)
+        if not by_sensor["gyro"] or not by_sensor["accel"]:
+            for use in self._single_axes(every, gravity, by_sensor):
+                by_sensor[use.key].append(use)
+        return by_sensor
 
     def _is_left_out(self, key: str) -> bool:
         """Return whether the user has named axes of a sensor, which are all that is used of it."""
@@ -196,37 +201,35 @@ class _ColumnReader(ClockReader):
 
     def _sensor(self, triple: Triple, gravity: str) -> Use | None:
         """Return the sensor that a triple is, with its unit; None: it is none."""
-        words = (
-            f"{triple.words}"
-            if triple.words.strip()
-            and not re.fullmatch(r"(?:axis|3 ?dof|value|values|raw|data|\d| )*", triple.words)
-            else f"{triple.words} {self._hint()}"
-        )
-        quantity, unit = triple.known_quantity, triple.unit
+        words = self._words_with_hint(triple)
+        quantity = triple.known_quantity
+        if _is_of_another_sensor(words, quantity):
+            return None
         is_angular, is_linear = bool(ANGULAR.search(words)), bool(LINEAR.search(words))
-        if OTHER.search(words) and not (
-            quantity in ("gyro", "accel") and not re.search(r"bias|drift|offset|std|cov|gravity|mag", words)
-        ):
-            return None
-        if quantity in ("mag", "temperature", "pressure", "t"):
-            return None
         delta = bool(DELTA.search(words))
-        if unit and quantity is None:
-            return self._unknown_unit(triple, words, is_angular, is_linear, delta)
         if quantity is not None:
             return self._stated(triple, quantity, is_angular=is_angular, is_linear=is_linear, delta=delta)
+        if triple.unit:
+            return self._unknown_unit(triple, is_angular, is_linear)
         if delta and (is_angular or is_linear or re.search(r"theta|ang|vel", words)):
             angular = bool(re.search(r"theta|ang|gyr|rot", words))
-            return self._increments(triple, "gyro" if angular else "accel")
+            return increments_without_unit(triple, "gyro" if angular else "accel")
+        if is_angular:
+            return _gyro_by_noise(triple, gravity, named=True)
         of_gravity = units_of_gravity(triple.size)
-        if (is_linear and not is_angular) or (of_gravity and not is_angular):
-            return self._by_gravity(triple, of_gravity, named=is_linear)
-        if not (is_angular or words.strip()) and triple.counts and counts_of_gravity(triple.size):
-            return self._in_counts(triple, "accel")
-        if is_angular or not words.strip():
-            unit = "" if triple.counts else unit_of_rate(triple.rows, gravity)
-            return self._suggested(triple, "gyro", unit, named=is_angular)
-        return None
+        if is_linear or of_gravity:
+            return by_gravity(triple, of_gravity, named=is_linear)
+        if words.strip():
+            return None
+        if triple.counts and counts_of_gravity(triple.size):
+            return in_counts(triple, "accel")
+        return _gyro_by_noise(triple, gravity, named=False)
+
+    def _words_with_hint(self, triple: Triple) -> str:
+        """Return the words of a triple, with the sensor that the text before the table says if they say none."""
+        words = triple.words
+        says_none = re.fullmatch(r"(?:axis|3 ?dof|value|values|raw|data|\d| )*", words)
+        return f"{words} {self._hint()}" if says_none else words
 
     def _remaining(self, triples: Sequence[Triple], used: set[int], gravity: str) -> Iterator[Use]:
         """Yield the gyroscope that a triple without a meaning may be, beside an accelerometer."""
@@ -234,9 +237,7 @@ class _ColumnReader(ClockReader):
             known = triple.unit or OTHER.search(triple.words) or DELTA.search(triple.words)
             quiet = sample_noise(triple.rows) < NOISIEST_DEG and not any(c.rises for c in triple.columns)
             if used and quiet and not known and not used & set(triple.indices):
-                yield self._suggested(
-                    triple, "gyro", "" if triple.counts else unit_of_rate(triple.rows, gravity), named=False
-                )
+                yield _gyro_by_noise(triple, gravity, named=False)
                 return
 
     def _hint(self) -> str:
@@ -245,49 +246,19 @@ class _ColumnReader(ClockReader):
         named = [word for word, pattern in (("gyro", r"gyr"), ("accel", r"acc")) if re.search(pattern, text)]
         return named[0] if len(named) == 1 else ""
 
-    def _unknown_unit(
-        self, triple: Triple, words: str, angular: bool, linear: bool, delta: bool
-    ) -> Use | None:
+    def _unknown_unit(self, triple: Triple, angular: bool, linear: bool) -> Use | None:
         """Return a sensor in counts; raise `RecordingError` if the unit of a sensor is stated and not known."""
         if not (angular or linear):
             return None
         key = "gyro" if angular else "accel"
         if COUNTS.match(triple.unit):
-            return self._in_counts(triple, key)
+            return in_counts(triple, key)
         text = f"the unit {triple.unit!r} of {triple.label} is not known"
         if key in self._options.units or self._options.columns:
             return None
         given = ",".join(reference(k, self._names) for k in triple.indices)
         raise RecordingError(
             "unknown_unit", text, f"say which it is, {option_text(columns={key: f'{given}:UNIT'})}"
-        )
-
-    def _in_counts(self, triple: Triple, key: str) -> Use:
-        counts = counts_of_gravity(triple.size) if key == "accel" else 0.0
-        if counts:
-            reason = f"{triple.label} are counts, of which 1 g has about {counts:g}"
-            return Use(
-                key,
-                triple.indices,
-                triple.axes,
-                "g",
-                known_unit("g"),
-                False,
-                reason,
-                scale=1.0 / counts,
-                kind=_kind_of(triple),
-            )
-        reason = f"{triple.label} are counts: how many a unit has is in the data sheet"
-        return Use(
-            key,
-            triple.indices,
-            triple.axes,
-            "deg/s" if key == "gyro" else "g",
-            None,
-            False,
-            reason,
-            scale=0.0,
-            kind=_kind_of(triple),
         )
 
     def _stated(
@@ -306,9 +277,9 @@ class _ColumnReader(ClockReader):
                 "they are increments"
             )
             return Use(
-                key, triple.indices, triple.axes, unit, known_unit(unit), False, reason, kind=_kind_of(triple)
+                key, triple.indices, triple.axes, unit, known_unit(unit), False, reason, kind=kind_of(triple)
             )
-        kind: Kind = "deltas" if quantity in INCREMENTS.values() else _kind_of(triple)
+        kind: Kind = "deltas" if quantity in INCREMENTS.values() else kind_of(triple)
         use = Use(key, triple.indices, triple.axes, triple.unit, known, True, "its unit is stated", kind=kind)
         if quantity == "accel" and len(triple.axes) == len(AXES):
             return self._compared_with_gravity(use, triple, known)
@@ -344,129 +315,25 @@ class _ColumnReader(ClockReader):
         )
         return use
 
-    def _by_gravity(self, triple: Triple, of_gravity: Sequence[str], *, named: bool) -> Use:
-        """Return an accelerometer without a unit."""
-        size = triple.size
-        whole = triple.counts
-        kind = _kind_of(triple)
-        if of_gravity and not whole:
-            certain = len(of_gravity) == 1 and bool(triple.stem.strip() or named)
-            reason = f"the length of {triple.label} is {size:.4g}, which is 1 g in {' or '.join(of_gravity)}"
-            return Use(
-                "accel",
-                triple.indices,
-                triple.axes,
-                of_gravity[0],
-                known_unit(of_gravity[0]),
-                certain,
-                reason,
-                "assumed_unit" if named else "assumed_columns",
-                kind=kind,
-            )
-        if whole and (counts_of_gravity(size) or not of_gravity):
-            return self._in_counts(triple, "accel")
-        if of_gravity:
-            reason = (
-                f"the length of {triple.label} is {size:.4g}: 1 g in {' or '.join(of_gravity)}, or in counts"
-            )
-            return Use(
-                "accel",
-                triple.indices,
-                triple.axes,
-                of_gravity[0],
-                known_unit(of_gravity[0]),
-                False,
-                reason,
-                kind=kind,
-            )
-        reason = f"{triple.label} have no unit, and their length of {size:.4g} is 1 g in none"
-        return Use("accel", triple.indices, triple.axes, "", None, False, reason, kind=kind)
-
-    def _suggested(self, triple: Triple, key: str, unit: str, *, named: bool = True) -> Use:
-        """Return a sensor whose unit only its noise suggests."""
-        if not unit and key == "gyro":
-            return self._in_counts(triple, key)
-        noise = sample_noise(triple.rows)
-        known, rad, deg = known_unit(unit), known_unit("rad/s"), known_unit("deg/s")
-        assert known is not None
-        assert rad is not None
-        assert deg is not None
-        other, factor = (
-            ("rad/s", rad.factor / known.factor) if unit != "rad/s" else ("deg/s", deg.factor / known.factor)
-        )
-        what = "have no unit" if named else "have no name and no unit"
-        reason = (
-            f"{triple.label} {what}: their noise of {noise:.2g} is usual in {unit}; in {other}, N would be "
-            f"{_times(factor)}"
-        )
-        return Use(
-            key,
-            triple.indices,
-            triple.axes,
-            unit,
-            known,
-            False,
-            reason,
-            "assumed_unit" if named else "assumed_columns",
-            kind=_kind_of(triple),
-        )
-
-    def _increments(self, triple: Triple, key: str) -> Use:
-        """Return increments without a unit; their interval may show it, see `_with_increments`."""
-        unit = "rad" if key == "gyro" else "m/s"
-        reason = f"{triple.label} have the name of increments and no unit"
-        if key == "gyro":
-            reason += f"; in deg, N would be {_times(math.radians(1.0))}"
-        return Use(key, triple.indices, triple.axes, unit, known_unit(unit), False, reason, kind="deltas")
-
     def _single_axes(
         self, triples: Sequence[Triple], gravity: str, by_sensor: Mapping[str, Sequence[Use]]
     ) -> Iterator[Use]:
         """Yield the sensors of one axis: a single column by its unit or name, where the sensor has no triple."""
-        in_triples = {k for triple in triples for k in triple.indices}
+        used = {k for triple in triples for k in triple.indices} | self._taken
         alone: dict[str, list[tuple[NamedColumn, str]]] = {}
         for column in self._columns:
-            if (
-                column.index in in_triples | self._taken
-                or column.constant
-                or (column.rises and column.known is None)
-            ):
-                continue
-            quantity = None if column.known is None else column.known.quantity
             words = column.words if column.words else self._hint()
-            if OTHER.search(words) or (column.unit and column.known is None):
-                continue
-            if quantity in INERTIAL or (quantity is None and (ANGULAR.search(words) or LINEAR.search(words))):
-                key = quantity if quantity in INERTIAL else "gyro" if ANGULAR.search(words) else "accel"
+            if column.index not in used and (key := _sensor_of_one_axis(column, words)):
                 match = re.search(r"(?:^| )([xyz])(?: |$)|([xyz])$", words)
-                alone.setdefault(key or "", []).append((column, (match[1] or match[2]) if match else "x"))
+                alone.setdefault(key, []).append((column, (match[1] or match[2]) if match else "x"))
         for key, columns in alone.items():
-            if by_sensor.get(key) or len(columns) != 1:
-                if not by_sensor.get(key):
-                    self._remarks.append(
-                        f"{', '.join(c.name for c, _ in columns)} not used: a sensor has one axis or three"
-                    )
+            if by_sensor.get(key):
                 continue
-            column, axis = columns[0]
-            triple = Triple((column,), (axis,), column.base)
-            if column.known is not None:
-                yield Use(
-                    key,
-                    (column.index,),
-                    (axis,),
-                    column.unit,
-                    column.known,
-                    True,
-                    "its unit is stated",
-                    kind=_kind_of(triple),
-                )
-            elif key == "gyro":
-                yield self._suggested(
-                    triple, key, "" if triple.counts else unit_of_rate(triple.rows, gravity)
-                )
+            if len(columns) == 1:
+                yield _single_axis(key, *columns[0], gravity)
             else:
-                reason = f"{column.name} has no unit, and one axis does not show 1 g"
-                yield Use(key, (column.index,), (axis,), "m/s^2", known_unit("m/s^2"), False, reason)
+                listed = ", ".join(c.name for c, _ in columns)
+                self._remarks.append(f"{listed} not used: a sensor has one axis or three")
 
     def _rank(self, use: Use) -> tuple[object, ...]:
         """Return the order in which sensors are chosen: what is certain, averages, then raw numbers; the first."""
@@ -571,38 +438,14 @@ class _ColumnReader(ClockReader):
                 f"{option('columns')} names only a part of {key}: {key}/{missing} is missing",
                 f"name it too, {key}/{missing}=COLUMN:UNIT",
             )
-        unit = next((unit for _, _, unit, _ in columns if unit), "") or self._options.units.get(
-            "time" if key == "t" else key, ""
-        )
-        scale = columns[0][3]
-        stated = unit or next((self._columns[k].unit for k in indices if self._columns[k].unit), "")
-        known = known_unit(stated, key) if stated else None
-        if stated and (
-            known is None or SENSORS.get(known.quantity, known.quantity) != {"dt": "t"}.get(key, key)
-        ):
-            if unit:
-                raise RecordingError(
-                    "unknown_unit",
-                    f"the unit {unit!r} in {option('columns')} is none of {'a time' if key in ('t', 'dt') else key}",
-                    "use one such as rad/s, deg/s, m/s^2, g, ms",
-                )
-            known = None
+        text, known = self._given_unit(key, indices, next((unit for _, _, unit, _ in columns if unit), ""))
         kind: Kind = (
             "deltas"
             if known is not None and known.quantity in INCREMENTS.values()
             else _kind_of_words(words_of(self._names[indices[0]]))
         )
-        use = Use(
-            key,
-            indices,
-            axes,
-            stated if known else "",
-            known,
-            known is not None,
-            "it is given",
-            scale=scale,
-            kind=kind,
-        )
+        scale, certain = columns[0][3], known is not None
+        use = Use(key, indices, axes, text, known, certain, "it is given", scale=scale, kind=kind)
         if scale == 0.0:
             reason = (
                 f"the size of {', '.join(self._names[k] for k in indices)} is what only the owner knows: it "
@@ -611,15 +454,36 @@ class _ColumnReader(ClockReader):
             return replace(use, known=None, certain=False, reason=reason)
         if known is None:
             return self._without_unit(use)
-        if key == "accel" and known.quantity == "accel":
-            self._check_gravity(use, known)
-        size = median_size(np.column_stack([self._columns[k].values for k in indices])) or 0.0
-        if known.quantity == "gyro" and size * known.factor * abs(scale) > FASTEST_RATE:
-            text = f"{', '.join(label_of(self._columns[k]) for k in indices)} are given in {stated}, and are {size:.3g}"
-            raise RecordingError("wrong_unit", text, "give the unit that they have")
+        self._check_size(use, known)
         if self._options.samples in ("average", "increment") and key in INERTIAL:
             use = replace(use, kind="deltas")
         return use
+
+    def _given_unit(self, key: str, indices: Sequence[int], given: str) -> tuple[str, Unit | None]:
+        """Return the unit that the user gives, else that of a name; empty and None: neither is one of the sensor."""
+        unit = given or self._options.units.get("time" if key == "t" else key, "")
+        stated = unit or next((self._columns[k].unit for k in indices if self._columns[k].unit), "")
+        known = known_unit(stated, key) if stated else None
+        quantity = "t" if key == "dt" else key
+        if known is not None and SENSORS.get(known.quantity, known.quantity) == quantity:
+            return stated, known
+        if unit:
+            raise RecordingError(
+                "unknown_unit",
+                f"the unit {unit!r} in {option('columns')} is none of {'a time' if quantity == 't' else key}",
+                "use one such as rad/s, deg/s, m/s^2, g, ms",
+            )
+        return "", None
+
+    def _check_size(self, use: Use, known: Unit) -> None:
+        """Raise `RecordingError` if what is given is larger than in the given unit possible, or 1 g in another."""
+        if use.key == "accel" and known.quantity == "accel":
+            self._check_gravity(use, known)
+        size = median_size(np.column_stack([self._columns[k].values for k in use.columns])) or 0.0
+        if known.quantity == "gyro" and size * known.factor * abs(use.scale) > FASTEST_RATE:
+            labels = ", ".join(label_of(self._columns[k]) for k in use.columns)
+            text = f"{labels} are given in {use.unit}, and are {size:.3g}"
+            raise RecordingError("wrong_unit", text, "give the unit that they have")
 
     def _check_gravity(self, use: Use, known: Unit) -> None:
         """Raise `RecordingError` if the length of an accelerometer is 1 g in another unit than is given."""
@@ -644,13 +508,13 @@ class _ColumnReader(ClockReader):
         if use.key == "t":
             return self._clock(columns[0], self._options.rate_hz or self._stated_hz)
         if use.key == "gyro":
-            return self._suggested(
+            return by_noise(
                 triple,
                 "gyro",
                 "" if triple.counts and use.scale == 1.0 else unit_of_rate(triple.rows * use.scale, ""),
             )
         if use.key == "accel":
-            return self._by_gravity(triple, units_of_gravity(triple.size), named=True)
+            return by_gravity(triple, units_of_gravity(triple.size), named=True)
         default = {"temperature": "degC", "dt": "s"}.get(use.key, "")
         known = known_unit(default) if default else None
         return replace(
@@ -676,20 +540,55 @@ class _ColumnReader(ClockReader):
         )
 
 
-def _times(factor: float) -> str:
-    """Return a factor of N for people.
-
-    >>> _times(57.2958), _times(0.0175)
-    ('57 times larger', '57 times smaller')
-    """
-    return f"{factor:.2g} times larger" if factor >= 1.0 else f"{1.0 / factor:.2g} times smaller"
+def _moves(triple: Triple) -> bool:
+    """Return whether the numbers of a triple change, and are no clocks."""
+    columns = triple.columns
+    return not all(c.constant for c in columns) and not any(c.rises and TIME.search(c.words) for c in columns)
 
 
-def _kind_of(triple: Triple) -> Kind:
-    return _kind_of_words(triple.words)
+def _is_of_another_sensor(words: str, quantity: str | None) -> bool:
+    """Return whether the unit or the words of a triple are those of something else than an inertial sensor."""
+    if quantity in ("mag", "temperature", "pressure", "t"):
+        return True
+    if not OTHER.search(words):
+        return False
+    is_inertial = quantity in ("gyro", "accel")
+    return not is_inertial or bool(re.search(r"bias|drift|offset|std|cov|gravity|mag", words))
+
+
+def _gyro_by_noise(triple: Triple, gravity: str, *, named: bool) -> Use:
+    """Return a gyroscope without a unit, beside an accelerometer whose unit is given."""
+    return by_noise(triple, "gyro", "" if triple.counts else unit_of_rate(triple.rows, gravity), named=named)
+
+
+def _sensor_of_one_axis(column: NamedColumn, words: str) -> str:
+    """Return the sensor of which a column is an axis, by its unit or its words; empty: it is of none."""
+    known = column.known
+    if column.constant or OTHER.search(words):
+        return ""
+    if known is not None:
+        return known.quantity if known.quantity in INERTIAL else ""
+    if column.rises or column.unit:
+        return ""
+    if ANGULAR.search(words):
+        return "gyro"
+    return "accel" if LINEAR.search(words) else ""
+
+
+def _single_axis(key: str, column: NamedColumn, axis: str, gravity: str) -> Use:
+    """Return the sensor of one axis that a column is."""
+    triple = Triple((column,), (axis,), column.base)
+    if column.known is not None:
+        reason, kind = "its unit is stated", kind_of(triple)
+        return Use(key, (column.index,), (axis,), column.unit, column.known, True, reason, kind=kind)
+    if key == "gyro":
+        return _gyro_by_noise(triple, gravity, named=True)
+    reason = f"{column.name} has no unit, and one axis does not show 1 g"
+    return Use(key, (column.index,), (axis,), "m/s^2", known_unit("m/s^2"), False, reason)
 
 
 def _positive(text: str) -> float:
+    """Return a sample rate, Hz; raise `OptionError` if it is none."""
     try:
         rate = float(text)
     except ValueError:
