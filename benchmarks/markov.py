@@ -220,7 +220,7 @@ def counted(cell: Cell, fits: list[ChannelFit]) -> str:
         words.append(f"T missed {low} {high}")
     caveats = {
         c: sum(c in fit.caveats for fit in fits)
-        for c in ("misfit", "model_misses", "correlated", "not_white", "vibration", "oscillation", "popcorn")
+        for c in ("misfit", "model_misses", "correlated", "vibration", "oscillation", "popcorn")
     }
     words.append(" ".join(f"{c} {n}" for c, n in caveats.items() if n))
     return "  ".join(words)

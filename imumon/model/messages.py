@@ -96,10 +96,6 @@ CAVEATS: Mapping[str, CaveatText] = {
         "neighbouring samples are not independent: the shortest times are not used",
         "The cause is a filter, or values that repeat.",
     ),
-    "not_white": CaveatText(
-        "the noise is not white up to the highest frequency",
-        "No filter falls as slowly. N is the level at the highest frequency; its limits hold the level below.",
-    ),
     "ramp": CaveatText("the mean drifts steadily: a ramp is part of the model", "K is fitted beside it."),
     "model_misses": CaveatText(
         "the drawn model leaves the limits of the measured curve",

@@ -120,19 +120,6 @@ def test_quantisation_of_the_integral_is_no_white_noise() -> None:
         assert fit.coefficients["Q"].value == pytest.approx(step / math.sqrt(12.0), rel=0.05)
 
 
-@pytest.mark.few
-def test_noise_that_is_not_white_is_no_filter() -> None:
-    """S proportional to 1/sqrt(f): N is the level at the highest frequency, and its limits hold that level."""
-    rng, n = np.random.default_rng(8), 1 << 17
-    f = np.maximum(np.fft.rfftfreq(2 * n), 0.5 / n)
-    values = np.fft.irfft(np.fft.rfft(rng.standard_normal((4, 2 * n))) * (2.0 * f) ** -0.25)[:, :n].T * SIGMA
-    for fit in fitted(values):
-        assert "not_white" in fit.caveats
-        assert "correlated" not in fit.caveats
-        assert fit.N.low <= N <= fit.N.high  # type: ignore[operator]
-        assert fit.N.value == pytest.approx(N, rel=0.15)
-
-
 # --- lines and oscillations --------------------------------------------------------------------------------
 
 

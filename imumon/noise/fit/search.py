@@ -108,12 +108,6 @@ Otherwise: its spectrum is fitted as a low-pass, and octaves are left out that s
 have: VN-100 and ADIS16405 powers of two, others divisors of their rates (`real_effects.py`).
 """
 
-FEWEST_UNFILTERED = 2
-"""Noise is not white, instead of filtered, where at least this much is left out. Unit: octaves.
-
-Otherwise: the first bend of a filter is called noise of another kind. Origin: a low-pass of one sample falls by a half
-in its last octave (`markov.py`).
-"""
 BAND_MIDDLE = 0.8
 """A band of the spectrum is left out by the frequency in its middle. Unit: of its upper end."""
 INSTEAD_GAIN = 1.0
@@ -167,8 +161,6 @@ class Model:
     is_markov_instead : whether Gauss–Markov noise describes the record better than the walk that shows.
     may_be_counted : whether the record does not exclude that the samples are differences of an angle in counts.
     hump : what no term explains, and whose band is left out; None: there is none.
-    unfiltered : N^2 of the two highest bands, the highest one last, and its relative error, where the noise is not
-        white and no filter; None: it is white, or a filter bends it.
     """
 
     surface: Surface
@@ -186,7 +178,6 @@ class Model:
     is_markov_instead: bool = False
     may_be_counted: bool = False
     hump: Hump | None = None
-    unfiltered: tuple[float, float, float] | None = None
 
     @property
     def error(self) -> float:
@@ -508,7 +499,6 @@ class ModelSearch:
             (markov is None or not markov.is_certain) and self._is_markov_instead(upper_end, error, surface),
             self._may_be_counted(upper_end, surface),
             None if self._band is None else self._hump(surface, slow, self._band),
-            self._unfiltered(upper_end, surface),
         )
 
     def _hump(self, surface: Surface, slow: SlowTerms, band: Band) -> Hump:
@@ -576,21 +566,6 @@ class ModelSearch:
         }
         both = markov_search.mixed_with(replace(without.on(grids), holds=surface.holds), markov)
         return markov, both
-
-    def _unfiltered(self, upper_end: UpperEnd, surface: Surface) -> tuple[float, float, float] | None:
-        """Return N^2 of the two highest bands, and its error, where what is left out falls less than flicker does.
-
-        Any filter falls by more than a half in an octave. Noise such as 1/sqrt(f) never does: no frequency shows a
-        white part of it, and a Kalman filter sees the level of the highest.
-        """
-        bands = self._powers(1)
-        if upper_end.octaves_left_out < FEWEST_UNFILTERED or bands.top.size < 2:
-            return None
-        last = np.argsort(bands.top)[-2:]
-        below, highest = (bands.power[last] / bands.expected[WHITE][last]).tolist()
-        if highest < float(surface.scored[WHITE][surface.best]) * 2.0**-upper_end.octaves_left_out:
-            return None
-        return below, highest, math.sqrt(2.0 / float(bands.dof[last[-1]]))
 
     def _upper_error(self, upper_end: UpperEnd) -> float:
         """Return the relative scatter of N^2 between neighbouring choices of the highest frequency.

@@ -159,7 +159,6 @@ class ChannelFit:
     caveats : ``misfit`` (chance explains what the model leaves in less than 1 % of records; limits are wider only
         where the bands alone reject the model, see `search.ModelSearch`), ``model_misses`` (the drawn model leaves the
         limits of the curve), ``vibration`` (lines that bend the curve), ``correlated`` (a filter), ``quantised``,
-        ``not_white`` (noise that falls up to the highest frequency, slower than flicker),
         ``ramp``, ``oscillation``, ``popcorn`` (Gauss–Markov noise that jumps between two levels), ``unguarded``
         (`estimator.UNGUARDED`).
     columns : regressors in use.
@@ -310,8 +309,7 @@ def state_model(
     periods_s = periods(model, tau0)
     caveats = {
         "misfit": model.p_value < CHANCE,
-        "correlated": (model.upper_end.window > 1 or model.upper_end.low_pass) and model.unfiltered is None,
-        "not_white": model.unfiltered is not None,
+        "correlated": model.upper_end.window > 1 or model.upper_end.low_pass,
         "quantised": "Q" in coefficients,
         "oscillation": bool(periods_s),
         "popcorn": jumps is not None,
@@ -406,8 +404,6 @@ def _coefficients(
         rounded = replace(rounded, high=max(rounded.high, high or 0.0))
     unrounded = _of_power(before, math.hypot(error, _rounding_error(before, rounding)))
     white = replace(rounded, low=unrounded.low) if unrounded.value else replace(unrounded, high=rounded.high)
-    if model.unfiltered is not None:
-        white = _at_the_top(white, *model.unfiltered)
     estimates: dict[NoiseTerm, Estimate] = {WHITE: white}
     if samples * tau0 < LEAST_B_K_S:
         estimates |= dict.fromkeys(GRIDDED, Estimate(reason=TOO_SHORT))
@@ -421,21 +417,6 @@ def _coefficients(
             low, high = (math.sqrt(max(power + sign * LIMIT_95 * error, 0.0)) for sign in (-1, 1))
             estimates[QUANTISATION] = Estimate(value=math.sqrt(power), low=low, high=high, status="measured")
     return {term.letter: part.scaled(term.coefficient_scale(tau0)) for term, part in estimates.items()}
-
-
-def _at_the_top(white: Estimate, below: float, highest: float, error: float) -> Estimate:
-    """Return N of noise that is not white: that of the highest band, whose limits hold the spread between readings.
-
-    Parameters
-    ----------
-    white : of the frequencies that the fit uses.
-    below, highest, error : see `Model.unfiltered`.
-    """
-    value = math.sqrt(highest)
-    spread = math.sqrt(max(below / highest, 1.0)) * math.exp(0.5 * LIMIT_95 * error)
-    return Estimate(
-        value=value, low=value / spread, high=max(white.high or 0.0, value * spread), status="measured"
-    )
 
 
 def _rounding_error(variance: float, rounding: float) -> float:
