@@ -6,7 +6,15 @@ raw_capture       raw bytes of a device, read back
 capture_writer    raw bytes of a device, written to disk
 text_file         printed logs and tables as text
 printed_log       how they are printed: the tables in a text, and its rows in bulk
+number_labels     names of numbers, by the text before them
+record_reader     numbers of the records of a text, in bulk
 columns           which number is which channel, in which unit, and how certain that is
+column_names      quantity, axis and kind in the name of a column
+unit_grammar      units: prefix, base, power, per
+column_reader     sensors and units of columns, each use with its reason
+column_clock      clock and interval of columns
+sensors_without_unit  what length, noise and counts suggest
+sizes_at_rest     1 g, and noise at rest
 formats           formats of single programs, from formats.toml
 date_reader       dates and times of day
 array_file        arrays of NumPy, MATLAB and Parquet
