@@ -195,9 +195,10 @@ class LineDecoder:
                 reading = replace(reading, uses=tuple(use for use in reading.uses if use.key != "rate"))
                 used = reading.checked("lines:", accept="accept" in self._settings)
             except ImumonError as error:
-                self._question = getattr(error, "message", str(error))
                 proposal = getattr(error, "proposal", None)
-                self._question += f": give accept or map={proposal} behind the port" if proposal else ""
+                advice = f": give accept or map={proposal} behind the port" if proposal else ""
+                # asked once: the sizes in it differ with every attempt
+                self._question = self._question or f"{getattr(error, 'message', error)}{advice}"
                 continue
             self._table, self._question = table, None
             self._pattern = re.compile(table.pattern, re.MULTILINE)

@@ -190,6 +190,20 @@ def test_the_first_lines_show_how_a_sample_is_printed(form: str, unit: str, firs
     assert times(again) == times(blocks)
 
 
+def test_a_question_is_asked_once_for_all_attempts() -> None:
+    decoder, rng, questions = LineDecoder({}), np.random.default_rng(5), set()
+    for k in range(900):
+        row = [*rng.normal(0.0, 1e-3, 3), *rng.normal((0.0, 0.0, 9.81), 0.01)]
+        decoder.feed(
+            "t={:.3f} gx={:.5f} gy={:.5f} gz={:.5f} ax={:.4f} ay={:.4f} az={:.4f}\n".format(
+                0.01 * k, *row
+            ).encode()
+        )
+        questions.update(text for text in decoder.remarks if "accept" in text)
+    assert len(questions) == 1
+    assert not decoder.messages
+
+
 def test_what_the_first_lines_state_is_not_asked() -> None:
     header = b"time_ms;gyro_x [deg/s];gyro_y [deg/s];gyro_z [deg/s];seq\n"
     data = header + b"".join(b"%d;180;%d;2;%d\n" % (10 * k, k % 2, k) for k in range(1, 100))
