@@ -144,7 +144,7 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def _without_brackets(text: str) -> tuple[str, str]:
-    """Return a name without what stands in brackets, and the unit in them; empty: none."""
+    """Return a name without the text in brackets, and the unit in them; empty: none."""
     stated = ""
     for match in list(_BRACKETS.finditer(text))[::-1]:
         inside = next((part for part in match.groups() if part is not None), "").strip()

@@ -138,7 +138,7 @@ def _two_in_one(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _between(text: str, *, first: bool) -> tuple[str, str, str, str, bool]:
-    """Return what stands between two numbers.
+    """Return the text between two numbers.
 
     Returns
     -------
