@@ -162,7 +162,11 @@ class HistoryStore:
     def _open(self, write: bool) -> None:
         connection = self._connection
         version = connection.execute("PRAGMA user_version").fetchone()[0]
-        if version == 0 and not write:
+        empty = not version and connection.execute("SELECT 1 FROM sqlite_schema").fetchone() is None
+        if empty and not write:  # of 0 bytes, or the daemon creates its tables at this moment
+            message = f"history {self.path} holds nothing yet"
+            raise HistoryError("no_history", message, "try again when a daemon has run for an hour")
+        if version == 0 and not empty:
             raise damaged(self.path)
         if version not in (0, VERSION):
             message = f"history {self.path} is of another version of imumon (schema {version})"
@@ -171,12 +175,10 @@ class HistoryStore:
             )
         if not write:
             return
-        if version == 0 and connection.execute("SELECT 1 FROM sqlite_schema").fetchone():
-            raise damaged(self.path)
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = NORMAL")
         connection.execute("PRAGMA journal_size_limit = 4194304")
-        if version == 0:
+        if empty:
             connection.executescript(f"BEGIN; {SCHEMA} PRAGMA user_version = {VERSION}; COMMIT;")
         for name in sorted(set(itertools.chain(*ESTIMATE_COLUMNS.values())) - set(self._columns("noise"))):
             connection.execute(f"ALTER TABLE noise ADD COLUMN {name}")
