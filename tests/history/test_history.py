@@ -145,8 +145,8 @@ def test_a_history_that_is_removed_is_made_again_with_what_follows(tmp_path: Pat
     """Without this, what follows goes to a file without a name, and is lost with the daemon."""
     history = History(tmp_path / "state", "imu", keep_days=400)
     history.add([period(0).period], RECORD, BEGIN)
-    # a write that goes on while its file is removed is lost with it
-    until(lambda: written(history.path) == len(NAMES) + 1)
+    history.barrier()()  # a write that goes on while its file is removed is lost with it
+    assert written(history.path) == len(NAMES) + 1
     if lost == "directory":
         shutil.rmtree(history.path.parent)
     elif lost == "renamed":
@@ -155,7 +155,7 @@ def test_a_history_that_is_removed_is_made_again_with_what_follows(tmp_path: Pat
         Path(f"{history.path}{'-wal' if lost == 'log' else ''}").unlink(missing_ok=lost == "log")
     for number in (1, 2):
         history.add([period(number).period], RECORD, BEGIN + 600.0 * number)
-        until(lambda: not history._pending)
+        history.barrier()()
     assert history.problems() == []
     history.close()
     assert len(read(history.path)) == (3 if lost == "log" else 2) * (len(NAMES) + 1)
