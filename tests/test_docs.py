@@ -2,7 +2,7 @@
 
 A block ```` ```sh ```` or ```` ```python ```` runs unchanged, next to a daemon on an emulated sensor, a recording
 and its report. A second word says why a block does not run: ``sensor`` (it needs a real one), ``service`` (a service
-manager), ``root``, ``setup`` (it installs), ``long``, ``example`` and ``lines`` (tests/devices run them), ``board``
+manager), ``root``, ``setup`` (it installs), ``long``, ``example`` and ``lines`` (tests/sources run them), ``board``
 (it runs on another computer), ``hook`` (git runs it). A ``slow`` block runs with the slow tests. The options of all
 blocks are checked against the command line.
 """

@@ -48,7 +48,7 @@ class InThread:
 
 
 REAL = ("selected",)
-"""Words in the names of tests with the real process; tests/hostile and tests/recordings/test_tables.py have others."""
+"""Words in the names of tests with the real process; tests/hostile and tests/sources/files have others."""
 
 
 @pytest.fixture(autouse=True)

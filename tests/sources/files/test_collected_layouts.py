@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-COLLECTION = Path(__file__).parents[2].parent / "shared"
+COLLECTION = Path(__file__).parents[3].parent / "shared"
 
 Axes = tuple[float, float, float]
 GYRO: Axes = (1.0e-4, 2.0e-4, 3.0e-4)

@@ -120,7 +120,7 @@ def lines(directory: Path, transport: str) -> Iterator[Bench]:
 
 def test_every_device_of_this_distribution_is_registered_and_has_a_bench() -> None:
     points = distribution("imumon").entry_points.select(group=registry.GROUP)
-    own = {"vn100", "ros2", "lines", "xsens"}  # tests/devices/xsens has the bench of the last
+    own = {"vn100", "ros2", "lines", "xsens"}  # tests/sources/xsens has the bench of the last
     assert {point.name for point in points} == own
     assert set(registry.schemes()) >= own
 
