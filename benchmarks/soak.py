@@ -135,7 +135,7 @@ def through_the_pipeline(words: argparse.Namespace, scratch: Path) -> dict[str, 
     until_s = words.minutes * 60.0 if live else words.days * 86400.0
     extra = ["--record", "/dev/null"] if live else []
     options = (f"{words.speed:g}", *(["history.enabled=false"] if words.no_history else []))
-    lapse = () if live else (sys.executable, str(Path(__file__).parents[1] / "tests" / "lapse.py"), *options)
+    lapse = () if live else (sys.executable, str(Path(__file__).with_name("lapse.py")), *options)
     taken: list[int] = []
     states: list[int] = []
     with ExitStack() as alive:
@@ -223,7 +223,7 @@ def measure(minutes: float) -> Iterator[Figure]:
 def without_a_port(words: argparse.Namespace, scratch: Path) -> dict[str, object]:
     """A daemon with its state, history and a subscriber, on blocks from memory: days pass in minutes."""
     install_memory(scratch / "site")
-    lapse = (sys.executable, str(Path(__file__).parents[1] / "tests" / "lapse.py"), f"{words.speed:g}")
+    lapse = (sys.executable, str(Path(__file__).with_name("lapse.py")), f"{words.speed:g}")
     taken: list[tuple[float, int]] = []
     began = time.monotonic()
     with Daemon("memory:", scratch / "state", before=lapse) as daemon:

@@ -1,4 +1,4 @@
-"""Processes for the tests of the bus: a daemon, a subscriber, a router and a foreign client.
+"""Actors for the tests of the bus: a daemon and a subscriber in processes of their own, and a router.
 
 Run as ``python bus_actors.py ROLE JSON``. An actor prints one JSON object per line, the first one when it is
 ready, and executes the lines that it reads.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -20,6 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import zenoh
 from free_ports import free_port
 from waiting import until
 
@@ -157,54 +157,17 @@ def subscriber(connect: list[str], **settings: Any) -> None:
                 emit(numbers=numbers, at=time.monotonic())
 
 
-def router(port: int) -> None:
-    """A bare router, such as a site may have."""
-    import zenoh
-
+def router(endpoint: str) -> zenoh.Session:
+    """Return a bare router, such as a site may have, in this process."""
     config = zenoh.Config()
     for path, value in {
         "mode": "router",
-        "listen/endpoints": [f"tcp/127.0.0.1:{port}"],
+        "listen/endpoints": [endpoint],
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
     }.items():
         config.insert_json5(path, json.dumps(value))
-    with zenoh.open(config):
-        emit(ready=True, pid=os.getpid())
-        sys.stdin.read()
-
-
-def foreign_client(connect: str, id: str, count: int, seed: int) -> None:
-    """Publishes random messages on keys of a device and others, queries, and sends random bytes to its port."""
-    import numpy as np
-    import zenoh
-
-    rng = np.random.default_rng(seed)
-    config = zenoh.Config()
-    config.insert_json5("connect/endpoints", json.dumps([connect]))
-    config.insert_json5("mode", '"client"')
-    names = ("report", "event", "grade", "alive", "gyro/x", "signal/gyro/x", "%", "a b", "ä/ö", "x" * 300)
-    keys = [f"imumon/{id}/{name}" for name in names] + ["imumon/other/report", "imumon", "a/b"]
-    queried = [
-        f"imumon/{id}/**",
-        "imumon/*/gyro/*",
-        f"imumon/{id}/signal/accel/y?x=1;y=[",
-        "**",
-        "imumon/none",
-    ]
-    host, _, port = connect.removeprefix("tcp/").rpartition(":")
-    noise, answers = rng.bytes(1 << 16), 0
-    emit(ready=True)
-    with zenoh.open(config) as session:
-        chosen, starts = rng.integers(0, len(keys), count), rng.integers(0, 1 << 15, count)
-        lengths = rng.geometric(0.01, count)
-        for number, (key, start, length) in enumerate(zip(chosen, starts, lengths, strict=True)):
-            session.put(keys[key], noise[start : start + length])
-            if number % 1000 == 0:
-                answers += sum(1 for _ in session.get(queried[number // 1000 % len(queried)], timeout=1.0))
-                with suppress(OSError), socket.create_connection((host, int(port)), timeout=1.0) as raw:
-                    raw.sendall(noise[start : start + 2000])
-    emit(put=count, answers=answers)
+    return zenoh.open(config)
 
 
 class Actor:
@@ -283,6 +246,4 @@ def free_endpoint() -> str:
 
 
 if __name__ == "__main__":
-    {"daemon": daemon, "subscriber": subscriber, "router": router, "foreign_client": foreign_client}[
-        sys.argv[1]
-    ](**json.loads(sys.argv[2]))
+    {"daemon": daemon, "subscriber": subscriber}[sys.argv[1]](**json.loads(sys.argv[2]))

@@ -89,12 +89,6 @@ def warming_up() -> Report:
     return read("warming_up")
 
 
-def of_sensors(report: Report, *sensors: str) -> Report:
-    """Return the report with the channels of these sensors alone: a figure of each takes most of a document's time."""
-    kept = {name: channel for name, channel in report.channels.items() if name.partition("/")[0] in sensors}
-    return replace(report, channels=kept)
-
-
 def with_coefficients(channel: Channel, **changed: Estimate) -> Channel:
     """Return a channel with other estimates of some coefficients."""
     return replace(channel, coefficients={**channel.coefficients, **changed})

@@ -23,13 +23,6 @@ def same(a: Any, b: bytes) -> bool:
     return bool(a == unpack(b))
 
 
-def test_load_returns_what_was_saved(tmp_path: Path) -> None:
-    Checkpoint(tmp_path, "vn100-1").close(STATE)
-    state, messages = Checkpoint(tmp_path, "vn100-1").load()
-    assert same(state, STATE)
-    assert messages == []
-
-
 @pytest.mark.parametrize("links", [True, False], ids=["links", "no-links"])
 def test_a_state_has_its_name_at_each_moment_of_a_save(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool
@@ -154,34 +147,6 @@ def test_a_state_that_cannot_be_set_aside_is_not_overwritten(
     checkpoint.close(pack({}))
     assert checkpoint.failed is None
     assert same(decode((tmp_path / "d.other-settings-1.state").read_bytes()), STATE)
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root can write everywhere")
-def test_an_unusable_state_is_set_aside_as_soon_as_possible(tmp_path: Path) -> None:
-    (tmp_path / "d.state").write_bytes(b"GIF89a")
-    tmp_path.chmod(0o500)
-    checkpoint = Checkpoint(tmp_path, "d")
-    state, messages = checkpoint.load()
-    assert state is None
-    assert "d.state" in messages[0]
-    tmp_path.chmod(0o700)
-    checkpoint.close(STATE)
-    assert (tmp_path / "d.damaged-1.state").read_bytes() == b"GIF89a"
-    assert same(Checkpoint(tmp_path, "d").load()[0], STATE)
-
-
-def test_a_failed_save_is_reported_and_keeps_the_old_state(tmp_path: Path) -> None:
-    Checkpoint(tmp_path, "d").close(STATE)
-    if os.geteuid() == 0:
-        checkpoint = Checkpoint(tmp_path, "d")
-        (tmp_path / "d.state.new").mkdir()  # in place of the new file
-    else:
-        checkpoint = Checkpoint(tmp_path, "d")
-        tmp_path.chmod(0o500)
-    checkpoint.close(pack({}))
-    tmp_path.chmod(0o700)
-    assert checkpoint.failed
-    assert same(decode((tmp_path / "d.state").read_bytes()), STATE)
 
 
 def test_of_states_saved_during_a_write_the_newest_is_written(tmp_path: Path) -> None:

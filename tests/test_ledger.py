@@ -15,13 +15,13 @@ from bags import BAGS, messages
 from daemons import free_endpoint
 from logs import SENSOR, ulog
 from tables import csv, replayed, sentences, truth
-from vn100_wire import frame
 
 from imumon.model.ledger import REASONS, RECEIVED, Ledger, imbalance, merged, with_received
 from imumon.model.report import Report, SessionCounters, from_json
 from imumon.model.report_json import to_json
 from imumon.record import Record
 from imumon.sources.lines.line_decoder import LineDecoder
+from imumon.sources.vn100 import ascii
 
 NAMES = ["t [s]", *(f"gyro_{a} [rad/s]" for a in "xyz"), *(f"accel_{a} [m/s2]" for a in "xyz")]
 
@@ -80,17 +80,6 @@ def test_rows_that_the_reader_of_blocks_takes_are_counted_alike(tmp_path: Path) 
     lines[35_000:35_000] = ["", ""]
     path.write_text("\n".join(lines) + "\n")
     assert ledger(path) == {"received": 40_003, "samples": 40_000, "header": 1, "blank": 2}
-
-
-def test_rows_that_no_choice_takes_are_of_another_sensor(tmp_path: Path) -> None:
-    t, gyro, accel = truth(200)
-    rows = [f"{s},{x[0]:.9g},{x[1]:.9g},{x[2]:.9g},{time:.9g}"
-            for time, g, a in zip(t, gyro, accel, strict=True) for s, x in (("gyro", g), ("accel", a))]  # fmt: skip
-    path = tmp_path / "a.csv"
-    path.write_text("\n".join(["sensor,x,y,z,t [s]", *rows]) + "\n")
-    assert ledger(path, where={"sensor": "gyro"}) == {
-        "received": 401, "samples": 200, "header": 1, "other_sensor": 200,
-    }  # fmt: skip
 
 
 def test_stamps_that_their_neighbours_refute_are_counted_live_and_recorded(tmp_path: Path) -> None:
@@ -199,7 +188,7 @@ def test_rows_of_other_forms_are_counted(kind: str, tmp_path: Path) -> None:
 def test_messages_that_fail_their_check_are_damaged(tmp_path: Path) -> None:
     _, texts = sentences(400)
     texts[100] = texts[100].replace("5", "6")  # the check is that of another number
-    other = [frame("VNRRG,07,40").decode().strip()] * 3
+    other = [ascii.encode("VNRRG,07,40").decode().strip()] * 3
     path = tmp_path / "a.log"
     path.write_text("\r\n".join([*texts[:50], *other, *texts[50:]]) + "\r\n")
     assert ledger(path, rate_hz=100.0) == {

@@ -13,7 +13,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from placed import PlacedRecord
 
-from imumon.checkpoint import FORMAT, Checkpoint, encode
+from imumon.checkpoint import FORMAT
 from imumon.grid.sample_clock import BREAK
 from imumon.model.samples import SampleBlock, Stream
 from imumon.model.saved_state import pack, restorable, unpack
@@ -85,41 +85,6 @@ def test_another_layout_has_another_format() -> None:
     content = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
     digest = hashlib.sha256("\n".join(attributes(content)).encode()).hexdigest()[:8]
     assert (digest, FORMAT) == (LAYOUT, LAYOUT_FORMAT), "raise FORMAT, and write both here"
-
-
-def damaged_states(directory: Path, seeds: range) -> list[int]:
-    """Return the seeds whose damaged state was continued."""
-    made = PlacedRecord(STREAM.channels, RATE)
-    feed(made, [3000], 1)
-    good = encode(made.saved())
-    continued = []
-    for seed in seeds:
-        rng = np.random.default_rng(seed)
-        data = bytearray(good)
-        match seed % 3:
-            case 0:
-                data[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
-            case 1:
-                del data[int(rng.integers(len(data))) :]
-            case _:
-                begin = int(rng.integers(len(data)))
-                data[begin : begin + 512] = rng.bytes(512)
-        (directory / "lab.state").write_bytes(data)
-        checkpoint = Checkpoint(directory, "lab")
-        loaded, messages = checkpoint.load()
-        checkpoint.close()
-        if loaded is not None or len(messages) != 1 or (directory / "lab.state").exists():
-            continued.append(seed)
-    return continued
-
-
-def test_a_damaged_state_is_set_aside(tmp_path: Path) -> None:
-    assert not damaged_states(tmp_path, range(60))
-
-
-@pytest.mark.slow
-def test_a_thousand_damaged_states_are_set_aside(tmp_path: Path) -> None:
-    assert not damaged_states(tmp_path, range(60, 1060))
 
 
 def test_arrays_keep_their_type_shape_and_order() -> None:

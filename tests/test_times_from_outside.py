@@ -10,7 +10,6 @@ from resource import RUSAGE_SELF, getrusage
 
 import numpy as np
 import pytest
-import vn100_wire
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ros2_actors import imu_payload
@@ -24,6 +23,7 @@ from imumon.ros2.topic_url import parse_url
 from imumon.sources.device import sample_blocks
 from imumon.sources.lines.line_decoder import LineDecoder
 from imumon.sources.ros2.imu_assembler import ImuAssembler
+from imumon.sources.vn100.binary import BinaryLayout, Group
 from imumon.sources.vn100.decoder import Vn100Decoder
 
 BEFORE, BETWEEN = 300, 100  # samples before the first jump, and after each
@@ -72,10 +72,10 @@ def lines(form: str, divisor: int) -> Callable[[list[int]], Iterator[SampleBlock
 
 
 def vn100(times: list[int]) -> Iterator[SampleBlock]:
-    decoder = Vn100Decoder()
+    decoder, layout = Vn100Decoder(), BinaryLayout.of({Group.COMMON: 0x0001, Group.IMU: 0x000C})
     for time, row in zip(within(times, 0, 2**64 - 1), VALUES, strict=False):
-        message = {(1, 0): (time,), (3, 2): tuple(row[3:]), (3, 3): tuple(row[:3])}
-        yield from sample_blocks(decoder.feed(vn100_wire.packet(message)))
+        message = {"timeStartup": [time], "uncompAccel": [row[3:]], "uncompGyro": [row[:3]]}
+        yield from sample_blocks(decoder.feed(layout.encode(message)))
     yield from sample_blocks(decoder.finish())
 
 

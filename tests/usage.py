@@ -13,15 +13,6 @@ def resident_kb(pid: int) -> int:
     return int(found[1]) if found else 0
 
 
-def peak_kb(pid: int) -> int:
-    """Return the largest resident memory so far, kB; 0 if the process has ended."""
-    try:
-        peak = re.search(r"VmHWM:\s+(\d+)", Path(f"/proc/{pid}/status").read_text())
-    except OSError:
-        return 0
-    return int(peak[1]) if peak else 0
-
-
 def cpu_s(pid: int) -> float:
     """Return the processor time so far, s, user and system."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()

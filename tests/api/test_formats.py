@@ -13,7 +13,6 @@ from bags import messages, write_bag1, write_bag2, write_checked_mcap
 from commands import imumon as command
 
 import imumon
-from imumon.model.errors import ImumonError
 from imumon.model.report import Report, from_json
 
 ROWS, RATE = 6_000, 100.0
@@ -96,14 +95,3 @@ def test_a_format_gives_the_numbers_of_its_samples(tmp_path: Path, of_arrays: Re
     assert of_file.channels == of_arrays.channels
     assert of_file.session.samples == of_arrays.session.samples == ROWS
     assert from_json(Report, command("replay", path, "--json")).channels == of_file.channels
-
-
-def test_samples_that_are_all_the_same_are_no_record_at_any_door(tmp_path: Path) -> None:
-    constant = np.full((900, 3), 1e-3)
-    path = tmp_path / "a.npz"
-    np.savez(path, gyro_rads=constant)
-    for given in ({"gyro": constant}, {"source": path}):
-        with pytest.raises(ImumonError) as error:
-            imumon.analyse(**given, rate_hz=RATE)
-        assert error.value.code == "all_constant"
-    assert "there is no noise" in command("replay", path, "--rate", "100", code=1)

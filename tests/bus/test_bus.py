@@ -124,18 +124,6 @@ def test_the_signal_of_one_channel_follows_the_reports(endpoint: str) -> None:
         subscriber.watch("a", None)
 
 
-def test_one_subscriber_gets_the_reports_of_two_daemons() -> None:
-    with stage() as start:
-        addresses = [free_endpoint(), free_endpoint()]
-        for id, address in zip(("left", "right"), addresses, strict=True):
-            start("daemon", id=id, listen=[address])
-        with Subscriber(addresses) as subscriber:  # before both daemons
-            until(lambda: subscriber.alive() == {"left", "right"})
-            until(lambda: set(subscriber.reports()) == {"left", "right"})
-            version = subscriber.version
-            until(lambda: subscriber.version > version)
-
-
 def test_default_endpoints_are_local_and_need_no_configuration() -> None:
     with stage() as start:
         names = ("default-1", "default-2")

@@ -1,16 +1,15 @@
-"""docs/ZENOH.md is correct: its programs run, its settings are valid, its commands make certificates."""
+"""docs/ZENOH.md is correct: its settings are valid, and its private directory keeps others out."""
 
 from __future__ import annotations
 
 import os
 import re
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import pytest
-from bus_actors import free_endpoint, stage
+from bus_actors import stage
 from paths import ROOT
 
 from imumon.bus import Subscriber
@@ -21,26 +20,6 @@ TEXT = (ROOT / "docs" / "ZENOH.md").read_text("utf-8")
 
 def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
-
-
-@pytest.mark.parametrize("number", range(len(blocks("python"))))
-def test_the_programs_run(number: int) -> None:
-    with stage() as start:
-        address = free_endpoint()
-        start("daemon", id="imu-1", listen=[address]).ready()
-        code = blocks("python")[number].replace("tcp/127.0.0.1:7448", address)
-        code = code.replace("Subscriber()", f"Subscriber([{address!r}])")
-        process = subprocess.Popen(
-            [sys.executable, "-u", "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-        assert process.stdout
-        try:
-            line = process.stdout.readline()
-        finally:
-            process.kill()
-            _, errors = process.communicate()
-        assert "imu-1" in line, errors
-        assert errors == ""
 
 
 @pytest.mark.parametrize("text", blocks("toml"))

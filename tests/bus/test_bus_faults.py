@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from bus_actors import Actor, event, free_endpoint, report, stage
+from bus_actors import router as router_at
 from free_ports import free_port
 from test_bus import plain_session
 from waiting import until
@@ -131,20 +132,17 @@ def test_a_frozen_daemon_is_not_alive_after_the_lease_and_alive_when_it_continue
 
 
 def test_each_change_of_an_uplink_and_each_send_error_is_reported_once() -> None:
-    port, messages = free_port(), list[str]()
+    address, messages = free_endpoint(), list[str]()
 
     def reported(text: str) -> bool:
         messages.extend(text for text, _ in publisher.status_changes())
         return any(text in line for line in messages)
 
-    with (
-        stage() as start,
-        Publisher("a", listen=[free_endpoint()], connect=[f"tcp/127.0.0.1:{port}"]) as publisher,
-    ):
+    with Publisher("a", listen=[free_endpoint()], connect=[address]) as publisher:
         until(lambda: reported("no answer"))
-        router = start("router", port=port).ready()
+        router = router_at(address)
         until(lambda: reported("connected"))
-        router.kill()
+        router.close()
         until(lambda: reported("lost"))
         broken = replace(report("a", 1), period_s=math.nan)
         for _ in range(3):
@@ -155,23 +153,22 @@ def test_each_change_of_an_uplink_and_each_send_error_is_reported_once() -> None
 
 def test_a_router_may_start_late_and_restart() -> None:
     with stage() as start:
-        port = free_port()
-        address, local = f"tcp/127.0.0.1:{port}", free_endpoint()
+        address, local = free_endpoint(), free_endpoint()
         daemon = start("daemon", listen=[local], connect=[address], period=0).ready()  # a single report
         daemon.send("events 3")
         with Subscriber([address]) as subscriber, Subscriber([local]) as neighbour:
             assert neighbour.wait_report("a", timeout=30.0)
             assert "no answer" in daemon.request("state")["uplinks"][address]
-            router = start("router", port=port).ready()
+            router = router_at(address)
             until(lambda: subscriber.alive() == {"a"})
             assert subscriber.wait_report("a", timeout=30.0) == report("a", 1)
             until(lambda: subscriber.events("a") == [event("a", n) for n in range(3)])
             assert daemon.request("state")["uplinks"] == {address: None}
-            router.kill()
+            router.close()
             until(lambda: not subscriber.alive())
             until(lambda: "lost" in (daemon.request("state")["uplinks"][address] or ""))
             assert neighbour.alive() == {"a"}
-            start("router", port=port).ready()
-            until(lambda: subscriber.alive() == {"a"})
-            with plain_session(address, "peer") as other_tool:  # any other tool
-                until(lambda: [r for r in other_tool.get("imumon/*/gyro/x") if r.ok])
+            with router_at(address):
+                until(lambda: subscriber.alive() == {"a"})
+                with plain_session(address, "peer") as other_tool:  # any other tool
+                    until(lambda: [r for r in other_tool.get("imumon/*/gyro/x") if r.ok])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import signal
@@ -90,8 +89,8 @@ def test_bytes_that_never_become_samples_are_shown(tmp_path: Path) -> None:
         thread.join()
 
 
-@pytest.mark.parametrize("away_s", [1.0, pytest.param(75.0, marks=pytest.mark.slow)])
-def test_restart_goes_on_with_an_exact_hole(tmp_path: Path, away_s: float) -> None:
+def test_restart_goes_on_with_an_exact_hole(tmp_path: Path) -> None:
+    away_s = 1.0
     with spawn(EmulatorSettings(seed=2)) as sensor:
         with Daemon(sensor.path, tmp_path) as first:
             before = first.samples(200)
@@ -228,17 +227,6 @@ def test_hole_is_counted_from_the_last_sample(tmp_path: Path) -> None:
             assert after.session.restarts == 1
             assert after.session.missing > 1400
             adds_up(after)
-
-
-def test_duration_ends_with_a_report(tmp_path: Path) -> None:
-    with spawn(EmulatorSettings(seed=7)) as sensor:
-        daemon = Daemon(sensor.path, tmp_path, "--duration", "3", "--json")
-        out, err = daemon.ended(60)
-        daemon.viewer.close()
-        assert daemon.process.returncode == 0, err
-        made = json.loads(out)
-        assert made["state"] == "stopped"
-        assert made["session"]["samples"] > 100
 
 
 def run(*words: str, code: int) -> str:

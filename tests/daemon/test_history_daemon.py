@@ -85,14 +85,3 @@ def test_a_restarted_daemon_reports_that_the_slope_of_the_bias_has_changed(tmp_p
         (event,) = until(lambda: [e for e in daemon.viewer.events("lab") if e.kind == "change"])
         assert (event.channel, event.level) == ("gyro/x", "warning")
         assert event.text.startswith("gyro/x: the slope against the temperature has moved from -")
-
-
-def test_no_history_is_kept_if_none_is_wanted(tmp_path: Path) -> None:
-    config = tmp_path / "config.toml"
-    config.write_text("[history]\nenabled = false\n")
-    with Daemon("sim", tmp_path, "--id", "lab", "--config", str(config)) as daemon:
-        daemon.samples(10)
-        assert ask(daemon.endpoint, "imumon/lab/history") == ([], [])
-        text = imumon("history", "--connect", daemon.endpoint, code=3)
-        assert "keeps no history" in text
-    assert not list(tmp_path.glob("*.sqlite*"))

@@ -81,18 +81,6 @@ def test_it_waits_for_a_sensor_that_comes_later(machine: Machine) -> None:
     assert machine.show(UNIT, "NRestarts") == "0"
 
 
-def test_a_driver_may_load_after_the_start(machine: Machine) -> None:
-    """No driver of a USB adapter is loaded here: its port says so, not that it is forbidden."""
-    machine.run("sh", "-c", "[ -e /dev/ttyUSB0 ] || mknod /dev/ttyUSB0 c 188 0; chgrp dialout /dev/ttyUSB0")
-    machine.run("chmod", "660", "/dev/ttyUSB0")
-    machine.run("systemctl", "start", "imumon@ttyUSB0")
-    said = machine.show("imumon@ttyUSB0", "StatusText")
-    machine.run("systemctl", "stop", "imumon@ttyUSB0")
-    assert said.startswith("waiting")
-    assert "permission" not in said
-    assert "permitted" not in said
-
-
 @contextmanager
 def all_of_it_stands_still(machine: Machine) -> Iterator[None]:
     """The daemon and all its threads."""
@@ -168,19 +156,6 @@ def _continues(machine: Machine, before: Report) -> None:
 def test_a_killed_service_is_started_again_and_its_record_continues(machine: Machine) -> None:
     before = _saved(machine)
     machine.run("kill", "-KILL", machine.show(UNIT, "MainPID"))  # as the kernel does beyond MemoryMax
-    _continues(machine, before)
-
-
-def test_the_service_beyond_its_memory_is_ended_and_its_record_continues(machine: Machine) -> None:
-    controllers = machine.run("cat", "/sys/fs/cgroup/cgroup.controllers", check=False)
-    if "memory" not in controllers.split():
-        pytest.skip("the kernel does not offer its memory controller to cgroup v2")
-    before = _saved(machine)
-    machine.run("systemctl", "set-property", "--runtime", UNIT, "MemoryMax=20M")
-    try:
-        machine.until(lambda: machine.show(UNIT, "NRestarts") != "0")
-    finally:
-        machine.run("systemctl", "set-property", "--runtime", UNIT, "MemoryMax=256M")
     _continues(machine, before)
 
 

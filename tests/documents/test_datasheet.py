@@ -9,7 +9,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
-from documents import AGES, FIGURES, SETTINGS, aged, filters, text, words
+from documents import AGES, FIGURES, SETTINGS, aged, filters, text
 from reports import report as make_report
 
 from imumon.documents import FORMS
@@ -28,17 +28,6 @@ def test_every_form_of_every_age_is_complete(age: str) -> None:
     assert not [form for form, page in shown.items() if not page.endswith("\n")]
     unknown_without_a_text = re.compile(r"\bnan\b|\binf\b|\bNone\b")
     assert not [form for form, page in shown.items() if unknown_without_a_text.search(page)]
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("form", [*SETTINGS, "md", "html"])
-def test_every_form_shows_the_caveats_of_the_stream(form: str) -> None:
-    report = make_report()
-    report = replace(report, caveats=("aliased", "compensated"))
-    shown = words(report, form).lower()
-    assert "aliased" in shown
-    assert "3.16" in shown
-    assert "compensated" in shown
 
 
 @pytest.mark.few
@@ -151,18 +140,6 @@ def test_the_summary_names_its_caveats_and_counts_in_the_singular() -> None:
     assert "vibration (accel y)" in shown
     assert f"\n{CAVEATS['aliased'].line}" in shown
     assert "in 1 gap," in shown
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("form", ["text", "md", "html"])
-@pytest.mark.parametrize("provisional", [False, True])
-def test_tables_and_datasheet_name_the_grade(form: str, provisional: bool) -> None:
-    report = make_report()
-    grade = replace(report.grade["gyro"], meets="consumer", provisional=provisional)
-    report = replace(report, grade={"gyro": grade})
-    shown = summary_text(report) if form == "text" else words(report, form)
-    assert "consumer" in shown
-    assert ("consumer, provisional" in shown) == provisional
 
 
 @pytest.mark.few

@@ -246,22 +246,6 @@ def test_every_number_says_what_it_is_and_what_it_rests_on(form: str) -> None:
     assert len(re.findall(r"rests on \d", shown)) >= (2 if form == "ros" else 4)
 
 
-@pytest.mark.parametrize(
-    ("form", "units"),
-    [
-        ("vins", {"acc_n": "m/s^2", "gyr_n": "rad/s", "acc_w": "m/s^3", "gyr_w": "rad/s^2"}),
-        ("fastlio", {"acc_cov": "(m/s^2)^2", "gyr_cov": "(rad/s)^2"}),
-        ("fastlio", {"b_acc_cov": "(m/s^3)^2", "b_gyr_cov": "(rad/s^2)^2"}),
-        ("px4", {"EKF2_GYR_NOISE": "rad/s", "EKF2_ACC_B_NOISE": "m/s^3"}),
-        ("ardupilot", {"EK3_GYRO_P_NSE": "rad/s", "EK3_ABIAS_P_NSE": "m/s^3"}),
-    ],
-)  # fmt: skip
-def test_a_number_of_another_unit_than_n_and_walk_names_it(form: str, units: dict[str, str]) -> None:
-    lines = [line.strip() for line in text(make_report(LONG_S), form).splitlines()]
-    for name, unit in units.items():
-        assert re.match(rf"(param set )?{name}\b", lines[lines.index(f"# {name} in {unit}") + 1])
-
-
 def test_a_walk_for_a_bounded_k_has_its_factor_against_half_the_bound() -> None:
     report = with_bounded_k(make_report(LONG_S))
     made = filters(report).channels["gyro/x"]

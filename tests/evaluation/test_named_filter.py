@@ -41,17 +41,6 @@ def test_what_a_filter_assumes_of_an_unknown_device_is_in_the_report(gyroscope: 
     assert "is assumed to be" not in imumon("report", gyroscope, "--filter", "8@1000")
 
 
-def test_a_filter_is_not_used_for_deltas(tmp_path: Path) -> None:
-    noise = synthesise(2000, HZ, N=[6e-5] * 3 + [1.4e-3] * 3, seed=1)
-    np.savez(tmp_path / "d.npz", t=np.arange(2000) / HZ, dt=np.full(2000, 1 / HZ),
-             DeltaTheta=noise[:, :3] / HZ, DeltaVel=noise[:, 3:] / HZ)  # fmt: skip
-    report = replayed(tmp_path / "d.npz", "--accept", "--filter", "none")
-    if report.device.stream == "deltas":
-        assert report.device.alias_factor == 1.0
-        assert any("--filter is not used" in remark for remark in report.device.remarks)
-        assert "--filter is not used" in shown(report)
-
-
 def test_a_table_whose_spectrum_shows_a_filter_has_no_warning_that_noise_folds(tmp_path: Path) -> None:
     noise = synthesise(20_000, HZ, N=[6e-5] * 3 + [1.4e-3] * 3, seed=4)
     smooth = sum(noise[k : k + 19_990] for k in range(8)) / 8.0

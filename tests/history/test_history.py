@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 from commands import imumon
-from histories import BEGIN, NAMES, RECORD, period, write, year
+from histories import BEGIN, NAMES, RECORD, period, write
 from paths import TESTS
 from waiting import until
 
@@ -26,7 +26,7 @@ from imumon.history import HistoryStore
 from imumon.history.history import History
 from imumon.history.rows import csv_pieces, json_pieces, rows
 from imumon.history.schema import VERSION
-from imumon.history.selection import Selection, SelectionError, moment, of_parameters, selection
+from imumon.history.selection import Selection, SelectionError, moment, of_parameters
 from imumon.history.store import HistoryError
 from imumon.model.coefficients import Estimate
 from imumon.model.report import Event
@@ -336,38 +336,6 @@ def test_json_and_csv_have_the_same_numbers(tmp_path: Path) -> None:
     assert lines[0]["K_high"] == "3.4e-06"
     assert lines[-1]["N_status"] == ""
     assert "".join(json_pieces(())) == "[]"
-
-
-@pytest.mark.slow
-def test_a_year_of_nine_channels_fits_into_30_mb_and_is_queried_within_a_second(tmp_path: Path) -> None:
-    path = tmp_path / "imu.history.sqlite"
-    with HistoryStore(path, write=True) as store:
-        batch = []
-        for timed in year():
-            batch.append(timed)
-            if len(batch) == 500:
-                store.add(batch)
-                batch = []
-        store.add(batch)
-    assert path.stat().st_size < 30e6
-    day = 86400.0
-    for words in (
-        {"since": BEGIN, "until": BEGIN + 365 * day},
-        {"since": BEGIN, "until": BEGIN + 365 * day, "step": "1h", "channels": ("gyro/y",)},
-    ):
-        took = []
-        for _ in range(5):  # the shortest counts: others may have the caches
-            begin = time.process_time()
-            with HistoryStore(path) as store:
-                chosen = selection(BEGIN + 365 * day, **words)
-                text = "".join(
-                    json_pieces(row for timed in store.periods(chosen) for row in rows(timed, "imu", chosen))
-                )
-            took.append(time.process_time() - begin)
-        passed = min(took)
-        print(f"{words}: {text.count(chr(10)) + 1} rows, {len(text) / 1e6:.1f} MB in {passed:.2f} s")
-        assert passed < 1.0
-    print(f"{path.stat().st_size / 1e6:.0f} MB")
 
 
 # ---------------------------------------------------------------------- the command

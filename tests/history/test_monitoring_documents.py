@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import shutil
 import subprocess
-import time
-import urllib.parse
-import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 import pytest
-from free_ports import free_port
 from paths import ROOT
 
 DOCS = ROOT / "docs" / "monitoring"
@@ -89,53 +81,3 @@ def test_each_rule_fires_for_its_fault_and_only_that(tmp_path: Path, alert: str)
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-
-
-class Prometheus:
-    """A real one with the alert rules, which scrapes one daemon every second."""
-
-    def __init__(self, address: str) -> None:
-        self._address = address
-
-    def _get(self, path: str, **parameters: str) -> Any:
-        url = f"http://{self._address}/api/v1/{path}?{urllib.parse.urlencode(parameters)}"
-        with urllib.request.urlopen(url, timeout=5) as reply:
-            answer = json.load(reply)
-        assert answer["status"] == "success", answer
-        return answer["data"]
-
-    def query(self, expression: str) -> list[dict[str, Any]]:
-        found: list[dict[str, Any]] = self._get("query", query=expression)["result"]
-        return found
-
-    def rules(self) -> dict[str, dict[str, Any]]:
-        return {rule["name"]: rule for group in self._get("rules")["groups"] for rule in group["rules"]}
-
-    def until(self, expression: str, seconds: float = 60.0) -> list[dict[str, Any]]:
-        """Series of an expression, as soon as there are some and each is a number."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            with suppress(OSError):  # it starts
-                found = self.query(expression)
-                if found and all(math.isfinite(float(each["value"][1])) for each in found):
-                    return found
-            time.sleep(0.5)
-        raise AssertionError(f"no series: {expression}")
-
-
-@contextmanager
-def prometheus(folder: Path, address: str) -> Iterator[Prometheus]:
-    own = free_port()
-    (folder / "prometheus.yml").write_text(
-        f"global: {{scrape_interval: 1s, evaluation_interval: 1s}}\nrule_files: ['{DOCS}/alerts.yml']\n"
-        f'scrape_configs:\n  - job_name: imumon\n    static_configs: [{{targets: ["{address}"]}}]\n'
-    )
-    command = [
-        "prometheus", f"--config.file={folder}/prometheus.yml", f"--storage.tsdb.path={folder}/data",
-        f"--web.listen-address=127.0.0.1:{own}", "--log.level=error",
-    ]  # fmt: skip
-    with subprocess.Popen(command) as process:
-        try:
-            yield Prometheus(f"127.0.0.1:{own}")
-        finally:
-            process.terminate()

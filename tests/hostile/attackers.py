@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import resource
-import signal
 import subprocess
 import sys
 import time
@@ -72,26 +71,6 @@ def payload(endpoint: str, id: str, seconds: float) -> int:
     return repeat(endpoint, seconds, 0.005, lambda s, n: query(s, key, payload=data, timeout=60))
 
 
-def attachment(endpoint: str, id: str, seconds: float) -> int:
-    """The same with the data in the attachment."""
-    data = bytes(BIG)
-    key = f"imumon/{id}/signal/x"
-    return repeat(endpoint, seconds, 0.005, lambda s, n: query(s, key, attachment=data, timeout=60))
-
-
-def small_payload(endpoint: str, id: str, seconds: float) -> int:
-    """Queries whose payload is just below the largest message that the daemon accepts."""
-    data = bytes(60_000)
-    key = f"imumon/{id}/signal/x"
-    return repeat(endpoint, seconds, 0.001, lambda s, n: query(s, key, payload=data, timeout=60))
-
-
-def names(endpoint: str, id: str, seconds: float) -> int:
-    """Queries for signals of channels with long names, each another one."""
-    key = f"imumon/{id}/signal/" + "x" * 60_000
-    return repeat(endpoint, seconds, 0.001, lambda s, n: query(s, f"{key}{n}", timeout=60))
-
-
 def many(endpoint: str, id: str, seconds: float) -> int:
     """Queries without a payload that wait for an hour, as many as possible."""
     key = f"imumon/{id}/signal/x"
@@ -111,36 +90,6 @@ def forge(endpoint: str, id: str, seconds: float) -> int:
     return repeat(endpoint, seconds, 0.005, put)
 
 
-def stopped(endpoint: str, id: str, seconds: float) -> int:
-    """A subscriber that queries signals, with replies that must not be dropped, and then stops."""
-    patient = {"transport/link/tx/lease": 60_000, "connect/timeout_ms": 10_000}
-    with session(endpoint, **patient) as open_session:
-        open_session.declare_subscriber("imumon/**", ignore)
-        end, count = time.monotonic() + 1.0, 0
-        while time.monotonic() < end:
-            for _ in range(20):
-                query(
-                    open_session,
-                    f"imumon/{id}/signal/**",
-                    timeout=60,
-                    congestion_control=zenoh.CongestionControl.BLOCK,
-                    priority=zenoh.Priority.REAL_TIME,
-                )
-                count += 1
-            time.sleep(0.01)
-        print(count, flush=True)
-        os.kill(os.getpid(), signal.SIGSTOP)
-    return count
-
-
-WAYS = (
-    payload,
-    many,
-    forge,
-    stopped,
-)
-
-
 @contextmanager
 def attacking(endpoint: str, id: str, seconds: float, *ways: Callable[..., int]) -> Iterator[list[int]]:
     """Attack in these ways at the same time; the yielded list has what each did after the end."""
@@ -154,9 +103,7 @@ def attacking(endpoint: str, id: str, seconds: float, *ways: Callable[..., int])
     done: list[int] = []
     try:
         yield done
-        for way, process in zip(ways, processes, strict=True):
-            if way is stopped:
-                process.kill()
+        for process in processes:
             output, _ = process.communicate(timeout=seconds + 30.0)
             done.append(int(output.split()[-1]) if output.strip() else 0)
     finally:

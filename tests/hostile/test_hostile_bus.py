@@ -7,15 +7,13 @@ Every attack was tried against an earlier version. The inputs are in `corpus_bus
 from __future__ import annotations
 
 import json
-import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import attackers
+import bus_actors
 import forked
 import pytest
 import zenoh
@@ -23,19 +21,13 @@ from attackers import attacking, resident_mb
 from bus_actors import Actor, event, free_endpoint, report, stage
 from corpus import through
 from corpus_bus import CRAFTED
-from daemons import Daemon
-from faulty_sensor import spawn
-from free_ports import free_port
 from hostile_input import Hostile
 from waiting import until
 from zenoh import ext
 
 from imumon.bus import Publisher, Subscriber, device_states
 from imumon.model.report_json import to_json
-from imumon.sources.vn100.emulator import EmulatorSettings
 
-TARGET_MB = 150.0
-"""MB resident that a daemon may take during all attacks at once."""
 GROWTH_MB = 40.0
 """MB that it may take more during one attack."""
 needs_proc = pytest.mark.skipif(
@@ -62,10 +54,9 @@ def foreign(endpoint: str) -> zenoh.Session:
 @pytest.fixture
 def router() -> Iterator[str]:
     """Endpoint of a router that lets everybody publish."""
-    with stage() as start:
-        port = free_port()
-        start("router", port=port).ready()
-        yield f"tcp/127.0.0.1:{port}"
+    endpoint = free_endpoint()
+    with bus_actors.router(endpoint):
+        yield endpoint
 
 
 def command(*arguments: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
@@ -137,52 +128,6 @@ def test_commands_print_no_escape_sequences_and_no_traceback(
         assert "owned" not in done.stderr
         assert hostile.says in done.stdout
         publishers.clear()
-
-
-# ---------------------------------------------------------------------- attacks on a daemon
-
-
-def _attack_together(tmp_path: Path, seconds: float) -> None:
-    """Attack in every way at once; no sample is lost, memory is bounded, and viewers work."""
-    ways = (*attackers.WAYS, attackers.stopped, attackers.stopped)
-    with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path, "--id", "a") as daemon:
-        daemon.samples(100)
-        # while the emulator stalls, every sample that it has sent can be counted
-        counted = sensor.ask("stall 600")
-        time.sleep(2.2)
-        first = daemon.samples()
-        sensor.ask("stall 0")
-        daemon.samples(first.session.samples + 200)
-        most = 0.0
-        with attacking(daemon.endpoint, "a", seconds, *ways) as done:
-            end = time.monotonic() + seconds
-            while time.monotonic() < end:
-                most = max(most, resident_mb(daemon.process.pid))
-                time.sleep(0.1)
-        print(dict(zip((way.__name__ for way in ways), done, strict=True)), f"{most:.0f} MB")
-        assert min(done) > 0
-        assert most < TARGET_MB
-        before = daemon.viewer.version
-        until(lambda: daemon.viewer.version > before)
-        command = [sys.executable, "-m", "imumon", "status", "--json", "--connect", daemon.endpoint]
-        status = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-        assert status.returncode == 0, status.stderr
-        with Subscriber([daemon.endpoint]) as subscriber:
-            assert subscriber.wait_report("a", timeout=30.0) is not None
-        after = sensor.ask("stall 600")
-        time.sleep(0.2)  # the thread that reads has it
-        daemon.process.send_signal(signal.SIGTERM)
-        last = daemon.wait(lambda r: r.state == "stopped")
-        sent = (after["sent"] - after["replies"]) - (counted["sent"] - counted["replies"])
-        assert sent > 100 * seconds * 0.9
-        assert last.session.samples - first.session.samples == sent
-        assert last.session.missing == last.session.bad_checksums == 0
-        assert daemon.stop()[0] == 0
-
-
-@pytest.mark.slow
-def test_everything_at_once_for_a_minute(tmp_path: Path) -> None:
-    _attack_together(tmp_path, 60.0)
 
 
 # ---------------------------------------------------------------------- what a viewer bears

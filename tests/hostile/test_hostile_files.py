@@ -5,18 +5,14 @@ from __future__ import annotations
 import json
 import os
 import random
-import resource
-import subprocess
-import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
 from corpus import through
-from corpus_recordings import HEAD, capture, mcap_bomb, table
+from corpus_recordings import capture, table
 from damage import OWN_PROCESS, SAMPLES, damaged, read_damaged
-from doors import go_through, little_memory, printable, recording
+from doors import go_through, little_memory, printable
 from hostile_input import Hostile, file
 from paths import ROOT
 from tables import read
@@ -41,14 +37,6 @@ def test_a_damaged_recording_is_an_error_or_is_read(tmp_path: Path, kind: str) -
         read_damaged(SAMPLES[kind](tmp_path), range(2 if kind in OWN_PROCESS else 30))
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(600)
-@pytest.mark.parametrize("kind", SAMPLES)
-def test_much_damage_to_a_recording_is_an_error_or_is_read(tmp_path: Path, kind: str) -> None:
-    with little_memory(2 << 30):
-        read_damaged(SAMPLES[kind](tmp_path), range(100, 200 if kind in OWN_PROCESS else 1000))
-
-
 def test_damaged_settings_are_faults_or_are_read(tmp_path: Path) -> None:
     data = (ROOT / "config.toml").read_bytes()
     path = tmp_path / "config.toml"
@@ -61,22 +49,6 @@ def test_damaged_settings_are_faults_or_are_read(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------------- more than one file or process
-
-
-@pytest.mark.slow
-def test_the_time_for_a_line_without_an_end_is_linear(tmp_path: Path) -> None:
-    """The time for 100 MB in one line was 21 s."""
-    times = []
-    for megabytes in (8, 32):
-        path = file(f"{megabytes}.csv", lambda size=megabytes: HEAD + b"1," * (size << 19))(tmp_path)
-
-        def seconds(path: Path = path) -> float:
-            begin = time.process_time()
-            assert recording(path)[0] == "line_too_long"
-            return time.process_time() - begin
-
-        times.append(min(seconds() for _ in range(2)))
-    assert times[1] < 7 * times[0] + 0.05
 
 
 def test_a_pipe_is_read_once(tmp_path: Path) -> None:
@@ -96,21 +68,3 @@ def test_a_part_lies_in_the_folder_of_its_recording(tmp_path: Path) -> None:
     source = ReplayOptions(path=str(tmp_path / "in/a.bin")).open()
     list(source)
     assert source.fed == 3
-
-
-@pytest.mark.slow
-def test_a_bag_cannot_have_more_memory_than_its_limit(tmp_path: Path) -> None:
-    """The limit of the process that reads it is the kernel's, here a low one that it inherits."""
-    path = mcap_bomb(tmp_path)
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    assert hard == resource.RLIM_INFINITY
-    code = (
-        "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (800 << 20, 800 << 20));"
-        "from imumon.__main__ import main; sys.exit(main())"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, "replay", str(path)], capture_output=True, text=True, timeout=60, check=False,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-    )  # fmt: skip
-    assert done.returncode == 1
-    assert "far more memory than its size allows" in done.stderr

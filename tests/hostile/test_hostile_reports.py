@@ -68,14 +68,6 @@ def test_many_hostile_reports_are_rejected_or_shown(seed: int) -> None:
     holds(seed)
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(1200)
-@settings(FAST, max_examples=60, derandomize=False)
-@given(seeds)
-def test_hostile_reports_are_drawn(seed: int) -> None:
-    holds(seed, drawn=True)
-
-
 # ---------------------------------------------------------------------- texts
 
 

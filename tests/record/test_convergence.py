@@ -96,21 +96,6 @@ def test_a_record_for_a_document_has_a_point_at_each_doubling_for_any_chunking()
                 np.testing.assert_allclose(*pair, rtol=1e-12)
 
 
-def test_it_continues_from_a_saved_state() -> None:
-    samples = block(100 * RATE)
-    whole = fed(samples, 1000, Record(WITH_CONVERGENCE))
-    saved = fed(selected(samples, slice(0, 80 * RATE)), 1000, Record(WITH_CONVERGENCE))
-    restored = Record(WITH_CONVERGENCE)
-    restored.restore(saved.save(), 0.0)
-    fed(selected(samples, slice(80 * RATE, None)), 1000, restored)
-    lengths = []
-    for monitor in (whole, restored):
-        part = report(monitor, "stopped").channels["gyro/y"].convergence
-        assert part is not None
-        lengths.append(part.elapsed_s)
-    assert lengths[0] == lengths[1] == (60.0, 100.0)
-
-
 def test_a_record_without_a_document_is_fitted_once() -> None:
     part = report(fed(block(150 * RATE), 1000), "stopped").channels["gyro/x"].convergence
     assert part is not None

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 from blocks_at_rest import DELTAS, NOW, TICK, block
-from daemons import Daemon
-from faulty_sensor import spawn
 
 from imumon.model.report import DeviceDescription, SessionCounters
 from imumon.model.samples import Ints, SampleBlock
 from imumon.record import Record, RecordOptions
 from imumon.record.events import RECOVERED, EventLog
 from imumon.record.loss import WINDOW_S, LossWindow
-from imumon.sources.vn100.emulator import EmulatorSettings
 
 RATE = 100.0
 
@@ -132,24 +127,3 @@ def test_a_stuck_sensor_and_its_recovery_are_events() -> None:
         )
         levels += [e.stamped(NOW, "x").level for e in monitor.events() if e.kind == "stuck"]
     assert levels == ["warning", "notice"]
-
-
-def test_a_daemon_warns_of_a_lossy_link_and_of_a_disconnected_sensor(tmp_path: Path) -> None:
-    port = str(tmp_path / "port")
-    with spawn(EmulatorSettings(seed=1, link=port)) as sensor, Daemon(port, tmp_path) as daemon:
-        daemon.samples(100)
-        sensor.ask("fault drop=0.5")
-        id = daemon.wait(lambda r: (r.session.recent_loss or 0.0) > 0.015).device.id
-        daemon.wait(lambda r: any(event.kind == "loss" for event in daemon.viewer.events(id)))
-        sensor.ask("fault")
-        sensor.ask("unplug")
-        daemon.wait(lambda r: r.state == "waiting")
-        sensor.ask("replug")
-        daemon.wait(lambda r: any(" is back on " in event.text for event in daemon.viewer.events(id)))
-        levels = {event.kind: event.level for event in daemon.viewer.events(id)}
-        assert (levels["loss"], levels["disconnect"], levels["connect"]) == ("warning", "warning", "notice")
-        _, _, log = daemon.stop()
-    assert re.search(
-        r"^..:..:.. warning: \S+ % of the samples of the last minute are missing$", log, re.MULTILINE
-    )
-    assert re.search(r"^..:..:.. notice: .* is back on ", log, re.MULTILINE)

@@ -117,7 +117,7 @@ def test_a_daemon_publishes_diagnostics_and_covariances(tmp_path: Path) -> None:
     settings.write_text('[ros2]\ncovariance = "/imu/data_cov"\n')
     with (
         ros2_actors.router(endpoint),
-        ros2_actors.publisher(endpoint, "/imu/data", 200.0),
+        ros2_actors.Driver(endpoint, "/imu/data", 200.0),
         Daemon(
             f"ros2:/imu/data?router={endpoint}",
             tmp_path,
@@ -170,7 +170,7 @@ def test_the_accelerometer_of_another_topic_is_not_that_of_the_messages() -> Non
     """The main topic has an accelerometer of its own: what was measured of another one does not describe it."""
     endpoint = free_router()
     settings = replace(Settings().ros2, covariance="/out")
-    with ros2_actors.router(endpoint), ros2_actors.publisher(endpoint, "/gyro", 200.0):
+    with ros2_actors.router(endpoint), ros2_actors.Driver(endpoint, "/gyro", 200.0):
         made = RosOutput(settings, f"ros2:/gyro?accel=/accel&router={endpoint}")
         node = open_node(parse_url(f"ros2:/x?router={endpoint}"), "listener")
         heard = node.subscribe("/out", IMU)

@@ -24,7 +24,6 @@ def test_01_unplug_and_replug(tmp_path: Path) -> None:
         play.end(before, after, Fault(on_the_way=ON_THE_WAY))
 
 
-@pytest.mark.slow
 def test_02_flapping_link(tmp_path: Path) -> None:
     flaps = 10
     with scene(tmp_path, seed=2) as play:
@@ -38,10 +37,7 @@ def test_02_flapping_link(tmp_path: Path) -> None:
         play.end(before, after, Fault(on_the_way=flaps * ON_THE_WAY))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "probability", [pytest.param(1e-4, id="1e-4", marks=pytest.mark.slow), pytest.param(1e-2, id="1e-2")]
-)
+@pytest.mark.parametrize("probability", [1e-4, 1e-2])
 def test_03_corrupted_bytes(tmp_path: Path, probability: float) -> None:
     with scene(tmp_path, seed=3) as play:
         before = play.calm()
@@ -54,7 +50,6 @@ def test_03_corrupted_bytes(tmp_path: Path, probability: float) -> None:
         play.end(before, after, Fault(exposed=exposed, damaged=damaged))
 
 
-@pytest.mark.slow
 def test_04_found_through_noise(tmp_path: Path) -> None:
     """The line is bad from the start: the sensor is found, set up and left as it was, all the same."""
     with scene(tmp_path, seed=4, corrupt=2e-3) as play:

@@ -22,7 +22,6 @@ pytestmark = pytest.mark.slow
 DAY_S = 86400
 
 
-@pytest.mark.slow
 def test_05_sensor_reboots(tmp_path: Path) -> None:
     """Its clock begins anew: a gap of a length that nobody knows, and the record goes on."""
     with scene(tmp_path, seed=5) as play:
@@ -66,8 +65,7 @@ def test_07_calendar_of_the_host_steps(tmp_path: Path, step_s: int) -> None:
         assert 0 < kept(play.state / f"{ID}{SUFFIX}") <= final.session.samples
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seconds", [1.5, pytest.param(60.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seconds", [1.5, 60.0])
 def test_08_stopped_and_continued(tmp_path: Path, seconds: float) -> None:
     """What the terminal holds is read afterwards; what it could not hold is missing, to the sample."""
     with scene(tmp_path, seed=8) as play:

@@ -65,9 +65,7 @@ def fill(directory: Path) -> bool:
 
 
 @mounts
-@pytest.mark.parametrize(
-    ("size", "records"), [("2m", True), pytest.param("700k", False, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("size", "records"), [("2m", True), ("700k", False)])
 def test_09_disk_is_full_and_has_room_again(tmp_path: Path, size: str, records: bool) -> None:
     """State and recording on one small disk: the recording ends, the state waits, both are said once.
 
@@ -97,7 +95,6 @@ def test_09_disk_is_full_and_has_room_again(tmp_path: Path, size: str, records: 
         assert play.said.count(" error: recording to ") == int(records)
 
 
-@pytest.mark.slow
 @mounts
 def test_11_state_directory_is_read_only(tmp_path: Path) -> None:
     """What is kept is taken up; nothing is written, and that is said; once it may be written, it is."""
@@ -133,7 +130,6 @@ def test_12_killed(tmp_path: Path) -> None:
         assert play.daemon.samples(10).device.source == "$VNYMR"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("damage", "serves"),
     [("cut", True), ("empty", True), ("both", False)],

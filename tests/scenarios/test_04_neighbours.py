@@ -15,7 +15,6 @@ from scene import ID, scene
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.slow
 def test_15_two_daemons(tmp_path: Path) -> None:
     """The same port, endpoint or state: each is refused in one line; the first notices nothing."""
     with scene(tmp_path, seed=15) as play:
@@ -37,7 +36,6 @@ def test_15_two_daemons(tmp_path: Path) -> None:
         play.end(before, after)
 
 
-@pytest.mark.slow
 def test_18_memory_runs_out(tmp_path: Path) -> None:
     """It ends in one line, or is ended by a library, and the next one goes on with what was saved."""
     with scene(tmp_path, seed=18) as play:

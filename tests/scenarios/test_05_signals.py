@@ -86,14 +86,9 @@ def stopping(play: Scene) -> None:
 
 
 PHASES = [starting, waiting_for_a_port, shaking_hands, first_samples, running, saving, reconnecting, stopping]
-QUICK = (starting, stopping)
 
 
-@pytest.mark.parametrize(
-    "phase",
-    [pytest.param(p, marks=[] if p in QUICK else [pytest.mark.slow]) for p in PHASES],
-    ids=lambda phase: phase.__name__,
-)
+@pytest.mark.parametrize("phase", PHASES, ids=lambda phase: phase.__name__)
 def test_19_terminated_while(tmp_path: Path, phase: Callable[[Scene], None]) -> None:
     with scene(tmp_path, seed=19, start=False) as play:
         phase(play)

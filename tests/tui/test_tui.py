@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -174,40 +173,6 @@ async def test_the_screen_waits_for_the_requested_device(app: ImumonApp, pilot: 
 # ---------------------------------------------------------------------------- status
 
 
-def status_of(source: reports.FakeSource) -> tuple[str, str, bool]:
-    """Return status line, visible text, and whether it is dimmed."""
-    results: list[tuple[str, str, bool]] = []
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        results.append((status(app), visible_text(app), app.query_one("#body").has_class("stale")))
-
-    drive(source, script, (80, 24))
-    return results[0]
-
-
-@pytest.mark.parametrize(
-    ("source", "word", "dimmed"),
-    [
-        (lambda: reports.FakeSource(reports.report()), "● live", False),
-        (lambda: reports.FakeSource(reports.warming_up()), "warming up", False),
-        (lambda: reports.FakeSource(reports.moving()), "not at rest", False),
-        (lambda: reports.FakeSource(reports.report(), age=14.0), "stale  no report for 14 s", True),
-        (lambda: reports.FakeSource(reports.report(), age=14.0, alive=False), "daemon gone  no report for", True),
-        (lambda: reports.FakeSource(reports.report(), age=14.0, alive=False, connected=False), "reconnecting", True),
-        (lambda: reports.FakeSource(reports.report(state="waiting")), "sensor gone  waiting for /dev/ttyUSB0", True),
-        (lambda: reports.FakeSource(reports.report(state="stopped"), age=60.0, alive=False), "finished", False),
-        (lambda: reports.FakeSource(reports.nothing_yet()), "starting", False),
-    ],
-)  # fmt: skip
-def test_every_status_is_named_and_never_blank(
-    source: Callable[[], reports.FakeSource], word: str, dimmed: bool
-) -> None:
-    line, text, stale = status_of(source())
-    assert word in line
-    assert stale is dimmed
-    assert len(text.split()) > 15
-
-
 def test_the_effect_of_temperature_is_a_number_only_beyond_noise() -> None:
     report = reports.report()
     channel = report.channels["gyro/x"]
@@ -249,12 +214,21 @@ async def test_the_screen_survives_loss_and_return_of_the_daemon(app: ImumonApp,
     assert not app.query_one("#body").has_class("stale")
 
 
+STATUSES = {
+    "running": "● live", "no-daemon": "no daemon", "starting": "starting", "warming-up": "warming up",
+    "moving": "not at rest", "stale": "stale  no report for 14 s", "lost": "reconnecting",
+    "gone": "daemon gone  no report for", "waiting": "sensor gone  waiting for /dev/ttyUSB0", "finished": "finished",
+}  # fmt: skip
+"""Words of the status by the source that has it."""
+
+
 @driven(lambda: SwitchableSource(), size=(80, 24))
 async def test_every_view_shows_the_status(app: ImumonApp, pilot: Pilot[int]) -> None:
     """In every state and view: title of the status, old numbers dimmed, never blank."""
     for name in SOURCES:
         app.source.use(name)
         app.poll()
+        assert STATUSES.get(name, "") in status(app)
         now = app.view_state.connection_status()
         for view in VIEWS:
             app.action_view(view)

@@ -10,10 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import imumon
-from followed_cures import outcomes
 from tables import csv, replayed, truth
 
-from imumon.api.replay_options import ReplayOptions
 from imumon.sources.files import OptionNotApplicable, RecordingError
 from imumon.sources.files.base import OptionError
 
@@ -135,13 +133,13 @@ def test_a_definition_that_the_user_names_reads_the_bag(tmp_path: Path, place: s
     file = tmp_path / (place if place.endswith(".msg") else "vendor_msgs/msg/Rates.msg")
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(RATES)
-    options = ReplayOptions(path=str(path), guarded=False, topic="/rates", accept=True)
-    reports = list(outcomes(path, options, known={"Rates.msg": str(tmp_path / place)}))
-    assert len(reports) == 1
-    assert reports[0].session.samples == 600
+    with pytest.raises(RecordingError, match=r"--msg Rates\.msg"):
+        replayed(path, topic="/rates")
+    report, _ = replayed(path, topic="/rates", definitions=str(tmp_path / place))
+    assert report.session.samples == 600
     for k, a in enumerate("xyz"):
-        assert reports[0].channels[f"gyro/{a}"].mean == pytest.approx(GYRO[:, k].mean())
-        assert reports[0].channels[f"accel/{a}"].mean == pytest.approx(ACCEL[:, k].mean())
+        assert report.channels[f"gyro/{a}"].mean == pytest.approx(GYRO[:, k].mean())
+        assert report.channels[f"accel/{a}"].mean == pytest.approx(ACCEL[:, k].mean())
 
 
 def test_a_definition_that_cannot_be_used_is_an_error(tmp_path: Path) -> None:

@@ -175,6 +175,25 @@ def test_a_file_that_is_no_recording_is_an_error(tmp_path: Path) -> None:
         assert error.value.code == code
 
 
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"[]",
+        b'{"caveats": [{}], "settings": [1], "id": 3, "alias_factor": NaN, "rate_hz": 1e400, "part": "x"}',
+        b'{"base": "/etc/passwd", "part": 0}',
+        b'{"time": "garbage", "base": "a\\u0000b", "part": 0}',
+        b"[" * 60_000,
+        b"\xff\xfe",
+    ],
+    ids=["list", "types", "elsewhere", "garbage", "deep", "no-text"],
+)
+def test_an_invalid_header_is_ignored(tmp_path: Path, header: bytes) -> None:
+    (tmp_path / "a.bin").write_bytes(b"#imumon-recording " + header + b"\nabc")
+    recording = RawCapture(str(tmp_path / "a.bin"))
+    assert b"".join(recording) == b"abc"
+    assert recording.problem is None
+
+
 def test_standard_input_is_a_recording(noise: bytes) -> None:
     code = "from imumon.sources.files import RawCapture as R; r = R('-'); print(sum(map(len, r)), r.progress)"
     done = subprocess.run(

@@ -220,13 +220,6 @@ def test_what_a_line_cannot_use_is_refused(tmp_path: Path) -> None:
     assert "lines:- cannot use --set-baud" in done.stderr
 
 
-def test_a_url_that_is_wrong_is_one_line(tmp_path: Path) -> None:
-    done = forked.run("run", "--port", "lines:/dev/x?columns=gx,speed", "--state", str(tmp_path))
-    assert done.returncode == 2
-    assert done.stderr.startswith("imumon: ")
-    assert done.stderr.count("\n") == 1
-
-
 def test_the_first_line_of_a_port_may_be_half_of_one(tmp_path: Path) -> None:
     """A half line may have all columns: only its first number is short."""
     sender = LineSender("tcp", tmp_path, rate_hz=1000.0)

@@ -36,12 +36,12 @@ UNIX_NS = 1_700_000_000_000_000_000
 
 
 @contextmanager
-def system(*, rate_hz: float = 200.0, **options: object) -> Iterator[tuple[str, ros2_actors.Actor]]:
+def system(*, rate_hz: float = 200.0, **options: Any) -> Iterator[tuple[str, ros2_actors.Driver]]:
     """A router and a driver of /imu/data; gives the endpoint and the driver."""
     endpoint = free_router()
     with (
         ros2_actors.router(endpoint),
-        ros2_actors.publisher(endpoint, "/imu/data", rate_hz, **options) as driver,
+        ros2_actors.Driver(endpoint, "/imu/data", rate_hz, **options) as driver,
     ):
         yield endpoint, driver
 
@@ -62,7 +62,7 @@ def read_until(made: Device, count: int, seconds: float = 60.0) -> list[Item]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
-    [{"hash": "TypeHashNotSupported"}, {"tokens": "no"}, {"domain": "7"}],
+    [{"hash": "TypeHashNotSupported"}, {"tokens": False}, {"domain": 7}],
     ids=["humble", "no tokens", "domain"],
 )
 def test_other_systems_are_read_too(options: dict[str, object]) -> None:
@@ -78,11 +78,11 @@ def test_other_systems_are_read_too(options: dict[str, object]) -> None:
 def test_a_router_that_restarts_is_found_again() -> None:
     endpoint = free_router()
     url = f"ros2:/imu/data?router={endpoint}"
-    with ros2_actors.router(endpoint) as first, ros2_actors.publisher(endpoint, "/imu/data", 200.0):
+    with ros2_actors.router(endpoint) as first, ros2_actors.Driver(endpoint, "/imu/data", 200.0):
         made = device(url)
         made.open()
         read_until(made, 50)
-        first.kill()
+        first.close()
         with pytest.raises(DeviceLost) as lost:
             read_until(made, 10_000)
         assert lost.value.code == "ros2_router_gone"
@@ -101,7 +101,7 @@ def test_counters_add_up_over_losses() -> None:
         made = device(f"ros2:/imu/data?router={endpoint}")
         made.open()
         read_until(made, 200)
-        driver.ask("drop 7")
+        driver.drop = 7
         items: list[Item] = []
         until(lambda: items.extend(made.read(0.1)) or any(isinstance(item, Notice) for item in items))
         read_until(made, 300)
@@ -119,20 +119,20 @@ def test_the_daemon_waits_for_the_topic_and_follows_its_driver(tmp_path: Path) -
     endpoint = free_router()
     with Daemon(f"ros2:/imu/data?router={endpoint}", tmp_path) as daemon:
         daemon.wait(lambda r: r.state == "waiting" and r.device.id == "ros2-imu-data")
-        with ros2_actors.router(endpoint), ros2_actors.publisher(endpoint, "/other", 50.0, paused="yes"):
+        with ros2_actors.router(endpoint), ros2_actors.Driver(endpoint, "/other", 50.0, paused=True):
             until(lambda: "IMU topics: /other" in daemon.log)
-            with ros2_actors.publisher(endpoint, "/imu/data", 200.0) as driver:
+            with ros2_actors.Driver(endpoint, "/imu/data", 200.0) as driver:
                 first = daemon.samples(400)
                 assert first.device.stream == "unknown"
                 assert first.device.sample_rate_hz == pytest.approx(200.0, rel=1e-6)
                 assert "unknown_compensation" in first.caveats
-                driver.ask("hide 50")
-                driver.ask("drop 30")
+                driver.hide = 50
+                driver.drop = 30
                 gone = daemon.wait(lambda r: r.session.missing >= 80)
                 assert gone.session.overruns == 1
-                driver.ask("unplug")
+                driver.unplug()
                 daemon.wait(lambda r: r.state == "waiting")
-                driver.ask("replug")
+                driver.replug()
                 back = daemon.wait(lambda r: r.state == "running" and r.session.missing > 200)
                 assert back.session.restarts == 0
                 grid = round(back.session.elapsed_s * 200.0)
@@ -259,22 +259,22 @@ def test_a_driver_that_restarts_or_changes_its_rate_is_handled_like_a_sensor(tmp
     endpoint = free_router()
     url = f"ros2:/imu/data?router={endpoint}"
     with ros2_actors.router(endpoint):
-        with ros2_actors.publisher(endpoint, "/imu/data", 200.0), Daemon(url, tmp_path) as daemon:
+        with ros2_actors.Driver(endpoint, "/imu/data", 200.0), Daemon(url, tmp_path) as daemon:
             before = daemon.samples(1000)
             daemon.stop()
         with Daemon(url, tmp_path) as daemon:
-            with ros2_actors.publisher(endpoint, "/imu/data", 200.0) as driver:
+            with ros2_actors.Driver(endpoint, "/imu/data", 200.0) as driver:
                 after = daemon.wait(lambda r: r.state == "running" and r.session.samples > 1500)
                 assert after.session.samples > before.session.samples
                 assert after.session.missing > 100
-                driver.kill()
+                driver.end()
                 daemon.wait(lambda r: r.state == "waiting")
-            with ros2_actors.publisher(endpoint, "/imu/data", 200.0) as driver:
+            with ros2_actors.Driver(endpoint, "/imu/data", 200.0) as driver:
                 back = daemon.wait(
                     lambda r: r.state == "running" and r.session.missing > after.session.missing
                 )
                 assert back.session.samples >= after.session.samples
-                driver.ask("rate 100")
+                driver.set_rate(100.0)
                 slower = daemon.wait(lambda r: 0.0 < (r.device.sample_rate_hz or 0.0) < 150.0)
                 assert slower.device.sample_rate_hz == pytest.approx(100.0, rel=1e-3)
             _, _, log = daemon.stop()

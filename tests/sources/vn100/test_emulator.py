@@ -2,42 +2,72 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
-import re
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import forked
 import numpy as np
 import pytest
-import serial
-import vn100_wire as wire
 from cases import case
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from vn100_emulated import ask, blocks, columns, make, save
 from waiting import until
 
-from imumon.model.samples import Floats
+from imumon.model.samples import Floats, SampleBlock
 from imumon.sources.device import InvalidOption
 from imumon.sources.vn100 import ascii
 from imumon.sources.vn100.binary import BinaryLayout
+from imumon.sources.vn100.decoder import Vn100Decoder
 from imumon.sources.vn100.emulator import (
-    EmulatorProcess,
     EmulatorSettings,
     Noise,
     spawn,
 )
-from imumon.sources.vn100.emulator.command_handler import BOOTING_S
+from imumon.sources.vn100.emulator.command_handler import BOOTING_S, SAVING_S, CommandHandler
+from imumon.sources.vn100.emulator.emulator import make_device
 from imumon.sources.vn100.registers import ASCII_RATES, LOOP_RATE, REGISTERS
 
 WHITE = Noise((6.1e-5,) * 3, (0.0,) * 3, (0.0,) * 3)
+
+
+def make(**options: object) -> CommandHandler:
+    """Device with white noise only, which is quick to generate, unless `options` say otherwise."""
+    quick = {"seed": 7, "gyro": WHITE, "accel": WHITE, "mag": WHITE}
+    return make_device(EmulatorSettings(**{**quick, **options}))  # type: ignore[arg-type]
+
+
+def ask(device: CommandHandler, body: str, check: str = "crc", now: float = 0.0) -> str:
+    """Reply to one command without its frame."""
+    device.receive(ascii.encode(body, check), now)  # type: ignore[arg-type]
+    replies = device.replies(now)
+    assert len(replies) == 1, replies
+    return replies[0][1:].partition(b"*")[0].decode()
+
+
+def save(device: CommandHandler, now: float) -> None:
+    device.receive(b"$VNWNV*57\r\n", now)
+    assert device.replies(now) == []
+    assert device.replies(now + SAVING_S) == [b"$VNWNV*57\r\n"]
+
+
+def blocks(messages: list[tuple[int, bytes]]) -> list[SampleBlock]:
+    decoder = Vn100Decoder()
+    items = [*decoder.feed(b"".join(message for _, message in messages)), *decoder.finish()]
+    assert decoder.discarded == 0
+    return [item for item in items if isinstance(item, SampleBlock)]
+
+
+def columns(messages: list[tuple[int, bytes]], sensor: str) -> Floats:
+    """(n, 3) samples of one sensor in these messages."""
+    sample_blocks = blocks(messages)
+    channels = sample_blocks[0].stream.channels
+    index = [i for i, name in enumerate(channels) if name.startswith(sensor)]
+    return np.concatenate([block.values[:, index] for block in sample_blocks])
+
 
 # ---------------------------------------------------------------- registers and commands
 
@@ -117,8 +147,10 @@ def test_any_input_is_answered_by_valid_messages(commands: list[tuple[str, list[
     device.receive(noise + b"\r\n", 0.0)
     for command, fields in commands:
         device.receive(ascii.encode(",".join((command, *fields))), 0.0)
+    decoder = Vn100Decoder()
     for reply in device.replies(0.0):
-        assert reply[:1] == b"\xfa" or wire.unframe(reply)
+        decoder.feed(reply)
+        assert decoder.message_bytes == decoder.fed
     assert device.outputs.bytes_per_second() <= device.baud / 10
     device.advance(device.outputs.tick + 40)
 
@@ -226,43 +258,6 @@ def test_the_warm_up_changes_the_bias() -> None:
 
 
 # ---------------------------------------------------------------- the terminal
-
-
-@contextlib.contextmanager
-def emulator(**options: object) -> Iterator[EmulatorProcess]:
-    quick = {"seed": 7, "gyro": WHITE, "accel": WHITE, "mag": WHITE}
-    with spawn(EmulatorSettings(**{**quick, **options})) as process:  # type: ignore[arg-type]
-        yield process
-
-
-class Client:
-    """A minimal client: it sends lines and searches the input for the reply."""
-
-    def __init__(self, path: str, baud: int = 115200) -> None:
-        self.port = serial.Serial(path, baud, timeout=0.02)
-
-    def __enter__(self) -> Client:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.port.close()
-
-    def ask(self, body: str) -> str:
-        """Reply to a command, without its frame; other input is discarded."""
-        self.port.write(ascii.encode(body, "xor"))
-        pattern = re.compile(rb"\$(%s(?:,[^*$]*)?|VNERR,..)\*\w+\r\n" % body[:5].encode())
-        received, end = b"", time.monotonic() + 30.0
-        while time.monotonic() < end:
-            received += self.port.read(max(1, self.port.in_waiting))
-            if match := pattern.search(received):
-                return match.group(1).decode()
-        raise AssertionError(f"no answer; received {received[-200:]!r}")
-
-    def collect(self, seconds: float) -> bytes:
-        received, end = [], time.monotonic() + seconds
-        while time.monotonic() < end:
-            received.append(self.port.read(max(1, self.port.in_waiting)))
-        return b"".join(received)
 
 
 def test_the_emulator_exits_with_its_parent() -> None:

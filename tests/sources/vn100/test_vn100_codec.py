@@ -14,7 +14,7 @@ from cases import case
 from paths import RECORDINGS, TESTS
 
 from imumon.model.samples import SampleBlock, Stream, concatenated
-from imumon.sources.vn100 import ascii, binary, checksum
+from imumon.sources.vn100 import ascii, binary
 from imumon.sources.vn100.ascii import Response, SensorError
 from imumon.sources.vn100.binary import BinaryLayout, Group
 from imumon.sources.vn100.decoder import DecodedItem, Vn100Decoder
@@ -188,45 +188,6 @@ def test_a_wink_recording_has_the_documented_messages(
 # ---------------------------------------------------------------------------------- kinds, clocks
 
 
-@pytest.mark.parametrize(
-    ("words", "kind", "clock", "sensors"),
-    [
-        ({Group.TIME: 0x0001, Group.IMU: 0x00F2}, "deltas", "startup", "gyro accel mag temperature pressure"),
-        ({Group.IMU: 0x00C0}, "deltas", "dt", "gyro accel"),
-        ({Group.COMMON: 0x0801}, "deltas", "startup", "gyro accel"),
-        ({Group.COMMON: 0x0F21}, "deltas", "startup", "gyro accel mag temperature pressure"),
-        ({Group.COMMON: 0x0739}, "uncompensated", "startup", "gyro accel mag temperature pressure"),
-        ({Group.IMU: 0x000C}, "uncompensated", "none", "gyro accel"),
-        ({Group.COMMON: 0x0120}, "compensated", "none", "gyro accel"),
-        ({Group.IMU: 0x0700}, "compensated", "none", "gyro accel mag"),
-        ({Group.IMU: 0x070E}, "uncompensated", "none", "gyro accel mag"),
-        ({Group.IMU: 0x0608}, "compensated", "none", "gyro accel"),
-        ({Group.IMU: 0x0208}, "compensated", "none", "gyro accel"),
-        ({Group.IMU: 0x0044}, "uncompensated", "dt", "gyro accel"),
-        ({Group.IMU: 0x0240}, "compensated", "dt", "gyro accel"),
-        ({Group.IMU: 0x0480}, "compensated", "none", "gyro"),
-        ({Group.IMU: 0x0080}, None, "none", ""),
-        ({Group.IMU: 0x0040}, "deltas", "dt", "gyro"),
-        ({Group.IMU: 0x0004}, "uncompensated", "none", "accel"),
-        ({Group.IMU: 0x0100}, "compensated", "none", "mag"),
-        ({Group.TIME: 0x0191}, None, "none", ""),
-        ({Group.ATTITUDE: 0x01FE}, None, "none", ""),
-        ({Group.IMU: 0x0030}, None, "none", ""),
-    ],
-)
-def test_the_stream_of_a_layout_uses_its_best_quantities(
-    words: dict[int, int], kind: str | None, clock: str, sensors: str
-) -> None:
-    converter = BinaryLayout.of(words).converter
-    if kind is None:
-        assert converter is None
-        return
-    assert converter is not None
-    assert (converter.stream.kind, converter.stream.clock) == (kind, clock)
-    names = list(dict.fromkeys(channel.partition("/")[0] for channel in converter.stream.channels))
-    assert names == sensors.split()
-
-
 def test_a_mixed_message_has_the_worse_kind_and_the_kind_of_each_sensor() -> None:
     both = BinaryLayout.of({Group.IMU: 0x00C0 | 0x0100}).converter
     mixed = BinaryLayout.of({Group.IMU: 0x0044 | 0x0100}).converter
@@ -245,29 +206,6 @@ def test_merged_blocks_keep_the_saturation_flags_of_their_samples() -> None:
     assert joined.saturated is not None
     assert joined.saturated.tolist() == [False, False, True]
     assert concatenated([silent, silent]).saturated is None
-
-
-def test_increments_are_converted_to_rates() -> None:
-    layout = BinaryLayout.of({Group.IMU: 0x00C0})
-    block = only(layout.encode({"deltaTheta": [[0.01, 1.0, -2.0, 3.0]], "deltaVel": [[0.5, 0.25, -0.0981]]}))
-    dt = float(np.float32(0.01))
-    want = [math.pi / 180 / dt, -2 * math.pi / 180 / dt, 3 * math.pi / 180 / dt, 0.5 / dt, 0.25 / dt]
-    assert block.values[0, :5] == pytest.approx(want, rel=1e-14)
-    assert block.time_ns is not None
-    assert block.time_ns.tolist() == [10_000_000]
-
-
-def test_the_status_words_of_the_sensor_report_saturation() -> None:
-    layout = BinaryLayout.of({Group.IMU: 0x080C, Group.ATTITUDE: 0x0001})
-    status = np.array([0, 0x0004, 0x0200, 0x0FFF & ~0x0204, 0, 0, 0])
-    block = only(layout.encode({"vpeStatus": status, "sensSat": [0, 0, 0, 0, 1 << 3, 1 << 8, 1]}))
-    assert block.saturated is not None
-    assert block.stream.channels[0] == "gyro/x"
-    gyro, accel = (
-        [0, 1, 0, 0, 0, 1, 0],
-        [0, 0, 1, 0, 1, 0, 0],
-    )  # the last one is a magnetometer that is not sent
-    assert block.saturated.T.tolist() == [gyro, accel]
 
 
 def test_a_message_with_a_number_that_is_not_finite_is_not_a_sample() -> None:
@@ -380,30 +318,3 @@ def test_a_valid_checksum_with_invalid_grammar_is_refused(body: str) -> None:
     decoder, items = decode(ascii.encode(body))
     assert (decoder.messages, decoder.bad_checksums, items) == (0, 0, [])
     assert decoder.discarded == decoder.fed
-
-
-@pytest.mark.parametrize(
-    "header", [b"\xfa\x81\x00\x08\x00", b"\xfa\x01\x08\x80\x00\x00", b"\xfa\x81\x00\x08\x80\x00\x00"]
-)
-def test_extension_words_without_a_field_are_skipped(header: bytes) -> None:
-    packet = header + bytes(range(12))
-    packet += checksum.crc16(packet[1:]).to_bytes(2, "big")
-    decoder, _ = decode(packet + _row(0), 1)
-    assert (decoder.messages, decoder.discarded) == (2, 0)
-
-
-@pytest.mark.parametrize(
-    "header",
-    [
-        b"\xfa\x00",
-        b"\xfa\x81\x01",
-        b"\xfa\x01\x00\x00",
-        b"\xfa\x01\x08\x80\x01\x00",
-        b"\xfa\x04\x00\x10",
-        b"\xfa\x10\x00\x02",
-    ],
-)
-def test_fields_of_unknown_size_are_refused(header: bytes) -> None:
-    decoder = Vn100Decoder()
-    decoder.feed(header)
-    assert decoder.pending == 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from cases import case
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,14 +12,6 @@ from imumon.sources.vn100.registers import DATA_REGISTERS, REGISTERS
 
 def named(number: int) -> str:
     return f"{number} {REGISTERS[number].name}"
-
-
-def test_factory_settings_have_a_description() -> None:
-    for number in (82, 85):
-        with case(number):
-            description = describe_setting(named(number), REGISTERS[number].factory)
-            assert description
-            assert len(description) <= 60
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """A daemon on an emulator in time-lapse that somebody else holds, and can ask what it has sent.
 
-    python tests/lapse.py SPEED [NAME=VALUE ...] ... run --port PATH --state DIR --listen ENDPOINT
+    python benchmarks/lapse.py SPEED [NAME=VALUE ...] ... run --port PATH --state DIR --listen ENDPOINT
 
 `imumon run --port sim --speed X` keeps its emulator to itself. This is the same daemon with the same options. Words
 with ``=`` before ``run`` are settings, in JSON. The others are skipped, so that it can precede any command that starts

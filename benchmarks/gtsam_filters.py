@@ -1,7 +1,5 @@
 """GTSAM with the exported parameters on simulated data: NEES of preintegrated rotation and velocity.
 
-It needs the folder `benchmarks` in the path.
-
 A simulated record of a sensor at rest goes through imumon and `--format gtsam`. With these parameters a graph of
 combined IMU factors, one per second, gets a rotation fix of 1 mrad and a velocity fix of 10 mm/s once a second.
 One factor more preintegrates the time without a fix. NEES is that of rotation and velocity at its end.
