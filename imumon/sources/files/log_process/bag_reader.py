@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,13 +22,6 @@ IMU = "sensor_msgs/msg/Imu"
 SENSORS = (("gyro", "angular_velocity", ":rad/s"), ("accel", "linear_acceleration", ""))
 """Fields of `sensor_msgs/Imu` with the units of its definition. An accelerometer shows its unit, and some drivers send
 g instead of m/s2: without a unit, this is an error."""
-
-_MCAP = b"\x89MCAP0\r\n"
-_RECORD = struct.Struct("<BQ")
-"""Kind and length of a record of MCAP, in front of its content."""
-_CHUNK_CRC = struct.Struct("<24xI")
-"""The CRC in the content of a chunk, after two times and a size."""
-_MESSAGE, _CHUNK, _DATA_END = 0x05, 0x06, 0x0F
 
 LOG_TIME = "log_time"
 """Column of the time at which the recorder got a message."""
@@ -63,9 +55,6 @@ class BagLog(Log):
             types = {connection.msgtype for connection in self._reader.connections}
             self._known |= given_definitions(definitions, types)
         self.topics = self._topics()
-        files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
-        if any(map(has_unchecked_messages, files)):
-            self.remarks = ["the bag has messages without a checksum: a damaged number in them does not show"]
 
     def _topics(self) -> list[Topic]:
         by_name: dict[tuple[str, str], list[Any]] = {}
@@ -87,7 +76,7 @@ class BagLog(Log):
             if connection.msgtype != IMU:
                 types = {**types, **_definitions(connection)}
             return MessageFields(types, connection.msgtype, cdr=self._cdr)
-        except Exception:  # the parser has many kinds for a definition that it cannot read
+        except Exception:  # rosbags has many kinds for a definition that it cannot read
             return None
 
     def blocks(self, topic: int, columns: Sequence[str]) -> Iterator[tuple[Floats, int]]:
@@ -101,12 +90,11 @@ class BagLog(Log):
         size = 0
 
         def rows() -> Floats:
-            names = [name for name in columns if name != LOG_TIME]
-            values, valid = fields.read(messages, names)
-            values[LOG_TIME] = np.array(stamps, dtype=np.int64)
+            values, valid = fields.read(messages, [name for name in columns if name != LOG_TIME])
+            values[LOG_TIME] = np.array(stamps, dtype=np.int64)[valid]
             out = np.full((len(messages), len(columns)), np.nan)
             for k, name in enumerate(columns):
-                column = values[name][valid]
+                column = values[name]
                 if column.dtype == np.int64 and len(column):
                     # as a float, a span is exact to the ns, an epoch is not
                     column = column - first.setdefault(name, int(column[0]))
@@ -124,30 +112,6 @@ class BagLog(Log):
                 size = 0
         if messages:
             yield rows(), size
-
-
-def has_unchecked_messages(path: Path) -> bool:
-    """Return whether a file is MCAP and has messages in a chunk without a CRC, or outside of chunks.
-
-    rosbags checks the CRC of each chunk that has one; 0 stands for none (MCAP specification, Chunk).
-    """
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        if not file.read(8).startswith(_MCAP):
-            return False
-        while len(head := file.read(_RECORD.size)) == _RECORD.size:
-            kind, length = _RECORD.unpack(head)
-            begin = file.tell()
-            if kind == _CHUNK and len(chunk := file.read(_CHUNK_CRC.size)) == _CHUNK_CRC.size:
-                if not _CHUNK_CRC.unpack(chunk)[0]:
-                    return True
-            elif kind == _MESSAGE:
-                return True
-            # a damaged length may be any, and what follows is not read as a record
-            if kind == _DATA_END or begin + length > size:
-                return False
-            file.seek(begin + length)
-    return False
 
 
 def _definitions(connection: Any) -> dict[str, Any]:
