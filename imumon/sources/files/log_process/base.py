@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,10 @@ class Topic:
     note: str = ""
 
 
+Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
+"""(n,) of each column of a topic."""
+
+
 class Log:
     """Base class of logs.
 
@@ -71,6 +75,49 @@ class Log:
         raise NotImplementedError
 
 
+class ArrayLog(Log):
+    """Log whose topics are arrays in memory.
+
+    Attributes
+    ----------
+    arrays : (n,) of each column, by topic.
+    """
+
+    arrays: Mapping[str, Arrays]
+
+    def blocks(self, topic: int, columns: Sequence[str]) -> Iterator[tuple[Floats, int]]:
+        arrays = self.arrays[self.topics[topic].name]
+        chosen = [arrays[name] for name in columns]
+        for start in range(0, len(chosen[0]), ROWS):
+            parts = [array[start : start + ROWS] for array in chosen]
+            yield np.column_stack([part.astype(np.float64) for part in parts]), sum(p.nbytes for p in parts)
+
+
+def described(
+    name: str,
+    kind: str,
+    arrays: Arrays,
+    known: Mapping[str, str],
+    *,
+    averaged: bool = False,
+    note: str = "",
+) -> Topic:
+    """Return the description of a topic of arrays; `known` is its map, in which ``t`` has ms or us."""
+    time, _, unit = known.get("t", "").partition(":")
+    times = arrays.get(time, np.zeros(0))
+    step = step_s(times)
+    return Topic(
+        name=name,
+        type=kind,
+        count=len(next(iter(arrays.values()), times)),
+        columns=list(arrays),
+        map=known,
+        averaged=averaged,
+        rate_hz=None if step is None else (1e-3 if unit == "ms" else 1.0) / step,
+        note=note,
+    )
+
+
 def best_first(topics: Sequence[Topic], preferred: str = "") -> list[Topic]:
     """Return the topics of an autopilot, the best first.
 
@@ -96,16 +143,6 @@ def best_first(topics: Sequence[Topic], preferred: str = "") -> list[Topic]:
         return neither, one, not topic.averaged, not first, -rates[topic.type], not gyro, topic.name
 
     return sorted(topics, key=rank)
-
-
-def array_blocks(
-    arrays: Mapping[str, npt.NDArray[Any]], columns: Sequence[str]
-) -> Iterator[tuple[Floats, int]]:
-    """Yield blocks of some of the arrays of a topic, and the bytes that they had in the log."""
-    chosen = [arrays[name] for name in columns]
-    for start in range(0, len(chosen[0]), ROWS):
-        parts = [array[start : start + ROWS] for array in chosen]
-        yield np.column_stack([part.astype(np.float64) for part in parts]), sum(part.nbytes for part in parts)
 
 
 def step_s(times_us: npt.NDArray[Any]) -> float | None:
@@ -151,3 +188,19 @@ def rows_at(times_us: npt.NDArray[Any], other_us: npt.NDArray[Any]) -> npt.NDArr
     # one to one, and neither has many rows that the other lacks: else one of them is slower
     same = matched == int(near.sum()) and min(near.mean(), matched / max(meanwhile, 1)) >= MATCHED
     return np.where(near, nearest, -1) if same else None
+
+
+def add_matched(arrays: Arrays, other: Arrays, time: str, columns: Mapping[str, str]) -> bool:
+    """Add the samples of another series at the same times; return whether its times are the same.
+
+    Parameters
+    ----------
+    time : column of the times, us, in both.
+    columns : name of a column in `arrays` to that in `other`. It has NaN where `other` has no row.
+    """
+    rows = rows_at(arrays[time], other[time])
+    if rows is None:
+        return False
+    for name, column in columns.items():
+        arrays[name] = np.where(rows >= 0, other[column].astype(np.float64)[rows], np.nan)
+    return True

@@ -9,9 +9,9 @@ definitions: PX4-Autopilot, msg/.
 from __future__ import annotations
 
 import mmap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,16 +20,15 @@ from imumon.grid.interval import SINGLE_EXCESS
 from imumon.model.samples import AXES, Floats
 from imumon.model.units import share_text
 from imumon.sources.files.log_process.base import (
-    Log,
+    ArrayLog,
+    Arrays,
     Topic,
-    array_blocks,
+    add_matched,
     best_first,
     degrees_at,
-    rows_at,
+    described,
     step_s,
 )
-
-Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 
 HEADER_BYTES = 16
 """Bytes before the first message."""
@@ -43,7 +42,7 @@ FIFO = {"sensor_gyro_fifo": ("gyro", "rad/s"), "sensor_accel_fifo": ("accel", "m
 """Topics with all samples of a chip: sensor and unit."""
 
 
-class ULogLog(Log):
+class ULogLog(ArrayLog):
     """Topics of a ULog file; all of it is in memory."""
 
     def __init__(self, path: Path) -> None:
@@ -53,9 +52,9 @@ class ULogLog(Log):
         data: dict[tuple[str, int], Arrays] = {}
         for dataset in log.data_list:
             data[dataset.name, dataset.multi_id] = dataset.data
-        described = [_described(name, instance, data) for name, instance in data]
-        self._arrays = {topic.name: arrays for topic, arrays in described}
-        self.topics = best_first([topic for topic, _ in described], "vehicle_imu")
+        topics = [_topic(name, instance, data) for name, instance in data]
+        self.arrays = {topic.name: arrays for topic, arrays in topics}
+        self.topics = best_first([topic for topic, _ in topics], "vehicle_imu")
         self.facts = _facts(log.msg_info_dict)
         if log.file_corruption or not is_whole(path):
             self.problem = "is corrupt: only the messages that are intact are used"
@@ -67,9 +66,6 @@ class ULogLog(Log):
         if log.dropouts:
             lost = sum(dropout.duration for dropout in log.dropouts) * 1e-3
             self.remarks = [f"its logger dropped messages for {lost:.3g} s in total"]
-
-    def blocks(self, topic: int, columns: Sequence[str]) -> Iterator[tuple[Floats, int]]:
-        yield from array_blocks(self._arrays[self.topics[topic].name], columns)
 
 
 def is_whole(path: Path) -> bool:
@@ -86,7 +82,7 @@ def is_whole(path: Path) -> bool:
         return place == size
 
 
-def _described(name: str, instance: int, data: Mapping[tuple[str, int], Arrays]) -> tuple[Topic, Arrays]:
+def _topic(name: str, instance: int, data: Mapping[tuple[str, int], Arrays]) -> tuple[Topic, Arrays]:
     """Return a topic and its arrays, with those that are derived."""
     arrays = dict(data[name, instance])
     if name in FIFO:
@@ -102,19 +98,9 @@ def _described(name: str, instance: int, data: Mapping[tuple[str, int], Arrays])
     averaged = covered is not None and covered >= COVERED
     if covered is not None and not averaged:
         note = f"its integrals cover {share_text(covered)} of the time: each value is a short average"
-    times = arrays.get(time, np.zeros(0))
-    step = step_s(times)
-    topic = Topic(
-        name=f"{name}/{instance}",
-        type=name,
-        count=len(times),
-        columns=list(arrays),
-        map={**known, "t": f"{time}:us"},
-        averaged=averaged,
-        rate_hz=None if step is None else 1.0 / step,
-        note=note if known else "",
-    )
-    return topic, arrays
+    known_time = {**known, "t": f"{time}:us"}
+    note = note if known else ""
+    return described(f"{name}/{instance}", name, arrays, known_time, averaged=averaged, note=note), arrays
 
 
 def _known_fields(
@@ -201,12 +187,10 @@ def _add_accelerometer(arrays: Arrays, other: Arrays, time: str, known: dict[str
     """Add the samples of an accelerometer at the same times to those of a gyroscope; return what was left out."""
     if time not in other or not set(AXES) <= set(other) or step_s(arrays[time]) is None:
         return ""
-    rows = rows_at(arrays[time], other[time])
-    if rows is None:
+    columns = {f"sensor_accel.{axis}": axis for axis in AXES}
+    if not add_matched(arrays, other, time, columns):
         return "sensor_accel not used: its samples are at other times; as the chosen topic it is read alone"
-    for axis in AXES:
-        arrays[f"sensor_accel.{axis}"] = np.where(rows >= 0, other[axis].astype(np.float64)[rows], np.nan)
-        known[f"accel/{axis}"] = f"sensor_accel.{axis}:m/s2"
+    known |= {f"accel/{axis}": f"sensor_accel.{axis}:m/s2" for axis in AXES}
     return ""
 
 
@@ -239,12 +223,7 @@ def _fifo(
     if (degrees := _temperature({**arrays, **integrals}, "timestamp_sample", data, source)) is not None:
         integrals[f"{source}.temperature"] = degrees
         known["temperature"] = f"{source}.temperature:degC"
-    step = step_s(integrals["timestamp_sample"])
-    rate = None if step is None else 1.0 / step
-    count = len(integrals["timestamp_sample"])
-    return Topic(
-        name=f"{name}/{instance}", type=name, count=count, columns=list(integrals), map=known, rate_hz=rate
-    ), integrals
+    return described(f"{name}/{instance}", name, integrals, known), integrals
 
 
 def _facts(info: Mapping[str, Any]) -> dict[str, str]:
