@@ -44,10 +44,10 @@ from imumon.model.samples import CHANNELS, GYRO, Floats, SampleBlock, sensor_of
 from imumon.model.saved_state import pack, restorable
 from imumon.model.system_errors import not_read, not_written
 from imumon.record.record import SavedRecord
+from imumon.sources.files.array_table import IN_MEMORY, INPUT, float_array
 from imumon.sources.files.base import ROWS, OptionError, ReadOptions, RecordingError, RowSource, Samples
 from imumon.sources.files.column_names import FEWEST
 from imumon.sources.files.column_reader import read_columns
-from imumon.sources.files.memory_table import FORM, NAME, float_array
 from imumon.sources.files.table import Table
 
 
@@ -84,7 +84,7 @@ class PushedTable(Table):
     origin_ns : ns, time of the first row of a record that is continued; None: it begins here.
     """
 
-    path = NAME
+    path = INPUT
 
     def __init__(
         self, channels: Sequence[str], timed: bool, options: ReadOptions, origin_ns: float | None = None
@@ -102,7 +102,7 @@ class PushedTable(Table):
         stated = replace(options, columns=fields, units={})
         self._names, self._stated = names, stated
         reading = read_columns(names, (), np.empty((0, len(names))), stated)
-        self._order = self._begin(RowSource(NAME, FORM, names), reading.layout(), options)
+        self._order = self._begin(RowSource(INPUT, IN_MEMORY, names), reading.layout(), options)
         self._pushed = 0
         self.origin_ns = origin_ns
         self._later_ns = 0  # by which the times of this table begin after those of the record
@@ -138,7 +138,7 @@ class PushedTable(Table):
         return [b if b.time_ns is None else replace(b, time_ns=b.time_ns + self._later_ns) for b in blocks]
 
     def no_samples(self) -> RecordingError:
-        return RecordingError("no_rows", f"{NAME} has no samples", "update it with samples first")
+        return RecordingError("no_rows", f"{INPUT} has no samples", "update it with samples first")
 
 
 class Live:
@@ -237,7 +237,7 @@ class Live:
             ended._push_all()
             replayed, table = ended._replayed, ended._table
             if replayed is None or table is None or not replayed.record.samples:
-                raise RecordingError("no_rows", f"{NAME} has no samples", "update it with samples first")
+                raise RecordingError("no_rows", f"{INPUT} has no samples", "update it with samples first")
             options = self._options
             saved = SavedLive(
                 arguments={
@@ -368,7 +368,7 @@ class Live:
     def _push_all(self) -> None:
         """Feed the samples that wait; nothing can be added after this."""
         if self._table is None or self._replayed is None:
-            raise RecordingError("no_rows", f"{NAME} has no samples", "update it with samples first")
+            raise RecordingError("no_rows", f"{INPUT} has no samples", "update it with samples first")
         if self._rows_waiting:
             self._feed(np.concatenate(self._waiting))
         for block in self._table.end():

@@ -17,9 +17,9 @@ from imumon.sources import registry
 from imumon.sources.clock import HostClock
 from imumon.sources.device import DeviceDriver
 from imumon.sources.files import ReadOptions, Recording, open_recording
+from imumon.sources.files.array_table import INPUT, ArrayTable
 from imumon.sources.files.base import BLOCK_BYTES, OptionError, Samples
 from imumon.sources.files.columns import check_meaning
-from imumon.sources.files.memory_table import NAME, MemoryTable
 
 PACED_BLOCK_BYTES = 1 << 12
 """Bytes that are decoded at once if a pace is kept: a second of samples or less."""
@@ -137,10 +137,10 @@ class ReplayOptions:
     @property
     def name(self) -> str:
         """What messages call the recording."""
-        return self.path if self.arrays is None else NAME
+        return self.path if self.arrays is None else INPUT
 
     def open(self) -> Recording:
-        """Open the recording; see `open_recording` and `MemoryTable`."""
+        """Open the recording; see `open_recording` and `ArrayTable`."""
         check_meaning(self.units, self.samples)
         options = ReadOptions(
             self.kind,
@@ -156,5 +156,5 @@ class ReplayOptions:
             self.accept,
         )
         if self.arrays is not None:
-            return MemoryTable(self.arrays, options)
+            return ArrayTable(self.arrays, options)
         return open_recording(self.path, options)

@@ -44,7 +44,7 @@ def option(field: str) -> str:
     """Return the name of an option, such as ``--rate``, or of the argument, ``rate_hz=``."""
     if field == "accept" and _in_python.get():
         return "accept=True"
-    return f"{ARGUMENTS.get(field, field)}=" if _in_python.get() else OPTIONS[field]
+    return f"{ARGUMENTS.get(field, field)}=" if _in_python.get() else OPTIONS.get(field, field)
 
 
 def option_text(**fields: Any) -> str:

@@ -18,8 +18,7 @@ sizes_at_rest     1 g, and noise at rest
 formats           formats of single programs, from formats.toml
 date_reader       dates and times of day
 array_file        arrays of NumPy, MATLAB and Parquet
-memory_table      arrays in memory
-array_table       named arrays, of a file or in memory
+array_table       named arrays, of a file or of a program
 log_file          topics of bags and of logs of autopilots
 log_process       program that reads them, with limits
 table             rows of numbers as samples, from a file or from memory

@@ -1,8 +1,12 @@
 """Table of arrays: named arrays of a file or of a program as blocks of samples.
 
 An array of one column, (n,), (n, 1) or (1, n), is a column of the table. One of three columns has an axis each. Other
-columns have the name of the array and a number from 1. Blocks of rows are taken as needed: memory does not grow with
-the arrays.
+columns have the name of the array and a number from 1.
+
+Missing samples are NaN, masked values of NumPy, ``None`` and ``NA`` of pandas. An array of dates is a time. Everything
+else that is no number is refused if its name is that of a sensor or a time: an array of objects may hold anything, and
+one of texts, of complex numbers or of bools is no signal. Rows are converted block by block, so that nothing is copied
+as a whole.
 """
 
 from __future__ import annotations
@@ -10,8 +14,8 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -20,13 +24,22 @@ from imumon.model.cures import option_text
 from imumon.model.report_json import plain
 from imumon.model.samples import AXES, Floats, SampleBlock
 from imumon.sources.files.base import ROWS, ReadOptions, RecordingError, RowSource
-from imumon.sources.files.column_names import names_sensor
+from imumon.sources.files.column_names import names_sensor, names_time
 from imumon.sources.files.column_reader import read_columns
 from imumon.sources.files.columns import LISTED, MOST_COLUMNS, Reading
 from imumon.sources.files.table import Table
 
 HEAD_ROWS = 4096
 """First rows that show what the columns are."""
+
+INPUT = "the input"
+"""What messages call the arrays of a program."""
+
+IN_MEMORY = "arrays"
+"""Their form as a source of rows, see `RowSource`."""
+
+DATE_UNITS = ("s", "ms", "us", "ns")
+"""Units of dates that a time may have; others become ns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,22 +49,13 @@ class ArrayColumn:
     Attributes
     ----------
     name : as of a column of a table.
-    array : of the array that it is a part of.
     length : rows.
-    key : its number in the array, or the name of a field; None: it is the array.
+    rows : returns the numbers from a row to another one.
     """
 
     name: str
-    array: str
     length: int
-    key: int | str | None = None
-
-
-Shape = tuple[int, ...]
-Reader = Callable[[Sequence[ArrayColumn]], Iterator[Floats]]
-"""Yields blocks of the rows of some columns, (n, k)."""
-Opened = tuple[Mapping[str, tuple[Shape, Sequence[str]]], Reader]
-"""Shape of each array, with the names of its fields, and its reader."""
+    rows: Callable[[int, int], Any]
 
 
 class ArrayTable(Table):
@@ -59,133 +63,207 @@ class ArrayTable(Table):
 
     Parameters
     ----------
+    arrays : (n,), (n, 1) or (n, k) by name; anything that `numpy.asarray` accepts, or a column of a DataFrame.
     path : for messages.
     form : of `RowSource`.
-    opened : shapes of the arrays, and what reads their rows.
 
     Raises
     ------
-    RecordingError : they have no inertial sensor, or different lengths.
+    RecordingError : they are no numbers, have different lengths or none at all, or have no inertial sensor.
     """
 
-    def __init__(self, path: str, form: str, opened: Opened, options: ReadOptions) -> None:
+    def __init__(
+        self, arrays: Mapping[str, Any], options: ReadOptions, path: str = INPUT, form: str = IN_MEMORY
+    ) -> None:
         self.path = path
-        shapes, self._read = opened
-        listed = ", ".join(
-            f"{plain(name) or 'one array'} {shape}" for name, (shape, _) in list(shapes.items())[:LISTED]
-        )
-        columns = [
-            column for name, (shape, fields) in shapes.items() for column in columns_of(name, shape, fields)
-        ]
         try:
-            columns, reading = self._columns_of_one_length(columns, options)
+            columns = [column for name, value in arrays.items() for column in columns_of(str(name), value)]
+            columns, reading = _columns_of_one_length(columns, options)
         except RecordingError as error:
-            if error.code != "no_sensor":
-                raise error.of(path) from None
-            text = f"{path}: no array is that of a gyroscope or accelerometer; there are {listed or 'none'}"
-            raise RecordingError("no_sensor", text, error.cure) from None
+            raise error if path == INPUT else error.of(path) from None
         layout = reading.checked(path, accept=options.accept).layout(options.kind)
         names = [column.name for column in columns]
         self._columns = [columns[k] for k in self._begin(RowSource(path, form, names), layout, options)]
 
-    def _columns_of_one_length(
-        self, columns: Sequence[ArrayColumn], options: ReadOptions
-    ) -> tuple[list[ArrayColumn], Reading]:
-        """Return the columns that have a sensor and one length, and what they are."""
-        lengths = Counter(column.length for column in columns if column.length > 1)
-        rate = next(
-            (
-                c
-                for c in columns
-                if c.length == 1 and re.fullmatch(r"fs|.*rate.*|.*freq.*|odr", c.name, re.IGNORECASE)
-            ),
-            None,
-        )
-        stated_hz = None if rate is None else float(next(iter(self._read([rate])))[0, 0])
-        if not lengths:
-            raise RecordingError("no_rows", "it has no samples", "pass arrays with samples")
-        faults = []
-        for length, _ in lengths.most_common():
-            some = [column for column in columns if column.length == length]
-            with self._errors():
-                rows = next(iter(self._read(some[:MOST_COLUMNS])))[:HEAD_ROWS]
-            try:
-                reading = read_columns(
-                    [column.name for column in some], (), rows, options, stated_hz=stated_hz
-                )
-            except RecordingError as error:
-                if error.code == "unknown_column" and len(lengths) > 1:
-                    listed = ", ".join(f"{column.name} {column.length:,}" for column in columns[:LISTED])
-                    text = f"its arrays have different lengths: {listed}"
-                    raise RecordingError("array_lengths", text, "save arrays of one length") from None
-                faults.append(error)
-                continue
-            others = [column.name for column in columns if column.length not in (length, 1)]
-            if others:
-                reading = replace(
-                    reading,
-                    remarks=(*reading.remarks, f"{', '.join(others[:LISTED])} not used: of another length"),
-                )
-            return some, reading
-        raise max(
-            faults,
-            key=lambda error: error.code != "no_sensor",
-            default=RecordingError(
-                "no_sensor", "it has no columns", option_text(columns={"gyro": "COLUMN,COLUMN,COLUMN:UNIT"})
-            ),
-        )
-
-    @contextmanager
-    def _errors(self) -> Iterator[None]:
-        """Turn what reading raises into an error."""
-        yield
-
     def __iter__(self) -> Iterator[list[SampleBlock]]:
-        count, done = self._columns[0].length, 0
-        with self._errors():
-            for rows in self._read(self._columns):
-                self.fed += rows.nbytes
-                done += len(rows)
-                self.progress = min(1.0, done / count)
-                yield self._blocks(rows, range(done - len(rows) + 1, done + 1))
+        count = self._columns[0].length
+        for start in range(0, count, ROWS):
+            rows = _rows(self._columns, start, min(start + ROWS, count))
+            done = start + len(rows)
+            self.fed += rows.nbytes
+            self.progress = done / count
+            yield self._blocks(rows, range(start + 1, done + 1))
         yield self._finish()
 
     def no_samples(self) -> RecordingError:
-        return RecordingError("no_rows", f"{self.path} has arrays without a sample", "save it again")
+        return RecordingError("no_rows", f"{self.path} has no samples", "give arrays with samples")
 
 
-def columns_of(array: str, shape: Shape, fields: Sequence[str]) -> list[ArrayColumn]:
-    """Return the columns of an array; raise `RecordingError` if it is that of a sensor, but transposed."""
-    if not shape:  # a single number, such as a rate, or a single structure
+def _rows(columns: Sequence[ArrayColumn], start: int, end: int) -> Floats:
+    """Return some rows of some columns, (n, k)."""
+    return np.column_stack([np.asarray(column.rows(start, end), dtype=np.float64) for column in columns])
+
+
+def _columns_of_one_length(
+    columns: Sequence[ArrayColumn], options: ReadOptions
+) -> tuple[list[ArrayColumn], Reading]:
+    """Return the columns that have a sensor and one length, and what they are."""
+    lengths = Counter(column.length for column in columns if column.length > 1)
+    if columns and not lengths:
+        raise RecordingError("no_rows", "it has no samples", "give arrays with samples")
+    listed = ", ".join(f"{column.name} {column.length:,}" for column in columns[:LISTED])
+    error = RecordingError(
+        "no_sensor",
+        f"no array is that of a gyroscope or accelerometer; there are {listed or 'none'}",
+        option_text(columns={"gyro": "COLUMN,COLUMN,COLUMN:UNIT"}),
+    )
+    for length, _ in lengths.most_common():
+        some = [column for column in columns if column.length == length]
+        rows = _rows(some[:MOST_COLUMNS], 0, min(length, HEAD_ROWS))
+        names = [column.name for column in some]
+        try:
+            reading = read_columns(names, (), rows, options, stated_hz=_stated_rate(columns))
+        except RecordingError as problem:
+            if problem.code == "unknown_column" and len(lengths) > 1:
+                text = f"its arrays have different lengths: {listed}"
+                raise RecordingError("array_lengths", text, "save arrays of one length") from None
+            if problem.code != "no_sensor":
+                error = problem
+            elif error.code == "no_sensor":
+                error = RecordingError(error.code, error.message, problem.cure)
+            continue
+        others = [column.name for column in columns if column.length not in (length, 1)]
+        remark = f"{', '.join(others[:LISTED])} not used: of another length"
+        return some, replace(reading, remarks=(*reading.remarks, remark)) if others else reading
+    raise error
+
+
+def _stated_rate(columns: Sequence[ArrayColumn]) -> float | None:
+    """Return the rate, Hz, that an array of one number has by its name; None: there is none."""
+    name = re.compile(r"fs|.*rate.*|.*freq.*|odr", re.IGNORECASE)
+    rate = next((c for c in columns if c.length == 1 and name.fullmatch(c.name)), None)
+    return None if rate is None else float(_rows([rate], 0, 1)[0, 0])
+
+
+def columns_of(name: str, value: Any) -> list[ArrayColumn]:
+    """Return the columns of an array; none if it has no meaning and no numbers.
+
+    Raises
+    ------
+    RecordingError : its name is that of a sensor or a time, and it has no numbers; or it is transposed.
+    """
+    if (dates := _dates(name, value)) is not None:
+        return [dates]
+    name_of = plain(name)
+    try:
+        array = _numbers(name_of, value)
+    except RecordingError:
+        if names_sensor(name_of) or names_time(name_of):
+            raise
+        return []  # a column of labels, say
+    if _is_extension(array):
+        return [
+            ArrayColumn(name_of, len(array), lambda start, end: _of_extension(name_of, array, start, end))
+        ]
+    if not array.ndim or array.ndim > 2:  # a single number without a length
         return []
-    name = plain(array)
-    shape = (max(shape),) if len(shape) == 2 and 1 in shape else shape
-    if fields:
-        return [ArrayColumn(plain(field), array, shape[0], field) for field in fields]
-    if len(shape) == 1:
-        return [ArrayColumn(name or "1", array, shape[0])]
-    if len(shape) != 2:
-        return []
-    rows, width = shape
+    if array.ndim == 2 and 1 in array.shape:
+        array = array.reshape(-1)
+    if array.ndim == 1:
+        return [ArrayColumn(name_of or "1", len(array), lambda start, end: _with_nan(array[start:end]))]
     # a sensor with 3 rows is refused: taken as it is, it would be three samples of many columns
-    if rows == len(AXES) != width and names_sensor(name):
-        cure = f"transpose it to n x 3, {array}={array}.T"
-        raise RecordingError("array_transposed", f"the array {array} is 3 x n", cure)
-    return [ArrayColumn(column, array, rows, k) for k, column in enumerate(_column_names(name, width))]
+    if len(array) == len(AXES) != array.shape[1] and names_sensor(name_of):
+        cure = f"transpose it to n x 3, {name}={name}.T"
+        raise RecordingError("array_transposed", f"the array {name} is 3 x n", cure)
+    return [
+        ArrayColumn(column, len(array), lambda start, end, k=k: _with_nan(array[start:end, k]))  # type: ignore[misc]
+        for k, column in enumerate(_column_names(name_of, array.shape[1]))
+    ]
 
 
 def _column_names(name: str, width: int) -> list[str]:
     """Return the names of the columns of an array: its name with the axis, or with a number from 1."""
     if name and width == len(AXES):
         return [f"{name}_{axis}" for axis in AXES]
-    # limited: a header may claim millions of columns
+    # limited: an array may have millions of columns
     return [f"{name}.{k + 1}" if name else f"{k + 1}" for k in range(min(width, MOST_COLUMNS))]
 
 
-def in_blocks(
-    columns: Sequence[ArrayColumn], take: Callable[[ArrayColumn, int, int], Any]
-) -> Iterator[Floats]:
-    """Yield blocks from what returns the rows of a column from a start to an end."""
-    for start in range(0, columns[0].length, ROWS):
-        end = min(start + ROWS, columns[0].length)
-        yield np.column_stack([np.asarray(take(column, start, end), dtype=np.float64) for column in columns])
+def float_array(name: str, value: Any) -> Floats:
+    """Return an array as floats with NaN where samples are missing.
+
+    Raises
+    ------
+    RecordingError : it holds no numbers.
+    """
+    array = _numbers(name, value)
+    if _is_extension(array):
+        return _of_extension(name, array, 0, len(array))
+    return np.asarray(_with_nan(array), dtype=np.float64)
+
+
+def _numbers(name: str, value: Any) -> Any:
+    """Return an array of numbers: of NumPy, masked or not, or a column of pandas; raise `RecordingError` of others.
+
+    An array of objects that are numbers or missing has numbers then. Without a missing value, nothing but a mistake
+    makes objects of numbers.
+    """
+    if _is_extension(value):
+        _of_extension(name, value, 0, 1)
+        return value
+    try:
+        array = np.asanyarray(value)
+    except ValueError:  # rows of different lengths
+        array = np.empty(0, object)
+    if array.dtype.kind == "O":
+        values = array.reshape(-1).tolist()
+        missing = [v is None or type(v).__name__ in ("NAType", "MaskedConstant") for v in values]
+        numbers = [isinstance(v, Real) and not isinstance(v, bool) for v in values]
+        if any(missing) and all(map(max, missing, numbers)):
+            floats = [np.nan if gone else float(v) for v, gone in zip(values, missing, strict=True)]
+            array = np.array(floats).reshape(array.shape)
+    if array.dtype.kind not in "iuf":
+        raise _no_numbers(name, array)
+    return array
+
+
+def _with_nan(array: Any) -> Any:
+    """Return an array with NaN in place of its masked values."""
+    return np.ma.filled(array.astype(np.float64), np.nan) if isinstance(array, np.ma.MaskedArray) else array
+
+
+def _is_extension(value: Any) -> bool:
+    """Return whether this is a column of pandas whose values are no array of NumPy."""
+    return hasattr(value, "iloc") and not isinstance(getattr(value, "dtype", None), np.dtype)
+
+
+def _of_extension(name: str, value: Any, start: int, end: int) -> Floats:
+    """Return some rows of such a column; NaN where it has NA."""
+    try:
+        return np.asarray(value.iloc[start:end].to_numpy(dtype=np.float64, na_value=np.nan))
+    except (TypeError, ValueError):
+        raise _no_numbers(name, value) from None
+
+
+def _dates(name: str, value: Any) -> ArrayColumn | None:
+    """Return dates or durations as a column of time with its unit; None if they are none."""
+    kind = str(getattr(value, "dtype", ""))
+    if "datetime" not in kind and "timedelta" not in kind:
+        return None
+    nanoseconds = "m8[ns]" if "timedelta" in kind else "M8[ns]"
+    dates = np.asarray(value, dtype=None if isinstance(value, np.ndarray) else nanoseconds)
+    if np.datetime_data(dates.dtype)[0] not in DATE_UNITS:
+        dates = dates.astype(nanoseconds)
+
+    def rows(start: int, end: int) -> Floats:
+        some = dates[start:end]
+        return np.where(np.isnat(some), np.nan, some.astype(np.int64).astype(np.float64))
+
+    # a type of time has its unit, which a name need not have
+    named = plain(name) if names_time(name) else "time"
+    return ArrayColumn(f"{named} [{np.datetime_data(dates.dtype)[0]}]", len(dates), rows)
+
+
+def _no_numbers(name: str, array: Any) -> RecordingError:
+    cure = "convert it to float64, such as array.astype(float); missing samples are NaN or None"
+    return RecordingError("array_type", f"{name} holds no numbers: {array.dtype} is no number", cure)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import zipfile
 from collections import Counter
 from collections.abc import Callable
@@ -154,26 +152,3 @@ def test_a_workbook_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordingError) as error:
         replayed(tmp_path / "a.xlsx")
     assert error.value.code == "format_xlsx"
-
-
-PEAK = """
-import resource, sys
-from imumon.api.replay_options import ReplayOptions
-for _ in ReplayOptions(path=sys.argv[1], accept=True).open(): pass
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
-"""
-
-
-def test_the_memory_of_an_archive_does_not_grow_with_it(tmp_path: Path) -> None:
-    def peak(n: int) -> int:
-        path = tmp_path / f"{n}.npz"
-        np.savez(
-            path,
-            t=np.arange(n) / 100.0,
-            gyro=np.sin(np.arange(3.0 * n)).reshape(n, 3),
-            accel=np.full((n, 3), 9.8),
-        )
-        words = [sys.executable, "-c", PEAK, str(path)]
-        return int(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
-
-    assert peak(900_000) - peak(100_000) < 20e6  # bytes; the arrays have 45 MB more

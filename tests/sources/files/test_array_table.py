@@ -1,4 +1,4 @@
-"""Arrays in memory: the samples of a file with the same arrays, and refusal of what is no number."""
+"""Arrays of a program: the samples of a file with the same arrays, and refusal of what is no number."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from tables import truth
 
 from imumon.model.samples import SampleBlock
 from imumon.sources.files import RecordingError
+from imumon.sources.files.array_table import ArrayTable
 from imumon.sources.files.base import OptionError, ReadOptions
-from imumon.sources.files.memory_table import MemoryTable
 from imumon.sources.files.recording import open_recording
 
 
-def samples(arrays: dict[str, Any], **options: Any) -> tuple[np.ndarray, MemoryTable]:
-    table = MemoryTable(arrays, ReadOptions(**({"accept": True} | options)))
+def samples(arrays: dict[str, Any], **options: Any) -> tuple[np.ndarray, ArrayTable]:
+    table = ArrayTable(arrays, ReadOptions(**({"accept": True} | options)))
     blocks = [block for blocks in table for block in blocks]
     return np.concatenate([block.values for block in blocks]), table
 
@@ -99,7 +99,7 @@ def test_the_user_states_units_and_what_a_sample_is(
     samples_are: Any, units: dict[str, str], factor: float
 ) -> None:
     _, gyro, _ = truth(500)
-    table = MemoryTable(
+    table = ArrayTable(
         {"gyro": gyro}, ReadOptions(rate_hz=100.0, units=units, samples=samples_are, accept=True)
     )
     blocks = [block for blocks in table for block in blocks]
@@ -116,5 +116,5 @@ def test_the_user_states_units_and_what_a_sample_is(
 )
 def test_a_unit_that_does_not_fit_is_refused(options: dict[str, Any], code: str) -> None:
     with pytest.raises(OptionError) as error:
-        MemoryTable({"gyro": truth(50)[1]}, ReadOptions(rate_hz=100.0, **options))
+        ArrayTable({"gyro": truth(50)[1]}, ReadOptions(rate_hz=100.0, **options))
     assert error.value.code == code
