@@ -10,10 +10,10 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from imumon.checkpoint import is_state
 from imumon.files import open_regular
-from imumon.model.cures import option, option_text
-from imumon.model.samples import AXES, Gap, SampleBlock
+from imumon.model.cures import option
+from imumon.model.samples import Gap, SampleBlock
 from imumon.sources.device import DeviceError, sample_blocks
-from imumon.sources.files.array_file import ArrayFile, array_kind
+from imumon.sources.files.array_file import array_file, array_kind
 from imumon.sources.files.base import (
     HEAD_BYTES,
     OptionNotApplicable,
@@ -134,36 +134,43 @@ def open_recording(path: str, options: ReadOptions) -> Recording:
     _check_not_kept(path, head)
     # the first bytes of logs and arrays are certain; text comes last, as everything may look like it
     if (kind := log_kind(path, head)) is not None:
-        _refuse_where(path, options)
+        _refuse(path, options, "where")
         return LogFile(path, kind, options)
-    if options.definitions is not None:
-        text = f"{option('definitions')} is for bags of ROS, and {path} is none"
-        raise OptionNotApplicable("msg_not_applicable", text, "leave it out")
-    arrays = array_kind(path, head)
-    opened = RawCapture(path) if arrays is None else ArrayFile(path, arrays, options)
-    if options.topic is not None:
-        text = f"{option('topic')} is for bags and logs of autopilots, and {path} is none"
-        raise OptionNotApplicable("topic_not_applicable", text, "leave it out")
-    if isinstance(opened, ArrayFile):
-        _refuse_where(path, options)
-        return opened
-    if opened.header is None and is_telemetry(opened.head):
-        text = f"{path} is a telemetry log of MAVLink (.tlog)"
-        raise RecordingError("format_tlog", text, _with_name(_tlog_cure(), path))
-    text_file = _text_file(opened, options) if opened.header is None else None
-    if text_file is not None:
-        return text_file
-    if options.sensor is not None:
-        text = f"{option('sensor')} is for tables and logs, and {path} is neither"
-        raise OptionNotApplicable("sensor_not_applicable", text, "leave it out")
-    _refuse_where(path, options)
-    if options.columns:
-        text = f"{option('columns')} is for tables and logs, and {path} has messages of a sensor"
-        raise OptionNotApplicable("map_not_applicable", text, "leave it out")
-    if options.units or options.samples is not None:
-        text = f"units and kind are for tables, and {path} has messages of a sensor, which say both"
-        raise OptionNotApplicable("units_not_applicable", text, "leave them out")
-    return DecodedCapture(opened, options.block_bytes)
+    _refuse(path, options, "definitions")
+    if (form := array_kind(path, head)) is not None:
+        _refuse(path, options, "topic", "where")
+        return array_file(path, form, options)
+    capture = RawCapture(path)
+    _refuse(path, options, "topic")
+    if capture.header is None:
+        if is_telemetry(capture.head):
+            text = f"{path} is a telemetry log of MAVLink (.tlog)"
+            raise RecordingError("format_tlog", text, TELEMETRY_CURE)
+        if _is_text(capture):
+            return TextFile(capture, options)
+    _refuse(path, options, "sensor", "where", "columns", "units", "samples")
+    return DecodedCapture(capture, options.block_bytes)
+
+
+NOT_APPLICABLE = {
+    "definitions": ("msg_not_applicable", "bags of ROS"),
+    "topic": ("topic_not_applicable", "bags and logs of autopilots"),
+    "where": ("where_not_applicable", "tables of text"),
+    "sensor": ("sensor_not_applicable", "tables and logs"),
+    "columns": ("map_not_applicable", "tables and logs"),
+    "units": ("units_not_applicable", "tables"),
+    "samples": ("units_not_applicable", "tables"),
+}
+"""Code of the error if an option does not fit, and for what it is, by its field in `ReadOptions`."""
+
+
+def _refuse(path: str, options: ReadOptions, *fields: str) -> None:
+    """Raise `OptionNotApplicable` if one of these options is given: the recording has no use for it."""
+    for field in fields:
+        if getattr(options, field):
+            code, what = NOT_APPLICABLE[field]
+            text = f"{option(field)} is for {what}, and {path} is none"
+            raise OptionNotApplicable(code, text, "leave it out")
 
 
 _REPORT = re.compile(rb'\s*\{\s*"schema"\s*:\s*"imumon\.report/')
@@ -179,27 +186,13 @@ def _check_not_kept(path: str, head: bytes) -> None:
         raise RecordingError("is_report", f"{path} is a saved report, which has no samples", cure)
 
 
-def _with_name(cure: str, path: str) -> str:
-    """Return a cure whose commands name the file; standard input has no name."""
-    return cure if path == "-" else cure.replace(" FILE ", f" {shlex.quote(path)} ")
-
-
 MAVLINK = (0xFD, 0xFE)
 """First bytes of messages of MAVLink 2 and 1."""
 
 
-def _tlog_cure() -> str:
-    """Return how to make a table of a telemetry log.
-
-    The program is a part of pymavlink (extra ``ardupilot``); SCALED_IMU2 has mrad/s and mg (MAVLink common.xml).
-    """
-    command = "mavlogdump.py --types SCALED_IMU2 --format csv FILE > imu.csv"
-    columns = {
-        "t": "SCALED_IMU2.time_boot_ms:ms",
-        **{f"gyro/{axis}": f"SCALED_IMU2.{axis}gyro:mrad/s" for axis in AXES},
-        **{f"accel/{axis}": f"SCALED_IMU2.{axis}acc:mg" for axis in AXES},
-    }
-    return f"write one of its messages as CSV, {command}, then {option_text(columns=columns)}"
+TELEMETRY_CURE = (
+    "write one of its messages as CSV with mavlogdump.py of pymavlink: --types SCALED_IMU2 --format csv"
+)
 
 
 def is_telemetry(head: bytes) -> bool:
@@ -212,26 +205,17 @@ def is_telemetry(head: bytes) -> bool:
     return len(head) > 8 and head[8] in MAVLINK and SINCE_1970_S[0] < seconds < SINCE_1970_S[1]
 
 
-def _refuse_where(path: str, options: ReadOptions) -> None:
-    """Raise `OptionNotApplicable` if rows are chosen by a column."""
-    if options.where:
-        text = f"{option('where')} is for tables of text, and {path} is none"
-        raise OptionNotApplicable("where_not_applicable", text, "leave it out")
-
-
-def _text_file(capture: RawCapture, options: ReadOptions) -> Recording | None:
-    """Return the recording that the text of a file without a header of imumon is; None: it is none."""
+def _is_text(capture: RawCapture) -> bool:
+    """Return whether a file without a header of imumon is text, and no stream of messages."""
     if utf_16(capture.head) is not None:
-        return TextFile(capture, options)
+        return True
     name = capture.path.lower().removesuffix(".gz")
     head = capture.head[:HEAD_BYTES]
-    if not name.endswith((".csv", ".tsv")) and b"\0" in head:
-        return None
-    if _is_stream_of_messages(head):
-        return None
+    if (not name.endswith((".csv", ".tsv")) and b"\0" in head) or _is_stream_of_messages(head):
+        return False
     text = decoded(head)
     printable = sum(character.isprintable() or character in "\t\r\n\v\f" for character in text)
-    return TextFile(capture, options) if printable > TEXT_SHARE * len(text) else None
+    return printable > TEXT_SHARE * len(text)
 
 
 TEXT_SHARE = 0.95
