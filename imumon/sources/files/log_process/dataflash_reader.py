@@ -141,10 +141,10 @@ class DataFlashLog(ArrayLog):
 
     def _series(self, name: str) -> Iterator[tuple[str, Arrays]]:
         """Yield the columns of numbers of a message: of an IMU, for each instance."""
-        formats, found = self._formats(name), self._rows(name)
-        if formats is None or found is None:
+        formats, messages = self._formats(name), self._rows(name)
+        if formats is None or messages is None:
             return
-        rows, _ = found
+        rows, _ = messages
         numbers = {
             column: rows[column] * SCALES[letter] if letter in SCALES else rows[column]
             for column, letter in formats.items()
