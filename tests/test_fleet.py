@@ -50,6 +50,7 @@ def test_a_measurement_and_a_growing_record_continue_in_another_process() -> Non
     assert other.report(NOW, device, "running", session) == record.report(NOW, device, "running", session)
 
 
+@pytest.mark.slow
 def test_the_program_of_the_page_combines_recordings_on_a_local_cluster(tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="the extra test has dask")
     (program,) = re.findall(

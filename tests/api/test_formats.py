@@ -87,7 +87,7 @@ def of_arrays() -> Report:
     return imumon.analyse(gyro=GYRO, accel=ACCEL, time_s=np.arange(ROWS) / RATE, units=units).report
 
 
-@pytest.mark.few(5)
+@pytest.mark.few(3)
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_format_gives_the_numbers_of_its_samples(tmp_path: Path, of_arrays: Report, name: str) -> None:
     path = WRITERS[name](tmp_path / name)

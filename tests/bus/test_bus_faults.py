@@ -66,6 +66,7 @@ def test_a_daemon_listens_on_its_endpoint_only_and_a_subscriber_on_none() -> Non
         assert sockets(subscriber.messages[0]["pid"]) == (set(), 0)
 
 
+@pytest.mark.slow
 def test_a_stopped_subscriber_delays_neither_the_daemon_nor_other_subscribers() -> None:
     with stage() as start:
         address = free_endpoint()

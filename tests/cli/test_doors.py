@@ -80,6 +80,7 @@ def test_each_door_has_the_same_ready_coefficients(report: Report) -> None:
     ]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("program", ["kalibr", "vins", "ros"])
 @pytest.mark.parametrize("made", [reports.report, reports.long_report])
 def test_each_door_gives_the_same_numbers(made, program: str, tmp_path: Path) -> None:

@@ -69,6 +69,7 @@ def test_a_state_directory_that_cannot_be_one_is_refused_at_the_start(state: str
     assert "/dev/null is not a directory: give a directory with --state" in message
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("command", [("run", "--port", "sim"), ("demo",)])
 def test_a_signal_during_the_start_leaves_no_temporary_directory(
     command: tuple[str, ...], tmp_path: Path
@@ -106,6 +107,7 @@ def test_standard_streams_may_be_full_or_closed(redirected: str, code: int, text
     assert (done.returncode, done.stderr) == (code, text)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
 def test_output_in_an_encoding_that_lacks_characters(encoding: str, tmp_path: Path) -> None:
     """Missing characters are replaced; JSON loses nothing."""

@@ -102,6 +102,7 @@ def test_damaged_messages_are_detected(case: Case, fault: str) -> None:
     assert results["checksums"].cure
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("fault", ["drop=0.25", "duplicate=0.5"])
 def test_the_rate_of_a_stream_without_a_clock_is_checked(case: Case, fault: str) -> None:
     with spawn(EmulatorSettings(seed=1)) as sensor:

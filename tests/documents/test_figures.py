@@ -62,6 +62,7 @@ def test_a_coefficient_below_the_frame_is_not_marked() -> None:
     assert "K" not in letters
 
 
+@pytest.mark.slow
 def test_a_figure_leaves_nothing_in_the_home_directory(tmp_path: Path) -> None:
     report = make_report(200.0)
     gyro = {name: channel for name, channel in report.channels.items() if name[:4] == "gyro"}

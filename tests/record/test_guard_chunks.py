@@ -97,6 +97,7 @@ def test_any_blocks_give_the_same_result(
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-15)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", ["motion", "tilt", "tail", "stuck"])
 def test_single_samples_and_equal_blocks_give_the_same_result(kind: str) -> None:
     placed = record([(kind, 1500)], 3)

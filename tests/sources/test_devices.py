@@ -44,7 +44,12 @@ from imumon.sources.vn100.emulator import EmulatorSettings
 class TestConformance(DeviceConformance):
     """Every device of the trunk, and the fake."""
 
-    @pytest.fixture(params=["vn100", "ros2", "fake", "lines over pty", "lines over tcp", "lines over udp"])
+    @pytest.fixture(
+        params=[
+            "vn100", "ros2", "fake", "lines over pty",
+            *(pytest.param(f"lines over {kind}", marks=pytest.mark.slow) for kind in ("tcp", "udp")),
+        ]
+    )  # fmt: skip
     def bench(self, request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
         scheme, _, transport = request.param.partition(" over ")
         with {"vn100": vn100, "ros2": ros2, "fake": fake, "lines": lines}[scheme](

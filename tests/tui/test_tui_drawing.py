@@ -16,6 +16,7 @@ from imumon.tui.formatting import length
 from imumon.tui.widgets import ROLES, THEMES, DrawnPanel, RoleStyles
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("size", [(20, 6), (40, 12), (80, 24), (131, 33), (132, 34), (220, 60)])
 def test_every_view_draws_at_every_size(size: tuple[int, int]) -> None:
     async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
@@ -29,6 +30,7 @@ def test_every_view_draws_at_every_size(size: tuple[int, int]) -> None:
     drive(reports.FakeSource(reports.report()), script, size)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("size", [(80, 24), (150, 40), (220, 60)])
 def test_no_number_is_truncated(size: tuple[int, int]) -> None:
     """Each coefficient is shown in full, also after rows without values."""
@@ -51,6 +53,7 @@ def test_no_number_is_truncated(size: tuple[int, int]) -> None:
     drive(source, script, size)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("theme", [*(t.name for t in THEMES), "ansi-dark"])
 def test_no_colour_and_every_theme_draw(theme: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NO_COLOR", "1")

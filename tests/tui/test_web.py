@@ -93,6 +93,7 @@ def accepted(client: socket.socket) -> bool:
     return b" 101 " in client.recv(4096)
 
 
+@pytest.mark.slow
 def test_the_page_has_so_many_screens_and_one_that_is_gone_makes_room(tmp_path: Path) -> None:
     with page(tmp_path) as (address, process), ExitStack() as browsers:
         opened = [browsers.enter_context(open_screen(address)) for _ in range(MOST_BROWSERS)]

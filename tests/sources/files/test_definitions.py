@@ -61,6 +61,7 @@ def objects(gyro: str = "angular_velocity", *, stamp: bool = True) -> list[bytes
     ]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("compression", [None, "", "lz4"])
 @pytest.mark.parametrize("stamp", [True, False])
 def test_messages_in_json_are_read(tmp_path: Path, compression: str | None, stamp: bool) -> None:
@@ -127,6 +128,7 @@ def bag_without_definitions(path: Path) -> Path:
     return path
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("place", ["Rates.msg", "vendor_msgs/msg/Rates.msg", "vendor_msgs"])
 def test_a_definition_that_the_user_names_reads_the_bag(tmp_path: Path, place: str) -> None:
     path = bag_without_definitions(tmp_path / "bag")

@@ -78,6 +78,7 @@ T4 = 10**7 + np.arange(N) * 4000
 # ---------------------------------------------------------------- real logs
 
 
+@pytest.mark.few
 @needs_recordings
 @pytest.mark.parametrize("path", sorted(RECORDINGS.glob("px4_*.ulg")), ids=lambda path: path.stem)
 def test_a_real_px4_log_has_the_samples_of_pyulog(path: Path) -> None:
