@@ -1,18 +1,16 @@
 """zenoh-ros2-sdk, another implementation of a ROS 2 node over Zenoh, in a process of its own.
 
     python ros2_sdk.py publish HOST PORT TOPIC
-    python ros2_sdk.py listen HOST PORT TOPIC COUNT
     python ros2_sdk.py info HOST PORT TOPIC
 
-``publish`` sends 200 messages at 200 Hz with the sample number as angular_velocity.x. ``listen`` prints the
-messages, and ``info`` what `ros2 topic list` and `ros2 topic info` show, as JSON.
+``publish`` sends 400 messages at 200 Hz with the sample number as angular_velocity.x. ``info`` prints what
+`ros2 topic list` and `ros2 topic info` show, as JSON.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-import threading
 import time
 from typing import Any
 
@@ -63,32 +61,6 @@ def publish(topic: str, where: dict[str, Any]) -> None:
     sys.stdin.readline()
 
 
-def listen(topic: str, where: dict[str, Any], count: int) -> None:
-    from zenoh_ros2_sdk import ROS2Subscriber
-
-    got: list[Any] = []
-    done = threading.Event()
-
-    def note(message: Any) -> None:
-        got.append(
-            {
-                "frame": message.header.frame_id,
-                "stamp": [message.header.stamp.sec, message.header.stamp.nanosec],
-                "gyro": [message.angular_velocity.x, message.angular_velocity.y, message.angular_velocity.z],
-                "gyro_covariance": [float(each) for each in message.angular_velocity_covariance],
-                "accel_z": message.linear_acceleration.z,
-                "accel_covariance": [float(each) for each in message.linear_acceleration_covariance],
-            }
-        )
-        if len(got) >= count:
-            done.set()
-
-    ROS2Subscriber(topic, "sensor_msgs/msg/Imu", note, IMU_DEFINITION, type_hash=IMU_HASH, **where)
-    print("ready", flush=True)
-    done.wait(30.0)
-    print(json.dumps(got), flush=True)
-
-
 def info(topic: str, where: dict[str, Any]) -> None:
     from zenoh_ros2_sdk import discovery
 
@@ -104,7 +76,5 @@ if __name__ == "__main__":
     where = {"router_ip": sys.argv[2], "router_port": int(sys.argv[3])}
     if sys.argv[1] == "publish":
         publish(sys.argv[4], where)
-    elif sys.argv[1] == "listen":
-        listen(sys.argv[4], where, int(sys.argv[5]))
     else:
         info(sys.argv[4], where)

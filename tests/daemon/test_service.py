@@ -29,7 +29,6 @@ from imumon.sources.vn100.emulator import EmulatorSettings, spawn
 from imumon.sources.vn100.vn100_session import Vn100Session
 
 UNIT = ROOT / "systemd" / "imumon@.service"
-RULE = ROOT / "systemd" / "90-imumon.rules.example"
 
 
 def unit_settings() -> dict[str, list[str]]:
@@ -246,39 +245,3 @@ def test_only_the_journal_gets_priorities(form: str, monkeypatch: pytest.MonkeyP
     elsewhere, here = (tmp_path / "err").read_text().splitlines()
     assert elsewhere.startswith("<4>") == (form == "journal")
     assert here.startswith("<3>")
-
-
-USB = """
-mount -t tmpfs none /sys && mount -t tmpfs none /run && mount -t tmpfs none /dev
-mknod /dev/null c 1 3 && mknod /dev/ttyUSB0 c 188 0
-adapter=/sys/devices/usb1/1-1 port=/sys/devices/usb1/1-1/1-1:1.0/ttyUSB0 tty=$port/tty/ttyUSB0
-mkdir -p $tty /sys/class/tty /sys/bus/usb /sys/bus/usb-serial/drivers/ftdi_sio /run/udev/rules.d
-echo A1B2C3D4 > $adapter/serial; ln -s /sys/bus/usb $adapter/subsystem
-printf 'DEVTYPE=usb_device\nDRIVER=usb\n' > $adapter/uevent
-echo 'DRIVER=ftdi_sio' > $port/uevent; ln -s /sys/bus/usb-serial $port/subsystem
-echo 16 > $port/latency_timer
-ln -s /sys/bus/usb-serial/drivers/ftdi_sio $port/driver
-printf 'MAJOR=188\nMINOR=0\nDEVNAME=ttyUSB0\n' > $tty/uevent; ln -s /sys/class/tty $tty/subsystem
-cp "$1" /run/udev/rules.d/90-imumon.rules
-export SYSTEMD_DEVICE_VERIFY_SYSFS=0
-udevadm test --action=add $tty 2>&1 && udevadm test --action=add $port 2>&1
-readlink /dev/imumon/*
-"""
-"""A plugged-in adapter as udev finds it, in folders of our own."""
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give udev other folders")
-@pytest.mark.skipif(shutil.which("udevadm") is None, reason="udevadm is not installed")
-def test_the_rule_names_one_adapter_and_starts_its_service(tmp_path: Path) -> None:
-    text = RULE.read_text()
-    for serial, taken in (("A1B2C3D4", True), ("FT4XYZ12", False)):
-        rule = tmp_path / "rules"
-        rule.write_text(text.replace("A1B2C3D4", serial))
-        command = ["unshare", "--mount", "sh", "-c", USB, "sh", rule]
-        output = subprocess.run(command, capture_output=True, text=True, check=False).stdout
-        assert "ACTION=add" in output
-        assert "Invalid" not in output
-        assert ("SYSTEMD_WANTS=imumon@imumon-A1B2C3D4.service" in output) == taken
-        assert ("ID_MM_DEVICE_IGNORE=1" in output) == taken
-        assert bool(re.search("latency_timer' writing '1'", output)) == taken
-        assert output.endswith("\n../ttyUSB0\n") == taken  # what /dev/imumon/A1B2C3D4 leads to

@@ -91,25 +91,16 @@ def forge(endpoint: str, id: str, seconds: float) -> int:
 
 
 @contextmanager
-def attacking(endpoint: str, id: str, seconds: float, *ways: Callable[..., int]) -> Iterator[list[int]]:
-    """Attack in these ways at the same time; the yielded list has what each did after the end."""
-    command = [sys.executable, str(Path(__file__))]
-    processes = [
-        subprocess.Popen(
-            [*command, way.__name__, endpoint, id, str(seconds)], stdout=subprocess.PIPE, text=True
-        )
-        for way in ways
-    ]
+def attacking(endpoint: str, id: str, seconds: float, way: Callable[..., int]) -> Iterator[list[int]]:
+    """Attack in a way; the yielded list has what the attacker did after the end."""
+    command = [sys.executable, str(Path(__file__)), way.__name__, endpoint, id, str(seconds)]
     done: list[int] = []
-    try:
-        yield done
-        for process in processes:
-            output, _ = process.communicate(timeout=seconds + 30.0)
-            done.append(int(output.split()[-1]) if output.strip() else 0)
-    finally:
-        for process in processes:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield done
+            done.append(int(process.communicate(timeout=seconds + 30.0)[0]))
+        finally:
             process.kill()
-            process.wait(10)
 
 
 def resident_mb(pid: int) -> float:

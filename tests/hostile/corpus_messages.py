@@ -104,6 +104,9 @@ MESSAGES = (
         for name, change in SIGNALS.items()
     ),
     *(Hostile("device-name", name, lambda _, text=text: text, "rejected") for name, text in DEVICE_NAMES.items()),
+)  # fmt: skip
+
+SAVED = (
     Hostile("saved-report", "escapes", file("a\x1b]0;owned\x07.json", lambda: '{"\x1b]0;owned\x07": 1}'), "refused"),
     Hostile("saved-report", "escapes-in-a-missing-file", lambda place: place / "none\x1b[2J", "refused"),
     Hostile("saved-report", "1-TB", sparse, "refused", says="not a saved report"),

@@ -1,11 +1,38 @@
-"""What a hostile input is, and what several doors need to make one: files, links, and text that a terminal obeys."""
+"""Hostile inputs: what one is, the doors that it attacks, and the laws that hold for every input.
+
+A door is a place where something of others enters imumon. What a person reads of an input has no control character
+and no traceback, and time and memory are bounded.
+
+| door | an input is | outcomes |
+|---|---|---|
+| recording | a file for `imumon replay` | code of the error; `N samples`: it is read |
+| settings | a file for `--config` | `faults`; `read` |
+| report, signal | JSON of a message | `rejected`; `shown`: in every panel |
+| device-name | a name | `rejected` |
+| saved-report | a file for `imumon report` | `refused` |
+
+The inputs are rows of the modules `corpus_*.py`. The name of a row is the id of its test: `pytest -k NAME` runs it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import resource
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import pytest
+from commands import imumon
+from hostile_reports import show_on_screen
+
+from imumon.api.replay import replay
+from imumon.api.replay_options import ReplayOptions
+from imumon.config import ConfigError, load
+from imumon.model.errors import ImumonError
+from imumon.model.report import Report, Signal, from_json, is_device_name
 
 
 @dataclass(frozen=True)
@@ -49,11 +76,101 @@ def file(name: str, content: Callable[[], bytes | str]) -> Callable[[Path], Path
     return write
 
 
-def link(name: str, target: Callable[[Path], Path]) -> Callable[[Path], Path]:
-    """Return what makes a symbolic link to a file."""
+def rows(inputs: Iterable[Hostile]) -> list[Any]:
+    """Return inputs as parameters of a test: all but the first of a door are slow."""
+    seen: set[str] = set()
+    parameters = []
+    for hostile in inputs:
+        marks = [pytest.mark.slow] if hostile.door in seen else []
+        seen.add(hostile.door)
+        parameters.append(pytest.param(hostile, id=f"{hostile.door}-{hostile.name}", marks=marks))
+    return parameters
 
-    def make(place: Path) -> Path:
-        (place / name).symlink_to(target(place))
-        return place / name
 
-    return make
+@contextmanager
+def little_memory(extra: int) -> Iterator[None]:
+    """Let this process have so many bytes more than it has now."""
+    now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (now + extra, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, limits)
+
+
+def printable(text: str) -> str:
+    """Return a text after a look at each line: a terminal obeys none of its characters."""
+    assert all(line.isprintable() for line in text.split("\n")), ascii(text)
+    return text
+
+
+# Each door returns the outcome and what a person reads of it.
+
+
+def recording(path: Path) -> tuple[str, str]:
+    remarks: list[str] = []
+    try:
+        report = replay(ReplayOptions(path=str(path), guarded=False, accept=True), remark=remarks.append)
+    except ImumonError as error:
+        return error.code, str(error)
+    return f"{report.session.samples} samples", "\n".join(remarks)
+
+
+def settings(path: Path) -> tuple[str, str]:
+    try:
+        load(path)
+    except ConfigError as error:
+        return "faults", str(error)
+    return "read", ""
+
+
+def report(text: str) -> tuple[str, str]:
+    try:
+        message = from_json(Report, text)
+    except ValueError as error:
+        return "rejected", str(error)
+    assert len(text) < 1_000_000  # what is accepted fits into a message of the bus
+    show_on_screen(message, None, ())
+    return "shown", ""
+
+
+def signal(text: str) -> tuple[str, str]:
+    try:
+        from_json(Signal, text)
+    except ValueError as error:
+        return "rejected", str(error)
+    return "accepted", ""
+
+
+def device_name(text: str) -> tuple[str, str]:
+    return "accepted" if is_device_name(text) else "rejected", ""
+
+
+def saved_report(path: Path) -> tuple[str, str]:
+    message = imumon("report", path, code=1)
+    assert path.parent.name in message
+    return "refused", message.rstrip("\n")
+
+
+DOORS: dict[str, Callable[[Any], tuple[str, str]]] = {
+    "recording": recording,
+    "settings": settings,
+    "report": report,
+    "signal": signal,
+    "device-name": device_name,
+    "saved-report": saved_report,
+}
+"""`test_hostile_bus.py` has the doors of the bus."""
+
+
+def go_through(hostile: Hostile, place: Path) -> None:
+    """Take an input through its door; what happens is what the corpus says, within its limits."""
+    content = hostile.make(place)
+    with little_memory(hostile.memory):
+        begin = time.process_time()
+        outcome, text = DOORS[hostile.door](content)
+        seconds = time.process_time() - begin
+    assert outcome == hostile.outcome, text
+    assert hostile.says in printable(text)
+    assert seconds < hostile.seconds

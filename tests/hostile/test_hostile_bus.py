@@ -1,7 +1,6 @@
 """Other programs on the bus: the daemon measures on in bounded memory, and viewers show what is from the daemon.
 
-Every attack was tried against an earlier version. The inputs are in `corpus_bus.py`, and the processes that attack in
-`attackers.py`.
+Every attack was tried against an earlier version. The processes that attack are in `attackers.py`.
 """
 
 from __future__ import annotations
@@ -13,21 +12,48 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import attackers
 import bus_actors
 import forked
 import pytest
 import zenoh
 from attackers import attacking, resident_mb
 from bus_actors import Actor, event, free_endpoint, report, stage
-from corpus import through
-from corpus_bus import CRAFTED
-from hostile_input import Hostile
+from hostile_input import TITLE
 from waiting import until
 from zenoh import ext
 
 from imumon.bus import Publisher, Subscriber, device_states
 from imumon.model.report_json import to_json
 
+GOOD = to_json(report("b", 5))
+CRAFTED = {
+    TITLE: GOOD,
+    "x": GOOD,  # the id of another device
+    "y": GOOD.replace('"mean":0.5', f'"mean":1{"0" * 400}'),
+    "z": GOOD.replace('"mean":0.5', '"mean":1e308'),
+    "b": GOOD.replace('"model":null', f'"model":{json.dumps(TITLE)}', 1),  # that of the device
+}
+"""Reports beside which every command is tried, by the name in their keys."""
+MESSAGES: list[tuple[str, str | None]] = [
+    *((f"{name}/report", to_json(report("a", 1))) for name in (TITLE, "A", "a b")),
+    *((f"{name}/event", to_json(event("a", 1))) for name in (TITLE, "A", "a b")),
+    *((f"{name}/alive", None) for name in (TITLE, "A", "a b")),
+    ("b/report", to_json(report("c", 6))),
+    ("b/report", to_json(report("b", 7)) + " " * 1_000_000),
+    ("b/event", to_json(event("c", 1))),
+    ("b/event", to_json(event("b", 1)) + " " * 100_000),
+]
+"""Keys and texts that viewers ignore; a key without a text is a token."""
+COMMANDS = (
+    ("status", 0, ""),
+    ("status --json", 0, ""),
+    ("report", 0, ""),
+    ("wait --timeout 5s", 0, ""),
+    ("status --id x", 3, ""),
+    ("doctor --port /dev/null", 1, "running: b;"),
+)
+"""Commands beside the crafted reports, with their exit code and a part of what they print."""
 GROWTH_MB = 40.0
 """MB that it may take more during one attack."""
 needs_proc = pytest.mark.skipif(
@@ -66,34 +92,31 @@ def command(*arguments: str, timeout: float = 60.0) -> subprocess.CompletedProce
     return done
 
 
-# ---------------------------------------------------------------------- the corpus
-
-
 @needs_proc
-@pytest.mark.parametrize("hostile", through("query"))
-def test_queries_and_messages_take_bounded_memory(hostile: Hostile, tmp_path: Path) -> None:
+@pytest.mark.few
+@pytest.mark.parametrize("way", [attackers.payload, attackers.many, attackers.forge])
+def test_queries_and_messages_take_bounded_memory(way: Callable[..., int]) -> None:
     with publisher(period=1.0) as (daemon, address, _):
         before, most = resident_mb(daemon.process.pid), 0.0
-        with attacking(address, "a", 2.0, hostile.make(tmp_path)) as done:
+        with attacking(address, "a", 2.0, way) as output:
             end = time.monotonic() + 3.0
             while time.monotonic() < end:
                 most = max(most, resident_mb(daemon.process.pid))
                 time.sleep(0.02)
-        assert done[0] > 5
+        assert output[0] > 5
         assert most - before < GROWTH_MB
         assert daemon.request("state")["error"] is None
         with Subscriber([address]) as viewer:
             until(lambda: viewer.reports() and viewer.reports()["a"][0].session.samples >= 3)
 
 
-def test_a_hostile_message_is_ignored_and_counted(router: str, tmp_path: Path) -> None:
+def test_a_hostile_message_is_ignored_and_counted(router: str) -> None:
     with Subscriber([router]) as viewer, foreign(router) as attacker:
         until(viewer.connected)
         until(lambda: attacker.put("imumon/b/report", to_json(report("b", 5))) or viewer.reports())
         until(lambda: attacker.put("imumon/b/event", to_json(event("b", 1))) or viewer.events("b"))
         tokens = []
-        for parameter in through("message"):
-            key, text = parameter.values[0].make(tmp_path)
+        for key, text in MESSAGES:
             before = viewer.malformed
             if text is None:
                 tokens.append(attacker.liveliness().declare_token(f"imumon/{key}"))
@@ -102,15 +125,16 @@ def test_a_hostile_message_is_ignored_and_counted(router: str, tmp_path: Path) -
             # a report is parsed when it is asked for
             until(lambda before=before: viewer.reports() and viewer.malformed > before)
             shown = {name: entry[0] for name, entry in viewer.reports().items()}
-            assert shown == {"b": report("b", 5)}, parameter.id
-            assert viewer.events("a") == [], parameter.id
-            assert viewer.events("b") == [event("b", 1)], parameter.id
-            assert viewer.alive() == set(), parameter.id
+            assert shown == {"b": report("b", 5)}, key
+            assert viewer.events("a") == [], key
+            assert viewer.events("b") == [event("b", 1)], key
+            assert viewer.alive() == set(), key
 
 
-@pytest.mark.parametrize("hostile", through("command"))
+@pytest.mark.few
+@pytest.mark.parametrize(("words", "code", "says"), COMMANDS)
 def test_commands_print_no_escape_sequences_and_no_traceback(
-    router: str, hostile: Hostile, tmp_path: Path
+    router: str, words: str, code: int, says: str
 ) -> None:
     tokens, publishers = [], []
     with foreign(router) as attacker:
@@ -123,10 +147,10 @@ def test_commands_print_no_escape_sequences_and_no_traceback(
                 )
             )  # fmt: skip
             publishers[-1].put(text)
-        done = command(*hostile.make(tmp_path), "--connect", router)
-        assert str(done.returncode) == hostile.outcome
+        done = command(*words.split(), "--connect", router)
+        assert done.returncode == code
         assert "owned" not in done.stderr
-        assert hostile.says in done.stdout
+        assert says in done.stdout
         publishers.clear()
 
 

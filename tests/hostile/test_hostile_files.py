@@ -9,11 +9,10 @@ import threading
 from pathlib import Path
 
 import pytest
-from corpus import through
-from corpus_recordings import capture, table
+from corpus_messages import SAVED
+from corpus_recordings import RECORDINGS, SETTINGS, capture, table
 from damage import OWN_PROCESS, SAMPLES, damaged, read_damaged
-from doors import go_through, little_memory, printable
-from hostile_input import Hostile, file
+from hostile_input import Hostile, file, go_through, little_memory, printable, rows
 from paths import ROOT
 from tables import read
 
@@ -22,7 +21,7 @@ from imumon.config import ConfigError, load
 
 
 @pytest.mark.timeout(150)
-@pytest.mark.parametrize("hostile", through("recording", "settings", "saved-report"))
+@pytest.mark.parametrize("hostile", rows((*RECORDINGS, *SETTINGS, *SAVED)))
 def test_a_hostile_file_does_what_the_corpus_says(hostile: Hostile, tmp_path: Path) -> None:
     go_through(hostile, tmp_path)
 

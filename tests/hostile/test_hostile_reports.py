@@ -9,10 +9,8 @@ from typing import Any
 
 import pytest
 import reports
-from corpus import through
-from corpus_messages import changed
-from doors import go_through
-from hostile_input import Hostile
+from corpus_messages import MESSAGES, changed
+from hostile_input import Hostile, go_through, rows
 from hostile_reports import mutated, show_everywhere
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -27,7 +25,7 @@ LONGEST_S = 10.0
 FAST = settings(suppress_health_check=list(HealthCheck), derandomize=True)
 
 
-@pytest.mark.parametrize("hostile", through("report", "signal", "device-name"))
+@pytest.mark.parametrize("hostile", rows(MESSAGES))
 def test_a_hostile_message_does_what_the_corpus_says(hostile: Hostile, tmp_path: Path) -> None:
     go_through(hostile, tmp_path)
 

@@ -8,21 +8,15 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from daemons import Daemon, n_is_within_a_tenth
 from ros2_actors import imu_payload
-from ros2_messages import decode
-from waiting import until
 
 from imumon.config import Settings
 from imumon.model.samples import Item, SampleBlock
-from imumon.ros2.diagnostics import DIAGNOSTICS
-from imumon.ros2.node import Received, RosError, RosNode
-from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, IMU
+from imumon.ros2.node import RosError, RosNode
+from imumon.ros2.ros_messages import IMU
 from imumon.ros2.topic_url import open_node, parse_url
 from imumon.sources import registry
 from imumon.sources.device import Device, DeviceOptions
@@ -87,46 +81,3 @@ def test_a_device_reads_what_another_participant_publishes(node: RosNode, domain
     values = np.concatenate([item.values for item in items if isinstance(item, SampleBlock)])
     assert len(values) > 100
     assert (np.diff(values[:, 0]) == 1.0).all()
-
-
-@needs_dds
-@pytest.mark.slow
-def test_a_daemon_reads_a_topic_over_dds_and_publishes_diagnostics(
-    tmp_path: Path, node: RosNode, domain: int
-) -> None:
-    url = f"ros2:/imu/data?rmw=dds&domain={domain}"
-    settings = tmp_path / "config.toml"
-    settings.write_text('[ros2]\ndiagnostics = true\ncovariance = "/imu/data_cov"\n')
-    with Daemon(url, tmp_path, "--config", str(settings)) as daemon:
-        shown = node.subscribe(DIAGNOSTICS, DIAGNOSTIC_ARRAY)
-        passed_on = node.subscribe("/imu/data_cov", IMU)
-        stop = threading.Event()
-        driver = threading.Thread(target=publish, args=(node, stop))
-        driver.start()
-        try:
-            daemon.samples(400)
-            made = daemon.wait(
-                lambda r: all(n_is_within_a_tenth(r.channels[f"accel/{axis}"]) for axis in "xyz")
-            )
-            outputs: list[dict[str, Any]] = []
-            arrays: list[Received] = []
-
-            def enough() -> bool:
-                arrays.extend(shown.take())
-                outputs.extend(decode(IMU, each.payload) for each in passed_on.take())
-                measured = bool(outputs) and outputs[-1]["linear_acceleration_covariance"][0] > 0.0
-                return measured and bool(arrays) and len(outputs) > 300
-
-            until(enough)
-        finally:
-            stop.set()
-            driver.join()
-        code, _, log = daemon.stop()
-    assert code == 0, log
-    assert outputs[-1]["linear_acceleration_covariance"][0::4] == pytest.approx([1e-4] * 3, rel=0.5)
-    assert outputs[-1]["orientation_covariance"][0] == -1.0
-    assert made.device.stream == "unknown"
-    assert made.device.sample_rate_hz == pytest.approx(100.0, rel=1e-4)
-    assert made.session.missing == 0
-    fields = decode(DIAGNOSTIC_ARRAY, arrays[-1].payload)
-    assert fields["status"][0]["name"] == "imumon: stream"
