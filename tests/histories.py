@@ -12,8 +12,9 @@ from imumon.history import HistoryStore
 from imumon.history.store import SUFFIX, TimedPeriod
 from imumon.model.coefficients import Estimate
 from imumon.model.history_report import HistoryPeriod, PeriodChannel
+from imumon.model.samples import ACCEL, GYRO, MAG, TEMPERATURE, ChannelName
 
-NAMES = tuple(f"{sensor}/{axis}" for sensor in ("gyro", "accel", "mag") for axis in "xyz")
+NAMES = (*GYRO, *ACCEL, *MAG)
 BEGIN = 1_767_225_600.0
 """s since 1970, 2026-01-01."""
 RECORD = "2026-01-01T00:00:00.000Z"
@@ -34,7 +35,7 @@ def period(
     complete: bool = True,
     warming_up: bool = False,
     record: str = RECORD,
-    names: tuple[str, ...] = NAMES,
+    names: tuple[ChannelName, ...] = NAMES,
 ) -> TimedPeriod:
     """One period; `noise` is the factor of N."""
     channels = {
@@ -49,7 +50,7 @@ def period(
         )
         for name in names
     }
-    channels["temperature"] = PeriodChannel(mean=temperature, std=0.1)
+    channels[TEMPERATURE] = PeriodChannel(mean=temperature, std=0.1)
     made = HistoryPeriod(
         step_s=step_s,
         number=number,

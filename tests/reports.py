@@ -40,15 +40,15 @@ BEGIN = datetime(2026, 3, 1, 8, tzinfo=UTC)
 
 NOISE = GYRO + ACCEL + MAG
 TRUTH: dict[str, tuple[float, float, float, float]] = {
-    "gyro/x": (8.858e-5, 2.187e-5, 2.0e-6, 1.3e-3),
-    "gyro/y": (1.119e-4, 3.559e-5, 1.0e-6, -2.2e-3),
-    "gyro/z": (9.043e-5, 1.683e-5, 5.0e-7, 4.1e-4),
-    "accel/x": (1.877e-3, 4.102e-4, 1.5e-5, 0.0312),
-    "accel/y": (1.896e-3, 1.026e-3, 2.5e-5, -0.1104),
-    "accel/z": (2.811e-3, 5.055e-4, 2.0e-5, -9.80612),
-    "mag/x": (1.2e-4, 9.0e-6, 3.0e-7, 0.2104),
-    "mag/y": (1.1e-4, 8.0e-6, 3.0e-7, -0.0312),
-    "mag/z": (1.6e-4, 1.1e-5, 3.0e-7, 0.4417),
+    GYRO[0]: (8.858e-5, 2.187e-5, 2.0e-6, 1.3e-3),
+    GYRO[1]: (1.119e-4, 3.559e-5, 1.0e-6, -2.2e-3),
+    GYRO[2]: (9.043e-5, 1.683e-5, 5.0e-7, 4.1e-4),
+    ACCEL[0]: (1.877e-3, 4.102e-4, 1.5e-5, 0.0312),
+    ACCEL[1]: (1.896e-3, 1.026e-3, 2.5e-5, -0.1104),
+    ACCEL[2]: (2.811e-3, 5.055e-4, 2.0e-5, -9.80612),
+    MAG[0]: (1.2e-4, 9.0e-6, 3.0e-7, 0.2104),
+    MAG[1]: (1.1e-4, 8.0e-6, 3.0e-7, -0.0312),
+    MAG[2]: (1.6e-4, 1.1e-5, 3.0e-7, 0.4417),
 }
 """N, B, K and mean of each channel, SI."""
 AGES = {8.0: "seconds", 200.0: "minutes", 900.0: "other", LENGTH_S: "hours", LONG_S: "long"}
@@ -142,7 +142,7 @@ def _signals() -> dict[str, Signal]:
     return {part["channel"]: from_json(Signal, json.dumps(part)) for part in json.loads(text)}
 
 
-def signal(name: str = "gyro/x") -> Signal:
+def signal(name: str = GYRO[0]) -> Signal:
     """Return the signal of a channel at the end of the run."""
     return _signals()[name]
 
@@ -153,7 +153,7 @@ def events(id: str = ID) -> list[Event]:
         ("08:00:00", "connect", "VN-100T-CR 0100056785 on /dev/ttyUSB0 at 115200 baud", None),
         ("08:05:10", "warmup", "310 s of warm-up excluded", None),
         ("08:16:40", "gap", "1.2 s lost, 24 samples", None),
-        ("09:06:40", "disturbance", "knock of 0.8 rad/s, 2.5 s excluded [bold]not markup[/bold]", "gyro/y"),
+        ("09:06:40", "disturbance", "knock of 0.8 rad/s, 2.5 s excluded [bold]not markup[/bold]", GYRO[1]),
         ("09:14:03", "grade", "gyro: consumer", None),
         ("09:20:31", "disconnect", "the port is gone; waiting for it", None),
         ("09:20:44", "connect", "back after 13 s, the record continues", None),

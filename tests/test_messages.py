@@ -9,6 +9,7 @@ import reports
 from imumon.model import messages
 from imumon.model.messages import CAVEATS
 from imumon.model.report import NoiseModel
+from imumon.model.samples import GYRO
 
 
 def test_a_caveat_has_a_line_and_advice() -> None:
@@ -24,7 +25,7 @@ def test_an_oscillation_is_named_with_its_period() -> None:
     channel = replace(
         made.channels["gyro/x"], model=NoiseModel(oscillations_s=(312.0,)), caveats=("oscillation",)
     )
-    text = messages.advice(replace(made, channels={"gyro/x": channel}), "oscillation")
+    text = messages.advice(replace(made, channels={GYRO[0]: channel}), "oscillation")
     assert "period 5 min 12 s" in text
 
 

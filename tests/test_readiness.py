@@ -20,7 +20,7 @@ from imumon.model.readiness import (
     state_of,
 )
 from imumon.model.report import Channel, Report
-from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.samples import INERTIAL
 
 GOALS = {"N": 0.01, "B": 0.2, "K": 0.5}
 
@@ -30,7 +30,7 @@ def with_widths(widths: dict[str, float], times: dict[str, float | None], **chan
     report = reports.long_report()
     channels = {
         name: replace(channel, coefficients=with_limits(channel, widths), time_to=times)
-        if sensor_of(name) in INERTIAL
+        if name.sensor in INERTIAL
         else channel
         for name, channel in report.channels.items()
     }

@@ -20,12 +20,19 @@ from imumon.model.coefficients import COEFFICIENTS
 from imumon.model.filter_report import FILTER_SCHEMA, FilterReport
 from imumon.model.report import Channel, Event, Report, Signal, from_json
 from imumon.model.report_json import to_json
+from imumon.model.samples import GYRO, ChannelName
 
 DOCS = ROOT / "docs"
 FILE = DOCS / "report.schema.json"
 FILTER_FILE = DOCS / "filter.schema.json"
 OMITTED = ("allan", "histogram", "spectrum", "convergence")  # of a channel on its own key
-PLAIN: dict[Any, str] = {str: "string", int: "integer", float: "number", bool: "boolean"}
+PLAIN: dict[Any, str] = {
+    str: "string",
+    ChannelName: "string",
+    int: "integer",
+    float: "number",
+    bool: "boolean",
+}
 
 
 def schema() -> dict[str, Any]:
@@ -128,7 +135,7 @@ def filled(hint: Any, *, empty: bool) -> Any:
     if origin is tuple:
         return () if empty else (filled(arguments[0], empty=False),) * 2
     if origin is Mapping:
-        return {} if empty else {"gyro/x": filled(arguments[1], empty=False)}
+        return {} if empty else {arguments[0]("gyro/x"): filled(arguments[1], empty=False)}
     if is_dataclass(hint):
         hints = typing.get_type_hints(hint)
         parts = {f.name: filled(hints[f.name], empty=empty) for f in fields(hint)}
@@ -142,7 +149,7 @@ def filled(hint: Any, *, empty: bool) -> Any:
         if parts.get("channel"):
             parts["channel"] = "gyro/x"
         return hint(**parts)
-    return {str: "°/√h", int: 3, float: 0.1, bool: True}[hint]
+    return {str: "°/√h", ChannelName: GYRO[0], int: 3, float: 0.1, bool: True}[hint]
 
 
 SCHEMAS = {FILE: schema, FILTER_FILE: filter_schema}

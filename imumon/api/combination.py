@@ -10,6 +10,7 @@ from imumon.api.curve_table import frame_of
 from imumon.api.measurement import Measurement
 from imumon.model.coefficients import Estimate, coefficient_ratio
 from imumon.model.errors import ImumonError
+from imumon.model.samples import ChannelName
 from imumon.record.record_combination import combined_report
 
 if TYPE_CHECKING:
@@ -99,5 +100,5 @@ def _ratio_and_difference(
 
 
 def _estimate(measurement: Measurement, channel: str, letter: str) -> Estimate | None:
-    part = measurement.report.channels.get(channel)
+    part = measurement.report.channels.get(ChannelName(channel))
     return None if part is None else part.estimates.get(letter)

@@ -40,7 +40,7 @@ from imumon.files import replace_file
 from imumon.model.cures import python_caller
 from imumon.model.errors import ImumonError
 from imumon.model.ledger import merged
-from imumon.model.samples import CHANNELS, GYRO, Floats, SampleBlock, sensor_of
+from imumon.model.samples import CHANNELS, GYRO, ChannelName, Floats, SampleBlock
 from imumon.model.saved_state import pack, restorable
 from imumon.model.system_errors import not_read, not_written
 from imumon.record.record import SavedRecord
@@ -96,7 +96,8 @@ class PushedTable(Table):
             | dict(options.units)
         )
         fields = {
-            channel: f"{k + 1}:{units.get(sensor_of(channel), 'kPa')}" for k, channel in enumerate(channels)
+            channel: f"{k + 1}:{units.get(ChannelName(channel).sensor, 'kPa')}"
+            for k, channel in enumerate(channels)
         }
         fields |= {"t": f"{len(names)}:{units['time']}"} if timed else {}
         stated = replace(options, columns=fields, units={})

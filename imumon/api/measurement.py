@@ -26,6 +26,7 @@ from imumon.model.filter_report import LONGEST_HORIZON_S, SHORTEST_HORIZON_S, Fi
 from imumon.model.ledger import SAMPLES, with_received
 from imumon.model.report import Channel, Event, Report, SensorGrade, from_json
 from imumon.model.report_json import MAX_BYTES, to_json
+from imumon.model.samples import ChannelName
 from imumon.model.system_errors import not_read, not_written
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ class Measurement:
 
     def __getitem__(self, name: str) -> Channel:
         """Return a channel, such as ``gyro/x``; raise `ImumonError` if the record has none of this name."""
-        channel = self.report.channels.get(name)
+        channel = self.report.channels.get(ChannelName(name))
         if channel is None:
             known = ", ".join(self.report.channels) or "none"
             raise ImumonError("no_channel", f"the record has no channel {name!r}", f"there are {known}")
@@ -220,9 +221,7 @@ class Measurement:
         return draw_bias(self.report, self._sensor(sensor), ax)
 
     def _sensor(self, sensor: str) -> str:
-        sensors = list(
-            dict.fromkeys(name.partition("/")[0] for name, c in self.report.channels.items() if c.allan)
-        )
+        sensors = list(dict.fromkeys(name.sensor for name, c in self.report.channels.items() if c.allan))
         if sensor not in sensors:
             cure = f"there are {', '.join(sensors) or 'none with a curve'}"
             raise ImumonError("unknown_sensor", f"the record has no sensor {sensor!r}", cure)
@@ -315,7 +314,7 @@ class Measurement:
         return summary_html(self.report, self.remarks)
 
 
-class FilterNumbers(dict[str, Any]):
+class FilterNumbers(dict[ChannelName, Any]):
     """Parameters for filters by channel, see `FilterChannel`."""
 
     def __repr__(self) -> str:

@@ -31,7 +31,7 @@ from imumon.model.coefficients import NOISE, default_precision
 from imumon.model.cures import python_caller
 from imumon.model.errors import ImumonError
 from imumon.model.report import Report
-from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.samples import INERTIAL
 from imumon.sources.files.base import OptionError, Samples
 from imumon.sources.files.columns import KINDS, check_meaning, parse_map
 
@@ -194,7 +194,7 @@ def array_remarks(options: ReplayOptions, report: Report) -> tuple[str, ...]:
 
 def require_noise(options: ReplayOptions, report: Report) -> None:
     """Raise an error if no axis of a record has noise: it is not one of a sensor that is on."""
-    axes = {name: c for name, c in report.channels.items() if sensor_of(name) in INERTIAL}
+    axes = {name: c for name, c in report.channels.items() if name.sensor in INERTIAL}
     if axes and all("constant" in c.caveats or (c.count > 1 and c.min == c.max) for c in axes.values()):
         text = f"every value of {', '.join(axes)} is the same: there is no noise"
         text = f"{options.name}: {text}" if options.arrays is None else text

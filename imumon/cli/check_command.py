@@ -23,7 +23,7 @@ from imumon.model.errors import ImumonError
 from imumon.model.messages import caveats, change_text, grade_text, joined, line, loss_label, loss_text
 from imumon.model.report import SensorGrade
 from imumon.model.report_json import plain
-from imumon.model.samples import INERTIAL
+from imumon.model.samples import INERTIAL, TEMPERATURE
 
 
 class Code(IntEnum):
@@ -142,14 +142,13 @@ def _performance(report: Any, age_s: float, max_age_s: float) -> list[str]:
     if session.recent_loss is not None:
         data.append(f"loss={_fixed(100.0 * session.recent_loss)}%;{_fixed(100.0 * report.max_loss)};;0;100")
     data += [f"samples={session.samples}c;;;0", f"missing={session.missing}c;;;0"]
-    temperature = report.channels.get("temperature")
+    temperature = report.channels.get(TEMPERATURE)
     if temperature is not None and temperature.last is not None:
         data.append(f"temperature={_fixed(temperature.last)}")
     for name, channel in report.channels.items():
-        sensor, _, axis = name.partition("/")
         n = channel.coefficients.get("N")
-        if sensor in INERTIAL and n is not None and n.readable.value is not None:
-            data.append(f"{sensor}_{axis}_N={_fixed(n.readable.value)};;;0")
+        if name.sensor in INERTIAL and n is not None and n.readable.value is not None:
+            data.append(f"{name.sensor}_{name.axis}_N={_fixed(n.readable.value)};;;0")
     return data
 
 

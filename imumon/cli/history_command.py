@@ -20,7 +20,7 @@ from imumon.model.coefficients import BIAS_SLOPE, COEFFICIENTS, NOISE, Estimate,
 from imumon.model.errors import ImumonError
 from imumon.model.history_report import STEPS, HistoryRow, history_rows, objects
 from imumon.model.messages import matching
-from imumon.model.samples import UNITS, sensor_of
+from imumon.model.samples import UNITS
 from imumon.model.units import duration, measured, number, plus_minus, pretty
 
 ESTIMATE = 25
@@ -183,7 +183,7 @@ def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
             names = "".join(f"{letter:<{ESTIMATE}}" for letter in NOISE)
             head = f"{'time':<17}{'channel':<12}{names}{'mean':>18}{'°C':>7}{'missing':>10}"
             yield f"{head}  step {row.step}\n"
-        sensor, known = sensor_of(row.channel), row.coefficients
+        sensor, known = row.channel.sensor, row.coefficients
         noise = "".join(f"{_readable(sensor, letter, known.get(letter)):<{ESTIMATE}}" for letter in NOISE)
         factor, unit = mean_unit(sensor, UNITS.get(sensor, ""))
         mean = "–" if row.mean is None else f"{number(factor * row.mean, 5)} {pretty(unit)}"

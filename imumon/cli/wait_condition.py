@@ -17,7 +17,7 @@ from imumon.model.coefficients import NOISE, SCALE, GradeName
 from imumon.model.messages import grade_text
 from imumon.model.readiness import USUAL_RECORD_S, seconds_left
 from imumon.model.report import Channel, Report, SensorGrade
-from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.samples import INERTIAL, ChannelName
 from imumon.model.units import duration, figures, share_text
 
 
@@ -52,7 +52,7 @@ class WaitCondition:
 
     def unknown_channel(self, report: Report) -> str | None:
         """Return the first of `channels` that the report lacks; None while it has no channels at all."""
-        known = {part for name in report.channels for part in (name, sensor_of(name))}
+        known = {part for name in report.channels for part in (name, name.sensor)}
         return next((name for name in self.channels if known and name not in known), None)
 
     def description(self, report: Report) -> str:
@@ -66,18 +66,18 @@ class WaitCondition:
             reached = f"{self.coefficient} known to {share_text(halves[worst])} ({worst}) or better"
             parts.append(f"{reached}, required {100 * self.precision:g} %")
         if self.grade is not None or not parts:
-            sensors = {sensor_of(name) for name in chosen}
+            sensors = {name.sensor for name in chosen}
             parts += [f"{s} {grade_text(g)}" for s, g in report.grade.items() if s in sensors and g.meets]
         return "; ".join(parts) or report.state
 
     def without_grade(self, report: Report) -> bool:
         """Return whether a grade is required of channels that have none, such as those of a magnetometer."""
         chosen = self._chosen(report)
-        return self.grade is not None and bool(chosen) and not any(sensor_of(c) in INERTIAL for c in chosen)
+        return self.grade is not None and bool(chosen) and not any(c.sensor in INERTIAL for c in chosen)
 
     def unreachable_grade(self, report: Report) -> GradeName | None:
         """Return the best grade that a sensor may have, if the required one is better; None while it may be reached."""
-        sensors = {sensor_of(name) for name in self._chosen(report)}
+        sensors = {name.sensor for name in self._chosen(report)}
         missed = [
             grade.best
             for sensor, grade in report.grade.items()
@@ -85,13 +85,13 @@ class WaitCondition:
         ]
         return max(missed, key=SCALE.index, default=None)
 
-    def _chosen(self, report: Report) -> dict[str, Channel]:
+    def _chosen(self, report: Report) -> dict[ChannelName, Channel]:
         names = self.channels or INERTIAL
-        return {n: c for n, c in report.channels.items() if n in names or sensor_of(n) in names}
+        return {n: c for n, c in report.channels.items() if n in names or n.sensor in names}
 
-    def _unmet_grade(self, report: Report, chosen: dict[str, Channel]) -> str | None:
+    def _unmet_grade(self, report: Report, chosen: dict[ChannelName, Channel]) -> str | None:
         assert self.grade is not None
-        sensors = [s for s in INERTIAL if any(sensor_of(name) == s for name in chosen)]
+        sensors = [s for s in INERTIAL if any(name.sensor == s for name in chosen)]
         for sensor in sensors:
             grade = report.grade.get(sensor, SensorGrade())
             if grade.meets is None:
@@ -102,7 +102,7 @@ class WaitCondition:
                 return f"{sensor} {grade_text(grade)}{decided}{f': {grade.reason}' if grade.reason else ''}"
         return None if sensors else "only gyroscope and accelerometer have grades"
 
-    def _unmet_precision(self, report: Report, chosen: dict[str, Channel]) -> str | None:
+    def _unmet_precision(self, report: Report, chosen: dict[ChannelName, Channel]) -> str | None:
         if self.coefficient is None or self.precision is None:
             return None
         for name, channel in chosen.items():

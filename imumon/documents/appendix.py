@@ -23,7 +23,7 @@ from imumon.model.coefficients import SIGNIFICANT, unit_of
 from imumon.model.ledger import ledger_text
 from imumon.model.messages import CLOCKS, advice, caveats, drifts_with_temperature, joined
 from imumon.model.report import Channel, Report
-from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.samples import INERTIAL, ChannelName
 from imumon.model.units import counted, duration, figures, pretty
 
 MOST_LINES = 4  # spectral lines shown per channel, the strongest
@@ -86,7 +86,7 @@ def _distribution(report: Report) -> Iterator[Element]:
     )
     yield DataTable(head, tuple(_statistics_row(name, c) for name, c in report.channels.items()))
     yield Paragraph("Statistics of the samples that count, as received. Bias and drift have 95 % limits.")
-    by_note: dict[str, list[str]] = {}  # one that is true of several channels is written once
+    by_note: dict[str, list[ChannelName]] = {}  # one that is true of several channels is written once
     for name, channel in report.channels.items():
         for note in _notes(name, channel, report):
             by_note.setdefault(note, []).append(name)
@@ -94,7 +94,7 @@ def _distribution(report: Report) -> Iterator[Element]:
         yield Paragraph(f"{names[0] if len(names) == 1 else joined(names)}: {note}.")
 
 
-def _statistics_row(name: str, channel: Channel) -> tuple[str, ...]:
+def _statistics_row(name: ChannelName, channel: Channel) -> tuple[str, ...]:
     """Return mean, standard deviation, extremes, bias, drift and shape of a channel; – where they are not known."""
     shape, drift = channel.distribution, channel.drift
     bias = slope = verdict = ""
@@ -115,7 +115,7 @@ def _with_limits(value: float | None, low: float | None, high: float | None) -> 
     return with_error(value, 0.0 if low is None or high is None else (high - low) / 2.0)
 
 
-def _notes(name: str, channel: Channel, report: Report) -> Iterator[str]:
+def _notes(name: ChannelName, channel: Channel, report: Report) -> Iterator[str]:
     """Yield the properties that only some channels have, one sentence each."""
     if channel.model is not None and (jumps := channel.model.jumps) is not None:
         times = f"for {duration(jumps.low_s)} and {duration(jumps.high_s)} on the average"
@@ -129,18 +129,18 @@ def _notes(name: str, channel: Channel, report: Report) -> Iterator[str]:
     yield from _correlations(name, report)
 
 
-def _turn_on_text(name: str, channel: Channel) -> str:
+def _turn_on_text(name: ChannelName, channel: Channel) -> str:
     """Return the repeatability of the turn-on bias with its limits; empty if it is unknown."""
     shape = channel.distribution
     if shape is None or shape.turn_on_std is None:
         return ""
-    unit = unit_of(sensor_of(name), "B", channel.unit)
+    unit = unit_of(name.sensor, "B", channel.unit)
     numbers = (shape.turn_on_std, shape.turn_on_low or 0.0, shape.turn_on_high or 0.0)
     std, low, high = (figures(number * unit.factor) for number in numbers)
     return f"{std} {pretty(unit.unit)} (95 %: {low} to {high}, {shape.turn_on_count} power-ups)"
 
 
-def _correlations(name: str, report: Report) -> Iterator[str]:
+def _correlations(name: ChannelName, report: Report) -> Iterator[str]:
     """Yield the later channels that this one correlates with beyond chance, so that each pair occurs once."""
     shape, names = report.channels[name].distribution, list(report.channels)
     others = [
@@ -148,13 +148,13 @@ def _correlations(name: str, report: Report) -> Iterator[str]:
         for other, r in (shape.correlation.items() if shape is not None else ())
         if other in names[names.index(name) :]  # an earlier one has named this pair
         and abs(r) >= CORRELATED
-        and abs(r) > SIGNIFICANT * _standard_error(report, name, other)
+        and abs(r) > SIGNIFICANT * _standard_error(report, name, ChannelName(other))
     ]
     if others:
         yield f"moves together with {', '.join(others)}"
 
 
-def _standard_error(report: Report, *names: str) -> float:
+def _standard_error(report: Report, *names: ChannelName) -> float:
     """Return the standard error of a correlation of 0 between two channels."""
     shapes = [report.channels[name].distribution for name in names]
     return math.sqrt(1.0 / min((shape and shape.effective_samples) or 1.0 for shape in shapes))

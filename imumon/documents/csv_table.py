@@ -26,6 +26,7 @@ from imumon.documents.report_texts import sensor_title, without_aliasing
 from imumon.model.coefficients import Estimate
 from imumon.model.messages import spreadsheet_cell
 from imumon.model.report import Allan, Channel, Report
+from imumon.model.samples import ChannelName
 
 COLUMNS = (
     "kind", "channel", "name", "unit", "tau_s", "time_s", "value", "low", "high", "status", "edf", "model",
@@ -53,7 +54,7 @@ def csv_table(report: Report) -> str:
 def table_rows(report: Report) -> Iterator[Row]:
     """Yield every row of the table, each with all `COLUMNS`; None is unknown or does not apply."""
     for row in _rows(report):
-        channel = report.channels.get(row.get("channel") or "")
+        channel = report.channels.get(ChannelName(row.get("channel") or ""))
         caveats = report.caveats if channel is None else channel.caveats
         row |= {"device": sensor_title(report), "caveats": " ".join(caveats)}
         yield {name: row.get(name) for name in COLUMNS}

@@ -38,6 +38,7 @@ from imumon.model.coefficients import COEFFICIENTS, INDISTINCT_WORD, MARKOV, NOI
 from imumon.model.errors import ImumonError
 from imumon.model.messages import NOT_APART, has_indistinct
 from imumon.model.report import Allan, Channel, LimitCurve, Report
+from imumon.model.samples import ChannelName
 from imumon.model.units import pretty
 
 if TYPE_CHECKING:
@@ -272,7 +273,7 @@ def _marks(report: Report, sensor: str, curves: Mapping[str, Allan]) -> Iterator
     """Yield where the coefficients lie on their asymptotes."""
     factor = COEFFICIENTS["B"].units[sensor].factor
     for k, (axis, curve) in enumerate(curves.items()):
-        channel = report.channels[f"{sensor}/{axis}"]
+        channel = report.channels[ChannelName(f"{sensor}/{axis}")]
         first, last = curve.tau_s[0], curve.tau_s[-1]
         noise = [(value, tau) for value, tau in zip(curve.noise, curve.tau_s, strict=True) if value]
         lowest = min(noise)[1] if noise else math.sqrt(first * last)
@@ -303,7 +304,7 @@ def _draw_markov(panel: Axes, report: Report, sensor: str, axes: Iterable[str]) 
     row = COEFFICIENTS[MARKOV.sigma]
     tau = np.geomspace(*panel.get_xlim(), 200)
     for axis in axes:
-        channel = report.channels[f"{sensor}/{axis}"]
+        channel = report.channels[ChannelName(f"{sensor}/{axis}")]
         part, time_constant_s = channel.estimates.get(row.letter), _time_constant_s(channel)
         if part is None or not part.value or time_constant_s is None:
             continue

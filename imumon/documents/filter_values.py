@@ -32,7 +32,7 @@ from imumon.model.messages import (
 )
 from imumon.model.readiness import USUAL_RECORD_S
 from imumon.model.report import Report
-from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.samples import INERTIAL, ChannelName
 from imumon.model.units import duration, figures
 
 NAMES = {sensor: SENSOR_TITLES[sensor].lower() for sensor in INERTIAL}
@@ -63,7 +63,7 @@ def axis_values(report: Report, filters: FilterReport, sensor: str, letter: str)
     """Return white noise ("N") or walk ("K") of the axes where it is known, SI."""
     values = {}
     for axis, channel in sensor_axes(report, sensor):
-        parameters = filters.channels.get(f"{sensor}/{axis}")
+        parameters = filters.channels.get(ChannelName(f"{sensor}/{axis}"))
         if letter == "K":
             size = parameters.walk if parameters is not None else None
         else:
@@ -91,7 +91,9 @@ def worst_axis(report: Report, filters: FilterReport, sensor: str, letter: str) 
         lines += [f"  {name}: {value_text(part)}" for name, part in parts.items()]
         lines.append(f"  N of the fit; rests on {_rests_on(report)}")
     else:
-        lines += [f"  {name}: {_walk_text(report, filters, f'{sensor}/{name}')}" for name in parts]
+        lines += [
+            f"  {name}: {_walk_text(report, filters, ChannelName(f'{sensor}/{name}'))}" for name in parts
+        ]
         lines += [
             f"  from {_origin(filters, sensor)}: the smallest with NEES <= 1.25 "
             f"for 1 to {filters.horizon_s:g} s without a fix;",
@@ -114,12 +116,12 @@ def bound_text(letter: str, axes: Mapping[str, Estimate]) -> str:
 
 def _origin(filters: FilterReport, sensor: str) -> str:
     """Return the coefficients that the walks of a sensor are made from."""
-    channels = [channel for name, channel in filters.channels.items() if sensor_of(name) == sensor]
+    channels = [channel for name, channel in filters.channels.items() if name.sensor == sensor]
     letters = [*NOISE, *([MARKOV.sigma] if any(channel.markov is not None for channel in channels) else [])]
     return f"{', '.join(letters[:-1])} and {letters[-1]}"
 
 
-def _walk_text(report: Report, filters: FilterReport, name: str) -> str:
+def _walk_text(report: Report, filters: FilterReport, name: ChannelName) -> str:
     """Return the walk of a channel, its factor against K, and K."""
     part, parameters = report.channels[name].coefficients.get("K"), filters.channels.get(name)
     if parameters is None or part is None:
@@ -202,7 +204,7 @@ def caveat_lines(report: Report) -> list[str]:
 
 def short_record_text(report: Report) -> str | None:
     """Return a warning about a short record; None if it is long enough, or shows what programs take."""
-    axes = [channel.estimates for name, channel in report.channels.items() if sensor_of(name) in INERTIAL]
+    axes = [channel.estimates for name, channel in report.channels.items() if name.sensor in INERTIAL]
     shown = [known[letter].status == "measured" for known in axes for letter in "NK" if letter in known]
     if report.session.elapsed_s >= USUAL_RECORD_S or (shown and all(shown)):
         return None

@@ -12,7 +12,7 @@ from imumon.model.messages import (
     no_value_text,
 )
 from imumon.model.report import Allan, Channel, DeviceDescription, Report
-from imumon.model.samples import ALIASED, AXES, INERTIAL, sensor_of
+from imumon.model.samples import ALIASED, AXES, INERTIAL, ChannelName
 from imumon.model.units import counted, duration, figures, measured
 from imumon.sources import registry
 
@@ -57,7 +57,7 @@ def stream_noun(device: DeviceDescription) -> str:
 def sensor_axes(report: Report, sensor: str) -> Iterator[tuple[str, Channel]]:
     """Yield the axes of a sensor that the report has."""
     for axis in AXES:
-        if (channel := report.channels.get(f"{sensor}/{axis}")) is not None:
+        if (channel := report.channels.get(ChannelName(f"{sensor}/{axis}"))) is not None:
             yield axis, channel
 
 
@@ -97,10 +97,10 @@ def coefficient_text(coefficient: Estimate | None, *, short: bool = False) -> st
     return coefficient.stated.readable.text(value, lambda high: f"< {figures(high)}", pending)
 
 
-def without_aliasing(report: Report, name: str, part: Estimate | None) -> Estimate | None:
+def without_aliasing(report: Report, name: ChannelName, part: Estimate | None) -> Estimate | None:
     """Return N of a channel over the nominal alias factor of the sensor; None: none is known, or it is 1."""
     factor = report.device.alias_factor or 1.0
-    if part is None or factor <= ALIASED or sensor_of(name) not in INERTIAL:
+    if part is None or factor <= ALIASED or name.sensor not in INERTIAL:
         return None
     return part.scaled(1.0 / factor, part.unit)
 

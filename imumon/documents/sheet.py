@@ -51,7 +51,7 @@ from imumon.model.messages import (
     line_with_size,
 )
 from imumon.model.report import Channel, Report, SensorGrade, SheetValue
-from imumon.model.samples import INERTIAL
+from imumon.model.samples import INERTIAL, TEMPERATURE, ChannelName
 from imumon.model.units import figures, pretty, sentence
 
 QUANTITIES = {"floor": "in-run bias stability, 0.664 B", "density": "noise density, √2 N"}
@@ -148,7 +148,8 @@ def coefficient_table(report: Report, sensor: str) -> DataTable:
         values = [value for value in published if value.coefficient == letter]
         rows.append((title, *cells, *([_published_text(values, len(axes))] if published else [])))
         true = [
-            without_aliasing(report, f"{sensor}/{axis}", c.estimates.get(letter)) for axis, c in axes.items()
+            without_aliasing(report, ChannelName(f"{sensor}/{axis}"), c.estimates.get(letter))
+            for axis, c in axes.items()
         ]
         if letter == "N" and any(true):
             cells = [coefficient_text(part) or "–" for part in true]
@@ -169,11 +170,9 @@ def _published_text(values: Sequence[SheetValue], axes: int) -> str:
     texts = []
     for size in dict.fromkeys((value.value, value.basis) for value in values):
         same = [value for value in values if (value.value, value.basis) == size]
-        text = figures(
-            size[0] * unit_of(same[0].channel.partition("/")[0], same[0].coefficient, same[0].unit).factor
-        )
+        text = figures(size[0] * unit_of(same[0].channel.sensor, same[0].coefficient, same[0].unit).factor)
         text += " typical" if size[1] == "typical" else ""
-        above = [value.channel.partition("/")[2] for value in same if value.above]
+        above = [value.channel.axis for value in same if value.above]
         if above:
             text += "; above" if len(above) == axes else f"; above: {', '.join(above)}"
         texts.append(text)
@@ -198,7 +197,7 @@ def _notes(report: Report) -> Iterator[Element]:
 
 def _contents(report: Report) -> str:
     """Return what the intervals hold, and what they do not."""
-    temperature = report.channels.get("temperature")
+    temperature = report.channels.get(TEMPERATURE)
     if temperature is None or temperature.min is None or temperature.max is None:
         outside = "the temperature, which is not in the record"
     else:
@@ -228,7 +227,7 @@ def _sheet_text(report: Report) -> str:
     reasons: dict[str, dict[str, None]] = {}
     for value in sheet.values:
         if value.reason:
-            reasons.setdefault(value.reason, {})[value.channel.partition("/")[0]] = None
+            reasons.setdefault(value.reason, {})[value.channel.sensor] = None
     parts = [
         f"Data sheet: {'; '.join(filter(None, source))}",
         *(

@@ -10,6 +10,7 @@ from imumon.documents.report_texts import sensor_axes
 from imumon.model.coefficients import COEFFICIENTS
 from imumon.model.errors import ImumonError
 from imumon.model.report import Report, Spectrum
+from imumon.model.samples import ChannelName
 from imumon.model.units import pretty
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def _draw(panel: Axes, report: Report, sensor: str) -> None:
             if f > 0.0 < p
         ]
         panel.plot(*zip(*known, strict=True), color=COLOURS[axis], linewidth=1.0, label=axis)
-        n = report.channels[f"{sensor}/{axis}"].estimates.get("N")
+        n = report.channels[ChannelName(f"{sensor}/{axis}")].estimates.get("N")
         if n is not None and n.value:
             panel.axhline(n.value * unit.factor, color=COLOURS[axis], linewidth=0.8, linestyle=(0, (3, 2)))
         for line in spectrum.lines:

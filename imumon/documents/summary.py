@@ -36,7 +36,7 @@ from imumon.model.messages import (
 )
 from imumon.model.readiness import readiness
 from imumon.model.report import Report
-from imumon.model.samples import sensor_of
+from imumon.model.samples import TEMPERATURE
 from imumon.model.units import duration, pretty, share_text
 
 LINES = 23
@@ -89,7 +89,7 @@ def _head(report: Report, late: str | None = None) -> Iterator[str]:
     yield title if device.id == "replay" else f"{report.state}: {device.id}, {title}{where}"
     if late:
         yield late
-    channel = report.channels.get("temperature")
+    channel = report.channels.get(TEMPERATURE)
     degrees = f", {channel.last:.1f} °C" if channel is not None and channel.last is not None else ""
     times = report.recording.times if report.recording is not None else ()
     yield f"{record_title(report)}{degrees}{''.join(f', time from {name}' for name in times)}"
@@ -164,14 +164,14 @@ def _channel_cells(report: Report, letters: Sequence[str]) -> Iterator[tuple[str
     before, factor = "", 1.0
     axes = {name: channel for name, channel in report.channels.items() if channel.estimates}
     for name, channel in axes.items():
-        if (sensor := sensor_of(name)) != before:
+        if (sensor := name.sensor) != before:
             before = sensor
             factor, unit = mean_unit(sensor, channel.unit)
             units = {
                 letter: other.estimates[letter].readable.unit
                 for other_name, other in axes.items()
                 for letter in other.estimates
-                if sensor_of(other_name) == sensor
+                if other_name.sensor == sensor
             }
             heads = (f"{letter} {pretty(units[letter])}" if letter in units else "" for letter in letters)
             yield (f"in {pretty(unit)}", f"{'mean':>11}", *heads, "grade" if channel.grade else "")

@@ -21,7 +21,7 @@ import numpy as np
 from imumon.history.store import TimedPeriod
 from imumon.model.coefficients import BIAS_SLOPE, LIMIT_95, Estimate
 from imumon.model.report import Against, Change, stamp
-from imumon.model.samples import sensor_of
+from imumon.model.samples import ChannelName
 from imumon.model.units import DAY, HOUR
 from imumon.noise.stretches.change import LEAST_CHANGE, CoefficientChange, compare
 from imumon.sources.clock import REAL_TIME, HostClock
@@ -69,7 +69,7 @@ class DayChanges:
     def _compare(self) -> None:
         days = list(self._days.values())
         names = dict.fromkeys(name for day in days for name in day.period.channels)
-        graded = [name for name in names if sensor_of(name) in ("gyro", "accel", "mag")]
+        graded = [name for name in names if name.sensor in ("gyro", "accel", "mag")]
         letters = (*LEAST_CHANGE, SLOPE)
         pairs = len(graded) * len(letters) * max(1, len(days) - DAYS_BEFORE)
         self.changes = {}
@@ -86,7 +86,7 @@ def _counts(timed: TimedPeriod, clock: HostClock) -> bool:
     return period.step_s == DAY and period.complete and not period.warming_up and sampled_s >= HOUR
 
 
-def _change(days: Sequence[TimedPeriod], name: str, letter: str, pairs: int) -> Change | None:
+def _change(days: Sequence[TimedPeriod], name: ChannelName, letter: str, pairs: int) -> Change | None:
     """Return the least likely change of a coefficient of a channel; None if no day differs from those before."""
     parts = [
         (day, day.period.channels[name].coefficients.get(letter))

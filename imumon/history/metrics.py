@@ -14,6 +14,7 @@ from imumon.model.coefficients import SCALE
 from imumon.model.errors import ImumonError, why
 from imumon.model.messages import EVENT_LEVELS
 from imumon.model.report import Report
+from imumon.model.samples import TEMPERATURE
 from imumon.model.system_errors import cure_of_writing
 
 if TYPE_CHECKING:
@@ -143,7 +144,7 @@ def _gauges(report: Report, age_s: float) -> Rows:
         (sensor, name, float(grade.meets == name)) for sensor, grade in report.grade.items() for name in SCALE
     ]
     yield "imumon_grade", text, ("sensor", "grade"), grades
-    temperature = report.channels.get("temperature")
+    temperature = report.channels.get(TEMPERATURE)
     if temperature is not None and temperature.last is not None:
         text = "Newest temperature of the sensor"
         yield "imumon_temperature_celsius", text, (), [(temperature.last,)]

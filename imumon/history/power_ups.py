@@ -16,7 +16,6 @@ import numpy as np
 
 from imumon.history.store import PowerUp, TimedPeriod
 from imumon.model.report import WARM_S, Distribution, Report
-from imumon.model.samples import sensor_of
 from imumon.noise.statistics.moments import deviation_limits
 
 SAME_S, SAME_SHARE = 60.0, 1e-3
@@ -110,9 +109,9 @@ class PowerUps:
         if counted * (1.0 - excluded) < LEAST_COUNTED:
             return False
         means = {
-            name: channel.mean
+            str(name): channel.mean
             for name, channel in period.channels.items()
-            if channel.mean is not None and sensor_of(name) in ("gyro", "accel")
+            if channel.mean is not None and name.sensor in ("gyro", "accel")
         }
         self._all[-1] = replace(newest, means=means)
         return bool(means)

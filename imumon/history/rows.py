@@ -15,7 +15,7 @@ from imumon.history.store import TimedPeriod
 from imumon.model.coefficients import Estimate
 from imumon.model.history_report import STEPS
 from imumon.model.report import stamp
-from imumon.model.samples import UNITS, sensor_of
+from imumon.model.samples import UNITS
 
 DIGITS = 7
 """Significant digits of a number in a row; the limits of N are wider."""
@@ -42,13 +42,13 @@ def rows(timed: TimedPeriod, device: str, selected: Selection | None = None) -> 
             "time": iso(timed.begin),
             "end": iso(timed.end),
             "device": device,
-            "channel": name,
+            "channel": str(name),
             "step": _STEP_NAMES[period.step_s],
-            "unit": UNITS.get(sensor_of(name), ""),
+            "unit": UNITS.get(name.sensor, ""),
             **{letter: _limits(channel.coefficients.get(letter)) for letter in ESTIMATE_COLUMNS},
             "mean": _rounded(channel.mean),
             "std": _rounded(channel.std),
-            "grade": period.grades.get(sensor_of(name)),
+            "grade": period.grades.get(name.sensor),
             **common,
         }
 

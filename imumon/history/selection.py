@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 
 from imumon.model.errors import ImumonError
 from imumon.model.history_report import STEPS
+from imumon.model.samples import ChannelName
 from imumon.model.units import DAY, seconds
 
 HOURS_S = 62.0 * DAY
@@ -39,13 +40,13 @@ class Selection:
     channels: tuple[str, ...] = ()
     step: str = "1h"
 
-    def wants(self, channel: str) -> bool:
+    def wants(self, channel: ChannelName) -> bool:
         """Return whether a channel is asked for.
 
-        >>> Selection(since=0.0, until=1.0, channels=("gyro",)).wants("gyro/x")
+        >>> Selection(since=0.0, until=1.0, channels=("gyro",)).wants(ChannelName("gyro/x"))
         True
         """
-        return not self.channels or channel in self.channels or channel.partition("/")[0] in self.channels
+        return not self.channels or channel in self.channels or channel.sensor in self.channels
 
 
 def selection(

@@ -30,6 +30,7 @@ from imumon.model.coefficients import SCALE, Estimate, GradeName, Status
 from imumon.model.errors import ImumonError, why
 from imumon.model.history_report import STEPS, HistoryPeriod, PeriodChannel
 from imumon.model.report import Event
+from imumon.model.samples import ChannelName
 
 SUFFIX = ".history.sqlite"
 EXTRAS = ("-wal", "-shm")
@@ -310,7 +311,8 @@ class HistoryStore:
     def periods(self, selected: Selection) -> Iterator[TimedPeriod]:
         """Yield the periods of a selection, oldest first, with the selected channels."""
         with self._reading():
-            names = dict(self._connection.execute("SELECT id, name FROM channel"))
+            known_channels = self._connection.execute("SELECT id, name FROM channel")
+            names = {number: ChannelName(name) for number, name in known_channels}
             wanted = [number for number, name in names.items() if selected.wants(name)]
             marks = ", ".join("?" * len(wanted))
             known = set(self._columns("noise"))
@@ -366,8 +368,8 @@ def _code(error: sqlite3.Error) -> int | None:
     return None if code is None else code & 0xFF
 
 
-def _grade_number(period: HistoryPeriod, channel: str) -> int | None:
-    grade = period.grades.get(channel.partition("/")[0])
+def _grade_number(period: HistoryPeriod, channel: ChannelName) -> int | None:
+    grade = period.grades.get(channel.sensor)
     return None if grade is None else SCALE.index(grade)
 
 
@@ -378,11 +380,14 @@ def _check_numbers(*values: object) -> None:
 
 
 def _timed_period(
-    values: Sequence[Any], rows: Sequence[Mapping[str, Any]], names: Mapping[int, str], letters: Sequence[str]
+    values: Sequence[Any],
+    rows: Sequence[Mapping[str, Any]],
+    names: Mapping[int, ChannelName],
+    letters: Sequence[str],
 ) -> TimedPeriod:
     step, record, number, begin, end, complete, samples, missing, excluded_s, temperature, warming = values
     _check_numbers(step, *values[2:])
-    channels: dict[str, PeriodChannel] = {}
+    channels: dict[ChannelName, PeriodChannel] = {}
     grades: dict[str, GradeName] = {}
     for row in rows:
         _check_numbers(*row.values())
@@ -394,7 +399,7 @@ def _timed_period(
                 known[letter] = Estimate(value=value, low=low, high=high, status=_STATUSES[status])
         channels[name] = PeriodChannel(coefficients=known, mean=row["mean"], std=row["std"])
         if row["grade"] is not None:
-            grades[name.partition("/")[0]] = SCALE[row["grade"]]
+            grades[name.sensor] = SCALE[row["grade"]]
     period = HistoryPeriod(
         step_s=step,
         number=number,

@@ -20,6 +20,7 @@ from typing import Any
 
 from imumon.model.errors import ImumonError
 from imumon.model.report import DeviceDescription
+from imumon.model.samples import ChannelName
 from imumon.model.units import DAY
 
 FILTER_SCHEMA = "imumon.filter/1"
@@ -127,4 +128,4 @@ class FilterReport:
     horizon_s: float = DEFAULT_HORIZON_S  # s, longest time without a fix that the numbers hold for
     elapsed_s: float = 0.0  # s, length of the record that they rest on
     words: str = FIX_WORDS  # meaning of a fix and of NEES
-    channels: Mapping[str, FilterChannel] = field(default_factory=dict)  # gyro/x ... accel/z
+    channels: Mapping[ChannelName, FilterChannel] = field(default_factory=dict)  # gyro/x ... accel/z

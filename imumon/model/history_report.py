@@ -15,6 +15,7 @@ from typing import Any
 
 from imumon.model.coefficients import BIAS_SLOPE, COEFFICIENTS, Estimate, GradeName
 from imumon.model.report_json import JsonReader, check, entries
+from imumon.model.samples import ChannelName
 
 STEPS = {"1h": 3600, "1d": 86400}
 """s, lengths of the periods by name."""
@@ -59,14 +60,14 @@ class HistoryPeriod:
     temperature: float | None  # degC, mean; None: unknown
     warming_up: bool  # whether the sensor still warmed up at its end
     grades: Mapping[str, GradeName | None] = field(default_factory=dict)  # of the record at its end
-    channels: Mapping[str, PeriodChannel] = field(default_factory=dict)  # by name
+    channels: Mapping[ChannelName, PeriodChannel] = field(default_factory=dict)  # by name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HistoryRow:
     """A row of the published history: one channel of one period."""
 
-    channel: str
+    channel: ChannelName
     time: str  # ISO 8601, of its beginning
     end: str  # ISO 8601
     step: str = ""  # one of `STEPS`

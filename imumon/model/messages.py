@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from imumon.model.coefficients import INDISTINCT_WORD, LIMIT_95, SIGNIFICANT, Estimate
 from imumon.model.report import Change, Drift, Event, NoiseModel, Report, SensorGrade
-from imumon.model.samples import INERTIAL, Level, sensor_of
+from imumon.model.samples import INERTIAL, ChannelName, Level
 from imumon.model.units import duration, sentence, share_text
 
 
@@ -277,7 +277,7 @@ def filter_not_known(report: Report) -> str | None:
     """
     if report.device.alias_factor is not None or report.device.stream in ("deltas", None):
         return None
-    inertial = [channel for name, channel in report.channels.items() if sensor_of(name) in INERTIAL]
+    inertial = [channel for name, channel in report.channels.items() if name.sensor in INERTIAL]
     if report.channels and all("correlated" in channel.caveats for channel in inertial):
         return None
     return (
@@ -289,7 +289,7 @@ def filter_not_known(report: Report) -> str | None:
 def excluded_by(report: Report) -> tuple[dict[str, float], float]:
     """Return the excluded seconds by reason, and those of the magnetometer alone if `excluded_s` omits them."""
     by = dict(report.session.excluded_by)
-    inertial = any(sensor_of(name) in INERTIAL for name in report.channels)
+    inertial = any(name.sensor in INERTIAL for name in report.channels)
     alone = by.pop("magnetic", 0.0) if inertial else 0.0
     return by, alone
 
@@ -384,9 +384,9 @@ def advice(report: Report, caveat: str) -> str:
     return f"{sentence(text)}. {details}".strip()
 
 
-def caveats(report: Report) -> dict[str, list[str]]:
+def caveats(report: Report) -> dict[str, list[ChannelName]]:
     """Return the channels by caveat; empty for a caveat of the whole record."""
-    by_caveat: dict[str, list[str]] = {caveat: [] for caveat in report.caveats}
+    by_caveat: dict[str, list[ChannelName]] = {caveat: [] for caveat in report.caveats}
     for name, channel in report.channels.items():
         for caveat in channel.caveats:
             if caveat not in report.caveats:
@@ -394,16 +394,15 @@ def caveats(report: Report) -> dict[str, list[str]]:
     return by_caveat
 
 
-def joined(channels: Iterable[str]) -> str:
+def joined(channels: Iterable[ChannelName]) -> str:
     """Return a short list of channels.
 
-    >>> joined(["gyro/x", "gyro/y", "accel/z", "temperature"])
+    >>> joined(map(ChannelName, ["gyro/x", "gyro/y", "accel/z", "temperature"]))
     'gyro xy, accel z, temperature'
     """
     axes: dict[str, str] = {}
     for name in channels:
-        sensor, _, axis = name.partition("/")
-        axes[sensor] = axes.get(sensor, "") + axis
+        axes[name.sensor] = axes.get(name.sensor, "") + name.axis
     return ", ".join(f"{sensor} {some}".strip() for sensor, some in axes.items())
 
 

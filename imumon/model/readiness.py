@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from imumon.model.report import Channel, Report
-from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.samples import INERTIAL
 from imumon.model.units import duration
 
 ProgramName: TypeAlias = Literal[
@@ -79,7 +79,7 @@ def seconds_left(channel: Channel, letter: str, precision: Mapping[str, float]) 
 
 def readiness(report: Report, letters: Collection[str]) -> list[Readiness]:
     """Return the readiness of some coefficients; empty of a sensor without gyroscope and accelerometer."""
-    axes = [channel for name, channel in report.channels.items() if sensor_of(name) in INERTIAL]
+    axes = [channel for name, channel in report.channels.items() if name.sensor in INERTIAL]
     axes = [channel for channel in axes if channel.estimates]
     out = []
     for letter in letters if axes else ():

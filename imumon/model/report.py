@@ -29,6 +29,7 @@ from imumon.model.coefficients import (
 from imumon.model.ledger import ColumnUse
 from imumon.model.report_json import JsonReader, entries, plain
 from imumon.model.report_json import check as _check
+from imumon.model.samples import ChannelName
 
 SCHEMA = "imumon.report/1"
 
@@ -382,7 +383,7 @@ class Strip:
 class Signal:
     """Signal view of one channel, published on its own key."""
 
-    channel: str  # such as gyro/x
+    channel: ChannelName  # such as gyro/x
     unit: str  # channel unit
     minute: Strip | None = None  # the last 60 s
     hour: Strip | None = None  # the last hour
@@ -498,7 +499,7 @@ class Event:
 class SheetValue:
     """One value of a data sheet for one channel, beside what was measured."""
 
-    channel: str  # such as gyro/x
+    channel: ChannelName  # such as gyro/x
     quantity: str  # a coefficient, or floor: 0.664 B, or density: sqrt(2) N
     coefficient: str  # that it is a value of, such as N
     printed: float  # in `printed_unit`, of `quantity`, as the data sheet has it
@@ -533,7 +534,7 @@ class Report:
     session: SessionCounters  # what was received, lost and excluded
     recording: RecordingDescription | None = None  # columns of a file or of lines; null: it has none
     grade: Mapping[str, SensorGrade] = field(default_factory=dict)  # headlines: gyro, accel
-    channels: Mapping[str, Channel] = field(default_factory=dict)  # gyro/x ... mag/z, temperature, pressure
+    channels: Mapping[ChannelName, Channel] = field(default_factory=dict)  # gyro/x ... mag/z, then others
     caveats: tuple[str, ...] = ()  # those that hold for the whole record
     period_s: float = 1.0  # s between two reports
     speed: float = 1.0  # device seconds per second of the host clock; not 1 in time-lapse

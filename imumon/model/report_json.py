@@ -14,6 +14,8 @@ from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from typing import Any, Literal
 
+from imumon.model.samples import ChannelName
+
 MAX_NUMBER = 1e150  # numbers from outside are smaller: squares and other units are finite
 MAX_BYTES = 4_000_000  # bytes of JSON that is read; 64 channels with line breaks have 0.7 MB
 MAX_ITEMS = 256  # entries of a mapping, and lines or parts in a list
@@ -108,12 +110,12 @@ class JsonReader:
             return self._dataclass_reader(hint)
         origin, arguments = typing.get_origin(hint), typing.get_args(hint)
         if origin is Mapping:
-            inner, word = self._reader(arguments[1]), self._reader(str)
+            inner, key = self._reader(arguments[1]), self._reader(arguments[0])
             return lambda data: {
-                word(k): inner(v) for k, v in bounded(_checked(data, dict), MAX_ITEMS).items()
+                key(k): inner(v) for k, v in bounded(_checked(data, dict), MAX_ITEMS).items()
             }
-        if hint is str:
-            return lambda data: plain(bounded(_checked(data, str), MAX_LENGTH))
+        if hint in (str, ChannelName):
+            return lambda data: hint(plain(bounded(_checked(data, str), MAX_LENGTH)))
         if origin is Literal:
             return lambda data: _listed(data, arguments)
         if origin is None:

@@ -8,9 +8,8 @@ data in these types.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from imumon.model.ledger import ColumnUse
@@ -26,13 +25,45 @@ Level: TypeAlias = Literal["debug", "info", "notice", "warning", "error"]
 AXES = ("x", "y", "z")
 INERTIAL = ("gyro", "accel")
 """Sensors whose mean is that of the motion, and that have grades."""
-GYRO = ("gyro/x", "gyro/y", "gyro/z")
-ACCEL = ("accel/x", "accel/y", "accel/z")
-MAG = ("mag/x", "mag/y", "mag/z")
-CHANNELS = (*GYRO, *ACCEL, *MAG, "temperature", "pressure")
-"""Channels of a stream, in their order: those with an Allan curve first."""
 WITH_CURVE = (*INERTIAL, "mag")
 """Sensors with an Allan curve; the others have running statistics only."""
+UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "gauss", "temperature": "degC", "pressure": "kPa"}
+"""Unit of a channel by its sensor."""
+
+
+class ChannelName(str):
+    """Name of a channel. It is taken apart here, once, where a stream is declared or a message is read.
+
+    Attributes
+    ----------
+    sensor, axis : that the channel belongs to; the axis is empty for a channel that is a sensor by itself.
+
+    >>> name = ChannelName("gyro/x")
+    >>> name, name.sensor, name.axis, ChannelName("temperature").axis
+    ('gyro/x', 'gyro', 'x', '')
+    """
+
+    __slots__ = ("axis", "sensor")
+    sensor: str
+    axis: str
+
+    def __new__(cls, text: str) -> ChannelName:
+        name = super().__new__(cls, text)
+        name.sensor, _, name.axis = text.partition("/")
+        return name
+
+
+def channel_names(texts: Iterable[str]) -> tuple[ChannelName, ...]:
+    """Return the channels of a stream by their names."""
+    return tuple(map(ChannelName, texts))
+
+
+GYRO = channel_names(f"gyro/{axis}" for axis in AXES)
+ACCEL = channel_names(f"accel/{axis}" for axis in AXES)
+MAG = channel_names(f"mag/{axis}" for axis in AXES)
+TEMPERATURE = ChannelName("temperature")
+CHANNELS = (*GYRO, *ACCEL, *MAG, TEMPERATURE, ChannelName("pressure"))
+"""Channels of a stream, in their order: those with an Allan curve first."""
 
 SLOWEST_HZ, FASTEST_HZ = 1e-4, 1e5
 """Limits of a sample rate, Hz: no inertial sensor is slower or faster."""
@@ -42,30 +73,6 @@ LONGEST_NS = 4e18
 
 ALIASED = 1.001
 """Alias factor above which N counts as raised, beyond rounding errors."""
-
-UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "gauss", "temperature": "degC", "pressure": "kPa"}
-"""Unit of a channel by its sensor (the part of its name before the slash)."""
-
-
-def sensor_of(channel: str) -> str:
-    """Sensor a channel belongs to.
-
-    >>> sensor_of("gyro/x"), sensor_of("temperature")
-    ('gyro', 'temperature')
-    """
-    return channel.partition("/")[0]
-
-
-@cache
-def _sensors_of(channels: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the sensors of the channels of a stream: names are taken apart once, and not with each block."""
-    return tuple(map(sensor_of, channels))
-
-
-@cache
-def _groups_of(channels: tuple[str, ...]) -> tuple[int, ...]:
-    sensors = _sensors_of(channels)
-    return tuple(list(dict.fromkeys(sensors)).index(sensor) for sensor in sensors)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +97,7 @@ class Stream:
     """
 
     kind: Kind
-    channels: tuple[str, ...]
+    channels: tuple[ChannelName, ...]
     source: str
     clock: Clock
     interval_s: float | None = None
@@ -98,28 +105,27 @@ class Stream:
     accel: Kind | None = None
     tick_s: float | None = field(default=None, compare=False)  # two streams do not differ by it
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", channel_names(self.channels))  # a driver may give plain text
+
     @property
     def sensors(self) -> tuple[str, ...]:
         """Sensor of each channel.
 
-        >>> Stream("deltas", ("gyro/x", "gyro/y", "temperature"), "binary", "startup").sensors
+        >>> Stream("deltas", (*GYRO[:2], TEMPERATURE), "binary", "startup").sensors
         ('gyro', 'gyro', 'temperature')
         """
-        return _sensors_of(self.channels)
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Axis of each channel; empty for a channel that is a sensor by itself."""
-        return tuple(name.partition("/")[2] for name in self.channels)
+        return tuple(name.sensor for name in self.channels)
 
     @property
     def groups(self) -> tuple[int, ...]:
         """Number of the sensor of each channel, from 0 on: the channels of a sensor miss the same samples.
 
-        >>> Stream("deltas", ("gyro/x", "gyro/y", "temperature"), "binary", "startup").groups
+        >>> Stream("deltas", (*GYRO[:2], TEMPERATURE), "binary", "startup").groups
         (0, 0, 1)
         """
-        return _groups_of(self.channels)
+        sensors = self.sensors
+        return tuple(list(dict.fromkeys(sensors)).index(sensor) for sensor in sensors)
 
     def kind_of(self, sensor: str) -> Kind:
         """Kind of the numbers of ``gyro`` or ``accel``."""
@@ -134,7 +140,7 @@ class Stream:
     def averaged(self) -> tuple[bool, ...]:
         """Which channels are true averages over their interval: only increments are, never a magnetometer.
 
-        >>> Stream("deltas", ("gyro/x", "mag/x", "temperature"), "binary", "startup").averaged
+        >>> Stream("deltas", (GYRO[0], MAG[0], TEMPERATURE), "binary", "startup").averaged
         (True, False, False)
         """
         return tuple(s in INERTIAL and self.kind_of(s) == "deltas" for s in self.sensors)
@@ -143,9 +149,9 @@ class Stream:
     def caveats(self) -> tuple[str, ...]:
         """Return the caveats of the stream if the settings of the sensor are unknown.
 
-        >>> Stream("deltas", ("gyro/x",), "binary", "startup").caveats
+        >>> Stream("deltas", GYRO, "binary", "startup").caveats
         ('unknown_compensation',)
-        >>> Stream("unknown", ("gyro/x",), "csv", "startup").caveats
+        >>> Stream("unknown", GYRO, "csv", "startup").caveats
         ('unknown_compensation',)
         """
         if self.kind == "compensated":

@@ -44,6 +44,8 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from imumon.model.samples import ChannelName
+
 _Class = TypeVar("_Class", bound=type)
 _CLASSES: dict[str, type] = {}
 """Classes of which objects may be restored, by name."""
@@ -116,6 +118,8 @@ class _Packer:
         match value:
             case Enum():
                 return {"enum": type(value).__name__, "value": value.value}
+            case ChannelName():
+                return {"channel": str(value)}
             case None | bool() | str():
                 return value
             case int() | np.integer():
@@ -192,6 +196,8 @@ class _Unpacker:
                 return tuple(self._value(item) for item in items)
             case {"dict": items}:
                 return {self._value(key): self._value(item) for key, item in items}
+            case {"channel": name}:
+                return ChannelName(name)
             case {"slice": limits}:
                 return slice(*limits)
             case {"enum": name, "value": member}:

@@ -12,7 +12,7 @@ from dataclasses import asdict, replace
 from imumon.model.grading import grade_sensor
 from imumon.model.messages import excluded_text
 from imumon.model.report import UNGRADED_SHARE, Change, Channel, ChannelGrade, Report, SensorGrade
-from imumon.model.samples import UNITS, Stream
+from imumon.model.samples import UNITS, ChannelName, Stream
 from imumon.model.units import share_text
 from imumon.noise.fit import ChannelFit
 from imumon.noise.statistics.envelope import RecentStatistics
@@ -61,7 +61,7 @@ class Assessment:
         self.changes = _changes(fits, baseline)
         self._clipped = _clipped(fits, sums)
 
-    def channels(self, caveats: Sequence[str]) -> dict[str, Channel]:
+    def channels(self, caveats: Sequence[str]) -> dict[ChannelName, Channel]:
         """Return every channel of the report; `caveats` are those of the stream and the settings of the sensor."""
         fits, moments = self._fits, self._sums.moments()
         means = {
@@ -96,7 +96,9 @@ class Assessment:
             )
         return channels
 
-    def _channel_caveats(self, column: int, name: str, fit: ChannelFit, *, changed: bool) -> tuple[str, ...]:
+    def _channel_caveats(
+        self, column: int, name: ChannelName, fit: ChannelFit, *, changed: bool
+    ) -> tuple[str, ...]:
         """Return the caveats of one channel."""
         robust = self._fits.robust.get(name)
         holds = {
@@ -109,24 +111,20 @@ class Assessment:
         }
         return (*fit.caveats, *(caveat for caveat, true in holds.items() if true))
 
-    def sensor_grades(self, channels: Mapping[str, Channel]) -> dict[str, SensorGrade]:
+    def sensor_grades(self, channels: Mapping[ChannelName, Channel]) -> dict[str, SensorGrade]:
         """Return the headline of each sensor, without a grade if the record or a constant axis prevents it.
 
         Parameters
         ----------
         channels : of the report, with their combined limits: a grade is certain within these.
         """
-        grades, stream = {}, self._fits.stream
+        grades = {}
         for sensor in self._fits.grades:
-            of_sensor = {
-                name: axis
-                for name, axis, each in zip(stream.channels, stream.axes, stream.sensors, strict=True)
-                if each == sensor
-            }
-            axes = [axis for name, axis in of_sensor.items() if name in self.constant]
+            of_sensor = [name for name in self._fits.stream.channels if name.sensor == sensor]
+            axes = [name.axis for name in of_sensor if name in self.constant]
             ends = [
-                f"{axis} is clipped at {' and '.join(map('{:.4g}'.format, self._clipped[name]))} {UNITS[sensor]}"
-                for name, axis in of_sensor.items()
+                f"{name.axis} is clipped at {' and '.join(map('{:.4g}'.format, self._clipped[name]))} {UNITS[sensor]}"
+                for name in of_sensor
                 if name in self._clipped
             ]
             # A reason of the record takes precedence: it says what to do first.
@@ -139,9 +137,7 @@ class Assessment:
                 grades[sensor] = SensorGrade(reason=f"{', '.join(ends)}: a range is too small")
             else:
                 axes_with_fit = {
-                    axis: channels[name].coefficients
-                    for name, axis in of_sensor.items()
-                    if channels[name].fit
+                    name.axis: channels[name].coefficients for name in of_sensor if channels[name].fit
                 }
                 grades[sensor] = grade_sensor(sensor, axes_with_fit)
         return grades

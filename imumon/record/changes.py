@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from imumon.model.report import Against, Change, Channel, Report
+from imumon.model.samples import ChannelName
 from imumon.noise.fit import ChannelFit
 from imumon.noise.stretches.change import LEAST_CHANGE, CoefficientChange, detect_changes
 
@@ -23,7 +24,7 @@ def changes_by_column(
     }
 
 
-def compare_with_report(baseline: Report, name: str, now: ChannelFit | Channel) -> list[Change]:
+def compare_with_report(baseline: Report, name: ChannelName, now: ChannelFit | Channel) -> list[Change]:
     """Return what differs between a channel of a saved report and the present noise of the same channel."""
     channel = baseline.channels.get(name)
     if channel is None:  # the saved report is of a stream without it: nothing is compared

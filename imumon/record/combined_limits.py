@@ -20,7 +20,7 @@ from dataclasses import replace
 from imumon.model.coefficients import MARKOV, Estimate, MarkovEstimate
 from imumon.model.history_report import DayScatter
 from imumon.model.report import Channel, Report
-from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.samples import INERTIAL, ChannelName
 from imumon.noise import uncertainty
 from imumon.noise.uncertainty import StandardUncertainty
 
@@ -34,7 +34,7 @@ crystal."""
 
 def with_combined(
     report: Report, history: Mapping[str, Mapping[str, DayScatter]] | None = None
-) -> dict[str, Channel]:
+) -> dict[ChannelName, Channel]:
     """Return the channels of a report with the combined limits of their coefficients.
 
     Parameters
@@ -47,7 +47,7 @@ def with_combined(
     }
 
 
-def shared_share(report: Report, name: str, letter: str) -> float:
+def shared_share(report: Report, name: ChannelName, letter: str) -> float:
     """Return what all records of a sensor have in common of the uncertainty of a coefficient, as a share of it."""
     channel = report.channels[name]
     part = channel.estimates.get(letter)
@@ -57,7 +57,7 @@ def shared_share(report: Report, name: str, letter: str) -> float:
     return math.hypot(*(component.standard for component in shared)) / part.value
 
 
-def _channel(report: Report, name: str, channel: Channel, days: Mapping[str, DayScatter]) -> Channel:
+def _channel(report: Report, name: ChannelName, channel: Channel, days: Mapping[str, DayScatter]) -> Channel:
     """Return a channel with the combined limits of its coefficients."""
 
     def combined(letter: str, part: Estimate) -> Estimate:
@@ -71,7 +71,9 @@ def _channel(report: Report, name: str, channel: Channel, days: Mapping[str, Day
     return replace(channel, coefficients=single, M=MarkovEstimate(sigma=sigma, time_constant_s=time_constant))
 
 
-def _combined(report: Report, name: str, letter: str, part: Estimate, days: DayScatter | None) -> Estimate:
+def _combined(
+    report: Report, name: ChannelName, letter: str, part: Estimate, days: DayScatter | None
+) -> Estimate:
     """Return a coefficient with its combined limits."""
     value = part.value
     if part.status != "measured" or not value or part.low is None or part.high is None:
@@ -89,7 +91,7 @@ def _combined(report: Report, name: str, letter: str, part: Estimate, days: DayS
 
 
 def _shared(
-    report: Report, name: str, channel: Channel, letter: str, value: float
+    report: Report, name: ChannelName, channel: Channel, letter: str, value: float
 ) -> Iterator[StandardUncertainty]:
     """Yield what does not vary from record to record: the steps of the values and the clock."""
     # rounding of noisy values is white; where the steps are coarser than the noise, what it adds is unknown
@@ -99,5 +101,5 @@ def _shared(
         yield from filter(None, [rounding])
     is_of_sensor = report.device.clock in ("startup", "counter", "dt")
     tolerance = CRYSTAL_TOLERANCE if is_of_sensor else GIVEN_RATE_TOLERANCE
-    averaged = report.device.stream == "deltas" and sensor_of(name) in INERTIAL
+    averaged = report.device.stream == "deltas" and name.sensor in INERTIAL
     yield uncertainty.of_time_base(value, letter, tolerance, averaged=averaged)

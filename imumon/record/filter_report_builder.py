@@ -27,7 +27,7 @@ from imumon.model.filter_report import (
     MarkovTerm,
 )
 from imumon.model.report import Channel, Report
-from imumon.model.samples import Floats, sensor_of
+from imumon.model.samples import ChannelName, Floats
 from imumon.noise.filter_consistency import FIX_STD, ChannelTruths
 from imumon.noise.filter_parameters import FilterParameters, filter_parameters
 
@@ -55,7 +55,7 @@ def filter_report(report: Report, horizon_s: float) -> FilterReport:
         name: noise
         for name, channel in report.channels.items()
         # a magnetometer is not integrated: it has no fix in the reference scenario
-        if sensor_of(name) in FIX_STD and (noise := assumed_noise(channel)) is not None
+        if name.sensor in FIX_STD and (noise := assumed_noise(channel)) is not None
     }
     return FilterReport(
         time=report.time,
@@ -90,10 +90,10 @@ def _assumed_markov(markov: MarkovEstimate | None) -> tuple[float, float] | tupl
 
 
 def _channels(
-    report: Report, assumed: Mapping[str, AssumedNoise], horizon_s: float
-) -> dict[str, FilterChannel]:
+    report: Report, assumed: Mapping[ChannelName, AssumedNoise], horizon_s: float
+) -> dict[ChannelName, FilterChannel]:
     """Return the parameters of the channels whose noise is known, computed together."""
-    fix = np.array([FIX_STD[sensor_of(name)] for name in assumed])
+    fix = np.array([FIX_STD[name.sensor] for name in assumed])
     n, b, k = np.array([(noise.N, noise.B, noise.K) for noise in assumed.values()]).T
     m = time = None
     if any(noise.M is not None for noise in assumed.values()):

@@ -18,7 +18,7 @@ import numpy as np
 from imumon.model.coefficients import LIMIT_95, NOISE, QUARTERS, Estimate, Excess, MarkovEstimate
 from imumon.model.grading import LIMITS, grade_sensor
 from imumon.model.report import UNGRADED_SHARE, Channel, SensorGrade
-from imumon.model.samples import UNITS, WITH_CURVE, Stream
+from imumon.model.samples import UNITS, WITH_CURVE, ChannelName, Stream
 from imumon.model.units import counted, duration
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import BiasFit, ChannelFit, Estimator
@@ -105,10 +105,10 @@ class Fits:
         self.convergence = StatementLog(sum(sensor in WITH_CURVE for sensor in stream.sensors))
         self._due_s = 0.0
         self._analysed = (-1, -1, 0.0, False)  # length, samples past the guard, warm-up, and `force`
-        self.fits: dict[str, ChannelFit] = {}
-        self.robust: dict[str, RobustDeviation | None] = {}
+        self.fits: dict[ChannelName, ChannelFit] = {}
+        self.robust: dict[ChannelName, RobustDeviation | None] = {}
         self.shapes: list[DistributionShape | None] = []
-        self.channels: dict[str, Channel] = {}
+        self.channels: dict[ChannelName, Channel] = {}
         self.grades: dict[str, SensorGrade] = {}
         self.resolution: list[float] | None = None
 
@@ -133,8 +133,8 @@ class Fits:
         self.fits = dict(zip(self.stream.channels, fits, strict=False))
         self._update_slowly(sums, elapsed_s, kurtosis, force=force)
         graded: dict[str, dict[str, Mapping[str, Estimate]]] = {}  # by sensor and axis
-        for sensor, axis, fit in zip(self.stream.sensors, self.stream.axes, fits, strict=False):
-            graded.setdefault(sensor, {})[axis] = fit.coefficients
+        for name, fit in zip(self.stream.channels, fits, strict=False):
+            graded.setdefault(name.sensor, {})[name.axis] = fit.coefficients
         self.grades = {sensor: grade_sensor(sensor, graded[sensor]) for sensor in LIMITS if sensor in graded}
         self.channels = {
             name: self._channel(sums, curve, column, name) for column, name in enumerate(self.stream.channels)
@@ -215,7 +215,7 @@ class Fits:
             if compare("K", one.K, two.K, pairs=len(fits)) is not None:
                 self._contradictions[column] = max(one.K.high or 0.0, two.K.high or 0.0)
 
-    def _channel(self, sums: Sums, curve: AllanCurve, column: int, name: str) -> Channel:
+    def _channel(self, sums: Sums, curve: AllanCurve, column: int, name: ChannelName) -> Channel:
         """Return the fields of a channel that come from the fits."""
         sensor, fit, shape = self.stream.sensors[column], self.fits.get(name), self.shapes[column]
         step = shape.step if shape is not None else None

@@ -13,6 +13,7 @@ from typing import Any
 
 from imumon.model.coefficients import BIAS_SLOPE, Estimate, by_letter
 from imumon.model.history_report import HistoryPeriod, PeriodChannel
+from imumon.model.samples import ChannelName
 from imumon.noise.fit import Estimator
 from imumon.noise.stretches import Sums
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch
@@ -114,7 +115,7 @@ class Periods:
             channels=self._channels(stretch, moments),
         )
 
-    def _channels(self, stretch: Stretch, moments: Sequence[Any]) -> dict[str, PeriodChannel]:
+    def _channels(self, stretch: Stretch, moments: Sequence[Any]) -> dict[ChannelName, PeriodChannel]:
         estimator, length = self._estimators[stretch.length_s], stretch.end - stretch.start
         fits = estimator.fit_sums(stretch.sums, length, self._fits.resolution)
         heat = None if self._sums.temperature is None else moments[self._sums.temperature]

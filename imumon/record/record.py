@@ -41,7 +41,7 @@ from imumon.model.report import (
     State,
     stamp,
 )
-from imumon.model.samples import INERTIAL, WITH_CURVE, SampleBlock, Stream
+from imumon.model.samples import INERTIAL, WITH_CURVE, ChannelName, SampleBlock, Stream
 from imumon.model.saved_state import restorable
 from imumon.noise.detection import Guard, GuardedSamples
 from imumon.noise.statistics.envelope import Envelope
@@ -599,7 +599,7 @@ class Record:
     def _log_results(
         self,
         assessment: Assessment,
-        channels: Mapping[str, Channel],
+        channels: Mapping[ChannelName, Channel],
         grades: Mapping[str, SensorGrade],
         counts: Counts,
     ) -> None:

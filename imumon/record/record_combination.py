@@ -26,7 +26,7 @@ from imumon.model.errors import ImumonError
 from imumon.model.grading import LIMITS, grade_sensor
 from imumon.model.ledger import merged
 from imumon.model.report import Channel, Report, SensorGrade, SessionCounters, stamp
-from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.samples import INERTIAL, ChannelName
 from imumon.noise.uncertainty import of_records
 from imumon.record import report_builder
 from imumon.record.combined_limits import shared_share
@@ -87,7 +87,7 @@ def _check_one_sensor(reports: Sequence[Report]) -> None:
         )
 
 
-def _common_channels(reports: Sequence[Report]) -> list[str]:
+def _common_channels(reports: Sequence[Report]) -> list[ChannelName]:
     """Return the channels that have coefficients in all reports, in the order of the first one.
 
     Raises
@@ -103,19 +103,19 @@ def _common_channels(reports: Sequence[Report]) -> list[str]:
     return names
 
 
-def _grades(channels: Mapping[str, Channel]) -> dict[str, SensorGrade]:
+def _grades(channels: Mapping[ChannelName, Channel]) -> dict[str, SensorGrade]:
     """Return the grade of each inertial sensor that has channels."""
-    sensors = [s for s in INERTIAL if any(sensor_of(name) == s for name in channels)]
+    sensors = [s for s in INERTIAL if any(name.sensor == s for name in channels)]
     return {
         sensor: grade_sensor(
             sensor,
-            {n.partition("/")[2]: c.coefficients for n, c in channels.items() if sensor_of(n) == sensor},
+            {n.axis: c.coefficients for n, c in channels.items() if n.sensor == sensor},
         )
         for sensor in sensors
     }
 
 
-def _channel(name: str, reports: Sequence[Report]) -> Channel:
+def _channel(name: ChannelName, reports: Sequence[Report]) -> Channel:
     """Return the combination of a channel."""
     parts = [report.channels[name] for report in reports]
     letters = [*NOISE, *(["Q"] if all("Q" in part.coefficients for part in parts) else [])]
@@ -124,7 +124,7 @@ def _channel(name: str, reports: Sequence[Report]) -> Channel:
         estimates = [part.coefficients[letter] for part in parts if letter in part.coefficients]
         shared = max(shared_share(report, name, letter) for report in reports)
         coefficients[letter] = combined_estimate(estimates, shared)
-    sensor = sensor_of(name)
+    sensor = name.sensor
     return Channel(
         unit=parts[0].unit,
         count=sum(part.count for part in parts),
@@ -235,7 +235,7 @@ def _session(reports: Sequence[Report]) -> SessionCounters:
     return SessionCounters(started=min(started, default=None), excluded_by=by, ledger=ledger, **sums)
 
 
-def _remarks(reports: Sequence[Report], channels: dict[str, Channel]) -> Iterable[str]:
+def _remarks(reports: Sequence[Report], channels: dict[ChannelName, Channel]) -> Iterable[str]:
     """Yield what was combined, and what of it no combination has."""
     rates = sorted({report.device.sample_rate_hz for report in reports if report.device.sample_rate_hz})
     listed = " and ".join(f"{rate:g} Hz" for rate in rates)

@@ -26,7 +26,7 @@ from imumon.model.coefficients import (
 )
 from imumon.model.grading import LIMITS, grade_channel
 from imumon.model.messages import NO_THERMOMETER
-from imumon.model.samples import UNITS, Floats, Ints, sensor_of
+from imumon.model.samples import UNITS, ChannelName, Floats, Ints
 from imumon.model.units import FLICKER, HOUR, STANDARD_GRAVITY
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit import BiasFit, ChannelFit, RegressorEstimate, StepEstimate
@@ -218,8 +218,8 @@ def limit_curves(
 
 def with_bias(
     distribution: report.Distribution,
-    name: str,
-    means: Mapping[str, float | None],
+    name: ChannelName,
+    means: Mapping[ChannelName, float | None],
     fit: ChannelFit | None,
     length_s: float,
 ) -> report.Distribution:
@@ -239,11 +239,11 @@ def with_bias(
     """
     mean = means[name]
     noise = None if fit is None or length_s <= 0.0 else _deviation(fit, length_s)
-    sensor, extra = sensor_of(name), 0.0
+    sensor, extra = name.sensor, 0.0
     if mean is None or noise is None or sensor not in ("gyro", "accel"):
         return distribution
     if sensor == "accel":
-        axes = [axis for channel, axis in means.items() if sensor_of(channel) == sensor]
+        axes = [axis for channel, axis in means.items() if channel.sensor == sensor]
         length = math.hypot(*(a for a in axes if a is not None))
         # Without all three axes the length is not that of gravity; far from 1 g the sensor moves, or its unit is wrong.
         if len(axes) < 3 or None in axes or abs(length / STANDARD_GRAVITY - 1.0) > NOT_GRAVITY:
@@ -448,7 +448,7 @@ def spectrum(sensor: str, density: PowerSpectrum, column: int) -> report.Spectru
 
 
 def signals(
-    names: Sequence[str], envelope: Envelope, interval_s: float
+    names: Sequence[ChannelName], envelope: Envelope, interval_s: float
 ) -> dict[str, Callable[[], report.Signal]]:
     """Return what makes the signal view of each channel as it is now: of the last minute, the last hour, everything.
 
@@ -458,12 +458,14 @@ def signals(
     return {name: partial(_signal, name, strips, column, interval_s) for column, name in enumerate(names)}
 
 
-def _signal(name: str, strips: Sequence[EnvelopeColumns], column: int, interval_s: float) -> report.Signal:
+def _signal(
+    name: ChannelName, strips: Sequence[EnvelopeColumns], column: int, interval_s: float
+) -> report.Signal:
     """Return the signal view of one channel."""
     minute, hour, everything = (_strip(columns, column, interval_s) for columns in strips)
     return report.Signal(
         channel=name,
-        unit=UNITS[sensor_of(name)],
+        unit=UNITS[name.sensor],
         minute=minute,
         hour=hour,
         everything=everything,

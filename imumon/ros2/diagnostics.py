@@ -13,7 +13,7 @@ from enum import IntEnum
 from imumon.model.coefficients import Estimate
 from imumon.model.messages import grade_text, line, loss_text
 from imumon.model.report import Channel, Report, SensorGrade
-from imumon.model.samples import AXES, sensor_of
+from imumon.model.samples import AXES, ChannelName
 from imumon.model.units import figures
 from imumon.ros2.ros_messages import DIAGNOSTIC_ARRAY, encode, header, message
 
@@ -103,7 +103,7 @@ def _stream(report: Report) -> tuple[str, int, str, list[tuple[str, str]]]:
 def _sensors(report: Report) -> Iterator[tuple[str, int, str, list[tuple[str, str]]]]:
     """Yield name, level, message and values of the status of each sensor."""
     for sensor, grade in report.grade.items():
-        axes = {name: channel for name, channel in report.channels.items() if sensor_of(name) == sensor}
+        axes = {name: channel for name, channel in report.channels.items() if name.sensor == sensor}
         if not axes:
             continue
         caveats = list(dict.fromkeys(caveat for channel in axes.values() for caveat in channel.caveats))
@@ -126,15 +126,14 @@ def _grade(grade: SensorGrade) -> Iterator[tuple[str, str]]:
         yield "reason", grade.reason
 
 
-def _axes(axes: Mapping[str, Channel]) -> Iterator[tuple[str, str]]:
+def _axes(axes: Mapping[ChannelName, Channel]) -> Iterator[tuple[str, str]]:
     """Yield the coefficients and the drift of each axis."""
     for name, channel in axes.items():
-        axis = name.rpartition("/")[2]
         for letter, coefficient in channel.estimates.items():
-            yield f"{letter} {axis}", _coefficient(coefficient)
+            yield f"{letter} {name.axis}", _coefficient(coefficient)
         drift = channel.drift
         if drift is not None and drift.per_hour is not None:
-            yield f"drift {axis}", f"{figures(drift.per_hour)} {channel.unit}/h"
+            yield f"drift {name.axis}", f"{figures(drift.per_hour)} {channel.unit}/h"
 
 
 def _coefficient(coefficient: Estimate) -> str:
@@ -158,7 +157,7 @@ def sample_variances(report: Report, sensor: str) -> Sequence[float] | None:
     rate = report.device.sample_rate_hz
     variances: list[float] = []
     for axis in AXES:
-        channel = report.channels.get(f"{sensor}/{axis}")
+        channel = report.channels.get(ChannelName(f"{sensor}/{axis}"))
         n = None if channel is None else channel.estimates.get("N")
         if rate is None or n is None or n.status != "measured" or n.value is None:
             return None

@@ -25,6 +25,7 @@ from imumon.model.glossary import words_in
 from imumon.model.messages import caveats
 from imumon.model.report import Report
 from imumon.model.report_json import to_json
+from imumon.model.samples import ChannelName
 from imumon.model.system_errors import cure_of_writing
 from imumon.tui import export, terminal
 from imumon.tui.formatting import Line, Notation, wrap
@@ -272,7 +273,7 @@ class ImumonApp(App[int]):
         """Change the state as the visible view asks for it."""
         self.change(**event.changes)
 
-    def select(self, *, id: str | None = None, channel: str | None = None) -> None:
+    def select(self, *, id: str | None = None, channel: ChannelName | None = None) -> None:
         """Select another device or channel."""
         state = self.view_state.updated(
             id=id or self.view_state.id, channel=channel or self.view_state.channel

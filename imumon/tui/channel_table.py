@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from imumon.model.coefficients import MARKOV, NOISE
 from imumon.model.readiness import seconds_left, state_of
 from imumon.model.report import Channel, Report
-from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.samples import INERTIAL, ChannelName
 from imumon.model.units import number, short
 from imumon.tui.formatting import CELL, Line, fitted, padded, with_background
 from imumon.tui.view_state import ViewState
@@ -72,8 +72,8 @@ def rows_of(state: ViewState, width: int = TABLE, *, spaced: bool = False) -> li
     rows: list[tuple[Line, str | None]] = []
     last = None
     for name, channel in report.channels.items():
-        group = sensor_of(name) if "/" in name else "surroundings"
-        if state.folded and group not in (*INERTIAL, sensor_of(state.channel or "")):
+        group = name.sensor if "/" in name else "surroundings"
+        if state.folded and group not in (*INERTIAL, (state.channel.sensor if state.channel else "")):
             continue  # folded, until one of its channels is selected
         if group != last:
             if spaced and rows:
@@ -91,7 +91,7 @@ def _heading(state: ViewState, sensor: str, shown: Sequence[str]) -> Line:
     """Return names and units of the columns for one sensor."""
     notation = state.notation
     cells: dict[str, Line] = {
-        "mean": [(f"mean {notation.scale(f'{sensor}/x')[1]}".rjust(COLUMNS["mean"]), "muted")],
+        "mean": [(f"mean {notation.scale(ChannelName(f'{sensor}/x'))[1]}".rjust(COLUMNS["mean"]), "muted")],
         "std": [("std".rjust(COLUMNS["std"]), "muted")],
         "grade": [_headline(state, sensor)],
     }
@@ -102,7 +102,7 @@ def _heading(state: ViewState, sensor: str, shown: Sequence[str]) -> Line:
     return [(f" {sensor:<5}", "title"), *(span for name in shown for span in cells[name])]
 
 
-def _row(state: ViewState, name: str, channel: Channel, shown: Sequence[str]) -> Line:
+def _row(state: ViewState, name: ChannelName, channel: Channel, shown: Sequence[str]) -> Line:
     """Return one axis of a sensor."""
     factor, _ = state.notation.scale(name)
     mean = "–" if channel.mean is None else number(channel.mean * factor, 4)
@@ -129,11 +129,11 @@ def _row(state: ViewState, name: str, channel: Channel, shown: Sequence[str]) ->
     return line
 
 
-def _grade_cell(name: str, channel: Channel) -> tuple[str, str]:
+def _grade_cell(name: ChannelName, channel: Channel) -> tuple[str, str]:
     """Return the grade of an axis, a dash while it is unknown; of a sensor that has no grades, blanks."""
     meets = channel.grade.meets if channel.grade is not None else None
     if meets is None:
-        return f"  {'–' if sensor_of(name) in INERTIAL else '':<10}", "faint"
+        return f"  {'–' if name.sensor in INERTIAL else '':<10}", "faint"
     return f"  {_short_grade(meets):<10}", f"grade-{meets}"
 
 
@@ -153,7 +153,7 @@ def _headline(state: ViewState, sensor: str) -> tuple[str, str]:
     return f"  {word}{'?' if grade.provisional and len(word) < 10 else ''}", f"grade-{grade.meets}-strong"
 
 
-def _single(state: ViewState, name: str, channel: Channel, width: int) -> Line:
+def _single(state: ViewState, name: ChannelName, channel: Channel, width: int) -> Line:
     """Return temperature or pressure, which have running statistics and no coefficients."""
     factor, unit = state.notation.scale(name)
     parts: list[Line] = [[("▌" if name == state.channel else " ", "accent"), (f"{name:<12}", "title")]]

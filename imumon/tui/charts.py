@@ -14,7 +14,7 @@ import numpy as np
 
 from imumon.model.coefficients import COEFFICIENTS, MARKOV, NOISE, Estimate
 from imumon.model.report import Allan, Channel, Histogram, Spectrum, Strip
-from imumon.model.samples import sensor_of
+from imumon.model.samples import ChannelName
 from imumon.model.units import MINUTE, duration, number, pretty
 from imumon.tui.braille_canvas import (
     TEXT_COST,
@@ -71,7 +71,7 @@ def allan_chart(state: ViewState, width: int, height: int) -> list[Line]:
     if selected is None or channel is None:
         return centred_text(["no channel"], width, height)
     if selected.allan is None or not selected.allan.tau_s:
-        if sensor_of(channel) in ("gyro", "accel", "mag"):
+        if channel.sensor in ("gyro", "accel", "mag"):
             return centred_text([f"{channel}: the curve begins with the first differences"], width, height)
         return centred_text([f"{channel} has no Allan deviation", "press 2 for its signal"], width, height)
     factor, unit = state.notation.deviation(channel)
@@ -88,13 +88,13 @@ def allan_chart(state: ViewState, width: int, height: int) -> list[Line]:
         for name in state.sensor_channels():
             _axis(frame, state, name, factor)
     else:
-        _curve(frame, state.notation, selected, sensor_of(channel), factor)
+        _curve(frame, state.notation, selected, channel.sensor, factor)
     for column, row, grade in labels:
         canvas.text(column, row, grade, f"grade-{grade}")
     return canvas.rows() if state.compact else [title, *canvas.rows()]
 
 
-def _baseline(frame: PlotFrame, state: ViewState, channel: str, factor: float) -> None:
+def _baseline(frame: PlotFrame, state: ViewState, channel: ChannelName, factor: float) -> None:
     """Draw the Allan deviation of the channel in the baseline, if there is one."""
     before = state.baseline.channels.get(channel) if state.baseline is not None else None
     if before is not None and before.allan is not None:
@@ -120,9 +120,9 @@ def _goals(state: ViewState) -> list[Line]:
     return [[(f"  {letter} ", letter), (goal, "muted")] for letter, goal in goals if goal]
 
 
-def _allan_title(state: ViewState, channel: str, unit: str, width: int) -> Line:
+def _allan_title(state: ViewState, channel: ChannelName, unit: str, width: int) -> Line:
     """Return what is drawn, its unit, the way back, and as far as they fit, the missing time and the legend."""
-    name = sensor_of(channel) if state.overlay else channel.replace("/", " ")
+    name = channel.sensor if state.overlay else channel.replace("/", " ")
     title: Line = [
         (" " * GUTTER, "text"),
         (name, "title"),
@@ -158,7 +158,7 @@ def _legend(state: ViewState) -> list[Line]:
 
 def _allan_frame(state: ViewState, canvas: Canvas, factor: float) -> PlotFrame:
     """Return axes that contain every curve to be drawn, in half decades."""
-    names = state.sensor_channels() if state.overlay else (state.channel or "",)
+    names = state.sensor_channels() if state.overlay else (state.channel or ChannelName(""),)
     curves = [
         c.allan for name in names if state.report and (c := state.report.channels.get(name)) and c.allan
     ]
@@ -237,11 +237,11 @@ def _labels(axis: AxisScale) -> list[tuple[float, str]]:
 
 
 def _limit_curves(
-    frame: PlotFrame, state: ViewState, channel: str, factor: float
+    frame: PlotFrame, state: ViewState, channel: ChannelName, factor: float
 ) -> list[tuple[int, int, str]]:
     """Draw the curve at the limits of each grade; return column, row and text of the labels."""
     labels = []
-    curves = state.report.limit_curves.get(sensor_of(channel), {}) if state.report is not None else {}
+    curves = state.report.limit_curves.get(channel.sensor, {}) if state.report is not None else {}
     tau = np.geomspace(frame.x.low, frame.x.high, 64)
     for grade, curve in curves.items():
         log_sigma = np.interp(np.log(tau), np.log(curve.tau_s), np.log(curve.sigma))
@@ -255,7 +255,7 @@ def _limit_curves(
     return labels
 
 
-def _axis(frame: PlotFrame, state: ViewState, name: str, factor: float) -> None:
+def _axis(frame: PlotFrame, state: ViewState, name: ChannelName, factor: float) -> None:
     """Draw the curve of one axis among others."""
     channel = state.report.channels.get(name) if state.report is not None else None
     if channel is None or channel.allan is None or not channel.allan.tau_s:
@@ -317,7 +317,7 @@ def _lowest(allan: Allan) -> float:
 @EXTREME_VALUES
 def signal_chart(state: ViewState, width: int, height: int) -> list[Line]:
     """Return minimum and maximum of the selected channel over time."""
-    channel = state.channel or ""
+    channel = state.channel or ChannelName("")
     factor, unit = state.notation.scale(channel)
     envelope: Strip | None = getattr(state.signal, state.window) if state.signal is not None else None
     title: Line = [(" " * GUTTER, "text"), (channel.replace("/", " "), "title"), (f"  [{unit}]   ", "muted")]
@@ -416,7 +416,7 @@ def tick_text(value: float, ticks: Sequence[float]) -> str:
 @EXTREME_VALUES
 def histogram_chart(state: ViewState, width: int, height: int) -> list[Line]:
     """Return the distribution of the values, with the Gaussian of the same mean and standard deviation."""
-    channel = state.channel or ""
+    channel = state.channel or ChannelName("")
     histogram: Histogram | None = state.selected.histogram if state.selected is not None else None
     factor, unit = state.notation.scale(channel)
     name: Line = [(" ", "text"), ("distribution", "title"), ("  [% per bin]", "muted")]
@@ -458,7 +458,7 @@ def histogram_chart(state: ViewState, width: int, height: int) -> list[Line]:
 @EXTREME_VALUES
 def spectrum_chart(state: ViewState, width: int, height: int) -> list[Line]:
     """Return the amplitude spectral density over frequency, log-log, with its lines marked."""
-    channel = state.channel or ""
+    channel = state.channel or ChannelName("")
     spectrum: Spectrum | None = state.selected.spectrum if state.selected is not None else None
     factor, unit = state.notation.scale(channel)
     root = pretty("sqrt(Hz)")

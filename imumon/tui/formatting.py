@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from imumon.model.coefficients import INDISTINCT_WORD, Estimate, mean_unit, unit_of
 from imumon.model.messages import no_value_text
-from imumon.model.samples import UNITS, sensor_of
+from imumon.model.samples import UNITS, ChannelName
 from imumon.model.units import measured, number, pretty
 
 Span = tuple[str, str]
@@ -65,16 +65,16 @@ class Notation:
 
     si: bool = False
 
-    def scale(self, channel: str) -> tuple[float, str]:
+    def scale(self, channel: ChannelName) -> tuple[float, str]:
         """Return the factor from SI and the unit in which the values of a channel are shown."""
-        sensor = sensor_of(channel)
+        sensor = channel.sensor
         si = UNITS.get(sensor, "")
         factor, unit = (1.0, si) if self.si else mean_unit(sensor, si)
         return factor, pretty(unit)
 
-    def deviation(self, channel: str) -> tuple[float, str]:
+    def deviation(self, channel: ChannelName) -> tuple[float, str]:
         """Return the factor from SI and the unit in which an Allan deviation is shown: those of B."""
-        return self.coefficient_scale(sensor_of(channel), "B")
+        return self.coefficient_scale(channel.sensor, "B")
 
     def coefficient_scale(self, sensor: str, name: str) -> tuple[float, str]:
         """Return the factor from SI and the unit in which a coefficient is shown."""

@@ -26,7 +26,7 @@ from imumon.model.coefficients import CONVERGING, Estimate
 from imumon.model.history_report import HistoryRow, history_rows, objects
 from imumon.model.readiness import seconds_left, state_of
 from imumon.model.report import Channel
-from imumon.model.samples import Floats, sensor_of
+from imumon.model.samples import ChannelName, Floats
 from imumon.model.units import MINUTE, duration, pretty
 from imumon.tui.braille_canvas import AxisScale, Canvas, PlotFrame, ticked
 from imumon.tui.channel_table import SYMBOLS
@@ -77,7 +77,7 @@ class Panel:
     goal: tuple[float, ...] = ()
 
 
-def parse(channel: str, rows: bytes, events: bytes) -> HistorySeries | None:
+def parse(channel: ChannelName, rows: bytes, events: bytes) -> HistorySeries | None:
     """Return the history in the replies of a daemon; None if it has no valid row."""
     known = [_numbers(row) for row in history_rows(objects(rows)) if row.channel == channel]
     if not known:
@@ -192,7 +192,7 @@ def _of_record(state: ViewState) -> Timeline | None:
         return None
     time, panels = np.array(stated.elapsed_s), []
     for letter in (letter for letter in CONVERGING if letter in stated.coefficients):
-        factor = state.notation.coefficient_scale(sensor_of(state.channel or ""), letter)[0]
+        factor = state.notation.coefficient_scale((state.channel.sensor if state.channel else ""), letter)[0]
         series, precision = stated.coefficients[letter], report.precision.get(letter)
         value, low, high = (numbers(column, factor) for column in (series.value, series.low, series.high))
         now = value[-1]
@@ -208,7 +208,7 @@ def _record_title(state: ViewState, channel: Channel, letter: str) -> Line:
     precision = state.report.precision if state.report is not None else {}
     seconds, kind = seconds_left(channel, letter, precision), state_of(channel, letter, precision)
     text, role = state.notation.coefficient(channel.estimates.get(letter), seconds)
-    unit = state.notation.coefficient_scale(sensor_of(state.channel or ""), letter)[1]
+    unit = state.notation.coefficient_scale((state.channel.sensor if state.channel else ""), letter)[1]
     title: Line = [(f" {letter} ", f"{letter}-strong"), (text, role), (f" {unit}", "muted")]
     if letter in precision:
         symbol, symbol_role = SYMBOLS[kind]
@@ -236,13 +236,13 @@ def _of_history(state: ViewState) -> Timeline | None:
     return Timeline(panels, axis, f"each {duration(series.period_s)}, UTC", series.events)
 
 
-def _scale(state: ViewState, channel: str, name: str) -> tuple[float, str]:
+def _scale(state: ViewState, channel: ChannelName, name: str) -> tuple[float, str]:
     """Return factor and unit of a quantity."""
     if name == "temperature":
         return 1.0, pretty("degC")
     if name == "mean":
         return state.notation.scale(channel)
-    return state.notation.coefficient_scale(sensor_of(channel), name)
+    return state.notation.coefficient_scale(channel.sensor, name)
 
 
 def _drawn(

@@ -6,7 +6,7 @@ from imumon.model.coefficients import INDISTINCT_WORD, SCALE, Estimate
 from imumon.model.messages import GRADE_MEANING, NOT_APART, caveat_lines, caveats, grade_text, loss_label
 from imumon.model.readiness import ready_text, seconds_left
 from imumon.model.report import Channel, Report, SensorGrade
-from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.samples import INERTIAL, TEMPERATURE, ChannelName
 from imumon.model.units import counted, duration, number, pretty, sentence
 from imumon.tui.formatting import (
     Line,
@@ -50,7 +50,7 @@ def _facts(report: Report, state: ViewState) -> list[Line]:
     device, session, names = report.device, report.session, list(state.reports)
     if not session.samples:  # counts and times would all be 0
         return [[(device.id, "strong")], *([[(device.port, "muted")]] if device.port is not None else [])]
-    temperature = report.channels.get("temperature")
+    temperature = report.channels.get(TEMPERATURE)
     degrees = temperature.last if temperature is not None else None
     position = f"{names.index(state.id) + 1} of {len(names)}" if state.id and len(names) > 1 else None
     facts = (
@@ -170,7 +170,7 @@ def _basis(sensor: str, grade: SensorGrade, report: Report, notation: Notation) 
         return [[(grade.reason or "no coefficient is known well enough", "faint")]]
     axis, name = grade.decided_by.axis[-1:], grade.decided_by.coefficient
     parts: list[Line] = [[("by ", "faint"), (f"{name} of {axis}", "text")]]
-    channel = report.channels.get(f"{sensor}/{axis}")
+    channel = report.channels.get(ChannelName(f"{sensor}/{axis}"))
     part = channel.estimates.get(name) if channel is not None else None
     value, _, high = notation.limits(part) if part is not None else (None, None, None)
     if value is not None or high is not None:
@@ -197,7 +197,7 @@ def detail(state: ViewState, width: int, height: int) -> list[Line]:
     title: Line = [(f" {name.replace('/', ' ')}", "title")]
     lines = [fitted([title, *_mean(channel, factor, unit)], width)]
     for letter, part in channel.estimates.items():
-        line = _limits(notation, sensor_of(name), letter, part)
+        line = _limits(notation, name.sensor, letter, part)
         if goal := precision_goal(state, letter):
             line = [*padded(line, 56), (goal, "muted")]  # below one another, behind the longest limits
         lines.append(line)

@@ -15,7 +15,7 @@ from imumon.model.messages import (
     grade_text,
 )
 from imumon.model.report import Channel, Drift, Event, Report, SensorGrade
-from imumon.model.samples import INERTIAL
+from imumon.model.samples import INERTIAL, TEMPERATURE
 from imumon.model.units import duration, number, plus_minus, pretty, share_text
 from imumon.tui.formatting import (
     Line,
@@ -242,7 +242,7 @@ def drift(state: ViewState, width: int, height: int = 0) -> list[Line]:
         return []
     factor, unit = state.notation.scale(name)
     lines = [_shape(channel, width), _slope(channel.drift, factor, unit, width)]
-    degrees = state.report.channels.get("temperature") if state.report is not None else None
+    degrees = state.report.channels.get(TEMPERATURE) if state.report is not None else None
     if degrees is not None and degrees.last is not None:
         celsius = pretty("degC")
         now = f"now {degrees.last:.2f} {celsius}"

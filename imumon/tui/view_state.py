@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 from imumon.model.messages import matching
 from imumon.model.report import Channel, Event, Report, Signal
-from imumon.model.samples import Floats, sensor_of
+from imumon.model.samples import ChannelName, Floats
 from imumon.tui.formatting import Notation, approximate_duration
 
 READABLE = Notation()
@@ -62,7 +62,7 @@ class HistorySeries:
     events : time, s since 1970, and kind of the events.
     """
 
-    channel: str
+    channel: ChannelName
     begin: float
     end: float
     time: Floats
@@ -97,7 +97,7 @@ class ViewState:
     connected: bool = False
     requested_id: str | None = None
     id: str | None = None
-    channel: str | None = None
+    channel: ChannelName | None = None
     signal: Signal | None = None
     events: Sequence[Event] = ()
     notation: Notation = READABLE
@@ -132,26 +132,26 @@ class ViewState:
         return None if report is None or self.channel is None else report.channels.get(self.channel)
 
     @property
-    def channels(self) -> tuple[str, ...]:
+    def channels(self) -> tuple[ChannelName, ...]:
         """Names of the channels of the selected device, in display order."""
         return () if self.report is None else tuple(self.report.channels)
 
-    def sensor_channels(self) -> tuple[str, ...]:
+    def sensor_channels(self) -> tuple[ChannelName, ...]:
         """Return the channels of the same sensor as the selected one."""
         if self.channel is None:
             return ()
-        sensor = sensor_of(self.channel)
-        return tuple(c for c in self.channels if sensor_of(c) == sensor)
+        sensor = self.channel.sensor
+        return tuple(c for c in self.channels if c.sensor == sensor)
 
-    def of_other_sensor(self, step: int) -> str | None:
+    def of_other_sensor(self, step: int) -> ChannelName | None:
         """Return the same axis of another sensor of the device, `step` sensors behind; None: there is none."""
-        names = [name for name in self.channels if "/" in name]
-        sensors = list(dict.fromkeys(map(sensor_of, names)))
+        names = [name for name in self.channels if name.axis]
+        sensors = list(dict.fromkeys(name.sensor for name in names))
         if not sensors or self.channel is None:
             return None
-        current = sensor_of(self.channel)
+        current = self.channel.sensor
         index = sensors.index(current) + step if current in sensors else 0
-        axes = [name for name in names if sensor_of(name) == sensors[index % len(sensors)]]
+        axes = [name for name in names if name.sensor == sensors[index % len(sensors)]]
         # a sensor may lack the axis: then its first one
         same = [name for name in axes if name[-1] == self.channel[-1]]
         return (same or axes)[0]

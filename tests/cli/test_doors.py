@@ -19,7 +19,7 @@ from imumon.model.messages import grade_text
 from imumon.model.readiness import letters_for, ready_text, state_of
 from imumon.model.report import Report
 from imumon.model.report_json import to_json
-from imumon.model.samples import INERTIAL, sensor_of
+from imumon.model.samples import INERTIAL
 from imumon.tui.channel_table import SYMBOLS, rows_of
 from imumon.tui.export import copied_lines
 from imumon.tui.panels import headlines
@@ -61,7 +61,7 @@ def test_each_door_has_the_same_grade(report: Report) -> None:
 
 
 def test_each_door_has_the_same_ready_coefficients(report: Report) -> None:
-    axes = {name: channel for name, channel in report.channels.items() if sensor_of(name) in INERTIAL}
+    axes = {name: channel for name, channel in report.channels.items() if name.sensor in INERTIAL}
     ready = {letter: [] for letter in NOISE}
     for name, channel in axes.items():
         for letter in NOISE:

@@ -17,6 +17,7 @@ from imumon.documents.report_texts import coefficient_text
 from imumon.model.coefficients import COEFFICIENTS, Estimate, Excess, coefficient_ratio
 from imumon.model.history_report import DayScatter
 from imumon.model.report import Report
+from imumon.model.samples import GYRO
 from imumon.model.units import figures
 from imumon.record.combined_limits import shared_share, with_combined
 from imumon.tui.formatting import Notation
@@ -39,7 +40,7 @@ def with_excess(excess: Excess | None) -> Report:
     report = make_report()
     channel = report.channels["gyro/x"]
     moved = with_coefficients(channel, N=replace(channel.coefficients["N"], excess=excess))
-    changed = replace(report, channels={"gyro/x": moved}, device=replace(report.device, model="A1"))
+    changed = replace(report, channels={GYRO[0]: moved}, device=replace(report.device, model="A1"))
     return replace(changed, channels=with_combined(changed))
 
 
@@ -67,10 +68,10 @@ def test_days_of_the_history_widen_the_limits() -> None:
     report = make_report()
     alone = n_of(with_combined(report))
     days = DayScatter(days=20, std=0.1 * alone.value, statistics=0.01 * alone.value)
-    known = n_of(with_combined(report, {"gyro/x": {"N": days}}))
+    known = n_of(with_combined(report, {GYRO[0]: {"N": days}}))
     assert width(known) > np.sqrt(0.1**2 - 0.01**2) * 1.95
     agreeing = replace(days, std=0.005 * alone.value)
-    assert width(n_of(with_combined(report, {"gyro/x": {"N": agreeing}}))) == pytest.approx(width(alone))
+    assert width(n_of(with_combined(report, {GYRO[0]: {"N": agreeing}}))) == pytest.approx(width(alone))
 
 
 def test_rounding_counts_where_the_noise_is_not_finer_than_the_steps() -> None:
@@ -81,7 +82,7 @@ def test_rounding_counts_where_the_noise_is_not_finer_than_the_steps() -> None:
     shares = {}
     for step in (None, channel.std, 3.0 * channel.std):
         coarse = replace(channel, resolution=step)
-        shares[step] = shared_share(replace(report, channels={"gyro/x": coarse}), "gyro/x", "N")
+        shares[step] = shared_share(replace(report, channels={GYRO[0]: coarse}), GYRO[0], "N")
     rounding = channel.std**2 / (24.0 * RATE * n**2) / np.sqrt(12.0)
     assert np.sqrt(shares[channel.std] ** 2 - shares[None] ** 2) == pytest.approx(rounding, rel=0.1)
     assert shares[3.0 * channel.std] == shares[None]  # nothing is known of it
@@ -117,12 +118,12 @@ def test_every_command_and_the_screen_state_the_combined_limits() -> None:
         unit="rad/s/sqrt(Hz)",
     )
     made = replace(
-        report, channels={"gyro/x": replace(channel, coefficients={**channel.coefficients, "N": part})}
+        report, channels={GYRO[0]: replace(channel, coefficients={**channel.coefficients, "N": part})}
     )
     factor = part.readable.value / value
     assert Notation(si=True).limits(part) == (value, low, high)
     assert Notation().limits(part) == pytest.approx((factor * value, factor * low, factor * high))
     assert figures(factor * high) in coefficient_text(part)
-    condition = WaitCondition(channels=("gyro/x",), coefficient="N", precision=0.05)
+    condition = WaitCondition(channels=(GYRO[0],), coefficient="N", precision=0.05)
     assert "known to 1.0" in (condition.unmet(made) or "")
     assert not coefficient_ratio(part, replace(part, value=1.1 * value)).differs

@@ -20,6 +20,7 @@ from imumon.history.rows import iso
 from imumon.history.store import TimedPeriod
 from imumon.model.messages import change_text
 from imumon.model.report import Distribution, Event
+from imumon.model.samples import GYRO, MAG
 from imumon.noise.statistics.moments import deviation_limits
 from imumon.sources.clock import HostClock
 
@@ -48,7 +49,7 @@ def test_a_step_is_found_with_its_day_and_the_scatter_is_not() -> None:
     assert change.p_value is not None
     assert change.p_value < 1e-5
     assert "temperature" not in judged.changes
-    assert change_text("gyro/y", change).startswith(
+    assert change_text(GYRO[1], change).startswith(
         "gyro/y: N has grown by 12 % against the history since 2026-01-28, p = "
     )
 
@@ -75,16 +76,16 @@ def test_a_step_of_the_slope_is_judged_by_the_errors_of_the_days() -> None:
     for values, expected in ((scatter, 0), (np.append(scatter, 1e-5), 0), (slopes, 1)):
         judged = DayChanges()
         judged.add(with_slopes(values.tolist(), 1e-7))
-        assert len(judged.changes.get("gyro/x", ())) == expected
+        assert len(judged.changes.get(GYRO[0], ())) == expected
     (change,) = judged.changes["gyro/x"]
     assert (change.quantity, change.ratio, change.since) == ("slope", None, "2026-01-21T00:00:00.000Z")
     assert (change.before, change.now) == (pytest.approx(-1e-6, abs=2e-7), pytest.approx(1e-6, abs=2e-7))
-    text = change_text("gyro/x", change)
+    text = change_text(GYRO[0], change)
     assert text.startswith("gyro/x: the slope against the temperature has moved from -")
     assert " per degC against the history since 2026-01-21, p = " in text
     shown = report()
     shown = replace(
-        shown, channels={**shown.channels, "gyro/x": replace(shown.channels["gyro/x"], changes=(change,))}
+        shown, channels={**shown.channels, GYRO[0]: replace(shown.channels["gyro/x"], changes=(change,))}
     )
     assert text in summary_text(shown, 200)
 
@@ -110,7 +111,7 @@ def test_scatter_of_any_kind_makes_few_changes(correlation: float) -> None:
         judged = DayChanges()
         judged.add(
             [
-                period(day, step_s=86400, noise=float(np.exp(level)), names=("gyro/x",))
+                period(day, step_s=86400, noise=float(np.exp(level)), names=(GYRO[0],))
                 for day, level in enumerate(series)
             ]
         )
@@ -169,21 +170,21 @@ def test_the_bias_is_taken_once_the_sensor_has_settled() -> None:
     assert not ups.settle(period(1, warming_up=True), 2400.0)
     assert ups.settle(settled(0.2, BEGIN + 2300.0), 2400.0)
     assert not ups.settle(settled(0.3, BEGIN + 2900.0), 3000.0)
-    assert ups.biases("gyro/x") == [0.2]
-    assert ups.biases("mag/x") == []
+    assert ups.biases(GYRO[0]) == [0.2]
+    assert ups.biases(MAG[0]) == []
 
 
 def test_the_repeatability_has_limits_after_five_power_ups() -> None:
     ups, biases = PowerUps([]), [0.1, 0.14, 0.09, 0.11, 0.12]
     for number, bias in enumerate(biases):
-        shape = ups.described(Distribution(), "gyro/z")
+        shape = ups.described(Distribution(), GYRO[2])
         assert shape.turn_on_count == (number or None)
         assert shape.turn_on_std is None
         begin = BEGIN + number * DAY
         ups.update(1.0, begin)
         ups.update(4000.0, begin + 4000.0)
         assert ups.settle(settled(bias, begin + 4000.0), 3300.0)
-    shape = ups.described(Distribution(), "gyro/z")
+    shape = ups.described(Distribution(), GYRO[2])
     assert shape.turn_on_count == LEAST_POWER_UPS
     assert shape.turn_on_std == pytest.approx(np.std(biases, ddof=1))
     assert (shape.turn_on_low, shape.turn_on_high) == deviation_limits(shape.turn_on_std or 0.0, 4)
@@ -209,4 +210,4 @@ def test_power_ups_are_in_the_file(tmp_path: Path) -> None:
         history.clock(9000.0 - number, now)
         history.add([period(number, mean=bias, complete=True).period], "r", now)
         history.close()
-        assert history._power_ups.biases("gyro/x") == [0.1, 0.2][: number + 1]
+        assert history._power_ups.biases(GYRO[0]) == [0.1, 0.2][: number + 1]

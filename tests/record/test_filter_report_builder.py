@@ -12,6 +12,7 @@ from reports import report as make_report
 from imumon.model.coefficients import Estimate
 from imumon.model.filter_report import DEFAULT_HORIZON_S
 from imumon.model.report import Report
+from imumon.model.samples import GYRO
 from imumon.noise.filter_parameters import MOST_NEES
 from imumon.record.filter_report_builder import assumed_noise, filter_report
 
@@ -20,7 +21,7 @@ def with_bounds(report: Report) -> Report:
     """Return the report with a K of gyro/x that is only bounded."""
     channel = report.channels["gyro/x"]
     bounded = replace(channel.coefficients["K"], status="upper_bound", value=None, low=0.0, high=2e-6)
-    return replace(report, channels=report.channels | {"gyro/x": with_coefficients(channel, K=bounded)})
+    return replace(report, channels=report.channels | {GYRO[0]: with_coefficients(channel, K=bounded)})
 
 
 def test_a_bounded_coefficient_counts_with_half_its_bound() -> None:
@@ -42,7 +43,7 @@ def test_terms_that_do_not_hold_are_a_caveat() -> None:
     report = make_report(LONG_S)
     channel = report.channels["gyro/x"]
     flicker = replace(channel.coefficients["B"], value=0.95, low=0.9, high=1.0, status="measured")
-    channels = report.channels | {"gyro/x": with_coefficients(channel, B=flicker)}
+    channels = report.channels | {GYRO[0]: with_coefficients(channel, B=flicker)}
     filters = filter_report(replace(report, channels=channels), 86400.0).channels
     assert [name for name, each in filters.items() if "inconsistent_terms" in each.caveats] == ["gyro/x"]
 
@@ -52,7 +53,7 @@ def test_an_unknown_coefficient_gives_no_numbers() -> None:
     channel = report.channels["gyro/x"]
     unknown = with_coefficients(channel, B=Estimate())
     assert assumed_noise(unknown) is None
-    filters = filter_report(replace(report, channels={"gyro/x": unknown}), 600.0)
+    filters = filter_report(replace(report, channels={GYRO[0]: unknown}), 600.0)
     assert filters.channels == {}
 
 

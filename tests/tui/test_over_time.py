@@ -9,6 +9,7 @@ import pytest
 import reports
 from textual.pilot import Pilot
 
+from imumon.model.samples import ACCEL, GYRO
 from imumon.tui.app import ImumonApp
 from imumon.tui.over_time import LEAST_ROWS, QUANTITIES, over_time_chart, parse
 from imumon.tui.view_state import SPANS, ViewState
@@ -20,8 +21,8 @@ def text(lines: object) -> str:
 
 def state(span: str = "day", *, shown: bool = True) -> ViewState:
     report = reports.warming_up()
-    series = parse("gyro/x", *reports.history_reply("gyro/x", *SPANS[span])) if shown else None
-    return ViewState(reports={reports.ID: report}, id=reports.ID, channel="gyro/x", history=series, span=span)
+    series = parse(GYRO[0], *reports.history_reply(GYRO[0], *SPANS[span])) if shown else None
+    return ViewState(reports={reports.ID: report}, id=reports.ID, channel=GYRO[0], history=series, span=span)
 
 
 @pytest.mark.few
@@ -43,9 +44,9 @@ def test_it_draws_every_quantity_that_fits_with_its_events(span: str, size: tupl
 
 @pytest.mark.parametrize("span", SPANS)
 def test_a_young_record_fills_the_chart(span: str) -> None:
-    rows, _ = reports.history_reply("gyro/x", 10_800.0, "1h")
+    rows, _ = reports.history_reply(GYRO[0], 10_800.0, "1h")
     lines = text(
-        over_time_chart(replace(state(span), history=parse("gyro/x", rows, b"[]")), 80, 24)
+        over_time_chart(replace(state(span), history=parse(GYRO[0], rows, b"[]")), 80, 24)
     ).splitlines()
     assert lines[-1].split()[:3] == ["01", "Mar", "05:00"]
     assert lines[-1].split()[-1] == "08:00"
@@ -76,18 +77,18 @@ def test_plus_and_minus_change_the_span() -> None:
     ],
 )  # fmt: skip
 def test_a_reply_that_is_none(reply: bytes) -> None:
-    assert parse("gyro/x", reply, reply) is None
+    assert parse(GYRO[0], reply, reply) is None
 
 
 @pytest.mark.parametrize("value", [1e300, "x", True, [], {"value": "1"}, None, float("1e149"), -5])
 def test_a_value_that_is_none(value: object) -> None:
-    row = {"channel": "gyro/x", "time": "2026-01-01T00:00:00Z", "end": "2026-01-01T00:10:00Z"}
+    row = {"channel": GYRO[0], "time": "2026-01-01T00:00:00Z", "end": "2026-01-01T00:10:00Z"}
     rows = [row, row | {"N": {"value": value}, "B": value, "mean": value, "temperature": value}]
     event = json.dumps([{"time": "2026-01-01T00:00:00Z", "kind": value}]).encode()
-    series = parse("gyro/x", json.dumps(rows).encode(), event)
+    series = parse(GYRO[0], json.dumps(rows).encode(), event)
     assert series is not None
     assert len(series.time) == (2 if value is None else 1)
-    shown = ViewState(id=reports.ID, channel="gyro/x", history=series, span="day")
+    shown = ViewState(id=reports.ID, channel=GYRO[0], history=series, span="day")
     assert over_time_chart(shown, 80, 24)
 
 
@@ -100,10 +101,10 @@ def test_the_view_asks_for_what_it_shows() -> None:
         await pilot.press("6")
         assert source.asked_history is None
         await pilot.press("w", "w")
-        assert source.asked_history == (reports.ID, "gyro/x", *SPANS["month"])
+        assert source.asked_history == (reports.ID, GYRO[0], *SPANS["month"])
         app.poll()
         await pilot.press("down")
-        assert source.asked_history == (reports.ID, "gyro/y", *SPANS["month"])
+        assert source.asked_history == (reports.ID, GYRO[1], *SPANS["month"])
         app.change()
         await pilot.pause()
         assert "temperature [" in visible_text(app)
@@ -123,7 +124,7 @@ def test_the_span_of_the_record_shows_each_coefficient_as_it_is_now(size: tuple[
         await pilot.pause()
         shown = visible_text(app)
         for letter in "NBK":
-            assert table_number(reports.report(), "accel/y", letter) in shown
+            assert table_number(reports.report(), ACCEL[1], letter) in shown
         assert "ready" in shown
         assert "only a bound" in shown
         assert "now" in shown

@@ -16,6 +16,7 @@ from textual.widgets import Input
 from imumon.api.measurement import Measurement
 from imumon.documents.program_settings import number_lines
 from imumon.model.report import Drift, Report, from_json
+from imumon.model.samples import ACCEL, GYRO, MAG
 from imumon.tui import text_panels
 from imumon.tui.app import ImumonApp
 from imumon.tui.over_time import over_time_chart
@@ -54,7 +55,7 @@ async def test_arrows_select_the_channel_and_request_its_signal(app: ImumonApp, 
     assert app.view_state.channel == "mag/z"
     await pilot.press("up", "up", "up", "k")
     assert app.view_state.channel == "accel/y"
-    assert app.source.watched[-1] == (reports.ID, "accel/y")
+    assert app.source.watched[-1] == (reports.ID, ACCEL[1])
     await pilot.press("2")
     assert app.view_state.signal.channel == "accel/y"
 
@@ -180,9 +181,9 @@ def test_the_effect_of_temperature_is_a_number_only_beyond_noise() -> None:
     beyond = replace(channel.drift, per_degC=1e-4, per_degC_low=9e-5, per_degC_high=1.1e-4)
 
     def drift_text(of: Drift) -> str:
-        channels = {**report.channels, "gyro/x": replace(channel, drift=of)}
+        channels = {**report.channels, GYRO[0]: replace(channel, drift=of)}
         state = ViewState(
-            reports={reports.ID: replace(report, channels=channels)}, id=reports.ID, channel="gyro/x"
+            reports={reports.ID: replace(report, channels=channels)}, id=reports.ID, channel=GYRO[0]
         )
         return "\n".join("".join(text for text, _ in line) for line in text_panels.drift(state, 80, 9))
 
@@ -207,7 +208,7 @@ async def test_the_screen_survives_loss_and_return_of_the_daemon(app: ImumonApp,
         app.poll()
     assert "no report for 37 s; reconnecting" in status(app)
     assert app.query_one("#body").has_class("stale")
-    assert table_number(reports.report(), "gyro/x", "N") in visible_text(app)
+    assert table_number(reports.report(), GYRO[0], "N") in visible_text(app)
     app.source.arrive(reports.report())
     app.poll()
     assert "● live" in status(app)
@@ -260,7 +261,7 @@ def with_times(report: Report, times: dict[str, float | None]) -> Report:
     """Return a report in which gyro z reaches the precision after these times."""
     report = replace(report, precision={"N": 0.001, "B": 0.15, "K": 0.5})
     channel = replace(report.channels["gyro/z"], time_to=times)
-    return replace(report, channels={**report.channels, "gyro/z": channel})
+    return replace(report, channels={**report.channels, GYRO[2]: channel})
 
 
 @pytest.mark.few
@@ -326,9 +327,9 @@ def test_no_label_of_an_axis_is_cut(size: tuple[int, int]) -> None:
     series = {"N": replace(stated.coefficients["N"], value=values, low=values, high=values)}
     channel = replace(channel, convergence=replace(stated, coefficients=series))
     state = ViewState(
-        reports={report.device.id: replace(report, channels={"mag/x": channel})},
+        reports={report.device.id: replace(report, channels={MAG[0]: channel})},
         id=report.device.id,
-        channel="mag/x",
+        channel=MAG[0],
     )
     rows = ["".join(text for text, _ in line) for line in over_time_chart(state, *size)]
     factor = state.notation.coefficient_scale("mag", "N")[0]

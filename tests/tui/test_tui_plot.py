@@ -15,6 +15,7 @@ from imumon.model import units
 from imumon.model.coefficients import Estimate
 from imumon.model.report import Distribution
 from imumon.model.report_json import MAX_NUMBER
+from imumon.model.samples import ACCEL, GYRO
 from imumon.model.units import FLICKER
 from imumon.tui import (
     braille_canvas,
@@ -55,8 +56,8 @@ def running() -> ViewState:
         alive=frozenset({reports.ID}),
         connected=True,
         id=reports.ID,
-        channel="gyro/y",
-        signal=reports.signal("gyro/y"),
+        channel=GYRO[1],
+        signal=reports.signal(GYRO[1]),
         events=tuple(reports.events()),
     )
 
@@ -121,11 +122,9 @@ def test_a_bias_is_shown_only_where_it_is_known() -> None:
         report = reports.report()
         channels = {
             **report.channels,
-            "accel/z": replace(report.channels["accel/z"], distribution=distribution),
+            ACCEL[2]: replace(report.channels["accel/z"], distribution=distribution),
         }
-        state = replace(
-            running(), channel="accel/z", reports={reports.ID: replace(report, channels=channels)}
-        )
+        state = replace(running(), channel=ACCEL[2], reports={reports.ID: replace(report, channels=channels)})
         text = "".join(part for part, _ in panels.detail(state, 150, 12)[0])
         assert expected in text
 
@@ -183,7 +182,7 @@ def test_the_axes_do_not_move_while_a_curve_grows() -> None:
 
 
 def test_the_chart_marks_only_measured_coefficients() -> None:
-    cases = ((8.0, "gyro/x", "N"), (7200.0, "gyro/y", "NB"), (reports.LONG_S, "gyro/x", "NBK"))
+    cases = ((8.0, GYRO[0], "N"), (7200.0, GYRO[1], "NB"), (reports.LONG_S, GYRO[0], "NBK"))
     for age, channel, letters in cases:
         report = reports.report(age)
         text = text_of(
@@ -205,8 +204,8 @@ def test_unused_octaves_are_dimmed() -> None:
     channel = report.channels["accel/y"]
     used = (False, False, *channel.allan.used[2:])
     channel = replace(channel, allan=replace(channel.allan, used=used))
-    report = replace(report, channels={**report.channels, "accel/y": channel})
-    state = running().updated(reports={reports.ID: report}, channel="accel/y")
+    report = replace(report, channels={**report.channels, ACCEL[1]: channel})
+    state = running().updated(reports={reports.ID: report}, channel=ACCEL[1])
     lines = charts.allan_chart(state, 100, 40)
     assert any(role.startswith("unused") for line in lines[1:] for _, role in line)
     assert not any(

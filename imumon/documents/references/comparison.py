@@ -11,7 +11,7 @@ import math
 from imumon.documents.references.reference_sheet import QUANTITIES, UNITS, Limit, ReferenceSheet
 from imumon.model.messages import filter_not_known
 from imumon.model.report import DataSheet, Report, SheetValue
-from imumon.model.samples import ALIASED, INERTIAL, sensor_of
+from imumon.model.samples import ALIASED, INERTIAL, ChannelName
 
 
 def compared(report: Report, sheet: ReferenceSheet) -> DataSheet:
@@ -32,15 +32,15 @@ def compared(report: Report, sheet: ReferenceSheet) -> DataSheet:
     )
 
 
-def _value(report: Report, name: str, limit: Limit) -> SheetValue:
+def _value(report: Report, name: ChannelName, limit: Limit) -> SheetValue:
     """Return one value of the sheet for one channel."""
     letter, ratio = QUANTITIES[limit.quantity]
-    size = limit.at_most / (ratio * UNITS[sensor_of(name), letter][limit.unit])
+    size = limit.at_most / (ratio * UNITS[name.sensor, letter][limit.unit])
     part = report.channels[name].estimates[letter]
     above = (
         None if part.status == "pending" else part.status == "measured" and (part.stated.low or 0.0) > size
     )
-    reason = _doubt(report, sensor_of(name), limit) if letter == "N" and above else None
+    reason = _doubt(report, name.sensor, limit) if letter == "N" and above else None
     return SheetValue(
         channel=name,
         quantity=limit.quantity,

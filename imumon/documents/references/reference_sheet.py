@@ -22,7 +22,7 @@ from imumon.model.coefficients import COEFFICIENTS, MG
 from imumon.model.cures import option_text
 from imumon.model.errors import ImumonError, why
 from imumon.model.report_json import JsonReader, check, plain
-from imumon.model.samples import AXES
+from imumon.model.samples import AXES, ChannelName
 from imumon.model.system_errors import cure_of_reading
 from imumon.model.units import DEG, FLICKER, HOUR
 
@@ -67,7 +67,7 @@ class Limit:
     sampled_hz : Hz, rate at which the device reads this quantity, unfiltered: slower streams alias; None: unknown.
     """
 
-    channels: tuple[str, ...]
+    channels: tuple[ChannelName, ...]
     quantity: str
     at_most: float
     unit: str
@@ -75,9 +75,12 @@ class Limit:
     sampled_hz: float | None = None
 
     @property
-    def axes(self) -> list[str]:
+    def axes(self) -> list[ChannelName]:
         """Channels that it holds for; a sensor has all its axes."""
-        names = [[name] if "/" in name else [f"{name}/{axis}" for axis in AXES] for name in self.channels]
+        names = [
+            [name] if name.axis else [ChannelName(f"{name}/{axis}") for axis in AXES]
+            for name in self.channels
+        ]
         return list(dict.fromkeys(itertools.chain(*names)))
 
 
@@ -156,11 +159,12 @@ def _check_limit(limit: Limit) -> None:
     check(limit.quantity in QUANTITIES, f"quantity is not one of {', '.join(QUANTITIES)}")
     check(limit.at_most > 0.0 and (limit.sampled_hz or 1.0) > 0.0, "at_most or sampled_hz is not positive")
     for name in limit.channels:
-        sensor, slash, axis = name.partition("/")
-        known = sensor in SENSORS and (not slash or axis in AXES)
+        known = name.sensor in SENSORS and name.axis in ("", *AXES)
         check(known, f"{name!r} is no channel; write gyro, accel, mag, or gyro/x")
-        units = UNITS[sensor, QUANTITIES[limit.quantity][0]]
-        check(limit.unit in units, f"unit of {limit.quantity} of {sensor} is not one of {', '.join(units)}")
+        units = UNITS[name.sensor, QUANTITIES[limit.quantity][0]]
+        check(
+            limit.unit in units, f"unit of {limit.quantity} of {name.sensor} is not one of {', '.join(units)}"
+        )
 
 
 NAMES = {field.name for field in fields(ReferenceSheet)} - {"limits"} | {"limit"}

@@ -16,7 +16,7 @@ import numpy as np
 
 from imumon.model.cures import option, option_text
 from imumon.model.report_json import plain
-from imumon.model.samples import AXES, INERTIAL, Floats, Kind, sensor_of
+from imumon.model.samples import AXES, INERTIAL, ChannelName, Floats, Kind
 from imumon.sources.files.base import OptionError, ReadOptions, RecordingError
 from imumon.sources.files.column_clock import ClockReader
 from imumon.sources.files.column_names import (
@@ -187,7 +187,7 @@ class _ColumnReader(ClockReader):
 
     def _is_left_out(self, key: str) -> bool:
         """Return whether the user has named axes of a sensor, which are all that is used of it."""
-        return any(sensor_of(channel) == key for channel in self._options.columns or {})
+        return any(ChannelName(channel).sensor == key for channel in self._options.columns or {})
 
     def _unit_beside(self, triples: Sequence[Triple]) -> str:
         """Return the unit of an accelerometer that is one g; empty: there is none."""

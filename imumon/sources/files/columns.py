@@ -38,7 +38,7 @@ from typing import Literal
 
 from imumon.model.cures import option, option_text
 from imumon.model.report_json import plain
-from imumon.model.samples import AXES, CHANNELS, INERTIAL, Kind
+from imumon.model.samples import AXES, CHANNELS, INERTIAL, ChannelName, Kind, channel_names
 from imumon.sources.files.base import OptionError, RecordingError
 from imumon.sources.files.column_names import split_unit
 from imumon.sources.files.unit_grammar import DIMENSIONS, Unit, known_unit
@@ -94,7 +94,7 @@ class ColumnLayout:
     """
 
     kind: Kind
-    channels: tuple[str, ...]
+    channels: tuple[ChannelName, ...]
     columns: tuple[Column, ...]
     times: tuple[Column, ...] = ()
     interval: Column | None = None
@@ -288,7 +288,7 @@ class Reading:
         rate = by_key.get("rate")
         dt = by_key.get("dt")
         return ColumnLayout(
-            _kind_of_stream(stream, points), tuple(channels), tuple(channels.values()),
+            _kind_of_stream(stream, points), channel_names(channels), tuple(channels.values()),
             times=self._times(by_key.get("t")),
             interval=self._interval(dt),
             remarks=(*(f"assumed: {use.reason}" for use in assumed), *self.remarks),

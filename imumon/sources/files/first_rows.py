@@ -29,7 +29,7 @@ from imumon.grid.stamp_placement import StampPlacer
 from imumon.model.cures import option, option_text
 from imumon.model.errors import RateRequired
 from imumon.model.report import stamp
-from imumon.model.samples import AXES, INERTIAL, LONGEST_NS, Bools, Clock, Floats, Ints, Stream, sensor_of
+from imumon.model.samples import AXES, INERTIAL, LONGEST_NS, Bools, Clock, Floats, Ints, Stream
 from imumon.model.units import share_text
 from imumon.noise.validity_groups import LARGEST
 from imumon.sources.files.base import RecordingError, RowSource
@@ -202,10 +202,10 @@ class FirstRows:
         filled = np.isfinite(rows).mean(axis=0)
         empty = self._empty_sensors(filled)
         held = self._held_sensors(rows, empty)
-        inertial = set(INERTIAL) & set(map(sensor_of, stream_layout.channels)) - empty
+        inertial = set(INERTIAL) & {name.sensor for name in stream_layout.channels} - empty
         if len(held) < len(inertial):  # the sensor that has a sample in each row is used
             empty |= held
-        sensors = [sensor_of(name) for name in stream_layout.channels]
+        sensors = [name.sensor for name in stream_layout.channels]
         channels = [k for k in range(end_of_channels) if _is_used(sensors[k], float(filled[k]), empty)]
         times = [k for k in range(end_of_channels, end_of_times) if filled[k] > FILLED]
         if len(times) < len(stream_layout.times):
@@ -231,7 +231,7 @@ class FirstRows:
         for k, column in enumerate(columns):
             if k in used:
                 continue
-            sensor = sensor_of(self.layout.channels[k]) if k < count else None
+            sensor = self.layout.channels[k].sensor if k < count else None
             if not filled[k]:
                 reason = "no row has a number in it"
             elif sensor in held:
@@ -261,9 +261,9 @@ class FirstRows:
         # a row with the stamp of the row before is a copy of it, which is another matter
         time = rows[:, len(layout.columns)]
         rows = rows[np.append(True, time[1:] != time[:-1])]
-        inertial = sorted(set(INERTIAL) & set(map(sensor_of, layout.channels)) - empty)
+        inertial = sorted(set(INERTIAL) & {name.sensor for name in layout.channels} - empty)
         for sensor in inertial:
-            axes = [k for k, name in enumerate(layout.channels) if sensor_of(name) == sensor]
+            axes = [k for k, name in enumerate(layout.channels) if name.sensor == sensor]
             whole = rows[present(rows[:, axes]).all(axis=1)][:, axes]
             if len(axes) < len(AXES) or len(whole) < FEWEST_HELD:
                 continue
@@ -317,10 +317,10 @@ class FirstRows:
     def _empty_sensors(self, filled: Floats) -> set[str]:
         """Return inertial sensors with an axis without numbers; none if no other would be left."""
         channels = self.layout.channels
-        empty_axis = {sensor_of(name): k for k, name in enumerate(channels) if not filled[k]}
+        empty_axis = {name.sensor: k for k, name in enumerate(channels) if not filled[k]}
         empty = {sensor for sensor in empty_axis if sensor in INERTIAL}
         # then the rows themselves are the problem: `start` raises the error that no row is complete
-        if empty == {sensor_of(name) for name in channels} & set(INERTIAL):
+        if empty == {name.sensor for name in channels} & set(INERTIAL):
             return set()
         for sensor in empty:
             column = self.layout.columns[empty_axis[sensor]].name
@@ -353,7 +353,7 @@ class FirstRows:
         clock, interval, times = self._clock_of_stream(whole)
         self.remarks += list(_repeating(stream_layout, whole))
         self._note_alternating(whole)
-        sensors = ", ".join(dict.fromkeys(sensor_of(channel) for channel in stream_layout.channels))
+        sensors = ", ".join(dict.fromkeys(channel.sensor for channel in stream_layout.channels))
         title = f"{source.title or source.form} ({sensors})"
         stream = Stream(
             stream_layout.kind,
@@ -369,8 +369,8 @@ class FirstRows:
     def _note_alternating(self, whole: Floats) -> None:
         """Note whether every second row is of another sensor, and no column says it."""
         channels = self.layout.channels
-        for sensor in sorted(set(INERTIAL) & set(map(sensor_of, channels))):
-            axes = [k for k, name in enumerate(channels) if sensor_of(name) == sensor]
+        for sensor in sorted(set(INERTIAL) & {name.sensor for name in channels}):
+            axes = [k for k, name in enumerate(channels) if name.sensor == sensor]
             if alternate(whole[:, axes]):
                 text = (
                     f"every second row of {sensor} differs from those between: the rows may be of two sensors"
@@ -470,8 +470,8 @@ def _repeating(stream_layout: ColumnLayout, rows: Floats) -> Iterator[str]:
     """Yield a remark on each inertial sensor that is slower than its rows and holds its values between."""
     from imumon.noise.statistics.differences import REPEATED
 
-    for sensor in sorted(set(INERTIAL) & set(map(sensor_of, stream_layout.channels)), reverse=True):
-        axes = [k for k, name in enumerate(stream_layout.channels) if sensor_of(name) == sensor]
+    for sensor in sorted(set(INERTIAL) & {name.sensor for name in stream_layout.channels}, reverse=True):
+        axes = [k for k, name in enumerate(stream_layout.channels) if name.sensor == sensor]
         share = float(copies(rows[:, axes]).mean()) if len(rows) > 1 else 0.0
         # nearly all: the sensor is stuck, or constant, which the guard finds
         if REPEATED < share < COPIED:

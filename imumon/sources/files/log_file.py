@@ -25,7 +25,7 @@ import numpy as np
 
 from imumon.model.cures import option, option_text
 from imumon.model.report_json import plain
-from imumon.model.samples import AXES, Floats, SampleBlock, sensor_of
+from imumon.model.samples import AXES, Floats, SampleBlock
 from imumon.sources.files.array_table import HEAD_ROWS
 from imumon.sources.files.base import (
     SQLITE,
@@ -263,7 +263,7 @@ class LogFile(Table):
             return parse_map(stated.map)
         # the types of ROS have SI, also where the log process gives no unit
         return {
-            channel: plain(text if ":" in text or sensor_of(channel) != "accel" else f"{text}:m/s^2")
+            channel: plain(text if ":" in text or not channel.startswith("accel") else f"{text}:m/s^2")
             for channel, text in self._topic.map.items()
         }
 

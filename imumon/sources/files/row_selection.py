@@ -20,7 +20,7 @@ import numpy as np
 
 from imumon.grid.interval import SINGLE_EXCESS
 from imumon.model.cures import option_text
-from imumon.model.samples import AXES, Bools, Floats, Ints, sensor_of
+from imumon.model.samples import AXES, Bools, Floats, Ints
 from imumon.model.units import share_text
 from imumon.sources.files.base import RecordingError
 from imumon.sources.files.columns import ColumnLayout
@@ -70,10 +70,13 @@ class SensorRows:
 
     def __init__(self, path: str, table_layout: ColumnLayout) -> None:
         self._path = path
-        sensors = [sensor for sensor in ("gyro", "accel") if sensor in map(sensor_of, table_layout.channels)]
+        sensors = [
+            sensor
+            for sensor in ("gyro", "accel")
+            if sensor in {name.sensor for name in table_layout.channels}
+        ]
         self._columns = [
-            [k for k, name in enumerate(table_layout.channels) if sensor_of(name) == sensor]
-            for sensor in sensors
+            [k for k, name in enumerate(table_layout.channels) if name.sensor == sensor] for sensor in sensors
         ]
         self._inertial = [k for columns in self._columns for k in columns]
         self._slow = [k for k in range(len(table_layout.channels)) if k not in self._inertial]

@@ -38,7 +38,7 @@ import numpy as np
 from imumon.model.ledger import RECEIVED, ColumnUse, Ledger, column_account, merged
 from imumon.model.report import MOST_CHARACTERS
 from imumon.model.report_json import plain
-from imumon.model.samples import INERTIAL, Floats, Ints, SampleBlock, Stream, sensor_of
+from imumon.model.samples import INERTIAL, Floats, Ints, SampleBlock, Stream
 from imumon.sources.files.base import ReadOptions, Recording, RecordingError, RowSource
 from imumon.sources.files.columns import ColumnLayout
 from imumon.sources.files.first_rows import FirstRows, TableStart, TableTimes, present
@@ -168,7 +168,7 @@ class RowDecoder:
             )
         if self._held:
             sensors = " and ".join(
-                dict.fromkeys(sensor_of(self._layout.channels[k]) for k in self._first.repeated)
+                dict.fromkeys(self._layout.channels[k].sensor for k in self._first.repeated)
             )
             rows = _rows(self._held, "repeats", "repeat")
             remarks.append(f"{rows} the values of {sensors} of the row before: they are no samples of it")
@@ -180,7 +180,7 @@ class RowDecoder:
             yield f"{_rows(count, 'has', 'have')} the same number on all axes of {sensor}: no samples of it"
         if others := self._sensor_rows.others:
             sensors = " or ".join(
-                dict.fromkeys(sensor_of(c) for c in self._layout.channels if sensor_of(c) in INERTIAL)
+                dict.fromkeys(c.sensor for c in self._layout.channels if c.sensor in INERTIAL)
             )
             yield f"{others:,} rows have no number of {sensors}: they are no samples of it"
 
@@ -197,7 +197,7 @@ class RowDecoder:
     def uses(self, names: Sequence[str]) -> tuple[ColumnUse, ...]:
         """Return what became of each column of a table, by the names of all its columns."""
         layout = self._layout
-        uses = {c.index: channel for channel, c in zip(layout.channels, layout.columns, strict=True)}
+        uses = {c.index: str(channel) for channel, c in zip(layout.channels, layout.columns, strict=True)}
         unused = dict(self._first.unused)
         for column in layout.times:
             if self._first.no_time:

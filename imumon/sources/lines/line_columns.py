@@ -15,7 +15,7 @@ from imumon.model.errors import ImumonError
 from imumon.model.ledger import ColumnUse
 from imumon.model.report import MOST_CHARACTERS
 from imumon.model.report_json import plain
-from imumon.model.samples import CHANNELS, INERTIAL, Floats, Stream, sensor_of
+from imumon.model.samples import CHANNELS, INERTIAL, ChannelName, Floats, Stream
 from imumon.sources.device import InvalidOption
 from imumon.sources.files.base import ReadOptions
 from imumon.sources.files.column_names import named_channel
@@ -106,7 +106,7 @@ def columns_of(settings: Mapping[str, str]) -> LineColumns:
     """
     names = [name.strip() for name in settings["columns"].split(",")]
     fields = _fields_of(names, units_of(settings))
-    if not any(sensor_of(channel) in INERTIAL for channel in fields):
+    if not any(ChannelName(channel).sensor in INERTIAL for channel in fields):
         text = f"columns={settings['columns']} name no gyroscope and no accelerometer"
         raise InvalidOption("lines_columns_invalid", text, "write for example columns=t_ms,gx,gy,gz,ax,ay,az")
     try:
@@ -131,7 +131,7 @@ def _fields_of(names: Sequence[str], units: Mapping[str, str]) -> dict[str, str]
             raise InvalidOption(
                 "lines_columns_invalid", f"lines: has no column {name!r}, or it is there twice", NAMES_CURE
             )
-        sensor = sensor_of(channel)
+        sensor = ChannelName(channel).sensor
         unit = unit or units.get(sensor, "") or SI.get(sensor, "")
         _check_unit(name, unit, sensor)
         fields[channel] = f"{k + 1}:{unit}"
@@ -176,7 +176,7 @@ def line_columns(reading: Reading, settings: Mapping[str, str]) -> LineColumns:
         account.append(
             ColumnUse(name=plain(name)[:MOST_CHARACTERS], use=use, reason=None if use else ignored)
         )
-    inertial = sum(sensor_of(channel) in INERTIAL for channel in channels)
+    inertial = sum(channel.sensor in INERTIAL for channel in channels)
     return LineColumns(len(reading.names), layout.times, used, stream, settings, inertial, tuple(account))
 
 

@@ -31,7 +31,7 @@ from imumon.grid.live_stamps import LiveStamps
 from imumon.model.errors import QUOTED, ImumonError
 from imumon.model.ledger import Ledger
 from imumon.model.report_json import plain
-from imumon.model.samples import AXES, LONGEST_NS, Floats, SampleBlock, sensor_of
+from imumon.model.samples import AXES, LONGEST_NS, Floats, SampleBlock
 from imumon.sources.device import RESTART_NS
 from imumon.sources.files.printed_log import PrintedTable, number_of, split, tables
 from imumon.sources.files.sizes_at_rest import NOISIEST, is_one_g, median_size, sample_noise
@@ -339,7 +339,7 @@ class LineDecoder:
 
 def _unit_doubts(columns: LineColumns, rows: Floats) -> Iterator[str]:
     """Yield what (n, k) values in SI say against their units: gravity, and more noise than at rest."""
-    sensors = [sensor_of(channel) for channel in columns.stream.channels]
+    sensors = [channel.sensor for channel in columns.stream.channels]
     accel = [k for k, sensor in enumerate(sensors) if sensor == "accel"]
     # two axes do not show gravity: at rest, the third one may hold all of it
     size = median_size(rows[:, accel]) if len(accel) == len(AXES) else None

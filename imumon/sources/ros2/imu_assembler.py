@@ -17,7 +17,20 @@ import numpy as np
 
 from imumon.grid.live_stamps import LiveStamps
 from imumon.model.ledger import Ledger
-from imumon.model.samples import ACCEL, GYRO, LONGEST_NS, MAG, Floats, Ints, Item, Notice, SampleBlock, Stream
+from imumon.model.samples import (
+    ACCEL,
+    GYRO,
+    LONGEST_NS,
+    MAG,
+    ChannelName,
+    Floats,
+    Ints,
+    Item,
+    Notice,
+    SampleBlock,
+    Stream,
+    channel_names,
+)
 from imumon.ros2.node import QUEUE_MESSAGES, Received
 from imumon.ros2.ros_messages import (
     IMU,
@@ -50,7 +63,7 @@ NOTICE_S = 10.0
 """s between two notices of lost messages."""
 
 NONE = (math.nan,) * 3
-SENSORS = (("gyro", GYRO), ("accel", ACCEL), ("mag", MAG), ("temperature", ("temperature",)))
+SENSORS = (("gyro", GYRO), ("accel", ACCEL), ("mag", MAG), ("temperature", channel_names(["temperature"])))
 """Groups of columns of a row, in order."""
 TYPES = {"accel": IMU, "mag": MAGNETIC_FIELD, "temperature": TEMPERATURE}
 """Type of each further topic."""
@@ -316,7 +329,7 @@ class ImuAssembler:
 
     def _choose_columns(self, values: Floats) -> None:
         """Decide which sensors the stream has, from its first rows."""
-        channels: list[str] = []
+        channels: list[ChannelName] = []
         start = 0
         for name, columns in SENSORS:
             part = values[:, start : start + len(columns)]

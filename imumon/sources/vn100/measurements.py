@@ -25,13 +25,13 @@ from imumon.model.samples import (
     CHANNELS,
     SLOWEST_HZ,
     Bools,
+    ChannelName,
     Clock,
     Floats,
     Ints,
     Kind,
     SampleBlock,
     Stream,
-    sensor_of,
 )
 from imumon.sources.vn100.registers import LOOP_RATE
 
@@ -187,11 +187,11 @@ def sample_converter(quantities: frozenset[str], source: str) -> SampleConverter
     if not sensors:
         return None
     parts: list[tuple[str, slice]] = []
-    channels: tuple[str, ...] = ()
+    channels: tuple[ChannelName, ...] = ()
     for sensor, (_, quantity) in (sensors | _OTHERS).items():
         if quantity in available:
             begin = len(channels)
-            channels += tuple(name for name in CHANNELS if sensor_of(name) == sensor)
+            channels += tuple(name for name in CHANNELS if name.sensor == sensor)
             parts.append((quantity, slice(begin, len(channels))))
     # an absolute clock shows how long a gap is; intervals do not
     clocks: tuple[Clock, ...] = ("startup", "counter", "dt")

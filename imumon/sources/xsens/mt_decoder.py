@@ -14,7 +14,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from imumon.grid.interval import CLOCK_SLACK_S
-from imumon.model.samples import ACCEL, GYRO, Bools, Clock, Ints, Kind, SampleBlock, Stream, sensor_of
+from imumon.model.samples import (
+    ACCEL,
+    GYRO,
+    TEMPERATURE,
+    Bools,
+    Clock,
+    Ints,
+    Kind,
+    SampleBlock,
+    Stream,
+)
 from imumon.sources.frame_decoder import FrameDecoder
 from imumon.sources.xsens.mt_messages import (
     CLIPPED,
@@ -29,7 +39,7 @@ from imumon.sources.xsens.mt_messages import (
 
 COUNTER, TICKS = 1 << 16, 1 << 32
 """Periods of the packet counter and of SampleTimeFine."""
-CHANNELS = (*GYRO, *ACCEL, "temperature")
+CHANNELS = (*GYRO, *ACCEL, TEMPERATURE)
 DELTAS = (DataId.DELTA_Q, DataId.DELTA_V)
 POINTS = (DataId.RATE_OF_TURN, DataId.ACCELERATION)
 """Fields of a sample: increments over the interval of the output, or values at one time."""
@@ -69,7 +79,7 @@ def clipped_sensors(numbers: Mapping[int, tuple[float, ...]]) -> Bools | None:
     status = numbers.get(DataId.STATUS_WORD)
     if status is None:
         return None
-    sensors = dict.fromkeys(map(sensor_of, CHANNELS))
+    sensors = dict.fromkeys(name.sensor for name in CHANNELS)
     return np.array([[int(status[0]) & CLIPPED.get(sensor, 0) != 0 for sensor in sensors]])
 
 

@@ -18,7 +18,7 @@ import pytest
 from cases import case
 from paths import TESTS
 
-from imumon.model.samples import SampleBlock, sensor_of
+from imumon.model.samples import SampleBlock
 from imumon.sources.vn100 import ascii, binary
 from imumon.sources.vn100.ascii import Response, SensorError
 from imumon.sources.vn100.decoder import DecodedItem, Vn100Decoder
@@ -29,7 +29,7 @@ VECTORS = json.loads(gzip.decompress((TESTS / "data" / "vn100_independent.json.g
 def sample(item: DecodedItem) -> dict[str, Any]:
     """Return the only sample of a block as a vector has it."""
     assert isinstance(item, SampleBlock)
-    sensors, saturated = list(dict.fromkeys(map(sensor_of, item.stream.channels))), None
+    sensors, saturated = list(dict.fromkeys(item.stream.sensors)), None
     if item.saturated is not None:
         saturated = sorted(np.array(sensors)[item.saturated[0]].tolist())
     return {
