@@ -81,10 +81,6 @@ def test_in_time_lapse_the_minutes_are_those_of_the_sensor() -> None:
     assert ready_text(report, "kalibr") == "ready for kalibr: N yes, K in 13 min of sensor time"
 
 
-def test_a_report_without_curves_has_no_readiness() -> None:
-    assert ready_text(reports.nothing_yet(), "kalibr") == ""
-
-
 def test_what_is_not_measured_has_no_state_of_its_own() -> None:
     channel = reports.long_report().channels["gyro/x"]
     bound = replace(channel.coefficients["K"], status="upper_bound", value=None)

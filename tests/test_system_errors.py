@@ -8,7 +8,6 @@ import os
 
 import pytest
 
-from imumon.cli import admin, main
 from imumon.cli import output as command_output
 from imumon.model.errors import ImumonError
 from imumon.model.system_errors import cure_of_reading, not_done, not_read, not_written
@@ -34,23 +33,6 @@ def test_every_number_has_a_message_and_a_cure_of_one_line(number: int) -> None:
         assert not set("\n{}") & set(str(described))
     # what a number says does not hold of another kind of file
     assert "--state" not in not_written("a.html", found, "name another").cure + cure_of_reading(found)
-
-
-def test_a_command_ends_in_one_line_for_every_number(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for number in set(NUMBERS) - {*ENOUGH, errno.ENOMEM}:  # the last has no orderly end
-        for file in (None, "/x"):
-
-            def fail(_: object, number: int = number, file: str | None = file) -> int:
-                raise OSError(number, os.strerror(number), file)
-
-            monkeypatch.setattr(admin, "config", fail)
-            assert main(["config", "show"]) == 1
-            written = capsys.readouterr()
-            assert written.out == ""
-            assert written.err.count("\n") == 1
-            assert os.strerror(number).lower() in written.err
 
 
 @pytest.mark.few

@@ -74,15 +74,6 @@ def test_a_file_its_arrays_and_the_command_give_equal_reports(tmp_path: Path, ef
         assert 0.98 * low < N < 1.02 * high
 
 
-@pytest.mark.parametrize("begin", [2_000, 12_000])
-def test_a_hole_of_half_of_the_rows_is_missing_samples(begin: int) -> None:
-    gyro = samples("temperature")["gyro"]
-    gyro[begin : begin + 12_000] = np.nan
-    session = imumon.analyse(gyro, rate_hz=RATE).report.session
-    # behind the last sample nothing is known to be missing
-    assert (session.samples, session.missing) == (12_000, 12_000 if begin < 12_000 else 0)
-
-
 def test_a_table_with_time_is_the_same_as_text_and_as_a_frame(tmp_path: Path) -> None:
     pandas = pytest.importorskip("pandas")
     arrays = {name: array[:6000] for name, array in samples("none").items()}

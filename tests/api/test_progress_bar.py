@@ -7,7 +7,6 @@ import os
 import re
 import struct
 import termios
-import time
 
 import pytest
 from waiting import until
@@ -61,17 +60,3 @@ def test_a_bar_shows_share_rate_and_time_left_and_leaves_an_empty_line(
             r"60 %  1 h 12 min of record, [\d,]+ times real time ━+╺━+ [-0:\d]+\r", shown_text(shown)
         )
     assert shown.endswith("\x1b[2K")
-
-
-def test_short_work_and_a_pipe_show_nothing() -> None:
-    master, slave = os.openpty()
-    with open(slave, "w") as terminal, ProgressBar(terminal) as bar:
-        bar.update(0.5, 3600.0)
-        assert drained(master) == ""
-    reader, writer = os.pipe()
-    with open(writer, "w") as pipe, ProgressBar(pipe, begin_s=0.0) as bar:
-        bar.update(0.5, 3600.0)
-        time.sleep(0.05)
-    assert os.read(reader, 100) == b""
-    os.close(master)
-    os.close(reader)

@@ -32,11 +32,6 @@ def reading() -> bool:
     return any(thread.name == "reading" for thread in threading.enumerate())
 
 
-def test_everything_comes_in_order_with_its_progress() -> None:
-    found = [(items[0], share) for items, share, _ in read_ahead(Counting(50))]
-    assert found == [(Gap(float(k)), float(k)) for k in range(1, 51)]
-
-
 def test_an_error_comes_behind_what_was_read_before() -> None:
     ahead = read_ahead(Counting(7, RecordingError("torn", "the tape is torn")))
     assert len([next(ahead) for _ in range(7)]) == 7

@@ -20,7 +20,6 @@ from daemons import Daemon, free_endpoint
 from faulty_sensor import spawn
 
 from imumon.bus import Publisher
-from imumon.model.coefficients import GRADES
 from imumon.model.report import DeviceDescription, Report, SensorGrade, SessionCounters, stamp
 from imumon.model.report_json import to_json
 from imumon.model.samples import SampleBlock
@@ -146,13 +145,6 @@ def test_the_limit_of_the_loss_a_grade_and_a_baseline(report: Report, tmp_path: 
         assert "gyro/x: N has fallen by 50 % against the baseline" in text
         saved.write_text(to_json(report))
         assert plugin("--connect", place, "--baseline", str(saved))[0] == 0
-
-
-def test_a_grade_that_may_be_missed_is_a_warning(report: Report) -> None:
-    open_grade = SensorGrade(meets="industrial", best="tactical", worst="consumer")
-    with published(replace(report, grade={"gyro": open_grade})) as place:
-        codes = [plugin("--connect", place, "--grade", grade)[0] for grade in GRADES]
-    assert codes == [2, 1, 1, 0]
 
 
 def test_errors_are_unknown_and_a_missing_daemon_is_critical(tmp_path: Path) -> None:

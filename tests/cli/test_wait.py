@@ -24,7 +24,7 @@ from imumon.cli.main import parsers
 from imumon.cli.options import only_own_device, report_of
 from imumon.cli.wait_condition import WaitCondition
 from imumon.model.coefficients import GradeName
-from imumon.model.report import Report, SensorGrade, SessionCounters
+from imumon.model.report import Report, SensorGrade
 from imumon.sources.vn100.emulator import EmulatorSettings
 
 
@@ -55,12 +55,6 @@ def long() -> Report:
     return graded(reports.long_report())
 
 
-def test_a_certain_grade_counts_for_itself_and_all_worse_ones(long: Report) -> None:
-    assert WaitCondition(grade="industrial").unmet(long) is None
-    assert WaitCondition(grade="consumer").unmet(long) is None
-    assert "industrial" in str(WaitCondition(grade="tactical").unmet(long))
-
-
 def test_a_grade_that_no_limit_allows_is_not_reachable(long: Report) -> None:
     assert WaitCondition(grade="tactical").unreachable_grade(long) == "industrial"
     assert WaitCondition(grade="industrial").unreachable_grade(long) is None
@@ -73,11 +67,6 @@ def test_a_provisional_grade_counts_if_every_limit_has_it(long: Report) -> None:
     maybe_worse = graded(long, worst="consumer")
     assert "gyro industrial, provisional" in str(WaitCondition(grade="industrial").unmet(maybe_worse))
     assert WaitCondition(grade="consumer").unmet(maybe_worse) is None
-
-
-def test_a_missing_grade_has_its_reason(long: Report) -> None:
-    none = replace(long, grade={"gyro": SensorGrade(reason="the sensor is not at rest")})
-    assert WaitCondition(grade="consumer").unmet(none) == "gyro has no grade yet: the sensor is not at rest"
 
 
 def test_a_precision_needs_every_axis_measured(long: Report) -> None:
@@ -128,11 +117,6 @@ def test_of_several_own_daemons_the_one_at_the_configured_port_is_meant(
     said = capsys.readouterr().err
     assert "this is second, your own" in said
     assert "first, foreign" in said
-
-
-def test_an_empty_condition_is_the_first_sample(long: Report) -> None:
-    assert WaitCondition().unmet(long) is None
-    assert "no sample yet" in str(WaitCondition().unmet(replace(long, session=SessionCounters())))
 
 
 @pytest.mark.parametrize("text", ["600", "600s", "10m", "10 min", "6e2"])

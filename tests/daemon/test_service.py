@@ -6,7 +6,6 @@ import logging
 import os
 import re
 import shutil
-import signal
 import socket
 import subprocess
 import sys
@@ -21,9 +20,7 @@ from paths import ROOT
 from imumon.config import Settings, ZenohSettings
 from imumon.daemon import Daemon, RunOptions
 from imumon.daemon.log import configure_logging
-from imumon.daemon.run_limits import Shutdown
 from imumon.model.samples import DeviceInfo
-from imumon.sources.clock import HostClock
 from imumon.sources.device import DeviceLost
 from imumon.sources.vn100.emulator import EmulatorSettings, spawn
 from imumon.sources.vn100.vn100_session import Vn100Session
@@ -198,18 +195,6 @@ def test_a_full_standard_error_does_not_block_and_drops_are_counted(
     assert len(written) + sum(dropped) == 5000
     assert sum(dropped) > 0
     assert text.endswith(" at last\n")
-
-
-@pytest.mark.parametrize("ignored", [True, False])
-def test_a_terminal_that_closes_ends_what_was_not_started_with_nohup(ignored: bool) -> None:
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
-    try:
-        stop = Shutdown(None, HostClock())
-        with stop.handling_signals():
-            os.kill(os.getpid(), signal.SIGHUP)
-        assert stop.signal == (None if ignored else signal.SIGHUP)
-    finally:
-        signal.signal(signal.SIGHUP, before)
 
 
 def test_faults_of_libraries_and_threads_are_lines(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

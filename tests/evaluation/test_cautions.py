@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from evaluations import imumon, replayed, shown
 from paths import RECORDINGS, needs_recordings
-from reports import report as report_at
 
 from imumon.model.report import Report
 
@@ -52,12 +51,6 @@ def _misfits_are_caveats(report: Report) -> int:
         # one record in a hundred, whatever the number of its channels
         assert ("misfit" in channel.caveats) == (channel.fit.p_value < 0.01 / len(known))
     return sum("misfit" in channel.caveats for channel in known)
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("age", [200.0, 900.0, 7200.0])
-def test_a_model_that_does_not_fit_has_a_caveat(age: float) -> None:
-    _misfits_are_caveats(report_at(age))
 
 
 @pytest.mark.few

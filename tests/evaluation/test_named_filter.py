@@ -6,9 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluations import HZ, imumon, replayed, shown
-
-from imumon.noise.synthesis import synthesise
+from evaluations import HZ, imumon, replayed
 
 
 def test_a_named_filter_answers_what_the_recording_does_not_say(gyroscope: Path) -> None:
@@ -39,13 +37,3 @@ def test_what_a_filter_assumes_of_an_unknown_device_is_in_the_report(gyroscope: 
         assert f"--filter {words}: {stated}" in text  # the remark, with what to do
         assert "give window and rate, such as 8@1000" in text
     assert "is assumed to be" not in imumon("report", gyroscope, "--filter", "8@1000")
-
-
-def test_a_table_whose_spectrum_shows_a_filter_has_no_warning_that_noise_folds(tmp_path: Path) -> None:
-    noise = synthesise(20_000, HZ, N=[6e-5] * 3 + [1.4e-3] * 3, seed=4)
-    smooth = sum(noise[k : k + 19_990] for k in range(8)) / 8.0
-    smooth[:, 5] += 9.8
-    np.savez(tmp_path / "s.npz", t=np.arange(len(smooth)) / HZ, gyro=smooth[:, :3], accel=smooth[:, 3:])
-    report = replayed(tmp_path / "s.npz", "--accept")
-    assert all("correlated" in channel.caveats for channel in report.channels.values())
-    assert "noise folds" not in shown(report)

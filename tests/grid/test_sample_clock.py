@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from imumon.grid.sample_clock import BREAK, PlacedSamples, SampleClock
 from imumon.model.samples import GYRO, SampleBlock, Stream
-from imumon.record import Record, RecordOptions
 
 TICK = 25_000_000  # ns at 40 Hz
 LOOP_S = 1.0 / 800.0  # s, tick of a device whose intervals are multiples of one
@@ -229,15 +228,6 @@ def test_the_gap_of_a_restart_has_a_known_length(away_s: float) -> None:
     assert [int(s) for p in out for s in p.steps] == [gap] + [1] * 9
 
 
-def test_a_gap_with_two_interruptions_has_a_known_length() -> None:
-    clock = SampleClock("startup", 0.025)
-    clock.place(block(np.arange(100) * TICK), host_s=2.5)
-    clock.gap(60.0)
-    clock.gap(60.0)
-    out = clock.place(block((np.arange(10) + 99 + 4800) * TICK), host_s=0.2)
-    assert [int(s) for p in out for s in p.steps] == [4800] + [1] * 9
-
-
 def test_a_jump_of_the_last_sample_is_no_gap_of_known_length() -> None:
     clock = SampleClock("startup", 0.025)
     clock.place(block(np.append(np.arange(100), 20 * 86400 * 40) * TICK), host_s=2.5)
@@ -367,23 +357,3 @@ def test_any_chunking_gives_the_same_grid_with_jitter(
     one, many = SampleClock("startup", interval), SampleClock("startup", interval)
     assert place(one, whole) == place(many, whole, cuts)
     assert one.duplicates == many.duplicates
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("jitter", JITTER)
-def test_the_monitor_has_the_rate_of_a_clock_without_a_tick(jitter: str) -> None:
-    """Live, in blocks of 7, with a nominal rate that is 1 % off; every 50th sample is lost."""
-    n = 5001
-    kept = np.arange(n) % 50 != 3
-    whole = block(stamps(101.0, jitter, n)[kept])
-    monitor = Record(RecordOptions(guarded=False), rate_hz=100.0)
-    assert whole.time_ns is not None
-    for a in range(0, len(whole), 7):
-        rows = slice(a, a + 7)
-        monitor.feed(SampleBlock(whole.stream, whole.values[rows], whole.time_ns[rows], whole.lost[rows]))
-    monitor.flush()
-    assert monitor.sample_rate_hz == pytest.approx(101.0, rel=1e-9 if jitter == "none" else 5e-4)
-    assert monitor.samples == len(whole)
-    saved = monitor.save()
-    assert saved.restarts == 0
-    assert saved.clock.interval_s == pytest.approx(1 / 101.0, rel=5e-4)

@@ -16,7 +16,6 @@ from daemons import Daemon
 from histories import period, write
 from reports import report as report_at
 
-from imumon.api.document_report import document_report
 from imumon.cli.history_command import stored_days
 from imumon.cli.main import main
 from imumon.documents.report_texts import coefficient_text
@@ -52,19 +51,6 @@ def history_rows(folder: Path, noises: Sequence[float]) -> list[HistoryRow]:
     hours = [period(k, step_s=3600, begin=begin + 3600.0 * k) for k in range(24 * len(noises))]
     write(folder, "imu", days + hours)
     return stored_days(folder / "imu.state")
-
-
-def test_days_of_the_history_widen_the_limits(tmp_path: Path) -> None:
-    factors = 1.0 + 0.1 * np.random.default_rng(1).standard_normal(20)
-    rows = history_rows(tmp_path, factors)
-    scatter = day_scatter(rows)["gyro/x"]["N"]
-    n = 1.234567e-4 * factors
-    assert (scatter.days, scatter.std) == (20, pytest.approx(np.std(n, ddof=1), rel=1e-4))
-    assert scatter.statistics == pytest.approx(np.sqrt(np.mean((0.01 * n / 1.959964) ** 2)), rel=1e-4)
-    alone, made = make_report(), document_report(make_report(), rows=rows)
-    assert made.channels == with_combined(alone, day_scatter(rows))
-    low, high = made.channels["gyro/x"].coefficients["N"].interval
-    assert (high - low) > 2.0 * np.subtract(*alone.channels["gyro/x"].coefficients["N"].interval[::-1])
 
 
 @pytest.mark.few

@@ -133,12 +133,3 @@ def test_a_gap_of_days_has_no_periods_and_is_counted_as_missing() -> None:
     for step in STEPS:
         assert sum(p.samples for p in of(periods, step)) == made.samples
         assert sum(p.missing for p in of(periods, step)) == days - round(1800 * RATE)
-
-
-def test_a_new_record_ends_the_periods_of_the_old_one() -> None:
-    made = monitor()
-    feed(made, values(0.2))
-    made.end()
-    ended = made.periods()
-    assert [p.complete for p in ended] == [True] * 2
-    assert of(ended, 86400)[0].samples == made.samples

@@ -67,12 +67,6 @@ def test_memory_does_not_grow_with_the_record() -> None:
     assert held[-1] - held[0] < 500_000
 
 
-def test_a_report_exists_before_the_first_sample() -> None:
-    current = report(Record())
-    assert current.channels == {}
-    assert current.session.samples == 0
-
-
 def test_best_stream_is_characterised_and_counted_alone() -> None:
     poor = block(50, stream=Stream("compensated", GYRO + ACCEL, "$VNYMR", "none"))
     monitor, current = fed(poor, block(500), poor, rate_hz=100.0)
@@ -221,20 +215,6 @@ def test_a_warm_up_with_effect_has_its_caveat_until_it_is_excluded() -> None:
     assert own == other == [True, True, True, False]  # it is the device that warms up
     assert [each.session.warmup_s for each in reports] == [0.0, 0.0, 300.0, 600.0]
     assert [event.length_s for event in monitor.events() if event.kind == "warmup"] == [300.0, 600.0]
-
-
-def test_a_sensor_that_is_set_down_has_no_warm_up() -> None:
-    """Motion at the beginning is excluded from all statistics."""
-    part = block(30_000)
-    part.values[:1000, :3] += 0.5 * np.random.default_rng(4).normal(size=(1000, 3))
-    _, current = fed(part)
-    assert current.session.warmup_s == 0.0
-    assert 10.0 <= current.session.excluded_s <= 60.0
-    gyro = current.channels["gyro/x"]
-    assert gyro.spectrum.lines == ()
-    assert gyro.distribution.gaussian
-    assert gyro.max is not None
-    assert gyro.max < 0.02
 
 
 def test_moving_sensor_is_never_graded() -> None:

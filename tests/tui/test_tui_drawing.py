@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import reports
 from rich.style import Style
-from screen_driver import drive, driven, status, table_number, visible_text
+from screen_driver import drive, driven, table_number, visible_text
 from textual.pilot import Pilot
 
 from imumon.tui.app import ImumonApp
@@ -101,17 +99,3 @@ def _row(app: ImumonApp, y: int) -> str:
         app.screen.get_widget_at(0, y)[0].render_line(y - app.screen.get_widget_at(0, y)[1].y).text
         for _ in range(1)
     )
-
-
-def test_names_that_look_like_markup_are_shown_unchanged() -> None:
-    name = "[red]x[/red] [/] ]["
-    report = reports.report()
-    source = reports.FakeSource(replace(report, device=replace(report.device, id=name, port="[b]")))
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for key in "12345":
-            await pilot.press(key)
-            await pilot.pause()
-            assert name in status(app)
-
-    drive(source, script)

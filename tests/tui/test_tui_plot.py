@@ -105,13 +105,6 @@ def test_a_coefficient_fits_its_column(
     assert len(text) <= CELL
 
 
-@settings(max_examples=300)
-@given(value=st.just(0.0) | st.floats(1e-90, 1e12) | st.floats(-1e12, -1e-90))
-def test_means_and_deviations_fit_their_columns(value: float) -> None:
-    assert len(units.number(value, 4)) < channel_table.COLUMNS["mean"] + 1
-    assert len(units.short(abs(value))) < channel_table.COLUMNS["std"]
-
-
 def test_a_bias_is_shown_only_where_it_is_known() -> None:
     shape = Distribution(bias=0.002, bias_low=-0.025, bias_high=0.029)
     unknown = Distribution(bias_reason="not separable from tilt")
@@ -163,14 +156,6 @@ def test_a_point_is_placed_by_its_axes() -> None:
     assert frame.cell(1e3, 1.0) is None
 
 
-@given(values=st.lists(st.floats(1e-9, 1e9), min_size=1, max_size=30))
-def test_a_scale_contains_its_values(values: list[float]) -> None:
-    array = np.array(values)
-    for scale in (braille_canvas.logarithmic(array), braille_canvas.linear(array)):
-        share = scale.share(array)
-        assert ((share >= -1e-9) & (share <= 1 + 1e-9)).all()
-
-
 def test_the_axes_do_not_move_while_a_curve_grows() -> None:
     """Half decades: between two reports a second apart the frame does not move."""
     ends = {
@@ -197,20 +182,6 @@ def test_the_chart_marks_only_measured_coefficients() -> None:
                 assert f"{mark} {units.number(height * part.readable.value, 3)}" in text  # as the axis says
             else:
                 assert f"{letter} " not in text
-
-
-def test_unused_octaves_are_dimmed() -> None:
-    report = reports.report()
-    channel = report.channels["accel/y"]
-    used = (False, False, *channel.allan.used[2:])
-    channel = replace(channel, allan=replace(channel.allan, used=used))
-    report = replace(report, channels={**report.channels, ACCEL[1]: channel})
-    state = running().updated(reports={reports.ID: report}, channel=ACCEL[1])
-    lines = charts.allan_chart(state, 100, 40)
-    assert any(role.startswith("unused") for line in lines[1:] for _, role in line)
-    assert not any(
-        role.startswith("unused") for line in charts.allan_chart(running(), 100, 40) for _, role in line
-    )
 
 
 spans = st.tuples(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -144,11 +143,3 @@ def test_files_of_other_programs_are_named_with_what_to_do(tmp_path: Path, head:
         replayed(tmp_path / "a.dat")
     assert error.value.code == code
     assert error.value.cure
-
-
-def test_a_workbook_is_named(tmp_path: Path) -> None:
-    with zipfile.ZipFile(tmp_path / "a.xlsx", "w") as archive:
-        archive.writestr("xl/workbook.xml", "<workbook/>")
-    with pytest.raises(RecordingError) as error:
-        replayed(tmp_path / "a.xlsx")
-    assert error.value.code == "format_xlsx"

@@ -99,18 +99,6 @@ def test_a_megabyte_without_an_end_of_line_is_discarded_in_bounded_memory() -> N
     assert (decoder.bad_checksums, decoder.discarded) == (1, (1 << 20) + 1)
 
 
-def test_a_line_that_is_too_long_is_no_sample() -> None:
-    line = b"1,2,3" + b" " * (LONGEST_LINE - 5)
-    blocks, decoder = decoded(line + b"\n" + line + b" \n", {"columns": "gx,gy,gz"})
-    assert len(rows(blocks)) == decoder.bad_checksums == 1
-
-
-def test_a_hundred_thousand_lines_at_once() -> None:
-    blocks, decoder = decoded(lines(100_000, rate=1000.0), SEVEN)
-    assert rows(blocks)[:, 0].tolist() == list(range(100_000))
-    assert decoder.bad_checksums == 0
-
-
 @pytest.mark.parametrize(
     ("unit", "period"), [("us", 1 << 32), ("us", 1 << 30), ("ms", 1 << 32), ("ms", 1 << 30)]
 )

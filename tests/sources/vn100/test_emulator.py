@@ -20,7 +20,6 @@ from waiting import until
 from imumon.model.samples import Floats, SampleBlock
 from imumon.sources.device import InvalidOption
 from imumon.sources.vn100 import ascii
-from imumon.sources.vn100.binary import BinaryLayout
 from imumon.sources.vn100.decoder import Vn100Decoder
 from imumon.sources.vn100.emulator import (
     EmulatorSettings,
@@ -224,37 +223,6 @@ def test_the_moving_average_aliases_and_the_increments_do_not() -> None:
     ask(deltas, "VNWRG,75,1,20,06,0001,00C0")
     gyro = columns(deltas.advance(600 * LOOP_RATE), "gyro")[1:]
     assert abs(relative(gyro.std(axis=0), 6.1e-5 * math.sqrt(40), len(gyro))) < 4.0
-
-
-def test_increments_add_up_with_any_reset() -> None:
-    def total(*outputs: str) -> Floats:
-        device = make(rate=0, baud=921600)
-        for command in outputs:
-            ask(device, command)
-        layout = BinaryLayout.of({3: 0x00C0})
-        data = b"".join(message for _, message in device.advance(8000))
-        received = layout.decode(data, count=len(data) // layout.length)
-        both = np.concatenate((received["3.deltaTheta"], received["3.deltaVel"]), axis=1)
-        return np.asarray(both.astype(float).sum(axis=0))
-
-    slow = total("VNWRG,75,1,50,04,00C0")
-    fast = total("VNWRG,75,1,10,04,00C0")
-    # the last slow packet ends at tick 7950, the last fast one 40 ticks later
-    assert slow[0] == pytest.approx(7951 / LOOP_RATE, rel=1e-6)
-    assert fast[0] == pytest.approx(7991 / LOOP_RATE, rel=1e-6)
-    assert fast[6] - slow[6] == pytest.approx(-9.793746 * 40 / LOOP_RATE, rel=0.01)
-
-
-def test_the_warm_up_changes_the_bias() -> None:
-    device = make(rate=0, warm_up=10.0, warm_up_s=60.0, gyro_thermal=1e-3)
-    ask(device, "VNWRG,75,1,8,04,0018")
-    layout = BinaryLayout.of({3: 0x18})
-    data = b"".join(message for _, message in device.advance(300 * LOOP_RATE))
-    received = layout.decode(data, count=len(data) // layout.length)
-    temperature = received["3.temp"].astype(float).ravel()
-    assert temperature[-100:].mean() - temperature[:10].mean() == pytest.approx(10.0, abs=0.2)
-    rate = received["3.uncompGyro"].astype(float)
-    assert rate[-2000:].mean(axis=0) - rate[:200].mean(axis=0) == pytest.approx(np.full(3, 1e-2), rel=0.05)
 
 
 # ---------------------------------------------------------------- the terminal

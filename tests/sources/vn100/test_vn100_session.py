@@ -129,17 +129,6 @@ def test_readings_are_averaged_over_their_interval(stream: str, baud: int) -> No
     assert notices == []
 
 
-def test_set_baud_raises_the_baud_and_restore_lowers_it() -> None:
-    bench = Bench()
-    session = bench.streaming(DeviceSettings(set_baud=921600))
-    assert bench.baud == bench.device.baud == 921600
-    assert session.info().sample_rate_hz == 800.0
-    samples, _ = bench.run(session, 1.0)
-    assert samples >= 795
-    assert session.restore()
-    assert bench.baud == bench.device.baud == 115200
-
-
 def test_too_little_bandwidth_lowers_the_rate_with_a_remark(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("imumon.sources.vn100.stream_settings.LOAD", 1.6)
     bench = Bench()
