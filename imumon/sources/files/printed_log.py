@@ -168,12 +168,10 @@ def split(line: str, separator: str | None) -> list[str]:
 def number_of(cell: str, *, decimal: bool = False) -> float | None:
     """Return the number in a cell; NaN where it says that there is none, None where it holds something else."""
     text = cell.replace(",", ".") if decimal else cell
-    if text.lower() in MISSING:
-        return math.nan
     try:
         return float(text.partition("*")[0] if "*" in text[:-2] else text)  # 12.3*4F: a number with a check
     except ValueError:
-        return None
+        return math.nan if text.lower() in MISSING else None
 
 
 def _is_date(cell: str) -> bool:

@@ -1,7 +1,8 @@
 """Record reader: the records of a printed log in bulk, by the form that its head has shown.
 
-What fits the form becomes rows: regular cells by pyarrow or numpy, templates by one pattern. Only a block with an
-exception is read line by line, and every line that is no record is counted (`imumon.model.ledger`).
+A record is numbers in a fixed text, so that one pattern reads all of them; a row of cells is the simplest such text.
+Blocks of nothing but regular cells are read by pyarrow or numpy, which know no other form. What stands between two
+records is counted line by line (`imumon.model.ledger`); what may have been a record is a lost sample.
 """
 
 from __future__ import annotations
@@ -22,32 +23,30 @@ from imumon.sources.files.base import LONGEST_LINE, RecordingError
 from imumon.sources.files.date_reader import DateReader
 from imumon.sources.files.printed_log import (
     TOKEN,
-    TOO_LONG,
     TOO_LONG_BYTES,
     PrintedTable,
     are_names,
     cell_number,
     decoded,
-    number_of,
     split,
 )
 
 INVALID_SHARE, INVALID_ROWS = 0.1, 10
 """Share of invalid rows above which a text is no table, and invalid rows that every table may have."""
 
+ARROW_MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "Null"]
+"""Spellings of a missing number that the fast reader knows. A block with another one is read by the pattern."""
+
 
 @cache
 def _arrow() -> Any:
-    """Return the module of pyarrow that reads CSV; None if it is not installed."""
+    """Return pyarrow with its module that reads CSV; None if it is not installed."""
     try:
-        from pyarrow import csv as arrow
+        import pyarrow
+        import pyarrow.csv
     except ImportError:
         return None
-    return arrow
-
-
-ARROW_MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "Null"]
-"""Spellings of a missing number that the fast reader knows. A block with another one is read line by line."""
+    return pyarrow
 
 
 class RecordReader:
@@ -71,7 +70,11 @@ class RecordReader:
         self._path, self._table, self._columns = path, table, list(columns)
         self._dates = {k: DateReader() for k in table.dates if k in self._columns}
         self._ledger = Ledger()
-        self._pattern = re.compile(table.pattern.encode(), re.MULTILINE)
+        used = sorted(set(self._columns))
+        # a template has a group for each number
+        self._groups = list(self._columns if table.pattern else map(used.index, self._columns))
+        pattern = table.pattern or _cell_pattern(table, used)
+        self._pattern = re.compile(pattern.encode(), re.MULTILINE)
         self._others = [re.compile(other.pattern.encode(), re.MULTILINE) for other in others if other.pattern]
         self._rest, self._rest_lines = b"", 0  # of a record that has begun
         self.problem = ""
@@ -99,17 +102,24 @@ class RecordReader:
     def read(self, block: bytes, first: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
         """Return (n, k) numbers of the records in some lines, and (n,) the number of the line of each.
 
-        An invalid row is NaN, and its line 0. Too many invalid rows raise a `RecordingError`.
+        A lost row is NaN, and its line 0. Too many of them raise a `RecordingError`.
 
         Parameters
         ----------
         first : number of the first line.
         last : the block ends the text.
         """
+        count = block.count(b"\n")
         if self.problem:
-            self._ledger.add("other_message", block.count(b"\n"))
+            self._ledger.add("other_message", count)
             return np.empty((0, len(self._columns))), []
-        rows, places = (self._printed if self._table.pattern else self._cells)(block, first, last=last)
+        regular = self._regular_cells(block)
+        if regular is not None and len(regular) == count:
+            self._begun = True
+            rows: Floats = regular
+            places: Sequence[int] = range(first, first + count)
+        else:
+            rows, places = self._by_pattern(block, first, last=last)
         self._read += len(rows)
         # here and not at the end: a file of another kind is refused within its first block
         if self._invalid > INVALID_ROWS and self._invalid > INVALID_SHARE * self._read:
@@ -117,38 +127,13 @@ class RecordReader:
             raise RecordingError("too_many_invalid_rows", text, "correct these rows, or delete them")
         return rows, places
 
-    def _invalid_row(self, place: int, reason: str, fault: str) -> tuple[list[float], int]:
-        self._invalid += 1
-        self._ledger.add(reason)
-        self._first_invalid = self._first_invalid or f"line {place} {fault}"
-        return [math.nan] * len(self._columns), 0
+    # ------------------------------------------------------------ regular cells
 
-    # ------------------------------------------------------------ cells
-
-    def _cells(self, block: bytes, first: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
-        count = block.count(b"\n")
-        rows = None if self._table.codes or block.isspace() else self._regular(block)
-        if rows is not None and len(rows) == count:
-            return rows, range(first, first + count)
-        parsed = []
-        lines = block.split(b"\n")[:-1]
-        for k, line in enumerate(lines):
-            if self.problem:
-                self._ledger.add("other_message")
-            elif (
-                row := self._row(
-                    decoded(line) if len(line) <= LONGEST_LINE else TOO_LONG,
-                    first + k,
-                    last=last and k == count - 1,
-                )
-            ) is not None:
-                parsed.append(row)
-        numbers = np.array([row for row, _ in parsed]).reshape(-1, len(self._columns))
-        return numbers, [place for _, place in parsed]
-
-    def _regular(self, block: bytes) -> Floats | None:
-        """Return the numbers of lines that all are rows of numbers; None if one is not."""
+    def _regular_cells(self, block: bytes) -> Floats | None:
+        """Return the numbers of lines that all are rows of cells with numbers; None if one is not."""
         table = self._table
+        if table.pattern or table.codes or block.isspace():
+            return None
         if table.decimal:
             block = block.replace(b",", b".")
         # pyarrow is several times as fast, but knows neither runs of blanks nor dates of loggers
@@ -169,158 +154,145 @@ class RecordReader:
         if (arrow := _arrow()) is None:
             return None
         # rows of another length than the first one are an error of pyarrow, and so make the block irregular
-        names = [
-            str(k)
-            for k in range(len(split(block[: block.index(b"\n")].decode("latin-1"), self._table.separator)))
-        ]
+        first_line = block[: block.index(b"\n")].decode("latin-1")
+        names = [str(k) for k in range(len(split(first_line, self._table.separator)))]
         if max(self._columns) >= len(names):
             return None
         used = [names[k] for k in self._columns]
         try:
-            table = arrow.read_csv(
-                io.BytesIO(block),
-                read_options=arrow.ReadOptions(
+            rows = arrow.csv.read_csv(
+                arrow.BufferReader(block),
+                read_options=arrow.csv.ReadOptions(
                     use_threads=False, block_size=len(block) + 1, column_names=names
                 ),
-                parse_options=arrow.ParseOptions(delimiter=self._table.separator),
-                convert_options=arrow.ConvertOptions(
+                parse_options=arrow.csv.ParseOptions(delimiter=self._table.separator),
+                convert_options=arrow.csv.ConvertOptions(
                     column_types=dict.fromkeys(used, "float64"), include_columns=[*dict.fromkeys(used)],
                     null_values=ARROW_MISSING,
                 ),
             )  # fmt: skip
         except (ValueError, KeyError):  # ArrowInvalid is a ValueError
             return None
-        return np.column_stack([table.column(name).to_numpy() for name in used])
+        return np.column_stack([rows.column(name).to_numpy() for name in used])
 
-    def _row(self, line: str, place: int, *, last: bool) -> tuple[list[float], int] | None:
-        """Return the numbers of an irregular line and its place; None of a line that is no sample."""
-        table = self._table
-        if not line.strip() or line == table.header:
-            self._ledger.add("header" if line.strip() else "blank")
-            return None
-        cells = split(line, table.separator)
-        for k, code in table.codes:
-            if k >= len(cells) or cells[k] != code:
-                self._ledger.add("other_sensor")
-                return None
-        row: list[float] = []
-        for k in self._columns:
-            value = cell_number(cells[k], self._dates.get(k), table.decimal) if k < len(cells) else None
-            if value is None:
-                return self._no_row(line, cells, k, place, last=last)
-            row.append(value)
-        self._begun = True
-        return row, place
+    # ------------------------------------------------------------ any record
 
-    def _no_row(
-        self, line: str, cells: Sequence[str], k: int, place: int, *, last: bool
-    ) -> tuple[list[float], int] | None:
-        """Return the row of a line that lacks a number where one is needed; None: it is no row at all."""
-        if line.lstrip().startswith(("#", "%", "//")):
-            self._ledger.add("comment")
-            return None
-        if last or not self._begun:  # half a line of a program that was killed, or that had begun before
-            self._ledger.add("pending" if last else "start")
-            return None
-        if self._table.header and are_names(cells) and len(cells) > 2 and line != TOO_LONG:
-            self.problem = f"{self._path} line {place} names other columns: only the rows before are used"
-            self._ledger.add("other_message")
-            return None
-        if line == TOO_LONG:
-            return self._invalid_row(place, "damaged", "is too long")
-        if k >= len(cells):
-            return self._invalid_row(
-                place, "wrong_columns", f"has {len(cells)} columns, column {k + 1} is needed"
-            )
-        return self._invalid_row(place, "not_numbers", f"column {k + 1}: {cells[k][:QUOTED]!r} is no number")
-
-    # ------------------------------------------------------------ templates
-
-    def _printed(self, block: bytes, first: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
+    def _by_pattern(self, block: bytes, first: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
         block, first = self._rest + block, first - self._rest_lines
         self._rest, self._rest_lines = b"", 0
         matches = self._pattern.findall(block)
-        if (
-            last
-            and self._table.tail
-            and len(more := self._pattern.findall(block + self._table.tail.encode())) > len(matches)
-        ):
-            block, matches = block + self._table.tail.encode(), more
-            self._ledger.add("part", -self._table.tail.count("\n"))  # of the last record, which lacks them
+        tail = self._table.tail.encode()
+        if last and tail and len(more := self._pattern.findall(block + tail)) > len(matches):
+            block, matches = block + tail, more
+            self._ledger.add("part", -tail.count(b"\n"))  # of the last record, which lacks them
         count, lines = block.count(b"\n"), self._table.lines
         if len(matches) * lines == count:  # nothing stands between the records
             self._ledger.add("part", len(matches) * (lines - 1))
             self._begun = self._begun or bool(matches)
             return self._values(matches), range(first, first + count, lines)
-        starts = [match.start() for match in self._pattern.finditer(block)]
-        ends = np.flatnonzero(np.frombuffer(block, np.uint8) == 10)
-        line_of_record = np.searchsorted(ends, starts)  # lines before each record
-        values = self._values(matches)
-        rows: list[Floats] = []
-        places: list[int] = []
-        begin = 0  # first line that is not accounted for
-        bounds = np.concatenate([[0], ends + 1])
-        for k, line in enumerate([*line_of_record.tolist(), count]):
-            if k == len(line_of_record) and not last and count - begin < 4 * lines:
-                self._rest, self._rest_lines = block[bounds[begin] :], count - begin
+        bounds = np.append(0, np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n")) + 1)
+        starts = np.searchsorted(bounds, [match.start() for match in self._pattern.finditer(block)])
+        lost = np.zeros(len(starts) + 1, np.int64)  # records before each one, and behind the last one
+        begins, ends = np.append(0, starts + lines), np.append(starts, count)
+        for k in np.flatnonzero(ends > begins).tolist():
+            begin, end = int(begins[k]), int(ends[k])
+            behind = k == len(starts)
+            if behind and not last and lines > 1 and end - begin < 4 * lines:
+                self._rest, self._rest_lines = block[bounds[begin] :], end - begin
                 break
-            lost = (
-                self._between(
-                    block[bounds[begin] : bounds[line]], first + begin, last=k == len(line_of_record)
-                )
-                if line > begin
-                else 0
+            self._begun = self._begun or k > 0
+            lost[k] = self._between(
+                block[bounds[begin] : bounds[end]].split(b"\n")[:-1], first + begin, last=last and behind
             )
-            rows += [np.full((lost, len(self._columns)), math.nan)] * bool(lost)
-            places += [0] * lost
-            if k < len(line_of_record):
-                self._begun = True
-                rows.append(values[k : k + 1])
-                places.append(first + line)
-            begin = line + lines
-        self._ledger.add("part", len(line_of_record) * (lines - 1))
-        return np.concatenate([*rows, np.empty((0, len(self._columns)))]), places
+            if self.problem:
+                self._ledger.add("other_message", count - end)
+                starts, matches, lost = starts[:k], matches[:k], lost[: k + 1]
+                break
+        self._begun = self._begun or bool(len(starts))
+        self._ledger.add("part", len(starts) * (lines - 1))
+        where = np.repeat(np.arange(len(lost)), lost)
+        return (
+            np.insert(self._values(matches), where, math.nan, axis=0),
+            np.insert(first + starts, where, 0).tolist(),
+        )
 
     def _values(self, matches: Sequence[Any]) -> Floats:
         """Return (n, k) numbers of the columns that are used."""
+        out = np.empty((len(matches), len(self._columns)))
         if matches and isinstance(matches[0], bytes):
             matches = [(match,) for match in matches]
-        out = np.empty((len(matches), len(self._columns)))
-        for j, k in enumerate(self._columns):
-            if (dates := self._dates.get(k)) is not None:
-                out[:, j] = [dates.seconds(match[k].decode()) for match in matches]
-                continue
+        for j, (k, group) in enumerate(zip(self._columns, self._groups, strict=True)):
             try:
-                out[:, j] = [float(match[k]) for match in matches]
+                numbers = None if k in self._dates else [float(match[group]) for match in matches]
             except ValueError:
-                numbers = (number_of(match[k].decode()) for match in matches)
-                out[:, j] = [math.nan if number is None else number for number in numbers]
+                numbers = None
+            out[:, j] = [self._number(match[group], k) for match in matches] if numbers is None else numbers
         return out
 
-    def _between(self, text: bytes, place: int, *, last: bool) -> int:
+    def _number(self, text: bytes, column: int) -> float:
+        number = cell_number(decoded(text).strip(), self._dates.get(column), self._table.decimal)
+        return math.nan if number is None else number
+
+    def _between(self, lines: Sequence[bytes], place: int, *, last: bool) -> int:
         """Account for lines between two records; return how many records are damaged in them."""
         damaged = 0
-        for line in text.split(b"\n")[:-1]:
-            reason = self._reason_between(line, last=last)
-            damaged += reason == "damaged"
+        for k, line in enumerate(lines):
+            is_end = last and (self._table.lines > 1 or k == len(lines) - 1)
+            reason = "other_message" if self.problem else self._reason_between(line, place + k, is_end=is_end)
             self._ledger.add(reason)
+            if reason == "damaged":
+                damaged += 1
+                is_long = len(line) > LONGEST_LINE or line == TOO_LONG_BYTES
+                fault = "is too long" if is_long else f"is no record: {decoded(line)[:QUOTED]!r}"
+                self._first_invalid = self._first_invalid or f"line {place + k} {fault}"
         # as many records as the lines would hold
         lost = -(-damaged // self._table.lines)
-        if lost and not last:
-            self._invalid += lost
-            self._first_invalid = self._first_invalid or f"line {place} is another text"
-        return lost if not last else 0
+        self._invalid += lost
+        return lost
 
-    def _reason_between(self, line: bytes, *, last: bool) -> str:
+    def _reason_between(self, line: bytes, place: int, *, is_end: bool) -> str:
         """Return why a line between two records is none."""
+        table = self._table
+        text = decoded(line) if len(line) <= LONGEST_LINE else ""
         if not line.strip():
             return "blank"
-        if any(other.match(line + b"\n") for other in self._others):
+        if line.lstrip().startswith((b"#", b"%", b"//")):
+            return "comment"
+        if table.header and text == table.header:
+            return "header"
+        cells = [] if table.pattern else split(text, table.separator)
+        is_other = any(cells[k : k + 1] != [code] for k, code in table.codes)
+        if is_other or any(other.match(line + b"\n") for other in self._others):
             return "other_sensor"
-        if last or not self._begun:
+        if is_end or not self._begun:  # half a line of a program that was killed, or that had begun before
             return "pending" if self._begun else "start"
-        if len(line) > LONGEST_LINE or line == TOO_LONG_BYTES:
+        if not text or line == TOO_LONG_BYTES:
             return "damaged"
-        numbers = sum(match["number"] is not None for match in TOKEN.finditer(decoded(line)))
-        is_part = 2 * numbers * self._table.lines >= len(self._table.names) and bool(numbers)
+        if table.header and len(cells) > 2 and are_names(cells):
+            self.problem = f"{self._path} line {place} names other columns: only the rows before are used"
+            return "other_message"
+        numbers = len(cells) or sum(match["number"] is not None for match in TOKEN.finditer(text))
+        is_part = 2 * numbers * table.lines >= len(table.names) and bool(numbers)
         return "damaged" if is_part else "not_numbers"
+
+
+_CELL = r"(?i:[-+]?(?:\d[\d.]*|\.\d+)(?:e[-+]?\d+)?(?:\*[0-9A-F]{2,8})?|[-+]?(?:nan|inf|infinity)|na|n/a|null|none|-|)"
+"""Number of a cell, which may have a check behind it, or what stands for none."""
+
+
+def _cell_pattern(table: PrintedTable, columns: Sequence[int]) -> str:
+    """Return the pattern of a row of cells, with a group for each of some columns in their order."""
+    blank = "[ ]*" if table.separator == "\t" else "[ \t]*"
+    separator = "[ \t]+" if table.separator is None else blank + re.escape(table.separator)
+    inside = " \t" if table.separator is None else re.escape(table.separator)
+    # atomic: a cell in quotes is never tried without them, or a row of such cells takes a time without end
+    any_cell = rf"(?>\"[^\"\n]*\"[^{inside}\n]*|[^{inside}\n]*)"
+    number = _CELL.replace(r"[\d.]*|\.", r"[\d.,]*|[.,]") if table.decimal else _CELL
+    codes, cells = dict(table.codes), []
+    for k in range(max([*columns, *codes], default=-1) + 1):
+        content = rf"([^{inside}\n]*?\d[^{inside}\n]*?)" if k in table.dates else f"({number})"
+        content = re.escape(codes[k]) if k in codes else content if k in columns else ""
+        quoted = rf"{blank}[\"']?{blank}{content}{blank}[\"']?{blank}"
+        cells.append(quoted.replace(blank, "") if table.separator is None else quoted)
+        cells[-1] = cells[-1] if content else any_cell
+    return rf"^[ \t]*{separator.join(cells)}(?:[{inside}][^\n]*)?\n".replace("^[ \t]*", f"^{blank}")

@@ -261,7 +261,7 @@ class TextFile(Table):
                 chunk = carriage + chunk
                 carriage = b"\r" if chunk.endswith(b"\r") else b""
                 chunk = chunk.removesuffix(b"\r").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-            if b"\x1b[" in chunk:  # colours of a terminal
+            if b"\x1b" in chunk:  # colours of a terminal
                 chunk = COLOUR.sub(b"", chunk)
             if joined:
                 chunk = chunk.replace(b"}, {", b"},\n{").replace(b"},{", b"},\n{")
