@@ -13,7 +13,6 @@ column_names      quantity, axis and kind in the name of a column
 unit_grammar      units: prefix, base, power, per
 column_reader     sensors and units of columns, each use with its reason
 column_clock      clock and interval of columns
-sensors_without_unit  what length, noise and counts suggest
 sizes_at_rest     1 g, and noise at rest
 formats           formats of single programs, from formats.toml
 date_reader       dates and times of day

@@ -392,7 +392,7 @@ def label_of(column: NamedColumn) -> str:
     return plain(column.name.strip()) or f"column {column.index + 1}"
 
 
-def _kind_of_words(words: str) -> Kind:
+def kind_of(words: str) -> Kind:
     """Return whether words say that numbers are compensated."""
     if re.search(r"uncomp|(?:^| )(?:raw|uncal)", words):
         return "uncompensated"

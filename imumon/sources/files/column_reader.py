@@ -1,7 +1,9 @@
 """Column reader: what the columns of one table are, by their names, their numbers, and what the user gives.
 
-The order of its questions: which triples are sensors, in which unit; which column is the time; which interval do
-increments have; what is beside the sensors. `columns` has the theory.
+Each triple of columns, and each single one that a triple does not have, is asked the same: is it of a sensor, and in
+which unit? What is stated or given answers first. Then the size at rest does (`sizes_at_rest`): an accelerometer has
+the length of 1 g, its increments have it over their interval. A gyroscope has only its noise, so that its unit is a
+proposal. The clock comes before (`column_clock`), because increments need the interval. `columns` has the theory.
 """
 
 from __future__ import annotations
@@ -17,10 +19,12 @@ import numpy as np
 from imumon.model.cures import option, option_text
 from imumon.model.report_json import plain
 from imumon.model.samples import AXES, INERTIAL, ChannelName, Floats, Kind
+from imumon.model.units import STANDARD_GRAVITY
 from imumon.sources.files.base import OptionError, ReadOptions, RecordingError
-from imumon.sources.files.column_clock import ClockReader
+from imumon.sources.files.column_clock import ColumnClock, interval_among, step_of
 from imumon.sources.files.column_names import (
     ANGULAR,
+    COUNTER,
     COUNTS,
     DELTA,
     LINEAR,
@@ -28,8 +32,7 @@ from imumon.sources.files.column_names import (
     TIME,
     NamedColumn,
     Triple,
-    _kind_of_words,
-    label_of,
+    kind_of,
     names_sensor,
     split_unit,
     triples,
@@ -40,7 +43,10 @@ from imumon.sources.files.columns import (
     KINDS,
     LISTED,
     MOST_COLUMNS,
+    MOST_SHOWN,
     SENSORS,
+    Assumption,
+    ColumnView,
     Reading,
     Use,
     _found,
@@ -48,25 +54,22 @@ from imumon.sources.files.columns import (
     find,
     reference,
 )
-from imumon.sources.files.sensors_without_unit import (
-    by_gravity,
-    by_noise,
-    in_counts,
-    increments_without_unit,
-    kind_of,
-)
 from imumon.sources.files.sizes_at_rest import (
     FASTEST_RATE,
+    NEAR_ONE_G,
     NOISIEST,
     NOISIEST_DEG,
+    STRONGEST,
     counts_of_gravity,
     is_one_g,
-    median_size,
     sample_noise,
     unit_of_rate,
     units_of_gravity,
 )
 from imumon.sources.files.unit_grammar import POSSIBLE_HZ, Unit, known_unit
+
+PLAUSIBLE = {"temperature": (-60.0, 130.0), "pressure": (20.0, 130.0)}
+"""degC and kPa, numbers of sensors and of air: other numbers of that name are something else."""
 
 
 def read_columns(
@@ -99,240 +102,233 @@ def read_columns(
     if len(names) > MOST_COLUMNS:
         text = f"it has {len(names):,} columns, more than {MOST_COLUMNS:,}"
         raise RecordingError("too_many_columns", text, "write a table with those of the sensor only")
-    if options is not None:
-        check_meaning(options.units, options.samples)
-    reader = _ColumnReader(names, units, rows, options or ReadOptions(), source, stated_hz, set(dates))
-    return replace(reader.reading(), where=tuple(where))
+    options = options or ReadOptions()
+    check_meaning(options.units, options.samples)
+    if (rate := (options.columns or {}).get("rate")) is not None:
+        options = replace(options, rate_hz=_rate_of(rate))
+    columns = []
+    for k, name in enumerate(names):
+        base, unit = split_unit(name)
+        unit = units[k].strip("[]() ") if k < len(units) and units[k] else unit
+        hint = "mag" if re.search("mag|field", base, re.IGNORECASE) else ""
+        columns.append(NamedColumn(k, name, base, unit, known_unit(unit, hint) if unit else None, rows[:, k]))
+    clock = ColumnClock(columns, options, stated_hz, set(dates))
+    return replace(_ColumnReader(columns, options, source, clock).reading(), where=tuple(where))
 
 
-class _ColumnReader(ClockReader):
+class _ColumnReader:
     """Reads the columns of one table; see `read_columns`."""
 
     def __init__(
-        self,
-        names: Sequence[str],
-        units: Sequence[str],
-        rows: Floats,
-        options: ReadOptions,
-        source: str,
-        stated_hz: float | None,
-        dates: set[int],
+        self, columns: Sequence[NamedColumn], options: ReadOptions, source: str, clock: ColumnClock
     ) -> None:
-        columns = []
-        for k, name in enumerate(names):
-            base, unit = split_unit(name)
-            unit = units[k].strip("[]() ") if k < len(units) and units[k] else unit
-            hint = "mag" if re.search("mag|field", base, re.IGNORECASE) else ""
-            known = known_unit(unit, hint) if unit else None
-            columns.append(NamedColumn(k, name, base, unit, known, rows[:, k]))
-        super().__init__(names, columns, options, stated_hz, dates)
-        self._source = source
+        self._names = tuple(column.name for column in columns)
+        self._columns, self._options, self._clock = columns, options, clock
+        words = words_of(source)
+        named = [word for word, part in (("gyro", "gyr"), ("accel", "acc")) if part in words]
+        self._hint = named[0] if len(named) == 1 else ""  # sensor that the text before the table says
         self._remarks: list[str] = []
         self._given = self._given_uses()
         self._taken = {k for use in self._given.values() for k in use.columns}
+        self._triples = triples(columns)
+        self._step_s: float | None = None
+        self._gravity = ""  # unit of an accelerometer of 1 g
 
     def reading(self) -> Reading:
-        """Return the sensors, then the time, then what is beside them."""
-        uses = dict(self._sensors())
+        """Return the sensors, the time, and what is beside them."""
+        of_triples = {k for t in self._triples if not any(c.rises for c in t.columns) for k in t.indices}
+        time = self._given.get("t") or self._clock.time(self._taken | of_triples)
+        dt = self._given.get("dt")
+        self._step_s = step_of(dt or time, self._columns)
+        uses = self._sensors()
         if not any(key in INERTIAL for key in uses):
             raise self._no_sensor()
-        uses |= self._time(self._taken | {k for use in uses.values() for k in use.columns})
-        uses = self._as_increments(uses)
-        uses |= self._interval(uses)
-        uses = self._with_increments(uses)
-        uses |= self._beside({k for use in uses.values() for k in use.columns})
+        uses[time.key] = time
+        has_increments = any(use.kind == "deltas" for use in uses.values())
         used = {k for use in uses.values() for k in use.columns}
-        unused = {c.index: self._why_unused(c) for c in self._columns if c.index not in used}
-        return Reading(
-            self._names, tuple(uses.values()), tuple(self._views(uses)), (), tuple(self._remarks), unused
-        )
+        free = [column for column in self._columns if column.index not in used]
+        if dt is not None or (has_increments and (dt := interval_among(free, self._step_s))):
+            uses["dt"] = dt
+        uses |= self._beside(used)
+        used = {k for use in uses.values() for k in use.columns}
+        unused = {c.index: _why_unused(c) for c in self._columns if c.index not in used}
+        views = tuple(_views(self._columns, uses))
+        return Reading(self._names, tuple(uses.values()), views, (), tuple(self._remarks), unused)
 
     # ------------------------------------------------------------ sensors
 
     def _sensors(self) -> dict[str, Use]:
-        by_sensor = self._sensors_of_names()
-        chosen = {key: use for key, use in self._given.items() if key in INERTIAL}
+        """Return the gyroscope and the accelerometer, the best of all that the columns may be."""
         wanted = [key for key in INERTIAL if self._options.sensor in (None, key)]
-        for key in wanted:
-            if key not in chosen and by_sensor[key] and not self._is_left_out(key):
-                ranked = sorted(by_sensor[key], key=self._rank)
+        chosen = {key: use for key, use in self._given.items() if key in wanted}
+        # who names a sensor, or an axis of one, is not asked about it
+        named = {ChannelName(channel).sensor for channel in self._options.columns or {}}
+        candidates = sorted(self._candidates(), key=self._rank)
+        for key in [key for key in wanted if key not in named]:
+            ranked = [use for use in candidates if use.key == key]
+            if ranked and chosen.keys() & self._given.keys() and not ranked[0].certain:
+                self._remarks.append(f"{key} is not used: {ranked[0].reason}")
+            elif ranked:
                 chosen[key] = self._with_stated_meaning(ranked[0])
                 self._note_others(key, ranked)
-        chosen = {key: chosen[key] for key in wanted if key in chosen}
-        if any(key in self._given for key in chosen):  # who names a sensor is not asked about the other one
-            for key in [k for k, use in chosen.items() if not use.certain and k not in self._given]:
-                self._remarks.append(f"{key} is not used: {chosen.pop(key).reason}")
-        return self._of_one_kind(chosen, by_sensor)
+        if "gyro" in chosen and "gyro" not in self._given:
+            chosen["gyro"] = self._beside_increments(chosen["gyro"], chosen.get("accel"))
+        return {key: chosen[key] for key in wanted if key in chosen}
 
-    def _sensors_of_names(self) -> dict[str, list[Use]]:
+    def _candidates(self) -> list[Use]:
         """Return all gyroscopes and accelerometers that the columns not given by the user may be."""
-        every = [t for t in triples(self._columns) if not self._taken & set(t.indices)]
-        by_sensor: dict[str, list[Use]] = {"gyro": [], "accel": []}
-        moving = [t for t in every if _moves(t)]
-        gravity = self._unit_beside(moving)
+        free = [t for t in self._triples if not self._taken & set(t.indices)]
+        moving = [t for t in free if _moves(t)]
+        self._gravity = next(filter(None, map(_unit_of_one_g, moving)), "")
+        uses = []
         for triple in moving:
-            if (use := self._sensor(triple, gravity)) is not None:
+            if (use := self._sensor(triple)) is not None:
                 if triple.guessed and use.certain:
                     reason = f"the order of the axes in {triple.label} is assumed"
                     use = replace(use, certain=False, assumption="assumed_columns", reason=reason)
-                by_sensor[use.key].append(use)
-        # beside an accelerometer, three numbers of one name that move around a constant
-        if not by_sensor["gyro"]:
-            used = {k for use in by_sensor["accel"] for k in use.columns}
-            by_sensor["gyro"] += self._remaining(moving, used, gravity)
-        if not by_sensor["gyro"] or not by_sensor["accel"]:
-            for use in self._single_axes(every, gravity, by_sensor):
-                by_sensor[use.key].append(use)
-        return by_sensor
+                uses.append(use)
+        keys = {use.key for use in uses}
+        if "gyro" not in keys and "accel" in keys:
+            # beside an accelerometer, three numbers of one name that move around a constant
+            used = {k for use in uses for k in use.columns}
+            uses += [
+                _by_noise(t, self._gravity, named=False)
+                for t in moving
+                if not used & set(t.indices) and _may_be_gyro(t)
+            ][:1]
+        if len(keys) < len(INERTIAL):
+            uses += [
+                use for use in self._single_axes({k for t in free for k in t.indices}) if use.key not in keys
+            ]
+        return uses
 
-    def _is_left_out(self, key: str) -> bool:
-        """Return whether the user has named axes of a sensor, which are all that is used of it."""
-        return any(ChannelName(channel).sensor == key for channel in self._options.columns or {})
-
-    def _unit_beside(self, triples: Sequence[Triple]) -> str:
-        """Return the unit of an accelerometer that is one g; empty: there is none."""
-        for triple in triples:
-            if triple.known_quantity in (None, "accel") and not ANGULAR.search(triple.words):
-                if triple.unit and triple.known_quantity == "accel":
-                    return triple.unit.lower()
-                if gravity := units_of_gravity(triple.size):
-                    return gravity[0]
-        return ""
-
-    def _sensor(self, triple: Triple, gravity: str) -> Use | None:
+    def _sensor(self, triple: Triple) -> Use | None:
         """Return the sensor that a triple is, with its unit; None: it is none."""
-        words = self._words_with_hint(triple)
-        quantity = triple.known_quantity
+        words, quantity = triple.words, triple.known_quantity
+        if re.fullmatch(r"(?:axis|3 ?dof|value|values|raw|data|\d| )*", words):
+            words = f"{words} {self._hint}"
+        if (use := self._increments_of_gravity(triple, words)) is not None:
+            return use
         if _is_of_another_sensor(words, quantity):
             return None
-        is_angular, is_linear = bool(ANGULAR.search(words)), bool(LINEAR.search(words))
-        delta = bool(DELTA.search(words))
+        angular, linear, delta = (bool(part.search(words)) for part in (ANGULAR, LINEAR, DELTA))
         if quantity is not None:
-            return self._stated(triple, quantity, is_angular=is_angular, is_linear=is_linear, delta=delta)
-        if triple.unit:
-            return self._unknown_unit(triple, is_angular, is_linear)
-        if delta and (is_angular or is_linear or re.search(r"theta|ang|vel", words)):
-            angular = bool(re.search(r"theta|ang|gyr|rot", words))
-            return increments_without_unit(triple, "gyro" if angular else "accel")
-        if is_angular:
-            return _gyro_by_noise(triple, gravity, named=True)
-        of_gravity = units_of_gravity(triple.size)
-        if is_linear or of_gravity:
-            return by_gravity(triple, of_gravity, named=is_linear)
-        if words.strip():
+            return self._stated(triple, quantity, angular=angular, delta=delta)
+        angular |= delta and re.search(r"theta|ang|gyr|rot", words) is not None
+        linear |= delta and "vel" in words
+        if triple.unit and (angular or linear):
+            return self._of_unknown_unit(triple, "gyro" if angular else "accel")
+        of_gravity = units_of_gravity(triple.size) if len(triple.axes) == len(AXES) else []
+        if triple.unit or (words.strip() and not (angular or linear or of_gravity)):
             return None
+        if angular or linear or of_gravity:
+            return self._by_size(triple, "gyro" if angular else "accel", delta=delta, named=angular or linear)
         if triple.counts and counts_of_gravity(triple.size):
-            return in_counts(triple, "accel")
-        return _gyro_by_noise(triple, gravity, named=False)
+            return _in_counts(triple, "accel")
+        return _by_noise(triple, self._gravity, named=False)
 
-    def _words_with_hint(self, triple: Triple) -> str:
-        """Return the words of a triple, with the sensor that the text before the table says if they say none."""
-        words = triple.words
-        says_none = re.fullmatch(r"(?:axis|3 ?dof|value|values|raw|data|\d| )*", words)
-        return f"{words} {self._hint()}" if says_none else words
+    def _by_size(self, triple: Triple, key: str, *, delta: bool, named: bool) -> Use:
+        """Return a sensor without a unit, in the one that its size shows or suggests."""
+        if delta and key == "gyro":
+            times = _times(math.radians(1.0))
+            reason = f"{triple.label} have the name of increments and no unit; in deg, N would be {times}"
+            return _use(key, triple, "rad", reason, kind="deltas")
+        if delta:
+            reason = f"{triple.label} have the name of increments and no unit"
+            return _use(key, triple, "m/s", reason, kind="deltas")
+        if key == "gyro":
+            return _by_noise(triple, self._gravity, named=named)
+        return _by_gravity(triple, named=named)
 
-    def _remaining(self, triples: Sequence[Triple], used: set[int], gravity: str) -> Iterator[Use]:
-        """Yield the gyroscope that a triple without a meaning may be, beside an accelerometer."""
-        for triple in triples:
-            known = triple.unit or OTHER.search(triple.words) or DELTA.search(triple.words)
-            quiet = sample_noise(triple.rows) < NOISIEST_DEG and not any(c.rises for c in triple.columns)
-            if used and quiet and not known and not used & set(triple.indices):
-                yield _gyro_by_noise(triple, gravity, named=False)
-                return
-
-    def _hint(self) -> str:
-        """Return the sensor that the text before the table, or the name of the file, says; empty: none, or both."""
-        text = words_of(self._source)
-        named = [word for word, pattern in (("gyro", r"gyr"), ("accel", r"acc")) if re.search(pattern, text)]
-        return named[0] if len(named) == 1 else ""
-
-    def _unknown_unit(self, triple: Triple, angular: bool, linear: bool) -> Use | None:
-        """Return a sensor in counts; raise `RecordingError` if the unit of a sensor is stated and not known."""
-        if not (angular or linear):
+    def _increments_of_gravity(self, triple: Triple, words: str) -> Use | None:
+        """Return increments of velocity whose length over the interval is 1 g; None: it is not."""
+        other = re.search(r"acc|mag|quat|pos", words) or ANGULAR.search(words)
+        if (
+            triple.unit
+            or not self._step_s
+            or len(triple.axes) < len(AXES)
+            or (other and not DELTA.search(words))
+        ):
             return None
-        key = "gyro" if angular else "accel"
+        for unit in ("m/s", "g*s") if DELTA.search(words) else ("m/s",):
+            known = known_unit(unit)
+            assert known is not None
+            if abs(triple.size * known.factor / self._step_s / STANDARD_GRAVITY - 1.0) < NEAR_ONE_G:
+                reason = (
+                    f"the length of {triple.label} over the interval is 1 g in {unit}: they are increments"
+                )
+                certain = DELTA.search(words) is not None
+                return _use(
+                    "accel",
+                    triple,
+                    unit,
+                    reason,
+                    certain=certain,
+                    assumption="assumed_columns",
+                    kind="deltas",
+                )
+        return None
+
+    def _stated(self, triple: Triple, quantity: str, *, angular: bool, delta: bool) -> Use | None:
+        """Return a sensor whose unit is stated."""
+        key, unit, kind = SENSORS[quantity], triple.unit, kind_of(triple.words)
+        if quantity in INCREMENTS.values() and not delta:
+            if not (angular and quantity == "angle") or re.search(r"angle|pose|position", triple.words):
+                return None  # an orientation, or a velocity over ground
+            reason = f"{triple.label} have the unit {unit}, which is none of a rate: {unit}/s is meant, or they are "
+            reason += "increments"
+            return _use(key, triple, f"{unit}/s", reason)
+        kind = "deltas" if quantity in INCREMENTS.values() else kind
+        use = _use(key, triple, unit, "its unit is stated", certain=True, kind=kind)
+        assert use.known is not None
+        noise = sample_noise(triple.rows * use.known.factor)
+        if quantity == "gyro" and noise > 10.0 * NOISIEST:
+            self._remarks.append(
+                f"{triple.label}: the noise is {math.degrees(noise):.2g} deg/s in the unit {unit}, more than that of a "
+                "gyroscope at rest: its unit may be wrong"
+            )
+        if quantity != "accel" or len(triple.axes) < len(AXES) or is_one_g(triple.size * use.known.factor):
+            return use
+        if reason := _contradiction(triple, unit, use.known):
+            other = next(iter(units_of_gravity(triple.size)), unit)
+            return _use(key, triple, other, reason, kind=kind)
+        self._remarks.append(
+            f"the length of {triple.label} is {triple.size:.4g} {unit}, and not 1 g: its unit may be wrong, or gravity "
+            "has been removed"
+        )
+        return use
+
+    def _of_unknown_unit(self, triple: Triple, key: str) -> Use | None:
+        """Return a sensor in counts; raise `RecordingError` if its unit is stated and not known."""
         if COUNTS.match(triple.unit):
-            return in_counts(triple, key)
-        text = f"the unit {triple.unit!r} of {triple.label} is not known"
+            return _in_counts(triple, key)
         if key in self._options.units or self._options.columns:
             return None
-        given = ",".join(reference(k, self._names) for k in triple.indices)
-        raise RecordingError(
-            "unknown_unit", text, f"say which it is, {option_text(columns={key: f'{given}:UNIT'})}"
-        )
+        text = f"the unit {triple.unit!r} of {triple.label} is not known"
+        given = option_text(columns={key: f"{self._listed(triple.indices)}:UNIT"})
+        raise RecordingError("unknown_unit", text, f"say which it is, {given}")
 
-    def _stated(
-        self, triple: Triple, quantity: str, *, is_angular: bool, is_linear: bool, delta: bool
-    ) -> Use | None:
-        """Return a sensor whose unit is stated."""
-        known = known_unit(triple.unit)
-        assert known is not None
-        key = SENSORS[quantity]
-        if quantity in INCREMENTS.values() and not delta:
-            if not (is_angular and quantity == "angle") or re.search(r"angle|pose|position", triple.words):
-                return None  # an orientation, or a velocity over ground
-            unit = triple.unit + "/s"
-            reason = (
-                f"{triple.label} have the unit {triple.unit}, which is none of a rate: {unit} is meant, or "
-                "they are increments"
-            )
-            return Use(
-                key, triple.indices, triple.axes, unit, known_unit(unit), False, reason, kind=kind_of(triple)
-            )
-        kind: Kind = "deltas" if quantity in INCREMENTS.values() else kind_of(triple)
-        use = Use(key, triple.indices, triple.axes, triple.unit, known, True, "its unit is stated", kind=kind)
-        if quantity == "accel" and len(triple.axes) == len(AXES):
-            return self._compared_with_gravity(use, triple, known)
-        if quantity == "gyro" and sample_noise(triple.rows * known.factor) > 10.0 * NOISIEST:
-            self._doubt(
-                f"{triple.label}: the noise is {math.degrees(sample_noise(triple.rows * known.factor)):.2g} "
-                f"deg/s in the unit {triple.unit}, more than that of a gyroscope at rest"
-            )
-        return use
+    def _listed(self, indices: Sequence[int]) -> str:
+        return ",".join(reference(k, self._names) for k in indices)
 
-    def _doubt(self, text: str) -> None:
-        self._remarks.append(f"{text}: its unit may be wrong")
-
-    def _compared_with_gravity(self, use: Use, triple: Triple, known: Unit) -> Use:
-        """Return an accelerometer, with a question if its length is one g in another unit than that which is stated."""
-        size = triple.size
-        if is_one_g(size * known.factor):
-            return use
-        if others := [u for u in units_of_gravity(size) if known_unit(u) != known]:
-            reason = (
-                f"{triple.label} state {triple.unit}, and their length of {size:.4g} is 1 g in {others[0]}"
-            )
-            return replace(use, unit=others[0], known=known_unit(others[0]), certain=False, reason=reason)
-        if size * known.factor > 400.0:
-            reason = (
-                f"{triple.label} state {triple.unit}, and their length of {size:.4g} is more than a sensor at "
-                "rest shows"
-            )
-            return replace(use, certain=False, reason=reason)
-        self._remarks.append(
-            f"the length of {triple.label} is {size:.4g} {triple.unit}, and not 1 g: its unit may be wrong, "
-            "or gravity has been removed"
-        )
-        return use
-
-    def _single_axes(
-        self, triples: Sequence[Triple], gravity: str, by_sensor: Mapping[str, Sequence[Use]]
-    ) -> Iterator[Use]:
+    def _single_axes(self, of_triples: set[int]) -> Iterator[Use]:
         """Yield the sensors of one axis: a single column by its unit or name, where the sensor has no triple."""
-        used = {k for triple in triples for k in triple.indices} | self._taken
-        alone: dict[str, list[tuple[NamedColumn, str]]] = {}
+        alone: dict[str, list[Use]] = {}
         for column in self._columns:
-            words = column.words if column.words else self._hint()
-            if column.index not in used and (key := _sensor_of_one_axis(column, words)):
-                match = re.search(r"(?:^| )([xyz])(?: |$)|([xyz])$", words)
-                alone.setdefault(key, []).append((column, (match[1] or match[2]) if match else "x"))
-        for key, columns in alone.items():
-            if by_sensor.get(key):
+            words, known = column.words or self._hint, column.known
+            named = (ANGULAR.search(words) or LINEAR.search(words)) and not column.rises and not column.unit
+            is_sensor = named if known is None else known.quantity in INERTIAL
+            if column.constant or not is_sensor or column.index in of_triples | self._taken:
                 continue
-            if len(columns) == 1:
-                yield _single_axis(key, *columns[0], gravity)
+            axis = re.search(r"(?:^| )([xyz])(?: |$)|([xyz])$", words)
+            triple = Triple((column,), ((axis[1] or axis[2]) if axis else "x",), column.base)
+            if (use := self._sensor(triple)) is not None:
+                alone.setdefault(use.key, []).append(use)
+        for uses in alone.values():
+            if len(uses) == 1:
+                yield uses[0]
             else:
-                listed = ", ".join(c.name for c, _ in columns)
+                listed = ", ".join(self._names[use.columns[0]] for use in uses)
                 self._remarks.append(f"{listed} not used: a sensor has one axis or three")
 
     def _rank(self, use: Use) -> tuple[object, ...]:
@@ -340,59 +336,65 @@ class _ColumnReader(ClockReader):
         wanted = self._options.kind
         kinds = [wanted, *KINDS] if wanted else [*KINDS]
         order: float = kinds.index(use.kind) if use.kind in kinds else 1.5
-        if not use.certain and use.kind == "deltas":
-            order = len(kinds)
+        # what only a size shows to be increments comes last
+        inferred = use.kind == "deltas" and (not use.certain or use.assumption == "assumed_columns")
         words = words_of(self._names[use.columns[0]])
-        direct = bool(re.search(r"gyr" if use.key == "gyro" else r"acc", words)) and not re.search(
-            r"user|linear accel", words
-        )
-        # the field of the earth has a length, and the rate of a sensor at rest hardly one
-        rows = np.column_stack([self._columns[k].values for k in use.columns])
-        size = (
-            (median_size(rows) or 0.0) if use.assumption == "assumed_columns" and use.key == "gyro" else 0.0
-        )
+        direct = re.search(r"gyr" if use.key == "gyro" else r"acc", words)
         fused = re.search(r"motion|user|fused|rotation ?rate", words) is not None
+        # the field of the earth has a length, and the rate of a sensor at rest hardly one
+        is_unnamed = use.assumption == "assumed_columns" and use.key == "gyro"
         return (
             wanted is not None and use.kind != wanted,
             use.known is None,
-            not use.certain,
-            order,
+            not use.certain or inferred,
+            len(kinds) if inferred else order,
             fused,
-            not direct,
-            size,
+            not direct or re.search(r"user|linear accel", words) is not None,
+            self._triple_of(use).size if is_unnamed else 0.0,
             use.columns,
         )
 
+    def _triple_of(self, use: Use) -> Triple:
+        columns = tuple(self._columns[k] for k in use.columns)
+        return Triple(columns, use.axes, columns[0].base)
+
     def _note_others(self, key: str, ranked: Sequence[Use]) -> None:
         for other in ranked[1:]:
-            listed = ",".join(reference(k, self._names) for k in other.columns)
+            listed = self._listed(other.columns)
             use_it = option_text(columns={key: f"{listed}:{other.unit or 'UNIT'}"})
             self._remarks.append(f"{listed} not used: another {key}; {use_it} uses it")
-
-    def _of_one_kind(self, chosen: dict[str, Use], by_sensor: Mapping[str, Sequence[Use]]) -> dict[str, Use]:
-        """Return the sensors, with the accelerometer of the kind of the gyroscope where there is one as certain."""
-        if len(chosen) == 2 and chosen["gyro"].kind != chosen["accel"].kind and "accel" not in self._given:
-            for use in by_sensor["accel"]:
-                if use.kind == chosen["gyro"].kind and use.certain >= chosen["accel"].certain:
-                    return {**chosen, "accel": self._with_stated_meaning(use)}
-        return chosen
 
     def _with_stated_meaning(self, use: Use) -> Use:
         """Return a sensor with the unit and the kind of samples that the caller states."""
         samples, unit = self._options.samples, self._options.units.get(use.key)
+        if samples == "point" and use.kind == "deltas":
+            text = f"{', '.join(self._names[k] for k in use.columns)} are increments, and kind='point' is for rates"
+            raise OptionError("kind_contradicts", text, "use kind='increment', or leave it out")
         if samples == "increment" and unit is None and use.kind != "deltas":
             unit = "rad" if use.key == "gyro" else "m/s"
         if unit is not None:
             known = known_unit(unit)
-            if known is None:
-                raise OptionError("unknown_unit", f"{unit!r} is no unit", "use one such as deg/s, g or ms")
             use = replace(use, unit=unit, known=known, certain=True, reason="its unit is given", scale=1.0)
-        if samples in ("average", "increment"):
-            use = replace(use, kind="deltas")
-        elif samples == "point" and use.kind == "deltas":
-            text = f"{', '.join(self._names[k] for k in use.columns)} are increments, and kind='point' is for rates"
-            raise OptionError("kind_contradicts", text, "use kind='increment', or leave it out")
-        return use
+        return replace(use, kind="deltas") if samples in ("average", "increment") else use
+
+    def _beside_increments(self, gyro: Use, accel: Use | None) -> Use:
+        """Return a gyroscope, compared with increments of the same motion."""
+        if gyro.certain or gyro.kind == "deltas":
+            return gyro
+        triple = self._triple_of(gyro)
+        if accel is not None and accel.kind == "deltas" and gyro.assumption == "assumed_columns":
+            reason = f"{triple.label} are beside increments: rad"
+            return _use("gyro", triple, "rad", reason, assumption="assumed_columns", kind="deltas")
+        noise = sample_noise(triple.rows) * (self._step_s or 0.0)
+        for other in self._triples:
+            of_deltas = DELTA.search(other.words) and not OTHER.search(other.words)
+            if noise and of_deltas and abs(sample_noise(other.rows) / noise / math.degrees(1.0) - 1.0) < 0.1:
+                reason = (
+                    f"{gyro.reason}; {other.label} over their interval are 57.3 times as large: these are "
+                )
+                reason += "rad/s, and those deg"
+                return replace(gyro, unit="rad/s", known=known_unit("rad/s"), reason=reason)
+        return gyro
 
     # ------------------------------------------------------------ what the user gives
 
@@ -402,192 +404,108 @@ class _ColumnReader(ClockReader):
         uses: dict[str, Use] = {}
         for channel, text in (self._options.columns or {}).items():
             key, _, axis = channel.partition("/")
-            if key == "rate":
-                uses["rate"] = Use("rate", (), (), text, Unit("rate", _positive(text)), True, "it is given")
-            elif key == "t" and "+" in text and find(self._names, text) is None:
-                uses["t"] = self._given_pair(text)
-            else:
-                index, unit, scale = _found(self._names, text)
-                given.setdefault(key, []).append((axis, index, unit, scale))
-        for key, columns in given.items():
-            uses[key] = self._given_use(key, columns)
+            if key == "t" and "+" in text and find(self._names, text) is None:
+                parts = [_found(self._names, part) for part in text.split("+")]
+                unit = "+".join(part[1] or default for part, default in zip(parts, ("s", "ns"), strict=False))
+                columns = tuple(part[0] for part in parts)
+                uses["t"] = Use("t", columns, ("", ""), unit, known_unit("s", "t"), True, "it is given")
+            elif key != "rate":
+                given.setdefault(key, []).append((axis, *_found(self._names, text)))
+        for key, named in given.items():
+            uses[key] = self._given_use(key, sorted(named))
         twice = [k for k, n in Counter(k for use in uses.values() for k in use.columns).items() if n > 1]
         if twice:
-            raise RecordingError(
-                "column_twice",
-                f"{option('columns')} gives {self._names[twice[0]]} to two channels",
-                "name another column for each axis",
-            )
+            text = f"{option('columns')} gives {self._names[twice[0]]} to two channels"
+            raise RecordingError("column_twice", text, "name another column for each axis")
         return uses
 
-    def _given_pair(self, text: str) -> Use:
-        parts = [_found(self._names, part) for part in text.split("+")]
-        unit = "+".join(part[1] or default for part, default in zip(parts, ("s", "ns"), strict=False))
-        return Use(
-            "t", tuple(part[0] for part in parts), ("", ""), unit, known_unit("s", "t"), True, "it is given"
-        )
-
-    def _given_use(self, key: str, columns: Sequence[tuple[str, int, str, float]]) -> Use:
+    def _given_use(self, key: str, named: Sequence[tuple[str, int, str, float]]) -> Use:
         """Return one sensor, or the time, that the user names; without a unit, that of the name or of the numbers."""
-        columns = sorted(columns)
-        axes, indices = tuple(axis for axis, *_ in columns), tuple(index for _, index, *_ in columns)
+        axes, scale = tuple(axis for axis, *_ in named), named[0][3]
         if key in SENSORS.values() and len(axes) == 2:
             missing = next(axis for axis in AXES if axis not in axes)
-            raise RecordingError(
-                "map_incomplete",
-                f"{option('columns')} names only a part of {key}: {key}/{missing} is missing",
-                f"name it too, {key}/{missing}=COLUMN:UNIT",
-            )
-        text, known = self._given_unit(key, indices, next((unit for _, _, unit, _ in columns if unit), ""))
-        kind: Kind = (
-            "deltas"
-            if known is not None and known.quantity in INCREMENTS.values()
-            else _kind_of_words(words_of(self._names[indices[0]]))
-        )
-        scale, certain = columns[0][3], known is not None
-        use = Use(key, indices, axes, text, known, certain, "it is given", scale=scale, kind=kind)
+            text = f"{option('columns')} names only a part of {key}: {key}/{missing} is missing"
+            raise RecordingError("map_incomplete", text, f"name it too, {key}/{missing}=COLUMN:UNIT")
+        columns = [self._columns[index] for _, index, *_ in named]
+        unit, known = self._given_unit(key, columns, next((unit for *_, unit, _ in named if unit), ""))
+        scaled = tuple(replace(c, values=c.values * scale, unit=unit, known=known) for c in columns)
+        triple = Triple(scaled, axes, columns[0].base)
         if scale == 0.0:
-            reason = (
-                f"the size of {', '.join(self._names[k] for k in indices)} is what only the owner knows: it "
-                "is in the data sheet"
-            )
-            return replace(use, known=None, certain=False, reason=reason)
-        if known is None:
-            return self._without_unit(use)
-        self._check_size(use, known)
-        if self._options.samples in ("average", "increment") and key in INERTIAL:
-            use = replace(use, kind="deltas")
-        return use
+            reason = f"the size of {triple.label} is what only the owner knows: it is in the data sheet"
+            return replace(_use(key, triple, unit, reason, scale=0.0), known=None)
+        if known is not None:
+            use = _use(key, triple, unit, "it is given", certain=True, scale=scale)
+            if reason := _contradiction(triple, unit, known):
+                units = units_of_gravity(triple.size) if key == "accel" else ["UNIT"]
+                given = option_text(columns={key: f"{self._listed(triple.indices)}:{units[0]}"})
+                raise RecordingError("wrong_unit", reason, f"give the unit that they have, such as {given}")
+            is_average = self._options.samples in ("average", "increment") and key in INERTIAL
+            return replace(use, kind="deltas") if is_average or known.quantity in INCREMENTS.values() else use
+        if key == "t":
+            return self._clock.use_of(columns[0])
+        if key in INERTIAL:
+            self._step_s, self._gravity = None, ""
+            return replace(self._by_size(triple, key, delta=False, named=True), scale=scale)
+        default = {"temperature": "degC", "dt": "s"}.get(key, "")
+        return _use(
+            key, triple, default, f"{columns[0].name} has no unit", certain=bool(default), scale=scale
+        )
 
-    def _given_unit(self, key: str, indices: Sequence[int], given: str) -> tuple[str, Unit | None]:
+    def _given_unit(self, key: str, columns: Sequence[NamedColumn], given: str) -> tuple[str, Unit | None]:
         """Return the unit that the user gives, else that of a name; empty and None: neither is one of the sensor."""
         unit = given or self._options.units.get("time" if key == "t" else key, "")
-        stated = unit or next((self._columns[k].unit for k in indices if self._columns[k].unit), "")
+        stated = unit or next((column.unit for column in columns if column.unit), "")
         known = known_unit(stated, key) if stated else None
         quantity = "t" if key == "dt" else key
         if known is not None and SENSORS.get(known.quantity, known.quantity) == quantity:
             return stated, known
         if unit:
-            raise RecordingError(
-                "unknown_unit",
-                f"the unit {unit!r} in {option('columns')} is none of {'a time' if quantity == 't' else key}",
-                "use one such as rad/s, deg/s, m/s^2, g, ms",
-            )
+            what = "a time" if quantity == "t" else key
+            text = f"the unit {unit!r} in {option('columns')} is none of {what}"
+            raise RecordingError("unknown_unit", text, "use one such as rad/s, deg/s, m/s^2, g, ms")
         return "", None
 
-    def _check_size(self, use: Use, known: Unit) -> None:
-        """Raise `RecordingError` if what is given is larger than in the given unit possible, or 1 g in another."""
-        if use.key == "accel" and known.quantity == "accel":
-            self._check_gravity(use, known)
-        size = median_size(np.column_stack([self._columns[k].values for k in use.columns])) or 0.0
-        if known.quantity == "gyro" and size * known.factor * abs(use.scale) > FASTEST_RATE:
-            labels = ", ".join(label_of(self._columns[k]) for k in use.columns)
-            text = f"{labels} are given in {use.unit}, and are {size:.3g}"
-            raise RecordingError("wrong_unit", text, "give the unit that they have")
+    # ------------------------------------------------------------ what is beside the sensors
 
-    def _check_gravity(self, use: Use, known: Unit) -> None:
-        """Raise `RecordingError` if the length of an accelerometer is 1 g in another unit than is given."""
-        rows = np.column_stack([self._columns[k].values for k in use.columns]) * use.scale
-        size = median_size(rows) if len(use.axes) == len(AXES) else None
-        if size is None or is_one_g(size * known.factor):
-            return
-        if others := units_of_gravity(size):
-            names = ", ".join(label_of(self._columns[k]) for k in use.columns)
-            text = f"{names} are given in {use.unit}, and their length of {size:.4g} is 1 g in {others[0]}"
-            listed = ",".join(reference(k, self._names) for k in use.columns)
-            raise RecordingError(
-                "wrong_unit",
-                text,
-                f"if it is {others[0]}, {option_text(columns={'accel': f'{listed}:{others[0]}'})}",
-            )
-
-    def _without_unit(self, use: Use) -> Use:
-        """Return what the user names without a unit, with the one that its numbers suggest."""
-        columns = tuple(self._columns[k] for k in use.columns)
-        triple = Triple(columns, use.axes, columns[0].base)
-        if use.key == "t":
-            return self._clock(columns[0], self._options.rate_hz or self._stated_hz)
-        if use.key == "gyro":
-            return by_noise(
-                triple,
-                "gyro",
-                "" if triple.counts and use.scale == 1.0 else unit_of_rate(triple.rows * use.scale, ""),
-            )
-        if use.key == "accel":
-            return by_gravity(triple, units_of_gravity(triple.size), named=True)
-        default = {"temperature": "degC", "dt": "s"}.get(use.key, "")
-        known = known_unit(default) if default else None
-        return replace(
-            use, unit=default, known=known, certain=known is not None, reason=f"{columns[0].name} has no unit"
-        )
+    def _beside(self, used: set[int]) -> dict[str, Use]:
+        """Return magnetometer, temperature and pressure whose unit is stated, or shown by the size."""
+        uses = {key: use for key, use in self._given.items() if key in ("mag", *PLAUSIBLE)}
+        for triple in self._triples if self._options.sensor is None else ():
+            free = not used & set(triple.indices) and not all(c.constant for c in triple.columns)
+            if free and triple.known_quantity == "mag":
+                uses.setdefault("mag", _use("mag", triple, triple.unit, "its unit is stated", certain=True))
+        for column in self._columns:
+            named = not column.unit and re.search(r"temp|(?:^| )tmp(?: |$)|^t$", column.words)
+            known = known_unit("degC") if column.known is None and named else column.known
+            if (
+                column.index in used
+                or not len(column.present)
+                or COUNTER.search(column.words)
+                or known is None
+            ):
+                continue
+            low, high = PLAUSIBLE.get(known.quantity, (math.inf, 0.0))
+            if low < float(np.median(column.present)) * known.factor - known.zero < high:
+                unit, reason = column.unit or "degC", "its unit is stated, or its size is that of degC"
+                uses.setdefault(
+                    known.quantity, Use(known.quantity, (column.index,), ("",), unit, known, True, reason)
+                )
+        return uses
 
     def _no_sensor(self) -> RecordingError:
-        constant = [
-            t for t in triples(self._columns) if names_sensor(t.stem) and all(c.constant for c in t.columns)
-        ]
+        constant = [t for t in self._triples if names_sensor(t.stem) and all(c.constant for c in t.columns)]
         if constant and len(constant[0].rows) > 1:
             text = f"every value of {constant[0].label} is the same: there is no noise"
-            return RecordingError(
-                "all_constant", text, "pass samples of a sensor that is on, with all their digits"
-            )
+            cure = "pass samples of a sensor that is on, with all their digits"
+            return RecordingError("all_constant", text, cure)
         listed = ", ".join(plain(name.strip()) or "-" for name in self._names[:LISTED])
-        text = (
-            "no column is that of a gyroscope or accelerometer "
-            f"({listed}{', ...' if len(self._names) > LISTED else ''})"
-        )
-        return RecordingError(
-            "no_sensor", text, f"name them, {option_text(columns={'gyro': 'COLUMN,COLUMN,COLUMN:UNIT'})}"
-        )
+        more = ", ..." if len(self._names) > LISTED else ""
+        text = f"no column is that of a gyroscope or accelerometer ({listed}{more})"
+        cure = f"name them, {option_text(columns={'gyro': 'COLUMN,COLUMN,COLUMN:UNIT'})}"
+        return RecordingError("no_sensor", text, cure)
 
 
-def _moves(triple: Triple) -> bool:
-    """Return whether the numbers of a triple change, and are no clocks."""
-    columns = triple.columns
-    return not all(c.constant for c in columns) and not any(c.rises and TIME.search(c.words) for c in columns)
-
-
-def _is_of_another_sensor(words: str, quantity: str | None) -> bool:
-    """Return whether the unit or the words of a triple are those of something else than an inertial sensor."""
-    if quantity in ("mag", "temperature", "pressure", "t"):
-        return True
-    if not OTHER.search(words):
-        return False
-    is_inertial = quantity in ("gyro", "accel")
-    return not is_inertial or bool(re.search(r"bias|drift|offset|std|cov|gravity|mag", words))
-
-
-def _gyro_by_noise(triple: Triple, gravity: str, *, named: bool) -> Use:
-    """Return a gyroscope without a unit, beside an accelerometer whose unit is given."""
-    return by_noise(triple, "gyro", "" if triple.counts else unit_of_rate(triple.rows, gravity), named=named)
-
-
-def _sensor_of_one_axis(column: NamedColumn, words: str) -> str:
-    """Return the sensor of which a column is an axis, by its unit or its words; empty: it is of none."""
-    known = column.known
-    if column.constant or OTHER.search(words):
-        return ""
-    if known is not None:
-        return known.quantity if known.quantity in INERTIAL else ""
-    if column.rises or column.unit:
-        return ""
-    if ANGULAR.search(words):
-        return "gyro"
-    return "accel" if LINEAR.search(words) else ""
-
-
-def _single_axis(key: str, column: NamedColumn, axis: str, gravity: str) -> Use:
-    """Return the sensor of one axis that a column is."""
-    triple = Triple((column,), (axis,), column.base)
-    if column.known is not None:
-        reason, kind = "its unit is stated", kind_of(triple)
-        return Use(key, (column.index,), (axis,), column.unit, column.known, True, reason, kind=kind)
-    if key == "gyro":
-        return _gyro_by_noise(triple, gravity, named=True)
-    reason = f"{column.name} has no unit, and one axis does not show 1 g"
-    return Use(key, (column.index,), (axis,), "m/s^2", known_unit("m/s^2"), False, reason)
-
-
-def _positive(text: str) -> float:
+def _rate_of(text: str) -> float:
     """Return a sample rate, Hz; raise `OptionError` if it is none."""
     try:
         rate = float(text)
@@ -596,3 +514,136 @@ def _positive(text: str) -> float:
     if not POSSIBLE_HZ[0] <= rate <= POSSIBLE_HZ[1]:
         raise OptionError("rate_invalid", f"{text!r} is no sample rate", "write for example rate=100")
     return rate
+
+
+def _use(
+    key: str,
+    triple: Triple,
+    unit: str,
+    reason: str,
+    *,
+    certain: bool = False,
+    assumption: Assumption = "assumed_unit",
+    scale: float = 1.0,
+    kind: Kind | None = None,
+) -> Use:
+    """Return the sensor that a triple is in a unit; empty: nothing shows it."""
+    known, kind = known_unit(unit, key) if unit else None, kind or kind_of(triple.words)
+    return Use(key, triple.indices, triple.axes, unit, known, certain, reason, assumption, scale, kind)
+
+
+def _by_gravity(triple: Triple, *, named: bool) -> Use:
+    """Return an accelerometer without a unit."""
+    if len(triple.axes) < len(AXES):
+        return _use("accel", triple, "m/s^2", f"{triple.label} has no unit, and one axis does not show 1 g")
+    units, size = units_of_gravity(triple.size), triple.size
+    if triple.counts and (counts_of_gravity(size) or not units):
+        return _in_counts(triple, "accel")
+    if not units:
+        return _use(
+            "accel", triple, "", f"{triple.label} have no unit, and their length of {size:.4g} is 1 g in none"
+        )
+    in_one = len(units) == 1 and not triple.counts and bool(triple.stem.strip() or named)
+    counts = ", or in counts" if triple.counts else ""
+    reason = f"the length of {triple.label} is {size:.4g}, which is 1 g in {' or '.join(units)}{counts}"
+    assumption: Assumption = "assumed_unit" if named else "assumed_columns"
+    return _use("accel", triple, units[0], reason, certain=in_one, assumption=assumption)
+
+
+def _in_counts(triple: Triple, key: str) -> Use:
+    """Return a sensor whose numbers are counts."""
+    counts = counts_of_gravity(triple.size) if key == "accel" else 0.0
+    if counts:
+        reason = f"{triple.label} are counts, of which 1 g has about {counts:g}"
+        return _use(key, triple, "g", reason, scale=1.0 / counts)
+    reason = f"{triple.label} are counts: how many a unit has is in the data sheet"
+    return replace(_use(key, triple, "deg/s" if key == "gyro" else "g", reason, scale=0.0), known=None)
+
+
+def _by_noise(triple: Triple, beside: str, *, named: bool) -> Use:
+    """Return a gyroscope whose unit only its noise suggests, beside an accelerometer in a unit."""
+    if triple.counts:
+        return _in_counts(triple, "gyro")
+    unit, noise = unit_of_rate(triple.rows, beside), sample_noise(triple.rows)
+    other = "rad/s" if unit != "rad/s" else "deg/s"
+    known, of_other = known_unit(unit), known_unit(other)
+    assert known is not None
+    assert of_other is not None
+    what = "have no unit" if named else "have no name and no unit"
+    times = _times(of_other.factor / known.factor)
+    reason = f"{triple.label} {what}: their noise of {noise:.2g} is usual in {unit}; in {other}, N would be {times}"
+    return _use("gyro", triple, unit, reason, assumption="assumed_unit" if named else "assumed_columns")
+
+
+def _times(factor: float) -> str:
+    """Return a factor of N for people.
+
+    >>> _times(57.2958), _times(0.0175)
+    ('57 times larger', '57 times smaller')
+    """
+    return f"{factor:.2g} times larger" if factor >= 1.0 else f"{1.0 / factor:.2g} times smaller"
+
+
+def _contradiction(triple: Triple, unit: str, known: Unit) -> str:
+    """Return why the numbers of a sensor cannot have a unit; empty: they can."""
+    size = triple.size
+    if known.quantity == "gyro" and size * known.factor > FASTEST_RATE:
+        return f"{triple.label} have the unit {unit}, and their length of {size:.3g} is more than a gyroscope has"
+    if known.quantity != "accel" or len(triple.axes) < len(AXES) or is_one_g(size * known.factor):
+        return ""
+    others = [other for other in units_of_gravity(size) if known_unit(other) != known]
+    if others:
+        return f"{triple.label} have the unit {unit}, and their length of {size:.4g} is 1 g in {others[0]}"
+    if size * known.factor > STRONGEST:
+        return f"{triple.label} have the unit {unit}, and their length of {size:.4g} is more than one at rest shows"
+    return ""
+
+
+def _moves(triple: Triple) -> bool:
+    """Return whether the numbers of a triple change, and are no clocks."""
+    columns = triple.columns
+    return not all(c.constant for c in columns) and not any(c.rises and TIME.search(c.words) for c in columns)
+
+
+def _may_be_gyro(triple: Triple) -> bool:
+    """Return whether nothing says that a triple is no gyroscope."""
+    quiet = sample_noise(triple.rows) < NOISIEST_DEG and not any(c.rises for c in triple.columns)
+    return quiet and not triple.unit and not OTHER.search(triple.words) and not DELTA.search(triple.words)
+
+
+def _unit_of_one_g(triple: Triple) -> str:
+    """Return the unit of an accelerometer, stated or that of its length; empty: it is none."""
+    if triple.known_quantity not in (None, "accel") or ANGULAR.search(triple.words):
+        return ""
+    return triple.unit.lower() if triple.known_quantity else next(iter(units_of_gravity(triple.size)), "")
+
+
+def _is_of_another_sensor(words: str, quantity: str | None) -> bool:
+    """Return whether the unit or the words of a triple are those of something else than an inertial sensor."""
+    if quantity in ("mag", "temperature", "pressure", "t"):
+        return True
+    is_inertial = quantity in ("gyro", "accel")
+    # user acceleration and the rate of the earth frame have the unit, and are of a sensor
+    other = re.search(r"bias|drift|offset|std|cov|gravity|mag", words) if is_inertial else True
+    return bool(OTHER.search(words) and other)
+
+
+def _why_unused(column: NamedColumn) -> str:
+    if column.constant:
+        return "it is constant" if len(column.present) else "no row has a number in it"
+    return (
+        "another column is the time" if TIME.search(column.words) else "no name or unit of a sensor or a time"
+    )
+
+
+def _views(columns: Sequence[NamedColumn], uses: Mapping[str, Use]) -> Iterator[ColumnView]:
+    """Yield the columns that a question shows: those that are used first."""
+    looks = {
+        k: {"t": "time", "dt": "interval"}.get(key, key) for key, use in uses.items() for k in use.columns
+    }
+    shown = sorted((c for c in columns if len(c.present)), key=lambda c: c.index not in looks)[:MOST_SHOWN]
+    for column in sorted(shown, key=lambda c: c.index):
+        name, unit = plain(column.base or "-")[:32], plain(column.unit or "-")[:8]
+        mean, std = float(np.mean(column.present)), float(np.std(column.present))
+        looks_like = looks.get(column.index, "constant" if column.constant else "")
+        yield ColumnView(column.index, name, unit, mean, std, looks_like)

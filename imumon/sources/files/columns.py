@@ -130,7 +130,7 @@ class Use:
     """
 
     key: str
-    columns: tuple[int, ...]
+    columns: tuple[int, ...] = ()
     axes: tuple[str, ...] = ()
     unit: str = ""
     known: Unit | None = None
@@ -324,16 +324,16 @@ class Reading:
     def _times(self, use: Use | None) -> tuple[Column, ...]:
         if use is None or use.known is None:
             return ()
-        factors = [use.known.factor * use.scale * 1e9]
-        if len(use.columns) == 2:
-            factors = [
-                unit.factor * 1e9
-                for part in use.unit.split("+")
-                if (unit := known_unit(part, "t")) is not None
-            ]
+        factors = [factor * 1e9 for factor in factors_of(use)]
         return tuple(
             Column(k, plain(self.names[k]), "t", f) for k, f in zip(use.columns, factors, strict=True)
         )
+
+
+def factors_of(use: Use) -> list[float]:
+    """Return the seconds in a unit of each column of a time or an interval."""
+    parts = [known_unit(part, "t") for part in use.unit.split("+")]
+    return [part.factor * use.scale for part in parts if part is not None]
 
 
 def _kind_of_stream(stream: Kind | None, points: Sequence[Kind]) -> Kind:

@@ -21,6 +21,9 @@ ONE_G = (0.8, 1.25)
 FASTEST_RATE = 70.0
 """rad/s, 4000 deg/s: the end of the widest range of a gyroscope."""
 
+STRONGEST = 400.0
+"""m/s2, length of an accelerometer at rest at most: a stated unit that makes it longer is another one."""
+
 NEAR_ONE_G = 0.1
 """Share by which a size may differ from one g in a unit that is not stated."""
 

@@ -196,3 +196,8 @@ def test_a_map_that_is_none_is_an_error(text: str) -> None:
     with pytest.raises(ImumonError) as wrong:
         parse_map(text)
     assert wrong.value.code == "map_syntax"
+
+
+def test_the_rate_of_a_map_is_that_of_the_table() -> None:
+    layout = read("ax,ay,az", ACCEL, columns=parse_map("accel=ax,ay,az:m/s^2,rate=100")).layout()
+    assert layout.rate_hz == 100.0
