@@ -117,10 +117,10 @@ class Bench:
         """Restart the sensor with its saved registers."""
         self.device.restart(self.now)
 
-    def registers(self) -> dict[tuple[int, int], tuple[str, ...]]:
-        """Return the settings of the sensor for both of its ports."""
+    def registers(self) -> dict[int, tuple[str, ...]]:
+        """Return the settings of the sensor."""
         memory = self.device.registers
-        return {(r, p): memory.read(r, p) for r in REGISTERS if r in memory for p in (1, 2)}
+        return {register: memory.read(register) for register in REGISTERS if register in memory}
 
     def session(self, settings: DeviceSettings = DeviceSettings(), **more: object) -> Vn100Session:  # noqa: B008
         return Vn100Session(self, settings, self.clock, **more)  # type: ignore[arg-type]

@@ -26,7 +26,7 @@ from imumon.sources.vn100.emulator import (
     Noise,
     spawn,
 )
-from imumon.sources.vn100.emulator.command_handler import BOOTING_S, SAVING_S, CommandHandler
+from imumon.sources.vn100.emulator.command_handler import BOOTING_S, CommandHandler
 from imumon.sources.vn100.emulator.emulator import make_device
 from imumon.sources.vn100.registers import ASCII_RATES, LOOP_RATE, REGISTERS
 
@@ -45,12 +45,6 @@ def ask(device: CommandHandler, body: str, check: str = "crc", now: float = 0.0)
     replies = device.replies(now)
     assert len(replies) == 1, replies
     return replies[0][1:].partition(b"*")[0].decode()
-
-
-def save(device: CommandHandler, now: float) -> None:
-    device.receive(b"$VNWNV*57\r\n", now)
-    assert device.replies(now) == []
-    assert device.replies(now + SAVING_S) == [b"$VNWNV*57\r\n"]
 
 
 def blocks(messages: list[tuple[int, bytes]]) -> list[SampleBlock]:
@@ -158,7 +152,7 @@ def test_a_reset_loses_what_was_not_saved_and_restarts_the_sensor_clock() -> Non
     device = make(rate=400, baud=921600)
     before = blocks(device.advance(800))[0].time_ns
     ask(device, "VNWRG,00,kept")
-    save(device, 1.0)
+    ask(device, "VNWNV")
     ask(device, "VNWRG,00,lost", now=3.0)
     assert ask(device, "VNRST", now=4.0) == "VNRST"
     device.receive(b"$VNRRG,00*XX\r\n", 4.1)

@@ -1,15 +1,14 @@
 """Emulated VN-100 device: its commands, without a port or a clock.
 
-`CommandHandler.receive` takes bytes from the host, `replies` returns the replies that are due, `advance` runs
-the sensor. A reply has the same kind of checksum as its command. Register numbers may be unpadded and are
-answered with two digits. A port number other than 1 or 2 is error 07; output that does not fit the baud is
-error 0C. A reset is echoed; then the device is silent, then it starts with the saved registers.
+`CommandHandler.receive` takes bytes from the host, `replies` returns the replies, `advance` runs the sensor. A reply
+has the same kind of checksum as its command. Register numbers may be unpadded and are answered with two digits. A port
+number other than 1 or 2 is error 07; output that does not fit the baud is error 0C. A reset is echoed; then the device
+is silent, then it starts with the saved registers.
 """
 
 from __future__ import annotations
 
 import re
-from collections import deque
 from collections.abc import Callable, Sequence
 from math import inf
 
@@ -22,9 +21,6 @@ from imumon.sources.vn100.registers import REGISTERS, ErrorCode, Register, Regis
 
 INPUT_BUFFER = 256
 """bytes of a command that the device buffers."""
-
-SAVING_S = 0.45
-"""s that the device takes to write its flash."""
 
 BOOTING_S = 0.7
 """s that the device is silent after a reset."""
@@ -56,18 +52,16 @@ class CommandHandler:
 
     def __init__(self, settings: EmulatorSettings, sensor_model: SensorModel) -> None:
         self._settings = settings
-        self.registers = RegisterFile(settings.serial_port)
-        self.outputs = OutputStreams(sensor_model, self.registers)
+        self.registers = RegisterFile()
+        self.outputs = OutputStreams(sensor_model, self.registers, settings.serial_port)
         self.restarts = 0
         self._input = bytearray()
-        self._received: deque[tuple[bytes, float]] = deque()
         self._replies: list[bytes] = []
-        self._pending: tuple[float, Callable[[], None]] | None = None  # when it ends, what then happens
-        self._saved_at = -inf
+        self._boots_at: float | None = None  # s, end of the silence after a reset
         self._commands: dict[str, tuple[Callable[..., Sequence[str]], int, float]] = {
             "VNRRG": (self._read_register, 1, inf),
             "VNWRG": (self._write_register, 1, inf),
-            "VNWNV": (self._acknowledge, 0, 0),
+            "VNWNV": (self._save, 0, 0),
             "VNRST": (self._acknowledge, 0, 0),
             "VNRFS": (self._restore_factory_settings, 0, 0),
             "VNASY": (self._enable_outputs, 1, 2),
@@ -92,46 +86,37 @@ class CommandHandler:
 
     def advance(self, upto: int) -> list[Message]:
         """Run the sensor to tick `upto`; return its messages in order."""
-        return self.outputs.advance(upto, silent=self._booting)
+        return self.outputs.advance(upto, silent=self._boots_at is not None)
 
     # ------------------------------------------------------------------ commands and replies
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the host that arrived at `now` (s)."""
-        if self._booting:
-            return
         for part in data.splitlines(keepends=True):
+            if self._boots_at is not None:
+                return
             self._input += part
             if len(self._input) > INPUT_BUFFER:
                 self._input.clear()
                 self._error(ErrorCode.SERIAL_INPUT_BUFFER_OVERFLOW, "xor")
             elif self._input.endswith((b"\n", b"\r")):
                 dollar = self._input.rfind(b"$")  # a sensor ignores garbage before a command
-                if dollar >= 0:
-                    self._received.append((bytes(self._input[dollar:]).strip(), now))
+                line = bytes(self._input[dollar:]).strip() if dollar >= 0 else b""
                 self._input.clear()
+                if line:
+                    self._execute(line, now)
 
     def replies(self, now: float) -> list[bytes]:
-        """Return the replies that are due by `now` (s); none while the device saves or boots."""
-        if self._pending is not None and now >= self._pending[0]:
-            complete, self._pending = self._pending[1], None
-            complete()
-        while self._received and self._pending is None:
-            line, arrived = self._received.popleft()
-            self._execute(line, arrived, now)
+        """Return the replies to what was received; start at the end of the silence after a reset."""
+        if self._boots_at is not None and now >= self._boots_at:
+            self._boots_at = None
+            self.restarts += 1
+            self.registers.load_saved()
+            self.outputs.start()
         replies, self._replies = self._replies, []
         return replies
 
-    def next_reply(self) -> float | None:
-        """Return when (s) to call `replies` if nothing is received before; None: then not at all."""
-        return None if self._pending is None else self._pending[0]
-
-    @property
-    def _booting(self) -> bool:
-        # while it saves, it sends and receives, and only its replies are late
-        return self._pending is not None and self._pending[1] == self._boot
-
-    def _execute(self, line: bytes, arrived: float, now: float) -> None:
+    def _execute(self, line: bytes, now: float) -> None:
         """Reply to a line that begins with ``$``, or report why it is no valid command."""
         body, star, checksum = line[1:].partition(b"*")
         kind: ChecksumKind = "crc" if len(checksum) == 4 else "xor"
@@ -143,10 +128,7 @@ class CommandHandler:
         command, fields = ascii.split(body)
         try:
             handler = self._handler(command, len(fields))
-            if command == "VNWNV":
-                self._save(kind, arrived, now)
-            else:
-                self._replies.append(ascii.encode(",".join((command, *handler(*fields))), kind))
+            self._replies.append(ascii.encode(",".join((command, *handler(*fields))), kind))
             if command in ("VNRST", "VNRFS"):
                 self.restart(now)
         except RegisterError as error:
@@ -164,15 +146,7 @@ class CommandHandler:
         return handler
 
     def _error(self, code: int, kind: ChecksumKind) -> None:
-        """Reply with an error, as register 30 configures it."""
-        *_, mode = self.registers.numbers(RegisterNumber.PROTOCOL)
-        if mode:
-            self._replies.append(ascii.encode(f"VNERR,{code:02X}", kind))
-        if (
-            mode == 2
-        ):  # send and switch the asynchronous output off; modes 0 and 1 are silence and sending alone
-            self.registers.write(RegisterNumber.OUTPUT_TYPE, ("0",))
-            self.outputs.update()
+        self._replies.append(ascii.encode(f"VNERR,{code:02X}", kind))
 
     # ------------------------------------------------------------------ registers
 
@@ -184,22 +158,20 @@ class CommandHandler:
             raise RegisterError(ErrorCode.INVALID_REGISTER, "no such register")
         return register
 
-    def _port_number(self, text: str) -> int:
-        if text == "?":
-            return self.registers.port
-        if text not in ("1", "2"):
+    def _check_port(self, *ports: str) -> None:
+        """Raise `RegisterError` if a port is none of the sensor."""
+        if not set(ports) <= {"1", "2", "?"}:
             raise RegisterError(ErrorCode.INVALID_PARAMETER, "choose port 1 or 2")
-        return int(text)
 
     def _read_register(self, number: str, *ports: str) -> Sequence[str]:
         register = self._register(number)
         if len(ports) > register.ports:
             raise RegisterError(ErrorCode.TOO_MANY_PARAMETERS, "no such parameter")
-        port = self._port_number(ports[0]) if ports else None
-        echoed = () if port is None else (str(port),)
-        return (f"{register.id:02d}", *self._values(register, port), *echoed)
+        self._check_port(*ports)
+        echoed = [str(self._settings.serial_port) if port == "?" else port for port in ports]
+        return (f"{register.id:02d}", *self._values(register), *echoed)
 
-    def _values(self, register: Register, port: int | None) -> Sequence[str]:
+    def _values(self, register: Register) -> Sequence[str]:
         """Return the fields of a register as they are now."""
         identity = {1: self._settings.model, 3: self._settings.serial, 4: self._settings.firmware}
         if register.id in identity:
@@ -210,30 +182,25 @@ class CommandHandler:
             return ascii.numbers(message, self.outputs.columns(message, measurements)[0].tolist())
         if register.access == "fixed":
             return register.factory_values
-        return self.registers.read(register.id, port)
+        return self.registers.read(register.id)
 
     def _write_register(self, number: str, *values: str) -> Sequence[str]:
         """Write a register; refuse what the sensor refuses."""
         register = self._register(number)
-        port, echoed = None, ""
+        ports: Sequence[str] = ()
         if register.ports and len(values) == 2:
-            port = self._port_number(values[1])
-            values, echoed = values[:1], f",{port}"
+            values, ports = values[:1], values[1:]
+        self._check_port(*ports)
         register.check(values)
         if register.id in registers.BINARY_OUTPUTS and int(values[2], 16):
             binary_layout(values[2:])
-        if register.id in _AFFECT_LOAD:
-            # the sum of all streams of a port has to fit; a binary output may be on both ports
-            trial = self.registers.with_values(register.id, values, port)
-            for loaded_port in (1, 2) if register.id in registers.BINARY_OUTPUTS else (port,):
-                if (
-                    self.outputs.bytes_per_second(trial, loaded_port)
-                    > int(trial.read(RegisterNumber.BAUD, loaded_port)[0]) / 10
-                ):
-                    raise RegisterError(ErrorCode.BAUD_RATE_TOO_LOW, "the output does not fit the baud")
-        self.registers.write(register.id, values, port)
+        before = self.registers.read(register.id)
+        self.registers.write(register.id, values)
+        if register.id in _AFFECT_LOAD and self.outputs.bytes_per_second() > self.baud / 10:
+            self.registers.write(register.id, before)
+            raise RegisterError(ErrorCode.BAUD_RATE_TOO_LOW, "the output does not fit the baud")
         self.outputs.update()
-        return (f"{register.id:02d}", ",".join(values) + echoed)
+        return (f"{register.id:02d}", *values, *ports)
 
     # ------------------------------------------------------------------ other commands
 
@@ -241,22 +208,16 @@ class CommandHandler:
         """Echo a command that changes nothing here: those of the attitude, which is fixed, among them."""
         return fields
 
-    def _enable_outputs(self, state: str, port: str = "?") -> Sequence[str]:
-        self.outputs.set_paused(self._port_number(port), not _flag(state))
-        return (state,) if port == "?" else (state, port)
+    def _enable_outputs(self, state: str, *ports: str) -> Sequence[str]:
+        if state not in ("0", "1"):
+            raise RegisterError(ErrorCode.INVALID_PARAMETER, "give 0 or 1")
+        self._check_port(*ports)
+        self.outputs.paused = state == "0"
+        return (state, *ports)
 
-    def _save(self, kind: ChecksumKind, arrived: float, now: float) -> None:
-        """Begin to write the flash; the reply comes when that is done."""
-
-        def saved() -> None:
-            self.registers.save()
-            self._saved_at = now + SAVING_S
-            self._replies.append(ascii.encode("VNWNV", kind))
-
-        if arrived < self._saved_at:  # the host repeated the command before the first reply
-            self._replies.append(ascii.encode("VNWNV", kind))
-        else:
-            self._pending = (now + SAVING_S, saved)
+    def _save(self) -> Sequence[str]:
+        self.registers.save()
+        return ()
 
     def _restore_factory_settings(self) -> Sequence[str]:
         self.registers.reset_saved()
@@ -264,17 +225,5 @@ class CommandHandler:
 
     def restart(self, now: float) -> None:
         """Reset or interrupt the power: silence, then a start with the saved registers."""
-        self._received.clear()
         self._input.clear()
-        self._pending = (now + BOOTING_S, self._boot)
-
-    def _boot(self) -> None:
-        self.restarts += 1
-        self.registers.load_saved()
-        self.outputs.start()
-
-
-def _flag(text: str) -> bool:
-    if text not in ("0", "1"):
-        raise RegisterError(ErrorCode.INVALID_PARAMETER, "give 0 or 1")
-    return text == "1"
+        self._boots_at = now + BOOTING_S

@@ -115,8 +115,6 @@ class Emulator:
         earliest = now + (_STEP_TIME_LAPSE_S if self._settings.time_lapse else _STEP_S)
         # + 1: the message of a tick is complete when the tick is over
         times = [now + IDLE_S, self._start + (self.device.outputs.next_tick() + 1) / self._ticks_per_s]
-        if (reply := self.device.next_reply()) is not None:
-            times.append(reply)
         return max(earliest, min(times))
 
     def turn(self, others: list[int]) -> list[int]:

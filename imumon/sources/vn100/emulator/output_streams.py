@@ -62,15 +62,17 @@ class OutputStreams:
     ----------
     sensor_model : signals of the sensor elements.
     registers : of the device; call `update` after writing one.
+    port : of the sensor that these streams leave, 1 or 2.
 
     Attributes
     ----------
     tick : of the next loop.
+    paused : send nothing.
     start_tick : at which the sensor clock began.
     """
 
-    def __init__(self, sensor_model: SensorModel, registers: RegisterFile) -> None:
-        self._model, self._registers = sensor_model, registers
+    def __init__(self, sensor_model: SensorModel, registers: RegisterFile, port: int) -> None:
+        self._model, self._registers, self._port = sensor_model, registers, port
         self.tick = 0
         self._reset_tick, self._reset_integrals = 0, self._integrals(np.array([0]))[0]
         self.start()
@@ -78,25 +80,21 @@ class OutputStreams:
     def start(self) -> None:
         """Set the state after power-up or a reset."""
         self.start_tick = self.tick
-        self._paused: set[int] = set()
+        self.paused = False
         self.update()
 
     def update(self) -> None:
         """Derive the filter and the streams from the registers."""
         self._averages = self._registers.numbers(RegisterNumber.IMU_FILTER)
-        self._streams = self._make_streams(self._registers, self._registers.port)
-
-    def set_paused(self, port: int, paused: bool) -> None:
-        """Pause or resume all streams of a port."""
-        (self._paused.add if paused else self._paused.discard)(port)
+        self._streams = self._make_streams()
 
     # ------------------------------------------------------------------ streams
 
-    def _make_streams(self, registers: RegisterFile, port: int) -> list[OutputStream]:
-        """Return the streams of one port, ASCII first."""
-        streams = []
-        kind = int(registers.read(RegisterNumber.OUTPUT_TYPE, port)[0])
-        rate = int(registers.read(RegisterNumber.OUTPUT_RATE, port)[0])
+    def _make_streams(self) -> list[OutputStream]:
+        """Return the streams of the port by the registers, ASCII first."""
+        registers, streams = self._registers, []
+        (kind,) = registers.numbers(RegisterNumber.OUTPUT_TYPE)
+        (rate,) = registers.numbers(RegisterNumber.OUTPUT_RATE)
         if kind and rate:
             message = OUTPUT_TYPES[kind]
             length = len(self._sentences(message, None)[0])
@@ -104,31 +102,27 @@ class OutputStreams:
             streams.append(OutputStream(LOOP_RATE // rate, length, message == "VNDTV", encode))
         for number in BINARY_OUTPUTS:
             mode, divisor, *words = registers.read(number)
-            if int(mode) & port and int(divisor) and int(words[0], 16):
+            if int(mode) & self._port and int(divisor) and int(words[0], 16):
                 streams.append(_binary_stream(binary_layout(words), int(divisor)))
         return streams
 
-    def bytes_per_second(self, registers: RegisterFile | None = None, port: int | None = None) -> float:
-        """Return the load of the streams of a port, optionally with other registers."""
-        streams = self._make_streams(registers or self._registers, port or self._registers.port)
-        return sum(stream.length * LOOP_RATE / stream.divisor for stream in streams)
+    def bytes_per_second(self) -> float:
+        """Return the load of the streams."""
+        return sum(stream.length * LOOP_RATE / stream.divisor for stream in self._make_streams())
 
     def next_tick(self) -> int:
         """Return the tick of the next message if no command arrives; a distant one without streams."""
         distant = self.tick + LOOP_RATE
-        if self._registers.port in self._paused:
+        if self.paused:
             return distant
         return min((-(-self.tick // s.divisor) * s.divisor for s in self._streams), default=distant)
 
     def _sentences(self, message: str, measurements: MeasurementOutput | None) -> list[bytes]:
         """Return one sentence per row of `measurements`; one of zeros without them."""
-        count, status, _, _, checksum, *_ = self._registers.numbers(RegisterNumber.PROTOCOL)
+        checksum = self._registers.numbers(RegisterNumber.PROTOCOL)[4]
         kind: ChecksumKind = "crc" if checksum == 3 else "xor"
         columns = self.columns(message, measurements)
-
-        # nothing happens at the synchronisation pins and the estimator is well: counts and status are zero
-        extra = ["T0000000000"] * bool(count) + ["S0000"] * bool(status)
-        return [ascii.encode(ascii.sentence(message, row, *extra), kind) for row in columns.tolist()]
+        return [ascii.encode(ascii.sentence(message, row), kind) for row in columns.tolist()]
 
     def columns(self, message: str, measurements: MeasurementOutput | None) -> Floats:
         """Return the numbers of a message in its own units, (n, f); zeros without measurements."""
@@ -152,7 +146,7 @@ class OutputStreams:
 
     def _run(self, first: int, stop: int, silent: bool) -> list[Message]:
         """Return the messages of the ticks from `first` to before `stop`, in order; none when `silent`."""
-        if silent or self._registers.port in self._paused:
+        if silent or self.paused:
             return []
         due = [np.arange(-first % s.divisor + first, stop, s.divisor) for s in self._streams]
         # Increments have one integrator: a message that contains them resets it, whichever output sends it. So two
