@@ -140,17 +140,6 @@ class DataFlash:
                 if k % accel_every == 0:
                     self.add(f"ACC{suffix}", *start, sampled + accel_us, *(accel[k] + instance))
 
-    def batch(self, kind: int, number: int, start_us: int, rate: float, mul: int, values: np.ndarray) -> None:
-        """Add a batch of (n, 3) counts."""
-        if "ISBH" not in self._forms:
-            self.define("ISBH", "QHBBHHQf", "TimeUS,N,type,instance,mul,smp_cnt,SampleUS,smp_rate")
-            self.define("ISBD", "QHHaaa", "TimeUS,N,seqno,x,y,z")
-        self.add("ISBH", start_us + 9, number, kind, 0, mul, len(values), start_us, rate)
-        for part in range(0, len(values), 32):
-            piece = np.zeros((32, 3), dtype=int)
-            piece[: len(values[part : part + 32])] = values[part : part + 32]
-            self.add("ISBD", start_us + 9, number, part // 32, *piece.T.ravel())
-
     def write(self, path: Path) -> Path:
         path.write_bytes(b"".join(self._out))
         return path

@@ -109,7 +109,7 @@ def test_a_real_px4_log_has_the_samples_of_pyulog(path: Path) -> None:
 def test_a_real_ardupilot_log_has_the_samples_of_pymavlink() -> None:
     path = RECORDINGS / "ardupilot_backend_log_80k.bin"
     log = DFReader.DFReader_binary(str(path))
-    found: dict[str, list[Any]] = {"IMU": [], "ISBD": []}
+    found: dict[str, list[Any]] = {"IMU": []}
     while (message := log.recv_msg()) is not None:
         if message.get_type() in found:
             found[message.get_type()].append(message)
@@ -118,17 +118,11 @@ def test_a_real_ardupilot_log_has_the_samples_of_pymavlink() -> None:
         ours = read(path, topic=f"IMU/{instance}")
         fields = ("GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ", "T")
         np.testing.assert_array_equal(ours.values, [[getattr(m, f) for f in fields] for m in mine])
-    batch = read(path, topic="ISBD/gyro/0")
-    assert len(batch) == 32 * len(found["ISBD"]) == 576
-    expected = np.concatenate([np.column_stack([m.x, m.y, m.z]) for m in found["ISBD"]]) / 938
-    np.testing.assert_allclose(batch.values[:, :3], expected, rtol=1e-12)
-    of_imu = [m.T for m in found["IMU"] if m.I == 0]
-    assert min(of_imu) <= batch.values[:, 3].min() <= batch.values[:, 3].max() <= max(of_imu)
     report, remarks = replayed(path)
     assert report.session.samples == 10
     assert report.device.model == "ArduPilot Pixhawk4"
     assert (report.device.firmware or "").startswith("ArduCopter V4.6.2")
-    assert "--topic selects another: IMU/1, ISBD/gyro/0" in remarks
+    assert "--topic selects another: IMU/1" in remarks
 
 
 # ---------------------------------------------------------------- PX4: choice of the topic
@@ -235,27 +229,6 @@ def test_raw_samples_take_the_place_of_an_imu(tmp_path: Path, suffix: str, accel
     np.testing.assert_array_equal(found.values[:, 3:], [[m.AccX, m.AccY, m.AccZ] for m in expected["ACC"]])
     alone = read(path, topic=f"ACC{name[3:]}")
     np.testing.assert_array_equal(alone.values, found.values[:, 3:])
-
-
-def test_batches_are_samples_with_pauses(tmp_path: Path) -> None:
-    """Raw batches of gyroscope and accelerometer in turn, at 2 kHz, one message of which is lost."""
-    log, rng = DataFlash(), np.random.default_rng(4)
-    gyro = np.rint(rng.normal(5.0, 3.0, (6, 1000, 3))).astype(int)
-    for k in range(6):
-        log.batch(1, 2 * k, 10**6 + k * 2_000_000, 2000.0, 938, gyro[k])
-        log.batch(0, 2 * k + 1, 2 * 10**6 + k * 2_000_000, 2000.0, 208, np.full((1000, 3), [0, 0, -2040]))
-    path = log.write(tmp_path / "a.BIN")
-    report, remarks = replayed(path, topic="ISBD/gyro/0")
-    assert "pauses between them count as missing samples" in remarks
-    assert report.session.samples == 6000
-    assert report.session.missing == 5 * 3000
-    np.testing.assert_allclose(read(path, topic="ISBD/gyro/0").values, gyro.reshape(-1, 3) / 938)
-    size = 3 + 8 + 2 + 2 + 3 * 64
-    data = path.read_bytes()
-    at = data.rfind(bytes((0xA3, 0x95, 3)), 0, len(data) - 40 * size)
-    path.write_bytes(data[:at] + data[at + size :])
-    lost = replayed(path, topic="ISBD/gyro/0")[0].session
-    assert lost.samples + replayed(path, topic="ISBD/accel/0")[0].session.samples == 12000 - 32
 
 
 # ---------------------------------------------------------------- packages, options, damage

@@ -1,9 +1,8 @@
 """DataFlash reader: inertial messages of an ArduPilot log (.BIN), indexed by pymavlink.
 
 `IMU` has point samples behind the filter of the autopilot (INS_GYRO_FILTER), `GYR` and `ACC` those before it if raw
-logging is on; the samples of `ACC` are joined to those of `GYR` if their times agree. Batches of raw samples have a
-header, `ISBH`, and data, `ISBD`: 32 samples of one sensor in a message, with pauses between the batches. Only `IMU`
-has the temperature; raw samples of the same sensor take it from there. Definitions of the messages: ArduPilot,
+logging is on; the samples of `ACC` are joined to those of `GYR` if their times agree. Only `IMU` has the temperature;
+raw samples of the same sensor take it from there. Definitions of the messages: ArduPilot,
 libraries/AP_InertialSensor/LogStructure.h.
 """
 
@@ -39,9 +38,6 @@ TYPES = {
 SCALES = {"c": 1e-2, "C": 1e-2, "e": 1e-2, "E": 1e-2, "L": 1e-7}
 """Factor of formats that count parts of a unit."""
 
-BATCH_ROWS = 32
-"""Samples in an `ISBD` message, by its format."""
-
 HEADER_BYTES = 3
 """Bytes of a message before its fields, by the format."""
 
@@ -51,16 +47,13 @@ SENSORS = {
 }
 """Columns and unit of a sensor."""
 
-BATCHES = {0: "accel", 1: "gyro"}
-"""Sensor of a batch by its type."""
-
 TIMES = {"SampleUS": "us", "TimeUS": "us", "TimeMS": "ms"}
 """Columns of time, the best first, and their units."""
 
 HEAT = "IMU.T"
 """Column of the temperature that raw samples have from the `IMU` messages of the same sensor."""
 
-RAW = re.compile(r"(?:GYR|ACC|ISBD/\w+)(/?)(\d*)")
+RAW = re.compile(r"(?:GYR|ACC)(/?)(\d*)")
 """Names of raw samples, with the number of the sensor: from 0 after a slash, else from 1."""
 
 BOARD = re.compile(r"^(\S+) [0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8}$")
@@ -100,7 +93,6 @@ class DataFlashLog(ArrayLog):
         if skipped := self._skipped_bytes():
             self.problem = f"is corrupt: {skipped:,} bytes between its messages belong to none"
         self.arrays = {name: a for kind in list(self._log.name_to_id) for name, a in self._series(kind)}
-        self.arrays |= self._batches()
         best = best_first([self._topic(name, arrays) for name, arrays in self.arrays.items()])
         self.topics = sorted(best, key=lambda topic: not _is_imu(topic))
 
@@ -123,8 +115,8 @@ class DataFlashLog(ArrayLog):
         valid = "" not in formats and len(formats) == len(form.columns) and size == form.len - HEADER_BYTES
         return formats if valid else None
 
-    def _rows(self, name: str) -> tuple[npt.NDArray[Any], npt.NDArray[np.int64]] | None:
-        """Return the messages of a type, with a field for each column, and their places; None: there are none."""
+    def _rows(self, name: str) -> npt.NDArray[Any] | None:
+        """Return the messages of a type, with a field for each column; None: there are none."""
         if (formats := self._formats(name)) is None:
             return None
         dtype = np.dtype([(column, TYPES[letter]) for column, letter in formats.items()])
@@ -137,14 +129,13 @@ class DataFlashLog(ArrayLog):
             self._data[places[k : k + ROWS, None] + np.arange(dtype.itemsize)].view(dtype)[:, 0]
             for k in range(0, len(places), ROWS)
         ]
-        return np.concatenate(parts), places
+        return np.concatenate(parts)
 
     def _series(self, name: str) -> Iterator[tuple[str, Arrays]]:
         """Yield the columns of numbers of a message: of an IMU, for each instance."""
-        formats, messages = self._formats(name), self._rows(name)
-        if formats is None or messages is None:
+        formats, rows = self._formats(name), self._rows(name)
+        if formats is None or rows is None:
             return
-        rows, _ = messages
         numbers = {
             column: rows[column] * SCALES[letter] if letter in SCALES else rows[column]
             for column, letter in formats.items()
@@ -160,8 +151,7 @@ class DataFlashLog(ArrayLog):
     def _topic(self, name: str, arrays: Arrays) -> Topic:
         """Return a topic; raw samples get their accelerometer and the temperature of their IMU."""
         kind = name.partition("/")[0]
-        note = "it has batches of raw samples: the pauses between them count as missing samples"
-        note = note if kind == "ISBD" else self._add_accelerometer(name, arrays)
+        note = self._add_accelerometer(name, arrays)
         if (named := RAW.fullmatch(name)) is not None:
             self._add_temperature(int(named[2] or 1) - (not named[1]), arrays)
         return described(name, kind, arrays, _map_of(arrays), note=note)
@@ -189,40 +179,11 @@ class DataFlashLog(ArrayLog):
             heat = degrees_at(arrays[time], imu["TimeUS"], imu["T"])
             arrays |= {} if heat is None else {HEAT: heat}
 
-    def _batches(self) -> dict[str, Arrays]:
-        """Return the samples in the batches of each sensor."""
-        headers, data = self._rows("ISBH"), self._rows("ISBD")
-        if headers is None or data is None:
-            return {}
-        (header, header_places), (rows, places) = headers, data
-        header_index = np.searchsorted(header_places, places) - 1  # the header before each message
-        # a logger that falls behind drops messages: without its header a message has neither rate nor scale
-        paired = (header_index >= 0) & (header["N"][header_index] == rows["N"])
-        if lost := int((~paired).sum()):
-            self.remarks = [f"{lost:,} ISBD messages have no ISBH: they are left out"]
-        batches: dict[str, Arrays] = {}
-        for kind, instance in sorted({(int(h["type"]), int(h["instance"])) for h in header}):
-            of_sensor = (header["type"] == kind) & (header["instance"] == instance)
-            chosen = paired & of_sensor[header_index]
-            if kind not in BATCHES or not chosen.any():
-                continue
-            batch, part = header[header_index[chosen]], rows[chosen]
-            place = part["seqno"].astype(np.int64)[:, None] * BATCH_ROWS + np.arange(BATCH_ROWS)
-            # the last message of a batch is filled up
-            valid = (place < batch["smp_cnt"][:, None]).ravel()
-            times = batch["SampleUS"][:, None] + place * 1e6 / batch["smp_rate"].astype(np.float64)[:, None]
-            arrays = {"SampleUS": times.ravel()[valid]}
-            for axis, column in zip(AXES, SENSORS[BATCHES[kind]][0], strict=True):
-                scaled = part[axis] / batch["mul"].astype(np.float64)[:, None]
-                arrays[column] = scaled.ravel()[valid]
-            batches[f"ISBD/{BATCHES[kind]}/{instance}"] = arrays
-        return batches
-
     def _facts(self) -> dict[str, str]:
         """Return board and version of the firmware, which the log has as texts."""
         if (messages := self._rows("MSG")) is None:
             return {}
-        texts = [text.decode("utf-8", "replace") for text in messages[0]["Message"].tolist()]
+        texts = [text.decode("utf-8", "replace") for text in messages["Message"].tolist()]
         boards = [match[1] for text in texts if (match := BOARD.match(text))]
         versions = [text for text in texts if re.match(r"(Ardu|APM:|AntennaTracker|Blimp|Rover)\S* ", text)]
         facts = {"model": f"ArduPilot {boards[0]}"} if boards else {}
