@@ -7,7 +7,7 @@ before that wait in memory. A full disk ends the recording, not the daemon.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 from imumon.config import RecordSettings
 from imumon.model.errors import ImumonError
@@ -38,7 +38,6 @@ class Recorder:
         self._writer: CaptureWriter | None = None
         self._ending: list[CaptureWriter] = []  # of earlier records, which may still be writing
         self._problems: list[str] = []
-        self._pipe: BinaryIO | None = None  # open until the recording starts, so that its reader stays
         self.needs_header = bool(settings.file)
         self.failed: str | None = None
 
@@ -52,7 +51,7 @@ class Recorder:
         if self.needs_header:
             from imumon.sources.files import check_place
 
-            self._pipe = check_place(self._settings.file)
+            check_place(self._settings.file)
 
     @property
     def full(self) -> bool:
@@ -84,10 +83,6 @@ class Recorder:
         except ImumonError as error:
             self._problems.append(str(error))
             return None
-        finally:
-            if self._pipe is not None:
-                self._pipe.close()
-                self._pipe = None
         self._writer.write(early)
         return self._writer.path
 

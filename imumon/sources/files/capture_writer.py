@@ -32,13 +32,8 @@ FLUSH_S = 1.0
 """s of data that a kill may cost."""
 
 
-def check_place(path: str) -> BinaryIO | None:
-    """Raise `RecordingError` if no recording can be written at a path; a full disk does not show here.
-
-    Returns
-    -------
-    The open pipe at this path, None for a file. Its reader ends if it is closed before the recording starts.
-    """
+def check_place(path: str) -> None:
+    """Raise `RecordingError` if no recording can be written at a path; a full disk does not show here."""
     directory = os.path.dirname(path) or "."
     place = path if os.path.exists(path) else directory
     if not os.path.isdir(directory):
@@ -50,8 +45,7 @@ def check_place(path: str) -> BinaryIO | None:
     elif not os.access(place, os.W_OK) and not os.statvfs(directory).f_flag & os.ST_RDONLY:
         code, why, cure = "no_permission", f"no permission to write {place}", "give another --record"
     else:
-        is_pipe = os.path.exists(path) and stat.S_ISFIFO(os.stat(path).st_mode)
-        return _open_pipe(path) if is_pipe else None
+        return
     raise RecordingError(code, f"cannot record to {path}: {why}", cure)
 
 

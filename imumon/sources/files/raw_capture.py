@@ -22,7 +22,7 @@ a line may never end. Reading then stops or continues with a reason in `RawCaptu
 
 from __future__ import annotations
 
-import contextlib
+import gzip
 import json
 import os
 import re
@@ -31,7 +31,7 @@ import sys
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 from imumon.files import open_regular
 from imumon.model.errors import why
@@ -48,7 +48,7 @@ CHUNK = 256 << 10
 """Bytes that are read at once."""
 
 INFLATED_AT_ONCE = 1 << 12
-"""Bytes of a gzip file that are decompressed at once: a file of tiny members is copied for each."""
+"""Bytes of a gzip file that are decompressed at once: those before a corruption are not read."""
 
 MOST_EXPANSION = 200
 """Bytes of the contents of a gzip file for each of its own at most: noise expands to about 5, text of zeros to 1000."""
@@ -212,8 +212,9 @@ class _Part:
             if head.startswith(magic):
                 raise RecordingError(f"format_{name}", f"{path} is not a recording but {noun}", cure)
         # the contents decide, not the name: `CaptureWriter` compresses under any name
-        raw = self._read(head)
-        self._items = split_lines(self._decompressed(raw) if head[:2] == b"\x1f\x8b" else raw)
+        self._head, self._compressed = head, head[:2] == b"\x1f\x8b"
+        chunks = self._decompressed() if self._compressed else iter(lambda: self.read(CHUNK), b"")
+        self._items = split_lines(chunks)
         self._next: bytes | dict[str, Any] = next(self._items, b"")
         if isinstance(self._next, dict):
             self.header, self._next = self._next, next(self._items, b"")
@@ -236,51 +237,41 @@ class _Part:
         if self.path != "-":
             self._file.close()
 
-    def _read(self, chunk: bytes) -> Iterator[bytes]:
-        while chunk:
-            self.consumed += len(chunk)
-            yield chunk
+    def read(self, size: int) -> bytes:
+        """Return the next bytes on disk: what `gzip` needs of a file."""
+        # in small pieces: of one with a corruption, gzip gives nothing, not even what lies before it
+        size = min(size, INFLATED_AT_ONCE) if self._compressed else size
+        try:
+            data = self._head[:size] or self._file.read(size)
+        except OSError as error:
+            self.problem = f"cannot be read to its end ({error.strerror}): the part before is used"
+            return b""
+        self._head = self._head[size:]
+        self.consumed += len(data)
+        return data
+
+    def _decompressed(self) -> Iterator[bytes]:
+        """Yield the contents of all gzip members; of a corrupt file, the part before the corruption."""
+        expanded = 0  # bytes of the contents
+        archive = gzip.GzipFile(fileobj=cast("BinaryIO", self), mode="rb")
+        while True:
             try:
-                chunk = self._file.read(CHUNK)
-            except OSError as error:
-                self.problem = f"cannot be read to its end ({error.strerror}): the part before is used"
+                out = archive.read1(CHUNK)
+            except EOFError:
+                self.problem = self.problem or "is truncated: the part that is there is used"
                 return
-
-    def _decompressed(self, chunks: Iterator[bytes]) -> Iterator[bytes]:
-        """Yield the contents of all gzip members; of a corrupt file, the part before the corruption.
-
-        Files of several members are normal: ``cat a.gz b.gz``, and a writer that was started again.
-        """
-        member = zlib.decompressobj(wbits=31)  # 16 + 15: with a header of gzip, the largest window
-        pieces = (c[k : k + INFLATED_AT_ONCE] for c in chunks for k in range(0, len(c), INFLATED_AT_ONCE))
-        read = expanded = 0  # bytes of the file, and of its contents
-        for rest in pieces:
-            read += len(rest)
-            while rest:
-                if member.eof:
-                    if not rest.strip(b"\0"):  # padding to whole blocks, which tapes and some disks leave
-                        break
-                    member = zlib.decompressobj(wbits=31)
-                # of a block with an error zlib returns nothing, not even what lies before the error
-                before = member.copy()
-                try:
-                    out = member.decompress(rest, CHUNK)
-                except zlib.error:
-                    self.problem = "is corrupt: only the part before the corruption is used"
-                    yield from _intact(before, rest)
-                    return
-                # at most CHUNK came out, whatever a kilobyte expands to; what is left is decompressed next
-                rest = member.unused_data if member.eof else member.unconsumed_tail
-                expanded += len(out)
-                if expanded > max(EXPANSION_BYTES, MOST_EXPANSION * read):
-                    text = f"{self.path} expands to more than {MOST_EXPANSION} times its size, which noise does not"
-                    raise RecordingError(
-                        "expands", text, "unpack it first, if this is not by mistake: gunzip"
-                    )
-                if out:
-                    yield out
-        if not member.eof:
-            self.problem = "is truncated: the part that is there is used"
+            except (OSError, zlib.error):
+                self.problem = "is corrupt: only the part before the corruption is used"
+                return
+            expanded += len(out)
+            if expanded > max(EXPANSION_BYTES, MOST_EXPANSION * self.consumed):
+                text = (
+                    f"{self.path} expands to more than {MOST_EXPANSION} times its size, which noise does not"
+                )
+                raise RecordingError("expands", text, "unpack it first, if this is not by mistake: gunzip")
+            if not out:
+                return
+            yield out
 
 
 def _standard_input() -> BinaryIO:
@@ -319,13 +310,6 @@ def split_lines(chunks: Iterator[bytes]) -> Iterator[bytes | dict[str, Any]]:
         waiting = waiting[mark:]
     if waiting:
         yield waiting
-
-
-def _intact(member: Any, data: bytes) -> Iterator[bytes]:
-    """Yield what a gzip member gives of the chunk with the corruption, to the last byte before it."""
-    with contextlib.suppress(zlib.error):
-        for k in range(len(data)):
-            yield member.decompress(data[k : k + 1])
 
 
 def _later_parts(path: str, header: Mapping[str, Any]) -> list[str]:

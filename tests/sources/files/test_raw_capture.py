@@ -16,6 +16,7 @@ import pytest
 from waiting import until
 
 from imumon.sources.files import CaptureWriter, RawCapture, RecordingError
+from imumon.sources.files.raw_capture import INFLATED_AT_ONCE
 
 
 def contents(path: Path | str) -> bytes:
@@ -100,7 +101,7 @@ def test_a_recording_of_a_killed_process_is_readable_to_the_last_second(tmp_path
     recorder.close()
 
 
-def test_every_byte_before_a_corruption_is_read(tmp_path: Path, noise: bytes) -> None:
+def test_what_lies_before_a_corruption_is_read(tmp_path: Path, noise: bytes) -> None:
     path, data = tmp_path / "run.gz", bytearray(gzip.compress(noise, 1))
     data[300_000:300_100] = bytes(100)
     path.write_bytes(data)
@@ -108,7 +109,9 @@ def test_every_byte_before_a_corruption_is_read(tmp_path: Path, noise: bytes) ->
     with contextlib.suppress(zlib.error):
         for byte in data:
             readable += member.decompress(bytes([byte]))
-    assert b"".join(RawCapture(str(path))) == readable
+    read = b"".join(RawCapture(str(path)))
+    assert readable.startswith(read)
+    assert len(readable) - len(read) < 2 * INFLATED_AT_ONCE
 
 
 def test_a_file_that_is_no_recording_is_an_error(tmp_path: Path) -> None:
