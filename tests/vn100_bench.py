@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Mapping
 
 import foreign_device
 
 from imumon.config import DeviceSettings
 from imumon.model.samples import Notice, SampleBlock
+from imumon.sources.device import DeviceLost
 from imumon.sources.ports import BAUD_RATES
 from imumon.sources.vn100.emulator import EmulatorSettings
 from imumon.sources.vn100.emulator.command_handler import CommandHandler
@@ -42,8 +44,7 @@ class Bench:
         self.baud = baud
         self.written: list[bytes] = []
         self.adapter_can = set(BAUD_RATES)
-        self.dead = self.deaf = self.garbling = self.vanished = False
-        self.cured_by_reopening = False
+        self.dead = self.vanished = False
         self.steps_left: int | None = None  # reads and writes until the process is killed
         self.impostor: str | None = None  # a kind of `foreign_device`
         self._count = 0
@@ -86,8 +87,6 @@ class Bench:
         for message in sent:
             if self.baud != self._line_baud and self.impostor is None:
                 message = self._noise.randbytes(len(message))
-            elif self.garbling:
-                message = message[:-4] + bytes([message[-4] ^ 1]) + message[-3:]
             self._queue += message
         self._line_baud = self.device.baud  # a reply has the baud rate of its command
 
@@ -98,7 +97,7 @@ class Bench:
         self.written.append(data)
         if self.refuses and self.refuses in data:
             self._queue += b"$VNERR,07*76\r\n"
-        elif self.baud == self.device.baud and not (self.deaf or self.dead or self.impostor):
+        elif self.baud == self.device.baud and not (self.dead or self.impostor):
             self.device.receive(data, self.now)
 
     def set_baud(self, baud: int) -> bool:
@@ -107,11 +106,6 @@ class Bench:
         self.baud = baud
         self._queue.clear()
         return True
-
-    def reopen(self) -> None:
-        self._queue.clear()
-        if self.cured_by_reopening:
-            self.garbling = False
 
     def power_cut(self) -> None:
         """Restart the sensor with its saved registers."""
@@ -125,20 +119,27 @@ class Bench:
     def session(self, settings: DeviceSettings = DeviceSettings(), **more: object) -> Vn100Session:  # noqa: B008
         return Vn100Session(self, settings, self.clock, **more)  # type: ignore[arg-type]
 
-    def streaming(self, settings: DeviceSettings = DeviceSettings()) -> Vn100Session:  # noqa: B008
+    def streaming(
+        self,
+        settings: DeviceSettings = DeviceSettings(),  # noqa: B008
+        saved: Mapping[str, str] | None = None,
+    ) -> Vn100Session:
         session = self.session(settings)
         session.connect()
-        session.save_settings()
+        session.save_settings(saved)
         session.configure()
         return session
 
     def run(self, session: Vn100Session, seconds: float) -> tuple[int, list[Notice]]:
-        """Return the number of samples of the stream in this time, and the notices."""
-        samples, notices, until = 0, [], self.now + seconds
+        """Return the samples of the stream in this time and the notices, or lose the sensor, as `PortDevice` does."""
+        samples, notices, until, alive_at = 0, [], self.now + seconds, self.now
         while self.now < until:
             for item in session.decode(session.read(0.05)):
-                if isinstance(item, SampleBlock) and item.stream.kind == session.info().stream:
-                    samples += len(item)
+                if isinstance(item, SampleBlock):
+                    alive_at = self.now if session.is_alive(item) else alive_at
+                    samples += len(item) * (item.stream.kind == session.info().stream)
+            if self.now - alive_at > session.quiet_s:
+                raise DeviceLost("device_lost", "no sample arrives")
             notices += session.check_health()
         return samples, notices
 

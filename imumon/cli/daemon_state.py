@@ -23,9 +23,6 @@ _TROUBLES = {
     "disconnect": "disconnected",
     "waiting": "disconnected",
     "silent": "silent",
-    "lost": "silent",
-    "garbage": "silent",
-    "no_samples": "silent",
 }
 """State of the sensor by the kind of the last event about it."""
 

@@ -19,7 +19,7 @@ from typing import ClassVar
 
 from imumon.files import SMALL_BYTES, read_bounded, write_new
 from imumon.grid.interval import RATE_TOLERANCE
-from imumon.model.samples import DeviceCounters, DeviceInfo, Gap, Item, Notice, RawBytes
+from imumon.model.samples import DeviceCounters, DeviceInfo, Item, Notice, RawBytes, SampleBlock
 from imumon.sources.device import (
     ARRIVAL_SAMPLES,
     BATCH_S,
@@ -39,8 +39,6 @@ from imumon.sources.serial_port import QUEUE_BYTES, SerialPort
 
 TIME_LAPSE_QUEUE_BYTES = 1 << 19
 """Bytes of an emulator in time-lapse that may wait; it waits for its reader anyway."""
-INTERRUPTIONS = ("reconfigured", "found", "lost", "garbage", "silent")
-"""Kinds of notices after which a stream without a clock has a gap of unknown length."""
 QUIET_UNKNOWN_S = 3.0
 """s without samples after which a stream of unknown rate is silent, and the comparison of the rate starts again."""
 RATE_SHORTEST_S = 5.0
@@ -99,7 +97,14 @@ class RateCheck:
 
 
 class Session(ABC):
-    """What a family of sensors does on an open port. A sensor that only sends needs `info`, `read`, `decode`."""
+    """What a family of sensors does on an open port. A sensor that only sends needs `info`, `read`, `decode`.
+
+    Attributes
+    ----------
+    quiet_s : s without a sample after which the sensor is looked for and configured again; None: it is waited for.
+    """
+
+    quiet_s: float | None = None
 
     def connect(self) -> DeviceInfo:
         """Identify the sensor, without changing it.
@@ -139,8 +144,17 @@ class Session(ABC):
     def decode(self, data: bytes) -> Sequence[object]:
         """Return the items in bytes that `read` returned."""
 
+    def is_alive(self, block: SampleBlock) -> bool:
+        """Return whether a block shows that the sensor sends what was configured."""
+        return True
+
     def check_health(self) -> list[Notice]:
-        """Check the sensor, and repair what can be repaired; called a few times a second once it was started."""
+        """Return what the sensor reports; called a few times a second once it was started.
+
+        Raises
+        ------
+        DeviceLost : it has to be configured again.
+        """
         return []
 
     def restore(self) -> bool:
@@ -187,6 +201,8 @@ class PortDevice(Device):
         self._pending: DeviceError | None = None
         self._changes: str | None = None  # of the outputs of the sensor, to report once
         self._saved_settings: Path | None = None
+        self._original: dict[str, str] | None = None  # settings to restore, of this process
+        self._sample_at = 0.0  # s monotonic, of the last sample
 
     @abstractmethod
     def _new_session(self, port: SerialPort) -> Session:
@@ -224,6 +240,7 @@ class PortDevice(Device):
         self._save_settings(session)  # before the first write: a kill may follow at any moment
         self._started = True
         self._info = session.configure()
+        self._sample_at = time.monotonic()
         self._changes = session.changes()
         self._identified = True
         return self._info
@@ -241,6 +258,9 @@ class PortDevice(Device):
     def close(self) -> None:
         if self._port is not None:
             self._port.close()
+            self._baud = (
+                self._port.baud
+            )  # the first to be tried: after a loss, the sensor most likely still has it
             self._earlier = self.counters  # those of the port end with it; the decoder continues
         self._port = self._session = self._pending = None
         self._streaming = self._started = False
@@ -298,10 +318,10 @@ class PortDevice(Device):
         """Write the original settings to disk before they are changed."""
         directory = self._state_directory
         if directory is None or self._info is None:
-            session.save_settings(None)
+            self._original = session.save_settings(self._original)
             return
         path = directory / f"{self._info.id}.found.json"
-        settings = session.save_settings(_saved_settings(path))
+        self._original = settings = session.save_settings(self._original or _saved_settings(path))
         if settings:  # nothing with listen-only: what an earlier run saved stays
             with suppress(OSError):  # a full disk prevents no run: it then restores from memory alone
                 new = path.with_suffix(".new")
@@ -337,14 +357,14 @@ class PortDevice(Device):
         try:
             data = session.read(timeout_s)
         except DeviceLost as lost:
-            if rest := self.finish():  # samples first: a message may have been complete but undecided
-                self._pending = lost
-                return rest
-            raise
+            self._pending = lost
+            return self.finish()  # samples first: a message may have been complete but undecided
         if data:
             items.append(RawBytes(data))
             blocks = sample_blocks(session.decode(data))
             self._streaming |= bool(blocks)
+            if any(map(session.is_alive, blocks)):
+                self._sample_at = time.monotonic()
             items += blocks
         if self._started:  # without `start` nothing may be repaired: that writes to the sensor
             items += self._health_items(session, keep=bool(items))
@@ -358,13 +378,16 @@ class PortDevice(Device):
                 raise Interrupted
 
     def _health_items(self, session: Session, keep: bool) -> list[Item]:
-        """Return what the health check finds; with samples to deliver first, an error waits for the next read."""
+        """Return what the health check finds; an error waits for the next read, as samples are delivered first."""
+        quiet_s = session.quiet_s
         try:
-            return [item for notice in session.check_health() for item in _with_gap(notice)]
+            if self._streaming and quiet_s is not None and time.monotonic() - self._sample_at > quiet_s:
+                text = f"no sample arrives from the sensor on {self._path}"
+                raise DeviceLost("device_lost", text, "check its power and the cable")
+            return list[Item](session.check_health())
         except DeviceError as error:
-            if not keep:
-                raise
             self._pending = error
+            return self.finish()
         except Interrupted:  # the next read raises it again
             if not keep:
                 raise
@@ -388,10 +411,6 @@ class PortDevice(Device):
             ledger=decoder.ledger,
             most_queued_bytes=max(earlier.most_queued_bytes or 0, port.most_queued if port else 0),
         )
-
-
-def _with_gap(notice: Notice) -> list[Item]:
-    return [notice, Gap(None)] if notice.kind in INTERRUPTIONS else [notice]
 
 
 def _saved_settings(path: Path) -> dict[str, str] | None:

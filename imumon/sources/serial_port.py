@@ -209,19 +209,6 @@ class SerialPort:
         # a driver that has no such rate sets the nearest one without an error
         return actual is None or abs(actual - baud) <= BAUD_TOLERANCE * baud
 
-    def reopen(self) -> None:
-        """Close and open again at the same baud, which cures some bad reads.
-
-        Raises
-        ------
-        DeviceLost : it does not open again.
-        """
-        self.close()
-        try:
-            self._open()
-        except DeviceError as error:
-            raise DeviceLost(error.code, error.message, error.cure) from None
-
     def close(self) -> None:
         """Stop the thread and close the port."""
         self._kernel_before = self.kernel_overruns  # a reopened port counts on; a closed one cannot be asked

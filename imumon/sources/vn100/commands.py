@@ -138,10 +138,6 @@ class CommandChannel:
                 return reply
         return None
 
-    def resume_output(self) -> None:
-        """Resume the output of a paused sensor without waiting for the reply."""
-        self._send("VNASY,1")
-
     def read(self, register: int) -> str | None:
         """Return the value of a register; None if the sensor has none or does not reply."""
         reply = self.request(f"VNRRG,{register:02d}")

@@ -3,8 +3,8 @@
 The port and the clock of a session are arguments; it waits only in `read` of the port, which `PortDevice` opens. Rules:
 
 - Only `configuration` changes the sensor and restores it; with `DeviceSettings.listen_only` nothing is written.
-- `check_health` repairs what can be repaired in place: a paused sensor, a restarted one, another baud rate, a
-  bad read. If the port vanishes, the exception of the port passes through.
+- A sensor that is paused, was restarted, or has another baud rate is lost: `PortDevice` opens its port again, and finds
+  and configures it as at the start.
 
 Life of a session: `connect`, `save_settings` (keep the result on disk), `configure`; then `read`, `decode` and
 `check_health` repeatedly; `restore`.
@@ -18,7 +18,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from imumon.model.samples import DeviceInfo, Kind, Notice, SampleBlock, Stream
-from imumon.sources.device import RESTART_NS, DeviceNotFound, DeviceOptions, sample_blocks
+from imumon.sources.device import RESTART_NS, DeviceLost, DeviceOptions
 from imumon.sources.port_device import QUIET_UNKNOWN_S, PortDevice, RateCheck, Session
 from imumon.sources.ports import BAUD_RATES
 from imumon.sources.serial_port import SerialPort
@@ -33,11 +33,7 @@ if TYPE_CHECKING:
     from imumon.config import DeviceSettings
 
 QUIET_S = 1.0
-"""s without data after which the sensor is resumed; or four samples, if they take longer."""
-RETRY_S = 5.0
-"""s between two scans for a sensor that does not reply. A scan takes up to ten seconds."""
-GARBAGE_BYTES = 64
-"""Bytes without a valid message that count as garbage; fewer may be the rest of a message."""
+"""s without samples after which the sensor is configured again; or four samples, if they take longer."""
 
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 
@@ -82,10 +78,12 @@ class Vn100Session(Session):
         self._notices: list[Notice] = []
         self._rate_check = RateCheck()
         self._unread = b""
-        self._newest_ns, self._garbage, self._silences, self._restarted = 0, 0, 0, False
-        self._troubles: set[str] = set()
+        self._newest_ns, self._restarted = 0, False
         self._errors: set[int | None] = set()  # codes that were reported
-        self._reset_health(clock())
+
+    @property
+    def quiet_s(self) -> float:  # type: ignore[override]
+        return QUIET_UNKNOWN_S if self._divisor is None else max(QUIET_S, 4 * self._divisor / LOOP_RATE)
 
     # ------------------------------------------------------------------ start and end
 
@@ -100,7 +98,6 @@ class Vn100Session(Session):
         self._channel.find_baud(self._bauds())
         if not self._settings.listen_only:
             self._identify()
-        self._reset_health(self._clock())
         return self.info()
 
     def save_settings(self, saved: Mapping[str, str] | None = None) -> dict[str, str]:
@@ -127,7 +124,6 @@ class Vn100Session(Session):
             if configured is not None:
                 self._streams[configured.stream.kind] = configured.stream
                 self._divisor, self._unread = configured.divisor, configured.unread
-        self._reset_health(self._clock())
         return self.info()
 
     def changes(self) -> str | None:
@@ -152,38 +148,25 @@ class Vn100Session(Session):
 
     def decode(self, data: bytes) -> list[DecodedItem]:
         """Return the items in bytes that `read` returned."""
-        valid = self.decoder.messages
         items = self.decoder.feed(data)
-        now = self._clock()
-        if data:
-            self._bytes_at = now
-            self._garbage += len(data)
-        if self.decoder.messages > valid:
-            self._valid_at, self._garbage = now, 0
         for item in items:
             if isinstance(item, SampleBlock):
                 self._streams[item.stream.kind] = item.stream
-                # samples of another output do not show that the requested one is alive
-                if self._divisor is None or item.stream.kind == self._settings.stream:
-                    self._on_samples(now)
-                self._check_rate(item, now)
+                self._check_rate(item, self._clock())
                 self._check_restart(item)
             elif isinstance(item, SensorError):
                 self._on_sensor_error(item)
         return items
 
+    def is_alive(self, block: SampleBlock) -> bool:
+        # after a power-up, a sensor may send another output, of its flash
+        return self._divisor is None or block.stream.kind == self._settings.stream
+
     def check_health(self) -> list[Notice]:
-        """Check the sensor and repair what can be repaired; call it a few times a second.
-
-        It may take as long as `connect` and `configure` if the sensor must be found again.
-
-        Raises
-        ------
-        OtherSensor : another serial number replies.
-        """
-        now = self._clock()
-        if now >= self._next_check:
-            self._repair(now)
+        if self._restarted and self._divisor is not None:
+            raise DeviceLost(
+                "device_lost", f"the sensor on {self._port.name} was restarted", "check its power"
+            )
         notices, self._notices = self._notices, []
         return notices
 
@@ -256,88 +239,12 @@ class Vn100Session(Session):
             raise OtherSensor("other_sensor", message, "connect the first one again, or restart imumon")
         self._serial = serial or self._serial
 
-    # ------------------------------------------------------------------ health
-
-    def _reset_health(self, now: float) -> None:
-        self._rate_check.restart()
-        self._bytes_at = self._valid_at = self._sample_at = self._next_check = now
-        self._garbage, self._silences = 0, 0
-        self._newest_ns, self._restarted = 0, False
-
-    def _on_samples(self, now: float) -> None:
-        """End the troubles: samples of the stream have arrived."""
-        if self._troubles or self._silences:
-            silent = now - self._sample_at
-            self._notices.append(Notice("resumed", f"samples arrive again after {silent:.1f} s"))
-            self._rate_check.restart()
-        self._sample_at, self._silences = now, 0
-        self._troubles.clear()
-
-    def _repair(self, now: float) -> None:
-        """Find a trouble, if there is one, and try to repair it: the most specific first."""
-        quiet = QUIET_UNKNOWN_S if self._divisor is None else max(QUIET_S, 4 * self._divisor / LOOP_RATE)
-        if self._restarted and self._divisor is not None:
-            self._reconnect("reconfigured", "the sensor was restarted and is configured again")
-        elif now - self._bytes_at > quiet:
-            self._break_silence(now)
-        elif now - self._valid_at > quiet and self._garbage >= GARBAGE_BYTES:
-            if "garbage" in self._troubles:
-                self._reconnect("found", "the sensor sends valid messages again")
-            else:
-                # a bad read of an adapter, where every check fails, ends with a reopened port; a scan is the next step
-                self._notice_once("garbage", "bytes arrive, but no valid message: the port is reopened")
-                self._port.reopen()
-                self._bytes_at = self._valid_at = self._clock()
-                self._garbage = 0
-        elif now - self._sample_at > quiet and self._divisor is not None:
-            self._reconnect("reconfigured", "the sensor had lost its configuration and is configured again")
-        elif now - self._sample_at > 2 * quiet:
-            self._notice_once("no_samples", "valid messages arrive, but none that can be characterised")
-
-    def _break_silence(self, now: float) -> None:
-        """Resume a sensor that was paused; at each eighth call, scan the baud rates."""
-        self._silences += 1
-        self._next_check = now + QUIET_S
-        if self._silences > 2:
-            self._notice_once("silent", "nothing arrives from the sensor: check its power and the cable")
-        if self._settings.listen_only:
-            return
-        if self._silences % 8:  # a scan takes ten seconds; a paused sensor answers at once
-            self._channel.resume_output()
-        else:
-            self._reconnect("found", "the sensor replies again")
-
     def _on_sensor_error(self, error: SensorError) -> None:
         """Report an error of the sensor once: it may repeat a hundred times a second. Unknown codes count as one."""
         code = error.code if error.code in ERRORS else None
         if code not in self._errors:
             self._errors.add(code)
             self._notices.append(Notice("sensor_error", f"the sensor reports an error: {error.text}"))
-
-    def _reconnect(self, kind: str, text: str) -> None:
-        """Connect and configure again; if that fails, a later check tries again."""
-        # what is pending will not be completed: the scan takes the bytes behind it
-        for block in sample_blocks(self.decoder.finish()):
-            self.decoder.leave_out("start", len(block))
-        self._unread = b""
-        before = self._silences, self._restarted
-        try:
-            self.connect()
-            self.save_settings()
-            self.configure()
-        except DeviceNotFound as error:
-            self._silences, self._restarted = before  # a failed scan changes nothing
-            self._notice_once("lost", str(error))
-            self._next_check = self._clock() + RETRY_S
-        else:
-            self._notices.append(Notice(kind, text))
-            self._troubles.clear()
-
-    def _notice_once(self, kind: str, text: str) -> None:
-        """Report a trouble once until samples arrive again."""
-        if kind not in self._troubles:
-            self._notices.append(Notice(kind, text))
-            self._troubles.add(kind)
 
 
 class Vn100Device(PortDevice):

@@ -10,7 +10,7 @@ import struct
 import time
 from collections.abc import Iterator, Mapping
 
-from imumon.model.samples import DeviceInfo, Kind, Notice, SampleBlock
+from imumon.model.samples import DeviceInfo, Kind, SampleBlock
 from imumon.sources.device import DeviceError, DeviceNotFound, DeviceOptions
 from imumon.sources.port_device import QUIET_UNKNOWN_S, PortDevice, Session
 from imumon.sources.ports import BAUD_RATES
@@ -51,6 +51,8 @@ class MtSession(Session):
     serial : serial number that it must have; None: any.
     """
 
+    quiet_s = QUIET_UNKNOWN_S
+
     def __init__(self, port: SerialPort, device: XsensDevice, serial: str | None) -> None:
         self._port, self._settings, self._decoder = port, device.settings, device.messages
         self._serial, self._progress = serial, device.progress
@@ -61,7 +63,6 @@ class MtSession(Session):
         self._changed = False  # something was written, whether or not the sensor has confirmed it
         self._kind: Kind | None = None  # of the samples that arrived
         self._remarks: tuple[str, ...] = ()
-        self._sample_at, self._silent = time.monotonic(), False
 
     @property
     def _listens(self) -> bool:
@@ -88,7 +89,6 @@ class MtSession(Session):
                 self._identify()
             finally:  # in the configuration state, the sensor would stay silent
                 self._ask(MessageId.GO_TO_MEASUREMENT)
-        self._sample_at = time.monotonic()
         return self.info()
 
     def _replies(self) -> bool:
@@ -140,7 +140,6 @@ class MtSession(Session):
             data = b"".join(struct.pack(">HH", *output) for output in wanted)
             if not self._write(data):
                 self._remarks = ("the sensor does not accept the output configuration: its own is measured",)
-        self._sample_at = time.monotonic()
         return self.info()
 
     def restore(self) -> bool:
@@ -211,22 +210,8 @@ class MtSession(Session):
         items = self._decoder.feed(data)
         for item in items:
             if isinstance(item, SampleBlock):
-                self._kind, self._sample_at = item.stream.kind, time.monotonic()
+                self._kind = item.stream.kind
         return items
-
-    def check_health(self) -> list[Notice]:
-        if time.monotonic() - self._sample_at < QUIET_UNKNOWN_S:
-            was, self._silent = self._silent, False
-            return [Notice("resumed", "samples arrive again")] if was else []
-        first, self._silent = not self._silent, True
-        self._sample_at = time.monotonic()
-        if not self._listens:
-            self.configure()  # after a power-up it may be in another state, or have its own configuration
-        return (
-            [Notice("silent", "no sample arrives from the sensor: check its power and the cable")]
-            if first
-            else []
-        )
 
 
 def _listed(configuration: bytes) -> str:

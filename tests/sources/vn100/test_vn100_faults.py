@@ -8,7 +8,8 @@ import pytest
 from vn100_bench import RATE, Bench, Killed, kinds
 
 from imumon.config import DeviceSettings
-from imumon.sources.vn100.commands import OtherSensor
+from imumon.sources.device import DeviceLost
+from imumon.sources.vn100.commands import NotAVn100, OtherSensor
 from imumon.sources.vn100.emulator import EmulatorSettings
 from imumon.sources.vn100.emulator.command_handler import CommandHandler
 from imumon.sources.vn100.emulator.emulator import make_device
@@ -16,14 +17,15 @@ from imumon.sources.vn100.emulator.emulator import make_device
 # ---------------------------------------------------------------------- faults
 
 
-def test_restarted_sensor_is_configured_again() -> None:
+def test_a_restarted_sensor_is_lost_and_configured_again() -> None:
     bench = Bench()
     session = bench.streaming()
+    saved = session.save_settings()
     bench.run(session, 1.0)
     bench.power_cut()
-    samples, notices = bench.run(session, 5.0)
-    assert "reconfigured" in kinds(notices)
-    assert samples > 200
+    with pytest.raises(DeviceLost):
+        bench.run(session, 5.0)
+    session = bench.streaming(saved=saved)
     samples, notices = bench.run(session, 1.0)
     assert samples >= 95
     assert notices == []
@@ -36,26 +38,29 @@ def test_restarted_sensor_is_configured_again() -> None:
 def test_other_baud_after_a_power_interruption_is_found(flash: int) -> None:
     bench = Bench(make_device(EmulatorSettings(seed=1, baud=flash, rate=RATE.get(flash, 40.0))))
     session = bench.streaming(DeviceSettings(set_baud=115200))
+    saved = session.save_settings()
     assert bench.baud == 115200
     bench.run(session, 0.5)
     bench.power_cut()
-    samples, notices = bench.run(session, 14.0)
-    assert "found" in kinds(notices) or "reconfigured" in kinds(notices)
-    assert samples >= 95
+    with pytest.raises(DeviceLost):
+        bench.run(session, 14.0)
+    session = bench.streaming(DeviceSettings(set_baud=115200), saved)
+    assert bench.run(session, 1.0)[0] >= 95
     assert bench.baud == 115200, "the requested baud rate is set again"
 
 
-def test_silence_and_its_end_give_one_notice_each() -> None:
+def test_a_silent_sensor_is_lost_and_found_again() -> None:
     bench = Bench()
     session = bench.streaming()
+    saved = session.save_settings()
     bench.dead = True
-    _, notices = bench.run(session, 25.0)
-    assert kinds(notices).count("silent") == 1
+    with pytest.raises(DeviceLost):
+        bench.run(session, 25.0)
+    with pytest.raises(NotAVn100):
+        bench.streaming(saved=saved)
+    assert bench.baud == 115200, "the port keeps the baud rate of the sensor"
     bench.dead = False
-    _, notices = bench.run(session, 12.0)
-    assert bench.run(session, 1.0)[0] >= 95
-    assert {"resumed", "found", "reconfigured"} & set(kinds(notices))
-    assert "garbage" not in kinds(notices), "the port keeps the baud rate of the sensor"
+    assert bench.run(bench.streaming(saved=saved), 1.0)[0] >= 95
 
 
 def test_sensor_errors_give_notices() -> None:
@@ -76,8 +81,10 @@ def test_another_sensor_on_the_same_port_is_refused() -> None:
     session = bench.streaming()
     bench.device = make_device(EmulatorSettings(seed=2, serial="0100000002"))
     bench.device.advance(int(bench.now * 800))
-    with pytest.raises(OtherSensor) as error:
+    with pytest.raises(DeviceLost):
         bench.run(session, 5.0)
+    with pytest.raises(OtherSensor) as error:
+        bench.session(serial="0100056785").connect()
     assert error.value.code == "other_sensor"
 
 
@@ -86,8 +93,9 @@ def test_flash_is_not_written_and_the_sensor_is_not_reset() -> None:
     session = bench.streaming(DeviceSettings(set_baud=230400))
     bench.run(session, 1.0)
     bench.power_cut()
-    bench.run(session, 4.0)
-    session.restore()
+    with pytest.raises(DeviceLost):
+        bench.run(session, 4.0)
+    bench.streaming(DeviceSettings(set_baud=230400), session.save_settings()).restore()
     allowed = {b"$VNRRG", b"$VNWRG", b"$VNASY"}
     assert {command[:6] for command in bench.written} == allowed
 
