@@ -44,12 +44,13 @@ class InvalidSamples:
         if block.stream is not self._stream:
             self._stream = block.stream
             self._inertial = [k for k, sensor in enumerate(block.stream.sensors) if sensor in INERTIAL]
-        values = block.values[:, self._inertial]
         with np.errstate(over="ignore", invalid="ignore"):
-            all_valid = bool(abs(values.sum()) < LARGEST)  # one fast pass, which NaN and inf fail, too
-        if all_valid and not self._lost:
-            return block
-        keep = np.ones(len(block), bool) if all_valid else np.asarray((np.abs(values) < LARGEST).all(axis=1))
+            all_valid = bool(abs(block.values.sum()) < LARGEST)  # one fast pass, which NaN and inf fail, too
+            if all_valid and not self._lost:
+                return block
+            keep = np.asarray((np.abs(block.values[:, self._inertial]) < LARGEST).all(axis=1))
+        if keep.all() and not self._lost:
+            return block  # only a magnetometer or a thermometer has none
         self.any = self.any or not keep.all()
         # A sample that is taken out is lost, and so is what was lost before it: the next one that stays has the sum.
         before = self._lost + np.cumsum(block.lost + ~keep)  # lost up to each sample, itself included

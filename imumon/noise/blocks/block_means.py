@@ -221,14 +221,15 @@ class BlockAccumulator:
             counts = np.add.reduceat(valid, edges, axis=1)
         if (offset != self._offset).any():  # of a later segment; all means are about one offset
             sums += np.nan_to_num(offset - self._offset)[:, None] * counts[self._groups]
-        # `+=` with an index adds to a block once only, however often the index names it: so first the first pieces of
-        # all blocks, then the second ones
-        order = np.arange(len(blocks)) - np.searchsorted(blocks, blocks)
-        for number in range(int(order.max()) + 1):
-            pieces_now = order == number
-            self._sums[:, blocks[pieces_now]] += sums[:, pieces_now]
-            self._counts[:, blocks[pieces_now]] += counts[:, pieces_now]
-        self._segment[blocks] = self._segments
+        # the total of each block so far, then its pieces in their order, which `accumulate` adds one after the other
+        first, end = int(blocks[0]), int(blocks[-1]) + 1
+        order = 1 + np.arange(len(blocks)) - np.searchsorted(blocks, blocks)
+        for total, added in ((self._sums, sums), (self._counts, counts)):
+            in_order = np.zeros((len(total), end - first, int(order.max()) + 1))
+            in_order[:, :, 0] = total[:, first:end]
+            in_order[:, blocks - first, order] = added
+            total[:, first:end] = np.add.accumulate(in_order, axis=2)[:, :, -1]
+        self._segment[first:end] = self._segments
         self._n += n
 
     def _room(self) -> int:

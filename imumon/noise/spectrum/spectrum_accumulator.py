@@ -58,6 +58,7 @@ from imumon.model.samples import Bools, Floats
 from imumon.model.saved_state import restorable
 from imumon.noise.spectrum.half_band import decimated_with_shares
 from imumon.noise.spectrum.level_sums import (
+    BINS,
     FIRST_BIN,
     HANN,
     HANN_POWER,
@@ -337,15 +338,20 @@ class SpectrumAccumulator:
             level.averages += count
         else:
             weights, waves = self._add_shares(s, segments, share)
-        power = _windowed_squares(segments)
+        # the sum so far, then the squares of the segments, which are added one after the other: the same bits for any
+        # chunking
+        power = np.empty((len(x), count + 1, BINS))
+        power[:, 0] = level.power
+        _windowed_squares(segments, power[:, 1:])
         if waves is not None:
             # the bins in use are without the slow waves; below them is what people see of the lowest frequencies
             segments += waves
-            power[:, :, :FIRST_BIN] = _windowed_squares(segments)[:, :, :FIRST_BIN]
+            with_waves = np.empty((len(x), count, BINS))
+            _windowed_squares(segments, with_waves)
+            power[:, 1:, :FIRST_BIN] = with_waves[:, :, :FIRST_BIN]
         if weights is not None:
-            power *= weights[:, :, None]
-        for number in range(count):  # one after the other: the same bits for any chunking
-            level.power += power[:, number]
+            power[:, 1:] *= weights[:, :, None]
+        np.add.reduce(power, axis=1, out=level.power)
 
     def _add_shares(self, s: int, segments: Floats, share: Floats) -> tuple[Floats, Floats | None]:
         """Count segments with missing samples, and subtract the mean of what is there, and slow waves beside holes.
@@ -426,12 +432,12 @@ def _sum(total: Floats, values: Floats) -> Floats:
     return np.asarray(np.add.accumulate(np.column_stack((total, values)), axis=1)[:, -1])
 
 
-def _windowed_squares(segments: Floats) -> Floats:
-    """Return (c, n, BINS) the squared transforms of segments (c, n, SEGMENT) times the window."""
+def _windowed_squares(segments: Floats, out: Floats) -> None:
+    """Write (c, n, BINS) the squared transforms of segments (c, n, SEGMENT) times the window."""
     # the squares of real and imaginary parts, added: `abs` would take a root of each and square it again
     parts = np.fft.rfft(segments * HANN, axis=2).view(np.float64)
     parts *= parts
-    return np.asarray(parts[:, :, ::2] + parts[:, :, 1::2])
+    np.add(parts[:, :, ::2], parts[:, :, 1::2], out=out)
 
 
 def _of_hops(share: Floats | None, begin: int, end: int) -> Floats | None:
