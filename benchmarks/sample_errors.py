@@ -106,7 +106,7 @@ class Tally:
     def add(self, measurement: Measurement) -> None:
         """Count the channels of a run."""
         report = measurement.report
-        graded = report.grade["gyro"].nearest is not None
+        graded = report.grade["gyro"].meets is not None
         total = report.session.samples + report.session.missing
         self._excluded.append(
             report.session.excluded_s * (report.device.sample_rate_hz or 0.0) / max(total, 1)

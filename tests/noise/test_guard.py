@@ -162,6 +162,14 @@ def test_usual_repeats_are_not_stuck() -> None:
     assert guard.at_rest
 
 
+def test_a_coarse_axis_is_not_stuck_where_its_level_is_in_the_middle_of_a_step() -> None:
+    values = quiet(600)
+    level = np.linspace(0.0, 4.0, len(values))
+    values[:, 1] = 1e-3 * np.rint(level + 0.15 * values[:, 1] / SIGMA[1])
+    _, _, events = excluded(values)
+    assert "stuck" not in {event.kind for event in events}
+
+
 @pytest.mark.few
 @pytest.mark.parametrize("missing", [np.nan, np.inf, -9.8])
 def test_a_sample_that_does_not_count_hides_no_knock(missing: float) -> None:

@@ -120,6 +120,13 @@ def test_a_sensor_that_is_picked_up_and_put_back(deviation: float) -> None:
     assert guard.at_rest
 
 
+def test_a_shaker_is_not_at_rest() -> None:
+    """White noise as rest has, of a size that no sensor has."""
+    guard, valid = run(at_rest(60.0, 100.0, 57.0, 0.02), 100.0)
+    assert not guard.at_rest
+    assert not valid.any()
+
+
 def test_a_knock_on_a_noisy_sensor_is_excluded() -> None:
     rate = 100.0
     values = at_rest(300.0, rate, 2.0, 0.3)

@@ -117,6 +117,14 @@ def test_the_upper_limit_of_n_holds_the_excluded_end_of_heavy_tails() -> None:
         assert white.high < 1.1 * of_all_samples
 
 
+def test_rare_outliers_of_any_size_are_no_tail() -> None:
+    """Half a per cent of them, with ten times the noise: some end just short of far, as the samples of a tail do."""
+    values, rng = quiet(120_000), np.random.default_rng(9)
+    hit = rng.random(len(values)) < 0.005
+    values[hit, 1] += 10.0 * SIGMA[1] * rng.standard_normal(hit.sum())
+    assert not guarded(values)[0].noisy_outliers.any()
+
+
 def test_outliers_become_rare_again() -> None:
     values = np.concatenate((with_spikes(60_000, 0.03, [1]), quiet(240_000, 5)))
     values[250_000, 1] += 1.0

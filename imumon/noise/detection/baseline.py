@@ -76,21 +76,6 @@ from imumon.model.samples import Bools, Floats, Ints
 from imumon.model.saved_state import restorable
 from imumon.noise.validity_groups import LEAST_SHARE, ROUNDING
 
-PAUSE_FRAMES = 2
-"""After this many in a row that the old baseline calls usual, the search for a new rest starts again. Unit: frames,
-about s.
-
-Otherwise: two long bursts of noise and the pause between them become the baseline, and the next burst is usual.
-Origin: a noise that is usual to the old baseline in one of five frames has two in a row once in half a minute
-(`sample_errors.py`).
-"""
-MOST_UNUSUAL_CANDIDATES = 2
-"""A new baseline may call this many of the frames that it is made of unusual. Unit: frames of REST_FRAMES.
-
-Otherwise: an engine that runs with a few knocks is never rest, or a restless hand is. Origin: motion leaves as many
-usual frames in its window (`guards.py`).
-"""
-
 PARTS = 10
 """A part, about 0.1 s, is the shortest time that is excluded with margins; ten of them are a frame. Unit: parts of
 a frame.
@@ -199,7 +184,7 @@ SHAKEN_FACTOR = 20.0
 REST_LIMIT_ACCEL.
 
 Otherwise: a shaker or a drone, whose motion is white, is rest. Chosen: 0.03 rad/s, 100 deg/sqrt(h), is more than the
-noise of any sensor (`test_guard_reasons.py`).
+noise of any sensor (`test_guard_motion.py`).
 """
 TURN_RATE = 0.1
 """Above, it is turned. Unit: rad/s, length of the level of a gyroscope.

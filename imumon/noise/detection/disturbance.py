@@ -70,9 +70,7 @@ from imumon.model.samples import Bools, Floats
 from imumon.model.saved_state import restorable
 from imumon.noise.detection.baseline import (
     FIRST_FRAMES,
-    MOST_UNUSUAL_CANDIDATES,
     PARTS,
-    PAUSE_FRAMES,
     READY_FRAMES,
     REST_FRAMES,
     FrameStatistics,
@@ -557,8 +555,10 @@ class DisturbanceDetector:
             self._candidates.append(frames)
         elif self._unknown_frames >= FIRST_FRAMES:  # as long as the gaps for which the guard calls `end`
             self._candidates = []
-        if self._window[-PAUSE_FRAMES:] == [Verdict.USUAL] * PAUSE_FRAMES:
-            self._candidates = []  # the old noise between two bursts of another one is no part of a new rest
+        if self._window[-2:] == [Verdict.USUAL] * 2:
+            # The old noise between two bursts of another one is no part of a new rest. One frame alone may be usual by
+            # chance.
+            self._candidates = []
         # Unknown frames count as usual here. Nothing is seen to move any more: otherwise a sensor that was put down
         # while its samples were lost would be "not at rest" for as long as they are. Motion that continues is compared
         # with the same baseline, excluded frame by frame, and recognised again. Without a baseline nothing is unusual,
@@ -571,8 +571,7 @@ class DisturbanceDetector:
         candidates, self._candidates = FrameStatistics.joined(self._candidates), []
         trial = self._new_baseline()
         trial.add(candidates)
-        # A changing noise or a hand that pauses makes some frames unusual to the others: the next sixteen are tried.
-        if not trial.at_rest or trial.unusual(candidates).any(axis=1).sum() > MOST_UNUSUAL_CANDIDATES:
+        if not trial.at_rest:
             return False
         self._adopt(trial)
         # a break is one of all sensors: a magnet nearby must not break the gyroscope's record

@@ -55,24 +55,10 @@ from imumon.noise.detection.disturbance import (
     ReasonCode,
 )
 
-REFERENCE_SHARE = 0.5
-"""A frame with fewer valid samples is no reference for the size of the next disturbance. Unit: of the samples of a
-frame.
-
-Otherwise: the few samples between two knocks would measure the second one. Chosen: half a frame gives level and
-deviation to 10 % at 100 Hz (`test_guard.py`).
-"""
 OUTLIER_EVENT_FRAMES = 60
 """Outliers of a sensor within this time are one disturbance. Unit: frames.
 
 Otherwise: a noisy cable floods the events. Chosen: a minute (`test_outliers.py`).
-"""
-ONE_AXIS_SHARE = 0.5
-"""If the median axis repeats less, that axis alone is stuck, and the event names it. Unit: of the repeats of the
-axis with most.
-
-Otherwise: each stuck output is one of the whole sensor. Chosen: half, because an axis that hangs repeats always, the
-others by chance (`test_guard.py`).
 """
 
 
@@ -114,7 +100,8 @@ class DisturbanceRecorder:
         for frame_end in range(end // self._frame_samples * self._frame_samples, 0, -self._frame_samples):
             rows = slice(frame_end - self._frame_samples, frame_end)
             received = np.asarray(valid[rows][:, self._groups].all(axis=1), dtype=bool)
-            if received.sum() >= REFERENCE_SHARE * self._frame_samples:
+            # half of a frame gives level and deviation to 10 % at 100 Hz
+            if 2 * received.sum() >= self._frame_samples:
                 quiet = values[rows][received][:, self._channels]
                 self.level, self.deviation = quiet.mean(axis=0), quiet.std(axis=0)
                 break
@@ -155,7 +142,8 @@ class DisturbanceRecorder:
         size: float | None = None  # of a stuck output, or of a disturbance whose samples are all lost
         channel: int | None = None
         if self._code == ReasonCode.STUCK:
-            if np.median(self._repeats) < ONE_AXIS_SHARE * self._repeats.max():
+            # an axis that hangs repeats always, the others by chance; an output that hangs repeats all of them
+            if np.median(self._repeats) < 0.5 * self._repeats.max():
                 channel = self._channels[int(np.argmax(self._repeats))]
         elif share[worst] > 0.0:
             size, channel = float(distance[worst]), self._channels[worst]

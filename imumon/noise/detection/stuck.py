@@ -88,12 +88,6 @@ STUCK_AXIS_FRAMES = 2
 Otherwise: a smooth signal keeps its rounded value where it turns, and is stuck. Chosen: shorter than any use of a
 stuck axis, longer than such a turn (`sensitivity.py`).
 """
-NEVER_STUCK_SHARE = 1.0 / 3.0
-"""An axis that usually repeats as often, or more, is never stuck. Unit: of the samples.
-
-Otherwise: a coarse axis is stuck whenever its level lies in the middle of a step. Origin: noise of 0.85 steps repeats
-so often; below, the share depends on the level (`test_guard.py`).
-"""
 HELD_AXIS_SHARE = 7.0 / 8.0
 """An axis that usually repeats as often while others change, in steps of any size, decides no disturbance. Unit: of
 the samples.
@@ -173,23 +167,19 @@ class RepeatDetector:
             return
         for i in np.flatnonzero(self._samples).tolist():
             share = float(self._repeats[i] / self._samples[i])
+            axis = i - len(self._channels)
+            if axis < 0:
+                self._stuck_after[i] = run_beyond_chance(share, STUCK_SAMPLES)
+                continue
+            # An axis whose noise is below a step repeats often, and always while its level is in the middle of one: it
+            # is never stuck. Of the others, n equal values are n - 1 repeats.
             self._stuck_after[i] = (
-                self._group_stuck_after(share) if i < len(self._channels) else self._axis_stuck_after(share)
+                STUCK_AXIS_FRAMES * self._frame_samples - 1 if share < 1.0 / 3.0 else _NEVER
             )
-            if i >= len(self._channels):
-                self.held[i - len(self._channels)] = share >= HELD_AXIS_SHARE
+            self.held[axis] = share >= HELD_AXIS_SHARE
         if self._frames[0] % MEMORY_FRAMES == 0:
             self._samples *= 0.5
             self._repeats *= 0.5
-
-    def _group_stuck_after(self, share: float) -> int:
-        """Return the repeats in a row of whole samples that are stuck: watched, or constant."""
-        return run_beyond_chance(share, STUCK_SAMPLES)
-
-    def _axis_stuck_after(self, share: float) -> int:
-        """Return the repeats in a row of an axis that are stuck: watched, or exempt."""
-        # n equal values are n - 1 repeats
-        return STUCK_AXIS_FRAMES * self._frame_samples - 1 if share < NEVER_STUCK_SHARE else _NEVER
 
     def _follow(self, i: int, same: Bools) -> Bools:
         """Return the stuck samples (n,) of group or channel i, of which `same` repeat; learn from the others."""
