@@ -21,9 +21,9 @@ from imumon.record import Record, RecordOptions
 
 RATE = 20.0
 STREAM = Stream("deltas", ("gyro/x", "gyro/y", "accel/x", "mag/x", "temperature"), "made", "startup")
-LAYOUT = "19664c13"
+LAYOUT = "e6927362"
 """Digest of the names of all attributes that a state has. If it changes, so must `imumon.checkpoint.FORMAT`."""
-LAYOUT_FORMAT = 13
+LAYOUT_FORMAT = 14
 
 
 def feed(made: PlacedRecord, lengths: list[int], seed: int) -> None:

@@ -67,7 +67,6 @@ and by what the level itself scatters. A knock of 3 sigma that lasts shows in no
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 from scipy.special import ndtri
@@ -81,7 +80,7 @@ PARTS = 10
 a frame.
 
 Otherwise: one knock of 20 ms costs a whole second, or every sample needs a threshold of its own. Origin: a knock on a
-table rings for about 0.1 s; ten means give their deviation to 24 % (`sensitivity.py`).
+table rings for about 0.1 s; ten means give their deviation to 24 %.
 """
 INDEPENDENT_SAMPLES = 100
 """How many samples of a frame count as independent, at most, in the noise that its mean must have. Unit: samples of
@@ -100,27 +99,27 @@ LEVEL_FRAMES = 8
 """The level of a channel is the median of the means of the last quiet frames. Unit: frames.
 
 Otherwise: a longer memory calls the random walk of a bias a knock; a shorter one follows a single bad frame. Origin:
-a median of eight is moved by no three of them, and a random walk goes sqrt(8) steps in that time (`guards.py`).
+a median of eight is moved by no three of them, and a random walk goes sqrt(8) steps in that time.
 """
 MEMORY_FRAMES = 128
 """Usual noise is that of the last 128 quiet frames; counts of repeats halve every 128, of outliers at 128. Unit:
 frames.
 
 Otherwise: no noise that changes would become usual, or the usual noise itself would be uncertain. Origin: two
-minutes: the median of 128 deviations is right to 10 %, and half of them may be disturbed (`sensitivity.py`).
+minutes: the median of 128 deviations is right to 10 %, and half of them may be disturbed.
 """
 UNUSUAL_SIGMA = 7.0
 """A sample, a mean or the logarithm of a deviation farther off is not usual; it also sets UNUSUAL_CHANCE. Unit:
 sigma.
 
 Otherwise: at 5 sigma, noise is excluded every hour; at 10, a knock of the size of the noise stays. Origin: chosen
-between the two; Gaussian noise exceeds it with 3e-12: less than one sample in a month at 800 Hz (`guards.py`).
+between the two; Gaussian noise exceeds it with 3e-12: less than one sample in a month at 800 Hz.
 """
 LEAST_UNUSUAL_RATIO = 1.5
 """A frame is not unusual by its deviation before it exceeds this. Unit: times the usual deviation.
 
 Otherwise: at high rates, deviations scatter by 1 %, and every harmless change of the noise is excluded. Origin: 1.5
-times for one second adds 7e-6 to N of a day: less matters little (`guards.py`).
+times for one second adds 7e-6 to N of a day: less matters little.
 """
 ERROR_MARGIN = 3.0
 """How much wider a threshold is while its scale, or a count, is uncertain itself. Unit: standard errors.
@@ -166,18 +165,18 @@ REST_FACTOR = 2.2
 predicts.
 
 Otherwise: the noise of a cheap sensor, 1 to 5 deg/s, is motion. Origin: 2.5 for three axes and sixteen frames, wider
-by n^-1/2 for n differences; a recorded hand exceeds 2.9 (`guards.py`).
+by n^-1/2 for n differences; a recorded hand exceeds 2.9.
 """
 REST_LIMIT_GYRO = 1.5e-3
 """Up to this, a gyroscope is at rest, whatever its spectrum. Unit: rad/s, Allan deviation at 1 s.
 
 Otherwise: flicker noise above the white noise, or a running engine, is motion. Origin: two to three times the
-consumer grade; a parked car with its engine running stays below, a drive does not (`guards.py`).
+consumer grade; a parked car with its engine running stays below, a drive does not.
 """
 REST_LIMIT_ACCEL = 3e-2
 """The same for an accelerometer. Unit: m/s^2, Allan deviation at 1 s.
 
-Otherwise: see REST_LIMIT_GYRO. Origin: see REST_LIMIT_GYRO (`guards.py`).
+Otherwise: see REST_LIMIT_GYRO. Origin: see REST_LIMIT_GYRO.
 """
 SHAKEN_FACTOR = 20.0
 """Above this Allan deviation at 1 s, a sensor is shaken, whatever its spectrum. Unit: times REST_LIMIT_GYRO and
@@ -327,19 +326,6 @@ def _mean_or_inf(sums: Floats, counts: Ints) -> Floats:
 
 
 @restorable
-class Rest(IntEnum):
-    """What the last quiet frames say about rest."""
-
-    UNDECIDED = 0
-    """Fewer than `FIRST_FRAMES` frames: rest until they say otherwise."""
-    REST = 1
-    TURNED = 2
-    """The mean of the gyroscope is no bias: a steady turn."""
-    MOTION = 3
-    """The means of the frames differ by more than the noise of a sensor explains."""
-
-
-@restorable
 class NoiseBaseline:
     """Level and scales of each channel at rest.
 
@@ -352,7 +338,7 @@ class NoiseBaseline:
     ----------
     frames : quiet frames learned from, in all.
     frames_since_quiet : frames since the last quiet one, disturbed or missing.
-    rest : whether the frames can be those of a sensor at rest.
+    at_rest : whether the frames can be those of a sensor at rest; before `FIRST_FRAMES` nothing says that they are not.
     origin : (c,) channel unit, near the level: sums are relative to it and lose no digits.
     usual_sample, usual_part, usual_level : (c,) channel unit, largest usual distance of a sample and of the mean of
         a part from the mean of their frame, and of the mean of a frame from the level. inf: unknown.
@@ -374,7 +360,7 @@ class NoiseBaseline:
         )
         self.frames = 0
         self.frames_since_quiet = 0
-        self.rest = Rest.UNDECIDED
+        self.at_rest = True
         self.held = np.zeros(c, dtype=bool)
         self.origin = np.zeros(c)
         self._recent_means = np.zeros((LEVEL_FRAMES, c))  # newest first
@@ -388,11 +374,6 @@ class NoiseBaseline:
     def ready(self) -> bool:
         """Whether it has learned from enough quiet frames to assess others."""
         return bool(self.frames >= READY_FRAMES)
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether the frames can be those of a sensor at rest."""
-        return self.rest <= Rest.REST
 
     @property
     def next_change(self) -> int:
@@ -496,7 +477,7 @@ class NoiseBaseline:
             self._part_rms_limit,
         ):
             limit[silent] = np.inf
-        self.rest = self._judge_rest(n, silent)
+        self.at_rest = self._rests(n, silent)
 
     def _silent(self, n: int, coarse: Bools) -> Bools:
         """Return (c,) the axes without noise in their frames, by n frames; nothing of them is ever unusual.
@@ -541,17 +522,17 @@ class NoiseBaseline:
         limit = self._level_limit * np.sqrt(1.0 + self.frames_since_quiet / LEVEL_FRAMES)
         return np.asarray(np.abs(frames.mean - self._levels_before(frames.mean)) > limit)
 
-    def _judge_rest(self, n: int, silent: Bools) -> Rest:
+    def _rests(self, n: int, silent: Bools) -> bool:
         """Return whether the last of `n` frames can be rest: squares are averaged over the axes of a sensor.
 
         `silent` axes (c,) have no noise that would predict how their means may differ; they do not count.
         """
         members = {name: [i for i in axes if not silent[i]] for name, axes in self._members.items()}
         if float(np.linalg.norm(self.level[members.get("gyro", [])])) > TURN_RATE:
-            return Rest.TURNED
+            return False  # the mean of a gyroscope is no bias: a steady turn
         k = min(n, REST_FRAMES)
         if k < FIRST_FRAMES:  # one or two differences exceed any factor by chance
-            return Rest.UNDECIDED
+            return True
         rows = (self.frames - k + np.arange(k)) % MEMORY_FRAMES
         allan_deviation = np.sqrt(
             0.5 * np.mean(np.diff(self._means[rows], axis=0) ** 2, axis=0)
@@ -562,8 +543,8 @@ class NoiseBaseline:
         factor = REST_FACTOR * (1.0 + ((k - 1) * axes_of) ** -0.5)
         limit = np.minimum(np.maximum(self._rest_limit, factor * white), SHAKEN_FACTOR * self._rest_limit)
         excess = (allan_deviation / limit) ** 2
-        rests = all(float(excess[axes].mean()) <= 1.0 for axes in members.values() if axes)
-        return Rest.REST if rests else Rest.MOTION
+        # else the means of the frames differ by more than the noise of a sensor explains
+        return all(float(excess[axes].mean()) <= 1.0 for axes in members.values() if axes)
 
 
 def _log_scale(logs: Floats, least_scatter: float) -> tuple[Floats, Floats]:

@@ -82,20 +82,20 @@ LOCATED_SHARE = 0.5
 """Up to this, single parts are excluded instead of the whole unusual frame. Unit: of the parts of a frame.
 
 Otherwise: a knock of 0.1 s costs a second; if most parts are off, the rest is too short to be called quiet. Chosen:
-the other half still has five means (`sensitivity.py`).
+the other half still has five means.
 """
 WINDOW_FRAMES = 10
 """Motion is recognised by the unusual ones among the last ten; a gap empties this window. Unit: frames, about s.
 
 Otherwise: two knocks of an hour would count together, or every pause would end motion. Chosen: longer than a knock
-with its echo (`sensitivity.py`).
+with its echo.
 """
 MOTION_FRAMES = 8
 """From here on everything is excluded, also the frames between that look quiet. Unit: unusual frames of
 WINDOW_FRAMES.
 
 Otherwise: a moving sensor that is quiet for a moment counts for that moment. Chosen: a knock and its echo take fewer,
-and two quiet moments in ten seconds do not end motion (`sensitivity.py`).
+and two quiet moments in ten seconds do not end motion.
 """
 SEVERAL_AXES = 2
 """This many unusual axes of a frame can be motion; fewer only if a mean has changed. Unit: axes.
@@ -107,7 +107,7 @@ RETURN_FRAMES = WINDOW_FRAMES // 2
 """A disturbance or motion ends when these, in a row, show nothing unusual; unknown ones count. Unit: frames, about
 s.
 
-Otherwise: a car at a crossing is at rest for two seconds. Chosen: half of the window (`sensitivity.py`).
+Otherwise: a car at a crossing is at rest for two seconds. Chosen: half of the window.
 """
 
 # ---------------------------------------------------------------------- reasons

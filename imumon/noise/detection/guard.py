@@ -117,13 +117,13 @@ MARGIN_BEFORE = PARTS // 2
 """So much is excluded before the first part that is unusual. Unit: parts of 0.1 s.
 
 Otherwise: the onset stays: a hand that comes near begins below the threshold. Chosen: half a frame. The guard holds
-one frame back, so more than a whole one is impossible (`guards.py`).
+one frame back, so more than a whole one is impossible.
 """
 MARGIN_AFTER = PARTS
 """So much is excluded after the last part that is unusual. Unit: parts of 0.1 s.
 
 Otherwise: the end stays: a table rings down below the threshold, and the filter of the sensor settles. Chosen: a
-frame, ten times as long as a table rings (PARTS) (`guards.py`).
+frame, ten times as long as a table rings (PARTS).
 """
 
 

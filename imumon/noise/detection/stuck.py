@@ -80,13 +80,13 @@ STUCK_SAMPLES = 5
 """Fewer are not stuck, however rare repeats are. Unit: repeats in a row.
 
 Otherwise: a sample that a driver sends twice is a fault of the sensor. Chosen: drivers repeat one or two samples
-while they wait (`sensitivity.py`).
+while they wait.
 """
 STUCK_AXIS_FRAMES = 2
 """An axis that keeps its value so long, while other axes change, is stuck. Unit: frames.
 
 Otherwise: a smooth signal keeps its rounded value where it turns, and is stuck. Chosen: shorter than any use of a
-stuck axis, longer than such a turn (`sensitivity.py`).
+stuck axis, longer than such a turn.
 """
 HELD_AXIS_SHARE = 7.0 / 8.0
 """An axis that usually repeats as often while others change, in steps of any size, decides no disturbance. Unit: of

@@ -56,14 +56,13 @@ GRID = 20
 coefficients for an oscillation. Unit: values.
 
 Otherwise: with 10, limits of B and K move by up to 9 % of their distance. Origin: with 16 no limit of 15 channels
-moves by more than 0.7 % of the distance of the limits; with 40 and 80 by 1 %, but one, a lower limit of B, by 10 %
-(`resolution.py`).
+moves by more than 0.7 % of the distance of the limits; with 40 and 80 by 1 %, but one, a lower limit of B, by 10 %.
 """
 FINE = 8
 """Resolution of the cumulative probability between two points of the grid. Unit: parts of a cell.
 
 Otherwise: with 2, limits move by up to 1.1 % of their distance. Origin: with 32 no limit moves by more than 0.1 % of
-the distance of the limits (`resolution.py`).
+the distance of the limits.
 """
 WIDEST_SEARCH = (1e-6, 1e12)
 """Least and greatest power of B and K in the first search, in the lowest coefficient of the record. Unit: of the
@@ -78,15 +77,14 @@ DROP = 9.0
 """The grid ends where the likelihood has fallen by this much. Unit: log likelihood.
 
 Otherwise: with 4.5, limits move by up to 9 % of their distance, because tails are cut off; with more, most of the
-grid is empty. Origin: exp(-9) = 10^-4 of the greatest likelihood; with 13 no limit moves by more than 0.9 %
-(`resolution.py`).
+grid is empty. Origin: exp(-9) = 10^-4 of the greatest likelihood; with 13 no limit moves by more than 0.9 %.
 """
 GRID_FALL = 0.7
 """A grid holds the likelihood if this has fallen by this share at both ends, and at least half of the cells lie
 above that. Unit: of DROP.
 
 Otherwise: at 1 a grid that was made from its predecessor would always be made again. Origin: exp(-6.3) = 0.002 of the
-greatest likelihood; with 0.5 and 0.9 no limit moves by more than 1 % (`resolution.py`).
+greatest likelihood; with 0.5 and 0.9 no limit moves by more than 1 %.
 """
 MOST_MOVES = 6
 """A grid that does not hold the likelihood is moved this often at most. Unit: grids.
@@ -99,12 +97,6 @@ SLOW_GROUPS = (0, 3, 7, 15, 31)
 
 Otherwise: with all 48 in one, a missing lowest frequency is diluted; with each alone, all of them are. Origin: an
 octave each, beginning with three coefficients, of which a drift takes one (`markov.py`).
-"""
-SLOW_DEGREES = 0.5
-"""A group of single coefficients with fewer degrees beside the columns is not judged. Unit: degrees of freedom.
-
-Otherwise: what a column nearly explains is divided by what it leaves, and any rounding is a misfit. Chosen: half of
-one coefficient (`real_effects.py`).
 """
 EVIDENCE = 4.8
 """A coefficient is measured; else its 97.5 % quantile is an upper bound. Unit: twice the log likelihood ratio.
@@ -223,10 +215,6 @@ class Squares:
     power: Floats
     half: Floats
     expected: Mapping[NoiseTerm, Floats]
-
-
-LEAST_LEFT = 1e-3
-"""Least share of a coefficient that a regression leaves: rounding leaves of nothing more than nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,7 +392,8 @@ class Likelihood:
         residual, left = self.residuals(surface)
         fall = 1.0 / (1.0 + surface.corner[surface.best] * self.bands.bend)
         return Squares(
-            np.concatenate((self.bands.power, residual**2 / np.maximum(left, LEAST_LEFT))),
+            # rounding leaves of nothing more than nothing
+            np.concatenate((self.bands.power, residual**2 / np.maximum(left, 1e-3))),
             0.5 * np.concatenate((self.dof, left)),
             {
                 term: np.concatenate((unit * fall, self.coefficients.variances[term]))
@@ -459,7 +448,8 @@ class Likelihood:
         if not starts.size:
             return 0.0, 0.0
         dof = np.maximum(np.add.reduceat(left, starts), LEAST_VARIANCE)
-        judged = dof >= SLOW_DEGREES  # where the columns take nearly all, nothing is left to judge
+        # of less than half a coefficient the columns take nearly all: any rounding of the rest would be a misfit
+        judged = dof >= 0.5
         half, statistic = 0.5 * dof[judged], 0.5 * np.add.reduceat(ratio, starts)[judged]
         # the smaller tail, because a probability near 1 has no digits
         tail = np.minimum(gammainc(half, statistic), gammaincc(half, statistic))

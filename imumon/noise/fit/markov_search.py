@@ -42,8 +42,7 @@ from imumon.noise.fit.likelihood import (
     mixed,
     near,
 )
-from imumon.noise.fit.model import FLICKER, WALK, GaussMarkov, NoiseTerm
-from imumon.noise.validity_groups import ROUNDING
+from imumon.noise.fit.model import FLICKER, WALK, GaussMarkov, NoiseTerm, total
 
 SHORTEST = 10.0
 """Least time constant of Gauss–Markov noise that is tried. Unit: samples.
@@ -77,12 +76,6 @@ odds.
 Otherwise: a standard deviation with a lower limit is stated of noise that may be flicker. Origin: 19 to 1 is 95 %, as
 of all limits (`markov.py`).
 """
-SLOW_TIMES = 6
-"""Number of time constants, up to the longest, that are tried in the place of a walk. Unit: time constants.
-
-Otherwise: with those of the odds, two of which are a factor of 2.7 apart in 2 h at 40 Hz, M loses gain between them.
-Chosen: two of them are a factor of 1.6 apart (`markov.py`).
-"""
 END_SHARE = 0.2
 """A time constant is bounded where its density has fallen to this share at both ends of what was tried. Unit: of
 the greatest density.
@@ -108,12 +101,6 @@ MARKOV_NODES = 7
 
 Otherwise: with 5, limits of the time constant move by up to a quarter of their distance. Origin: chosen for the time;
 they span what has more than 0.2 % of the greatest likelihood.
-"""
-SCORE_ODDS = 0.39
-"""Below these odds by the score, which costs a tenth, the likeliest powers are not sought. Unit: odds.
-
-Otherwise: each fit without the term takes a fifth longer. Origin: in 154 fits with and without the term, the odds
-were 0.74 at most where the score gave less than 0.39.
 """
 PEAK_STEPS = 40
 """Most steps of Fisher's scoring in the logarithms of the powers. Unit: steps.
@@ -175,84 +162,74 @@ def peaks(likelihood: Likelihood, surface: Surface, terms: Sequence[GaussMarkov]
     terms = tuple(terms)
     others = [*likelihood.scored, *surface.grids]
     squares = likelihood.as_squares(surface)
-    unit = np.stack([squares.expected[term] for term in others])
-    markov = np.stack([squares.expected[term] for term in terms])
-    likeliest = np.array([surface.powers[term] for term in others])
-    model = likeliest @ unit
-    scores = _score_gains(squares, unit / model, markov / model, model)
-    if odds_of(scores) < SCORE_ODDS:
-        none = {term: np.full(len(terms), power) for term, power in zip(others, likeliest, strict=True)}
-        return Peaks(terms, scores, none, np.zeros(len(terms)))
+    likeliest = [surface.powers[term] for term in others]
+    model = total(surface.powers, lambda term: squares.expected[term])
+    # it begins with a tenth of the noise, where it shows most
+    begins = 0.1 * min(float((model / squares.expected[term]).min()) for term in terms)
     # the first model has no such term: all gains are against it, found in the same way
-    m = len(terms) + 1
-    units = np.zeros((m, len(others) + 1, unit.shape[1]))
-    units[:, :-1], units[1:, -1] = unit, markov
-    # a power of zero has no logarithm: a ten thousandth of the noise, where it shows most, is zero here
-    least = LEAST_MARKOV_SHARE * np.append(
-        (model / np.maximum(unit, 1e-300)).min(axis=1), (model / markov).min()
-    )
-    start = np.tile(np.append(likeliest, 1e3 * least[-1]), (m, 1))
-    power = np.exp(scored_powers(squares, units, np.log(np.maximum(start, 10.0 * least)), np.log(least)))
-    by_term = {term: power[:, i] for i, term in enumerate(others)}
-    each: dict[NoiseTerm, Floats] = {
-        term: np.where(np.arange(m) == i + 1, power[:, -1], 0.0) for i, term in enumerate(terms)
-    }
-    logs = likelihood.at_powers(by_term, surface, each)
+    start = np.tile([*likeliest, begins], (len(terms) + 1, 1))
+    logs, powers = _likeliest(likelihood, surface, squares, others, (None, *terms), model, start)
     # scoring may have ended at another maximum than the grid without the term
     without = max(float(logs[0]), float(surface.log.max()))
-    return Peaks(terms, logs[1:] - without, {term: p[1:] for term, p in by_term.items()}, power[1:, -1])
+    by_term = {term: powers[1:, i] for i, term in enumerate(others)}
+    return Peaks(terms, logs[1:] - without, by_term, powers[1:, -1])
 
 
 def gain_instead(
-    likelihood: Likelihood, surface: Surface, terms: Sequence[GaussMarkov], absent: NoiseTerm
+    likelihood: Likelihood, surface: Surface, terms: Sequence[NoiseTerm], absent: NoiseTerm
 ) -> float:
-    """Return the gain in log likelihood by Gauss–Markov noise in the place of another term, which is then zero.
+    """Return the gain in log likelihood by one of some terms in the place of another term, which is then zero.
 
     Parameters
     ----------
     likelihood, terms : see `peaks`.
-    surface : with the other term, and without Gauss–Markov noise.
+    surface : with the other term, and without these.
     """
     others = [term for term in (*likelihood.scored, *surface.grids) if term != absent]
     squares = likelihood.as_squares(surface)
-    unit = np.stack([squares.expected[term] for term in others])
-    markov = np.stack([squares.expected[term] for term in terms])
-    units = np.zeros((len(terms), len(others) + 1, unit.shape[1]))
-    units[:, :-1], units[:, -1] = unit, markov
-    likeliest = np.array([surface.powers[term] for term in others])
-    model = surface.powers[absent] * squares.expected[absent] + likeliest @ unit
-    least = LEAST_MARKOV_SHARE * np.append(
-        (model / np.maximum(unit, 1e-300)).min(axis=1), (model / markov).min()
-    )
-    # the other term leaves its power where it shows most: there the first Gauss–Markov noise has as much
-    start = np.column_stack((np.tile(likeliest, (len(terms), 1)), (model / markov).min(axis=1)))
-    power = np.exp(scored_powers(squares, units, np.log(np.maximum(start, 10.0 * least)), np.log(least)))
-    by_term = {term: power[:, i] for i, term in enumerate(others)}
-    each: dict[NoiseTerm, Floats] = {
-        term: np.where(np.arange(len(terms)) == i, power[:, -1], 0.0) for i, term in enumerate(terms)
-    }
-    logs = likelihood.at_powers({**by_term, absent: np.zeros(len(terms))}, surface, each)
+    model = total(surface.powers, lambda term: squares.expected[term])
+    # the other term leaves its power where it shows most: there the first one in its place has as much
+    most = [float((model / squares.expected[term]).min()) for term in terms]
+    start = np.column_stack((np.tile([surface.powers[term] for term in others], (len(terms), 1)), most))
+    logs, _ = _likeliest(likelihood, surface, squares, others, terms, model, start, absent)
     return float(logs.max() - surface.log.max())
 
 
-def _score_gains(squares: Squares, others: Floats, markov: Floats, model: Floats) -> Floats:
-    """Return (t,) the gains in log likelihood by a small power of each of t terms, to second order (Rao 1948).
+def _likeliest(
+    likelihood: Likelihood,
+    surface: Surface,
+    squares: Squares,
+    others: Sequence[NoiseTerm],
+    terms: Sequence[NoiseTerm | None],
+    model: Floats,
+    start: Floats,
+    absent: NoiseTerm | None = None,
+) -> tuple[Floats, Floats]:
+    """Return (m,) the log likelihoods of m models, and (m, p) their likeliest powers, by Fisher's scoring.
 
     Parameters
     ----------
-    others, markov : (p, r), (t, r) what each square expects of a term, over the model (r,) without M.
+    others : the p - 1 terms that all models have.
+    terms : the last term of each; None: it has none.
+    model : (r,) expectation of each square, by which the least power of a term is known.
+    start : (m, p) first values.
+    absent : a term of the likelihood that is zero.
     """
-    gradient = markov @ (squares.half * (squares.power / model - 1.0))
-    cross = (markov * squares.half) @ others.T
-    within = (others * squares.half) @ others.T
-    within += ROUNDING * np.diag(np.diag(within))
-    # what a change of the other powers explains of it is no gain
-    alone = (markov**2) @ squares.half
-    information = alone - np.einsum("tp,pt->t", cross, np.linalg.solve(within, cross.T))
-    # where nothing is left, rounding must not make a gain of it
-    return np.asarray(
-        0.5 * np.maximum(gradient, 0.0) ** 2 / np.maximum(information, ROUNDING * alone + 1e-300)
-    )
+    units = np.zeros((len(terms), len(others) + 1, model.size))
+    units[:, :-1] = [squares.expected[term] for term in others]
+    for unit, term in zip(units, terms, strict=True):
+        unit[-1] = 0.0 if term is None else squares.expected[term]
+    # a power of zero has no logarithm: a ten thousandth of the noise, where it shows most, is zero here
+    least = LEAST_MARKOV_SHARE * (model / np.maximum(units.max(axis=0), 1e-300)).min(axis=1)
+    powers = np.exp(scored_powers(squares, units, np.log(np.maximum(start, 10.0 * least)), np.log(least)))
+    number = np.arange(len(terms))
+    each: dict[NoiseTerm, Floats] = {
+        term: np.where(number == i, powers[:, -1], 0.0) for i, term in enumerate(terms) if term is not None
+    }
+    by_term = {term: powers[:, i] for i, term in enumerate(others)}
+    if absent is not None:
+        by_term[absent] = np.zeros(len(terms))
+    return likelihood.at_powers(by_term, surface, each), powers
 
 
 def scored_powers(squares: Squares, units: Floats, log: Floats, least: Floats) -> Floats:
@@ -298,11 +275,6 @@ def tried_terms(samples: float) -> tuple[GaussMarkov, ...]:
         return ()
     times = np.geomspace(SHORTEST, LONGEST * samples, MARKOV_TIMES)
     return tuple(GaussMarkov("M", time) for time in lattice(times))
-
-
-def slow_times(samples: float) -> list[float]:
-    """Return the time constants of noise that a walk may be, samples: the last decade of those that are tried."""
-    return lattice(LONGEST * samples * np.geomspace(0.1, 1.0, SLOW_TIMES))
 
 
 def odds_of(gains: Floats) -> float:

@@ -56,12 +56,6 @@ Otherwise: wider bands: one expectation does not describe a band of K; narrower 
 Origin: within half an octave no noise of the model changes by more than 2.3 times; the level above has the bins from
 92 on.
 """
-LEAST_BINS = 2
-"""A band with fewer bins beside its lines does not count. Unit: bins.
-
-Otherwise: one bin beside a line holds the tail of the line and moves N. Origin: a bin shares half of its power with
-its neighbours (Hann window), so that one is no independent band (`real_effects.py`).
-"""
 LEAST_BLOCKS = 12
 """A segment with fewer blocks does not count, a channel with fewer is pending; a step has half of them on each
 side. Unit: blocks.
@@ -389,7 +383,7 @@ class _BandLayout:
     pool : bins of a sub-band, or 1.
     kept : (n,) bins in use that hold no line.
     starts : first bin of each band, from the first bin in use.
-    counts : which bands have enough bins.
+    counts : which bands have a bin that holds no line.
     number, dof, top : of those bands, bins that count, degrees of freedom, upper end in cycles per sample.
     bend : of those bands, the harmonic mean of 4 sin^2(pi f).
     """
@@ -425,12 +419,12 @@ def _band_layout(s: int, count: float, there: float, pool: int, kept_pools: byte
     number = np.add.reduceat(kept.astype(np.float64), starts)
     rows_of = np.split(np.arange(bins.size), starts[1:])
     dof = [
-        there * _band_dof(bins[rows[kept[rows]]].tobytes(), count) if size >= LEAST_BINS else 0.0
+        there * _band_dof(bins[rows[kept[rows]]].tobytes(), count) if size else 0.0
         for rows, size in zip(rows_of, number.tolist(), strict=True)
     ]
     # a level below the first ends within its last band: the level above has the bins beyond
     top = np.minimum(BAND_EDGES[1 : 1 + starts.size], last_bin(s)) / SEGMENT / 2.0**s
-    counts = number >= LEAST_BINS
+    counts = number > 0.0
     bend = np.maximum(number, 1.0) / np.maximum(np.add.reduceat(kept / short_term_density(s), starts), 1e-300)
     return _BandLayout(
         s, pool, kept, starts, counts, number[counts], np.array(dof)[counts], top[counts], bend[counts]

@@ -41,7 +41,7 @@ COLLINEAR = 0.95
 """A temperature slope is stated where its estimate is less correlated with that of the drift. Unit: correlation.
 
 Otherwise: slope and drift are two large numbers of opposite sign that say nothing each. Origin: 0.95: the error of
-the slope is three times as large as without the drift (`temperature.py`).
+the slope is three times as large as without the drift.
 """
 
 SINGLE = 48
@@ -49,8 +49,7 @@ SINGLE = 48
 coefficients.
 
 Otherwise: with fewer, a settling or a step leaves power in the bands, which B and K take; with more, fits are slow.
-Origin: the spectrum of a smooth column falls with the square of the number: 1/48^2 is below the noise of a band
-(`sensitivity.py`).
+Origin: the spectrum of a smooth column falls with the square of the number: 1/48^2 is below the noise of a band.
 """
 SETTLING_TIMES = (0.008, 0.015, 0.03, 0.05, 0.08, 0.13, 0.2, 0.32, 0.5)
 """Time constants of an exponential that are tried. Unit: of the segment.
@@ -77,20 +76,20 @@ LEAST_SPAN_DEGC = 0.3
 """The temperature is a column from this range on. Unit: degC.
 
 Otherwise: the noise of a thermometer with a step of 0.1 degC is a column that takes power from K. Chosen: three steps
-of a thermometer that reports tenths of a degree (`temperature.py`).
+of a thermometer that reports tenths of a degree.
 """
 TEMPERATURE_SNR = 3.0
 """The temperature is a column where its bend, as means of four blocks, exceeds their noise by this factor. Unit:
 ratio.
 
 Otherwise: a column of noise has a slope biased towards zero, and what it leaves raises K. Origin: at 3 the bias of
-the slope is 10 % (errors in variables) (`temperature.py`).
+the slope is 10 % (errors in variables).
 """
 THERMOMETER_SIGMA = 3.0
 """A band of the temperature counts where its power exceeds the noise of the thermometer by as much. Unit: standard
 deviations.
 
-Otherwise: the noise of the thermometer enters the model of the channel, times the slope. See `temperature.py`.
+Otherwise: the noise of the thermometer enters the model of the channel, times the slope.
 """
 
 CHI_SQUARE_MEDIAN = 0.455

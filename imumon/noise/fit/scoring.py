@@ -21,14 +21,14 @@ SCORING_STEPS = 3
 
 Otherwise: the first step starts from the median of the upper bands, which holds B and K: N keeps a part of them.
 Origin: with 1 step no limit moves by more than 0.03 % of the distance of the limits; the corner of a low-pass, which
-is not linear, needs the others (`resolution.py`).
+is not linear, needs the others.
 """
 LEAST_MOVE = 1e-4
 """Scoring ends before `SCORING_STEPS` where no power moves by more. Unit: of a power.
 
 Otherwise: every point of every grid takes all steps, and fits are slow. Origin: in 359 fits of simulated and real
 records, the steps beyond moved no number by more than 5e-8 of itself; with 1e-2 no limit of 15 channels moves by 0.01
-% of the distance of the limits (`resolution.py`).
+% of the distance of the limits.
 """
 
 

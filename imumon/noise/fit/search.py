@@ -50,7 +50,6 @@ from imumon.noise.fit.model import (
     TERMS,
     WALK,
     WHITE,
-    GaussMarkov,
     NoiseTerm,
     UpperEnd,
     UpperShape,
@@ -99,7 +98,7 @@ MOST_ERROR = 0.3
 relative error of N^2 up to it. Unit: relative error.
 
 Otherwise: coefficients with limits are stated for a vibrating platform. Origin: an error of 30 % in every band makes
-limits of N of 15 %: no user calls this a measurement of noise (`guards.py`).
+limits of N of 15 %: no user calls this a measurement of noise.
 """
 WINDOWS = (2, 3, 4, 5, 6, 8, 10, 12, 16)
 """Lengths of a moving average in the sensor that are tried. Unit: samples.
@@ -602,9 +601,9 @@ class ModelSearch:
         """Return whether Gauss–Markov noise in the place of a walk that shows describes the record better."""
         if not self._tried_markov or evidence(surface, WALK) <= EVIDENCE:
             return False
-        terms = [GaussMarkov("M", time) for time in markov_search.slow_times(self._samples)]
-        likelihood = self._observed(upper_end, error, terms)
-        gain = markov_search.gain_instead(likelihood, self._fit(upper_end, error)[1], terms, WALK)
+        likelihood = self._observed(upper_end, error, self._tried_markov)
+        surface = self._fit(upper_end, error)[1]
+        gain = markov_search.gain_instead(likelihood, surface, self._tried_markov, WALK)
         return gain > INSTEAD_GAIN
 
     def _with_markov_peak(self, upper_end: UpperEnd, peaks: Peaks) -> tuple[Likelihood, Surface]:

@@ -139,7 +139,7 @@ the power of a column.
 
 Otherwise: the temperature, its square and its cube, alike in 48 coefficients, are large numbers of opposite sign.
 Origin: in 562 blocks a step has 0.4, an exponential 0.33 to 0.0005 from a hundredth to a third of the record, a cycle
-0.001 at most (`temperature.py`).
+0.001 at most.
 """
 
 BEND_CHANCE = 0.05
@@ -147,7 +147,7 @@ BEND_CHANCE = 0.05
 probability.
 
 Otherwise: a bend that is missed raises K, a bend that is kept in doubt may hide it: the second is worse. Origin:
-usual level of a test of which neither error is much worse than the other (`temperature.py`).
+usual level of a test of which neither error is much worse than the other.
 """
 
 SLOWEST = 4

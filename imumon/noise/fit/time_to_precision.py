@@ -31,34 +31,33 @@ from imumon.noise.fit.model import WHITE, NoiseTerm, TermPowers
 FREQUENCIES = 60
 """Points of the integral of the Fisher information, even in the logarithm. Unit: frequencies.
 
-Otherwise: times are off by the error of the integral. Origin: 30 or 240 change times by 1.4 % (`sensitivity.py`).
+Otherwise: times are off by the error of the integral. Origin: 30 or 240 change times by 1.4 %.
 """
 LOWEST_HALF_CYCLES = 1.5
 """Lowest frequency that counts in `time_to`. Unit: half cycles per record.
 
 Otherwise: constant and drift take the lowest two coefficients: with 0.5 the promised time is a fifth too short.
-Origin: half a cycle is the constant, one is the drift (`sensitivity.py`).
+Origin: half a cycle is the constant, one is the drift.
 """
 WIDTH_OVER_BOUND = 1.15
 """Half-widths of B and K that a longer record is expected to have, over those of the Cramér-Rao bound.
 
 Otherwise: a half-width that is wide or narrow by chance shifts the whole prediction: half of the lengths that are
 promised for B are wrong by more than a factor of 1.5. Origin: medians over simulated records are 1.03 to 1.25, the
-larger ones while the half-width is above 20 % (`remaining_time.py`).
+larger ones while the half-width is above 20 %.
 """
 WIDTH_MEMORY = 1.5
 """Power of the ratio of two lengths of a record with which the longer one keeps what its half-width has beyond the
 expected one.
 
 Otherwise: 0: the prediction jumps with each half-width; infinite: it does not learn from the record. Origin: 1 to 2
-are alike; with 0.5 or 4, up to 10 % fewer lengths promised for B are within a factor of 1.5 (`remaining_time.py`).
+are alike; with 0.5 or 4, up to 10 % fewer lengths promised for B are within a factor of 1.5.
 """
 PROMISED = 2.5
 """B and K with a wider half-width have no time until they are precise enough. Unit: requested half-widths.
 
 Otherwise: B and K that show early are those that are estimated too high: their times are too short. Origin: of the
-lengths promised for B, 92 and 82 % are within a factor of 1.5 with 2.5, and 88 and 79 % with 3, for two K
-(`remaining_time.py`).
+lengths promised for B, 92 and 82 % are within a factor of 1.5 with 2.5, and 88 and 79 % with 3, for two K.
 """
 
 __all__ = ["WHITE", "relative_errors", "seconds_to"]

@@ -38,7 +38,7 @@ the 95 % limits of a bin span a factor of 13.
 PROMINENCE = 2.0
 """A band whose highest bin exceeds it is reported as a line. Unit: of the density beside it.
 
-Otherwise: bands that change no coefficient are named. Chosen: less does not matter to a user (`guards.py --lines`).
+Otherwise: bands that change no coefficient are named. Chosen: less does not matter to a user.
 """
 
 

@@ -39,19 +39,17 @@ LINE_CHANCE = 1e-6
 """A bin is a narrow band above a density that noise alone exceeds in this share of bins. Unit: probability.
 
 Otherwise: lower, a weak line stays in the spectrum that is fitted; higher, bins are left out by chance. Origin: one
-in 200 reports of nine channels has such a band, of little power; one that is also a line was in none of 3,000
-(`guards.py --lines`).
+in 200 reports of nine channels has such a band, of little power; one that is also a line was in none of 3,000.
 """
 SIDE = 11
 """The density beside a bin is the median of this many bins on each side; lower bins have no lines. Unit: bins.
 
-Otherwise: the median of fewer scatters more, and that of more follows a slope of the density less. See `guards.py
---lines`.
+Otherwise: the median of fewer scatters more, and that of more follows a slope of the density less.
 """
 LEVEL_ERRORS = 3.0
 """The threshold of a line is raised by this many of the median beside it. Unit: standard errors.
 
-Otherwise: a median that is too low by chance makes a line of noise. See `guards.py --lines`.
+Otherwise: a median that is too low by chance makes a line of noise.
 """
 HARMONICS = 3
 """Highest harmonic of the mains that a line, or its alias, is compared with.
