@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
-import subprocess
 import sys
 import types
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -92,27 +90,3 @@ def test_the_manifest_is_valid() -> None:
     package = catkin.parse_package(str(PACKAGE))
     package.validate()
     assert (package.name, package.get_build_type()) == ("imumon_ros", "ament_python")
-
-
-@pytest.mark.slow
-def test_it_installs_where_ros_looks(tmp_path: Path) -> None:
-    source = tmp_path / "source"
-    subprocess.run(["cp", "-r", str(PACKAGE), str(source)], check=True)
-    # as colcon does
-    options = [
-        "--prefix",
-        str(tmp_path / "prefix"),
-        "--single-version-externally-managed",
-        "--record",
-        "files",
-    ]
-    command = [sys.executable, "setup.py", "-q", "install", *options]
-    done = subprocess.run(command, cwd=source, capture_output=True, text=True, timeout=150, check=False)
-    assert done.returncode == 0, done.stderr
-    for name in (
-        "share/ament_index/resource_index/packages/imumon_ros",
-        "share/imumon_ros/package.xml",
-        "share/imumon_ros/launch/imumon.launch.py",
-        "lib/imumon_ros/monitor",
-    ):
-        assert (tmp_path / "prefix" / name).exists(), name

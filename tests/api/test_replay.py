@@ -172,17 +172,6 @@ def test_a_file_that_is_no_recording_is_one_line_with_a_code(
     assert printed.strip() == f"imumon: {error.value}"
 
 
-def test_deltas_of_a_bare_file_may_be_compensated(tmp_path: Path) -> None:
-    """Only register 82 of the device shows it, and a file has no registers."""
-    path = tmp_path / "a.csv"
-    names = [f"delta_{name}_{axis}" for name in ("theta", "vel") for axis in "xyz"]
-    rows = np.random.default_rng(3).normal((0, 0, 0, 0, 0, -0.098), 1e-4, (600, 6))
-    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="")
-    report = json.loads(imumon("replay", path, "--rate", "100", "--accept", "--json"))
-    assert report["device"]["stream"] == "deltas"
-    assert report["caveats"] == ["unknown_compensation", "assumed_unit"]
-
-
 def test_a_corrupt_recording_is_used_up_to_the_corruption(tmp_path: Path) -> None:
     path = capture(tmp_path / "a.txt.gz", n=2000)
     data = path.read_bytes()

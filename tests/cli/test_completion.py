@@ -77,15 +77,6 @@ def test_bash_offers_every_command_and_option(tmp_path: Path) -> None:
         assert complete(f"imumon {name} -", tmp_path) == options
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_a_shell_parses_its_script(shell: str) -> None:
-    assert "imumon" in script(shell)
-    if shutil.which(shell) is None:
-        pytest.skip(f"{shell} is not installed")
-    done = subprocess.run([shell, "-n"], input=script(shell), capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
 def test_the_version_imports_nothing_heavy() -> None:
     code = "import sys; from imumon.cli import main\ntry: main(['--version'])\nfinally: print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -12,10 +12,8 @@ import sys
 import time
 from pathlib import Path
 
-import forked
 import pytest
 from commands import imumon, run_inside
-from daemons import free_endpoint
 from waiting import until
 
 
@@ -43,13 +41,6 @@ from waiting import until
 )
 def test_invalid_options(arguments: tuple[str, ...], text: str) -> None:
     assert text in imumon(*arguments, code=2)
-
-
-def test_a_run_without_a_sample_is_4(tmp_path: Path) -> None:
-    arguments = ("run", "--port", "sim", "--duration", "0.001", "--json", "--listen", free_endpoint())
-    done = forked.run(*arguments)
-    assert (done.returncode, done.stdout) == (4, "")
-    assert "--duration" in done.stderr
 
 
 @pytest.mark.parametrize("state", ["/dev/null", "/dev/null/state"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import socket
 import threading
@@ -11,11 +10,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-import forked
 import pytest
 from daemons import Daemon, free_endpoint, n_is_within_a_tenth
 from faulty_sensor import spawn
-from foreign_device import on_a_terminal
 from free_ports import free_port
 from waiting import until
 
@@ -209,42 +206,6 @@ def test_a_stop_saves_before_its_last_report(tmp_path: Path, monkeypatch: pytest
         outcome = here(sensor.path, tmp_path, duration_s=4.0).run()
     assert outcome.report is not None
     assert saved == [outcome.report.session.samples]
-
-
-@pytest.mark.slow
-def test_hole_is_counted_from_the_last_sample(tmp_path: Path) -> None:
-    """Not from when the link was lost, nor from when the state was saved."""
-    with spawn(EmulatorSettings(seed=2, link=str(tmp_path / "sensor"))) as sensor:
-        with Daemon(str(tmp_path / "sensor"), tmp_path / "state") as first:
-            first.samples(200)
-            sensor.ask("unplug")
-            first.wait(lambda r: r.state == "waiting")
-            time.sleep(14.0)
-            first.stop()
-        sensor.ask("replug")
-        with Daemon(str(tmp_path / "sensor"), tmp_path / "state") as second:
-            after = second.samples(400)
-            assert after.session.restarts == 1
-            assert after.session.missing > 1400
-            adds_up(after)
-
-
-def run(*words: str, code: int) -> str:
-    done = forked.run("run", *words)
-    assert done.returncode == code, done.stderr
-    assert "Traceback" not in done.stderr
-    return done.stderr.strip().splitlines()[-1]
-
-
-@pytest.mark.few
-@pytest.mark.parametrize(
-    ("kind", "word"), [("silent", "silent|nothing|no byte"), ("nmea", "NMEA|GPGGA"), ("garbage", "")]
-)
-def test_what_is_no_vn100_is_said(tmp_path: Path, kind: str, word: str) -> None:
-    with on_a_terminal(kind) as port:
-        said = run("--port", port, "--state", str(tmp_path), code=3)
-        assert port in said
-        assert re.search(word, said)
 
 
 @pytest.mark.few

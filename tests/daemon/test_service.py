@@ -17,13 +17,10 @@ import pytest
 from daemons import free_endpoint
 from paths import ROOT
 
-from imumon.config import Settings, ZenohSettings
+from imumon.config import Settings
 from imumon.daemon import Daemon, RunOptions
 from imumon.daemon.log import configure_logging
-from imumon.model.samples import DeviceInfo
-from imumon.sources.device import DeviceLost
 from imumon.sources.vn100.emulator import EmulatorSettings, spawn
-from imumon.sources.vn100.vn100_session import Vn100Session
 
 UNIT = ROOT / "systemd" / "imumon@.service"
 
@@ -139,31 +136,6 @@ def test_a_device_that_is_silent_from_the_start_is_waited_for(
     assert daemon._connection.state == "starting"
     daemon._handle(None)
     assert daemon._connection.state == "waiting"
-
-
-def test_a_device_that_vanishes_while_it_is_started_is_opened_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Meanwhile nobody holds its port, its address on the bus and its state."""
-    manager, whole, tries = NotifySocket(tmp_path), Vn100Session.configure, [0]
-
-    def configure(session: Vn100Session) -> DeviceInfo:
-        tries[0] += 1
-        if tries[0] == 1:
-            raise DeviceLost("device_lost", "unplugged", "plug it in again")
-        return whole(session)
-
-    monkeypatch.setattr(Vn100Session, "configure", configure)
-    monkeypatch.setattr("imumon.sources.device_reader.FIRST_RETRY_S", 0.1)
-    monkeypatch.setenv("NOTIFY_SOCKET", str(manager.path))
-    settings = Settings(zenoh=ZenohSettings(listen=(free_endpoint(),)))
-    with spawn(EmulatorSettings(seed=1)) as sensor:
-        options = RunOptions(url=sensor.path, state_directory=tmp_path, duration_s=3.0)
-        result = Daemon(settings, options).run()
-    assert tries == [2]
-    assert result.report.session.samples > 0
-    assert manager.until("STATUS=waiting: unplugged") < manager.until("STATUS=running")
-    manager.close()
 
 
 LOGGER = logging.getLogger("imumon.daemon")

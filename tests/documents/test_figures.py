@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from documents import FIGURES, aged, made
@@ -15,13 +11,13 @@ from reports import LONG_S, nothing_yet
 from reports import report as make_report
 
 from imumon.documents import NoCurve
+from imumon.documents.convergence_figure import convergence_svg
 from imumon.documents.figures import _draw as draw
 from imumon.documents.figures import svg
 from imumon.documents.plotting import INCHES, figure_style
 from imumon.documents.report_texts import coefficient_text
-from imumon.model.coefficients import COEFFICIENTS
+from imumon.model.coefficients import COEFFICIENTS, NOISE
 from imumon.model.report import Report
-from imumon.model.report_json import to_json
 from imumon.model.units import pretty
 
 
@@ -60,22 +56,6 @@ def test_a_coefficient_below_the_frame_is_not_marked() -> None:
     letters = [e.text for e in ET.fromstring(svg(replace(report, channels=channels), "gyro")).iter("text")]
     assert {"N", "B"} <= set(letters)
     assert "K" not in letters
-
-
-@pytest.mark.slow
-def test_a_figure_leaves_nothing_in_the_home_directory(tmp_path: Path) -> None:
-    report = make_report(200.0)
-    gyro = {name: channel for name, channel in report.channels.items() if name[:4] == "gyro"}
-    (tmp_path / "report.json").write_text(to_json(replace(report, channels=gyro)))
-    environment = {**os.environ, "HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path / "tmp")}
-    for name in ("MPLCONFIGDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
-        environment.pop(name, None)
-    for name in ("home", "tmp"):
-        (tmp_path / name).mkdir()
-    words = ["report", str(tmp_path / "report.json"), "-o", str(tmp_path / "x.png")]
-    subprocess.run([sys.executable, "-m", "imumon", *words], env=environment, check=True, timeout=60)
-    assert (tmp_path / "x.png").stat().st_size > 10_000
-    assert list((tmp_path / "home").iterdir()) == list((tmp_path / "tmp").iterdir()) == []
 
 
 @pytest.mark.parametrize("form", FIGURES)
@@ -122,3 +102,9 @@ def test_every_point_of_a_curve_is_drawn_within_the_frame(sensor: str, age: str)
         for mark in marks:
             assert 0.0 <= float(mark.get("x") or -1) <= width
             assert 0.0 <= float(mark.get("y") or -1) <= height
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_the_convergence_is_a_figure(sensor: str) -> None:
+    drawn = convergence_svg(make_report(LONG_S), sensor)
+    assert all(f">{letter}, " in drawn for letter in NOISE)

@@ -20,7 +20,6 @@ from imumon.documents.program_settings import numbers_of, settings_document
 from imumon.model.coefficients import Estimate
 from imumon.model.messages import CAVEATS
 from imumon.model.report import Report
-from imumon.model.units import figures
 
 
 def settings(report: Report, form: str) -> dict[str, float]:
@@ -244,16 +243,6 @@ def test_every_number_says_what_it_is_and_what_it_rests_on(form: str) -> None:
     assert factor is not None
     assert f"{factor:.1f} times K" in shown
     assert len(re.findall(r"rests on \d", shown)) >= (2 if form == "ros" else 4)
-
-
-def test_a_walk_for_a_bounded_k_has_its_factor_against_half_the_bound() -> None:
-    report = with_bounded_k(make_report(LONG_S))
-    made = filters(report).channels["gyro/x"]
-    assert made.walk_factor is None
-    factor = figures(made.walk / made.assumed.K, 2)
-    assert f"{made.walk:.4e}, {factor} times K {made.assumed.K:.3e}: half its bound, K <" in text(
-        report, "kalibr"
-    )
 
 
 @pytest.mark.parametrize("form", [form for form in SETTINGS if form not in COVARIANCES])

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluations import HZ, imumon
+from commands import imumon
+from evaluations import HZ
 
 from imumon.noise.synthesis import synthesise
 

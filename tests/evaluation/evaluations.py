@@ -1,14 +1,12 @@
-"""What the tests of an evaluation share: a command in this process, a report, a document, a data sheet."""
+"""What the tests of an evaluation share: a report, a document, a data sheet."""
 
 from __future__ import annotations
 
-import io
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
+from commands import imumon
 from reports import report as report_at
 
-from imumon.cli.main import main
 from imumon.documents import document
 from imumon.model.filter_report import FilterReport
 from imumon.model.report import Report, from_json
@@ -36,15 +34,6 @@ at_most = 1000.0
 unit = "mg"
 basis = "typical"
 """
-
-
-def imumon(*words: object, code: int = 0) -> str:
-    """Run a command in this process; return its output, or its messages if it is to fail with `code`."""
-    out, err = io.TextIOWrapper(io.BytesIO(), "utf-8"), io.StringIO()
-    with redirect_stdout(out), redirect_stderr(err):
-        assert main([str(word) for word in words]) == code, err.getvalue()
-        out.flush()
-    return err.getvalue() if code else out.buffer.getvalue().decode()
 
 
 def make_report() -> Report:

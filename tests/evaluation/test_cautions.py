@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluations import imumon, replayed, shown
+from commands import imumon
+from evaluations import replayed, shown
 from paths import RECORDINGS, needs_recordings
 
 from imumon.model.report import Report

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluations import SHEET, imumon, make_report, replayed, sheet_file, shown
+from commands import imumon
+from evaluations import SHEET, make_report, replayed, sheet_file, shown
 from reports import with_coefficients
 
 from imumon.api.document_report import document_report

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from evaluations import HZ, imumon, replayed
+from commands import imumon
+from evaluations import HZ, replayed
 
 
 def test_a_named_filter_answers_what_the_recording_does_not_say(gyroscope: Path) -> None:

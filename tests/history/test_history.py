@@ -161,17 +161,6 @@ def test_a_history_that_is_removed_is_made_again_with_what_follows(tmp_path: Pat
     assert len(read(history.path)) == (3 if lost == "log" else 2) * (len(NAMES) + 1)
 
 
-def test_the_checksums_of_an_earlier_program_are_not_used(tmp_path: Path) -> None:
-    path = write(tmp_path, "imu", [period(0)])
-    with sqlite3.connect(path) as other:
-        for table in ("period", "noise", "event", "power_up", "turn_on"):
-            other.execute(f"ALTER TABLE {table} ADD COLUMN checksum INTEGER")
-        other.execute("UPDATE noise SET checksum = 7")
-    other.close()
-    write(tmp_path, "imu", [period(1)])
-    assert len(read(path)) == 2 * (len(NAMES) + 1)
-
-
 def test_a_killed_writer_loses_nothing_that_it_has_said_to_be_written(tmp_path: Path) -> None:
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import io
 import json
 import time
 from collections.abc import Sequence
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import imumon
 from daemons import Daemon
 from histories import period, write
 from reports import report as report_at
 
 from imumon.cli.history_command import stored_days
-from imumon.cli.main import main
 from imumon.documents.report_texts import coefficient_text
 from imumon.history import HistoryStore
 from imumon.history.repeatability import day_scatter
@@ -28,15 +26,6 @@ from imumon.model.report import Report, from_json
 from imumon.model.report_json import to_json
 from imumon.record.combined_limits import with_combined
 from imumon.sources.vn100.emulator import EmulatorSettings, spawn
-
-
-def imumon(*words: object) -> str:
-    """Return what a command of this process prints."""
-    out = io.TextIOWrapper(io.BytesIO(), "utf-8")
-    with redirect_stdout(out), redirect_stderr(io.StringIO()):
-        assert main([str(word) for word in words]) == 0
-        out.flush()
-    return out.buffer.getvalue().decode()
 
 
 def make_report() -> Report:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +16,7 @@ from imumon.model.coefficients import (
     MarkovEstimate,
     by_letter,
 )
-from imumon.model.report import Report, from_json
-from imumon.model.report_json import to_json
+from imumon.model.report import Report
 from imumon.noise import markov_law, synthesise
 
 
@@ -68,15 +66,6 @@ def test_a_report_has_what_shows_and_bounds_what_is_not_separable(report: Report
     assert all((open_.estimates[letter].high or 0.0) > 0.0 for letter in "BKM")
     assert (open_.M.sigma.high or 0.0) > 0.6e-4
     assert "T" not in open_.estimates
-
-
-def test_the_json_has_sigma_and_time_constant_together(report: Report) -> None:
-    data = json.loads(to_json(report))["channels"]
-    assert set(data["gyro/x"]["M"]) == {"sigma", "time_constant_s"}
-    assert data["gyro/x"]["M"]["sigma"]["readable"]["unit"] == "deg/h"
-    assert data["gyro/z"]["M"] is None
-    assert "T" not in data["gyro/x"]
-    assert from_json(Report, to_json(report)) == report
 
 
 @pytest.mark.few

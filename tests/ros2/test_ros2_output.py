@@ -77,15 +77,6 @@ def test_the_level_follows_the_severity() -> None:
     assert statuses(replace(calm, channels=axes))["imumon: gyro"]["level"] == DiagnosticLevel.WARN
 
 
-def test_a_caveat_that_limits_the_meaning_only_is_listed() -> None:
-    channels = {
-        name: replace(each, caveats=("unknown_compensation",)) for name, each in report().channels.items()
-    }
-    made = statuses(replace(report(), channels=channels))["imumon: gyro"]
-    assert made["level"] == DiagnosticLevel.OK
-    assert "unknown_compensation" in made["values"]["caveats"]
-
-
 def test_variances_are_those_of_measured_coefficients_only() -> None:
     made = report()
     found = sample_variances(made, "gyro")

@@ -15,9 +15,8 @@ from textual.widgets import Input
 
 from imumon.api.measurement import Measurement
 from imumon.documents.program_settings import number_lines
-from imumon.model.report import Drift, Report, from_json
+from imumon.model.report import Report, from_json
 from imumon.model.samples import ACCEL, GYRO, MAG
-from imumon.tui import text_panels
 from imumon.tui.app import ImumonApp
 from imumon.tui.over_time import over_time_chart
 from imumon.tui.panels import FIRST_KEYS, LAST_KEYS, VIEW_KEYS, footer
@@ -172,25 +171,6 @@ async def test_the_screen_waits_for_the_requested_device(app: ImumonApp, pilot: 
 
 
 # ---------------------------------------------------------------------------- status
-
-
-def test_the_effect_of_temperature_is_a_number_only_beyond_noise() -> None:
-    report = reports.report()
-    channel = report.channels["gyro/x"]
-    assert channel.drift is not None
-    beyond = replace(channel.drift, per_degC=1e-4, per_degC_low=9e-5, per_degC_high=1.1e-4)
-
-    def drift_text(of: Drift) -> str:
-        channels = {**report.channels, GYRO[0]: replace(channel, drift=of)}
-        state = ViewState(
-            reports={reports.ID: replace(report, channels=channels)}, id=reports.ID, channel=GYRO[0]
-        )
-        return "\n".join("".join(text for text, _ in line) for line in text_panels.drift(state, 80, 9))
-
-    assert "per degree" not in drift_text(channel.drift)
-    assert "its effect: no more than noise" in drift_text(channel.drift)
-    assert "°/s per degree" in drift_text(beyond)
-    assert "its effect" not in drift_text(replace(channel.drift, per_degC=None))
 
 
 @driven(lambda: reports.FakeSource(connected=False))

@@ -10,22 +10,7 @@ from screen_driver import drive, driven, table_number, visible_text
 from textual.pilot import Pilot
 
 from imumon.tui.app import ImumonApp
-from imumon.tui.formatting import length
-from imumon.tui.widgets import ROLES, THEMES, DrawnPanel, RoleStyles
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("size", [(20, 6), (40, 12), (80, 24), (131, 33), (132, 34), (220, 60)])
-def test_every_view_draws_at_every_size(size: tuple[int, int]) -> None:
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        for key in "12345":
-            await pilot.press(key)
-            await pilot.pause()
-            for panel in app.query(DrawnPanel):
-                if panel.display and panel.size.area:
-                    assert all(length(line) <= panel.content_size.width for line in panel.lines())
-
-    drive(reports.FakeSource(reports.report()), script, size)
+from imumon.tui.widgets import ROLES, THEMES, RoleStyles
 
 
 @pytest.mark.few

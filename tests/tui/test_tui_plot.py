@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,9 +12,8 @@ from hypothesis import strategies as st
 
 from imumon.model import units
 from imumon.model.coefficients import Estimate
-from imumon.model.report import Distribution
 from imumon.model.report_json import MAX_NUMBER
-from imumon.model.samples import ACCEL, GYRO
+from imumon.model.samples import GYRO
 from imumon.model.units import FLICKER
 from imumon.tui import (
     braille_canvas,
@@ -103,23 +101,6 @@ def test_a_coefficient_fits_its_column(
     )
     text, _ = Notation(si=si).coefficient(part, seconds)
     assert len(text) <= CELL
-
-
-def test_a_bias_is_shown_only_where_it_is_known() -> None:
-    shape = Distribution(bias=0.002, bias_low=-0.025, bias_high=0.029)
-    unknown = Distribution(bias_reason="not separable from tilt")
-    for distribution, expected in (
-        (shape, "bias 0.00200 ± 0.027"),
-        (unknown, "bias not separable from tilt"),
-    ):
-        report = reports.report()
-        channels = {
-            **report.channels,
-            ACCEL[2]: replace(report.channels["accel/z"], distribution=distribution),
-        }
-        state = replace(running(), channel=ACCEL[2], reports={reports.ID: replace(report, channels=channels)})
-        text = "".join(part for part, _ in panels.detail(state, 150, 12)[0])
-        assert expected in text
 
 
 @settings(max_examples=200)

@@ -30,9 +30,3 @@ def test_the_readme_shows_the_screen_of_today() -> None:
 
 def test_there_are_no_other_snapshots() -> None:
     assert {path.stem for path in FOLDER.glob("*.svg")} == set(PICTURES)
-
-
-def test_a_snapshot_does_not_depend_on_those_before(drawn: dict[str, str]) -> None:
-    """One screen draws them all; a screen that is started for one snapshot draws the same."""
-    for name in ("lost-light", "si"):
-        assert pictures.drawn([PICTURES[name]])[name] == drawn[name]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import imumon
-from logs import SENSOR, DataFlash, ulog
+from logs import SENSOR, ulog
 from tables import RATE, csv, read, replayed, truth
 
 from imumon.sources.files import OptionNotApplicable, RecordingError
@@ -77,20 +77,6 @@ def test_sensors_with_times_of_their_own_are_read_one_by_one(tmp_path: Path) -> 
     assert replayed(path, columns={"t": "t_gyro"})[0].device.sample_rate_hz == 100.0
 
 
-def test_a_sensor_that_holds_its_values_is_slower_than_its_rows(tmp_path: Path) -> None:
-    t, gyro, accel = truth(20_000)
-    path = csv(tmp_path / "a.csv", NAMES, t, gyro, accel[np.arange(len(t)) // 2])
-    report, remarks = replayed(path)
-    assert set(report.channels) == {"gyro/x", "gyro/y", "gyro/z"}
-    assert "the rows repeat accel in 50 % of them" in remarks
-    report, _ = replayed(path, sensor="accel")
-    n = report.channels["accel/x"].coefficients["N"]
-    assert n.low is not None
-    assert n.high is not None
-    assert n.low < 0.013 * 0.02**0.5 < n.high
-    assert "outliers" not in report.channels["accel/x"].caveats
-
-
 @pytest.mark.parametrize("slow", ["gyro", "accel"])
 def test_zeros_of_a_slower_sensor_are_no_samples(tmp_path: Path, slow: str) -> None:
     """As drivers write them that publish each sensor when it has a sample."""
@@ -117,13 +103,6 @@ def test_a_coarse_gyroscope_may_be_zero(tmp_path: Path) -> None:
     t, gyro, accel = truth(4000)
     path = csv(tmp_path / "a.csv", NAMES, t, np.rint(gyro / 2e-3) * 2e-3, accel)
     assert replayed(path)[0].session.samples == 4000
-
-
-def test_a_coarse_gyroscope_may_be_zero_beside_a_hole(tmp_path: Path) -> None:
-    t, gyro, accel = truth(4000)
-    coarse = np.rint(gyro / 6e-3) * 6e-3
-    coarse[1000:1800] = np.nan
-    assert replayed(csv(tmp_path / "a.csv", NAMES, t, coarse, accel))[0].session.samples == 3200
 
 
 def test_sensor_and_columns_of_a_capture_are_no_choice(tmp_path: Path) -> None:
@@ -154,21 +133,6 @@ def test_sensors_of_a_log_with_different_rates_are_not_joined(
         in remarks
     )
     assert replayed(path, topic="sensor_accel/0")[0].device.sample_rate_hz == pytest.approx(1e6 / accel_us)
-
-
-def test_the_faster_accelerometer_of_an_ardupilot_log_is_not_joined(tmp_path: Path) -> None:
-    log = DataFlash()
-    _, gyro, accel = truth(2000)
-    log.define("GYR", "QBQfff", "TimeUS,I,SampleUS,GyrX,GyrY,GyrZ")
-    log.define("ACC", "QBQfff", "TimeUS,I,SampleUS,AccX,AccY,AccZ")
-    for k in range(2000):
-        at = 10**6 + 5000 * k
-        log.add("ACC", at, 0, at, *accel[k])
-        if k % 2 == 0:
-            log.add("GYR", at, 0, at, *gyro[k])
-    report, remarks = replayed(log.write(tmp_path / "a.BIN"), topic="GYR/0")
-    assert "accel/x" not in report.channels
-    assert "ACC/0 not used: its samples are at other times" in remarks
 
 
 # ---------------------------------------------------------------- order

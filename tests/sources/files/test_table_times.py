@@ -64,13 +64,6 @@ def test_stamps_before_the_clock_is_set_are_no_years_of_missing_samples(tmp_path
     assert "is 0 in rows before its clock was set" in remarks
 
 
-def test_a_unit_may_have_dots(tmp_path: Path) -> None:
-    t, gyro, accel = truth(N)
-    dotted = [*(f"g{a} (deg.s^-1)" for a in "xyz"), *(f"a{a} (m.s-2)" for a in "xyz")]
-    report, _ = replayed(csv(tmp_path / "b.csv", ["t [s]", *dotted], t, np.degrees(gyro), accel))
-    assert report.channels["gyro/x"].std == pytest.approx(gyro[:, 0].std(ddof=1))
-
-
 def test_the_table_of_rostopic_is_read(tmp_path: Path) -> None:
     stamps = 1_700_000_000_000_000_000 + np.arange(N) * 10_000_000
     names = [

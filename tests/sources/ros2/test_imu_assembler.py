@@ -72,18 +72,6 @@ def test_lost_messages_are_not_missing_samples() -> None:
     assert [(notice.kind, notice.level) for notice in notices] == [("remark", "info")]  # the alarm is `loss`
 
 
-def test_a_quantity_without_an_estimate_is_no_channel() -> None:
-    def without_accel(index: int) -> bytes:
-        data = bytearray(imu_payload(UNIX_NS + index * STEP_NS, [1.0, 2.0, float(index)], [0.0, 0.0, 0.0]))
-        struct.pack_into("<d", data, 28 + 8 * 28, -1.0)
-        return bytes(data)
-
-    made, items = assemble("ros2:/imu", [received(k, payload=without_accel(k)) for k in range(300)])
-    assert made.stream is not None
-    assert made.stream.channels == GYRO
-    assert samples(items).shape == (300, 3)
-
-
 def test_a_sensor_that_is_always_zero_is_left_out_with_a_remark() -> None:
     rows = [
         received(k, payload=imu_payload(UNIX_NS + k * STEP_NS, [0.0] * 3, [1.0, 2.0, k])) for k in range(300)

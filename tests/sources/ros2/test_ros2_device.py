@@ -27,7 +27,7 @@ from imumon.ros2.ros_messages import IMU, type_hash
 from imumon.ros2.topic_url import open_node, parse_url
 from imumon.ros2.zenoh_node import ZenohPublication
 from imumon.sources import registry
-from imumon.sources.device import Device, DeviceLost, DeviceNotFound, DeviceOptions
+from imumon.sources.device import Device, DeviceOptions
 
 UNIX_NS = 1_700_000_000_000_000_000
 
@@ -72,28 +72,6 @@ def test_other_systems_are_read_too(options: dict[str, object]) -> None:
         made.open()
         assert len(samples(read_until(made, 100))) >= 100
         made.close()
-
-
-@pytest.mark.slow
-def test_a_router_that_restarts_is_found_again() -> None:
-    endpoint = free_router()
-    url = f"ros2:/imu/data?router={endpoint}"
-    with ros2_actors.router(endpoint) as first, ros2_actors.Driver(endpoint, "/imu/data", 200.0):
-        made = device(url)
-        made.open()
-        read_until(made, 50)
-        first.close()
-        with pytest.raises(DeviceLost) as lost:
-            read_until(made, 10_000)
-        assert lost.value.code == "ros2_router_gone"
-        made.close()
-        with pytest.raises(DeviceNotFound) as missing:
-            made.open()
-        assert missing.value.code == "ros2_no_router"
-        with ros2_actors.router(endpoint):
-            made.open()
-            assert len(samples(read_until(made, 100))) >= 100
-            made.close()
 
 
 def test_counters_add_up_over_losses() -> None:
@@ -142,25 +120,6 @@ def test_the_daemon_waits_for_the_topic_and_follows_its_driver(tmp_path: Path) -
     assert f"no Zenoh router at {endpoint}" in log
     assert "IMU topics: /other" in log
     assert "30 messages were lost" in log
-
-
-@pytest.mark.slow
-def test_doctor_shows_the_topic_and_lists_others() -> None:
-    with system() as (endpoint, _):
-        command = [sys.executable, "-m", "imumon", "doctor", "--json", "--port"]
-
-        def checks(topic: str) -> dict[str, Any]:
-            url = f"ros2:{topic}?router={endpoint}"
-            done = subprocess.run([*command, url], capture_output=True, text=True, timeout=120, check=False)
-            rows = json.loads(done.stdout)
-            return {row["name"]: row for row in (rows["checks"] if isinstance(rows, dict) else rows)}
-
-        there = checks("/imu/data")
-        assert there["model"]["text"] == "published by /driver"
-        assert there["rate"]["status"] == "ok"
-        absent = checks("/absent")["sensor"]
-    assert absent["status"] == "failed"
-    assert "/imu/data" in absent["text"]
 
 
 # ---------------------------------------------------------------------- zenoh-ros2-sdk

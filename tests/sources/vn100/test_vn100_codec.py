@@ -76,14 +76,6 @@ def test_vectors_decode_the_same_in_any_chunks() -> None:
     vectors_decode(json.loads((TESTS / "data" / "vn100_vectors.json").read_text()))
 
 
-@pytest.mark.skipif(
-    not (RECORDINGS.parent / "vectors.json").exists(), reason="no vectors beside the checkout"
-)
-def test_vectors_of_other_sources_decode_the_same_in_any_chunks() -> None:
-    vectors = json.loads((RECORDINGS.parent / "vectors.json").read_text())["vectors"]
-    vectors_decode([vector for vector in vectors if not vector["own"]])
-
-
 def _vector_is(vector: dict[str, Any], data: bytes, decoder: Vn100Decoder, items: list[DecodedItem]) -> None:
     expect = vector.get("expect")
     if vector["kind"] == "stream":

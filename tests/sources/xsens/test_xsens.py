@@ -24,11 +24,10 @@ from imumon.sources.device import (
     Device,
     DeviceLost,
     DeviceOptions,
-    Interrupted,
     sample_blocks,
 )
 from imumon.sources.registry import driver
-from imumon.sources.xsens.mt_decoder import MtDecoder, clipped_sensors, rotation
+from imumon.sources.xsens.mt_decoder import MtDecoder, clipped_sensors
 from imumon.sources.xsens.mt_messages import DataId, Message, MessageId, encode, fields, outputs
 
 GOLDEN = bytes.fromhex(
@@ -54,14 +53,6 @@ def test_recorded_packets_have_the_numbers_that_the_manufacturer_shows() -> None
     assert found[DataId.DELTA_Q] == pytest.approx((1.0, -0.00000677, -0.00000573, 0.00000991), abs=5e-9)
     assert found[DataId.STATUS_WORD] == (0x00400003,)
     assert 0xC020 not in found  # the magnetic field has no unit
-
-
-def test_the_two_ways_to_state_a_rotation_agree() -> None:
-    """DeltaQ and DeltaV over 2.5 ms are rate of turn and acceleration, to the last digits that are recorded."""
-    found = fields(GOLDEN)
-    rate = np.array(rotation(found[DataId.DELTA_Q])) / 2.5e-3
-    assert rate == pytest.approx(found[DataId.RATE_OF_TURN], abs=3e-5)
-    assert np.array(found[DataId.DELTA_V]) / 2.5e-3 == pytest.approx(found[DataId.ACCELERATION], abs=2e-4)
 
 
 def test_a_range_that_is_exceeded_is_marked() -> None:
@@ -232,28 +223,6 @@ def test_what_a_killed_run_left_behind_is_restored(tmp_path: Path) -> None:
         assert device.restore()
         device.close()
         assert sensor.configuration == FACTORY
-
-
-def test_an_interrupted_start_is_restored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with MtEmulator(link=tmp_path / "mti") as sensor:
-        device = device_of(sensor, tmp_path)
-        device.open()
-        configured = sensor._configured
-
-        def interrupt(data: bytes) -> bytes:
-            if data and data != FACTORY:
-                device.interrupt()
-            return configured(data)
-
-        monkeypatch.setattr(sensor, "_configured", interrupt)
-        with pytest.raises(Interrupted):
-            device.start()
-        device.interrupted.clear()
-        assert sensor.configuration != FACTORY
-        assert device.restore()
-        assert sensor.configuration == FACTORY
-        assert sensor.measuring
-        device.close()
 
 
 def test_a_sensor_that_stops_is_started_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
