@@ -76,29 +76,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     _mix(items)
 
 
+LONG = "docs evaluation row_selection record daemon history report_command lines_device replay tui devices likelihood"
+"""Files that take longest, without `test_`."""
+
+
 def _mix(items: list[pytest.Item]) -> None:
     """Begin with the files that take longest, so that no process works alone at the end, and mix the others.
 
     In the order of the alphabet, all processes would wait for daemons at one time and compute at another.
     """
-    long = [
-        "docs",
-        "daemon",
-        "devices",
-        "cautions",
-        "tui",
-        "record",
-        "doctor",
-        "mistakes",
-        "wait",
-        "recording",
-        "likelihood",
-        "tui_terminal",
-        "hostile_states",
-        "report_command",
-        "replay_as_live",
-        "bias_curve",
-        "stretches",
-        "description",
-    ]
-    items.sort(key=lambda item: (item.path.stem[5:] not in long, crc32(item.path.name.encode())))
+    items.sort(key=lambda item: (item.path.stem[5:] not in LONG.split(), crc32(item.path.name.encode())))

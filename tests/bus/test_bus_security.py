@@ -1,8 +1,9 @@
-"""Access by password and certificate, with the daemon in another process."""
+"""Access by password and certificate, as docs/ZENOH.md says."""
 
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import time
@@ -13,11 +14,12 @@ import pytest
 import zenoh
 from bus_actors import free_endpoint, stage
 from free_ports import free_port
-from test_bus_docs import blocks
+from paths import ROOT
 from waiting import until
 
 from imumon.bus import SessionOptions, Subscriber
 from imumon.bus.zenoh_session import open_session
+from imumon.config import load
 
 
 def receives(address: str, *, timeout: float, **settings: object) -> bool:
@@ -101,3 +103,21 @@ def test_a_router_lets_daemons_publish_and_viewers_read(keys: Path) -> None:
 def forger(address: str, **settings: str) -> zenoh.Session:
     options = replace(SessionOptions(**settings), mode="client")
     return open_session(options, (), [address], access_control=False)
+
+
+# ---------------------------------------- docs/ZENOH.md is correct
+
+
+TEXT = (ROOT / "docs" / "ZENOH.md").read_text("utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("text", blocks("toml"))
+def test_the_settings_are_valid(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "config.toml"
+    file.write_text(text)
+    settings = load(file)
+    assert "config.toml" in " ".join(settings.origins.values())

@@ -1,4 +1,4 @@
-"""Laws of the history: nothing is lost, nothing twice; a bad file is set aside; answers are exact and quick."""
+"""Laws of the history: nothing is lost, nothing twice; answers are exact; changes and repeatability between days."""
 
 from __future__ import annotations
 
@@ -11,25 +11,45 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from commands import imumon
-from histories import BEGIN, NAMES, RECORD, period, write
+from daemons import Daemon
+from histories import BEGIN, NAMES, RECORD, period, with_slopes, write
 from paths import TESTS
+from reports import report as report_at
+from reports import warming_up as report
 from waiting import until
 
-from imumon.cli.history_command import _readable
+from imumon.cli.history_command import _readable, stored_days
+from imumon.documents.report_texts import coefficient_text
+from imumon.documents.summary import summary_text
 from imumon.history import HistoryStore
+from imumon.history.day_changes import DayChanges
 from imumon.history.history import History
-from imumon.history.rows import csv_pieces, json_pieces, rows
+from imumon.history.power_ups import LEAST_POWER_UPS, PowerUps
+from imumon.history.repeatability import day_scatter
+from imumon.history.rows import csv_pieces, iso, json_pieces, rows
 from imumon.history.schema import VERSION
 from imumon.history.selection import Selection, SelectionError, moment, of_parameters
-from imumon.history.store import HistoryError
+from imumon.history.store import SUFFIX, HistoryError, PowerUp, TimedPeriod
 from imumon.model.coefficients import Estimate
-from imumon.model.report import Event
+from imumon.model.history_report import HistoryRow
+from imumon.model.history_report import history_rows as read_rows
+from imumon.model.messages import change_text
+from imumon.model.report import Distribution, Event, Report, from_json
+from imumon.model.report_json import to_json
+from imumon.model.samples import GYRO, MAG
+from imumon.noise.statistics.moments import deviation_limits
+from imumon.record.combined_limits import with_combined
+from imumon.sources.vn100.emulator import EmulatorSettings, spawn
 
 EVER = Selection(since=0.0, until=1e12)
 
@@ -353,3 +373,238 @@ def test_the_limits_of_a_row_are_a_percentage_or_a_factor(
 ) -> None:
     part = Estimate(value=value, low=low, high=high, status="measured")
     assert " ".join(_readable("gyro", "N", part).split()[1:-1]) == text
+
+
+# ---------------------------------------- what the history adds to a document
+
+
+def make_report() -> Report:
+    """Return the report of a quarter of an hour."""
+    return report_at(900.0)
+
+
+def history_rows(folder: Path, noises: Sequence[float]) -> list[HistoryRow]:
+    """Return the rows beside a saved state whose N has these factors, one per day."""
+    begin = time.time() - (len(noises) + 1) * 86400.0
+    days = [period(k, step_s=86400, begin=begin + 86400.0 * k, noise=noise) for k, noise in enumerate(noises)]
+    hours = [period(k, step_s=3600, begin=begin + 3600.0 * k) for k in range(24 * len(noises))]
+    write(folder, "imu", days + hours)
+    return stored_days(folder / "imu.state")
+
+
+@pytest.mark.few
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"step": "1h"}, {"complete": False}, {"warming_up": True}, {"samples": 0}, {"samples": "many"},
+        {"time": "soon"}, {"channel": 3}, {"N": {"status": "measured", "value": 1e300, "low": 0, "high": 1e301}},
+        {"N": {"status": "measured", "value": "x", "low": 0, "high": 1}}, {"N": 4}, {"N": None},
+    ],
+)  # fmt: skip
+def test_a_row_that_is_no_day_does_not_count(tmp_path: Path, wrong: dict[str, Any]) -> None:
+    known = [row for row in history_rows(tmp_path, [1.0, 2.0, 3.0, 4.0]) if row.channel == "gyro/x"]
+    rows = json.loads(to_json(known))
+    assert day_scatter(read_rows(rows))["gyro/x"]["N"].days == 4
+    assert day_scatter(read_rows([rows[0] | wrong, *rows[1:]]))["gyro/x"]["N"].days == 3
+
+
+def test_a_saved_state_shows_the_history_of_its_directory(tmp_path: Path) -> None:
+    """Of a real daemon's directory: days, power-ups; the saved report keeps the limits."""
+    with spawn(EmulatorSettings(seed=3)) as sensor, Daemon(sensor.path, tmp_path, "--id", "imu") as daemon:
+        daemon.samples(400)
+        daemon.stop()
+    begin = time.time() - 30 * 86400.0
+    days = [period(k, step_s=86400, begin=begin + 86400.0 * k, noise=1 + 0.1 * (k % 2)) for k in range(8)]
+    with HistoryStore(tmp_path / f"imu{SUFFIX}", write=True) as store:
+        store.add(days)
+        for k in range(6):
+            at = begin + 86400.0 * k
+            store.set_power_up(PowerUp(time=at, clock_s=9.0, seen=at + 9.0, means={"gyro/x": 1e-3 * k}))
+    state = tmp_path / "imu.state"
+    saved = tmp_path / "saved.json"
+    imumon("report", state, "-o", saved)
+    report = from_json(Report, saved.read_text())
+    alone, known = (
+        channels["gyro/x"].coefficients["N"].interval for channels in (with_combined(report), report.channels)
+    )
+    assert known[0] < alone[0] < alone[1] < known[1]
+    text = coefficient_text(report.channels["gyro/x"].coefficients["N"])
+    assert text in imumon("report", saved, "--format", "md")
+    shape = report.channels["gyro/x"].distribution
+    assert (shape.turn_on_count, shape.turn_on_std) == (6, pytest.approx(1e-3 * np.sqrt(3.5)))
+
+
+# ---------------------------------------- laws of what the history finds
+
+
+DAY = 86400.0
+
+
+def days(count: int, *, begin: float = BEGIN, step_at: int = 999) -> list[TimedPeriod]:
+    """Days of a sensor with 1 % of scatter, with a step of N by 12 % in all channels."""
+    factors = 1.0 + 0.01 * np.random.default_rng(1).standard_normal(count)
+    factors[step_at:] *= 1.12
+    return [
+        period(number, step_s=86400, begin=begin + number * DAY, noise=float(factor))
+        for number, factor in enumerate(factors)
+    ]
+
+
+def test_a_step_is_found_with_its_day_and_the_scatter_is_not() -> None:
+    judged = DayChanges()
+    judged.add(days(30))
+    assert judged.changes == {}
+    judged = DayChanges()
+    judged.add(days(30, step_at=27))
+    (change,) = judged.changes["gyro/y"]
+    assert (change.quantity, change.against, change.since) == ("N", "history", "2026-01-28T00:00:00.000Z")
+    assert change.ratio == pytest.approx(1.12, abs=0.02)
+    assert change.p_value is not None
+    assert change.p_value < 1e-5
+    assert "temperature" not in judged.changes
+    assert change_text(GYRO[1], change).startswith(
+        "gyro/y: N has grown by 12 % against the history since 2026-01-28, p = "
+    )
+
+
+def test_days_that_are_short_in_progress_or_warm_up_do_not_count() -> None:
+    judged = DayChanges()
+    judged.add([period(k, step_s=86400, complete=False) for k in range(20)])
+    judged.add([period(k, step_s=86400, warming_up=True) for k in range(20)])
+    judged.add([period(k) for k in range(20)])
+    assert judged._days == {}
+
+
+def test_a_step_of_the_slope_is_judged_by_the_errors_of_the_days() -> None:
+    """Of any sign; a day with a wide error, however far off, is no change."""
+    scatter = 1e-7 * np.random.default_rng(5).standard_normal(30)
+    slopes = np.where(np.arange(30) < 20, -1e-6, 1e-6) + scatter
+    for values, expected in ((scatter, 0), (np.append(scatter, 1e-5), 0), (slopes, 1)):
+        judged = DayChanges()
+        judged.add(with_slopes(values.tolist(), 1e-7))
+        assert len(judged.changes.get(GYRO[0], ())) == expected
+    (change,) = judged.changes["gyro/x"]
+    assert (change.quantity, change.ratio, change.since) == ("slope", None, "2026-01-21T00:00:00.000Z")
+    assert (change.before, change.now) == (pytest.approx(-1e-6, abs=2e-7), pytest.approx(1e-6, abs=2e-7))
+    text = change_text(GYRO[0], change)
+    assert text.startswith("gyro/x: the slope against the temperature has moved from -")
+    assert " per degC against the history since 2026-01-21, p = " in text
+    shown = report()
+    shown = replace(
+        shown, channels={**shown.channels, GYRO[0]: replace(shown.channels["gyro/x"], changes=(change,))}
+    )
+    assert text in summary_text(shown, 200)
+
+
+def test_the_history_prints_the_slope_of_a_day(tmp_path: Path) -> None:
+    write(tmp_path, "imu", with_slopes([-1e-6] * 3, 1e-7))
+    ask = ["history", "--state", tmp_path, "--since", "2026-01-01", "--step", "1d"]
+    text = imumon(*ask, "--channel", "gyro")
+    assert text.count("slope -0.206 ±0.041 °/h/°C") == 2
+    assert text.count("slope") == 3
+    assert '"slope":{"value":-1e-06,"low":-1.2e-06,' in imumon(*ask, "--json")
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("correlation", [0.0, 0.8, 1.0])
+def test_scatter_of_any_kind_makes_few_changes(correlation: float) -> None:
+    """500 series of 30 days: white, strongly correlated, and a random walk."""
+    rng, changed = np.random.default_rng(3), 0
+    for _ in range(500):
+        series = [0.0]
+        for shock in 0.03 * rng.standard_normal(29):
+            series.append(correlation * series[-1] + float(shock))
+        judged = DayChanges()
+        judged.add(
+            [
+                period(day, step_s=86400, noise=float(np.exp(level)), names=(GYRO[0],))
+                for day, level in enumerate(series)
+            ]
+        )
+        changed += bool(judged.changes)
+    assert changed <= 15  # one of a hundred by chance: 15 have a probability of 1e-4
+
+
+def test_a_change_is_reported_once_also_after_a_restart(tmp_path: Path) -> None:
+    now = time.time()
+    begin = now - 31 * DAY
+    write(tmp_path, "imu", days(30, begin=begin, step_at=27))
+    for expected in (len(NAMES), 0):
+        history = History(tmp_path, "imu", keep_days=400)
+        end = time.monotonic() + 60
+        while history._power_ups is None:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        found = history.new_changes()
+        assert len(found) == expected
+        assert history.new_changes() == []
+        for name, text in found:
+            history.event(Event(time=iso(now), kind="change", text=text, device="imu", channel=name))
+        annotated = history.annotated(report())
+        assert [c.against for c in annotated.channels["gyro/y"].changes][-1] == "history"
+        assert "changed" in annotated.channels["gyro/y"].caveats
+        history.close()
+
+
+# ---------------------------------------------------------------------- power-ups
+
+
+def settled(bias: float, now: float) -> TimedPeriod:
+    return period(0, begin=now - 3600.0, mean=bias)
+
+
+def test_a_restart_of_the_daemon_is_no_power_up_and_one_of_the_sensor_is() -> None:
+    ups = PowerUps([])
+    ups.update(100.0, BEGIN)
+    ups.update(4000.0, BEGIN + 3900.0)
+    again = PowerUps(ups._all)
+    again.update(90_000.0, BEGIN + 89_900.5)  # the daemon was away
+    assert len(again._all) == 1
+    again.update(5.0, BEGIN + 90_000.0)  # the clock restarted
+    again.update(
+        90_000.0, BEGIN + 400_000.0
+    )  # it is ahead, but not by as much as the host: off for days in between
+    assert [round(each.time - BEGIN) for each in again._all] == [-100, 89_995, 310_000]
+
+
+def test_the_bias_is_taken_once_the_sensor_has_settled() -> None:
+    ups = PowerUps([])
+    ups.update(700.0, BEGIN)
+    assert not ups.settle(settled(0.1, BEGIN), 100.0)  # half an hour is not over
+    ups.update(3000.0, BEGIN + 2300.0)
+    assert not ups.settle(period(1, complete=False), 2400.0)
+    assert not ups.settle(period(1, warming_up=True), 2400.0)
+    assert ups.settle(settled(0.2, BEGIN + 2300.0), 2400.0)
+    assert not ups.settle(settled(0.3, BEGIN + 2900.0), 3000.0)
+    assert ups.biases(GYRO[0]) == [0.2]
+    assert ups.biases(MAG[0]) == []
+
+
+def test_the_repeatability_has_limits_after_five_power_ups() -> None:
+    ups, biases = PowerUps([]), [0.1, 0.14, 0.09, 0.11, 0.12]
+    for number, bias in enumerate(biases):
+        shape = ups.described(Distribution(), GYRO[2])
+        assert shape.turn_on_count == (number or None)
+        assert shape.turn_on_std is None
+        begin = BEGIN + number * DAY
+        ups.update(1.0, begin)
+        ups.update(4000.0, begin + 4000.0)
+        assert ups.settle(settled(bias, begin + 4000.0), 3300.0)
+    shape = ups.described(Distribution(), GYRO[2])
+    assert shape.turn_on_count == LEAST_POWER_UPS
+    assert shape.turn_on_std == pytest.approx(np.std(biases, ddof=1))
+    assert (shape.turn_on_low, shape.turn_on_high) == deviation_limits(shape.turn_on_std or 0.0, 4)
+
+
+def test_power_ups_are_in_the_file(tmp_path: Path) -> None:
+    now = time.time()
+    for number, bias in enumerate((0.1, 0.2)):
+        history = History(tmp_path, "imu", keep_days=400)
+        end = time.monotonic() + 60
+        while history._power_ups is None:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        history.clock(9000.0 - number, now)
+        history.add([period(number, mean=bias, complete=True).period], "r", now)
+        history.close()
+        assert history._power_ups.biases(GYRO[0]) == [0.1, 0.2][: number + 1]

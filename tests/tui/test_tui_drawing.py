@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pictures
 import pytest
 import reports
+from pictures import FOLDER, IN_README, PICTURES
 from rich.style import Style
 from screen_driver import drive, driven, table_number, visible_text
 from textual.pilot import Pilot
@@ -84,3 +88,29 @@ def _row(app: ImumonApp, y: int) -> str:
         app.screen.get_widget_at(0, y)[0].render_line(y - app.screen.get_widget_at(0, y)[1].y).text
         for _ in range(1)
     )
+
+
+# ---------------------------------------- snapshots of the screen in about 15 states that matter
+
+
+@pytest.fixture(scope="module")
+def drawn() -> dict[str, str]:
+    return pictures.drawn(PICTURES.values())
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_the_screen_matches_its_snapshot(name: str, drawn: dict[str, str], tmp_path: Path) -> None:
+    saved = (FOLDER / f"{name}.svg").read_text(encoding="utf-8")
+    if drawn[name] != saved:
+        new = tmp_path / f"{name}.svg"
+        new.write_text(drawn[name], encoding="utf-8")
+        pytest.fail(f"{new} is not {FOLDER.name}/{name}.svg; if it is better: python tests/pictures.py")
+
+
+def test_the_readme_shows_the_screen_of_today() -> None:
+    name, copy = IN_README
+    assert copy.read_bytes() == (FOLDER / f"{name}.svg").read_bytes(), "run python tests/pictures.py"
+
+
+def test_there_are_no_other_snapshots() -> None:
+    assert {path.stem for path in FOLDER.glob("*.svg")} == set(PICTURES)

@@ -1,17 +1,22 @@
-"""Faults of the disk: full, read-only, half a state behind a power cut. The reading goes on."""
+"""Faults of the disk and of the history, and kills again and again: the reading continues."""
 
 from __future__ import annotations
 
 import os
+import random
 import subprocess
+import tempfile
+import time
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from laws import Fault
+from laws import ON_THE_WAY, Fault
 from scene import ID, Scene, scene
 
 from imumon.checkpoint import decode
+from imumon.history import HistoryStore, Selection
+from imumon.history.store import SUFFIX
 
 pytestmark = pytest.mark.slow
 
@@ -154,3 +159,112 @@ def test_13_power_cut_in_the_middle_of_a_save(tmp_path: Path, damage: str, serve
         else:
             assert after.report.session.restarts == 0
             play.end(after, play.calm())
+
+
+# ---------------------------------------- faults of the history
+
+
+EVER = Selection(since=0.0, until=1e12)
+
+
+def kept(path: Path) -> int:
+    """Samples in the hours of a file."""
+    copy = (
+        Path(tempfile.mkdtemp()) / path.name
+    )  # SQLite cannot follow the path into the view of another process
+    for suffix in ("", "-wal"):
+        if Path(f"{path}{suffix}").exists():
+            Path(f"{copy}{suffix}").write_bytes(Path(f"{path}{suffix}").read_bytes())
+    with HistoryStore(copy) as store:
+        return sum(timed.period.samples for timed in store.periods(EVER))
+
+
+def wait_for(play: Scene, text: str) -> None:
+    play.daemon.wait(lambda r: told(play, "history", text))
+
+
+@mounts
+def test_22_history_on_a_full_disk(tmp_path: Path) -> None:
+    """One message when nothing can be written and one when it can be; what happened between is in the file."""
+    with scene(tmp_path, seed=22, start=False) as play:
+        play.start(before=within('mount -t tmpfs -o size=2m none "$0"', play.state))
+        before = play.calm()
+        seen = Path(f"/proc/{play.daemon.process.pid}/root") / play.state.relative_to("/")
+        with pytest.raises(OSError, match="No space"):
+            (seen / "filler").write_bytes(b"\0" * (4 << 20))
+        wait_for(play, "cannot be written")
+        (seen / "filler").unlink()
+        wait_for(play, "written again")
+        after = play.calm()
+        assert after.report.session.missing == 0
+        play.daemon.wait(lambda r: kept(seen / f"{ID}{SUFFIX}") >= after.report.session.samples)
+        play.end(before, after)
+        assert play.said.count("the history cannot be written") == 1
+
+
+def test_23_history_file_is_corrupt(tmp_path: Path) -> None:
+    """It is set aside with its name, a new one begins, and the record of the state continues."""
+    with scene(tmp_path, seed=23) as play:
+        play.calm()
+        play.stop()
+        path = play.state / f"{ID}{SUFFIX}"
+        data = path.read_bytes()
+        damage = data[:4096] + b"\xa5" * (len(data) - 4096)
+        path.write_bytes(damage)
+        play.start()
+        before = play.calm()
+        wait_for(play, "a new history begins")
+        assert (play.state / f"{ID}.damaged-1{SUFFIX}").read_bytes() == damage
+        after = play.calm()
+        play.end(before, after)
+        assert kept(path) > 0
+
+
+# ---------------------------------------- faults that come again and again, or in each phase
+
+
+KILLS = 30
+
+
+@pytest.mark.timeout(900)
+def test_26_killed_thirty_times(tmp_path: Path) -> None:
+    """At any moment, also within a save: each start goes on with what was saved, at most a second before."""
+    moments = random.Random(26)
+    with scene(tmp_path, seed=26) as play:
+        before = play.calm()
+        play.daemon.wait(lambda r: (play.state / f"{ID}.state").exists())
+        saved = 0
+        for _ in range(KILLS):
+            play.daemon.samples(saved + 1)
+            time.sleep(moments.uniform(0.0, 1.5))
+            play.kill()
+            left = time.monotonic()
+            record = decode((play.state / f"{ID}.state").read_bytes()).record
+            assert record.samples >= saved
+            saved = record.samples
+            play.start()
+            assert play.daemon.samples(saved + 1).session.restarts
+            # the save period, and what it takes to save
+            play.away_s += time.monotonic() - left + 2.0
+        play._left = None
+        after = play.calm()
+        # a start that is killed before its first save leaves no trace
+        restarts = after.report.session.restarts
+        assert 1 <= restarts <= KILLS
+        final = play.end(before, after, Fault(restarts=restarts, on_the_way=KILLS * ON_THE_WAY))
+        # the period in progress is complete in the state alone; nothing is in the history twice
+        assert 0 < kept(play.state / f"{ID}{SUFFIX}") <= final.session.samples
+        assert not [
+            path.name for path in play.state.iterdir() if "damaged" in path.name or ".new" in path.name
+        ]
+
+
+DOCUMENTS = ("json", "csv", "html")
+
+
+CALLS_OF_A_SAVE, CALLS_OF_A_DAEMON = 24, 8
+"""Calls that write of one save of state and history, with some more; the log has a message ten times an hour."""
+
+
+DAYS, STEP_S, PERIOD_S = 30, 10, 3600
+SAMPLES = DAYS * 86400 // STEP_S
