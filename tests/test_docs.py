@@ -9,14 +9,17 @@ blocks are checked against the command line.
 
 from __future__ import annotations
 
+import doctest
 import json
 import os
+import pkgutil
 import re
 import shlex
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from importlib import import_module
 from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -251,3 +254,14 @@ def test_the_changelog_has_known_headings() -> None:
     assert heads[1].startswith(f"{imumon.__version__} - ")
     kinds = set(re.findall(r"^### (.+)$", text, re.MULTILINE))
     assert kinds <= {"Added", "Changed", "Fixed", "Removed", "Security"}
+
+
+# ---------------------------------------------------------------- docstrings
+
+
+def test_every_example_of_a_docstring_gives_what_it_says() -> None:
+    """Modules are imported here alone: as tests of their own, each process of a run imports all of them."""
+    names = [module.name for module in pkgutil.walk_packages(imumon.__path__, "imumon.")]
+    results = {name: doctest.testmod(import_module(name)) for name in names if "__main__" not in name}
+    assert sum(result.attempted for result in results.values()) > 100
+    assert not [name for name, result in results.items() if result.failed]

@@ -1,7 +1,8 @@
-"""Laws of saved objects: what is restored continues exactly, and a damaged file is never continued."""
+"""Laws of saved objects: what is restored continues exactly, and saved reports are those of the present pipeline."""
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import json
 from pathlib import Path
@@ -9,12 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import report_runs
+import reports
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from placed import PlacedRecord
 
 from imumon.checkpoint import FORMAT
 from imumon.grid.sample_clock import BREAK
+from imumon.model.report_json import to_json
 from imumon.model.samples import SampleBlock, Stream
 from imumon.model.saved_state import pack, restorable, unpack
 from imumon.record import Record, RecordOptions
@@ -114,3 +118,26 @@ def test_only_what_is_marked_can_be_saved() -> None:
         pack(np.array([None]))
     with pytest.raises(ValueError, match="two restorable classes"):
         restorable(type("Stream", (), {"__module__": "elsewhere"}))
+
+
+# ---------------------------------------------------------------- saved reports
+
+
+def same(part: Any, other: Any) -> bool:
+    """Return whether JSON is the same, but for what another processor rounds otherwise."""
+    if isinstance(part, dict) and isinstance(other, dict):
+        return part.keys() == other.keys() and all(same(part[key], other[key]) for key in part)
+    if isinstance(part, list) and isinstance(other, list):
+        return len(part) == len(other) and all(map(same, part, other))
+    if isinstance(part, float) and isinstance(other, float):
+        return part == pytest.approx(other, rel=1e-3, abs=1e-12)
+    return part == other
+
+
+@pytest.mark.slow
+def test_the_saved_reports_are_those_of_the_present_pipeline() -> None:
+    made = report_runs.saved()
+    assert {path.name.partition(".")[0] for path in reports.FOLDER.iterdir()} == set(made)
+    for name, part in made.items():
+        text = gzip.decompress((reports.FOLDER / f"{name}.json.gz").read_bytes())
+        assert same(json.loads(to_json(part)), json.loads(text)), f"{name}: run python tests/report_runs.py"

@@ -1,27 +1,33 @@
-"""Commands that print: status, explain and the manual page."""
+"""What commands print: status, explain, the manual page, completion and the progress bar."""
 
 from __future__ import annotations
 
 import argparse
+import fcntl
 import os
 import re
 import shlex
 import shutil
+import struct
 import subprocess
 import sys
+import termios
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import pytest
 import reports
-from commands import manual_page, run_inside
+from commands import imumon, manual_page, run_inside
 from paths import ROOT
 from test_check import published
+from waiting import until
 
 from imumon.cli import parsers
 from imumon.cli.exit_codes import SUCCESS, USAGE
 from imumon.cli.explain_command import errors_listed
 from imumon.cli.main import main
+from imumon.cli.progress_bar import ProgressBar
 from imumon.documents.summary import summary_text
 from imumon.model.coefficients import COEFFICIENTS, STATUSES
 from imumon.model.glossary import explain, explanations
@@ -158,3 +164,138 @@ def test_groff_formats_it_without_a_warning(page: str) -> None:
     command = ["groff", "-man", "-ww", "-Tutf8"]
     done = subprocess.run(command, input=page, capture_output=True, text=True, check=True)
     assert done.stderr == ""
+
+
+# ---------------------------------------------------------------- completion
+
+
+needs_bash = pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+
+
+@cache
+def script(shell: str) -> str:
+    return imumon("completion", shell)
+
+
+def complete(line: str, directory: Path) -> set[str]:
+    """Return what bash offers at the end of a line."""
+    words = line.split(" ")
+    quoted = " ".join(f"'{word}'" for word in words)
+    code = f"""{script("bash")}
+COMP_LINE='{line}' COMP_POINT={len(line)} COMP_TYPE=9 COMP_WORDS=({quoted}) COMP_CWORD={len(words) - 1}
+_python_argcomplete imumon
+printf '%s\\n' "${{COMPREPLY[@]}}"
+complete -p imumon >/dev/null"""
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=directory,
+        env={**os.environ, "PATH": path, "HOME": str(directory)},
+    )
+    assert done.stderr == ""
+    return set(done.stdout.split())
+
+
+@pytest.mark.few
+@needs_bash
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("imumon st", {"status"}),
+        ("imumon run --stream ", {"deltas", "uncompensated", "compensated"}),
+        ("imumon wait --coefficient ", {"N", "B", "K", "M"}),
+        ("imumon run --port si", {"sim"}),
+        ("imumon replay cap", {"capture.bin"}),
+        ("imumon run --state st", {"state/"}),
+    ],
+)
+def test_bash_offers(line: str, offered: set[str], tmp_path: Path) -> None:
+    (tmp_path / "capture.bin").touch()
+    (tmp_path / "state").mkdir()
+    assert complete(line, tmp_path) == offered
+
+
+@needs_bash
+def test_bash_offers_every_command_and_option(tmp_path: Path) -> None:
+    commands = parsers()[1]
+    assert complete("imumon ", tmp_path) == set(commands)
+    for name in ("run", "replay"):
+        options = {
+            option
+            for action in commands[name]._actions
+            for option in action.option_strings
+            if option != "--stop-with-stdin"
+        }
+        assert complete(f"imumon {name} -", tmp_path) == options
+
+
+def test_the_version_imports_nothing_heavy() -> None:
+    code = "import sys; from imumon.cli import main\ntry: main(['--version'])\nfinally: print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    loaded = {name.partition(".")[0] for name in done.stdout.split()}
+    heavy = {"numpy", "scipy", "zenoh", "serial", "textual", "pydantic", "matplotlib", "argcomplete"}
+    assert "argparse" in loaded
+    assert not loaded & heavy
+
+
+def test_the_parser_of_all_commands_needs_the_standard_library_only() -> None:
+    """The manual page is built from it, in an environment that has nothing else."""
+    code = "import sys; before = {*sys.modules}; from imumon.cli import parsers; parsers()[0].format_help(); "
+    code += "print(*{*sys.modules} - before)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.partition(".")[0] for name in done.stdout.split()}
+    assert loaded - set(sys.stdlib_module_names) == {"imumon"}
+
+
+# ---------------------------------------------------------------- progress bar
+
+
+def drained(master: int) -> str:
+    os.set_blocking(master, False)
+    data = b""
+    try:
+        while part := os.read(master, 1 << 16):
+            data += part
+    except (BlockingIOError, OSError):
+        pass
+    return data.decode()
+
+
+def shown_text(shown: str) -> str:
+    """What a terminal shows, without colours and movements."""
+    return re.sub(r"\x1b\[[?\d;]*[A-Za-z]", "", shown)
+
+
+@pytest.mark.parametrize("columns", [120, 40])
+def test_a_bar_shows_share_rate_and_time_left_and_leaves_an_empty_line(
+    columns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))  # the streams of this process are no terminal
+    master, slave = os.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    shown = ""
+
+    def shows(text: str) -> bool:
+        nonlocal shown
+        shown += drained(master)
+        return text in shown
+
+    with open(slave, "w") as terminal:
+        with ProgressBar(terminal, begin_s=0.05) as bar:
+            until(lambda: shows("opening"))
+            bar.update(0.5, 3600.0)
+            until(lambda: shows("50 %"))
+            bar.update(0.6, 4320.0)
+            until(lambda: shows("60 %"))
+        assert shows("\x1b[?25h")  # the cursor is back
+    os.close(master)
+    lines = shown_text(shown).split("\r")
+    assert max(map(len, lines)) <= columns
+    if columns == 120:
+        assert re.search(
+            r"60 %  1 h 12 min of record, [\d,]+ times real time ━+╺━+ [-0:\d]+\r", shown_text(shown)
+        )
+    assert shown.endswith("\x1b[2K")

@@ -207,3 +207,19 @@ SETTINGS = (
     Hostile("settings", "empty-device", lambda place: Path("/dev/null"), "read"),
 )
 """Hostile settings of a user."""
+
+
+def sparse(place: Path) -> Path:
+    """Write a file of 1 TB that takes no place on the disk."""
+    path = place / "report.json"
+    with path.open("wb") as out:
+        out.write(b"{")
+        out.truncate(1 << 40)
+    return path
+
+
+SAVED = (
+    Hostile("saved-report", "escapes", file("a\x1b]0;owned\x07.json", lambda: '{"\x1b]0;owned\x07": 1}'), "refused"),
+    Hostile("saved-report", "escapes-in-a-missing-file", lambda place: place / "none\x1b[2J", "refused"),
+    Hostile("saved-report", "1-TB", sparse, "refused", says="not a saved report"),
+)  # fmt: skip

@@ -85,7 +85,6 @@ def ardupilot(place: Path) -> Path:
     _, gyro, accel = truth(500)
     log = DataFlash()
     log.imu(gyro, accel)
-    log.batch(1, 0, 10**6, 2000.0, 938, np.ones((100, 3), dtype=int))
     return log.write(place / "a.BIN")
 
 

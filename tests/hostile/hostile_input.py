@@ -11,7 +11,7 @@ and no traceback, and time and memory are bounded.
 | device-name | a name | `rejected` |
 | saved-report | a file for `imumon report` | `refused` |
 
-The inputs are rows of the modules `corpus_*.py`. The name of a row is the id of its test: `pytest -k NAME` runs it.
+The inputs are rows of tables. The name of a row is the id of its test: `pytest -k NAME` runs it.
 """
 
 from __future__ import annotations

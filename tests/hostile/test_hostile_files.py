@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from corpus_messages import SAVED
-from corpus_recordings import RECORDINGS, SETTINGS, capture, table
+from corpus_recordings import RECORDINGS, SAVED, SETTINGS, capture, table
 from damage import OWN_PROCESS, SAMPLES, damaged, read_damaged
 from hostile_input import Hostile, file, go_through, little_memory, printable, rows
 from paths import ROOT

@@ -1,21 +1,28 @@
-"""Laws of the monitor: the best stream, counts, events, state."""
+"""Laws of a record: the best stream, counts, sums from the first sample on, gaps, and samples without a number."""
 
 from __future__ import annotations
 
 import gc
 import tracemalloc
 from dataclasses import replace
+from datetime import UTC, datetime
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from blocks_at_rest import DELTAS, LEVEL, NOW, SIGMA, TICK, block
+from hypothesis import given
+from hypothesis import strategies as st
+from placed import PlacedRecord
 
+from imumon.grid.sample_clock import BREAK, PlacedSamples
 from imumon.model.errors import RateRequired
 from imumon.model.report import DeviceDescription, Report, SensorGrade, SessionCounters
-from imumon.model.samples import ACCEL, GYRO, MAG, SampleBlock, Stream
+from imumon.model.samples import ACCEL, GYRO, MAG, Clock, SampleBlock, Stream
+from imumon.noise.fit import fit_curve
 from imumon.record import Record, RecordOptions
 from imumon.record.events import EventLog
+from imumon.record.gap_fill import LONG_GAP, MOST_ROWS, Break, DenseBlock, LongGap, fill_gaps
 
 
 def report(monitor: Record) -> Report:
@@ -304,3 +311,133 @@ def test_a_magnetometer_beside_increments_is_a_point_sample() -> None:
     # point samples of a walk have 1.5 times the variance of averages at the shortest time
     assert mag.allan.model[0] == pytest.approx(mag.allan.sigma[0], rel=0.01)
     assert (mag.fit, mag.caveats) != (gyro.fit, gyro.caveats)
+
+
+# ---------------------------------------------------------------- sums
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("rate", [0.1, 1.0, 100.0, 800.0])
+def test_statistics_begin_with_the_first_samples(rate: float) -> None:
+    """The first assessment of the guard delays nothing and removes nothing that a report has shown."""
+    made = PlacedRecord(GYRO + ACCEL, rate)
+    record = made.record
+    values = LEVEL + SIGMA * np.random.default_rng(1).normal(size=(4000 if rate == 800.0 else 1500, 6))
+    counts = []
+    for row in range(len(values)):
+        made.feed(values[row : row + 1], np.ones(1, dtype=np.int64))
+        if row in range(1, 60) or row % 100 == 0:
+            counts.append(record._shown_sums().moments().channels[0].count)
+        if row == 1:
+            now = record._shown_sums().moments().channels[0]
+            assert (now.count, now.last) == (2, values[1, 0])
+            assert now.mean == pytest.approx(values[:2, 0].mean())
+        if row == 29:
+            assert fit_curve(record._shown_sums().curve(), averaged=True)[0].N.status != "pending"
+            assert record._shown_sums().histogram.result()[0] is not None
+    assert counts == sorted(counts)
+    assert record._shown_sums().moments().channels[0].count == record.samples - record.guard.held
+    assert record.guard.held <= 2 * max(10, rate)
+
+
+def test_missing_share_is_that_of_the_grid() -> None:
+    made = PlacedRecord(GYRO + ACCEL, 100.0)
+    values = LEVEL + SIGMA * np.random.default_rng(1).normal(size=(1000, 6))
+    made.feed(values, np.array([1, 2] * 500))
+    assert made.record.counts().missing_share == pytest.approx(1 / 3, abs=1e-3)
+
+
+# ---------------------------------------------------------------- gap filling
+
+
+@given(st.lists(st.sampled_from([1, 1, 1, 2, 5, LONG_GAP, LONG_GAP + 1, 10**9, BREAK]), max_size=60))
+def test_ticks_and_samples_are_conserved(steps: list[int]) -> None:
+    n = len(steps)
+    placed = PlacedSamples(np.arange(n, dtype=float)[:, None], np.array(steps, dtype=np.int64), None)
+    at, tick, ticks = [], 0, 0
+    for part in fill_gaps(placed):
+        if isinstance(part, DenseBlock):
+            present = np.ones(len(part.values), dtype=bool) if part.present is None else part.present
+            at += [(tick + int(i), float(part.values[i, 0])) for i in np.flatnonzero(present)]
+            tick += len(present)
+            ticks += len(present)
+        elif isinstance(part, LongGap):
+            tick += part.ticks
+            ticks += part.ticks
+        else:
+            assert isinstance(part, Break)
+    assert [value for _, value in at] == list(range(n))
+    assert ticks == sum(1 if s == BREAK else s for s in steps)
+    place = np.cumsum([1 if s == BREAK else s for s in steps]) - 1
+    assert [p for p, _ in at] == place.tolist()
+
+
+def test_many_short_gaps_make_no_long_block() -> None:
+    steps = np.full(1 << 15, LONG_GAP)
+    placed = PlacedSamples(np.zeros((len(steps), 1)), steps, None)
+    lengths = [len(part.values) for part in fill_gaps(placed) if isinstance(part, DenseBlock)]
+    assert sum(lengths) == len(steps) * LONG_GAP
+    assert max(lengths) <= MOST_ROWS + LONG_GAP
+
+
+# ---------------------------------------------------------------- samples without a number
+
+
+SAMPLES = 3000
+INTERVAL_NS = 10_000_000
+
+
+def report_of(values: np.ndarray, clock: Clock, block: int = 50) -> tuple[Report, list[str]]:
+    stream = Stream("uncompensated", (*GYRO, *ACCEL, "temperature"), "test", clock)
+    monitor = Record(rate_hz=100.0)
+    for at in range(0, len(values), block):
+        some = values[at : at + block]
+        time = (at + np.arange(len(some))) * INTERVAL_NS if clock == "startup" else None
+        monitor.feed(SampleBlock(stream, some, time, np.zeros(len(some), np.int64)))
+    monitor.flush()
+    made = monitor.report(datetime.now(UTC), DeviceDescription(id="x"), "stopped", SessionCounters())
+    return made, [event.kind for event in monitor.events()]
+
+
+def noise() -> np.ndarray:
+    values = np.random.default_rng(1).normal(0.0, 1e-3, (SAMPLES, 7))
+    values[:, 6] += 25.0
+    return values
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("clock", ["startup", "none"])
+@pytest.mark.parametrize(("bad", "block"), [(np.nan, 50), (np.inf, 50), (1e300, 50), (np.nan, 1)])
+def test_a_sample_without_a_number_is_missing(clock: Clock, bad: float, block: int) -> None:
+    values = noise()
+    bad_rows = np.array([50, 51, 52, 99, 149, 1000, 2345])
+    values[bad_rows, [0, 1, 2, 3, 4, 5, 0]] = bad
+    made, kinds = report_of(values, clock, block)
+    assert made.session.samples == SAMPLES - len(bad_rows)
+    assert made.session.missing == len(bad_rows)
+    assert made.session.excluded_by == {}
+    assert all(made.channels[name].coefficients["N"].value for name in (*GYRO, *ACCEL))
+    assert kinds.count("garbage") == 1
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("rows", [slice(None), slice(None, None, 7), slice(1500, None)])
+def test_a_temperature_without_a_number_is_unknown_there(rows: slice) -> None:
+    values = noise()
+    values[rows, 6] = np.nan
+    made, kinds = report_of(values, "startup")
+    temperature = made.channels["temperature"]
+    known = np.isfinite(values[:, 6])
+    assert temperature.count == known.sum()
+    assert (temperature.mean is None) == (not known.any())
+    assert made.session.samples == SAMPLES
+    assert made.channels["gyro/x"].coefficients["N"].value == pytest.approx(1e-4, rel=0.1)
+    assert "garbage" not in kinds
+
+
+def test_a_sensor_that_sends_no_number_at_all_gives_no_sample() -> None:
+    values = noise()
+    values[:, 3:6] = np.nan
+    made, kinds = report_of(values, "startup")
+    assert made.session.samples == 0
+    assert kinds == ["garbage"]

@@ -60,18 +60,18 @@ class ColumnClock:
         if self._rate is None and stated_hz is not None:
             self._rate, self._reason = stated_hz, f"a comment states {stated_hz:g} Hz"
 
-    def time(self, taken: Collection[int]) -> Use:
+    def time(self, excluded: Collection[int]) -> Use:
         """Return the time, or the rate in its place.
 
         Parameters
         ----------
-        taken : columns that are something else.
+        excluded : columns that are something else.
 
         Raises
         ------
         RecordingError : each sensor has a clock of its own, or the rows are not in the order of the time.
         """
-        free = [c for c in self._columns if c.index not in taken]
+        free = [c for c in self._columns if c.index not in excluded]
         clocks = sorted(filter(self._may_be_clock, free), key=self._rank)
         best = clocks[0] if clocks else None
         is_alone = best is not None and (best.index in self._dates or "startup" in best.words)
