@@ -146,7 +146,7 @@ def test_a_foreign_device_is_recognised(case: Case) -> None:
     with on_a_terminal("nmea") as port:
         results = by_name(case, port)
     assert failed(results) == {"sensor"}
-    assert "GNSS" in results["sensor"].text
+    assert "GPGGA" in results["sensor"].text
     assert results["sensor"].cure
 
 

@@ -34,7 +34,6 @@ _RETRIABLE = {
     ErrorCode.ERROR_BUFFER_OVERFLOW,
 }
 """Error codes that are not about the request, or after which it should be sent again."""
-_NMEA = re.compile(rb"\$(G[A-Z][A-Z]{3}|P[A-Z]{3,8}),[ -~]*")
 
 
 class NotAVn100(DeviceNotFound):
@@ -91,8 +90,6 @@ class CommandChannel:
                         return
                 elif len(tried) == 1:  # of several, an adapter without one of them can still find the sensor
                     raise baud_unsupported(self.port.name, baud)
-                if evidence.nmea:  # a readable sentence shows only at the right rate: no other is better
-                    raise evidence.error(self.port.name, tried)
         self.port.set_baud(before)
         raise evidence.error(self.port.name, tried)
 
@@ -174,14 +171,10 @@ class _Evidence:
     """Bytes received during a scan, for the error message."""
 
     def __init__(self) -> None:
-        self.count = 0
-        self.nmea: str | None = None
-        self._text = b""
+        self._count, self._text = 0, b""
 
     def add(self, data: bytes) -> None:
-        self.count += len(data)
-        if self.nmea is None and (match := _NMEA.search(data)) is not None:
-            self.nmea = match[1].decode("ascii")
+        self._count += len(data)
         # random bytes, as at a wrong baud rate, have no 24 of these in a row
         lines = [line.strip() for line in re.findall(rb"[ -~\t\r\n]{24,}", data)]
         self._text = max((self._text, *lines), key=len)
@@ -189,22 +182,15 @@ class _Evidence:
     def error(self, port: str, bauds: list[int]) -> NotAVn100:
         """Return the error with the kind of the received bytes."""
         where = "at every baud rate" if len(bauds) > 1 else f"at {bauds[0]} baud"
-        other_port = "choose another --port"
-        if self.nmea is not None:
-            text = f"{port} sends NMEA sentences (${self.nmea}), as a GNSS receiver does"
-            return NotAVn100("device_sends_nmea", text, other_port)
-        if not self.count:
+        if not self._count:
             cure = "check its power, that transmit and receive are not swapped, and that the port is correct"
             return NotAVn100("device_silent", f"{port} sends nothing {where}", cure)
-        if b"$VN" in self._text:
-            text = f"{port} sends messages of a VN-100, but all are damaged {where}"
-            return NotAVn100("device_damaged_messages", text, "check the cable and its ground")
         if self._text:
             shown = self._text.splitlines()[0][:40].decode("ascii")
-            text = f"{port} sends text that is not from a VN-100 ({shown!r})"
-            cure = f"choose another --port, or if it prints numbers, --port lines:{port}"
+            text = f"{port} sends text without a valid message of a VN-100 ({shown!r})"
+            cure = f"check the cable, choose another --port, or if it prints numbers, --port lines:{port}"
             return NotAVn100("device_sends_text", text, cure)
-        text = f"{port} sends bytes ({self.count} received) but no valid message {where}"
+        text = f"{port} sends bytes ({self._count} received) but no valid message {where}"
         cure = "choose another --port or --baud, or a cable of other levels (RS-232, 3 V)"
         return NotAVn100("device_sends_garbage", text, cure)
 

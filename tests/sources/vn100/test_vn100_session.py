@@ -92,7 +92,7 @@ def test_unsupported_baud_is_skipped_or_an_error() -> None:
 
 @pytest.mark.parametrize(
     ("kind", "code"),
-    [("silent", "device_silent"), ("nmea", "device_sends_nmea"), ("garbage", "device_sends_garbage")],
+    [("silent", "device_silent"), ("nmea", "device_sends_text"), ("garbage", "device_sends_garbage")],
 )
 @pytest.mark.parametrize("listen_only", [False, True])
 def test_another_device_is_refused_with_a_code_for_its_bytes(kind: str, code: str, listen_only: bool) -> None:
