@@ -2,8 +2,9 @@
 
 The time of a sample is ``header.stamp``, which the driver sets; `LiveStamps` handles stamps of any quality. The
 sequence number of the publisher shows which messages were lost on the way: the other missing samples were never
-published. Samples of a separate accelerometer or magnetometer topic are paired by their stamps; a topic with another
-rate cannot be paired and is left out. A temperature holds until the next one.
+published. Samples of a separate accelerometer or magnetometer topic are paired by their stamps, within half an
+interval; a topic that has none for most of them, such as one of another rate, is left out. A temperature holds until
+the next one.
 
 Counts add up: a message is a sample, waits, or is counted as invalid or of another publisher.
 """
@@ -26,7 +27,6 @@ from imumon.model.samples import (
     Floats,
     Ints,
     Item,
-    Notice,
     SampleBlock,
     Stream,
     channel_names,
@@ -47,8 +47,6 @@ GAUSS = 1e4
 """Gauss in a tesla, the unit of a MagneticField."""
 USED_SHARE = 0.9
 """Share of the first rows that must have a quantity for it to be used."""
-SAME_RATE = 0.1
-"""Share by which the rates of two topics may differ to be paired: the first rows show them roughly."""
 PARTNER_S = 1.0
 """s that a row waits for its partner in another topic."""
 FIRST_S = 12.0
@@ -59,8 +57,6 @@ SILENT_MESSAGES = 3.0
 """Intervals of its messages that are needed as well, for slow topics."""
 MOST_LOST = 1_000_000
 """Messages; a larger step of the sequence number is a new count."""
-NOTICE_S = 10.0
-"""s between two notices of lost messages."""
 
 NONE = (math.nan,) * 3
 SENSORS = (("gyro", GYRO), ("accel", ACCEL), ("mag", MAG), ("temperature", channel_names(["temperature"])))
@@ -82,14 +78,13 @@ class PartnerTopic:
             self.stamps = np.append(self.stamps, np.array(stamps, np.int64))[-QUEUE_MESSAGES:]
             self.values = np.append(self.values, np.array(values).reshape(-1, 3), axis=0)[-QUEUE_MESSAGES:]
 
-    def match(self, stamps: Ints) -> Floats:
-        """Return (n, 3) the values whose stamps are nearest, within half an interval; NaN: there are none."""
-        interval = mean_interval(self.stamps)
-        if interval is None:
+    def match(self, stamps: Ints, interval: float | None) -> Floats:
+        """Return (n, 3) the values whose stamps are nearest, within half an interval, ns; NaN: there are none."""
+        if interval is None or not len(self.stamps):
             return np.full((len(stamps), 3), np.nan)
         order = np.argsort(self.stamps, kind="stable")  # another node may publish out of order
         known = self.stamps[order]
-        after = np.clip(np.searchsorted(known, stamps), 1, len(known) - 1)
+        after = np.clip(np.searchsorted(known, stamps), min(1, len(known) - 1), len(known) - 1)
         nearest = after - (stamps - known[after - 1] <= known[after] - stamps)
         matched = self.values[order[nearest]].copy()
         matched[np.abs(known[nearest] - stamps) > 0.5 * interval] = np.nan
@@ -141,7 +136,7 @@ class ImuAssembler:
         self._interval_s = 0.0  # between its messages, roughly
         self._sequence: int | None = None
         self._lost_before = 0  # of the next row
-        self._lost_noticed, self._notice_s = 0, -math.inf
+        self._recent: Ints = np.empty(0, np.int64)  # stamps, which show the interval
         if before is not None and before.stream is not None:
             self.stream, self._columns = before.stream, before._columns
             self._partners = {name: PartnerTopic(partner.topic) for name, partner in before._partners.items()}
@@ -174,13 +169,6 @@ class ImuAssembler:
         here = any(message.publisher == self._publisher for message in messages)
         for message in messages:
             self._add(message, now_s, here, items)
-        if self.lost > self._lost_noticed and now_s - self._notice_s >= NOTICE_S:
-            count = self.lost - self._lost_noticed
-            self._lost_noticed, self._notice_s = self.lost, now_s
-            text = f"{count} message{'s were' if count > 1 else ' was'} lost between publisher and imumon"
-            items.append(
-                Notice("remark", f"{text}: {self.lost} of {self.lost + self.messages} in all", "info")
-            )
         return items + self._blocks(final=False)
 
     def finish(self) -> list[Item]:
@@ -281,8 +269,10 @@ class ImuAssembler:
         times = np.array(self._times, np.int64).reshape(-1, 4)
         ready = len(times) if final else self._ready(times)
         values = np.array(self._rows[:ready]).reshape(ready, 7)
+        self._recent = np.append(self._recent, times[:ready, 0])[-QUEUE_MESSAGES:]
+        interval = mean_interval(self._recent)
         pairs = [
-            self._partners[name].match(times[:ready, 0])
+            self._partners[name].match(times[:ready, 0], interval)
             if name in self._partners
             else (values[:, 3:6] if name == "accel" else np.full((ready, 3), np.nan))
             for name in ("accel", "mag")
@@ -297,7 +287,6 @@ class ImuAssembler:
         if not len(placed):
             return []
         if self.stream is None:  # once: a record cannot gain or lose a channel
-            self._leave_out_other_rates(placed)
             self._choose_columns(self._values)
         rows, self._values = self._values[: len(placed)], self._values[len(placed) :]
         if self.stream is None:
@@ -353,28 +342,12 @@ class ImuAssembler:
             self.remarks += [] if text in self.remarks else [text]
             self._columns = []
 
-    def _leave_out_other_rates(self, placed: Ints) -> None:
-        """Leave out topics of another rate, whose samples cannot be paired one by one."""
-        interval = mean_interval(placed)
-        for name, partner in list(self._partners.items()):
-            of_partner = mean_interval(partner.stamps)
-            if interval is None or of_partner is None:
-                continue
-            if abs(of_partner / interval - 1.0) > SAME_RATE:
-                assert self._values is not None
-                start = {"accel": 3, "mag": 6}[name]
-                self._values[:, start : start + 3] = np.nan
-
     def _leave_out(self, name: str, topic: str) -> None:
         """Note that a further topic is not used."""
         partner = self._partners.pop(name, None)
-        interval = None if partner is None else mean_interval(partner.stamps)
-        if interval is None:
-            self.remarks.append(f"{topic} is left out: no message arrives")
-            return
-        text = f"{topic} ({1e9 / interval:.4g} Hz) is left out: its stamps do not match those of {self._url.topic}"
-        more = "; read it with a second imumon run" if name == "accel" else ""
-        self.remarks.append(text + more)
+        heard = partner is not None and len(partner.stamps)
+        why = f"its stamps do not match those of {self._url.topic}" if heard else "no message arrives"
+        self.remarks.append(f"{topic} is left out: {why}")
 
 
 def _further_sample(name: str, payload: bytes) -> tuple[int, Sequence[float] | None]:

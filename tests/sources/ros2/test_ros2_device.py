@@ -21,7 +21,7 @@ from ros2_messages import samples
 from waiting import until
 
 from imumon.config import Settings
-from imumon.model.samples import Item, Notice, SampleBlock
+from imumon.model.samples import Item, SampleBlock
 from imumon.ros2.node import Publication
 from imumon.ros2.ros_messages import IMU, type_hash
 from imumon.ros2.topic_url import open_node, parse_url
@@ -80,14 +80,12 @@ def test_counters_add_up_over_losses() -> None:
         made.open()
         read_until(made, 200)
         driver.drop = 7
-        items: list[Item] = []
-        until(lambda: items.extend(made.read(0.1)) or any(isinstance(item, Notice) for item in items))
+        until(lambda: made.read(0.1) is not None and made.counters.overruns)
         read_until(made, 300)
         made.close()
     assert made.counters.overruns == 1
     assert made.counters.messages >= 500
     assert made.counters.bad_checksums == 0
-    assert any(isinstance(item, Notice) and item.text.startswith("7 messages were lost") for item in items)
 
 
 # ---------------------------------------------------------------------- the daemon
@@ -119,7 +117,6 @@ def test_the_daemon_waits_for_the_topic_and_follows_its_driver(tmp_path: Path) -
     assert code == 0
     assert f"no Zenoh router at {endpoint}" in log
     assert "IMU topics: /other" in log
-    assert "30 messages were lost" in log
 
 
 # ---------------------------------------------------------------------- zenoh-ros2-sdk
