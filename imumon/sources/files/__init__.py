@@ -21,8 +21,8 @@ array_table       named arrays, of a file or of a program
 log_file          topics of bags and of logs of autopilots
 log_process       program that reads them, with limits
 table             rows of numbers as samples, from a file or from memory
-first_rows        clock and interval by the first rows
-row_selection     rows that are samples, in the order of their time
+table_clock       clock and interval by the first rows
+row_selection     columns and rows that are samples, in the order of their time
 """
 
 from imumon.sources.files.base import OptionNotApplicable, ReadOptions, Recording, RecordingError

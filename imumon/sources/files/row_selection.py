@@ -1,37 +1,69 @@
 """Row selection: the rows of a table that are samples of the stream, in the order of their time.
 
-A table may hold sensors of different rates: the slower one has blank cells. Rows that have both are too few for the
-faster one, and every other row is no loss of the slower one. So such a table is an error unless one sensor is
-selected; the rows without it are then no samples.
+A row is a sample if its sensor has numbers in it, and if these are new. The first block decides, once:
 
-A temperature may be known in some rows, or have rows of its own; the next samples take it.
+- A column without numbers is left out, a sensor with one on an axis, too, and a magnetometer that most rows lack. A
+  temperature may be slow and is held between its numbers.
+- One number on all axes, such as 0, stands for no sample where coarse numbers do not show it by chance.
+- Rows of a table with times that have no number of the sensor are of another one: a lost sample has no row. Two sensors
+  that have different rows are an error, whose cure reads each alone.
+- A row with the stamp of the row before is a copy of it, if all such rows are. A sensor that is slower than its rows
+  repeats its values; coarse numbers repeat by chance, each axis for itself.
 
 Rows of a log that several threads write may be swapped. `RowOrder` puts a row back that is late by less than a window.
-A time that falls further is a clock that restarts, and stays. Rows in no order at all are an error. A row may be
-written twice, a sensor may be held in some rows, and rows next to each other may be of two sensors.
+A time that falls further is a clock that restarts, and stays. Rows in no order at all are an error.
 """
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from imumon.grid.interval import SINGLE_EXCESS
 from imumon.model.cures import option_text
-from imumon.model.samples import AXES, Bools, Floats, Ints
+from imumon.model.samples import AXES, INERTIAL, Bools, Floats, Ints
 from imumon.model.units import share_text
-from imumon.sources.files.base import RecordingError
-from imumon.sources.files.columns import ColumnLayout
+from imumon.sources.files.base import RecordingError, RowSource
+from imumon.sources.files.columns import Column, ColumnLayout
+
+LARGEST = 1e10
+"""Numbers beyond it, in the unit of the channel, are damage: raw counts of 32 bits are below, and a changed exponent of
+a float is mostly above."""
 
 COMPLETE = 0.75
 """Share of the rows of a sensor that must have the other one, for them to have one rate: a slower one has at most two
 of three."""
 
-NEIGHBOURS = 64
-"""Rows of a piece of a table without time. A piece without a sample is part of a hole. Chosen: longer than what a
-sensor buffers."""
+FILLED = 0.9
+"""Share of the first rows in which a column of time or of a magnetometer must have a number."""
+
+SLOW = ("temperature", "pressure")
+"""Sensors that may be slower than the rows, and are held between their numbers."""
+
+DEAD = 0.95
+"""Share of the rows of a sensor with one number on all axes above which it has no samples at all."""
+
+FEWEST_HELD = 100
+"""Rows that show whether samples are held."""
+
+HELD_SHARE = 0.01
+"""Share of the rows that repeat all axes of a sensor, above which they are held: fewer move N by less than 0.5 %."""
+
+HELD_EXCESS = 3.0
+"""Ratio of this share to that of three axes that repeat by chance, each for itself, above which they are held."""
+
+COPIED = 0.99
+"""Share of the rows with the stamp of the row before that must be copies of it, for rows to be doubled."""
+
+UNSET_ROWS, UNSET_STEPS = 2, 1e6
+"""Rows with a time of 0 that are those of a clock that was not set, and steps by which its other times are beyond."""
+
+ALTERNATE_ERRORS = 8.0
+"""Standard errors by which rows in turn must differ to be of two sensors, chosen: one of 10^15 records of noise does by
+chance, and a vibration near half the sample rate has another phase within the first rows."""
 
 WINDOW = 64
 """Rows by which a row may be late and is still sorted: more than a datagram holds."""
@@ -40,165 +72,348 @@ UNSORTED = 0.05
 """Share of steps back, after sorting, above which rows are in no order: a clock does not restart that often."""
 
 
-DEAD = 0.95
-"""Share of the rows of a sensor with one number on all axes above which it has no samples at all."""
-
-FEWEST_HELD = 100
-"""Rows that show whether samples are held."""
-
-ALTERNATE_ERRORS = 8.0
-"""Standard errors by which rows in turn must differ to be of two sensors, chosen: one of 10^15 records of noise does by
-chance, and a vibration near half the sample rate has another phase within the first rows."""
-
-COPIED = 0.99
-"""Share of the rows with the stamp of the row before that must be copies of it, for rows to be doubled."""
-
-
-class SensorRows:
-    """Rows of the only inertial sensor of a stream, or of two sensors that have the same rows. Others are no samples.
+class RowSelection:
+    """Chooses the columns that have numbers, and the rows that are samples.
 
     Parameters
     ----------
-    path : for messages.
-    table_layout : columns of the stream.
+    source : of the rows.
+    table_layout : columns of the stream, by their names.
 
     Attributes
     ----------
-    others : rows of other sensors, which were left out; of these, `others_counted` that no reader has counted.
-    fillers : rows by sensor that have one number on all axes in place of a sample.
+    layout : columns of the stream; the first rows may leave some out.
+    started : the first rows have decided.
+    needed : places of the columns, of those that are used, that a sample cannot lack.
+    held : sensors that repeat their values in rows that are no samples of them.
+    unused : why a column is not used, by its place in the table.
+    others_counted : rows of other sensors that no reader has counted.
+    repeats_counted : the same of rows that repeat the row before.
+    caveats : what limits the meaning of the numbers, as in `Recording`.
     """
 
-    def __init__(self, path: str, table_layout: ColumnLayout) -> None:
-        self._path = path
-        sensors = [
-            sensor
-            for sensor in ("gyro", "accel")
-            if sensor in {name.sensor for name in table_layout.channels}
-        ]
-        self._columns = [
-            [k for k, name in enumerate(table_layout.channels) if name.sensor == sensor] for sensor in sensors
-        ]
-        self._inertial = [k for columns in self._columns for k in columns]
-        self._slow = [k for k in range(len(table_layout.channels)) if k not in self._inertial]
-        self._rows, self._counts, self._both = 0, np.zeros(len(sensors), np.int64), 0
-        self._timed = bool(table_layout.times)
-        self._mixed = False  # other sensors have rows of their own
-        self.others = self.others_counted = 0
-        self._names = sensors
-        self.fillers: dict[str, int] = {}
+    def __init__(self, source: RowSource, table_layout: ColumnLayout) -> None:
+        self.layout, self._source = table_layout, source
+        sensors = [name.sensor for name in table_layout.channels]
+        self._names = [sensor for sensor in INERTIAL if sensor in sensors]
+        self._axes = [[k for k, s in enumerate(sensors) if s == sensor] for sensor in self._names]
+        self._slow = [k for k, sensor in enumerate(sensors) if sensor in SLOW]
+        self._slow_numbers = np.full(len(self._slow), np.nan)  # the last ones
+        self._rows, self._counts, self._both = 0, np.zeros(len(self._names), np.int64), 0
+        self.started = self._mixed = self._doubled = self._unset = False
+        self.needed: list[int] = []
+        self.held: set[str] = set()
+        self._used: list[int] = []
+        self._compared: list[
+            int
+        ] = []  # columns, of those that are used, that repeat in rows that are no samples
+        self._last: Floats | None = None  # their numbers in the last row
+        factors = [LARGEST / abs(column.factor) for column in table_layout.columns]
+        self._limits = np.array([*factors, *[LARGEST**2] * (len(self.columns) - len(factors))])
+        self._beyond = 0  # numbers that no sensor has
+        self._fillers: dict[str, int] = {}
+        self._others = self._repeats = self.others_counted = self.repeats_counted = 0
+        self.unused = dict(table_layout.unused)
+        self._remarks = list(table_layout.remarks)
+        self.caveats = list(table_layout.caveats)
 
-    def mark_fillers(self, rows: Floats) -> None:
-        """Make rows NaN in which a program wrote one number, such as 0, because a sensor had no sample.
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns in the order of the rows: channels, times, interval."""
+        interval = self.layout.interval
+        return (*self.layout.columns, *self.layout.times, *([] if interval is None else [interval]))
 
-        The axes of a coarse gyroscope are the same, too, and then often two of them.
-        """
-        for name, columns in zip(self._names, self._columns, strict=True):
-            if len(columns) < len(AXES):
-                continue
-            x, y, z = rows[:, columns].T
-            filled: Bools = (x == y) & (y == z)
-            with_numbers = np.isfinite(x + y + z)  # a hole says nothing of coarse steps
-            share = float(filled.sum() / max(with_numbers.sum(), 1))
-            # decided once: a sensor that freezes later is stuck, which the guard has to see
-            if not self._rows and 0.0 < share < DEAD:
-                # coarse steps make two axes equal far more often than all three
-                alike = ((x == y) | (y == z) | (z == x))[~filled & with_numbers]
-                self.fillers |= {name: 0} if alike.mean() < share else {}
-            if name in self.fillers:
-                self.fillers[name] += int(filled.sum())
-                rows[np.flatnonzero(filled)[:, None], columns] = np.nan
+    @property
+    def remarks(self) -> list[str]:
+        """What is left out, for people."""
+        remarks = list(self._remarks)
+        if self._beyond:
+            numbers = "one number is" if self._beyond == 1 else f"{self._beyond:,} numbers are"
+            remarks.append(f"{numbers} above {LARGEST:.0e} and of no sensor: the file may be damaged")
+        for sensor, count in self._fillers.items():
+            remarks.append(
+                f"{counted(count, 'has', 'have')} the same number on all axes of {sensor}: no samples of it"
+            )
+        if self._others:
+            sensors = " or ".join(self._names)
+            remarks.append(f"{self._others:,} rows have no number of {sensors}: they are no samples of it")
+        if self._repeats:
+            repeat = counted(self._repeats, "repeats", "repeat")
+            of = " and ".join(sorted(self.held))
+            copies_text = f"{repeat} the row before with its stamp: each sample counts once"
+            held_text = f"{repeat} the values of {of} of the row before: they are no samples of it"
+            remarks.append(held_text if of else copies_text)
+        return remarks
 
-    def select(self, rows: Floats, present: Bools, places: Ints) -> tuple[Floats, Ints]:
-        """Return the rows that are samples, complete or not, and their places.
+    def select(self, rows: Floats, places: Ints) -> tuple[Floats, Ints]:
+        """Return the rows that are samples, complete or not, with the columns that are used, and their places.
 
         Parameters
         ----------
-        rows, present : (n, k), and which numbers are there, with the columns of the layout first.
+        rows : (n, k), with `columns`. May be changed.
+        places : (n,) number of each row in its file; 0: it is counted.
+
+        Raises
+        ------
+        RecordingError : the sensors have different rows.
         """
-        whole: Bools = np.stack([present[:, columns].all(axis=1) for columns in self._columns])
-        has_sample: Bools = np.any(present[:, self._inertial], axis=1)
-        first = not self._rows
-        if first and not has_sample.any():  # before the first sample there is nothing to decide by
-            self._note_others(places)
+        beyond = np.abs(rows) > self._limits
+        self._beyond += int(beyond.sum())
+        rows[beyond] = np.nan
+        self._mark_fillers(rows)
+        for j, k in enumerate(self._slow):
+            rows[:, k] = _filled(rows[:, k], self._slow_numbers[j])
+            self._slow_numbers[j] = rows[-1, k] if len(rows) else self._slow_numbers[j]
+        whole = np.stack([np.isfinite(rows[:, axes]).all(axis=1) for axes in self._axes])
+        has_sample = np.isfinite(rows[:, [k for axes in self._axes for k in axes]]).any(axis=1)
+        if not self.started and not has_sample.any():  # before the first sample there is nothing to decide by
+            self._count_others(places)
             return rows[:0], places[:0]
         self._rows += len(rows)
         self._counts += whole.sum(axis=1)
         self._both += int(whole.all(axis=0).sum())
-        slow = np.any(present[:, self._slow], axis=1)
-        if first:
+        if not self.started:
             self.check()
-            # many rows lack the only sensor, or the temperature has rows of its own: the rows are of several sensors
-            sparse = len(whole) == 1 and bool(self._counts[0]) and self._usual_share(whole[0]) <= COMPLETE
-            self._mixed = sparse or bool((slow & ~has_sample).sum() > (slow & has_sample).sum())
-        if not self._mixed:
-            return rows, places
-        self._note_others(places[~has_sample])
-        samples = np.flatnonzero(has_sample)
-        # a temperature in a row that is left out goes to the next sample; behind the last one there is none
-        end = samples[-1] if len(samples) else 0
-        for k in self._slow:
-            known = np.flatnonzero(present[:end, k] & ~has_sample[:end])
-            rows[samples[np.searchsorted(samples, known)], k] = rows[known, k]
-        return rows[has_sample], places[has_sample]
+            self._mixed = bool(self.layout.times) and float(has_sample.mean()) <= COMPLETE
+        if self._mixed:
+            self._count_others(places[~has_sample])
+            rows, places = rows[has_sample], places[has_sample]
+        if not self.started:
+            self._decide(rows)
+        rows = rows[:, self._used]
+        if self._unset:
+            times = rows[:, len(self.layout.columns)]
+            times[times == 0.0] = np.nan
+        return self._without_repeats(rows, places)
 
-    def _usual_share(self, whole: Bools) -> float:
-        """Return the share of rows that are complete samples of the only sensor.
+    def _mark_fillers(self, rows: Floats) -> None:
+        """Make rows NaN in which a program wrote one number, such as 0, because a sensor had no sample.
 
-        With stamps, rows without a sample are of another sensor, because lost samples have no rows. Without stamps, a
-        row in a hole is a lost sample: only rows beside samples count.
-
-        Parameters
-        ----------
-        whole : (n,) rows that are complete samples; at least one is.
+        The axes of a coarse gyroscope are the same, too, and then often two of them.
         """
-        return float(whole.mean()) if self._timed else _share_beside_samples(whole)
+        for name, columns in zip(self._names, self._axes, strict=True):
+            if len(columns) < len(AXES) or (self.started and name not in self._fillers):
+                continue
+            x, y, z = rows[:, columns].T
+            filled: Bools = (x == y) & (y == z)
+            # decided once: a sensor that freezes later is stuck, which the guard has to see
+            if not self.started:
+                with_numbers = np.isfinite(x + y + z)  # a hole says nothing of coarse steps
+                share = float(filled.sum() / max(with_numbers.sum(), 1))
+                # coarse steps make two axes equal far more often than all three
+                alike = ((x == y) | (y == z) | (z == x))[~filled & with_numbers]
+                if not 0.0 < share < DEAD or alike.mean() >= share:
+                    continue
+            self._fillers[name] = self._fillers.get(name, 0) + int(filled.sum())
+            rows[np.flatnonzero(filled)[:, None], columns] = np.nan
 
-    def _note_others(self, places: Ints) -> None:
-        """Count rows, of these places, that are no samples."""
-        self.others += len(places)
+    def _count_others(self, places: Ints) -> None:
+        self._others += len(places)
         self.others_counted += int((places > 0).sum())
 
     def check(self) -> None:
         """Raise `RecordingError` if the sensors have different rows; an empty sensor has none."""
         counts = self._counts.tolist()
-        if len(counts) < 2 or not all(counts) or self._both > COMPLETE * max(counts):
-            return
-        text = (
-            f"{self._path}: gyro and accel have different rows: of {self._rows:,}, {counts[0]:,} have gyro, "
-        )
-        text += f"{counts[1]:,} have accel, {self._both:,} have both"
+        if len(counts) == len(INERTIAL) and all(counts) and self._both <= COMPLETE * max(counts):
+            text = f"gyro and accel have different rows: of {self._rows:,}, {counts[0]:,} have gyro, "
+            raise self._different_rates(f"{text}{counts[1]:,} have accel, {self._both:,} have both")
+
+    def _different_rates(self, text: str) -> RecordingError:
         alone = f"read each alone, {option_text(sensor='gyro')} and {option_text(sensor='accel')}"
-        raise RecordingError("different_rates", text, alone)
+        return RecordingError("different_rates", f"{self._source.name}: {text}", alone)
+
+    # ------------------------------------------------------------ the first rows
+
+    def _decide(self, rows: Floats) -> None:
+        """Decide which columns are used, and which rows repeat the row before, by the first rows of the sensors."""
+        layout, columns = self.layout, self.columns
+        sensors = [name.sensor for name in layout.channels] + [""] * (len(columns) - len(layout.channels))
+        filled = np.isfinite(rows).mean(axis=0)
+        empty = {name for name, axes in zip(self._names, self._axes, strict=True) if not filled[axes].all()}
+        if len(empty) == len(self._names):  # then no row is complete, which is another error
+            empty = set()
+        held = self._held_sensors(rows, empty)
+        # the sensor that has a sample in each row is used
+        slower = held if len(held) < len(self._names) - len(empty) else set()
+        reasons = dict(_unused(sensors, filled, empty, slower))
+        times = range(len(layout.columns), len(layout.columns) + len(layout.times))
+        reasons |= {
+            k: "another column of the time lacks numbers" for k in times if any(j in reasons for j in times)
+        }
+        self.unused |= {columns[k].index: reason for k, reason in reasons.items()}
+        for reason in dict.fromkeys(reasons.values()):
+            names = ", ".join(columns[k].name for k in reasons if reasons[k] == reason)
+            self._remarks.append(f"{names} not used: {reason}")
+        self._used = [k for k in range(len(columns)) if k not in reasons]
+        self.held = held - slower
+        self.needed = [i for i, k in enumerate(self._used) if not sensors[k] or sensors[k] in INERTIAL]
+        every = list(range(len(self._used))) if self._doubled else []
+        self._compared = [i for i, k in enumerate(self._used) if sensors[k] in self.held] or every
+        channels = [k for k in self._used if sensors[k]]
+        self.layout = replace(
+            layout,
+            channels=tuple(layout.channels[k] for k in channels),
+            columns=tuple(layout.columns[k] for k in channels),
+            times=tuple(columns[k] for k in times if k not in reasons),
+            interval=None if len(columns) - 1 in reasons else layout.interval,
+        )
+        self.started = True
+        self._unset = len(times) == 1 and bool(self.layout.times) and self._has_unset_times(rows[:, times[0]])
+
+    def _held_sensors(self, rows: Floats, empty: set[str]) -> set[str]:
+        """Return the inertial sensors whose numbers are held in some rows, because rows come faster than samples.
+
+        A program that writes a row whenever any sensor has a sample repeats the numbers of the others. Such rows are no
+        samples: their noise is smaller. A row with the stamp of the row before is a copy, which is another matter.
+
+        Raises
+        ------
+        RecordingError : two sensors have other rates than the rows, and each another one.
+        """
+        width = len(self.layout.columns)
+        times = rows[:, width : width + len(self.layout.times)]
+        moved = (times[1:] != times[:-1]).any(axis=1)
+        if not self.layout.times or not moved.any():
+            return set()
+        # a sensor that is stuck repeats its values with new stamps, too: its rows are no copies
+        is_stuck = copies(rows[:, :width])[moved].mean() >= 0.5
+        self._doubled = not is_stuck and not moved.all() and copies(rows)[~moved].mean() >= COPIED
+        rows = rows[np.append(True, moved)]
+        held: dict[str, Bools] = {}
+        for sensor, axes in zip(self._names, self._axes, strict=True):
+            whole = rows[np.isfinite(rows[:, axes]).all(axis=1)][:, axes]
+            if len(axes) == len(AXES) and sensor not in empty and len(whole) >= FEWEST_HELD:
+                repeats = copies(whole)
+                if _is_held(repeats, float((whole[1:] == whole[:-1]).mean())):
+                    held[sensor] = repeats
+        shares = [f"{sensor} in {share_text(float(repeats.mean()))}" for sensor, repeats in held.items()]
+        if len(held) == len(INERTIAL):
+            one, other = held.values()
+            if len(one) != len(other) or float((one != other).mean()) > HELD_SHARE:
+                raise self._different_rates(
+                    f"the rows repeat {' and '.join(shares)} of them: both have other rates"
+                )
+        elif held and len(self._names) - len(empty) > 1:
+            text = f"the rows repeat {shares[0]} of them: it is slower than they are, and left out"
+            self._remarks.append(f"{text}; {option_text(sensor=next(iter(held)))} reads it")
+        return set(held)
+
+    def _has_unset_times(self, times: Floats) -> bool:
+        """Return whether the time is 0 in rows for which the clock was not set, and note it."""
+        known = times[np.isfinite(times) & (times != 0.0)]
+        steps = np.diff(known)
+        # a time that counts from zero is 0 once, and near it then
+        if (times == 0.0).sum() < UNSET_ROWS or not (steps > 0.0).any():
+            return False
+        if float(np.abs(known).min()) < UNSET_STEPS * float(np.median(steps[steps > 0.0])):
+            return False
+        name = self.layout.times[0].name
+        self._remarks.append(f"the time in {name} is 0 in rows before its clock was set: they count as lost")
+        return True
+
+    # ------------------------------------------------------------ every row
+
+    def _without_repeats(self, rows: Floats, places: Ints) -> tuple[Floats, Ints]:
+        """Return the rows that have numbers of their own, and not those of the row before."""
+        if not self._compared or not len(rows):
+            return rows, places
+        values = rows[:, self._compared]
+        before = np.full((1, values.shape[1]), np.inf) if self._last is None else self._last
+        same = copies(np.concatenate([before, values])) & np.isfinite(rows[:, self.needed]).all(axis=1)
+        self._last = values[-1:]
+        self._repeats += int(same.sum())
+        self.repeats_counted += int((places[same] > 0).sum())
+        return rows[~same], places[~same]
+
+    def note_alternating(self, rows: Floats) -> None:
+        """Note whether every second of the first samples is of another sensor, and no column says it."""
+        for sensor in dict.fromkeys(name.sensor for name in self.layout.channels if name.sensor in INERTIAL):
+            axes = [k for k, name in enumerate(self.layout.channels) if name.sensor == sensor]
+            if alternate(rows[:, axes]):
+                text = (
+                    f"every second row of {sensor} differs from those between: the rows may be of two sensors"
+                )
+                self._remarks.append(f"{text}; write a file for each")
+                self.caveats.append("mixed_rows")
+                return
 
 
-class HeldNumbers:
-    """Holds the last number of a slow sensor for some rows after it, whose own is missing.
+def counted(count: int, one: str, many: str) -> str:
+    """Return a number of rows with a verb in its form for one or for many."""
+    return f"1 row {one}" if count == 1 else f"{count:,} rows {many}"
 
-    >>> held = HeldNumbers(2)
-    >>> column = np.array([np.nan, 5.0, np.nan, np.nan, np.nan])
-    >>> held.fill(column[:3]), held.fill(column[3:]), column.tolist()
-    (None, None, [nan, 5.0, 5.0, 5.0, nan])
+
+def _unused(
+    sensors: Sequence[str], filled: Floats, empty: set[str], slower: set[str]
+) -> Iterator[tuple[int, str]]:
+    """Yield each column that is not used, by its place, and why; columns of the time have no sensor."""
+    for k, (sensor, share) in enumerate(zip(sensors, filled.tolist(), strict=True)):
+        if sensor in slower:
+            yield k, f"{sensor} is slower than the rows, and repeats its values"
+        elif sensor in empty:
+            yield k, f"an axis of {sensor} has no numbers"
+        elif sensor not in INERTIAL and not share:
+            yield k, "no row has a number in it"
+        elif sensor not in (*INERTIAL, *SLOW) and share <= FILLED:
+            yield k, f"{share_text(1.0 - share)} of the rows lack it"
+
+
+def _is_held(repeats: Bools, axis_share: float) -> bool:
+    """Return whether a sensor is held in the rows that repeat all its axes.
+
+    Coarse numbers repeat by chance. With p the chance that an axis repeats, and h the share of the rows that are held,
+
+        1 - axis_share = (1 - h) (1 - p),    1 - share = (1 - h) (1 - p^3)
+
+    so that their ratio is 1 + p + p^2, whatever h is.
+
+    Parameters
+    ----------
+    repeats : (n,) rows that repeat all axes.
+    axis_share : share of the rows in which an axis repeats, on average.
     """
-
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self._value, self._age = np.nan, most  # of the last number, and rows since it
-
-    def fill(self, column: Floats) -> None:
-        """Fill the next rows in place; a number that is not finite is missing."""
-        here, known = np.arange(len(column)), np.isfinite(column)
-        last = np.maximum.accumulate(np.where(known, here, -1))
-        value = np.where(last < 0, self._value, column[last])
-        age = here - np.where(last < 0, -1 - self._age, last)
-        column[:] = np.where(age <= self._most, value, column)
-        self._value, self._age = value[-1], int(age[-1])
+    share = float(repeats.mean())
+    # a sensor that is stuck repeats its values, too, but for long: those are counted once
+    begins = repeats & ~np.append(False, repeats[:-1])
+    if float(begins.mean()) <= HELD_SHARE or share >= COPIED:
+        return False
+    ratio = min(max((1.0 - share) / (1.0 - axis_share), 1.0), 3.0)
+    p = 0.5 * (math.sqrt(4.0 * ratio - 3.0) - 1.0)
+    held = 1.0 - (1.0 - axis_share) / (1.0 - p) if p < 1.0 else 0.0
+    return share > HELD_EXCESS * (1.0 - max(held, 0.0)) * p**3
 
 
-def _share_beside_samples(whole: Bools) -> float:
-    """Return the share of rows (n,) that are samples: the median of the pieces of `NEIGHBOURS` rows that have some."""
-    starts = np.arange(0, len(whole), NEIGHBOURS)
-    shares = np.add.reduceat(whole.astype(np.float64), starts) / np.diff(starts, append=len(whole))
-    return float(np.median(shares[shares > 0.0]))
+def copies(rows: Floats) -> Bools:
+    """Return (n - 1,) which rows are the same as the row before; a missing number is one."""
+    same: Bools = ((rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))).all(axis=1)
+    return same
+
+
+def alternate(rows: Floats) -> bool:
+    """Return whether (n, 3) rows next to each other differ significantly, as those of two sensors in turn.
+
+    >>> noise = np.random.default_rng(0).normal(size=(500, 3))
+    >>> alternate(noise), alternate(noise + 2.0 * (np.arange(500) % 2)[:, None])
+    (False, True)
+    """
+    # differences of neighbours: a drift, or the motion of a hand, is in both
+    steps = rows[1:] - rows[:-1]
+    signed = steps * np.where(np.arange(len(steps)) % 2, -1.0, 1.0)[:, None]
+    spread = signed.std(axis=0) / math.sqrt(max(len(signed), 1))
+    return len(rows) > FEWEST_HELD and bool((np.abs(signed.mean(axis=0)) > ALTERNATE_ERRORS * spread).any())
+
+
+def _filled(values: Floats, before: float) -> Floats:
+    """Return numbers of which those that are not finite are the one before.
+
+    >>> _filled(np.array([np.nan, 1.0, np.nan, 3.0]), 7.0).tolist()
+    [7.0, 1.0, 1.0, 3.0]
+    """
+    finite = np.isfinite(values)
+    if finite.all():
+        return values
+    last = np.maximum.accumulate(np.where(finite, np.arange(len(values)), -1))
+    return np.where(last < 0, before, values[last])
 
 
 class RowOrder:
@@ -211,9 +426,7 @@ class RowOrder:
 
     def __init__(self, path: str, name: str) -> None:
         self._path, self._name = path, name
-        self._rows: Floats | None = None
-        self._times = np.empty(0)
-        self._places = np.empty(0, np.int64)
+        self._waiting: tuple[Floats, Floats, Ints] | None = None
         self.moved = 0
 
     def sort(self, rows: Floats, times: Floats, places: Ints, *, final: bool = False) -> tuple[Floats, Ints]:
@@ -235,132 +448,52 @@ class RowOrder:
         >>> order.sort(times[:, None], times, np.arange(7), final=True)[1].tolist(), order.moved
         ([0, 1, 2, 3, 5, 4, 6], 1)
         """
-        if self._rows is not None:
-            rows, times = np.concatenate([self._rows, rows]), np.concatenate([self._times, times])
-            places = np.concatenate([self._places, places])
-        order = self._order(_filled(times))
+        if self._waiting is not None:
+            before, times_before, places_before = self._waiting
+            rows, times = np.concatenate([before, rows]), np.concatenate([times_before, times])
+            places = np.concatenate([places_before, places])
+        finite = np.isfinite(times)
+        order = self._order(_filled(times, times[np.argmax(finite)] if finite.any() else 0.0))
         if order is not None:
             rows, times, places = rows[order], times[order], places[order]
             steps = np.diff(times)
             back = float(np.mean(steps < 0.0))
-            # a time that only falls is another error, which `first_rows` raises
+            # a time that only falls is another error, which `table_clock` raises
             if back > UNSORTED and (steps > 0.0).any():
                 text = f"{self._path}: its rows are not in the order of {self._name}: "
                 text += f"{share_text(back)} of the steps go back"
                 raise RecordingError("rows_not_sorted", text, f"sort the rows by {self._name}")
         # the last rows wait: a row after them may belong between them
         ready = len(rows) if final else max(0, len(rows) - WINDOW)
-        self._rows, self._times, self._places = rows[ready:], times[ready:], places[ready:]
+        self._waiting = rows[ready:], times[ready:], places[ready:]
         return rows[:ready], places[:ready]
 
     @property
     def waiting(self) -> int:
         """Rows that wait, without those that no sample comes of."""
-        return int((self._places > 0).sum())
+        return 0 if self._waiting is None else int((self._waiting[2] > 0).sum())
 
-    def _order(self, times: Floats) -> list[int] | None:
+    def _order(self, times: Floats) -> Ints | None:
         """Return the order of the rows; None: they are in order.
 
-        A late row is put back where a row is missing, if the rows before it are no others than early ones.
+        Rows that are late, after which the times soon go on where they were, go back to where rows are missing. Where
+        none are missing, a clock has restarted.
         """
+        newest = np.maximum.accumulate(times)
+        late = np.concatenate([[False], times < newest, [False]])
         steps = np.diff(times)
-        late = (np.flatnonzero(steps < 0.0) + 1).tolist()
-        if not late or not (steps > 0.0).any():
+        if not late.any() or not (steps > 0.0).any():
             return None
-        # a late row left a hole where it was taken out
-        hole = (1.0 + SINGLE_EXCESS) * float(np.median(steps[steps > 0.0]))
-        values, order, newest, last = times.tolist(), list(range(len(times))), 0, np.nan
-        for first in late:
-            newest = max(newest, first)
-            # a late row, if the times soon go on where they were; else a clock that restarts
-            while newest < len(values) and values[newest] < values[newest - 1] < max(
-                values[newest : newest + WINDOW]
-            ):
-                place = bisect_right(values, values[newest], max(0, newest - WINDOW), newest)
-                copied = values[place - 1] == last == values[newest]  # of a row that has been put back
-                # at the edge of the window the row is later than any thread writes, and stays
-                if place in (0, newest - WINDOW) or not (copied or values[place] - values[place - 1] >= hole):
-                    break
-                last = values[newest]
-                for moved in (values, order):
-                    moved[place : newest + 1] = [moved[newest], *moved[place:newest]]
-                self.moved += 1
-                newest += 1
+        # between rows that have all been put back, the steps are those of the other rows
+        fewest = float(np.median(steps[steps > 0.0])) / (1.0 + SINGLE_EXCESS)
+        order = np.arange(len(times))
+        for begin, end in np.flatnonzero(late[1:] != late[:-1]).reshape(-1, 2).tolist():
+            first = int(np.searchsorted(newest[:begin], times[begin:end].min(), side="right"))
+            if end - first > WINDOW or end == len(times):
+                continue
+            part = order[first:end][np.argsort(times[order[first:end]], kind="stable")]
+            around = [*order[max(first - 1, 0) : first], *part]
+            if float(np.median(np.diff(times[around]))) >= fewest:
+                order[first:end] = part
+                self.moved += end - begin
         return order
-
-
-def _filled(times: Floats) -> Floats:
-    """Return times of which those that are not finite are the one before.
-
-    >>> _filled(np.array([np.nan, 1.0, np.nan, 3.0])).tolist()
-    [1.0, 1.0, 1.0, 3.0]
-    """
-    finite = np.isfinite(times)
-    if finite.all() or not finite.any():
-        return times
-    last = np.maximum.accumulate(np.where(finite, np.arange(len(times)), int(np.argmax(finite))))
-    return times[last]
-
-
-def copies(rows: Floats) -> Bools:
-    """Return (n - 1,) which rows are the same as the row before; a missing number is one."""
-    same: Bools = ((rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))).all(axis=1)
-    return same
-
-
-def are_doubled(rows: Floats, times: slice) -> bool:
-    """Return whether rows with the stamp of the row before are copies of it, and not samples that came at once.
-
-    >>> noise = np.random.default_rng(0).normal(size=(9, 3))
-    >>> stamped = np.column_stack([noise, np.arange(9) // 2])
-    >>> are_doubled(stamped, slice(3, 4)), are_doubled(np.repeat(stamped, 2, axis=0), slice(3, 4))
-    (False, False)
-    >>> stamped[:, 3] = np.arange(9)
-    >>> are_doubled(stamped, slice(3, 4)), are_doubled(np.repeat(stamped, 2, axis=0), slice(3, 4))
-    (False, True)
-    """
-    still = (rows[1:, times] == rows[:-1, times]).all(axis=1)
-    if not still.any():
-        return False
-    same = copies(rows)
-    # a sensor that is stuck repeats its values with new stamps, too: its rows are no copies
-    constant = (np.delete(rows[1:], times, axis=1) == np.delete(rows[:-1], times, axis=1)).all(axis=1)[~still]
-    return bool(same[still].mean() >= COPIED and (not len(constant) or constant.mean() < 0.5))
-
-
-def repeats_by_chance(axis_share: float, share: float) -> float:
-    """Return the share of the rows in which all three axes repeat by chance, each for itself.
-
-    With p the chance that an axis repeats, and h the share of the rows that are held,
-
-        1 - axis_share = (1 - h) (1 - p),    1 - share = (1 - h) (1 - p^3)
-
-    so that their ratio is 1 + p + p^2, whatever h is.
-
-    Parameters
-    ----------
-    axis_share, share : of the rows in which an axis repeats, on average, and in which all do.
-
-    >>> round(repeats_by_chance(0.5, 0.125), 3), round(repeats_by_chance(0.75, 0.75), 3)
-    (0.125, 0.0)
-    """
-    if axis_share >= 1.0:
-        return 0.0
-    ratio = min(max((1.0 - share) / (1.0 - axis_share), 1.0), 3.0)
-    p = 0.5 * (math.sqrt(4.0 * ratio - 3.0) - 1.0)
-    held = 1.0 - (1.0 - axis_share) / (1.0 - p) if p < 1.0 else 0.0
-    return float((1.0 - max(held, 0.0)) * p**3)
-
-
-def alternate(rows: Floats) -> bool:
-    """Return whether (n, 3) rows next to each other differ significantly, as those of two sensors in turn.
-
-    >>> noise = np.random.default_rng(0).normal(size=(500, 3))
-    >>> alternate(noise), alternate(noise + 2.0 * (np.arange(500) % 2)[:, None])
-    (False, True)
-    """
-    # differences of neighbours: a drift, or the motion of a hand, is in both
-    steps = rows[1:] - rows[:-1]
-    signed = steps * np.where(np.arange(len(steps)) % 2, -1.0, 1.0)[:, None]
-    spread = signed.std(axis=0) / math.sqrt(max(len(signed), 1))
-    return len(rows) > FEWEST_HELD and bool((np.abs(signed.mean(axis=0)) > ALTERNATE_ERRORS * spread).any())

@@ -3,9 +3,9 @@
 A table has a column for each channel (`columns`) and mostly one of time; a table without time needs the rate. The way
 of its rows, whoever reads them:
 
-1. Rows of other sensors are left out; one number on all axes in place of a sample is none (`row_selection`).
-2. The first rows decide which columns are used, their units, the clock and the interval (`first_rows`).
-3. Late rows go back to their place (`row_selection`). Slow sensors are held, copies of a row are left out.
+1. Columns without numbers, rows of other sensors, and rows that repeat a sample are left out (`row_selection`).
+2. Late rows go back to their place (`row_selection`).
+3. The first rows show the clock and the interval (`table_clock`).
 4. A row that lacks a number is a lost sample.
 5. Factors make the values SI. The placer of the stamps puts the samples on a grid, or a stream without a clock takes
    the lost samples from them (`timebase.stamp_placement`).
@@ -38,20 +38,11 @@ import numpy as np
 from imumon.model.ledger import RECEIVED, ColumnUse, Ledger, column_account, merged
 from imumon.model.report import MOST_CHARACTERS
 from imumon.model.report_json import plain
-from imumon.model.samples import INERTIAL, Floats, Ints, SampleBlock, Stream
+from imumon.model.samples import Floats, Ints, SampleBlock, Stream
 from imumon.sources.files.base import ReadOptions, Recording, RecordingError, RowSource
-from imumon.sources.files.columns import ColumnLayout
-from imumon.sources.files.first_rows import FirstRows, TableStart, TableTimes, present
-from imumon.sources.files.row_selection import RowOrder, SensorRows, copies
-
-LARGEST = 1e10
-"""Numbers beyond it, in the unit of the channel, are damage: raw counts of 32 bits are below, and a changed exponent of
-a float is mostly above."""
-
-
-def _rows(count: int, one: str, many: str) -> str:
-    """Return a number of rows with a verb in its form for one or for many."""
-    return f"1 row {one}" if count == 1 else f"{count:,} rows {many}"
+from imumon.sources.files.columns import INCREMENTS, ColumnLayout
+from imumon.sources.files.row_selection import RowOrder, RowSelection, counted
+from imumon.sources.files.table_clock import TableClock, TableTimes, clock_of
 
 
 class RowDecoder:
@@ -72,48 +63,48 @@ class RowDecoder:
     """
 
     def __init__(self, source: RowSource, table_layout: ColumnLayout, rate_hz: float | None) -> None:
-        self._source = source
-        self._first = FirstRows(source, table_layout, rate_hz)
-        self.columns = [column.index for column in self._first.columns]
+        self._source, self._rate = source, rate_hz
+        self._selection = RowSelection(source, table_layout)
+        self.columns = [column.index for column in self._selection.columns]
         self.fed = self.incomplete = 0
         self._ledger = Ledger()
-        self._start: TableStart | None = None  # None before the first rows
+        self._clock: TableClock | None = None  # None before the first rows
+        self._stream: Stream | None = None
         self._lost_before = 0  # rows lost before the next one
-        self._used: list[int] | None = None  # columns that are not left out
-        self._sensor_rows = SensorRows(source.name, table_layout)
         self._order: RowOrder | None = None  # of a table with times
         self._waiting: Floats | None = None  # values until their stamps have been placed
-        self._beyond = 0  # numbers that no sensor has
-        self._unset_times = False  # a time of 0 is none
         self._lacking, self._first_lacking = 0, ""  # incomplete rows for the remark, and where the first is
-        self._back, self._first_back = 0, ""  # steps back of a clock, and where the first is
-        self._last: Ints | None = None  # ns, the last two times
-        self._last_row: Floats | None = None
-        self._last_values: Floats | None = None  # of the axes that are held in some rows
-        self._held = 0  # rows left out because a sensor has no sample of its own in them
-        self._copies = 0  # rows left out because they are copies of the row before
+
+    @property
+    def _times(self) -> TableTimes | None:
+        return None if self._clock is None else self._clock.times
 
     @property
     def started(self) -> str | None:
         """Date of the first row; None: its time shows none, or no row has been fed."""
-        return None if self._start is None or self._start.times is None else self._start.times.started
+        return None if self._times is None else self._times.started
 
     @property
     def origin_ns(self) -> float | None:
         """ns, time of the first row as the table has it, from which the times of blocks count; None: there is none."""
-        return None if self._start is None or self._start.times is None else self._start.times.origin_ns
+        return None if self._times is None else self._times.origin_ns
 
     @property
     def caveats(self) -> tuple[str, ...]:
         """What limits the meaning of the numbers, as in `Recording`."""
-        return tuple(self._first.caveats)
+        is_doubtful = self._clock is not None and self._clock.is_doubtful
+        return (*self._selection.caveats, *(["doubtful_rate"] if is_doubtful else []))
 
     @property
     def ledger(self) -> dict[str, int]:
         """What became of the rows that are no samples, by reason."""
         waiting = 0 if self._waiting is None else len(self._waiting)
         waiting += 0 if self._order is None else self._order.waiting
-        return self._ledger.counts(pending=waiting, other_sensor=self._sensor_rows.others_counted)
+        return self._ledger.counts(
+            pending=waiting,
+            other_sensor=self._selection.others_counted,
+            repeated=self._selection.repeats_counted,
+        )
 
     def feed(self, rows: Floats, places: Sequence[int] | Ints) -> list[SampleBlock]:
         """Return the samples that some rows complete; the last rows may wait for the next ones.
@@ -129,12 +120,17 @@ class RowDecoder:
             time and no rate.
         """
         self.fed += len(rows)
-        return list(self._used_blocks(rows, np.asarray(places, dtype=np.int64)))
+        rows, numbers = self._selection.select(rows, np.asarray(places, dtype=np.int64))
+        if self._selection.started and self._order is None and self._layout.times:
+            self._order = RowOrder(self._source.name, self._layout.times[0].name)
+        if self._order is not None:
+            rows, numbers = self._order.sort(rows, self._sort_times(rows), numbers)
+        return list(self._sorted_blocks(rows, numbers))
 
     def skip(self, count: int) -> None:
         """Note `count` more rows without a number, after a block of such rows was fed."""
         self.fed += count
-        if self._start is not None:  # rows before the first sample are no losses
+        if self._clock is not None:  # rows before the first sample are no losses
             self.incomplete += count
             self._lost_before += count
             self._lacking += count
@@ -146,115 +142,57 @@ class RowDecoder:
 
     @property
     def _layout(self) -> ColumnLayout:
-        return self._first.layout
+        return self._selection.layout
 
     @property
     def remarks(self) -> list[str]:
         """What is not used of columns and rows so far, and what is assumed about units and stamps."""
-        remarks = list(self._first.remarks)
-        if self._beyond:
-            numbers = "one number is" if self._beyond == 1 else f"{self._beyond:,} numbers are"
-            remarks.append(f"{numbers} above {LARGEST:.0e} and of no sensor: the file may be damaged")
+        remarks = self._selection.remarks
         if self._lacking:
-            rows = _rows(self._lacking, "lacks a number and counts", "lack a number and count")
+            rows = counted(self._lacking, "lacks a number and counts", "lack a number and count")
             remarks.append(f"{rows} as lost; first {self._first_lacking}")
-        remarks += self._sensor_remarks()
         if self._order is not None and self._order.moved:
-            rows = _rows(self._order.moved, "is", "are")
+            rows = counted(self._order.moved, "is", "are")
             remarks.append(f"{rows} not in the order of {self._layout.times[0].name}: sorted by it")
-        if self._copies:
-            remarks.append(
-                f"{_rows(self._copies, 'repeats', 'repeat')} the row before with its stamp: each sample counts once"
-            )
-        if self._held:
-            sensors = " and ".join(
-                dict.fromkeys(self._layout.channels[k].sensor for k in self._first.repeated)
-            )
-            rows = _rows(self._held, "repeats", "repeat")
-            remarks.append(f"{rows} the values of {sensors} of the row before: they are no samples of it")
-        return [*remarks, *self._clock_remarks()]
-
-    def _sensor_remarks(self) -> Iterator[str]:
-        """Yield a remark on the rows that are no samples of a sensor."""
-        for sensor, count in self._sensor_rows.fillers.items():
-            yield f"{_rows(count, 'has', 'have')} the same number on all axes of {sensor}: no samples of it"
-        if others := self._sensor_rows.others:
-            sensors = " or ".join(
-                dict.fromkeys(c.sensor for c in self._layout.channels if c.sensor in INERTIAL)
-            )
-            yield f"{others:,} rows have no number of {sensors}: they are no samples of it"
-
-    def _clock_remarks(self) -> Iterator[str]:
-        """Yield a remark on the steps back of the time, as the table has it and as the samples are placed."""
-        if self._back:
-            times = "once" if self._back == 1 else f"{self._back:,} times"
-            yield f"the time in {self._layout.times[0].name} steps back {times}; {self._first_back}"
-        used = self._start.times if self._start is not None else None
-        if used is not None and used.placer.back_s:
-            text = f"its clock steps back by {used.placer.back_s:.6g} s"
-            yield f"{text}: a gap of unknown length, counted as none"
+        remarks += [] if self._clock is None else self._clock.remarks
+        if self._times is not None and self._times.placer.back_s:
+            text = f"its clock steps back by {self._times.placer.back_s:.6g} s"
+            remarks.append(f"{text}: a gap of unknown length, counted as none")
+        return remarks
 
     def uses(self, names: Sequence[str]) -> tuple[ColumnUse, ...]:
         """Return what became of each column of a table, by the names of all its columns."""
-        layout = self._layout
-        uses = {c.index: str(channel) for channel, c in zip(layout.channels, layout.columns, strict=True)}
-        unused = dict(self._first.unused)
+        layout, unused = self._layout, dict(self._selection.unused)
+        uses: dict[int, str] = {
+            c.index: channel for channel, c in zip(layout.channels, layout.columns, strict=True)
+        }
         for column in layout.times:
-            if self._first.no_time:
-                unused[column.index] = self._first.no_time
+            if self._clock is not None and self._clock.unused:
+                unused[column.index] = self._clock.unused
             else:
                 uses[column.index] = "time"
         uses |= {} if layout.interval is None else {layout.interval.index: "interval"}
-        return column_account(
-            [
-                ColumnUse(
-                    name=plain(name.strip())[:MOST_CHARACTERS],
-                    use=uses.get(k),
-                    reason=None if k in uses else unused.get(k),
-                )
-                for k, name in enumerate(names)
-                if name.strip()
-            ]
-        )
-
-    def _used_blocks(self, rows: Floats, places: Ints) -> Iterator[SampleBlock]:
-        if len(rows):
-            # before anything judges the rows: the rows of another sensor would look like losses
-            self._sensor_rows.mark_fillers(rows)
-            rows, places = self._sensor_rows.select(rows, present(rows), places)
-        if not len(rows):
-            return
-        if self._used is None:
-            self._used = self._first.choose_columns(rows)
-            self._unset_times = self._first.note_unset_times(rows[:, self._used])
-            if self._layout.times:
-                self._order = RowOrder(self._source.name, self._layout.times[0].name)
-        rows = rows[:, self._used]
-        if self._unset_times:
-            times = rows[:, len(self._layout.columns)]
-            times[times == 0.0] = np.nan
-        if self._order is not None:
-            rows, places = self._order.sort(rows, self._sort_times(rows), places)
-        yield from self._sorted_blocks(rows, places)
+        accounts = [
+            ColumnUse(
+                name=plain(name.strip())[:MOST_CHARACTERS],
+                use=uses.get(k),
+                reason=None if k in uses else unused.get(k),
+            )
+            for k, name in enumerate(names)
+            if name.strip()
+        ]
+        return column_account(accounts)
 
     def _sorted_blocks(self, rows: Floats, places: Ints) -> Iterator[SampleBlock]:
         """Yield blocks of some rows in order, with the columns that are used."""
         if not len(rows):
             return
-        rows = self._possible(rows)
-        if self._start is None:
-            self._start = self._first.start(rows)
-        for k, held in self._first.held.items():
-            held.fill(rows[:, k])
-        if self._start.doubled:
-            rows, places = self._without_copies(rows, places)
-        if self._first.repeated:
-            rows, places = self._without_held(rows, places)
-        complete = self._first.complete(rows)
+        complete = np.isfinite(rows[:, self._selection.needed]).all(axis=1)
         kept = np.flatnonzero(complete)
+        if self._stream is None:
+            self._stream = self._begun_stream(rows[kept])
         if len(kept) < len(rows):
             self._note_lacking(rows, np.flatnonzero(~complete), places)
-            places = places[kept]
         # lost rows belong to the sample after them, which may be in a later block
         lost = np.diff(kept, prepend=-1 - self._lost_before) - 1
         incomplete = len(rows) - len(kept)
@@ -262,106 +200,63 @@ class RowDecoder:
         self._lost_before += incomplete - int(lost.sum())
         if not len(kept):
             return
-        yield from self._timed_blocks(self._start, rows[kept], lost, places)
-
-    def _possible(self, rows: Floats) -> Floats:
-        """Return the rows without numbers that no sensor has; they count as missing, and are noted."""
-        factors = [column.factor for column in self._layout.columns]
-        with np.errstate(over="ignore"):
-            beyond = np.abs(rows[:, : len(factors)] * factors) > LARGEST
-        if not beyond.any():
-            return rows
-        self._beyond += int(beyond.sum())
-        possible = rows.copy()
-        possible[:, : len(factors)][beyond] = np.nan
-        return possible
-
-    def _timed_blocks(
-        self, start: TableStart, rows: Floats, lost: Ints, places: Ints
-    ) -> Iterator[SampleBlock]:
-        """Yield blocks of complete rows, with what their times show."""
-        values, used = self._in_si(start.stream, rows), start.times
-        if used is None:
-            yield SampleBlock(start.stream, values, self._intervals(start.stream, rows), lost)
+        rows = rows[kept]
+        values, width = self._in_si(self._stream, rows), len(self._layout.columns)
+        if self._times is None:
+            yield SampleBlock(self._stream, values, self._intervals(self._stream, rows), lost)
             return
-        width = len(self._layout.columns)
-        times = used.nanoseconds(rows[:, width : width + len(self._layout.times)])
-        # the clock of a host may be set back, which says nothing of the sensor
-        if start.stream.clock != "none":
-            self._note_back(times, places)
-        yield from self._placed(start.stream, used, values, times, lost)
+        times = self._times.nanoseconds(rows[:, width : width + len(self._layout.times)])
+        yield from self._placed(self._stream, self._times, values, times, lost)
+
+    def _begun_stream(self, rows: Floats) -> Stream:
+        """Return the stream of the samples, by the first complete rows."""
+        layout, source = self._layout, self._source
+        if not len(rows):
+            raise self._no_complete_row()
+        self._clock = clock_of(rows, layout, source, self._rate, held=bool(self._selection.held))
+        self._selection.note_alternating(rows)
+        sensors = ", ".join(dict.fromkeys(channel.sensor for channel in layout.channels))
+        title = f"{source.title or source.form} ({sensors})"
+        clock, interval_s = self._clock.clock, self._clock.interval_s
+        return Stream(layout.kind, layout.channels, title, clock, interval_s, layout.gyro, layout.accel)
+
+    def _no_complete_row(self) -> RecordingError:
+        names = ", ".join(column.name for column in self._layout.columns)
+        text = f"{self._source.name}: no row has numbers in all of {names}"
+        return RecordingError("no_complete_row", text, "check that it is complete")
 
     def _in_si(self, stream: Stream, rows: Floats) -> Floats:
-        """Return the values of complete rows, channel unit."""
-        columns = self._layout.columns
+        """Return the values of complete rows, channel unit; angles and velocities become rates over the interval."""
+        columns, interval = self._layout.columns, self._layout.interval
         factors, zeros = [column.factor for column in columns], [column.zero for column in columns]
         values: Floats = rows[:, : len(columns)] * factors - zeros
-        return self._over_interval(stream, values, rows) if self._layout.has_increments else values
-
-    def _without_copies(self, rows: Floats, places: Ints) -> tuple[Floats, Ints]:
-        """Return the rows that differ from the row before."""
-        before = rows[:1] if self._last_row is None else self._last_row
-        same = copies(np.concatenate([before, rows]))
-        same[0] &= self._last_row is not None
-        self._last_row = rows[-1:] if len(rows) else self._last_row
-        self._copies += int(same.sum())
-        self._ledger.add("repeated", int((places[same] > 0).sum()))
-        return rows[~same], places[~same]
-
-    def _without_held(self, rows: Floats, places: Ints) -> tuple[Floats, Ints]:
-        """Return the rows in which a sensor has a sample of its own, and not that of the row before."""
-        if not len(rows):
-            return rows, places
-        values = rows[:, self._first.repeated]
-        before = np.full((1, values.shape[1]), np.inf) if self._last_values is None else self._last_values
-        held = copies(np.concatenate([before, values])) & np.isfinite(values).all(axis=1)
-        self._last_values = values[-1:]
-        self._held += int(held.sum())
-        self._ledger.add("repeated", int((places[held] > 0).sum()))
-        return rows[~held], places[~held]
+        increments = [k for k, c in enumerate(columns) if c.quantity in INCREMENTS.values()]
+        if increments:  # averages that are rates and accelerations remain as they are
+            seconds: Any = stream.interval_s if interval is None else rows[:, -1:] * interval.factor
+            values[:, increments] /= seconds
+        return values
 
     def _note_lacking(self, rows: Floats, incomplete: Ints, places: Ints) -> None:
         """Count rows that lack a number and note where the first is; not those that the reader has reported."""
         unreported = incomplete[places[incomplete] > 0]
         if len(unreported) and not self._lacking:
-            k = unreported[0]
-            there, columns = present(rows[k]), self._first.columns
-            missing = [columns[i].name for i in self._first.needed if not there[i]]
+            k, columns = unreported[0], self._selection.columns
+            missing = [columns[i].name for i in self._selection.needed if not np.isfinite(rows[k, i])]
             self._first_lacking = f"{self._source.row} {places[k]}: {', '.join(missing)}"
         self._lacking += len(unreported)
         # text has an empty cell there, other forms NaN
         self._ledger.add("not_numbers" if self._source.form == "csv" else "not_finite", len(unreported))
 
-    def _note_back(self, times: Ints, places: Ints) -> None:
-        """Count the steps back of a sample clock on which two stamps on either side agree; note the first."""
-        # two: a single wrong stamp, forward or back, is no step of the clock
-        recent = np.concatenate([times[[0, 0]] if self._last is None else self._last, times])
-        now = recent[2:]
-        back = np.maximum(now, np.append(now[1:], now[-1])) < np.minimum(recent[1:-1], recent[:-2])
-        if back.any() and not self._back:
-            first = int(np.argmax(back))
-            by_s = (recent[first + 1] - now[first]) * 1e-9
-            where = f"{self._source.row} {places[first]}"
-            self._first_back = f"first by {by_s:.6g} s at {where}: a gap of unknown length"
-        self._back += int(back.sum())
-        self._last = recent[-2:]
-
     def _last_blocks(self) -> Iterator[SampleBlock]:
-        if self.fed and self._used is None:
-            names = ", ".join(column.name for column in self._layout.columns)
-            text = f"{self._source.name}: no row has numbers for all of {names}"
-            raise RecordingError("no_complete_row", text, "check that it is complete")
-        self._sensor_rows.check()
+        if self.fed and not self._selection.started:
+            raise self._no_complete_row()
+        self._selection.check()
         if self._order is not None:
-            no_rows = np.empty((0, len(self._used or ())))
-            nowhere = np.empty(0, np.int64)
+            no_rows, nowhere = np.empty((0, len(self._selection.columns))), np.empty(0, np.int64)
             yield from self._sorted_blocks(*self._order.sort(no_rows, np.empty(0), nowhere, final=True))
-        if self._start is not None and self._start.times is not None:
-            nothing = np.empty(0, np.int64)
-            no_values = np.empty((0, len(self._layout.columns)))
-            yield from self._placed(
-                self._start.stream, self._start.times, no_values, nothing, nothing, final=True
-            )
+        if self._stream is not None and self._times is not None:
+            no_values, nothing = np.empty((0, len(self._layout.columns))), np.empty(0, np.int64)
+            yield from self._placed(self._stream, self._times, no_values, nothing, nothing, final=True)
 
     def _placed(
         self,
@@ -386,22 +281,12 @@ class RowDecoder:
             yield SampleBlock(stream, values[:ready], times_ns, placed.steps - 1)
 
     def _sort_times(self, rows: Floats) -> Floats:
-        """Return (n,) times by which rows are sorted, in any unit."""
-        width = len(self._layout.columns)
-        # of seconds and nanoseconds the sum, ns: rounded to 256 ns, which is no matter for an order
-        return rows[:, width] if len(self._layout.times) == 1 else rows[:, width : width + 2] @ (1e9, 1.0)
-
-    def _over_interval(self, stream: Stream, values: Floats, rows: Floats) -> Floats:
-        """Divide angles and velocities by the interval of each sample, else by the common one.
-
-        Averages that are rates and accelerations remain as they are.
-        """
-        column = self._layout.interval
-        interval: Any = stream.interval_s if column is None else rows[:, -1:] * column.factor
-        increments = [k for k, c in enumerate(self._layout.columns) if c.quantity in ("angle", "velocity")]
-        if increments:
-            values[:, increments] /= interval
-        return values
+        """Return (n,) times by which rows are sorted, ns: rounded to 256 ns, which is no matter for an order."""
+        width, times = len(self._layout.columns), self._layout.times
+        nanoseconds: Floats = rows[:, width : width + len(times)] @ np.array(
+            [column.factor for column in times]
+        )
+        return nanoseconds
 
     def _intervals(self, stream: Stream, rows: Floats) -> Ints | None:
         """Return (n,) ns, the length of each sample; None: the table does not have it."""
