@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from imumon.history import HistoryStore
 from imumon.history.store import SUFFIX, TimedPeriod
@@ -83,15 +80,6 @@ def with_slopes(slopes: list[float], error: float, begin: float = BEGIN) -> list
         channels = {**day.period.channels, "gyro/x": replace(channel, coefficients=known)}
         made.append(replace(day, period=replace(day.period, channels=channels)))
     return made
-
-
-def year(days: int = 365, seed: int = 1) -> Iterator[TimedPeriod]:
-    """All periods of a year, shorter ones first, with noise that differs in every row."""
-    rng = np.random.default_rng(seed)
-    for step_s in (3600, 86400):
-        for number in range(days * 86400 // step_s):
-            factor, mean, heat = 1.0 + 0.01 * rng.standard_normal(3)
-            yield period(number, step_s=step_s, noise=factor, mean=0.1 * mean, temperature=30.0 * heat)
 
 
 def write(directory: Path, device: str, periods: list[TimedPeriod]) -> Path:

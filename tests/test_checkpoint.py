@@ -9,7 +9,6 @@ import resource
 import signal
 import stat
 import threading
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ import pytest
 
 from imumon import checkpoint as format_of
 from imumon.checkpoint import Checkpoint, StateError, decode, encode, is_state
-from imumon.files import check_replaceable, rename_aside, replace_file, write_new
+from imumon.files import rename_aside, replace_file, write_new
 from imumon.model.saved_state import pack, unpack
 
 STATE = pack({"serial": "0100000001", "samples": 7, "sum": [1.5, 2.5]})
@@ -258,13 +257,3 @@ def test_of_files_that_nobody_can_use_the_newest_are_kept(tmp_path: Path, reason
         assert rename_aside(tmp_path / "a.state", "a", reason, ".state").read_text() == str(number)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"a.damaged-x.state", *(f"a.{reason}-{number}.state" for number in kept)}
-
-
-@pytest.mark.parametrize(
-    ("name", "error"),
-    [("none/x", FileNotFoundError), ("", IsADirectoryError), ("/dev/full", None), ("x", None)],
-)
-def test_an_output_is_checked_without_a_trace(tmp_path: Path, name: str, error: type[OSError] | None) -> None:
-    with pytest.raises(error) if error else nullcontext():
-        check_replaceable(tmp_path / name)
-    assert not list(tmp_path.iterdir())

@@ -85,7 +85,6 @@ def test_a_number_of_missing_samples_is_arithmetic() -> None:
     ("options", "update", "code"),
     [
         ({"channels": ("gyro/x", "gyro/w")}, {}, "channels_invalid"),
-        ({"channels": ()}, {}, "channels_invalid"),
         (
             {"channels": ("gyro/x", "gyro/y"), "rate_hz": 10.0},
             {"block": np.zeros((5, 2))},
@@ -93,16 +92,12 @@ def test_a_number_of_missing_samples_is_arithmetic() -> None:
         ),
         ({}, {"block": np.zeros((5, 3))}, "rate_required"),
         ({"rate_hz": 0.0}, {}, "rate_invalid"),
-        ({"rate_hz": 0.01}, {}, "rate_is_interval"),
         ({"rate_hz": 10.0}, {"block": np.zeros((5, 2))}, "array_shape"),
-        ({"rate_hz": 10.0}, {"block": np.zeros(3)}, "array_shape"),
         ({"rate_hz": 10.0}, {"block": np.full((5, 3), "a")}, "array_type"),
         ({"rate_hz": 10.0}, {"block": np.zeros((5, 3)), "missing": np.zeros(4, bool)}, "missing_invalid"),
-        ({"rate_hz": 10.0}, {"block": np.zeros((5, 3)), "missing": -1}, "missing_invalid"),
         ({}, {"block": np.zeros((5, 3)), "time_s": np.zeros(4)}, "array_shape"),
         ({"rate_hz": 10.0}, {"block": np.zeros((0, 3))}, "no_rows"),
         ({"rate_hz": 10.0}, {"block": np.zeros((50, 3))}, "all_constant"),
-        ({"rate_hz": 10.0}, {"block": np.full((50, 3), 1e3)}, "wrong_unit"),
     ],
 )
 def test_what_is_no_block_is_an_error_with_a_cure(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 
@@ -37,16 +36,6 @@ def test_an_error_comes_behind_what_was_read_before() -> None:
     assert len([next(ahead) for _ in range(7)]) == 7
     with pytest.raises(RecordingError, match="torn"):
         next(ahead)
-
-
-def test_the_thread_ends_when_the_reader_stops_early() -> None:
-    for items, _, _ in read_ahead(Counting(1000)):
-        assert items == [Gap(1.0)]
-        break
-    end = time.monotonic() + 60.0
-    while reading() and time.monotonic() < end:
-        time.sleep(0.01)
-    assert not reading()
 
 
 def test_the_thread_has_ended_when_the_work_on_its_samples_fails() -> None:

@@ -418,20 +418,6 @@ def test_a_subscriber_that_starts_first_connects_to_the_daemon_and_its_successor
             until(lambda: subscriber.events("a") == [event("a", 0), event("a", 1)])
 
 
-def test_a_frozen_daemon_is_not_alive_after_the_lease_and_alive_when_it_continues() -> None:
-    with stage() as start:
-        address = free_endpoint()
-        daemon = start("daemon", listen=[address]).ready()
-        with Subscriber([address]) as subscriber:
-            until(lambda: subscriber.alive() == {"a"})
-            daemon.kill(signal.SIGSTOP)
-            until(lambda: not subscriber.alive())
-            daemon.kill(signal.SIGCONT)
-            until(lambda: subscriber.alive() == {"a"})
-            version = subscriber.version
-            until(lambda: subscriber.version > version + 3)
-
-
 def test_each_change_of_an_uplink_and_each_send_error_is_reported_once() -> None:
     address, messages = free_endpoint(), list[str]()
 

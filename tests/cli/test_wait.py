@@ -55,12 +55,6 @@ def long() -> Report:
     return graded(reports.long_report())
 
 
-def test_a_grade_that_no_limit_allows_is_not_reachable(long: Report) -> None:
-    assert WaitCondition(grade="tactical").unreachable_grade(long) == "industrial"
-    assert WaitCondition(grade="industrial").unreachable_grade(long) is None
-    assert WaitCondition(grade="tactical").unreachable_grade(graded(long, best="tactical")) is None
-
-
 def test_a_provisional_grade_counts_if_every_limit_has_it(long: Report) -> None:
     maybe_better = graded(long, best="tactical")
     assert WaitCondition(grade="industrial").unmet(maybe_better) is None

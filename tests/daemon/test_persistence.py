@@ -126,15 +126,6 @@ def test_the_calendar_may_be_set_between_two_runs(tmp_path: Path) -> None:
     assert persistence._since(header, clock) == pytest.approx(5.0, abs=2.0)
 
 
-def test_a_record_that_is_saved_before_its_clock_is_known_again_goes_on(tmp_path: Path) -> None:
-    leave(tmp_path)
-    kept, monitor, _ = begun(tmp_path, facts())
-    monitor.accept_restored()
-    kept.close(SessionCounters(), None)
-    _, _, said = begun(tmp_path, facts())
-    assert "continues" in said[0]
-
-
 def test_a_directory_that_cannot_be_written_is_said_and_then_mended(tmp_path: Path) -> None:
     kept, monitor, _ = begun(tmp_path, facts())
     monitor.feed(block(0))

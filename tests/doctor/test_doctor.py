@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,12 +23,11 @@ from imumon.config import DeviceSettings, Settings, ZenohSettings
 from imumon.doctor import Case, checks, examine
 from imumon.doctor.doctor import daemon_port
 from imumon.doctor.observed import ServiceObservation, StateObservation, ZenohObservation
-from imumon.doctor.probe_device import observe_device
 from imumon.doctor.probe_host import observe_state
 from imumon.model.errors import ImumonError
 from imumon.model.samples import DeviceInfo
 from imumon.sources import registry
-from imumon.sources.device import Check, DeviceOptions, Observation
+from imumon.sources.device import Check, Observation
 from imumon.sources.registry import driver
 from imumon.sources.serial_port import SerialPort
 from imumon.sources.vn100.emulator import EmulatorSettings
@@ -71,20 +69,6 @@ def test_a_factory_sensor_has_two_warnings(case: Case) -> None:
     assert "115200" in results["baud"].text
     assert "0100056785" in results["model"].text
     assert set(results) >= {"config", "port", "load", "checksums", "rate", "zenoh"}
-
-
-def observe(path: str) -> Observation:
-    device = driver().create(DeviceOptions(url=path, settings=DeviceSettings()))
-    with closing(device):
-        device.open()
-        return observe_device(device, 0.3)
-
-
-def test_the_sensor_is_not_changed() -> None:
-    with spawn(EmulatorSettings(seed=1)) as sensor:
-        first, second = observe(sensor.path), observe(sensor.path)
-    assert first.info == second.info
-    assert second.samples > 5  # it streams as before
 
 
 CLOCKED = EmulatorSettings(seed=1, rate=160.0)

@@ -109,14 +109,6 @@ def test_csv_is_one_tidy_table(age: str) -> None:
         assert (row["unit"], row["status"]) == (part.unit, part.status)
 
 
-def test_a_slope_over_temperature_is_shown_only_beyond_noise() -> None:
-    report = make_report()
-    channel = report.channels["gyro/x"]
-    assert channel.drift.per_degC is not None
-    for form in ("md", "html"):
-        assert f"{channel.drift.per_degC:.2e}" not in text(report, form)
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("age", AGES)
 @pytest.mark.parametrize("width", [80, 120])

@@ -155,11 +155,6 @@ def test_the_output_never_overwrites_an_input(recording: Path, tmp_path: Path) -
     assert (bag / "part.db3").read_bytes() == b"part"
 
 
-def test_an_output_that_cannot_be_written_is_refused_before_the_source_is_read(tmp_path: Path) -> None:
-    error = imumon("report", tmp_path / "no_recording", "-o", tmp_path / "nowhere" / "x.html", code=1)
-    assert "nowhere/x.html" in error
-
-
 def test_the_extension_of_the_output_selects_the_form_or_is_refused(saved: Path, tmp_path: Path) -> None:
     report = from_json(Report, saved.read_text())
     one, no_curve = tmp_path / "one.json", tmp_path / "no_curve.json"

@@ -9,7 +9,6 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Sequence
 from contextlib import closing
@@ -98,12 +97,6 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     assert (first["grade"], first["samples"], first["missing"]) == ("industrial", 360000, 3)
     assert found[-1]["channel"] == "temperature"
     assert found[-1]["N"] is None
-
-
-def test_a_period_in_progress_ends_with_its_record(tmp_path: Path) -> None:
-    path = write(tmp_path, "imu", [period(7, complete=False)])
-    write(tmp_path, "imu", [period(0, record="2026-02-01T00:00:00.000Z", begin=BEGIN + 9e6, complete=False)])
-    assert [row["complete"] for row in read(path) if row["channel"] == "gyro/x"] == [True, False]
 
 
 @pytest.mark.parametrize(
@@ -198,24 +191,6 @@ def test_a_killed_writer_loses_nothing_that_it_has_said_to_be_written(tmp_path: 
         writer.send_signal(signal.SIGKILL)
     found = [row for row in read(tmp_path / "imu.history.sqlite") if row["channel"] == "gyro/x"]
     assert len(found) > last
-
-
-def test_what_is_added_during_the_last_write_is_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    writing, go_on = threading.Event(), threading.Event()
-
-    def delete_before(store: HistoryStore, time: float) -> None:
-        writing.set()
-        go_on.wait(60)
-
-    monkeypatch.setattr(HistoryStore, "delete_before", delete_before)
-    history = History(tmp_path, "imu", keep_days=1)
-    assert writing.wait(60)
-    history.add([period(0).period], RECORD, BEGIN)
-    threading.Timer(0.1, go_on.set).start()
-    history.close()
-    assert read(history.path)
 
 
 def test_old_entries_are_deleted(tmp_path: Path) -> None:

@@ -80,11 +80,6 @@ def test_a_record_that_has_ended_promises_nothing() -> None:
     assert ready_text(report, "kalibr") == "ready for kalibr: N yes, K no"
 
 
-def test_in_time_lapse_the_minutes_are_those_of_the_sensor() -> None:
-    report = with_widths({"N": 0.005, "K": 1.0}, {"N": 0.0, "K": 780.0}, speed=60.0)
-    assert ready_text(report, "kalibr") == "ready for kalibr: N yes, K in 13 min of sensor time"
-
-
 def test_what_is_not_measured_has_no_state_of_its_own() -> None:
     channel = reports.long_report().channels["gyro/x"]
     bound = replace(channel.coefficients["K"], status="upper_bound", value=None)

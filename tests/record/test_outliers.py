@@ -210,11 +210,6 @@ def test_a_table_in_degrees_names_motion_and_the_unit() -> None:
     assert "not_at_rest" in current.caveats
 
 
-def test_motion_after_rest_is_no_question_of_the_unit() -> None:
-    turn = np.where(np.arange(ROWS) > 0.7 * ROWS, np.radians(10.0), 0.0)
-    assert reasons(report(record(turn[:, None]))) == {"the sensor is not at rest"}
-
-
 def test_knock_after_knock() -> None:
     knocks = np.where(np.arange(ROWS) % 250 < 20, 0.1, 0.0)
     (reason,) = reasons(report(record(knocks[:, None])))

@@ -22,7 +22,7 @@ from imumon.model.samples import ACCEL, GYRO, MAG, Clock, SampleBlock, Stream
 from imumon.noise.fit import fit_curve
 from imumon.record import Record, RecordOptions
 from imumon.record.events import EventLog
-from imumon.record.gap_fill import LONG_GAP, MOST_ROWS, Break, DenseBlock, LongGap, fill_gaps
+from imumon.record.gap_fill import LONG_GAP, Break, DenseBlock, LongGap, fill_gaps
 
 
 def report(monitor: Record) -> Report:
@@ -340,13 +340,6 @@ def test_statistics_begin_with_the_first_samples(rate: float) -> None:
     assert record.guard.held <= 2 * max(10, rate)
 
 
-def test_missing_share_is_that_of_the_grid() -> None:
-    made = PlacedRecord(GYRO + ACCEL, 100.0)
-    values = LEVEL + SIGMA * np.random.default_rng(1).normal(size=(1000, 6))
-    made.feed(values, np.array([1, 2] * 500))
-    assert made.record.counts().missing_share == pytest.approx(1 / 3, abs=1e-3)
-
-
 # ---------------------------------------------------------------- gap filling
 
 
@@ -370,14 +363,6 @@ def test_ticks_and_samples_are_conserved(steps: list[int]) -> None:
     assert ticks == sum(1 if s == BREAK else s for s in steps)
     place = np.cumsum([1 if s == BREAK else s for s in steps]) - 1
     assert [p for p, _ in at] == place.tolist()
-
-
-def test_many_short_gaps_make_no_long_block() -> None:
-    steps = np.full(1 << 15, LONG_GAP)
-    placed = PlacedSamples(np.zeros((len(steps), 1)), steps, None)
-    lengths = [len(part.values) for part in fill_gaps(placed) if isinstance(part, DenseBlock)]
-    assert sum(lengths) == len(steps) * LONG_GAP
-    assert max(lengths) <= MOST_ROWS + LONG_GAP
 
 
 # ---------------------------------------------------------------- samples without a number
@@ -433,11 +418,3 @@ def test_a_temperature_without_a_number_is_unknown_there(rows: slice) -> None:
     assert made.session.samples == SAMPLES
     assert made.channels["gyro/x"].coefficients["N"].value == pytest.approx(1e-4, rel=0.1)
     assert "garbage" not in kinds
-
-
-def test_a_sensor_that_sends_no_number_at_all_gives_no_sample() -> None:
-    values = noise()
-    values[:, 3:6] = np.nan
-    made, kinds = report_of(values, "startup")
-    assert made.session.samples == 0
-    assert kinds == ["garbage"]

@@ -184,13 +184,6 @@ def test_covariances_replace_those_of_the_input() -> None:
     assert all(fields[name] == IMU_FIELDS[name] for name in IMU_FIELDS if name not in changed)
 
 
-def test_a_quantity_without_an_estimate_stays_without_one() -> None:
-    without = {**IMU_FIELDS, "linear_acceleration_covariance": [-1.0, *[0.0] * 8]}
-    payload = encode(IMU, without)
-    assert imu_message(payload).accel is None
-    assert with_imu_covariances(payload, None, [1.0, 1.0, 1.0]) == payload
-
-
 # ---------------------------------------------------------------------- URLs and messages for people
 
 

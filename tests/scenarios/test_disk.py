@@ -44,19 +44,6 @@ def within(command: str, place: Path) -> tuple[str, ...]:
     return (*NAMESPACE, "sh", "-c", f'{command} && exec "$@"', str(place))
 
 
-def remount(play: Scene, options: str) -> None:
-    """Mount the daemon's state directory otherwise, in its own view."""
-    command = [
-        "nsenter",
-        "-t",
-        str(play.daemon.process.pid),
-        *(word[:2] for word in NAMESPACE[1:] if word == "-m"),
-    ]
-    if os.geteuid() != 0:
-        command += ["-U", "--preserve-credentials"]
-    subprocess.run([*command, "mount", "-o", f"remount,{options}", str(play.state)], check=True)
-
-
 def told(play: Scene, kind: str, text: str) -> bool:
     return any(text in event.text for event in play.events(kind))
 
@@ -100,67 +87,6 @@ def test_09_disk_is_full_and_has_room_again(tmp_path: Path, size: str, records: 
         assert play.said.count(" error: recording to ") == int(records)
 
 
-@mounts
-def test_11_state_directory_is_read_only(tmp_path: Path) -> None:
-    """What is kept is taken up; nothing is written, and that is said; once it may be written, it is."""
-    with scene(tmp_path, seed=11) as play:
-        first = play.calm()
-        play.stop()
-        play.start(before=within('mount --bind "$0" "$0" && mount -o remount,ro,bind "$0"', play.state))
-        kept = (play.state / f"{ID}.state").read_bytes()
-        before = play.calm()
-        assert before.report.session.samples > first.report.session.samples
-        play.daemon.wait(lambda r: told(play, "state", "Read-only file system"))
-        assert (play.state / f"{ID}.state").read_bytes() == kept
-        remount(play, "rw,bind")
-        play.daemon.wait(lambda r: told(play, "state", "saved again"))
-        play.end(before, play.calm())
-        assert play.said.count("cannot be saved") == 1
-
-
-def test_12_killed(tmp_path: Path) -> None:
-    """Of the record is lost what came since the last save, a second here; the hole is as long as it was."""
-    with scene(tmp_path, seed=12) as play:
-        before = play.calm(more=220)
-        play.kill()
-        kept = decode((play.state / f"{ID}.state").read_bytes()).record.samples
-        assert kept >= before.report.session.samples - 200
-        play.start()
-        after = play.calm()
-        assert after.report.session.gaps == 1
-        play.away_s += 2.0  # the save period, and what it takes to save
-        play.end(before, after, Fault(restarts=1))
-        # what was killed left its stream behind; the second has put the sensor's own back
-        play.start("--listen-only", "--rate", "40", "--id", "look")
-        assert play.daemon.samples(10).device.source == "$VNYMR"
-
-
-@pytest.mark.parametrize(
-    ("damage", "serves"),
-    [("cut", True), ("empty", True), ("both", False)],
-)
-def test_13_power_cut_in_the_middle_of_a_save(tmp_path: Path, damage: str, serves: bool) -> None:
-    """Half a file is never taken for a whole one: the one before serves, or a new record begins."""
-    with scene(tmp_path, seed=13) as play:
-        before = play.calm(more=320)
-        play.daemon.wait(lambda r: (play.state / f"{ID}.state.1").exists())
-        play.kill()
-        newest, older = play.state / f"{ID}.state", play.state / f"{ID}.state.1"
-        (play.state / f"{ID}.state.new").write_bytes(newest.read_bytes()[:999])
-        for path in (newest, older) if damage == "both" else (newest,):
-            path.write_bytes(b"" if damage == "empty" else path.read_bytes()[:-1000])
-        play.start()
-        after = play.calm()
-        assert len(list(play.state.glob("*.damaged-*.state"))) == (2 if damage == "both" else 1)
-        assert told(play, "state", "set aside") or told(play, "state", "kept as")
-        if serves:
-            play.away_s += 3.0  # two save periods, and what it takes to save
-            play.end(before, after, Fault(restarts=1))
-        else:
-            assert after.report.session.restarts == 0
-            play.end(after, play.calm())
-
-
 # ---------------------------------------- faults of the history
 
 
@@ -177,47 +103,6 @@ def kept(path: Path) -> int:
             Path(f"{copy}{suffix}").write_bytes(Path(f"{path}{suffix}").read_bytes())
     with HistoryStore(copy) as store:
         return sum(timed.period.samples for timed in store.periods(EVER))
-
-
-def wait_for(play: Scene, text: str) -> None:
-    play.daemon.wait(lambda r: told(play, "history", text))
-
-
-@mounts
-def test_22_history_on_a_full_disk(tmp_path: Path) -> None:
-    """One message when nothing can be written and one when it can be; what happened between is in the file."""
-    with scene(tmp_path, seed=22, start=False) as play:
-        play.start(before=within('mount -t tmpfs -o size=2m none "$0"', play.state))
-        before = play.calm()
-        seen = Path(f"/proc/{play.daemon.process.pid}/root") / play.state.relative_to("/")
-        with pytest.raises(OSError, match="No space"):
-            (seen / "filler").write_bytes(b"\0" * (4 << 20))
-        wait_for(play, "cannot be written")
-        (seen / "filler").unlink()
-        wait_for(play, "written again")
-        after = play.calm()
-        assert after.report.session.missing == 0
-        play.daemon.wait(lambda r: kept(seen / f"{ID}{SUFFIX}") >= after.report.session.samples)
-        play.end(before, after)
-        assert play.said.count("the history cannot be written") == 1
-
-
-def test_23_history_file_is_corrupt(tmp_path: Path) -> None:
-    """It is set aside with its name, a new one begins, and the record of the state continues."""
-    with scene(tmp_path, seed=23) as play:
-        play.calm()
-        play.stop()
-        path = play.state / f"{ID}{SUFFIX}"
-        data = path.read_bytes()
-        damage = data[:4096] + b"\xa5" * (len(data) - 4096)
-        path.write_bytes(damage)
-        play.start()
-        before = play.calm()
-        wait_for(play, "a new history begins")
-        assert (play.state / f"{ID}.damaged-1{SUFFIX}").read_bytes() == damage
-        after = play.calm()
-        play.end(before, after)
-        assert kept(path) > 0
 
 
 # ---------------------------------------- faults that come again and again, or in each phase

@@ -55,20 +55,6 @@ def test_a_young_record_fills_the_chart(span: str) -> None:
     assert max(points) > 60
 
 
-def test_plus_and_minus_change_the_span() -> None:
-    from screen_driver import drive
-
-    async def script(app: ImumonApp, pilot: Pilot[int]) -> None:
-        await pilot.press("6")
-        seen = []
-        for key in ("plus", "plus", "plus", "plus", "minus", "minus", "minus", "minus"):
-            await pilot.press(key)
-            seen.append(app.view_state.span)
-        assert seen == ["day", "month", "year", "year", "month", "day", "record", "record"]
-
-    drive(reports.FakeSource(reports.warming_up()), script)
-
-
 @pytest.mark.parametrize(
     "reply",
     [

@@ -192,16 +192,6 @@ def test_a_question_is_asked_once_for_all_attempts() -> None:
     assert not decoder.messages
 
 
-def test_what_the_first_lines_state_is_not_asked() -> None:
-    header = b"time_ms;gyro_x [deg/s];gyro_y [deg/s];gyro_z [deg/s];seq\n"
-    data = header + b"".join(b"%d;180;%d;2;%d\n" % (10 * k, k % 2, k) for k in range(1, 100))
-    blocks, decoder = decoded(data, {})
-    assert rows(blocks)[:, 0] == pytest.approx([math.pi] * 99)
-    assert times(blocks)[:2] == [10_000_000, 20_000_000]
-    assert blocks[0].stream.channels == GYRO
-    assert decoder.bad_checksums == 0
-
-
 def test_a_header_changes_neither_given_columns_nor_those_of_samples() -> None:
     header = b"t_us,ax,ay,az,gx,gy,gz\n"
     blocks, decoder = decoded(header + lines(200), SEVEN)

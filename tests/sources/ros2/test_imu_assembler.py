@@ -135,19 +135,6 @@ def test_separate_topics_are_paired_by_their_stamps(delay_ns: int) -> None:
     assert made.invalid == 1
 
 
-def test_an_accelerometer_of_another_rate_is_left_out_with_a_remark() -> None:
-    gyro = [received(k) for k in range(900)]
-    accel = [
-        received(k, payload=imu_payload(UNIX_NS + k * 16_000_000, [0.0] * 3, [1.0, 1.0, k]))
-        for k in range(300)
-    ]
-    made, items = assemble("ros2:/gyro?accel=/accel", gyro, accel=accel)
-    assert made.stream is not None
-    assert made.stream.channels == GYRO
-    assert len(samples(items)) == 900
-    assert made.remarks == ["/accel is left out: its stamps do not match those of /gyro"]
-
-
 def test_magnetic_field_and_temperature_have_the_units_of_channels() -> None:
     rows = [received(k) for k in range(600)]
     field = [
