@@ -76,7 +76,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     _mix(items)
 
 
-LONG = "docs evaluation row_selection record daemon history report_command lines_device replay tui devices likelihood"
+LONG = (
+    "docs evaluation row_selection record daemon history datasheet lines_device replay tui devices likelihood"
+)
 """Files that take longest, without `test_`."""
 
 

@@ -1,11 +1,16 @@
-"""`imumon check`: the line and the exit code of a monitoring plugin."""
+"""`imumon check` and `imumon wait`: their lines and exit codes."""
 
 from __future__ import annotations
 
+import fcntl
+import json
 import re
+import subprocess
+import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import cache
@@ -18,8 +23,14 @@ from blocks_at_rest import DELTAS, LEVEL, NOW, block
 from commands import run_inside
 from daemons import Daemon, free_endpoint
 from faulty_sensor import spawn
+from reports import FakeSource, with_coefficients
+from waiting import until
 
 from imumon.bus import Publisher
+from imumon.cli.main import parsers
+from imumon.cli.options import only_own_device, report_of
+from imumon.cli.wait_condition import WaitCondition
+from imumon.model.coefficients import GradeName
 from imumon.model.report import DeviceDescription, Report, SensorGrade, SessionCounters, stamp
 from imumon.model.report_json import to_json
 from imumon.model.samples import SampleBlock
@@ -173,3 +184,188 @@ def test_a_real_sensor_is_ok_lossy_and_unplugged(tmp_path: Path) -> None:
         code, text, _ = plugin("--connect", daemon.endpoint)
         assert code == 2
         assert "the sensor is disconnected: " in text
+
+
+# ---------------------------------------------------------------- wait
+
+
+def changed(report: Report, name: str, **coefficients: float | None) -> Report:
+    """The report with another upper limit, SI, of some coefficients of a channel; None: pending."""
+    channel = report.channels[name]
+    parts = {
+        letter: replace(
+            channel.coefficients[letter],
+            value=None,
+            low=None,
+            high=high,
+            combined_high=None,
+            status="pending" if high is None else "upper_bound",
+        )
+        for letter, high in coefficients.items()
+    }
+    return replace(report, channels={**report.channels, name: with_coefficients(channel, **parts)})
+
+
+def graded(report: Report, best: GradeName = "industrial", worst: GradeName = "industrial") -> Report:
+    grade = SensorGrade(meets="industrial", best=best, worst=worst, provisional=best != worst)
+    return replace(report, grade={"gyro": grade, "accel": grade})
+
+
+@pytest.fixture(scope="module")
+def long() -> Report:
+    return graded(reports.long_report())
+
+
+def test_a_provisional_grade_counts_if_every_limit_has_it(long: Report) -> None:
+    maybe_better = graded(long, best="tactical")
+    assert WaitCondition(grade="industrial").unmet(maybe_better) is None
+    maybe_worse = graded(long, worst="consumer")
+    assert "gyro industrial, provisional" in str(WaitCondition(grade="industrial").unmet(maybe_worse))
+    assert WaitCondition(grade="consumer").unmet(maybe_worse) is None
+
+
+def test_a_precision_needs_every_axis_measured(long: Report) -> None:
+    assert WaitCondition(coefficient="N", precision=0.5).unmet(long) is None
+    assert "required 1e-06" in str(WaitCondition(coefficient="N", precision=1e-6).unmet(long))
+    bounded = changed(long, "accel/z", K=1.0)
+    assert "K of accel/z is only bounded" in str(WaitCondition(coefficient="K", precision=0.9).unmet(bounded))
+    assert WaitCondition(coefficient="N", precision=0.5, channels=("mag/x",)).unmet(long) is None
+    condition = WaitCondition(coefficient="N", precision=0.5, channels=("mag/q",))
+    assert condition.unknown_channel(long) == "mag/q"
+    assert condition.unknown_channel(replace(long, channels={})) is None  # its channels are not known yet
+    assert "no mag/q" in str(WaitCondition(coefficient="N", precision=0.1, channels=("mag/q",)).unmet(long))
+
+
+def test_only_a_daemon_with_a_locked_state_is_the_own_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    monkeypatch.setattr(
+        tempfile, "tempdir", str(tmp_path / "none")
+    )  # no daemon of another test on an emulator
+    arguments = parsers()[0].parse_args(["status"])
+    for name in ("mine", "ended"):
+        (tmp_path / f"{name}.lock").touch()
+    with (tmp_path / "mine.lock").open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert only_own_device(arguments, None) == "mine"
+    assert only_own_device(arguments, None) is None
+
+
+def test_of_several_own_daemons_the_one_at_the_configured_port_is_meant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, long: Report, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    (tmp_path / "config.toml").write_text('[device]\nport = "/dev/ttyUSB1"\n')
+    arguments = parsers()[0].parse_args(["status", "--config", str(tmp_path / "config.toml")])
+    ports = {"first": "/dev/ttyUSB0", "second": "/dev/ttyUSB1", "foreign": "/dev/ttyUSB1"}
+    published = [
+        replace(long, device=replace(long.device, id=name, port=port)) for name, port in ports.items()
+    ]
+    source = FakeSource(*published)
+    monkeypatch.setattr(FakeSource, "report", lambda self, id: self.reports().get(id), raising=False)
+    with (tmp_path / "first.lock").open("w") as first, (tmp_path / "second.lock").open("w") as second:
+        for lock in (first, second):
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        assert only_own_device(arguments, source) == "second"
+        assert report_of(source, None, list(ports), arguments).device.id == "second"
+    said = capsys.readouterr().err
+    assert "this is second, your own" in said
+    assert "first, foreign" in said
+
+
+@pytest.mark.parametrize("text", ["600", "600s", "10m", "10 min", "6e2"])
+def test_every_duration_has_the_same_form(text: str) -> None:
+    """Those of run, check, wait and report."""
+    for command, option in (
+        (["run"], "--duration"),
+        (["check"], "--max-age"),
+        (["wait"], "--timeout"),
+        (["report"], "--horizon"),
+    ):
+        parsed, _ = parsers()[0].parse_known_args([*command, option, text])
+        assert getattr(parsed, option[2:].replace("-", "_")) == 600.0
+        code, _, errors = run_inside([*command, option, "10 parsecs"])
+        assert (code, errors.count("is not a duration")) == ((3, 0) if command == ["check"] else (2, 1))
+
+
+def wait(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Return how `imumon wait` ended, inside the test: to start Python takes longer."""
+    return subprocess.CompletedProcess(arguments, *run_inside(["wait", *arguments]))
+
+
+def test_exit_codes_with_a_daemon(tmp_path: Path) -> None:
+    with Daemon("sim", tmp_path, "--speed", "30", "--seed", "1") as daemon:
+        where = ("--connect", daemon.endpoint)
+        daemon.samples(1)
+        reached = wait(*where, "--coefficient", "N", "--precision", "10%", "--timeout", "60s")
+        assert (reached.returncode, reached.stderr) == (0, "")
+        assert reached.stdout.startswith("vn100-0100056785: N known to ")
+        assert " or better, required 10 %; length of the record " in reached.stdout
+        assert reached.stdout.count("\n") == 1
+        settings = tmp_path / "config.toml"
+        settings.write_text(f'[zenoh]\nlisten = ["{daemon.endpoint}"]\n[report]\ngrade = "consumer"\n')
+        assert wait("--config", str(settings), "--timeout", "60s").returncode == 0
+        late = wait(*where, "--grade", "navigation", "--timeout", "1s")
+        assert (late.returncode, late.stdout) == (4, "")
+        assert late.stderr.startswith("imumon: not reached in 1 s: ")
+        assert late.stderr.count("\n") == 1
+        wrong = wait(*where, "--channel", "gyro/q", "--timeout", "60s")
+        assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+        assert "no gyro/q; it has gyro/x" in wrong.stderr
+        daemon.stop()
+
+
+def test_of_several_daemons_status_lists_all_and_others_need_a_name() -> None:
+    names = ("anna", "anne", "bert")
+    with ExitStack() as all_three:
+        endpoints = [
+            all_three.enter_context(
+                published(replace(measured(), device=replace(measured().device, id=name)))
+            )
+            for name in names
+        ]
+        places = [word for endpoint in endpoints for word in ("--connect", endpoint)]
+        until(lambda: len(run_inside(["status", *places])[1].splitlines()) == len(names))
+        code, listed, errors = run_inside(["status", *places])
+        assert (code, errors) == (0, "")
+        lines = listed.splitlines()
+        assert [line.split()[:2] for line in lines] == [[name, "running"] for name in names]
+        assert all(" old  " in line and "  loss 0 %  " in line for line in lines)
+        as_json = json.loads(run_inside(["status", *places, "--json"])[1])
+        assert [one["device"]["id"] for one in as_json] == list(names)
+        listed_names = "give one with --id: anna, anne, bert"
+        for command in ("wait", "report"):
+            error = f"imumon: several daemons answer: {listed_names}\n"
+            assert run_inside([command, *places]) == (2, "", error)
+        code, output, _ = run_inside(["check", *places])
+        assert (code, output) == (3, f"IMUMON UNKNOWN - several daemons answer: {listed_names}\n")
+        code, output, errors = run_inside(["status", *places, "--id", "ber"])
+        assert (code, errors) == (0, "")
+        assert output.startswith("running: bert, ")
+        code, output, errors = run_inside(["status", *places, "--id", "ann"])
+        assert (code, output) == (2, "")
+        assert errors.endswith("names that begin with ann: give one with --id: anna, anne\n")
+        code, _, errors = run_inside(["status", *places, "--id", "carl"])
+        assert code == 3
+        assert "give one of these with --id: anna, anne, bert" in errors
+
+
+def test_it_waits_for_a_daemon_that_starts_later(tmp_path: Path) -> None:
+    place = free_endpoint()
+    command = [sys.executable, "-m", "imumon", "wait", "--connect", place, "--timeout", "100s"]
+    waiting = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    with spawn(EmulatorSettings(seed=1)) as sensor, Daemon(sensor.path, tmp_path, listen=place) as daemon:
+        text, _ = waiting.communicate(timeout=120)
+        daemon.stop()
+    assert waiting.returncode == 0
+    assert text.startswith("vn100-")
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--precision", "0.1"), ("--grade", "splendid"), ("--timeout", "soon"), ("--timeout", "0")]
+)
+def test_invalid_options_are_one_line_and_2(arguments: tuple[str, ...]) -> None:
+    done = wait(*arguments)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
