@@ -11,15 +11,16 @@ of these are read; the index at its end is not needed.
 from __future__ import annotations
 
 import json
+import math
 import struct
 import sys
-from collections.abc import Iterator, Sequence
-from importlib import import_module
+from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from rosbags.rosbag2.storage_mcap import decompress
 
 from imumon.model.samples import Floats
 from imumon.sources.files.base import ROWS
@@ -30,6 +31,8 @@ MAGIC = b"\x89MCAP0\r\n"
 _HEADER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x01, 0x03, 0x04, 0x05, 0x06, 0x0F
 _RECORD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
+_CHUNK_HEAD = struct.Struct("<16xQI")
+"""Two times, size and CRC of a chunk, before the name of its compression."""
 FIRST_MESSAGES = 32
 """Messages of a topic whose fields are its columns."""
 
@@ -63,7 +66,7 @@ class McapLog(Log):
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        first: dict[Channel, list[dict[str, str]]] = {}
+        first: dict[Channel, list[dict[str, float]]] = {}
         counts: dict[Channel, int] = {}
         for channel, _, data in self._messages():
             counts[channel] = counts.get(channel, 0) + 1
@@ -104,7 +107,7 @@ class McapLog(Log):
             stamp = logged if pair is None else pair
             origin = origin or stamp  # as a float, a span is exact to the ns, an epoch is not
             times = {STAMP: float(stamp - origin), LOG_TIME: float(logged - origin)}
-            rows.append([times[name] if name in times else _number(fields.get(name)) for name in columns])
+            rows.append([times.get(name, fields.get(name, math.nan)) for name in columns])
             size += len(data)
             if len(rows) == ROWS:
                 yield np.array(rows), size
@@ -130,16 +133,9 @@ def _with_chunks(records: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, by
         if kind != _CHUNK:
             yield kind, content
             continue
-        # times, size and CRC are before the name of the compression
-        compression, place = _text(content, 28)
-        packed = content[place + 8 :]
-        if compression == "lz4":
-            packed = import_module("lz4.frame").decompress(packed)
-        elif compression == "zstd":
-            # of rosbags, too, which has it from Python where that has one
-            zstd: Any = import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
-            packed = zstd.decompress(packed)
-        yield from _records(BytesIO(packed))
+        size, crc = _CHUNK_HEAD.unpack_from(content)
+        compression, place = _text(content, _CHUNK_HEAD.size)
+        yield from _records(BytesIO(decompress(content[place + 8 :], compression, size, crc)))
 
 
 def _text(content: bytes, place: int) -> tuple[str, int]:
@@ -155,19 +151,19 @@ MOST_FIELDS, LONGEST_LIST = 256, 9
 """Fields of an object, and numbers of a list whose elements are fields: three axes, or a matrix of them."""
 
 
-def _flat(path: str, value: Any) -> Iterator[tuple[str, str]]:
-    """Yield the numbers and texts of a value of JSON by their paths."""
+def _flat(path: str, value: Any) -> Iterator[tuple[str, float]]:
+    """Yield the numbers of a value of JSON by their paths."""
     if isinstance(value, dict):
         for name, inner in list(value.items())[:MOST_FIELDS]:
             yield from _flat(f"{path}.{name}" if path else str(name), inner)
     elif isinstance(value, list):
         for k, inner in enumerate(value[:LONGEST_LIST] if len(value) <= LONGEST_LIST else ()):
             yield from _flat(f"{path}[{k}]", inner)
-    elif isinstance(value, str | int | float) and not isinstance(value, bool):
-        yield path, str(value)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield path, value
 
 
-def _fields(data: bytes) -> dict[str, str]:
+def _fields(data: bytes) -> dict[str, float]:
     try:
         value = json.loads(data)
         return dict(_flat("", value)) if isinstance(value, dict) else {}
@@ -175,35 +171,27 @@ def _fields(data: bytes) -> dict[str, str]:
         return {}
 
 
-def _number(text: str | None) -> float:
-    try:
-        return float(text or "nan")
-    except ValueError:
-        return float("nan")
-
-
-def _stamp(fields: dict[str, str]) -> int | None:
+def _stamp(fields: Mapping[str, float]) -> int | None:
     """Return the time of a message, ns, of seconds and nanoseconds in it; None: it has none.
 
-    >>> _stamp({"timestamp.sec": "3", "timestamp.nsec": "5", "x": "1"})
+    >>> _stamp({"timestamp.sec": 3, "timestamp.nsec": 5, "x": 1.0})
     3000000005
     """
-    for name, text in fields.items():
+    for name, nanoseconds in fields.items():
         path, _, last = name.rpartition(".")
         if last.lower() in NANOSECONDS:
-            seconds = next((fields[f"{path}.{s}"] for s in ("sec", "secs") if f"{path}.{s}" in fields), None)
-            if seconds is not None and seconds.isdigit() and text.isdigit():
-                return int(seconds) * 10**9 + int(text)
+            seconds = fields.get(f"{path}.sec", fields.get(f"{path}.secs"))
+            if isinstance(seconds, int) and isinstance(nanoseconds, int):
+                return seconds * 10**9 + nanoseconds
     return None
 
 
-def _topic(channel: Channel, count: int, first: Sequence[dict[str, str]]) -> Topic:
+def _topic(channel: Channel, count: int, first: Sequence[dict[str, float]]) -> Topic:
     """Return the description of a topic, with the columns whose names show a sensor."""
     name, kind, encoding = channel
     if encoding != "json":
         return Topic(name=name, type=f"{kind} in {encoding}", count=count)
     names = list(dict.fromkeys(column for fields in first for column in fields))
-    known: dict[str, str] = {}
-    pairs = [fields for fields in first if _stamp(fields) is not None]
-    known["t"] = f"{STAMP if pairs else LOG_TIME}:ns"
+    has_stamp = any(_stamp(fields) is not None for fields in first)
+    known = {"t": f"{STAMP if has_stamp else LOG_TIME}:ns"}
     return Topic(name=name, type=kind, count=count, columns=[*names, STAMP, LOG_TIME], map=known)
