@@ -131,8 +131,7 @@ class LogFile(Table):
         self.header = facts or None
         if received["problem"]:
             self.problem = f"{path} {received['problem']}"
-        unused = received["unused"] if options.topic is None else ()
-        notes = self._notes(options, [*unused, *received["remarks"]])
+        notes = self._notes(options, received["remarks"])
         table_layout = replace(table_layout, remarks=(*notes, *table_layout.remarks))
         interval = [table_layout.interval] if table_layout.interval else []
         self._columns = [*table_layout.columns, *table_layout.times, *interval]

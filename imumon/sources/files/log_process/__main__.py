@@ -72,7 +72,7 @@ def serve(kind: str, path: Path, pipe: Connection, definitions: Path | None = No
         try:
             log = opened(kind, path, definitions)
             topics = [asdict(topic) for topic in log.topics]
-            notes = {"unused": log.unused, "remarks": log.remarks, "problem": log.problem}
+            notes = {"remarks": log.remarks, "problem": log.problem}
             send({"topics": topics, "facts": log.facts, **notes})
             while wanted := json.loads(pipe.recv_bytes()):
                 for rows, size in log.blocks(wanted["topic"], wanted["columns"]):

@@ -53,14 +53,12 @@ class Log:
     ----------
     topics : the best first, if the log has an order.
     facts : fields of the header of a recording: model, firmware.
-    unused : why a topic that is better by its kind is not the first, one line each.
     remarks : what was left out or is doubtful, one line each.
     problem : why it was not read to its end, or None.
     """
 
     topics: Sequence[Topic] = ()
     facts: Mapping[str, str] = {}
-    unused: Sequence[str] = ()
     remarks: Sequence[str] = ()
     problem: str | None = None
 

@@ -58,11 +58,6 @@ class ULogLog(ArrayLog):
         self.facts = _facts(log.msg_info_dict)
         if log.file_corruption or not is_whole(path):
             self.problem = "is corrupt: only the messages that are intact are used"
-        best = self.topics[0].type if self.topics else ""
-        unused = [topic for topic in self.topics if topic.type == "vehicle_imu" != best and topic.note]
-        if unused:
-            names = ", ".join(topic.name for topic in unused)
-            self.unused = [f"{names} not used: {unused[0].note}"]
         if log.dropouts:
             lost = sum(dropout.duration for dropout in log.dropouts) * 1e-3
             self.remarks = [f"its logger dropped messages for {lost:.3g} s in total"]
