@@ -64,12 +64,6 @@ class LineColumns:
         unit_ns = self.time[0].factor if len(self.time) == 1 else 0.0
         return int(unit_ns) if unit_ns in (1e6, 1e3) else 0
 
-    @property
-    def time_unit(self) -> str | None:
-        """Unit of the time; None: none of s, ms, us and ns."""
-        units = {1e9: "s", 1e6: "ms", 1e3: "us", 1.0: "ns"}
-        return units.get(self.time[0].factor) if len(self.time) == 1 else None
-
 
 @dataclass(frozen=True, slots=True)
 class LinesUrl:

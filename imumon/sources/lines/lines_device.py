@@ -9,7 +9,7 @@ from typing import Any
 from imumon.model.ledger import column_account
 from imumon.model.samples import DeviceInfo, SampleBlock
 from imumon.sources.device import DeviceOptions
-from imumon.sources.lines.line_columns import SENSORS, LineColumns, LinesUrl
+from imumon.sources.lines.line_columns import SENSORS, LinesUrl
 from imumon.sources.lines.line_decoder import LONGEST_LINE, LineDecoder
 from imumon.sources.port_device import PortDevice, RateCheck, Session
 from imumon.sources.ports import STANDARD_INPUT
@@ -17,26 +17,8 @@ from imumon.sources.serial_port import SerialPort
 
 CLOCK_RATIO = 2.0
 """Factor between the two beyond which the unit of the time is doubted; wrong units differ by 1000."""
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""s, units of the time of lines."""
 DROPPED = b"\n?"
 """Bytes in the place of dropped ones: the halves of the lines there do not become one line, or a whole one."""
-
-
-def _unit_cure(columns: LineColumns, ratio: float) -> str:
-    """Return what to write in the URL where the time of the lines advances by `ratio` s in a second.
-
-    >>> from imumon.sources.lines.line_columns import columns_of
-    >>> in_ms = columns_of({"columns": "t_ms,gx"})
-    >>> _unit_cure(in_ms, 0.00095), _unit_cure(in_ms, 9.5)
-    ('write t_s for t_ms in columns=', 'check its unit, s, ms, us or ns')
-    """
-    unit = columns.time_unit
-    for other, unit_s in TIME_UNITS.items():
-        if unit in TIME_UNITS and 1.0 / CLOCK_RATIO < ratio * unit_s / TIME_UNITS[unit] < CLOCK_RATIO:
-            named = "columns" in columns.settings
-            return f"write t_{other} for t_{unit} in columns=" if named else f"write time={other}"
-    return "check its unit, s, ms, us or ns"
 
 
 class LinesSession(Session):
@@ -84,7 +66,7 @@ class LinesSession(Session):
         if columns is not None and columns.time:
             if ratio is not None and not 1.0 / CLOCK_RATIO < ratio < CLOCK_RATIO:
                 shown = f"{float(f'{ratio:.2g}'):,g}"
-                yield f"the time of the lines advances by {shown} s in a second: {_unit_cure(columns, ratio)}"
+                yield f"the time of the lines advances by {shown} s in a second: check its unit in the URL"
         elif rate_hz is not None and (remark := self._rate_check.remark(rate_hz)) is not None:
             yield remark
 

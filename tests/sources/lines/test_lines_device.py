@@ -270,7 +270,7 @@ def test_a_wrong_unit_of_the_time_or_a_wrong_rate_is_doubted(
         until(lambda: (device.read(0.1), any(told in remark for remark in device.info().remarks))[1])
         assert "doubtful_rate" in device.info().caveats
         if "t_ms" in wrong:
-            assert any("write t_us for t_ms in columns=" in remark for remark in device.info().remarks)
+            assert any("check its unit in the URL" in remark for remark in device.info().remarks)
         device.close()
     finally:
         sender.close()
