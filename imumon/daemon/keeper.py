@@ -206,8 +206,6 @@ class Keeper:
         """Yield what is new about keeping the record: kind, text and level of an event; None: that of the kind."""
         for text in self.recorder.problems():
             yield "recording", text, None
-        for text in self.recorder.notes():
-            yield "recording", text, "warning"
         for about_state in self.persistence.problems() if self.persistence is not None else ():
             yield "state", *about_state
         for about_history in self.history.problems() if self.history is not None else ():

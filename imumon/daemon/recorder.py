@@ -113,11 +113,6 @@ class Recorder:
         self.failed = problems[-1] if problems else self.failed
         return problems
 
-    def notes(self) -> list[str]:
-        """Return which removed files are made again, each once."""
-        writers = [*self._ending, *([self._writer] if self._writer is not None else [])]
-        return [text for writer in writers for text in writer.notes()]
-
     def close(self, wait_s: float = 10.0) -> None:
         """Write what waits, also of earlier records; wait at most `wait_s` for each."""
         for writer in (*self._ending, self._writer):

@@ -54,8 +54,7 @@ class CaptureWriter:
 
     Parameters
     ----------
-    path : file; ``….gz`` compresses. If it exists, the next free number is used, and also if the file is
-        removed or renamed while it is written.
+    path : file; ``….gz`` compresses. If it exists, the next free number is used.
     header : what is noted in front (device, settings, time of the host); plain JSON values.
     rotate_bytes : begin a new part after this many bytes of input; 0: never.
     compress : compress whatever the name.
@@ -86,7 +85,6 @@ class CaptureWriter:
         self._waiting = self._accepted = 0  # bytes in the backlog, and bytes accepted so far
         self._changed = threading.Condition()
         self._closing = False
-        self._notes: deque[str] = deque()
         try:
             self._begin_part()
         except OSError as error:
@@ -132,28 +130,6 @@ class CaptureWriter:
             missing = self._accepted - self.written_bytes
             self._stop(f"the disk is too slow, {missing} bytes did not reach it: {ELSEWHERE}")
 
-    def notes(self) -> list[str]:
-        """Return what happened to the files since the last call."""
-        return [self._notes.popleft() for _ in range(len(self._notes))]
-
-    def _has_name(self) -> bool:
-        """Return whether the open file is the one of its name; what is no regular file is used as it is."""
-        file = os.fstat(self._file.fileno())
-        if not stat.S_ISREG(file.st_mode):
-            return True
-        try:
-            return os.path.samestat(os.stat(self.path), file)
-        except OSError:
-            return False
-
-    def _replace_removed(self) -> None:
-        """Begin another part, in the same directory, for a file that has lost its name."""
-        removed = self.path
-        self._end_part()
-        os.makedirs(os.path.dirname(self._base) or ".", exist_ok=True)
-        self._begin_part()
-        self._notes.append(f"{removed} was removed or renamed: the recording continues in {self.path}")
-
     def _begin_part(self) -> None:
         """Open the next file whose name is free; a pipe or a device is used as it is."""
         while True:
@@ -191,9 +167,7 @@ class CaptureWriter:
                     self._backlog.clear()
                     self._waiting = 0
                 full = self._rotate and self._in_part and self._in_part + len(data) > self._rotate
-                if data and not self._has_name():
-                    self._replace_removed()
-                elif data and full:
+                if data and full:
                     self._end_part()
                     self._begin_part()
                 self._out.write(data)
