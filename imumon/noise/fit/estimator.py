@@ -39,7 +39,6 @@ import numpy as np
 
 from imumon.model.coefficients import NOISE, default_precision
 from imumon.model.samples import Floats
-from imumon.model.units import DAY
 from imumon.noise.allan import AllanCurve
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit.bias_curve import BiasFit, bias_curve
@@ -303,7 +302,7 @@ def settling_times_s(blocks: BlockMeans) -> Iterator[float]:
     for channel in range(blocks.means.shape[1]):
         series = _noisy_series(blocks, channel, None)
         if not isinstance(series, Pending):
-            terms = SlowTermSearch(series, None, whole=True, markov={}, day=DAY / blocks.interval_s).result()
+            terms = SlowTermSearch(series, None).result()
             settling = (column for column in terms.regressors if column.name == "settling")
             yield from (column.place * series.length * blocks.interval_s for column in settling)
 

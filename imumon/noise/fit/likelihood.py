@@ -90,7 +90,7 @@ MOST_MOVES = 6
 """A grid that does not hold the likelihood is moved this often at most. Unit: grids.
 
 Otherwise: a likelihood with two maxima would move the grid to and fro without end. Origin: a likelihood with one
-maximum is held after two or three; a grid that is never held is stated as `unbounded`.
+maximum is held after two or three.
 """
 SLOW_GROUPS = (0, 3, 7, 15, 31)
 """First single coefficients of the groups in which their misfit is judged. Unit: coefficients.
@@ -124,7 +124,6 @@ class Surface:
     scored_variances : (m,) variance of its estimate.
     corner : (m,) likeliest parameter c of a low-pass 1 / (1 + c 4 sin^2(pi f)); 0.0 without one.
     beta, beta_variances : (m, q) coefficients of the regressors and their variances.
-    holds : whether the grid holds the whole likelihood; False: its limits are those of the grid, not of the data.
     beside : power of each term that is not on the grid, the same at all points.
     likeliest : likeliest power of every term, where it is known better than to a point of the grid; None: it is not.
     """
@@ -136,7 +135,6 @@ class Surface:
     corner: Floats
     beta: Floats
     beta_variances: Floats
-    holds: bool = True
     beside: Mapping[NoiseTerm, float] = field(default_factory=dict)
     likeliest: Mapping[NoiseTerm, float] | None = None
 
@@ -371,7 +369,7 @@ class Likelihood:
             surface = self.surface(
                 {term: near(surface, term) for term in surface.grids}, self._free_values(surface)
             )
-        return surface if holds(surface) else replace(surface, holds=ends_fall(surface))
+        return surface
 
     def _free_values(self, surface: Surface) -> Floats | None:
         """Return (free - 1,) the profiled parameters but N at the greatest likelihood."""
@@ -494,8 +492,7 @@ def mixed(one: Surface, two: Surface, weight: float) -> Surface:
         one.corner,
         beta,
         beta_variances,
-        one.holds and two.holds,
-        one.beside,
+        beside=one.beside,
     )
 
 
@@ -609,24 +606,15 @@ def near(surface: Surface, term: NoiseTerm, size: int = GRID) -> Floats:
     return np.linspace(low, high, size)
 
 
-def ends_fall(surface: Surface) -> bool:
-    """Return whether the likelihood has fallen at the ends of the grid."""
+def holds(surface: Surface) -> bool:
+    """Return whether the grid holds the whole likelihood, and is not much too wide."""
     for term, grid in surface.grids.items():
         log = surface.profile(term)
         rows = np.flatnonzero(log >= log.max() - GRID_FALL * DROP)
         begins_inside = rows[0] == 0 and grid[0] > 0.0
-        if begins_inside or rows[-1] == grid.size - 1:
+        if rows.size < grid.size // 2 or begins_inside or rows[-1] == grid.size - 1:
             return False
     return True
-
-
-def holds(surface: Surface) -> bool:
-    """Return whether the grid holds the whole likelihood, and is not much too wide."""
-    sizes = [
-        np.count_nonzero((log := surface.profile(term)) >= log.max() - GRID_FALL * DROP) >= grid.size // 2
-        for term, grid in surface.grids.items()
-    ]
-    return all(sizes) and ends_fall(surface)
 
 
 def _on(likelihood: Likelihood, surface: Surface, grids: Grids) -> Surface:
@@ -677,5 +665,4 @@ class Alternatives:
             )
             for term, grid in self.surface.grids.items()
         }
-        # of the searches: this grid spans what they held
-        return replace(self.on(grids), holds=self.surface.holds and self.other_surface.holds)
+        return self.on(grids)

@@ -36,7 +36,6 @@ from imumon.noise.fit.likelihood import (
     Squares,
     Surface,
     density_quantiles,
-    ends_fall,
     grid_mean,
     holds,
     mixed,
@@ -363,8 +362,6 @@ def markov_surface(observed: Observed, surface: Surface, samples: float, coarse:
         if holds(total):
             break
         grids = {term: near(total, term, MARKOV_GRID) for term in total.grids}
-    else:
-        total = replace(total, holds=ends_fall(total))
     logs = np.stack([part.log for part in parts])
     weights = np.exp(logs - logs.max()) @ total.cells.ravel()
     peak[center] = sigma**2
@@ -433,8 +430,7 @@ def mixed_with(without: Surface, markov: MarkovSurface) -> Surface:
     both = mixed(without, second, markov.odds * float(without.weights().sum() / second.weights().sum()))
     # what is drawn and tested is the model with the term: it is more likely than the one without
     beside: dict[NoiseTerm, float] = {markov.term: markov.peak[markov.term]}
-    holds_both = without.holds and markov.surface.holds
-    return replace(both, likeliest=markov.peak, beside=beside, holds=holds_both)
+    return replace(both, likeliest=markov.peak, beside=beside)
 
 
 def _marginal(inner: Surface, grids: Grids) -> Surface:

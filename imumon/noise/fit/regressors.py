@@ -11,7 +11,6 @@ the cosine coefficients:
 | settling | exp(-t / tau), and its derivative by tau | a warm-up; with the derivative tau is free to first order |
 | step | 0 before its place, 1 after it, between in its block | a knock, a range that changes |
 | oscillation | cos, sin, and both times t | an air conditioner of few cycles; with t, its size or period may change |
-| cycle of a day | the first two of an oscillation | a room without a thermometer; less than two cycles have no growth |
 
 All columns have norm one in the cosine coefficients. Which of them count is decided in `search`.
 
@@ -77,19 +76,6 @@ LEAST_SPAN_DEGC = 0.3
 
 Otherwise: the noise of a thermometer with a step of 0.1 degC is a column that takes power from K. Chosen: three steps
 of a thermometer that reports tenths of a degree.
-"""
-TEMPERATURE_SNR = 3.0
-"""The temperature is a column where its bend, as means of four blocks, exceeds their noise by this factor. Unit:
-ratio.
-
-Otherwise: a column of noise has a slope biased towards zero, and what it leaves raises K. Origin: at 3 the bias of
-the slope is 10 % (errors in variables).
-"""
-THERMOMETER_SIGMA = 3.0
-"""A band of the temperature counts where its power exceeds the noise of the thermometer by as much. Unit: standard
-deviations.
-
-Otherwise: the noise of the thermometer enters the model of the channel, times the slope.
 """
 
 CHI_SQUARE_MEDIAN = 0.455
@@ -198,7 +184,8 @@ def temperature(series: BlockSeries) -> tuple[Regressor | None, str]:
     # a coarse thermometer repeats its value: then the median is zero, and its steps are the noise
     noise = float(np.sqrt((np.median(squares) / CHI_SQUARE_MEDIAN or squares.mean()) / 6.0))
     slow = np.convolve(bend, np.full(4, 0.25), mode="valid")
-    if np.std(slow) <= TEMPERATURE_SNR * noise / 2.0:  # the mean of four has half of the noise
+    # The mean of four has half of the noise. At three times that, errors in variables bias the slope by 10 %.
+    if np.std(slow) <= 1.5 * noise:
         return None, "collinear"
     return of_series(series, "temperature", _without_noise(series, degrees, noise)), ""
 
@@ -227,7 +214,7 @@ def _without_noise(series: BlockSeries, degrees: Floats, noise: float) -> Floats
         starts = np.flatnonzero(np.diff(octave, prepend=-1))
         sizes = np.diff(starts, append=octave.size)
         power = np.add.reduceat(cosines[1:] ** 2, starts) / sizes
-        above = power > noise**2 * (1.0 + THERMOMETER_SIGMA * np.sqrt(2.0 / sizes))
+        above = power > noise**2 * (1.0 + 3.0 * np.sqrt(2.0 / sizes))  # by three standard deviations
         gain = np.where(np.logical_and.accumulate(above), 1.0 - noise**2 / np.maximum(power, 1e-300), 0.0)
         cosines[1:] *= np.repeat(gain, sizes)
         out[part] = line + scipy.fft.idct(cosines, norm="ortho")

@@ -18,8 +18,8 @@ block means, in which it is sought, lie below the reach of filters.
    one octave more than the first that passes is left out: a bend that is too small to be rejected moves N, too. If none
    passes, the least misfit counts, with the error of the model that explains it.
 
-3. *Columns in doubt*: the likelihoods with and without an exponential, a step or a cycle of a day that is not certain,
-   and whose odds are above `LEAST_ODDS`, are mixed in these odds.
+3. *Columns in doubt*: the likelihoods with and without an exponential or a step that is not certain, and whose
+   odds are above `LEAST_ODDS`, are mixed in these odds.
 4. *Gauss–Markov noise* (`markov_search`) is tried again in all observations, for the likelihood above and before a
    filter is tried for the upper end. From even odds on the likelihoods with and without it are mixed.
 
@@ -38,7 +38,6 @@ from scipy.special import gammaincc
 
 from imumon.model.coefficients import LIMIT_95
 from imumon.model.samples import Bools, Floats
-from imumon.model.units import DAY
 from imumon.noise.fit import markov_search
 from imumon.noise.fit.hump import KEPT, Band, Hump, at_aliases, band_left_out, line_bands
 from imumon.noise.fit.likelihood import EVIDENCE, Alternatives, Grids, Likelihood, Surface, evidence
@@ -72,13 +71,6 @@ INDEPENDENT_COUNTS = 0.5
 
 Otherwise: errors that move together count as white, and limits of N are wrong. Origin: errors s counts of noise apart
 have the correlation exp(-2 pi^2 s^2), 0.7 % here; with 0.4 counts, upper limits of N miss in 8 % of records.
-"""
-NEGLIGIBLE_ROUNDING = 0.2
-"""What rounding of a rate adds to N^2 is looked at from here on: it may be that of an angle, twice as much. Unit:
-standard errors of N^2.
-
-Otherwise: every channel of a file with few digits is fitted twice. Origin: a tenth of the distance from N to its
-limit (`sample_errors.py`).
 """
 REJECT_P = 1e-3
 """The bands reject an upper end of the spectrum, and the next one is tried. Unit: probability.
@@ -235,7 +227,6 @@ class ModelSearch:
             slow_grids,
             whole=self._whole,
             markov=self._known_markov,
-            day=DAY / self._sums.tau0,
             left_out=self._at_lines if band is None else self._at_lines | band.holds(self._series.f),
             spectral=None if band is None else self._powers(1),
         )
@@ -527,7 +518,8 @@ class ModelSearch:
         """
         rounding = ROUNDING_VARIANCE * self._step**2
         variance = surface.scored_variances[WHITE][surface.best]
-        if upper_end != UpperEnd() or rounding**2 <= float(variance) * NEGLIGIBLE_ROUNDING**2:
+        # a fifth of the standard error is a tenth of the distance from N to its limit
+        if upper_end != UpperEnd() or 25.0 * rounding**2 <= float(variance):
             return False
         quantised = self._fit(UpperEnd(shape=UpperShape.QUANTISED))[1]
         power, variance = (
@@ -563,7 +555,7 @@ class ModelSearch:
             term: np.linspace(0.0, max(grid[-1], markov.surface.grids[term][-1]), grid.size)
             for term, grid in surface.grids.items()
         }
-        both = markov_search.mixed_with(replace(without.on(grids), holds=surface.holds), markov)
+        both = markov_search.mixed_with(without.on(grids), markov)
         return markov, both
 
     def _upper_error(self, upper_end: UpperEnd) -> float:

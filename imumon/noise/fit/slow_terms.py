@@ -1,18 +1,17 @@
 """Search for the slow terms of one channel: what moves its mean, sought in the block means alone.
 
 The likelihood of the cosine coefficients says how much a column explains with the best B and K beside it. In each round
-the strongest of settling, step, bend of the effect of the temperature, cycle of a day and oscillation of few cycles
-becomes a column, if its gain exceeds its threshold and that of Gauss–Markov noise. Without one, the coefficients of
-other oscillations are left out: their period wanders, so that no column describes them. Last, the lowest coefficients
-are left out if they alone make a walk. The search ends when chance explains the rest.
+the strongest of settling, step, bend of the effect of the temperature and oscillation of few cycles becomes a column,
+if its gain exceeds its threshold and that of Gauss–Markov noise. Without one, the coefficients of other oscillations
+are left out: their period wanders, so that no column describes them. Last, the lowest coefficients are left out if they
+alone make a walk. The search ends when chance explains the rest.
 
 | candidate | counts where | threshold of twice the gain |
 |---|---|---|
-| settling | once, in whole records | `SETTLING_CERTAIN`; below, by its odds |
+| settling | once, in whole records | `CERTAIN`; below, by its odds |
 | Gauss–Markov noise | once, in whole records, instead of a weaker column | even odds |
 | step | in whole records | `CERTAIN`; below, by its odds |
-| bend of the temperature | once, beside the temperature, in whole records | chi-square, `BEND_CHANCE` |
-| cycle of a day | without a temperature, up to `FEWEST_CYCLES` | `CERTAIN`; below, by its odds |
+| bend of the temperature | once, beside the temperature, in whole records | chi-square, `CHANCE` |
 | oscillation of `FEWEST_CYCLES` to `FEW_CYCLES` | last segment | chi-square, `CHANCE` over all places |
 | oscillation, left out | everywhere | chi-square, `CHANCE` over all places |
 | mean that moves slowly | a walk that shows in the lowest coefficients only, in whole records | `BEYOND_EVIDENCE` |
@@ -58,7 +57,8 @@ from imumon.noise.fit.observations import (
 from imumon.noise.fit.regressors import COEFFICIENTS_PER_COLUMN, SETTLING_SHARES, SINGLE, Regressor
 
 CHANCE = 0.01
-"""Noise alone makes an oscillation that is left out, or a misfit, in this share of records. Unit: probability.
+"""Noise alone makes an oscillation that is left out, a bend of the effect of the temperature, or a misfit in this share
+of records. Unit: probability.
 
 Otherwise: leaving out a coefficient costs little, missing an oscillation makes B too large. Origin: over all
 coefficients of a record (Bonferroni) (`real_effects.py`).
@@ -68,13 +68,6 @@ OSCILLATION_WIDTHS = (1, 3, 8, 24)
 
 Otherwise: with single ones only, an oscillation whose period wanders is fitted as B. Origin: steps of three: between
 two of them the test loses little (`real_effects.py`).
-"""
-MOST_MASKED = 0.5
-"""Where more would be left out, nothing is: what is above the noise everywhere is noise of another kind. Unit: of
-the coefficients.
-
-Otherwise: a random walk beside a first guess of K = 0 would be left out as oscillations. Origin: no oscillation fills
-half of the spectrum (`real_effects.py`).
 """
 FEWEST_CYCLES = 2
 """Oscillations with fewer in a segment are none. Unit: cycles.
@@ -93,28 +86,9 @@ LEAST_ODDS = 0.35
 Otherwise: at 1, the walk that a step of five times the floor looks like is measured in one record in ten. Origin:
 below, the column has less than a quarter of the weight, and hardly moves a limit (`markov.py`).
 """
-LEAST_CYCLE = 0.15
-"""From here on, a part of a cycle of a day is sought in records without a temperature. Unit: cycles.
-
-Otherwise: shorter parts are a drift, and K is a bound in every record. Chosen: 3.6 h, in which a cycle bends by a
-tenth of its size (`markov.py`).
-"""
-CYCLE_PENALTY = 3.0
-"""Odds against a cycle of a day before the data. Unit: odds.
-
-Otherwise: at 1, the walk of every second record may be a cycle, and its limits are too wide. Origin: two free numbers
-gain e on the average by chance alone (`markov.py`).
-"""
-SETTLING_CERTAIN = 20.0
-"""From here on an exponential is a column; below, the fits with and without it are mixed by their odds. Unit: twice
-the log likelihood ratio.
-
-Otherwise: lower, a walk is called a warm-up in some per cent of records and K is only a bound; higher, limits of K
-are too wide after a warm-up. Origin: odds of 10^3 for nine time constants (`real_effects.py --only warm-up`).
-"""
 CERTAIN = 30.0
-"""From here on a step is a column, and an oscillation whose coefficients are left out is reported. Unit: twice the
-log likelihood ratio.
+"""From here on a settling or a step is a column, below, the fits with and without it are mixed by
+their odds; and an oscillation whose coefficients are left out is reported. Unit: twice the log likelihood ratio.
 
 Otherwise: a walk is broken into steps, and K vanishes. Origin: 10^-7 by chance (Wilks 1938), at any of a thousand
 places (`real_effects.py`).
@@ -123,7 +97,7 @@ MOST_TERMS = 12
 """The search for columns and oscillations ends after this number of rounds. Unit: rounds.
 
 Otherwise: on a moving platform each round finds another step, and a fit takes seconds. Origin: a record with more
-than 12 steps and oscillations is not at rest; it is stated as `search_ended`.
+than 12 steps and oscillations is not at rest.
 """
 SEARCHED = 256
 """Single coefficients in which columns are sought, and which stay single beside a column with a wide spectrum.
@@ -142,13 +116,6 @@ Origin: in 562 blocks a step has 0.4, an exponential 0.33 to 0.0005 from a hundr
 0.001 at most.
 """
 
-BEND_CHANCE = 0.05
-"""The effect of the temperature is bent where noise alone bends as much in this share of records. Unit:
-probability.
-
-Otherwise: a bend that is missed raises K, a bend that is kept in doubt may hide it: the second is worse. Origin:
-usual level of a test of which neither error is much worse than the other.
-"""
 
 SLOWEST = 4
 """A walk that does not show without these lowest coefficients is a mean that moves slowly, and they are left out;
@@ -188,15 +155,13 @@ class SlowTerms:
     regressors : the columns, with their scales.
     left_out : (m,) coefficients within humps and lines of the spectrum.
     masked : (m,) all coefficients that do not count: these, and those that oscillations hold.
-    doubtful : an exponential in doubt, with its derivative, a step or a cycle of a day in doubt; empty without one.
+    doubtful : an exponential in doubt, with its derivative, or a step in doubt; empty without one.
     odds : likelihood of this column against none.
     no_temperature : why the temperature is no column: "", ``no_temperature``, ``small_range`` or ``collinear``.
     markov : power of a Gauss–Markov term beside B and K; empty without one.
     slowest : numbers of the lowest coefficients, also in `masked`: they hold a mean that moves slowly, and no walk.
     walk_high : channel unit in units of tau0, upper limit of the walk that the slowest coefficients show; 0.0 without
         them. It holds also if they are no slow change of the mean but a walk.
-    complete : whether chance explains the rest; False: the search ended after `MOST_TERMS` rounds, or asked for a
-        column again that is there already.
     """
 
     series: BlockSeries
@@ -206,7 +171,6 @@ class SlowTerms:
     doubtful: list[Regressor]
     odds: float
     no_temperature: str
-    complete: bool = True
     slowest: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     walk_high: float = 0.0
     markov: Mapping[NoiseTerm, float] = field(default_factory=dict)
@@ -313,7 +277,6 @@ class SlowTermSearch:
     whole : look for settling, steps, bends and Gauss–Markov noise; False for parts of a record: they are too short to
         see them.
     markov : power of Gauss–Markov noise that is known to be there; the series has its variances.
-    day : samples of a day; 0.0: unknown.
     left_out : (m,) coefficients within humps and lines of the spectrum; None: there are none.
     spectral : bands of the spectrum that show N where the coefficients that are left do not; None: these do.
     """
@@ -325,12 +288,11 @@ class SlowTermSearch:
         *,
         whole: bool = True,
         markov: Mapping[NoiseTerm, float] | None = None,
-        day: float = 0.0,
         left_out: Bools | None = None,
         spectral: Bands | None = None,
     ) -> None:
         self._spectral = spectral
-        self._series, self._whole, self._grids, self._day = series, whole, grids, day
+        self._series, self._whole, self._grids = series, whole, grids
         self._top = meeting_frequency(series)
         temperature, reason = columns_of.temperature(series)
         self._bends = columns_of.bends(series, temperature) if temperature is not None and whole else []
@@ -346,7 +308,6 @@ class SlowTermSearch:
             if not (self._add_strongest() or self._mask_oscillations() or self._mask_slowest()):
                 return self.terms
             self.surface = self._searched()
-        self.terms = replace(self.terms, complete=False)
         return self.terms
 
     def _searched(self) -> Surface:
@@ -383,9 +344,9 @@ class SlowTermSearch:
     def _add_strongest(self) -> bool:
         """Add the term that explains most; return whether there is one that chance does not explain.
 
-        Without one, an exponential, a step or a cycle of a day that is in doubt is kept beside the terms.
+        Without one, an exponential or a step that is in doubt is kept beside the terms.
         """
-        candidates = [*self._falls(), *self._steps(), *self._waves(), *self._bent(), *self._days()]
+        candidates = [*self._falls(), *self._steps(), *self._waves(), *self._bent()]
         if not candidates:
             return False  # too few coefficients: nothing can be distinguished from B and K
         widths = [candidate.columns.shape[1] for candidate in candidates]
@@ -402,7 +363,6 @@ class SlowTermSearch:
         places = {(column.name, column.place) for column in self.terms.regressors}
         if (added[0].name, added[0].place) in places:
             # a column that is there already and still gains: rounding, or a step that is none; the search would not end
-            self.terms = replace(self.terms, complete=False)
             return False
         self._add(added)
         return True
@@ -413,38 +373,19 @@ class SlowTermSearch:
             return []
         pairs = columns_of.settlings(self._series)
         # the derivative is no part of the test: it would let a walk look like an exponential
-        return [_Candidate(SETTLING_CERTAIN, pair[0].column[:, None], pair) for pair in pairs]
+        return [_Candidate(CERTAIN, pair[0].column[:, None], pair) for pair in pairs]
 
     def _steps(self) -> list[_Candidate]:
         """Return steps at likely places."""
         steps = columns_of.likely_steps(self._series) if self._whole else []
         return [_Candidate(CERTAIN, step.column[:, None], [step]) for step in steps]
 
-    def _days(self) -> list[_Candidate]:
-        """Return a cycle of a day in the last segment; none beside a temperature, which would show it.
-
-        Less than two cycles are no oscillation (`FEWEST_CYCLES`), but the room of a sensor has a day, and a part of its
-        cycle looks like a walk.
-        """
-        series, terms = self._series, self.terms
-        names = {column.name for column in terms.regressors}
-        cycles = int(series.count[-1]) * series.length / self._day if self._day else 0.0
-        if (
-            not self._whole
-            or not LEAST_CYCLE <= cycles < FEWEST_CYCLES
-            or names & {"temperature", *columns_of.OSCILLATION}
-        ):
-            return []
-        # without the growth of an oscillation: within two cycles it is another trend
-        cycle = columns_of.oscillation(series, 2.0 * cycles)[:2]
-        return [_Candidate(CERTAIN, columns_of.matrix(series, cycle), cycle)]
-
     def _bent(self) -> list[_Candidate]:
         """Return what bends the effect of the temperature, together; none where it is among the terms."""
         if not self._bends or any(column.name == self._bends[0].name for column in self.terms.regressors):
             return []
         columns = columns_of.matrix(self._series, self._bends)
-        threshold = _chi_square(len(self._bends), BEND_CHANCE)
+        threshold = _chi_square(len(self._bends), CHANCE)
         # the gains of the columns of one candidate add up only where these are orthogonal
         return [_Candidate(threshold, np.linalg.qr(columns)[0], self._bends)]
 
@@ -466,13 +407,11 @@ class SlowTermSearch:
         ]
 
     def _doubt(self, candidates: Sequence[_Candidate], gains: Floats) -> None:
-        """Keep the most likely exponential, step or cycle of a day beside the terms if its odds are above `LEAST_ODDS`.
+        """Keep the most likely exponential or step beside the terms if its odds are above `LEAST_ODDS`.
 
-        The odds before the data are even for a settling and a step, and divided over the time constants, or over the
-        places, that there are. Those of a cycle, which has one period and two free numbers, are `CYCLE_PENALTY`.
+        The odds before the data are even, and divided over the time constants, or over the places, that there are.
         """
-        cycle = columns_of.OSCILLATION[0]
-        chances = {"settling": SETTLING_SHARES.size, "step": self._series.series.size, cycle: CYCLE_PENALTY}
+        chances = {"settling": SETTLING_SHARES.size, "step": self._series.series.size}
         columns = [
             (float(np.exp(0.5 * gain)) / chances[candidate.regressors[0].name], candidate.regressors)
             for gain, candidate in zip(gains, candidates, strict=True)
@@ -539,10 +478,6 @@ class SlowTermSearch:
                     reach = int(np.sqrt(squares[k] / LEAK) / np.pi) if width == 1 else 0
                     # the lowest coefficients are never left out: what is there is a walk, or a column describes it
                     left_out[max(k - reach - 1, 2 * FEWEST_CYCLES) : k + width + reach + 1] = True
-        free = (series.f <= self._top) & ~self.terms.left_out
-        if masked[free].sum() > MOST_MASKED * free.sum():
-            masked = self.terms.left_out.copy()
-            masked[self.terms.slowest] = True
         if not (masked & ~self.terms.masked).any():
             return False
         if not self._is_markov(0.0):

@@ -170,10 +170,6 @@ class ChannelFit:
     hump_mains_hz : Hz, mains and harmonics that fold into this range.
     oscillations_s : s, periods of slow oscillations that are left out.
     highest_hz : Hz, highest frequency in use; None without a fit.
-    incomplete : where the fit says less than it should: ``unbounded`` (the grid does not hold the likelihood of B and
-        K, whose limits end where it ends), ``search_ended`` (chance does not explain what the slow terms leave),
-        ``settling_in_doubt``, ``step_in_doubt``, ``cycle_in_doubt`` (limits hold the models with and without a column
-        that is not certain).
     """
 
     coefficients: Mapping[str, Estimate]
@@ -200,7 +196,6 @@ class ChannelFit:
     hump_mains_hz: tuple[float, ...] = ()
     oscillations_s: tuple[float, ...] = ()
     highest_hz: float | None = None
-    incomplete: tuple[str, ...] = ()
     shares: Mapping[str, Floats] = field(default_factory=dict)
 
     @property
@@ -339,7 +334,6 @@ def state_model(
         else mains(sum(hump_hz) / 2.0, 1.0 / tau0, hump_hz[1] - hump_hz[0])[0],
         oscillations_s=periods_s,
         highest_hz=highest / tau0,
-        incomplete=_incomplete(model),
     )
     if precision is not None:
         # no half-width: not measured; one of 0 would be a value without an error, which no record gives
@@ -357,19 +351,6 @@ def state_model(
         moved_variances(series, moved(model)),
         model.hump,
     )
-
-
-def _incomplete(model: Model) -> tuple[str, ...]:
-    """Return where a fit says less than it should; see `ChannelFit.incomplete`."""
-    names = {column.name for column in model.slow.doubtful}
-    reasons = {
-        "unbounded": not model.surface.holds,
-        "search_ended": not model.slow.complete,
-        "settling_in_doubt": "settling" in names,
-        "step_in_doubt": "step" in names,
-        "cycle_in_doubt": OSCILLATION[0] in names,
-    }
-    return tuple(reason for reason, applies in reasons.items() if applies)
 
 
 # ------------------------------------------------------------------------------------------------ coefficients
