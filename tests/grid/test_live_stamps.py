@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from paths import RECORDINGS, needs_recordings
 from tables import replayed
 
-from imumon.grid.live_stamps import LiveStamps
+from imumon.grid.live_stamps import CHECK_ROWS, LiveStamps
 from imumon.grid.sample_clock import BREAK, PlacedSamples, SampleClock
 from imumon.grid.stamp_placement import LateStamps
 from imumon.model.samples import Ints, SampleBlock, Stream
@@ -157,7 +157,7 @@ def test_duplicated_stamps_count_once() -> None:
     assert session.missing == 0
 
 
-@pytest.mark.parametrize("wrong", [0, 4_000_000_000 * 10**9])
+@pytest.mark.parametrize("wrong", [0, UNIX_NS + 200 * 10**9, 4_000_000_000 * 10**9])
 @pytest.mark.parametrize("batch_ns", [1, 16_000_000])
 def test_single_wrong_stamps_do_no_harm(wrong: int, batch_ns: int) -> None:
     true = grid()
@@ -178,6 +178,18 @@ def test_another_rate_begins_another_record(batch_ns: int) -> None:
     session, rate, _ = measure(stamps)
     assert rate == pytest.approx(80.0, rel=1e-3)
     assert session.restarts == 1
+
+
+def test_two_checks_show_another_rate_of_a_host_and_the_drift_of_a_clock() -> None:
+    for batch_ns, ratio in ((16_000_000, 2.5), (1, 1.0003)):
+        live, step = LiveStamps(), 1e9 / RATE_HZ
+        steps = np.concatenate([np.full(4 * CHECK_ROWS, step), np.full(2 * CHECK_ROWS, ratio * step)])
+        stamps = -(-(UNIX_NS + np.cumsum(steps).astype(np.int64)) // batch_ns) * batch_ns
+        for begin in range(0, len(stamps), CHECK_ROWS):
+            rows = stamps[begin : begin + CHECK_ROWS]
+            live.place(rows, rows, rows, np.zeros(len(rows), np.int64))
+        assert live._placer is not None
+        assert live._placer.interval == pytest.approx(ratio * step, rel=1e-5)
 
 
 @pytest.mark.parametrize("step_s", [-3600, 3600])

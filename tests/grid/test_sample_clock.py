@@ -77,6 +77,7 @@ def test_a_damaged_stamp_does_not_change_the_grid(bad: int) -> None:
     steps, values = place(clock, block(times))
     assert 20.0 not in values
     assert steps == [1] * 20 + [2] + [1] * 28
+    assert (clock.out_of_order, clock.wrong_times) == ((1, 0) if bad < times[19] else (0, 1))
 
 
 @pytest.mark.few
@@ -95,6 +96,15 @@ def test_restart_is_a_gap_of_unknown_length() -> None:
     times = np.concatenate([np.arange(10) + 5000, np.arange(10) + 3]) * TICK
     steps, _ = place(SampleClock("startup", 0.025), block(times))
     assert steps == [1] * 10 + [BREAK] + [1] * 9
+
+
+def test_a_restart_whose_second_sample_has_the_last_time_loses_no_sample() -> None:
+    """That sample does not continue the old time: the one before it is no wrong stamp."""
+    clock = SampleClock("startup", 0.025)
+    steps, values = place(clock, block(np.append(np.arange(50), np.arange(48, 98)) * TICK))
+    assert steps == [1] * 50 + [BREAK] + [1] * 49
+    assert values == list(range(100))
+    assert (clock.duplicates, clock.out_of_order) == (0, 0)
 
 
 def test_a_duplicate_sample_counts_once() -> None:
