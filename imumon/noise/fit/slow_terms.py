@@ -478,6 +478,11 @@ class SlowTermSearch:
                     reach = int(np.sqrt(squares[k] / LEAK) / np.pi) if width == 1 else 0
                     # the lowest coefficients are never left out: what is there is a walk, or a column describes it
                     left_out[max(k - reach - 1, 2 * FEWEST_CYCLES) : k + width + reach + 1] = True
+        free = (series.f <= self._top) & ~self.terms.left_out
+        # no oscillation fills half of the spectrum: what is above the noise everywhere is noise of another kind
+        if 2 * masked[free].sum() > free.sum():
+            masked = self.terms.left_out.copy()
+            masked[self.terms.slowest] = True
         if not (masked & ~self.terms.masked).any():
             return False
         if not self._is_markov(0.0):
