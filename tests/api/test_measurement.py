@@ -56,13 +56,6 @@ def test_channels_by_name(m: Measurement) -> None:
     assert error.value.code == "no_channel"
 
 
-def test_what_was_left_out_and_counted(m: Measurement) -> None:
-    (knock,) = m.excluded
-    assert knock.begin_s < 150.0 < 151.0 < (knock.end_s or 0.0)
-    assert sum(m.ledger.values()) == 2 * m.ledger["received"] == 120_000
-    assert set(m.grade) == {"gyro", "accel"}
-
-
 def test_a_text_is_one_screen(m: Measurement) -> None:
     for shown in (repr(m), repr(m.report), repr(m["gyro/x"]), repr(m.allan("gyro/x")), repr(m.filter())):
         assert len(shown) < 4000

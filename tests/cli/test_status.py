@@ -51,14 +51,6 @@ def test_it_is_one_screen_with_the_state_first(report: Report) -> None:
     assert any(line.startswith("caveats: aliased") for line in lines) == ("aliased" in report.caveats)
 
 
-def test_why_the_numbers_are_not_current_is_in_the_second_line(report: Report) -> None:
-    waiting = replace(report, state="waiting")
-    lines = summary_text(waiting, 80, late="the sensor is disconnected: gone").splitlines()
-    assert lines[0].startswith("waiting: ")
-    assert lines[1] == "the sensor is disconnected: gone"
-    assert not any(line.startswith("still to come") for line in lines)
-
-
 def test_the_command_prints_a_screen_or_everything(report: Report) -> None:
     with published(report) as endpoint:
         where = ["status", "--connect", endpoint]

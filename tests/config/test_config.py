@@ -83,14 +83,6 @@ def test_shipped_file_is_the_defaults_with_a_comment_each() -> None:
         assert f"[{part}]  # {section.__doc__}" in lines
 
 
-@pytest.mark.parametrize("value", ["0.02", '"2%"', '"2.0%"'])
-def test_a_share_is_a_number_or_a_percentage(tmp_path: Path, value: str) -> None:
-    file = tmp_path / "config.toml"
-    file.write_text(f"[alert]\nmax_loss = {value}\n[report]\nprecision_n = {value}\n")
-    loaded = load(file)
-    assert (loaded.alert.max_loss, loaded.report.precision_n) == (0.02, 0.02)
-
-
 def test_every_fault_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
     assert faults(write(tmp_path, BAD), device__set_baud=12) == [
         ("unknown_setting", "config.toml:1: baud: no such setting; did you mean device.baud?"),

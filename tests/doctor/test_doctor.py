@@ -305,7 +305,7 @@ def test_another_reader_of_the_port_is_named(case: Case, tmp_path: Path) -> None
             assert other.stdout is not None
             other.stdout.readline()
             used = by_name(case, sensor.path)["port"]
-            done = usage_of_run(sensor.path, tmp_path)
+            done = forked.run("run", "--port", sensor.path, "--state", str(tmp_path))
             other.communicate()
         free = by_name(replace(case, seconds=0.3), sensor.path)["port"]
     assert used.status == "failed"
@@ -314,7 +314,3 @@ def test_another_reader_of_the_port_is_named(case: Case, tmp_path: Path) -> None
     assert done.returncode == 1
     assert f"({other.pid}): end it first: kill {other.pid}\n" in done.stderr
     assert free.status == "ok"
-
-
-def usage_of_run(port: str, state: Path) -> subprocess.CompletedProcess[str]:
-    return forked.run("run", "--port", port, "--state", str(state))

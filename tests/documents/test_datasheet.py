@@ -181,16 +181,6 @@ def test_excluded_seconds_add_up() -> None:
     assert shown(5.0, knock=5.0, magnetic=6.5) == f"Excluded: {knock}; {alone}."
 
 
-def test_the_summary_has_the_time_to_the_configured_precision_and_the_loss() -> None:
-    report = replace(make_report(), precision={"N": 0.001, "B": 0.15, "K": 0.5})
-    ahead = {"N": 0.0, "B": 7200.0, "K": 259_200.0}
-    channels = {n: replace(c, time_to=ahead) if c.grade else c for n, c in report.channels.items()}
-    lossy = replace(report.session, recent_loss=0.201)
-    lines = summary_text(replace(report, channels=channels, session=lossy)).splitlines()
-    assert "still to come: B within ±15 % in 2 h, K within ±50 % in 3 d" in lines
-    assert "20 % of the samples of the last minute are missing" in lines
-
-
 def test_axes_move_together_only_beyond_chance() -> None:
     """A few samples, or two random walks, correlate by chance; each pair is listed once."""
 

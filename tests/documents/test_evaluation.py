@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import replace
 from pathlib import Path
 
@@ -94,22 +92,6 @@ def test_rounding_counts_where_the_noise_is_not_finer_than_the_steps() -> None:
     rounding = channel.std**2 / (24.0 * RATE * n**2) / np.sqrt(12.0)
     assert np.sqrt(shares[channel.std] ** 2 - shares[None] ** 2) == pytest.approx(rounding, rel=0.1)
     assert shares[3.0 * channel.std] == shares[None]  # nothing is known of it
-
-
-def test_one_interval_is_in_all_tables_of_a_document_and_decides_what_is_above(tmp_path: Path) -> None:
-    """The lower limit of the fit is above the data sheet, the combined one is not."""
-    made = with_excess(SHOWN)
-    made = replace(made, device=replace(made.device, alias_factor=1.0))
-    n = n_of(made.channels)
-    factor = COEFFICIENTS["N"].units["gyro"].factor
-    page = shown(made)
-    assert page.count(coefficient_text(n)) == 1
-    for low, above in ((0.5 * (n.low + n.combined_low), False), (0.99 * n.combined_low, True)):
-        sheet = read_sheet(sheet_file(tmp_path, gyro=low * factor))
-        compared = document_report(made, sheet)
-        (value,) = compared.data_sheet.values
-        assert value.above == above
-        assert ("; above " in shown(compared)) == above
 
 
 def test_every_command_and_the_screen_state_the_combined_limits() -> None:
@@ -359,25 +341,6 @@ def test_what_a_filter_assumes_of_an_unknown_device_is_in_the_report(gyroscope: 
 
 
 # ---------------------------------------- what a document says beside a number
-
-
-def table_of(report: Report) -> list[dict[str, str]]:
-    return list(csv.DictReader(io.StringIO(shown(report, "csv"))))
-
-
-def test_each_row_of_the_table_has_its_device_and_caveats(recording: Path) -> None:
-    report = replayed(recording, "--filter", "factory", "--no-guards")
-    rows = table_of(report)
-    assert {row["device"] for row in rows} == {"rest.csv"}
-    assert all(row["unit"] for row in rows if row["value"])
-    n = report.channels["gyro/x"].coefficients["N"]
-    (own,) = (r for r in rows if (r["kind"], r["channel"], r["name"]) == ("coefficient", "gyro/x", "N"))
-    assert [float(own[key]) for key in ("low", "combined_low", "combined_high")] == pytest.approx(
-        [n.low, n.combined_low, n.combined_high]
-    )
-    assert set(own["caveats"].split()) == set(report.channels["gyro/x"].caveats)
-    (corrected,) = (r for r in rows if (r["kind"], r["channel"]) == ("corrected", "gyro/x"))
-    assert float(own["value"]) / float(corrected["value"]) == pytest.approx(np.sqrt(5.0))
 
 
 def test_words_are_explained_where_they_are_printed(recording: Path, saved: Path) -> None:

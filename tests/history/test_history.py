@@ -274,21 +274,6 @@ def test_time_is_selected_as_in_zenoh_storages(text: str, since: float, until: f
 
 
 @pytest.mark.parametrize(
-    ("parameters", "code"),
-    [
-        ("_time=[soon..later]", "time_invalid"),
-        ("_time=[now()..now(-1h)]", "time_invalid"),
-        ("_time=[2026-01-01]", "time_invalid"),
-        ("step=5m", "step_invalid"),
-    ],
-)
-def test_a_question_that_is_not_valid_is_refused(parameters: str, code: str) -> None:
-    with pytest.raises(SelectionError) as refused:
-        of_parameters(parameters, 10000.0)
-    assert refused.value.code == code
-
-
-@pytest.mark.parametrize(
     "text",
     [
         "2026-13-01",

@@ -96,12 +96,6 @@ def test_a_record_for_a_document_has_a_point_at_each_doubling_for_any_chunking()
                 np.testing.assert_allclose(*pair, rtol=1e-12)
 
 
-def test_a_record_without_a_document_is_fitted_once() -> None:
-    part = report(fed(block(150 * RATE), 1000), "stopped").channels["gyro/x"].convergence
-    assert part is not None
-    assert part.elapsed_s == (150.0,)
-
-
 def test_the_next_length_is_a_doubling_and_beyond_the_present_one() -> None:
     for length in np.geomspace(1.0, YEAR, 50).tolist():
         due = next_due_s(length)

@@ -229,14 +229,6 @@ def test_a_lossy_link_is_reported_once_and_so_is_its_end() -> None:
     assert ended <= RECOVERED * 0.01
 
 
-def test_single_losses_at_the_start_and_interruptions_are_no_loss() -> None:
-    window = JudgedWindow()
-    assert window.alarms(np.array([1, 1, 5, 1, 1])) == []
-    window.restart()
-    assert window.alarms(np.array([360_000, 1, 1])) == []
-    assert window.share == 0.0
-
-
 def test_a_link_that_is_reconnected_has_not_recovered_before_a_minute() -> None:
     window = JudgedWindow()
     assert len(window.alarms(lossy(30.0, 0.2))) == 1
@@ -244,12 +236,6 @@ def test_a_link_that_is_reconnected_has_not_recovered_before_a_minute() -> None:
     assert window.alarms(lossy(30.0, 0.2, 2)) == []
     ended = window.alarms(np.ones(9000, dtype=np.int64))
     assert [begins for begins, _ in ended] == [False]
-
-
-def test_the_share_of_a_short_record_refers_to_its_length() -> None:
-    window = JudgedWindow()
-    window.update(lossy(20.0, 0.1))
-    assert window.share == pytest.approx(0.1, abs=0.02)
 
 
 def test_the_monitor_reports_loss_with_its_level_and_time() -> None:

@@ -108,26 +108,6 @@ def _second_name(line: Line) -> str:
     return os.ttyname(line.slave)
 
 
-def test_changing_the_baud_during_a_stream_does_not_lose_the_port(line: Line) -> None:
-    with SerialPort(line.path) as port:
-        stop = threading.Event()
-
-        def stream() -> None:
-            while not stop.is_set():
-                os.write(line.master, bytes(64))
-                time.sleep(0)
-
-        sender = threading.Thread(target=stream)
-        sender.start()
-        for turn in range(300):
-            assert port.set_baud((9600, 115200)[turn % 2])
-            port.write(b"x")
-        stop.set()
-        while sender.is_alive():
-            port.read(0.01)
-        sender.join()
-
-
 def test_unplugged_port_is_lost_after_its_last_byte(line: Line) -> None:
     with SerialPort(line.path) as port:
         os.write(line.master, b"last")

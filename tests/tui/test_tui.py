@@ -147,19 +147,6 @@ def test_events_are_filtered_by_words() -> None:
     drive(reports.FakeSource(reports.report()), script)
 
 
-@driven(lambda: reports.FakeSource(reports.report(), reports.report(900.0, id=OTHER)))
-async def test_several_sensors_are_listed_and_switched(app: ImumonApp, pilot: Pilot[int]) -> None:
-    assert "1 of 2" in status(app)
-    await pilot.press("n")
-    assert app.view_state.id == OTHER
-    assert f"{OTHER} · 2 of 2" in status(app)
-    await pilot.press("n", "5")
-    assert reports.ID in visible_text(app)
-    assert OTHER in visible_text(app)
-    await pilot.press("down", "enter")
-    assert (app.view_state.id, app.view_state.view) == (OTHER, "overview")
-
-
 @driven(lambda: reports.FakeSource(reports.report()), id=OTHER)
 async def test_the_screen_waits_for_the_requested_device(app: ImumonApp, pilot: Pilot[int]) -> None:
     """With --id, no other device is shown instead."""
