@@ -5,7 +5,7 @@
 | binary, 62-byte packets at 800 Hz, nine channels | allantools' octaves of six axes, loaded as an array |
 | `.npz`, six axes | the same, of this file |
 | CSV, six axes and time | `numpy.loadtxt` of the file |
-| MCAP of `sensor_msgs/Imu` | rosbags reads the messages and does nothing with them |
+| MCAP of `sensor_msgs/Imu` | rosbags reads and decodes the messages, and does nothing with them |
 | `$VNYMR` sentences | – |
 
 All are whole processes. Both take turns, so that other work on the machine meets both; the figure is the median of the
@@ -37,7 +37,7 @@ RATE = 800.0
 LAYOUT = binary.BinaryLayout.of({binary.Group.TIME: 0x0001, binary.Group.IMU: 0x003F})
 BLOCK = 80_000
 N = np.array([6.1e-5] * 3 + [1.37e-3] * 3 + [1.4e-4] * 3)
-IMU_BYTES = 4 + 12 + 308
+IMU_BYTES = 4 + 16 + 296
 """Bytes of a `sensor_msgs/Imu` in CDR with the frame "imu": header, stamp and name, and 37 doubles with padding."""
 
 SAMPLES_PER_S = 400_000
@@ -58,9 +58,11 @@ MESSAGES = """
 import sys
 from pathlib import Path
 from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+store = get_typestore(Stores.ROS2_HUMBLE)
 with Reader(Path(sys.argv[1])) as bag:
-    for message in bag.messages():
-        pass
+    for connection, _, message in bag.messages():
+        store.deserialize_cdr(message, connection.msgtype)
 """
 REPLAY = """
 import sys
@@ -171,7 +173,7 @@ def make_table(path: Path, samples: int) -> None:
 def make_archive(path: Path, samples: int) -> None:
     """Write samples at 200 Hz as NumPy archive."""
     axes = axes_at_rest(samples)
-    np.savez(path, t=np.arange(samples) * 0.005, gyro_rads=axes[:, :3], accel=axes[:, 3:])
+    np.savez(path, time_s=np.arange(samples) * 0.005, gyro_rads=axes[:, :3], accel=axes[:, 3:])
 
 
 def make_bag(path: Path, samples: int) -> None:
