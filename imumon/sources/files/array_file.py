@@ -1,6 +1,7 @@
 """Array files: NumPy (.npz, .npy), MATLAB 5 (.mat) and Parquet, whose arrays have names like those of columns.
 
-A file is opened as arrays in memory; `array_table` says which columns they are.
+A file is opened as named arrays; `array_table` says which columns they are. An array of NumPy is read block by block,
+so that memory does not grow with the record; the other forms are in memory as a whole.
 """
 
 from __future__ import annotations
@@ -9,7 +10,9 @@ import importlib.util
 import math
 import os
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
 from typing import IO, Any, NamedTuple
 
 import numpy as np
@@ -18,7 +21,7 @@ from numpy.lib import format as npy
 from imumon.files import open_regular
 from imumon.model.errors import ImumonError, why
 from imumon.model.system_errors import cure_of_reading, is_damage
-from imumon.sources.files.array_table import ArrayTable
+from imumon.sources.files.array_table import ArrayBlocks, ArrayTable
 from imumon.sources.files.base import ReadOptions, RecordingError
 
 MOST_RATIO = 100
@@ -78,17 +81,24 @@ def array_file(path: str, kind: str, options: ReadOptions) -> ArrayTable:
     ------
     RecordingError : it cannot be read, or has no inertial sensor.
     """
+    with _damage(path, kind):
+        arrays = _READERS[kind](path)
+    return ArrayTable(arrays, options, path, kind)
+
+
+@contextmanager
+def _damage(path: str, kind: str) -> Iterator[None]:
+    """Turn what libraries raise of a corrupt file into an error."""
     form = FORMS[kind]
     corrupt = RecordingError(form.unreadable, f"{path} is corrupt, or is not {form.noun}", form.cure)
     try:
-        arrays = _READERS[kind](path)
+        yield
     except (ImumonError, MemoryError):
         raise
     except OSError as error:
         raise (corrupt if is_damage(error) else _unreadable(path, error)) from None
     except Exception:  # zipfile, numpy, scipy and pyarrow raise many kinds
         raise corrupt from None
-    return ArrayTable(arrays, options, path, kind)
 
 
 def _opened(path: str) -> IO[bytes]:
@@ -113,27 +123,67 @@ def _check_size(path: str, total: int, kind: str) -> None:
 # ---------------------------------------------------------------- NumPy
 
 
+class _StoredNumbers:
+    """Numbers of an array of NumPy, of which the last block is in memory.
+
+    Parameters
+    ----------
+    path : of the file, for messages.
+    opened : opens the array.
+    begin : offset of its numbers.
+    """
+
+    def __init__(
+        self, path: str, opened: Callable[[], IO[bytes]], begin: int, shape: tuple[int, ...], dtype: Any
+    ) -> None:
+        self._path, self._opened, self._begin, self._dtype = path, opened, begin, dtype
+        self._width = shape[1:]
+        self._file: IO[bytes] | None = None
+        self._rows = (0, 0)
+        self._block: Any = None
+
+    def read(self, start: int, end: int) -> Any:
+        if (start, end) == self._rows:
+            return self._block
+        size = math.prod(self._width) * self._dtype.itemsize
+        with _damage(self._path, "npz"):
+            if self._file is None or start != self._rows[1]:  # only the first block is read again
+                self._file = self._opened()
+                self._file.seek(self._begin + start * size)
+            data = self._file.read((end - start) * size)
+            self._block = np.frombuffer(data, self._dtype).reshape(end - start, *self._width)
+        self._rows = (start, end)
+        return self._block
+
+
 def _npz(path: str) -> dict[str, Any]:
     arrays: dict[str, Any] = {}
-    with _opened(path) as file, zipfile.ZipFile(file) as archive:
-        members = archive.infolist()
-        _check_directory(file, archive)
-        _check_size(path, sum(member.file_size for member in members), "npz")
-        for member in members:
-            with archive.open(member) as content:
-                arrays |= _npy_arrays(path, member.filename.removesuffix(".npy"), content, member.file_size)
+    file = _opened(path)
+    archive = zipfile.ZipFile(file)
+    members = archive.infolist()
+    _check_directory(file, archive)
+    _check_size(path, sum(member.file_size for member in members), "npz")
+    for member in members:
+        name = member.filename.removesuffix(".npy")
+        arrays |= _npy_arrays(path, name, partial(archive.open, member), member.file_size)
     return arrays
 
 
 def _npy(path: str) -> dict[str, Any]:
-    with _opened(path) as file:
-        if arrays := _npy_arrays(path, "", file, os.path.getsize(path)):
-            return arrays
+    if arrays := _npy_arrays(path, "", partial(_opened, path), os.path.getsize(path)):
+        return arrays
     raise ValueError("no numbers")
 
 
-def _npy_arrays(path: str, name: str, file: IO[bytes], size: int) -> dict[str, Any]:
+def _npy_arrays(path: str, name: str, opened: Callable[[], IO[bytes]], size: int) -> dict[str, Any]:
     """Return an array, or the fields of one; none if it has no numbers. Raise an exception if it is corrupt."""
+    with opened() as file:
+        return _npy_arrays_in(path, name, opened, file, size)
+
+
+def _npy_arrays_in(
+    path: str, name: str, opened: Callable[[], IO[bytes]], file: IO[bytes], size: int
+) -> dict[str, Any]:
     read_header = {
         (1, 0): npy.read_array_header_1_0,
         (2, 0): npy.read_array_header_2_0,
@@ -148,6 +198,10 @@ def _npy_arrays(path: str, name: str, file: IO[bytes], size: int) -> dict[str, A
     if claimed != present:
         text = f"{path} is corrupt: {name or 'it'} claims {claimed:,} bytes and has {present:,}"
         raise RecordingError(FORMS["npz"].corrupt, text, FORMS["npz"].cure)
+    if dtype.kind in "iuf" and (len(shape) == 1 or (len(shape) == 2 and not by_column and shape[0] > 1)):
+        numbers = _StoredNumbers(path, opened, file.tell(), shape, dtype)
+        return {name: ArrayBlocks(shape, numbers.read)}
+    # fields of records, and columns that stand one behind the other
     array = np.frombuffer(file.read(), dtype).reshape(shape, order="F" if by_column else "C")
     if dtype.names and array.ndim == 1:
         return {field: array[field] for field in dtype.names if dtype[field].kind in "iuf"}

@@ -58,6 +58,19 @@ class ArrayColumn:
     rows: Callable[[int, int], Any]
 
 
+@dataclass(frozen=True, slots=True)
+class ArrayBlocks:
+    """Array (n,) or (n, k) that is read block by block.
+
+    Attributes
+    ----------
+    read : returns the rows from one to another: the first ones, or those that follow the last ones.
+    """
+
+    shape: tuple[int, ...]
+    read: Callable[[int, int], Any]
+
+
 class ArrayTable(Table):
     """Arrays of one length as blocks of samples.
 
@@ -155,6 +168,8 @@ def columns_of(name: str, value: Any) -> list[ArrayColumn]:
     if (dates := _dates(name, value)) is not None:
         return [dates]
     name_of = plain(name)
+    if isinstance(value, ArrayBlocks):
+        return _columns_of_blocks(name_of, value)
     try:
         array = _numbers(name_of, value)
     except RecordingError:
@@ -165,19 +180,28 @@ def columns_of(name: str, value: Any) -> list[ArrayColumn]:
         return [
             ArrayColumn(name_of, len(array), lambda start, end: _of_extension(name_of, array, start, end))
         ]
-    if not array.ndim or array.ndim > 2:  # a single number without a length
-        return []
-    if array.ndim == 2 and 1 in array.shape:
+    if array.ndim == 2 and array.shape[0] == 1:
         array = array.reshape(-1)
-    if array.ndim == 1:
-        return [ArrayColumn(name_of or "1", len(array), lambda start, end: _with_nan(array[start:end]))]
+    return _columns_of_blocks(
+        name_of, ArrayBlocks(array.shape, lambda start, end: _with_nan(array[start:end]))
+    )
+
+
+def _columns_of_blocks(name: str, array: ArrayBlocks) -> list[ArrayColumn]:
+    """Return the columns of an array of numbers; none if it is a single number or has no rows and columns."""
+    if len(array.shape) not in (1, 2):
+        return []
+    length = array.shape[0]
+    if len(array.shape) == 1:
+        return [ArrayColumn(name or "1", length, array.read)]
+    width = array.shape[1]
     # a sensor with 3 rows is refused: taken as it is, it would be three samples of many columns
-    if len(array) == len(AXES) != array.shape[1] and names_sensor(name_of):
+    if length == len(AXES) != width and names_sensor(name):
         cure = f"transpose it to n x 3, {name}={name}.T"
         raise RecordingError("array_transposed", f"the array {name} is 3 x n", cure)
     return [
-        ArrayColumn(column, len(array), lambda start, end, k=k: _with_nan(array[start:end, k]))  # type: ignore[misc]
-        for k, column in enumerate(_column_names(name_of, array.shape[1]))
+        ArrayColumn(column, length, lambda start, end, k=k: array.read(start, end)[:, k])  # type: ignore[misc]
+        for k, column in enumerate([name or "1"] if width == 1 else _column_names(name, width))
     ]
 
 

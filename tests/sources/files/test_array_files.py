@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,8 @@ import pytest
 from commands import imumon
 from tables import DEG, G, read, replayed, truth
 
+from imumon.api.replay_options import ReplayOptions
+from imumon.model.samples import SampleBlock
 from imumon.sources.files import RecordingError
 
 T, GYRO, ACCEL = truth(500)
@@ -75,6 +78,19 @@ def test_arrays_with_names_are_read(tmp_path: Path, name: str) -> None:
     assert np.allclose(block.values, np.hstack([GYRO, ACCEL]), rtol=1e-9)
     assert block.time_ns is not None
     assert np.allclose(block.time_ns * 1e-9, T - T[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed], ids=["stored", "compressed"])
+def test_the_memory_of_an_archive_does_not_grow_with_it(tmp_path: Path, save: Callable[..., None]) -> None:
+    count = 600_000
+    numbers = np.random.default_rng(1).standard_normal((count, 3))
+    save(tmp_path / "a.npz", time_s=np.arange(count) / 100.0, gyro_rads=1e-3 * numbers)
+    tracemalloc.start()
+    recording = ReplayOptions(path=str(tmp_path / "a.npz")).open()
+    blocks = (item for items in recording for item in items if isinstance(item, SampleBlock))
+    assert sum(map(len, blocks)) == count
+    assert tracemalloc.get_traced_memory()[1] < numbers.nbytes
+    tracemalloc.stop()
 
 
 def test_arrays_without_names_are_read_by_number(tmp_path: Path) -> None:
