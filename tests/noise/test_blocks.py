@@ -68,7 +68,7 @@ def test_any_chunking_gives_the_same_bits(n: int, cuts: list[int], gap: int, los
     same(*results)
 
 
-def test_blocks_are_the_means_of_what_is_valid_and_join_in_pairs() -> None:
+def test_blocks_are_the_means_of_what_is_valid() -> None:
     values, valid = numbers(1000), np.random.default_rng(3).random((1000, 2)) >= 0.4
     for n in (15, 16, 17, 33, 100, 1000):
         blocks = accumulator()
@@ -86,6 +86,20 @@ def test_blocks_are_the_means_of_what_is_valid_and_join_in_pairs() -> None:
                 else:
                     assert np.isnan(row[c])
                     assert share[c] == 0.0
+
+
+def test_joined_blocks_and_parts_are_means_over_the_same_samples() -> None:
+    values, valid = numbers(64), np.random.default_rng(3).random((64, 2)) >= 0.3
+    fine, coarse = accumulator(), accumulator(MOST // 2)
+    for blocks in (fine, coarse):
+        feed(blocks, values, valid)
+    joined, whole = fine.result().joined(), coarse.result()
+    assert np.isfinite(fine.result().means).all()
+    np.testing.assert_allclose(joined.means, whole.means, rtol=1e-12)
+    np.testing.assert_array_equal(joined.share, whole.share)
+    assert joined.length == whole.length == 8
+    np.testing.assert_array_equal(whole.part(1, 31).means, whole.means[1:3])  # blocks that lie wholly within
+    np.testing.assert_array_equal(whole.part(8, 32).share, whole.share[1:4])
 
 
 def test_memory_is_bounded_and_a_gap_of_years_is_cheap() -> None:

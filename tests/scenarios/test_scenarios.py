@@ -68,6 +68,18 @@ def test_05_sensor_reboots(tmp_path: Path) -> None:
         play.end(before, after, Fault(unknown=1, beside=10_000))
 
 
+def test_06_sensor_is_silent_for_a_while(tmp_path: Path) -> None:
+    """It is lost and found again; what it would have sent is one gap in the same record."""
+    with scene(tmp_path, seed=6) as play:
+        before = play.calm()
+        play.sensor.ask("silence 8")
+        play.daemon.wait(lambda r: r.state == "waiting")
+        after = play.calm()
+        assert after.report.session.gaps == 1
+        # beside a full terminal: what comes while it is opened and configured again
+        play.end(before, after, Fault(on_the_way=8 * ON_THE_WAY, beside=10_000))
+
+
 @pytest.mark.parametrize("seconds", [1.5, 60.0])
 def test_08_stopped_and_continued(tmp_path: Path, seconds: float) -> None:
     """What the terminal holds is read afterwards; what it could not hold is missing, to the sample."""
