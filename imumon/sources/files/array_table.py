@@ -32,6 +32,9 @@ from imumon.sources.files.table import Table
 HEAD_ROWS = 4096
 """First rows that show what the columns are."""
 
+MOST_TRANSPOSED = 1 << 24
+"""Samples of an array 3 x n, which is read as a whole; a longer one has to be saved as n x 3."""
+
 INPUT = "the input"
 """What messages call the arrays of a program."""
 
@@ -163,7 +166,7 @@ def columns_of(name: str, value: Any) -> list[ArrayColumn]:
 
     Raises
     ------
-    RecordingError : its name is that of a sensor or a time, and it has no numbers; or it is transposed.
+    RecordingError : its name is that of a sensor or a time, and it has no numbers.
     """
     if (dates := _dates(name, value)) is not None:
         return [dates]
@@ -195,8 +198,11 @@ def _columns_of_blocks(name: str, array: ArrayBlocks) -> list[ArrayColumn]:
     if len(array.shape) == 1:
         return [ArrayColumn(name or "1", length, array.read)]
     width = array.shape[1]
-    # a sensor with 3 rows is refused: taken as it is, it would be three samples of many columns
-    if length == len(AXES) != width and names_sensor(name):
+    if length == len(AXES) < width <= MOST_TRANSPOSED:  # the longer side of an array is its time
+        whole = array.read(0, length).T
+        array = ArrayBlocks(whole.shape, lambda start, end: whole[start:end])
+        length, width = array.shape
+    if length == len(AXES) < width and names_sensor(name):
         cure = f"transpose it to n x 3, {name}={name}.T"
         raise RecordingError("array_transposed", f"the array {name} is 3 x n", cure)
     return [

@@ -51,10 +51,11 @@ _AXIS_SETS = (
     ("roll", "pitch", "yaw"),
     ("p", "q", "r"),
     ("beta", "gamma", "alpha"),
+    ("surge", "sway", "heave"),
 )
 _FOURTH = {"x": "w", "0": "3", "1": "4"}
 _AXIS_PLACES = re.compile(
-    r"(?i:roll|pitch|yaw|alpha|beta|gamma|(?<![a-z])[xyzwpqr](?![a-z]))|(?<![0-9])[0-4](?![0-9])"
+    r"(?i:roll|pitch|yaw|alpha|beta|gamma|surge|sway|heave|(?<![a-z])[xyzwpqr](?![a-z]))|(?<![0-9])[0-4](?![0-9])"
     r"|(?<=[a-z])[XYZW](?![a-z])|(?<=[A-Z])[XYZ](?![A-Za-z])|(?<=[A-Za-z])[xyzw](?![A-Za-z])|(?<![A-Za-z])[xyzXYZ](?=[Gg]yro|[Aa]cc|[Mm]ag|[Rr]ate|[Aa]ng)"
 )
 """Where the letter of an axis may be: a word, a number, a capital within words, a last letter, or before a sensor."""

@@ -47,6 +47,7 @@ class LineColumns:
     settings : what `columns_of`, or the first lines, make the same from.
     inertial : number of leading channels of gyroscope and accelerometer: a sample has all of them.
     account : what became of each column; two layouts do not differ by it.
+    caveats : codes of what is assumed.
     """
 
     count: int
@@ -56,6 +57,7 @@ class LineColumns:
     settings: Mapping[str, str]
     inertial: int
     account: tuple[ColumnUse, ...] = field(default=(), compare=False)
+    caveats: tuple[str, ...] = ()
 
     @property
     def wrapping_ns(self) -> int:
@@ -171,7 +173,9 @@ def line_columns(reading: Reading, settings: Mapping[str, str]) -> LineColumns:
             ColumnUse(name=plain(name)[:MOST_CHARACTERS], use=use, reason=None if use else ignored)
         )
     inertial = sum(channel.sensor in INERTIAL for channel in channels)
-    return LineColumns(len(reading.names), layout.times, used, stream, settings, inertial, tuple(account))
+    return LineColumns(
+        len(reading.names), layout.times, used, stream, settings, inertial, tuple(account), layout.caveats
+    )
 
 
 def first_columns(

@@ -37,6 +37,7 @@ class LinesSession(Session):
         known: dict[str, Any] = {}
         if columns is not None:
             known = {"settings": columns.settings, **columns.stream.facts}
+            known["caveats"] = (*known.get("caveats", ()), *columns.caveats)
         if self._port.other_lines:
             known["caveats"] = (*known.get("caveats", ()), "other_sender")
         rate_doubts = tuple(self._rate_doubts())

@@ -60,6 +60,7 @@ WRITERS: dict[str, Callable[[Path], Any]] = {
         path, t=T, gyro=GYRO, accel=ACCEL, note=np.array([None, "a"], dtype=object)
     ),
     "fields.npy": lambda path: np.save(path, fields()),
+    "transposed.npz": lambda path: np.savez(path, t=T, gyro_dps=GYRO.T / DEG, accel_g=ACCEL.T / G),
     "flat.mat": lambda path: mat(path, t=T, gyro=GYRO, accel=ACCEL, name="a"),
     "nested.mat": lambda path: mat(
         path, imu={"t": T, "gyro_dps": GYRO / DEG, "accel_g": ACCEL / G, "name": "a"}

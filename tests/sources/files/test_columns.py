@@ -201,3 +201,10 @@ def test_a_map_that_is_none_is_an_error(text: str) -> None:
 def test_the_rate_of_a_map_is_that_of_the_table() -> None:
     layout = read("ax,ay,az", ACCEL, columns=parse_map("accel=ax,ay,az:m/s^2,rate=100")).layout()
     assert layout.rate_hz == 100.0
+
+
+def test_the_axes_of_a_ship_have_an_order() -> None:
+    header = "t_ms," + ",".join(f"{name} acc [mg]" for name in ("heave", "surge", "sway"))
+    reading = read(header, 10 * STEP, ACCEL[:, [2, 0, 1]] / G * 1e3)
+    assert reading.certain
+    assert reading.uses[0].columns == (2, 3, 1)

@@ -173,6 +173,7 @@ def test_the_first_lines_show_how_a_sample_is_printed(form: str, unit: str, firs
     if form != FORMS[-1]:  # the number of a sample is no time
         assert set(np.diff(times(blocks)).tolist()) == {10_000_000}
     assert decoder.columns is not None
+    assert "assumed_unit" in decoder.columns.caveats
     again, _ = decoded(data, dict(decoder.columns.settings))
     assert rows(again) == pytest.approx(rows(blocks))
     assert times(again) == times(blocks)
