@@ -28,9 +28,11 @@ from __future__ import annotations
 import csv
 import math
 import re
+import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -231,74 +233,48 @@ def _has_labelled_number(cell: str) -> bool:
 def _cell_tables(lines: Sequence[str], separator: str | None, decimal: bool) -> list[PrintedTable]:
     """Return the tables of lines that are cells; none: they are no rows of numbers."""
     cells = [split(line, separator) if line.strip() else [] for line in lines]
-    result = []
-    for (word, width), of in _frequent_rows(_rows_by_word(cells, decimal)).items():
-        if width > MOST_COLUMNS:
-            raise RecordingError(
-                "too_many_columns",
-                f"it has {width:,} columns, more than {MOST_COLUMNS:,}",
-                "write a table with those of the sensor only",
-            )
-        first = (
-            next((k for k, later in zip(of, of[2:], strict=False) if later - k == 2), of[0])
-            if not word
-            else of[0]
-        )
-        texts = [cells[k] for k in of if k >= first]
-        table = _cell_table(lines[:first], texts, word, separator, decimal)
-        result += [table] if word else _by_code(table, texts)
-    return result
-
-
-def _rows_by_word(cells: Sequence[Sequence[str]], decimal: bool) -> dict[tuple[str, int], list[int]]:
-    """Return the lines that are rows of numbers, by the word that they begin with and their width."""
-    rows: dict[tuple[str, int], list[int]] = {}
+    rows: dict[tuple[int, bool], list[int]] = {}  # lines by width, and whether they begin with a word
     for k, row in enumerate(cells):
-        good = [_has_value(cell, decimal) for cell in row]
-        if any(number_of(c, decimal=decimal) is not None and c for c in row) and sum(good) >= max(
-            1, len(row) // 2
-        ):
-            rows.setdefault(("" if good[0] else row[0], len(row)), []).append(k)
-    return rows
-
-
-def _frequent_rows(rows: Mapping[tuple[str, int], Sequence[int]]) -> dict[tuple[str, int], Sequence[int]]:
-    """Return the rows of each word that comes often; if words divide nothing, all rows of the most common width."""
-    total = sum(map(len, rows.values()))
-    frequent = {
-        key: of
-        for key, of in rows.items()
-        if len(of) >= max(min(FREQUENT_LINES, total // 2), FREQUENT * total)
-    }
-    words = [word for word, _ in frequent if word]
-    if len(words) < 2 or len(set(words)) < len(words):  # the first cell is a text like others, or a number
-        widths = Counter(width for (_, width), of in rows.items() for _ in of).most_common(1)
-        frequent = {
-            ("", most): sorted(k for (_, w), of in rows.items() if w == most for k in of)
-            for most, _ in widths
-        }
-    return frequent
+        values = [_has_value(cell, decimal) for cell in row]
+        numbers = any(number_of(c, decimal=decimal) is not None and c for c in row)
+        if numbers and sum(values) >= max(1, len(row) // 2):
+            rows.setdefault((len(row), not values[0]), []).append(k)
+    total, most = sum(map(len, rows.values())), max(map(len, rows.values()), default=0)
+    fewest = max(min(FREQUENT_LINES, total // 2), FREQUENT * total)
+    tables_of_rows: list[PrintedTable] = []
+    for (width, has_word), of in rows.items():
+        # rows of another width are of another sensor if a word says so, else they are damaged
+        if len(of) < (fewest if has_word else most):
+            continue
+        if width > MOST_COLUMNS:
+            text = f"it has {width:,} columns, more than {MOST_COLUMNS:,}"
+            raise RecordingError("too_many_columns", text, "write a table with those of the sensor only")
+        first = next((k for k, later in zip(of, of[2:], strict=False) if later - k == 2), of[0])
+        texts = [cells[k] for k in of if k >= first]
+        tables_of_rows += _by_code(
+            _cell_table(lines[:first], texts, separator, decimal), texts, lines[:first]
+        )
+    return tables_of_rows
 
 
 def _cell_table(
-    above: Sequence[str], texts: Sequence[Sequence[str]], word: str, separator: str | None, decimal: bool
+    above: Sequence[str], texts: Sequence[Sequence[str]], separator: str | None, decimal: bool
 ) -> PrintedTable:
-    """Return the table of rows of cells below some lines; the rows may all begin with a word."""
+    """Return the table of rows of cells below some lines."""
     width = len(texts[0])
-    names, units, header = _header(above, width, separator, word)
+    names, units, header = _header(above, width, separator)
     dates = tuple(k for k in range(width) if _are_dates([row[k] for row in texts]))
-    near = " ".join(above[-30:])
     return PrintedTable(
         names,
         units,
         _numbers(texts, dates, decimal),
         len(above),
-        f"{word} {near}" if word else near,
+        " ".join(above[-30:]),
         stated_rate("\n".join(above)),
         dates,
         separator,
         decimal,
-        ((0, word),) if word else (),
+        (),
         header,
     )
 
@@ -333,12 +309,10 @@ def cell_number(cell: str, reader: DateReader | None, decimal: bool) -> float | 
 
 
 def _header(
-    above: Sequence[str], width: int, separator: str | None, word: str
+    above: Sequence[str], width: int, separator: str | None
 ) -> tuple[tuple[str, ...], tuple[str, ...], str]:
     """Return the names and units of columns by the lines above the first row, and the line of the names."""
     empty = ("",) * width
-    if word and (described := _described_names(above, width, separator, word)) is not None:
-        return described, empty, ""
     lines = [(k, row) for k, line in enumerate(above) if (row := _header_cells(line, width, separator))]
     named = [k for k, (_, cells) in enumerate(lines) if are_names(cells)]
     if not named:
@@ -352,25 +326,21 @@ def _header(
             header, names, units = header - 1, above_it, names
         elif len(set(names)) < width and _are_groups(above_it):  # a sensor above its axes
             names = [f"{group} {name}".strip() for group, name in zip(_spread(above_it), names, strict=True)]
-    # a name may span the columns of its axes
-    if "" in names[:-1] and any(names):
-        names = _elements(_spread(names))
+    # a name may span the columns of its axes, which are empty or have a number
+    spanned = ["" if re.fullmatch(r"\d", name) else name for name in names]
+    if "" in spanned[1:] and any(spanned):
+        names = _elements(_spread(spanned))
     return tuple(names), tuple(units), above[header]
 
 
-def _described_names(
-    above: Sequence[str], width: int, separator: str | None, word: str
-) -> tuple[str, ...] | None:
-    """Return the names in a comment on the rows that begin with a word; None: there is none."""
-    # comments describe the rows of each word: # UncalGyro,utcTimeMillis,...
-    for line in above:
-        if (
-            match := re.search(rf"(?<![\w]){re.escape(word)}\s*{re.escape(separator or ' ')}(.*)", line)
-        ) is not None:
-            cells = [word, *split(match[1].strip("'\" "), separator)]
-            if len(cells) >= width - 1:
-                return tuple([*cells, ""][:width])
-    return None
+def _described_names(above: Sequence[str], table: PrintedTable, word: str) -> tuple[str, ...]:
+    """Return the names in a comment on the rows of a word, such as # UncalGyro,utcTimeMillis; else those above all."""
+    pattern = rf"(?<![\w]){re.escape(word)}\s*{re.escape(table.separator or ' ')}(.*)"
+    for match in filter(None, (re.search(pattern, line) for line in above)):
+        cells = [word, *split(match[1].strip("'\" "), table.separator), ""]
+        if len(cells) > len(table.names):
+            return tuple(cells[: len(table.names)])
+    return table.names
 
 
 def _are_units(cells: Sequence[str]) -> bool:
@@ -417,18 +387,25 @@ def _spread(cells: Sequence[str]) -> list[str]:
 
 
 def _elements(names: Sequence[str]) -> list[str]:
-    """Return names of which those that stand several times one behind the other have a number."""
-    result, index = [], 0
-    for k, name in enumerate(names):
-        index = index + 1 if k and name == names[k - 1] else 0
-        repeated = index or (k + 1 < len(names) and names[k + 1] == name)
-        result.append(f"{name}[{index}]" if repeated and name else name)
+    """Return names of which those that stand several times one behind the other have a number, or the axis.
+
+    >>> _elements(["t", "a", "a", "gyro (z,x,y)", "gyro (z,x,y)"])
+    ['t', 'a[0]', 'a[1]', 'gyro z', 'gyro x']
+    """
+    result = []
+    for name, of in groupby(names):
+        count, order = len(list(of)), re.search(r"\(([xyz]),\s*([xyz]),\s*([xyz])\)", name)
+        for k in range(count):
+            axis = (
+                f"{name[: order.start()]}{order[k % 3 + 1]}{name[order.end() :]}" if order else f"{name}[{k}]"
+            )
+            result.append(axis if count > 1 and name else name)
     return result
 
 
-def _by_code(table: PrintedTable, texts: Sequence[Sequence[str]]) -> list[PrintedTable]:
-    """Return a table, or one for each value of a column by which the numbers differ."""
-    constant = []
+def _by_code(table: PrintedTable, texts: Sequence[Sequence[str]], above: Sequence[str]) -> list[PrintedTable]:
+    """Return a table, or one for each value of a column by which the numbers differ; a first word always divides."""
+    constant: list[tuple[int, str]] = []
     for k in range(len(table.names)):
         cells = [row[k] for row in texts]
         counts = Counter(cell for cell in cells if cell)
@@ -438,9 +415,16 @@ def _by_code(table: PrintedTable, texts: Sequence[Sequence[str]]) -> list[Printe
         if k in table.dates or not few or not _may_be_code(table.names[k], counts):
             continue
         groups = {value: np.array([cell == value for cell in cells]) for value in counts}
-        if _differ(table.rows, k, list(groups.values())):
+        is_word = k == 0 and all(number_of(value) is None for value in counts)
+        if is_word or _differ(table.rows, k, list(groups.values())):
             return [
-                replace(table, rows=table.rows[rows], codes=((k, value),), source=f"{value} {table.source}")
+                replace(
+                    table,
+                    names=_described_names(above, table, value),
+                    rows=table.rows[rows],
+                    codes=((k, value),),
+                    source=f"{value} {table.source}",
+                )
                 for value, rows in groups.items()
             ]
     if constant:  # all rows so far are of the sensor that a column names
@@ -474,20 +458,15 @@ def _may_be_code(name: str, values: Iterable[str]) -> bool:
 
 
 def _differ(rows: Floats, code: int, groups: Sequence[Any]) -> bool:
-    """Return whether two columns of (n, k) numbers or more differ far between groups of the rows."""
-    far = np.zeros(rows.shape[1], dtype=int)
-    for k in range(rows.shape[1]):
-        steps = np.diff(rows[:, k][np.isfinite(rows[:, k])])
-        if k == code or not len(steps) or bool((steps >= 0.0).all()):
-            continue  # a clock differs between any rows
-        parts = [part[np.isfinite(part)] for part in (rows[group, k] for group in groups)]
-        middles = [
-            (float(np.median(p)), float(np.quantile(p, 0.84) - np.quantile(p, 0.16)) / 2.0)
-            for p in parts
-            if len(p) > 2
-        ]
-        far[k] = any(abs(a - b) > FAR * math.hypot(s, t) and a != b for a, s in middles for b, t in middles)
-    return bool(far.sum() >= 1 and len(groups) > 1)
+    """Return whether a column of (n, k) numbers differs far between groups of the rows; a clock does between any."""
+    moves = np.array([bool((np.diff(column[np.isfinite(column)]) < 0.0).any()) for column in rows.T])
+    moves[code] = False
+    with warnings.catch_warnings(action="ignore"):  # a column without numbers in a group
+        sizes = [np.nanquantile(rows[group][:, moves], (0.16, 0.5, 0.84), axis=0) for group in groups]
+    low, middle, high = np.stack(sizes, axis=1)
+    spread = (high - low) / 2.0
+    apart = np.abs(middle[:, None] - middle) > FAR * np.hypot(spread[:, None], spread)
+    return bool((apart & (middle[:, None] != middle)).any())
 
 
 # ---------------------------------------------------------------- templates
@@ -610,31 +589,11 @@ def _pattern(record: Sequence[PrintedLine]) -> str:
 def _list_header(
     above: Sequence[str], line: str, names: tuple[str, ...], units: tuple[str, ...]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of numbers that stand in lists, by a header with a cell for each list."""
+    """Return the names of numbers that stand in lists in quotes, by a header with a cell for each list."""
     for separator in (",", ";", "\t"):
-        depth, cells = 0, [""]
-        quoted = False
-        for character in line:
-            quoted ^= character == '"'
-            depth += (character in "[({") - (character in "])}")
-            if character == separator and not depth and not quoted:
-                cells.append("")
-            else:
-                cells[-1] += character
-        header = next(
-            (
-                h
-                for text in reversed(above)
-                if len(h := split(text.lstrip("#% "), separator)) == len(cells) and are_names(h)
-            ),
-            None,
-        )
-        if header is None or len(cells) < 2:
-            continue
-        result = []
-        for name, cell in zip(header, cells, strict=True):
-            count = sum(1 for _ in TOKEN.finditer(_CODE.sub("\1", cell)))
-            result += [f"{name}[{k}]" for k in range(count)] if count > 1 else [name] * count
-        if len(result) == len(names):
-            return tuple(result), units
+        counts = [sum(1 for _ in TOKEN.finditer(_CODE.sub("\1", cell))) for cell in split(line, separator)]
+        for header in (split(text.lstrip("#% "), separator) for text in reversed(above)):
+            if 1 < len(header) == len(counts) and are_names(header) and sum(counts) == len(names):
+                repeated = [name for name, n in zip(header, counts, strict=True) for _ in range(n)]
+                return tuple(_elements(repeated)), units
     return names, units

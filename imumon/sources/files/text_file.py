@@ -118,50 +118,43 @@ class TextFile(Table):
 
     def _chosen(self, printed: Sequence[PrintedTable], text: str) -> tuple[PrintedTable, Reading]:
         """Return the table that is read, and what its columns are."""
-        wanted = [(k, each) for k, each in enumerate(printed) if self._is_wanted(k, each)]
-        if not wanted:
-            listed = ", ".join(f"{c}" for each in printed for _, c in each.codes)
-            message = f"no row of the first has {option_text(where=self._options.where)}"
+        wanted = self._options.where or {}
+        labels = [_labels(k, each) for k, each in enumerate(printed)]
+        places = [k for k, of in enumerate(labels) if all(_same(of.get(c), v) for c, v in wanted.items())]
+        if not places:
+            listed = ", ".join(code for each in printed for _, code in each.codes)
+            message = f"no row of the first has {option_text(where=wanted)}"
             raise RecordingError("no_such_rows", message, f"there are {listed or 'no such columns'}")
-        readings: list[tuple[int, PrintedTable, Reading]] = []
+        readings: dict[int, Reading] = {}
         faults: list[RecordingError] = []
-        for k, table in wanted:
+        for k in places:
             try:
-                readings.append((k, table, self._reading(table, text)))
+                readings[k] = self._reading(printed[k], text)
             except RecordingError as error:
                 faults.append(error)
         if not readings:
             raise max(faults, key=lambda error: error.code != "no_sensor")
-
-        def rank(entry: tuple[int, PrintedTable, Reading]) -> tuple[bool, bool, int]:
-            keys = {use.key for use in entry[2].uses}
-            return len(keys & set(INERTIAL)) < 2, "gyro" not in keys, entry[0]
-
-        k, table, reading = min(readings, key=rank)
-        if len(readings) > 1 and not self._options.where:
-            reading = self._with_choice(
-                k, table, reading, [each for each in readings if each[1] is not table]
-            )
-        return table, reading
-
-    def _is_wanted(self, place: int, table: PrintedTable) -> bool:
-        """Return whether a table has the rows that the user chooses."""
-        for column, value in (self._options.where or {}).items():
-            if column == "table":
-                if value != str(place + 1):
-                    return False
-                continue
-            of = [
-                v
-                for k, v in table.codes
-                if column in (table.names[k].strip(), str(k + 1)) or not table.names[k]
-            ]
-            number = number_of(value)
-            if not any(
-                v.lower() == value.lower() or (number is not None and number_of(v) == number) for v in of
-            ):
-                return False
-        return True
+        sensors = {k: [use.key for use in each.uses if use.key in INERTIAL] for k, each in readings.items()}
+        best = min(readings, key=lambda k: (len(sensors[k]) < len(INERTIAL), "gyro" not in sensors[k], k))
+        if len(readings) == 1 or wanted:
+            return printed[best], readings[best]
+        choices = {k: {next(reversed(labels[k])): next(reversed(labels[k].values()))} for k in readings}
+        others = [
+            f"{option_text(where=choice)} ({'+'.join(sensors[k])})"
+            for k, choice in choices.items()
+            if k != best
+        ]
+        reason = (
+            f"the rows are of several sensors: {option_text(where=choices[best])} is proposed; others are "
+        )
+        question = Use(
+            "rows",
+            known=Unit("rows", 1.0),
+            reason=reason + ", ".join(others),
+            assumption="assumed_columns",
+        )
+        where = tuple(choices[best].items())
+        return printed[best], replace(readings[best], uses=(*readings[best].uses, question), where=where)
 
     def _reading(self, table: PrintedTable, text: str) -> Reading:
         """Return what the columns of a table are, with what is known of its format."""
@@ -186,30 +179,6 @@ class TextFile(Table):
             stated_hz=table.stated_hz,
             dates=table.dates,
         )
-
-    def _with_choice(
-        self,
-        place: int,
-        table: PrintedTable,
-        reading: Reading,
-        others: Sequence[tuple[int, PrintedTable, Reading]],
-    ) -> Reading:
-        """Return a reading with the question whose rows are meant."""
-
-        def chosen(k: int, each: PrintedTable) -> dict[str, str]:
-            return {each.names[i].strip() or str(i + 1): value for i, value in each.codes} or {
-                "table": str(k + 1)
-            }
-
-        sensors = [
-            f"{option_text(where=chosen(k, e))} ({'+'.join(u.key for u in r.uses if u.key in INERTIAL)})"
-            for k, e, r in others
-        ]
-        choice_of_table = chosen(place, table)
-        reason = f"the rows are of several sensors: {option_text(where=choice_of_table)} is proposed; "
-        reason += f"others are {', '.join(sensors)}"
-        choice = Use("rows", (), (), "", Unit("rows", 1.0), False, reason, "assumed_columns")
-        return replace(reading, uses=(*reading.uses, choice), where=tuple(choice_of_table.items()))
 
     # ------------------------------------------------------------ lines
 
@@ -275,6 +244,22 @@ class TextFile(Table):
 
     def no_samples(self) -> RecordingError:
         return RecordingError("no_rows", f"{self.path} has no row of numbers", COMPLETE)
+
+
+def _labels(place: int, table: PrintedTable) -> dict[str, str]:
+    """Return by which column and value the rows of a table are chosen, the best last."""
+    labels = {"table": str(place + 1)}
+    for k, code in table.codes[::-1]:
+        labels |= {str(k + 1): code, table.names[k].strip() or str(k + 1): code}
+    return labels
+
+
+def _same(value: str | None, other: str) -> bool:
+    """Return whether two values of a code are the same text or number."""
+    if value is None or value.lower() == other.lower():
+        return value is not None
+    number = number_of(value)
+    return number is not None and number == number_of(other)
 
 
 def _has_joined_objects(head: bytes) -> bool:
