@@ -128,20 +128,43 @@ _WITH_ONE_LETTER = {
 }
 """One letter at the end of a name is a unit only behind such words."""
 
+_TIMES = r"time|stamp|(?:^| )(?:t|dt|ts|interval)(?: |$)|elapsed|epoc"
+"""Words before a short word that is a unit of time, and else another word."""
+
 
 def split_unit(name: str) -> tuple[str, str]:
     """Return a name without its unit, and the unit that it states; empty: none.
 
     >>> split_unit("A_X [mg]"), split_unit("gyro_rps_x"), split_unit("gyroADC[0]"), split_unit("t_ms")
-    (('A_X', 'mg'), ('gyro_x', 'rad/s'), ('gyroADC[0]', ''), ('t', 'ms'))
+    (('A_X', 'mg'), ('gyro_x', 'rps'), ('gyroADC[0]', ''), ('t', 'ms'))
     >>> split_unit("raw_angular_rate_x_deg_per_s"), split_unit("accelXMps2"), split_unit("ax_g"), split_unit("seconds")
-    (('raw_angular_rate_x', 'deg/s'), ('accelX', 'mps2'), ('ax', 'g'), ('seconds', 's'))
+    (('raw_angular_rate_x', 'deg_per_s'), ('accelX', 'Mps2'), ('ax', 'g'), ('seconds', 'seconds'))
     """
     text = name.strip().strip("\"'").lstrip("#% ")
     text, stated = _without_brackets(text)
     if stated:
         return text.strip(), stated
-    return _unit_behind_sign(text) or _unit_in_words(text) or (text, "")
+    body, axis = re.fullmatch(r"(?is)(.*?)([\s_.]+(?:[xyz]|roll|pitch|yaw))?", text).groups()  # type: ignore[union-attr]
+    # the longest end of the name that is a unit: behind a sign, a blank or a capital
+    for begin in re.finditer(
+        r"(?:^|(?<=[\W_])|(?<=[a-z\d])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]))(?=\w|°)", body
+    ):
+        before, unit = body[: begin.start()], body[begin.start() :]
+        if _is_unit(unit, words_of(before)):
+            rest = re.sub(r"[\s_.,;|:]+(?:in)?$|\s+in\s*$", "", before) or (text if not axis else before)
+            return f"{rest}{axis or ''}", unit
+    return text, ""
+
+
+def _is_unit(text: str, before: str) -> bool:
+    """Return whether the end of a name is a unit, by the words before it."""
+    known = known_unit(text)
+    if known is None or not before:  # alone, a word such as millis is a time, and a letter is a name
+        return known is not None and known.quantity == "t" and len(text) > 2
+    if len(text) == 1:
+        return re.search(_WITH_ONE_LETTER.get(text.lower(), "$^"), before) is not None
+    is_word = known.quantity == "t" and text.lower() in ("ms", "us", "ns", "min")
+    return not is_word or re.search(_TIMES, before) is not None
 
 
 def _without_brackets(text: str) -> tuple[str, str]:
@@ -157,85 +180,6 @@ def _without_brackets(text: str) -> tuple[str, str]:
         elif known or (not stated and match.end() == len(text)):
             stated, text = inside, text[: match.start()] + text[match.end() :]
     return text, stated
-
-
-def _unit_behind_sign(text: str) -> tuple[str, str] | None:
-    """Return a name and the unit that a comma, a colon, a blank or the word in divides from it; None: none does."""
-    behind = re.fullmatch(
-        r"(.*[^\W\d].*?)\s*(?:[,;|:]\s*|\s+(?:in\s+)?)([^\s,;|:]*[A-Za-z°][^\s,;|:]*)", text
-    )
-    # behind a comma, a colon or a blank: "Accel X,mG", "gyro x deg/s"
-    marked = behind is not None and (re.search(r"[/^°]", behind[2]) or text[behind.end(1)] in ",;|:")
-    if behind is not None and marked and known_unit(behind[2]) is not None:
-        return behind[1], behind[2]
-    inside = re.fullmatch(r"(.*\w)\s+in\s+(.+?)(\s+[xyzXYZ])?", text)  # a sentence: "acceleration in m/s^2 X"
-    if inside is not None and known_unit(inside[2]) is not None:
-        return f"{inside[1]}{inside[3] or ''}", inside[2]
-    return None
-
-
-def _unit_in_words(text: str) -> tuple[str, str] | None:
-    """Return a name without its last words, which are a unit, and the unit; None: they are none."""
-    parts = re.findall(r"[A-Z]+(?![a-z])\d?|[A-Z]?[a-zµ°]+\d?|\d+|[^A-Za-z\dµ°]+", text)
-    words = [k for k, part in enumerate(parts) if re.search(r"\w", part) and part != "_"]
-    axes = [k for k in words if parts[k].lower() in (*AXES, "roll", "pitch", "yaw")]
-    ends = [len(words)] + ([len(words) - 1] if words and words[-1] in axes else [])
-    for end in ends:
-        for size in (4, 3, 2, 1):
-            tail = words[max(0, end - size) : end]
-            if len(tail) < size or (size == end and size > 1):
-                continue
-            unit = _unit_of_words(
-                [parts[k] for k in tail], words_of("".join(parts[: tail[0]])), alone=end == size
-            )
-            if unit:
-                rest = parts[: tail[0]] + parts[tail[-1] + 1 :]
-                base = "".join(rest).strip("_ .") or text
-                return re.sub(r"([_ .])[_ .]+", r"\1", base), unit
-    return None
-
-
-def _unit_of_words(words: Sequence[str], before: str, *, alone: bool) -> str:
-    """Return the unit that the last words of a name are; empty: they are none."""
-    lower = [word.lower() for word in words]
-    text = " ".join(lower)
-    if len(words) == 1:
-        return _unit_of_word(text, before, alone=alone)
-    if "per" in lower:
-        return text.replace(" per ", "/") if known_unit(text) is not None else ""
-    joined = "/".join(lower)
-    if (
-        lower[0] in ("rad", "deg", "m", "mrad", "mdeg", "mm", "cm")
-        and (known := known_unit(joined)) is not None
-        and known.quantity in ("gyro", "accel", "velocity")
-    ):
-        return joined
-    return ""
-
-
-def _unit_of_word(word: str, before: str, *, alone: bool) -> str:
-    """Return the unit that the last word of a name is; empty: it is none."""
-    known = known_unit(word)
-    if known is None or (alone and (known.quantity != "t" or len(word) < 3)):
-        return ""
-    if len(word) == 1 and not re.search(_WITH_ONE_LETTER.get(word, "$^"), before):
-        return ""
-    if (
-        known.quantity == "t"
-        and word in ("ms", "us", "ns", "min")
-        and not re.search(r"time|stamp|(?:^| )(?:t|dt|ts|interval)(?: |$)|elapsed|epoc", before)
-    ):
-        return ""
-    spelled = {
-        "rads": "rad/s",
-        "degs": "deg/s",
-        "rps": "rad/s",
-        "radps": "rad/s",
-        "seconds": "s",
-        "secs": "s",
-        "sec": "s",
-    }
-    return spelled.get(word, word)
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,9 +49,9 @@ from imumon.sources.files.columns import (
     ColumnView,
     Reading,
     Use,
-    _found,
     check_meaning,
     find,
+    given_column,
     reference,
 )
 from imumon.sources.files.sizes_at_rest import (
@@ -405,12 +405,12 @@ class _ColumnReader:
         for channel, text in (self._options.columns or {}).items():
             key, _, axis = channel.partition("/")
             if key == "t" and "+" in text and find(self._names, text) is None:
-                parts = [_found(self._names, part) for part in text.split("+")]
+                parts = [given_column(self._names, part) for part in text.split("+")]
                 unit = "+".join(part[1] or default for part, default in zip(parts, ("s", "ns"), strict=False))
                 columns = tuple(part[0] for part in parts)
                 uses["t"] = Use("t", columns, ("", ""), unit, known_unit("s", "t"), True, "it is given")
             elif key != "rate":
-                given.setdefault(key, []).append((axis, *_found(self._names, text)))
+                given.setdefault(key, []).append((axis, *given_column(self._names, text)))
         for key, named in given.items():
             uses[key] = self._given_use(key, sorted(named))
         twice = [k for k, n in Counter(k for use in uses.values() for k in use.columns).items() if n > 1]

@@ -32,7 +32,7 @@ This module knows no files: names and the first numbers in, columns out.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -354,49 +354,37 @@ def parse_map(text: str) -> dict[str, str]:
     >>> parse_map("gyro/x=wx:deg/s,rate=100")
     {'gyro/x': 'wx:deg/s', 'rate': '100'}
     """
-    fields: dict[str, list[str]] = {}
-    for part in text.split(","):
-        key, equals, column = part.strip().partition("=")
-        if equals and (key in MAP_KEYS or not fields):
-            if key not in MAP_KEYS:
-                raise OptionError(
-                    "map_syntax",
-                    f"{option('columns')} {part.strip()!r} names no channel",
-                    f"write gyro=COLUMN,COLUMN,COLUMN:UNIT or gyro/x=COLUMN:UNIT; the names are {', '.join(MAP_KEYS)}",
-                )
-            fields[key] = [column.strip()]
-            last = key
-        elif fields:
-            fields[last].append(part.strip())
-        else:
-            raise OptionError(
-                "map_syntax",
-                f"{option('columns')} {part.strip()!r} names no channel",
-                "write gyro=COLUMN,COLUMN,COLUMN:UNIT",
-            )
-    return dict(entry for key, columns in fields.items() for entry in _entries(key, columns))
+    fields: dict[str, str] = {}
+    for part in re.split(rf",\s*(?=(?:{'|'.join(MAP_KEYS)})\s*=)", text):
+        key, equals, columns = part.strip().partition("=")
+        if not equals or key.strip() not in MAP_KEYS:
+            cure = "write gyro=COLUMN,COLUMN,COLUMN:UNIT or gyro/x=COLUMN:UNIT; the names are "
+            raise _map_syntax(f"{part.strip()!r} names no channel", cure + ", ".join(MAP_KEYS))
+        fields |= _entries(key.strip(), [column.strip() for column in columns.split(",")])
+    return fields
 
 
 MAP_KEYS = (*SENSORS.values(), *CHANNELS, "t", "dt", "rate")
 """Names of a map: a sensor with its axes, a channel, the time, the interval, the rate."""
 
 
-def _entries(key: str, columns: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield the channels of one part of a map; the unit behind the last column of a sensor is that of all."""
+def _map_syntax(fault: str, cure: str) -> OptionError:
+    return OptionError("map_syntax", f"{option('columns')} {fault}", cure)
+
+
+def _entries(key: str, columns: Sequence[str]) -> dict[str, str]:
+    """Return the channels of one part of a map; the unit behind the last column of a sensor is that of all."""
+    has_axes = key in SENSORS.values()
     if len(columns) == 1:
-        yield (f"{key}/x" if key in SENSORS.values() else key), columns[0]
-        return
-    if key not in SENSORS.values() or len(columns) != len(AXES):
-        raise OptionError(
-            "map_syntax",
-            f"{option('columns')} gives {key} {len(columns)} columns",
-            f"a sensor has three, {key}=COLUMN,COLUMN,COLUMN:UNIT"
-            if key in SENSORS.values()
-            else f"write {key}=COLUMN:UNIT",
+        return {f"{key}/x" if has_axes else key: columns[0]}
+    if not has_axes or len(columns) != len(AXES):
+        cure = (
+            f"a sensor has three, {key}=COLUMN,COLUMN,COLUMN:UNIT" if has_axes else f"write {key}=COLUMN:UNIT"
         )
-    unit = columns[-1].rpartition(":")[2] if ":" in columns[-1] else ""
-    for axis, column in zip(AXES, columns, strict=True):
-        yield f"{key}/{axis}", column if ":" in column or not unit else f"{column}:{unit}"
+        raise _map_syntax(f"gives {key} {len(columns)} columns", cure)
+    unit = "".join(columns[-1].rpartition(":")[1:])
+    named = [column if ":" in column else column + unit for column in columns]
+    return {f"{key}/{axis}": column for axis, column in zip(AXES, named, strict=True)}
 
 
 def parse_where(text: str) -> dict[str, str]:
@@ -428,26 +416,26 @@ def find(names: Sequence[str], text: str) -> int | None:
     return int(text) - 1 if text.isdigit() and 1 <= int(text) <= len(names) else None
 
 
-def _found(names: Sequence[str], text: str) -> tuple[int, str, float]:
-    """Return the column, the unit and the scale of ``COLUMN``, ``COLUMN:UNIT``, ``COLUMN/131:UNIT``, "
-    "``COLUMN*0.5:UNIT``."""
-    head, _, unit = text.rpartition(":")
-    for name, given in ((text, ""), *([(head, unit)] if head else [])):
-        if (index := find(names, name)) is not None:
-            return index, given, 1.0
-        match = re.fullmatch(r"(.+?)([/*])([-+]?[\d.]+(?:e[-+]?\d+)?)", name, re.IGNORECASE)
-        if match is not None and (index := find(names, match[1])) is not None and float(match[3]):
-            return index, given, float(match[3]) if match[2] == "*" else 1.0 / float(match[3])
-    name = head or text
-    match = re.fullmatch(r"(.+)[/*](-?[A-Z_]+)", name)
-    if (
-        match is not None and (index := find(names, match[1])) is not None
-    ):  # a number that only the owner knows
-        return index, unit, 0.0
+_SCALED = re.compile(r"(.+?)(?:([/*])([-+]?[\d.]+(?:[eE][-+]?\d+)?|-?[A-Z_]+))?(?::([^:]*))?")
+"""Column of a map with its scale, which is a number or a word for what only the owner knows, and its unit."""
+
+
+def given_column(names: Sequence[str], text: str) -> tuple[int, str, float]:
+    """Return the column, the unit and the scale of ``COLUMN``, ``COLUMN*0.5:UNIT`` or such; 0.0: a scale is unknown.
+
+    >>> given_column(["t", "ax"], "ax/4:g"), given_column(["t", "a:x"], "a:x"), given_column(["gx"], "gx*SCALE:deg/s")
+    ((1, 'g', 0.25), (1, '', 1.0), (0, 'deg/s', 0.0))
+    """
+    head, _, unit_behind = text.rpartition(":")
+    scaled = _SCALED.fullmatch(text)
+    column, sign, size, unit = scaled.groups() if scaled else ("", None, None, None)
+    for name, scale, of in ((text, None, ""), (head, None, unit_behind), (column, size, unit or "")):
+        if name and (index := find(names, name)) is not None:
+            number = 1.0 if scale is None else 0.0 if scale.strip("+-")[0].isalpha() else float(scale)
+            return index, of, 1.0 / number if sign == "/" and number else number
     listed = ", ".join(plain(n.strip()) for n in names[:LISTED])
-    raise RecordingError(
-        "unknown_column", f"no column {name!r} for {option('columns')}", f"there are {listed}"
-    )
+    message = f"no column {head or text!r} for {option('columns')}"
+    raise RecordingError("unknown_column", message, f"there are {listed}")
 
 
 def reference(index: int, names: Sequence[str]) -> str:

@@ -328,7 +328,7 @@ def _header(
             names = [f"{group} {name}".strip() for group, name in zip(_spread(above_it), names, strict=True)]
     # a name may span the columns of its axes, which are empty or have a number
     spanned = ["" if re.fullmatch(r"\d", name) else name for name in names]
-    if "" in spanned[1:] and any(spanned):
+    if "" in spanned[:-1] and any(spanned):
         names = _elements(_spread(spanned))
     return tuple(names), tuple(units), above[header]
 

@@ -72,7 +72,9 @@ def test_what_is_no_unit_is_none(text: str) -> None:
     ],
 )  # fmt: skip
 def test_a_name_states_its_unit_in_brackets_or_as_a_suffix(name: str, unit: str) -> None:
-    assert split_unit(name)[1] == unit
+    stated = split_unit(name)[1]
+    assert bool(stated) == bool(unit)
+    assert known_unit(stated) == known_unit(unit)
 
 
 def test_what_is_stated_is_certain() -> None:

@@ -24,9 +24,6 @@ ONE_SENSOR = (
 )
 """Formats of which the proposal has one of both sensors."""
 
-ORDER = "gopro-telemetry CSV"
-"""Format whose axes are in another order, which only its name of the first column says."""
-
 OWNER = (
     "MPU6050_raw of i2cdevlib",
     "Empatica ACC",
@@ -65,6 +62,6 @@ def test_a_public_format_is_read_right_or_asked(tmp_path: Path, form: PublicForm
         wrong, code = [], error.code
     assert not wrong
     assert code in ("", "columns_unclear", "no_sensor")
-    if form.name in (*OWNER, ORDER):
+    if form.name in OWNER:
         return
     assert not faults(form, path, accept=True)
