@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from term_powers import powers_of
 
 from imumon.model.samples import Floats
 from imumon.model.saved_state import pack, unpack
 from imumon.noise import ChannelFit, Estimator, OctaveCascade, fit_curve, synthesise
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.likelihood import Surface, quantiles, upper_limit
-from imumon.noise.fit.model import FLICKER, WALK, powers_of
+from imumon.noise.fit.model import FLICKER, WALK
 from imumon.noise.fit.time_to_precision import relative_errors
 from imumon.noise.stretches.parts import Parts
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy
+from term_powers import powers_of
 
 from imumon.model.samples import Floats
 from imumon.noise import OctaveCascade, fit_curve, read_slopes, synthesise
 from imumon.noise.blocks import BlockMeans
 from imumon.noise.fit.curve_statement import bounded_by_curve
-from imumon.noise.fit.model import FLICKER, WALK, WHITE, powers_of, total
+from imumon.noise.fit.model import FLICKER, WALK, WHITE, total
 from imumon.noise.fit.model_curve import (
     degrees_of_freedom,
     density_variances,

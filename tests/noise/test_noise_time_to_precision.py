@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from term_powers import powers_of
 
 from imumon.noise import Estimator, OctaveCascade, fit_curve, synthesise
-from imumon.noise.fit.model import powers_of
 from imumon.noise.fit.time_to_precision import seconds_to
 
 N, B, RATE = 6.1e-5, 2.4e-5, 40.0

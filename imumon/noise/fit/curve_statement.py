@@ -21,11 +21,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from imumon.model.coefficients import COEFFICIENTS, NOISE, Estimate, MarkovEstimate
+from imumon.model.coefficients import COEFFICIENTS, MARKOV, NOISE, Estimate, MarkovEstimate
 from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.hump import Hump, line_bands
-from imumon.noise.fit.model import QUANTISATION, WHITE, NoiseTerm, UpperShape, total
+from imumon.noise.fit.model import NoiseTerm, UpperShape, total
 from imumon.noise.fit.model_curve import (
     VISIBLE,
     degrees_of_freedom,
@@ -161,7 +161,7 @@ def bounded_by_curve(
     deciding: dict[NoiseTerm, list[int]] = defaultdict(list)
     for octave in outside.tolist():
         term = max(terms, key=lambda each: float(terms[each][octave]))
-        if term not in (WHITE, QUANTISATION):
+        if term.is_correlated:
             deciding[term].append(octave)
 
     def bound(estimate: Estimate, term: NoiseTerm) -> Estimate:
@@ -178,7 +178,7 @@ def bounded_by_curve(
     for term in deciding:
         if term.letter in coefficients:
             coefficients[term.letter] = bound(coefficients[term.letter], term)
-    markov = next((term for term in deciding if term.letter == "M"), None)
+    markov = next((term for term in deciding if term.letter == MARKOV.sigma), None)
     if fit.markov is not None and markov is not None:
         time = replace(fit.markov.time_constant_s, value=None, status="indistinct", reason=CURVE_DIFFERS)
         stated = MarkovEstimate(sigma=bound(fit.markov.sigma, markov), time_constant_s=time)
@@ -209,8 +209,8 @@ def _departure(
     noise = total(surface.sensor_powers, lambda term: term.density(f, averaged=averaged))
     bend = float(surface.corner[surface.best]) * 4.0 * np.sin(np.pi * f) ** 2
     stated = noise * window_power(f, upper_end.window) / (1.0 + bend)
-    if QUANTISATION in powers:
-        stated = stated + powers[QUANTISATION] * QUANTISATION.density(f, averaged=averaged)
+    added = {term: power for term, power in powers.items() if not term.is_of_sensor}
+    stated = stated + total(added, lambda term: term.density(f, averaged=averaged))
     if fitted.error or not lines.all():
         # what lies under a line is taken from the bins beside it
         quiet = np.interp(f, *_beside_lines(f, density, lines)) if lines.any() else density

@@ -174,7 +174,10 @@ def band_left_out(
     explained = _explained(alone, left, least)
     if explained and not markov_shows:
         return None, False
-    beside = _least([float(_deviances(bands, every, (*NOISE_TERMS, term), error)[0][0]) for term in markov])
+    by_kind: dict[str, list[float]] = {term.letter: [] for term in markov}
+    for term in markov:
+        by_kind[term.letter].append(float(_deviances(bands, every, (*NOISE_TERMS, term), error)[0][0]))
+    beside = min(map(_least, by_kind.values()), default=np.inf)
     explained = explained or _explained(beside, left - MARKOV_NUMBERS, least)
     if explained and not markov_shows:
         return None, False
@@ -215,8 +218,6 @@ def _ranges(number: int) -> Ints:
 
 def _least(deviances: Sequence[float]) -> float:
     """Return the least deviance of Gauss–Markov noise over its time constant, by a parabola through three of them."""
-    if not deviances:
-        return np.inf
     best = int(np.argmin(deviances))
     if not 0 < best < len(deviances) - 1:
         return deviances[best]

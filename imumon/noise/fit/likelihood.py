@@ -25,7 +25,7 @@ Error of the model: where chance does not explain the misfit, a relative error e
 
 Example: two bands of white noise with 100 degrees of freedom each.
 
->>> from imumon.noise.fit.model import NOISE_TERMS
+>>> from imumon.noise.fit.model import FLICKER, NOISE_TERMS, WALK
 >>> flat = {term: np.ones(2) if term == WHITE else np.full(2, 1e-6) for term in NOISE_TERMS}
 >>> bands = Bands(np.array([3.9, 4.1]), np.full(2, 100.0), flat, np.zeros(2), np.array([0.25, 0.5]))
 >>> none = Coefficients(np.zeros(0), np.zeros((0, 0)), {term: np.zeros(0) for term in NOISE_TERMS})
@@ -45,7 +45,7 @@ import numpy as np
 from scipy.special import gammainc, gammaincc, ndtri
 
 from imumon.model.samples import Floats
-from imumon.noise.fit.model import FLICKER, QUANTISATION, WALK, WHITE, NoiseTerm, combined, total
+from imumon.noise.fit.model import GRIDDED, WHITE, NoiseTerm, combined, total
 from imumon.noise.fit.normal_equations import LEAST_VARIANCE, inverse_and_log, normal_matrix
 from imumon.noise.fit.observations import Bands, Coefficients
 from imumon.noise.fit.scoring import BandScoring
@@ -175,7 +175,7 @@ class Surface:
     @property
     def sensor_powers(self) -> dict[NoiseTerm, float]:
         """Power of each term of the sensor itself: all but quantisation, which its output adds."""
-        return {term: power for term, power in self.powers.items() if term != QUANTISATION}
+        return {term: power for term, power in self.powers.items() if term.is_of_sensor}
 
     def profile(self, term: NoiseTerm) -> Floats:
         """Return (g,) the greatest log likelihood at each amplitude of a gridded term."""
@@ -354,10 +354,9 @@ class Likelihood:
         """
         if start is None:
             # amplitudes whose power in the lowest coefficient, at half a cycle per record, is that of N times DECADES
-            lowest = 2.0 * np.pi * 0.5 / samples
+            lowest = np.array([0.5 / samples])
             grids: Grids = {
-                FLICKER: np.sqrt(self._white * lowest * DECADES),
-                WALK: np.sqrt(self._white * lowest**2 * DECADES),
+                term: np.sqrt(self._white / term.rate_density(lowest) * DECADES) for term in GRIDDED
             }
         else:
             grids = start

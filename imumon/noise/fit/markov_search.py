@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -41,7 +40,7 @@ from imumon.noise.fit.likelihood import (
     mixed,
     near,
 )
-from imumon.noise.fit.model import FLICKER, WALK, GaussMarkov, NoiseTerm, total
+from imumon.noise.fit.model import TRIED, NoiseTerm, TimedTerm, total
 
 SHORTEST = 10.0
 """Least time constant of Gauss–Markov noise that is tried. Unit: samples.
@@ -134,7 +133,7 @@ class Peaks:
     markov : (t,) likeliest power of M.
     """
 
-    terms: tuple[GaussMarkov, ...]
+    terms: tuple[TimedTerm, ...]
     gains: Floats
     powers: dict[NoiseTerm, Floats]
     markov: Floats
@@ -150,7 +149,7 @@ class Peaks:
         return np.array([term.time for term in self.terms])
 
 
-def peaks(likelihood: Likelihood, surface: Surface, terms: Sequence[GaussMarkov]) -> Peaks:
+def peaks(likelihood: Likelihood, surface: Surface, terms: Sequence[TimedTerm]) -> Peaks:
     """Return the likeliest models with Gauss–Markov noise of some time constants.
 
     Parameters
@@ -267,13 +266,12 @@ def lattice(times: Floats) -> list[float]:
     return [float(2.0 ** (step / LATTICE)) for step in steps]
 
 
-@lru_cache(maxsize=4)  # the channels of a record have the same
-def tried_terms(samples: float) -> tuple[GaussMarkov, ...]:
+def tried_terms(samples: float) -> tuple[TimedTerm, ...]:
     """Return the terms whose gains make the odds; none in records that are too short."""
     if LONGEST * samples <= SHORTEST:
         return ()
-    times = np.geomspace(SHORTEST, LONGEST * samples, MARKOV_TIMES)
-    return tuple(GaussMarkov("M", time) for time in lattice(times))
+    times = lattice(np.geomspace(SHORTEST, LONGEST * samples, MARKOV_TIMES))
+    return tuple(kind.with_time(time) for kind in TRIED for time in times)
 
 
 def odds_of(gains: Floats) -> float:
@@ -295,7 +293,7 @@ class MarkovSurface:
     """
 
     surface: Surface
-    term: GaussMarkov
+    term: TimedTerm
     times: Floats
     weights: Floats
     odds: float
@@ -325,29 +323,30 @@ class MarkovSurface:
 def markov_surface(observed: Observed, surface: Surface, samples: float, coarse: Peaks) -> MarkovSurface:
     """Return the likelihood with the term, whose time constant is not known."""
     # the likeliest time constant between those that were tried, which are a factor of up to eight apart
-    around = float(coarse.times[coarse.best]) * 2.0 ** np.linspace(-1.5, 1.5, 13)
+    kind = coarse.terms[coarse.best]
+    around = kind.time * 2.0 ** np.linspace(-1.5, 1.5, 13)
     # somewhat beyond what is tried, so that a time constant at an end is no end of its own likelihood
     around = around[(around >= 0.5 * SHORTEST) & (around <= 2.0 * LONGEST * samples)]
-    finer_terms = [GaussMarkov("M", time) for time in lattice(around)]
+    finer_terms = [kind.with_time(time) for time in lattice(around)]
     finer_likelihood = observed(finer_terms)
     finer = peaks(finer_likelihood, surface, finer_terms)
-    times = np.concatenate((coarse.times, finer.times))
-    gains = np.concatenate((coarse.gains, finer.gains))
+    alike = [term.letter == kind.letter for term in coarse.terms]
+    times = np.concatenate((coarse.times[alike], finer.times))
+    gains = np.concatenate((coarse.gains[alike], finer.gains))
     # those that are not negligible, and a step of the finer ones beyond
     within = times[gains > gains.max() - GRID_FALL * DROP]
     step = 2.0**0.25
     low, high = within.min() / step, within.max() * step
     nodes = lattice(np.geomspace(low, min(high, LONGEST * samples), MARKOV_NODES))
-    terms = [GaussMarkov("M", time) for time in nodes]
+    terms = [kind.with_time(time) for time in nodes]
     likelihood = observed(terms)
     center = finer.terms[finer.best]
     peak: dict[NoiseTerm, float] = {term: float(power[finer.best]) for term, power in finer.powers.items()}
     sigma = float(np.sqrt(finer.markov[finer.best]))
     grids: Grids = {
-        FLICKER: np.linspace(
-            0.0, max(2.0 * np.sqrt(peak[FLICKER]), 0.6 * surface.grids[FLICKER][-1]), MARKOV_GRID
-        ),
-        WALK: np.linspace(0.0, max(2.0 * np.sqrt(peak[WALK]), 0.6 * surface.grids[WALK][-1]), MARKOV_GRID),
+        term: np.linspace(0.0, max(2.0 * np.sqrt(peak[term]), 0.6 * grid[-1]), MARKOV_GRID)
+        for term, grid in surface.grids.items()
+    } | {
         center: np.linspace(0.0, 2.0 * sigma, MARKOV_GRID),
     }
     # first the grid of the likeliest time constant alone, which is nearly that of all, then of the ends beside it
@@ -370,7 +369,7 @@ def markov_surface(observed: Observed, surface: Surface, samples: float, coarse:
 
 
 def _of_each(
-    likelihood: Likelihood, surface: Surface, terms: Sequence[GaussMarkov], center: GaussMarkov, grids: Grids
+    likelihood: Likelihood, surface: Surface, terms: Sequence[TimedTerm], center: TimedTerm, grids: Grids
 ) -> list[Surface]:
     """Return the likelihoods of t time constants on a grid."""
     return [
@@ -381,7 +380,7 @@ def _of_each(
     ]
 
 
-def _summed(parts: Sequence[Surface], terms: Sequence[GaussMarkov], grids: Grids) -> Surface:
+def _summed(parts: Sequence[Surface], terms: Sequence[TimedTerm], grids: Grids) -> Surface:
     """Return the likelihood summed over time constants; all else is that of the first one."""
     logs = np.stack([part.log for part in parts])
     top = logs.max()
@@ -389,7 +388,7 @@ def _summed(parts: Sequence[Surface], terms: Sequence[GaussMarkov], grids: Grids
     return replace(parts[0], grids=grids, log=np.log(np.maximum(summed, 1e-300)) + top)
 
 
-def _averaged(total: Surface, parts: Sequence[Surface], terms: Sequence[GaussMarkov]) -> Surface:
+def _averaged(total: Surface, parts: Sequence[Surface], terms: Sequence[TimedTerm]) -> Surface:
     """Return a sum over time constants with the means of what each of them has at a point."""
     share = np.exp(np.stack([part.log for part in parts]) - total.log) * _cells(terms)[:, None]
 
@@ -407,7 +406,7 @@ def _averaged(total: Surface, parts: Sequence[Surface], terms: Sequence[GaussMar
     )
 
 
-def _cells(terms: Sequence[GaussMarkov]) -> Floats:
+def _cells(terms: Sequence[TimedTerm]) -> Floats:
     """Return (t,) the part of the line of log T that each of t terms in order has, half of it at both ends."""
     if len(terms) == 1:
         return np.ones(1)

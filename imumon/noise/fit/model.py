@@ -31,22 +31,20 @@ and a term is the object that knows these unit expectations:
 | information about it in a longer record | `time_to` | `rate_density` |
 
 Likelihood, search, statement and curve go through tuples of terms; none of them knows a term by its position in an
-array, but that white noise is the first of the scored ones. A new term is one class, the search that gives it one of
-the roles below, its row in `coefficients`, and what `statement` says of it. The drawn model, its shares, the limits of
-the curve and `time_to` follow from its power.
+array, but that white noise is the first of the scored ones. A new term is one class, a place in one of the tuples
+below, and its row in `coefficients`: its coefficient then is among those of the fit. The drawn model, its shares, the
+limits of the curve and `time_to` follow from its power.
 
 What is not noise with a density is no term. A line is a set of bins that are left out (`spectrum.spectral_lines`). A
-slow oscillation, a step or a drift is a column: a builder in `regressors` and a candidate in `slow_terms`. A second
-Gauss–Markov process would be the same class with another time, but needs a letter of its own, and a search for two:
-the search, the grid (`markov_search.markov_surface`) and `statement` hold one.
+slow oscillation, a step or a drift is a column: a builder in `regressors` and a candidate in `slow_terms`.
 
 Three roles. *Gridded* terms (B and K, in every fit) span the grid on which the likelihood is computed: they trade
 against each other, their likelihoods are skewed, and their limits are quantiles. *Scored* terms are profiled at each
 point of the grid by Fisher's scoring, because the model is linear in them and the bands show them well (N), or they
 hardly disturb the others (Q); the single coefficients do not move them, so that no slow term can be scored. *Terms that
-are tried* (M, whose time constant is part of the term) are made by a search for one record: it asks for observations
-that expect them (`spectral_powers`, `BlockSeries.with_terms`), puts them on a grid of their own, and passes them on as
-`Surface.beside`.
+are tried* (`TRIED`: M) have a time constant (`TimedTerm`), and a search for one record asks for observations that
+expect each of several (`spectral_powers`, `BlockSeries.with_terms`), puts the likeliest on a grid of its own, and
+passes it on as `Surface.beside`. Of several kinds, the likeliest one counts.
 
 Example: the Allan variance of N = B = K = 1 at clusters of 4 samples that are true averages.
 
@@ -62,10 +60,10 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import lru_cache
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 
@@ -118,7 +116,6 @@ class NoiseTerm(ABC):
         averaged : the samples are true averages over their interval (delta angles), else point samples.
         """
 
-    @abstractmethod
     def bin_expectation(self, level: int, *, averaged: bool, window: int) -> Floats:
         """Return (n,) the density of each bin in use of a level of the spectrum.
 
@@ -126,6 +123,7 @@ class NoiseTerm(ABC):
         ----------
         window : samples of a moving average in the sensor; 1: none.
         """
+        return seen_by_bins(lambda f: self.density(f, averaged=averaged), level, window)
 
     def seen_density(self, f: Floats, *, averaged: bool, window: int) -> Floats:
         """Return (k,) the density of the samples behind a moving average in the sensor over `window` samples."""
@@ -146,9 +144,19 @@ class NoiseTerm(ABC):
         They are by lag, in strides of a cluster over `RATIO`.
         """
 
-    @abstractmethod
     def coefficient_scale(self, tau0: float) -> float:
         """Return the coefficient in SI of power 1, whose unit of time is tau0, s."""
+        return math.pow(tau0, -COEFFICIENTS[self.letter].slope)
+
+    @property
+    def is_correlated(self) -> bool:
+        """Whether it has a memory, so that it may be what another correlated term looks like."""
+        return True
+
+    @property
+    def is_of_sensor(self) -> bool:
+        """Whether it comes before a filter in the sensor; the output adds what does not."""
+        return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,9 +212,10 @@ class PowerLaw(NoiseTerm):
         unit = _unit_difference_covariances()[self.exponent]
         return np.asarray(np.multiply.outer(m.astype(np.float64) ** (self.exponent - 1), unit))
 
-    def coefficient_scale(self, tau0: float) -> float:
-        """Return the coefficient in SI of power 1."""
-        return math.pow(tau0, -COEFFICIENTS[self.letter].slope)
+    @property
+    def is_correlated(self) -> bool:
+        """Whether it is not white."""
+        return self.exponent > 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,17 +262,22 @@ class Quantisation(NoiseTerm):
                 unit[lag * RATIO] = weight
         return np.asarray(np.multiply.outer(m.astype(np.float64) ** -2.0, unit))
 
-    def coefficient_scale(self, tau0: float) -> float:
-        """Return the coefficient in SI of power 1."""
-        return math.pow(tau0, -COEFFICIENTS[self.letter].slope)
+    @property
+    def is_correlated(self) -> bool:
+        """Return False: its errors are independent."""
+        return False
+
+    @property
+    def is_of_sensor(self) -> bool:
+        """Return False: rounding comes after any filter in the sensor."""
+        return False
 
 
 @dataclass(frozen=True, slots=True)
-class GaussMarkov(NoiseTerm):
-    """First-order Gauss–Markov noise (IEEE Std 952, exponentially correlated), whose power is its variance.
+class TimedTerm(NoiseTerm):
+    """Noise with a time constant, on which its density depends in another way than on its power.
 
-    The density depends on the time constant in another way than on the power, so that a term is one time constant:
-    those of different ones are different terms, between which the search decides. The formulas are in `markov_law`.
+    A term is one time constant: those of different ones are different terms, between which a search decides.
 
     Attributes
     ----------
@@ -271,6 +285,33 @@ class GaussMarkov(NoiseTerm):
     """
 
     time: float
+
+    def with_time(self, time: float) -> Self:
+        """Return the same noise with another time constant, samples."""
+        return replace(self, time=time)
+
+    @abstractmethod
+    def phase_autocovariance(self, lag: Floats) -> Floats:
+        """Return (...) the autocovariance of the integral at lags, samples, up to a constant and a square."""
+
+    def difference_covariances(self, m: Ints) -> Floats:
+        """Return (k, l) the autocovariances of the differences."""
+        # the shifts are whole strides, and the autocovariance is even: one table serves all of them
+        lag = np.arange(LAGS * RATIO + 1)
+        strides = np.arange(float(lag.size + max(SECOND_DIFFERENCE) * RATIO))
+        phase = self.phase_autocovariance(np.multiply.outer(m / RATIO, strides))
+        shifted = (
+            weight * phase[:, np.abs(lag + shift * RATIO)] for shift, weight in SECOND_DIFFERENCE.items()
+        )
+        return np.asarray(sum(shifted)) / m[:, None].astype(np.float64) ** 2
+
+
+@dataclass(frozen=True, slots=True)
+class GaussMarkov(TimedTerm):
+    """First-order Gauss–Markov noise (IEEE Std 952, exponentially correlated), whose power is its variance.
+
+    The formulas are in `markov_law`.
+    """
 
     def rate_density(self, f: Floats) -> Floats:
         """Return (k,) the density of the rate."""
@@ -280,10 +321,6 @@ class GaussMarkov(NoiseTerm):
         """Return (k,) the density of the samples."""
         return markov_law.sampled_density(f, self.time, averaged=averaged)
 
-    def bin_expectation(self, level: int, *, averaged: bool, window: int) -> Floats:
-        """Return (n,) the density of each bin in use of a level."""
-        return seen_by_bins(lambda f: self.density(f, averaged=averaged), level, window)
-
     def coefficient_variances(self, count: int, length: int) -> Floats:
         """Return (count - 1,) the variances of the cosine coefficients."""
         return markov_law.coefficient_variances(count, self.time / length)
@@ -292,20 +329,9 @@ class GaussMarkov(NoiseTerm):
         """Return (k,) the Allan variance."""
         return markov_law.allan_variances(m, self.time, averaged=averaged)
 
-    def difference_covariances(self, m: Ints) -> Floats:
-        """Return (k, l) the autocovariances of the differences."""
-        # the shifts are whole strides, and the autocovariance is even: one table serves all of them
-        lag = np.arange(LAGS * RATIO + 1)
-        strides = np.arange(float(lag.size + max(SECOND_DIFFERENCE) * RATIO))
-        phase = markov_law.phase_autocovariance(np.multiply.outer(m / RATIO, strides), self.time)
-        shifted = (
-            weight * phase[:, np.abs(lag + shift * RATIO)] for shift, weight in SECOND_DIFFERENCE.items()
-        )
-        return np.asarray(sum(shifted)) / m[:, None].astype(np.float64) ** 2
-
-    def coefficient_scale(self, tau0: float) -> float:
-        """Return 1: the standard deviation has the unit of the channel, whatever the unit of time."""
-        return 1.0
+    def phase_autocovariance(self, lag: Floats) -> Floats:
+        """Return (...) the autocovariance of the integral at lags."""
+        return markov_law.phase_autocovariance(lag, self.time)
 
 
 WHITE, FLICKER, WALK = PowerLaw("N", 0), PowerLaw("B", 1), PowerLaw("K", 2)
@@ -318,19 +344,11 @@ GRIDDED: tuple[NoiseTerm, NoiseTerm] = (FLICKER, WALK)
 TERMS: tuple[NoiseTerm, ...] = (*NOISE_TERMS, QUANTISATION)
 """All terms that observations have an expectation of."""
 
+TRIED: tuple[TimedTerm, ...] = (GaussMarkov("M", 1.0),)
+"""Terms that are tried with several time constants beside the others, in whatever unit of time."""
+
 TermPowers: TypeAlias = Mapping[NoiseTerm, float]
 """Power of each term of a model, (channel unit)^2."""
-
-
-def powers_of(coefficients: Mapping[str, float], tau0: float = 1.0) -> dict[NoiseTerm, float]:
-    """Return the powers of terms with some coefficients in SI, by letter, at a sampling interval, s.
-
-    >>> powers_of({"N": 0.1}, tau0=0.01)[WHITE]
-    1.0
-    """
-    by_letter = {term.letter: term for term in TERMS}
-    chosen = {by_letter[letter]: value for letter, value in coefficients.items()}
-    return {term: (value / term.coefficient_scale(tau0)) ** 2 for term, value in chosen.items()}
 
 
 def total(powers: Mapping[NoiseTerm, float], unit: Callable[[NoiseTerm], Floats]) -> Floats:

@@ -46,7 +46,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from imumon.model.coefficients import LIMIT_95, NOISE, SIGNIFICANT, Estimate, MarkovEstimate
+from imumon.model.coefficients import LIMIT_95, MARKOV, NOISE, SIGNIFICANT, Estimate, MarkovEstimate
 from imumon.model.samples import Bools, Floats
 from imumon.noise.fit.hump import Hump, line_bands
 from imumon.noise.fit.likelihood import (
@@ -60,7 +60,7 @@ from imumon.noise.fit.likelihood import (
     upper_limit,
     without,
 )
-from imumon.noise.fit.model import FLICKER, GRIDDED, QUANTISATION, WALK, WHITE, NoiseTerm, total
+from imumon.noise.fit.model import FLICKER, GRIDDED, QUANTISATION, TRIED, WALK, WHITE, NoiseTerm, total
 from imumon.noise.fit.model_curve import (
     VISIBLE,
     moved_variances,
@@ -299,7 +299,7 @@ def state_model(
     highest = float(model.likelihood.bands.top.max())
     none, lines, band = np.zeros(0), line_bands(sums, channel), model.choice.band
     hump_hz = (band.low / tau0, band.high / tau0) if band is not None and band.is_certain else None
-    markov = _markov(model, coefficients.pop("M", None), tau0)
+    markov = _markov(model, coefficients.pop(MARKOV.sigma, None), tau0)
     jumps = _jumps(model, tau0) if markov is not None and markov.sigma.status == "measured" else None
     periods_s = periods(model, tau0)
     caveats = {
@@ -459,7 +459,7 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
     if markov is not None and markov.is_certain and model.choice.may_be_hump:
         confused[markov.term] = ["a vibration"]
     if model.is_markov_instead:
-        shown[WALK], confused[WALK] = False, ["M"]
+        shown[WALK], confused[WALK] = False, [kind.letter for kind in TRIED]
     estimates: dict[NoiseTerm, Estimate] = {}
     for term, (low, value, high) in limits.items():
         if shown[term] and low < value < high:
