@@ -44,13 +44,32 @@ def test_the_tree_passes(command: list[str]) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_report_needs_the_standard_library_only() -> None:
-    code = (
-        "import sys; before = set(sys.modules); import imumon.model.report; print(*set(sys.modules) - before)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = {name.partition(".")[0] for name in done.stdout.split()}
-    assert not loaded & {"numpy", "scipy", "zenoh", "serial", "textual", "pydantic"}
+IMPORTS = """
+import sys
+
+def loaded():
+    return {name.partition(".")[0] for name in sys.modules} - {*sys.stdlib_module_names}
+
+before = loaded()
+import imumon.model.report
+from imumon.cli import main, parsers
+import imumon.tui
+parsers()[0].format_help()
+try:
+    main(["--version"])
+finally:
+    light = loaded() - before
+    import imumon.tui.app
+    print(*light, "|", *loaded())
+"""
+
+
+def test_no_part_loads_more_than_it_needs() -> None:
+    """A report and the options need the standard library only: the manual page is built with nothing else."""
+    done = subprocess.run([sys.executable, "-c", IMPORTS], capture_output=True, text=True, check=False)
+    light, screen = done.stdout.splitlines()[-1].split("|")
+    assert light.split() == ["imumon"]
+    assert not {*screen.split()} & {"scipy", "pydantic", "serial", "zenoh", "matplotlib"}
 
 
 # ---------------------------------------------------------------------- names

@@ -167,21 +167,6 @@ def test_without_a_terminal_it_names_the_alternative(closed: str) -> None:
     assert "\x1b" not in error
 
 
-def test_the_screen_imports_no_heavy_library() -> None:
-    """The screen needs neither scipy nor pydantic nor the serial port."""
-    program = "import sys, imumon.tui.app; print(sorted({m.partition('.')[0] for m in sys.modules}))"
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
-    )
-    loaded = set(eval(done.stdout))
-    assert not loaded & {"scipy", "pydantic", "serial", "zenoh", "matplotlib"}
-    program = "import sys, imumon.tui; print('textual' in sys.modules)"
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
-    )
-    assert done.stdout.strip() == "False"
-
-
 # ---------------------------------------------------------------- a terminal for tests
 
 

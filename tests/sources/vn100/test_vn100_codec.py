@@ -200,22 +200,15 @@ def test_merged_blocks_keep_the_saturation_flags_of_their_samples() -> None:
     assert concatenated([silent, silent]).saturated is None
 
 
-def test_a_message_with_a_number_that_is_not_finite_is_not_a_sample() -> None:
+def test_a_message_with_a_number_that_no_sensor_has_is_not_a_sample() -> None:
     layout = BinaryLayout.of({Group.IMU: 0x00C0})
-    theta = np.full((6, 4), 0.01)
-    theta[0, 1], theta[2, 2], theta[3, 0], theta[5, 0] = np.nan, np.inf, 0.0, -0.01
-    decoder, items = decode(layout.encode({"deltaTheta": theta, "deltaVel": np.zeros((6, 3))}))
-    assert (decoder.messages, decoder.discarded, decoder.nonfinite, total(items)) == (6, 0, 4, 2)
-    assert blocks(items)[0].lost.tolist() == [0, 2]
-
-
-def test_a_message_with_an_implausible_number_is_not_a_sample() -> None:
-    layout = BinaryLayout.of({Group.IMU: 0x00C0})
-    theta = np.full((5, 4), 0.01)
-    theta[1, 2], theta[2, 1], theta[3, 0] = 3e38, -3e38, 1e-40  # the last one is an interval
-    decoder, items = decode(layout.encode({"deltaTheta": theta, "deltaVel": np.zeros((5, 3))}))
-    assert (decoder.messages, decoder.nonfinite, total(items)) == (5, 3, 2)
-    assert blocks(items)[0].lost.tolist() == [0, 3]
+    theta = np.full((9, 4), 0.01)
+    theta[0, 1], theta[2, 2] = np.nan, np.inf
+    theta[3, 0], theta[5, 0] = 0.0, -0.01  # intervals
+    theta[6, 2], theta[7, 0] = -3e38, 1e-40
+    decoder, items = decode(layout.encode({"deltaTheta": theta, "deltaVel": np.zeros((9, 3))}))
+    assert (decoder.messages, decoder.discarded, decoder.nonfinite, total(items)) == (9, 0, 6, 3)
+    assert blocks(items)[0].lost.tolist() == [0, 2, 3]
     assert np.abs(blocks(items)[0].values).max() < 1.0
 
 

@@ -205,27 +205,6 @@ def test_numbers_are_parsed_exactly_as_float_does(fields: list[str], count: int)
 
 
 @laws
-@given(st.integers(0, 2**32), st.sampled_from(MESSAGES[:4]), CHECKS, st.integers(2, 60))
-def test_runs_of_sentences_decode_the_same_as_single_sentences(
-    seed: int, name: str, check: str, count: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    width = sum(ascii.WIDTHS[q] for q in ascii.MEASUREMENTS[name])
-    values = rng.uniform(0.01, 0.99, (count, width)) * (
-        1 if name == "VNDTV" else rng.choice([-1, 1], (count, width))
-    )
-    bodies = [ascii.sentence(name, row) for row in values]
-    lines = [ascii.encode(body, "crc" if check == "crc" else "xor") for body in bodies]
-    damaged = int(rng.integers(count))
-    lines[damaged] = lines[damaged].replace(b"0", b"3", 1)
-    together, _, _ = run(b"".join(lines), [])
-    apart = Vn100Decoder()
-    separately = [item for line in lines for item in apart.feed(line)]
-    assert rows(together) == rows(separately)
-    assert len(values_of(together)) == count - 1
-
-
-@laws
 @given(st.binary(min_size=1, max_size=80))
 def test_checksums_match_the_bitwise_definition(data: bytes) -> None:
     assert checksum.xor8(data) == reduce(xor, data)
