@@ -38,6 +38,18 @@ COVERED = 0.9
 """Share of the time that integrals must cover to be averages over the sampling interval."""
 
 
+AVERAGES = {
+    "vehicle_imu": (
+        ("gyro", "delta_angle", "delta_angle_dt", "rad/s"),
+        ("accel", "delta_velocity", "delta_velocity_dt", "m/s2"),
+    ),
+    "sensor_combined": (
+        ("gyro", "gyro_rad", "gyro_integral_dt", "rad/s"),
+        ("accel", "accelerometer_m_s2", "accelerometer_integral_dt", "m/s2"),
+    ),
+}
+"""Topics with averages, of which those of `vehicle_imu` are integrals: sensor, field, field of the interval, unit."""
+
 FIFO = {"sensor_gyro_fifo": ("gyro", "rad/s"), "sensor_accel_fifo": ("accel", "m/s2")}
 """Topics with all samples of a chip: sensor and unit."""
 
@@ -102,10 +114,8 @@ def _known_fields(
     name: str, arrays: Arrays, time: str, accel: Arrays | None
 ) -> tuple[dict[str, str], float | None, str]:
     """Return the fields of a known topic; the share of the time that its averages cover, if it has some; a note."""
-    if name == "vehicle_imu":
-        return *_integrals(arrays, time), ""
-    if name == "sensor_combined":
-        return *_averages(arrays, time), ""
+    if name in AVERAGES:
+        return *_averages(name, arrays, time), ""
     if name not in ("sensor_gyro", "sensor_accel"):
         return {}, None, ""
     sensor, unit = FIFO[f"{name}_fifo"]
@@ -122,15 +132,10 @@ def _temperature(
 ) -> Floats | None:
     """Return the temperature of the sensor of these samples, between the rare messages that have it; None: unknown.
 
-    The number of the chip chooses the sensor; `sensor_combined` has that of `sensor_selection`, if it never changes. A
-    topic without one is that of the only sensor.
+    The number of the chip chooses the sensor. A topic without one, as `sensor_combined`, has that of the only sensor.
     """
     sources = [dataset for (name, _), dataset in data.items() if name == source and "temperature" in dataset]
     chip = arrays.get("gyro_device_id", arrays.get("device_id"))
-    if chip is None and "gyro_rad[0]" in arrays:
-        chip = np.unique(data.get(("sensor_selection", 0), {}).get("gyro_device_id", np.zeros(0)))
-        # a selection that changes mixes the samples of several sensors: no temperature fits all of them
-        chip = chip if len(chip) == 1 else None
     if chip is not None:
         same = chip[:1].tolist()
         sources = [dataset for dataset in sources if same == dataset.get("device_id", chip[:0])[:1].tolist()]
@@ -139,32 +144,22 @@ def _temperature(
     return degrees_at(arrays[time], sources[0]["timestamp"], sources[0]["temperature"])
 
 
-def _integrals(arrays: Arrays, time: str) -> tuple[dict[str, str], float]:
-    """Add the averages of `vehicle_imu`; return their names, and the share of the time that they cover."""
+def _averages(name: str, arrays: Arrays, time: str) -> tuple[dict[str, str], float]:
+    """Return the fields of averages, and the share of the time that they cover; divide integrals by their interval."""
     known: dict[str, str] = {}
     covered = 1.0
-    for sensor, field, unit in (("gyro", "delta_angle", "rad/s"), ("accel", "delta_velocity", "m/s2")):
-        interval = arrays.get(f"{field}_dt", np.zeros(0)).astype(np.float64) * 1e-6
-        with np.errstate(divide="ignore", invalid="ignore"):  # an empty interval is a missing value
-            for k, axis in enumerate(AXES):
-                name = f"{field}[{k}]/{field}_dt"
-                if f"{field}[{k}]" in arrays:
-                    arrays[name] = arrays[f"{field}[{k}]"].astype(np.float64) / interval
-                known[f"{sensor}/{axis}"] = f"{name}:{unit}"
-        covered = min(covered, _coverage(interval, arrays[time]))
-    return known, covered
-
-
-def _averages(arrays: Arrays, time: str) -> tuple[dict[str, str], float]:
-    """Return the names in `sensor_combined`, and the share of the time that its averages cover."""
-    known: dict[str, str] = {}
-    covered = 1.0
-    fields = (("gyro", "gyro_rad", "gyro", "rad/s"), ("accel", "accelerometer_m_s2", "accelerometer", "m/s2"))
-    for sensor, field, stem, unit in fields:
-        known |= {f"{sensor}/{axis}": f"{field}[{k}]:{unit}" for k, axis in enumerate(AXES)}
-        interval = arrays.get(f"{stem}_integral_dt", np.zeros(0))
+    for sensor, field, interval_field, unit in AVERAGES[name]:
+        interval = arrays.get(interval_field, np.zeros(0))
         scale = 1.0 if interval.dtype.kind == "f" else 1e-6  # s in old logs, us since 2016
-        covered = min(covered, _coverage(interval.astype(np.float64) * scale, arrays[time]))
+        interval_s = interval.astype(np.float64) * scale
+        for k, axis in enumerate(AXES):
+            column = f"{field}[{k}]"
+            if name == "vehicle_imu" and column in arrays:
+                with np.errstate(divide="ignore", invalid="ignore"):  # an empty interval is a missing value
+                    arrays[f"{column}/{interval_field}"] = arrays[column].astype(np.float64) / interval_s
+                column = f"{column}/{interval_field}"
+            known[f"{sensor}/{axis}"] = f"{column}:{unit}"
+        covered = min(covered, _coverage(interval_s, arrays[time]))
     return known, covered
 
 
