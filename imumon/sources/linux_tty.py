@@ -19,17 +19,6 @@ _TIOCGICOUNT = 0x545D
 _TCGETS2 = 0x802C542A
 
 
-def pseudo_terminal(path: str) -> int | None:
-    """Return the time, ns, at which a pseudo-terminal was created; None for other ports.
-
-    It distinguishes a terminal from a later one of the same number, which belongs to another program.
-    """
-    if os.path.abspath(path).startswith(PSEUDO_TERMINALS):
-        with contextlib.suppress(OSError):
-            return os.stat(path).st_ctime_ns
-    return None
-
-
 def group_of(path: str) -> str:
     """Return the group that owns a device: its members may open it. Without one, that of most systems."""
     with contextlib.suppress(OSError, KeyError):

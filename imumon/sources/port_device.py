@@ -33,7 +33,6 @@ from imumon.sources.device import (
     RawDecoder,
     sample_blocks,
 )
-from imumon.sources.linux_tty import pseudo_terminal
 from imumon.sources.ports import POLL_S, PortInfo, find_again, find_ports
 from imumon.sources.serial_port import QUEUE_BYTES, SerialPort
 
@@ -194,7 +193,6 @@ class PortDevice(Device):
         self._session: Session | None = None
         self._earlier = DeviceCounters()  # of earlier connections
         self._ports: list[PortInfo] = []  # when the sensor was found
-        self._terminal: int | None = None  # also then, see `pseudo_terminal`
         self._serial: str | None = None
         self._identified = self._streaming = self._started = False
         self._info: DeviceInfo | None = None
@@ -223,7 +221,7 @@ class PortDevice(Device):
             self._path = self._given_path or self._search()
         paths = [self._path]
         if self._identified:
-            paths = find_again(self._path, self._ports, find_ports(), self._terminal)
+            paths = find_again(self._path, self._ports, find_ports())
         # raised if no port is left at all; else the error of the last one is, which was tried
         error: DeviceError = DeviceNotFound(
             "port_not_found", f"no port {self._path}", "plug the sensor in again"
@@ -284,7 +282,7 @@ class PortDevice(Device):
             raise
         self._port, self._session, self._path = port, session, path
         self._serial = info.serial
-        self._ports, self._terminal = find_ports(), pseudo_terminal(path)
+        self._ports = find_ports()
         self._info = info
         return info
 

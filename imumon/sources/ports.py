@@ -64,24 +64,19 @@ def find_ports() -> list[PortInfo]:
     return sorted(ports, key=lambda port: (port.usb is None, port.path))
 
 
-def find_again(
-    path: str, before: list[PortInfo], now: list[PortInfo], terminal: int | None = None
-) -> list[str]:
+def find_again(path: str, before: list[PortInfo], now: list[PortInfo]) -> list[str]:
     """Return the paths of a port that had vanished, best first.
 
     The same path is first, if it exists; then ports of the same adapter (vendor, product, serial number). A
-    port of another adapter is never returned: it would be written to. Nor is another
-    pseudo-terminal with the number of the one that was closed; a link is followed to whatever it names.
+    port of another adapter is never returned: it would be written to. A link is followed to whatever it names.
 
     Parameters
     ----------
     path : at which it was opened.
     before, now : `find_ports` before it vanished, and now.
-    terminal : `linux_tty.pseudo_terminal` of the path when it was opened.
     """
     # a URL has nothing that could be looked at without opening it
-    remains = os.path.exists(path) and linux_tty.pseudo_terminal(path) == terminal
-    paths = [path] if "://" in path or remains else []
+    paths = [path] if "://" in path or os.path.exists(path) else []
     adapters = {p.usb for p in before if os.path.realpath(p.path) == os.path.realpath(path)} - {None}
     return paths + [p.path for p in now if p.usb in adapters and p.path not in paths]
 
