@@ -419,12 +419,12 @@ def _band_layout(s: int, count: float, there: float, pool: int, kept_pools: byte
     number = np.add.reduceat(kept.astype(np.float64), starts)
     rows_of = np.split(np.arange(bins.size), starts[1:])
     dof = [
-        there * _band_dof(bins[rows[kept[rows]]].tobytes(), count) if size else 0.0
+        there * _band_dof(bins[rows[kept[rows]]].tobytes(), count) if size >= 2 else 0.0
         for rows, size in zip(rows_of, number.tolist(), strict=True)
     ]
     # a level below the first ends within its last band: the level above has the bins beyond
     top = np.minimum(BAND_EDGES[1 : 1 + starts.size], last_bin(s)) / SEGMENT / 2.0**s
-    counts = number > 0.0
+    counts = number >= 2.0
     bend = np.maximum(number, 1.0) / np.maximum(np.add.reduceat(kept / short_term_density(s), starts), 1e-300)
     return _BandLayout(
         s, pool, kept, starts, counts, number[counts], np.array(dof)[counts], top[counts], bend[counts]
