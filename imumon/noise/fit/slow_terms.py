@@ -8,7 +8,7 @@ alone make a walk. The search ends when chance explains the rest.
 
 | candidate | counts where | threshold of twice the gain |
 |---|---|---|
-| settling | once, in whole records | `CERTAIN`; below, by its odds |
+| settling | once, in whole records | `SETTLING_CERTAIN`; below, by its odds |
 | Gauss–Markov noise | once, in whole records, instead of a weaker column | even odds |
 | step | in whole records | `CERTAIN`; below, by its odds |
 | bend of the temperature | once, beside the temperature, in whole records | chi-square, `CHANCE` |
@@ -86,9 +86,16 @@ LEAST_ODDS = 0.35
 Otherwise: at 1, the walk that a step of five times the floor looks like is measured in one record in ten. Origin:
 below, the column has less than a quarter of the weight, and hardly moves a limit (`markov.py`).
 """
+SETTLING_CERTAIN = 20.0
+"""From here on an exponential is a column; below, the fits with and without it are mixed by their odds. Unit: twice
+the log likelihood ratio.
+
+Otherwise: lower, a walk is called a warm-up in some per cent of records and K is only a bound; higher, the end of a
+warm-up stays in the record. Origin: odds of 10^3 for nine time constants (`real_effects.py --only warm-up`).
+"""
 CERTAIN = 30.0
-"""From here on a settling or a step is a column, below, the fits with and without it are mixed by
-their odds; and an oscillation whose coefficients are left out is reported. Unit: twice the log likelihood ratio.
+"""From here on a step is a column; below, the fits with and without it are mixed by their odds; and an oscillation
+whose coefficients are left out is reported. Unit: twice the log likelihood ratio.
 
 Otherwise: a walk is broken into steps, and K vanishes. Origin: 10^-7 by chance (Wilks 1938), at any of a thousand
 places (`real_effects.py`).
@@ -373,7 +380,7 @@ class SlowTermSearch:
             return []
         pairs = columns_of.settlings(self._series)
         # the derivative is no part of the test: it would let a walk look like an exponential
-        return [_Candidate(CERTAIN, pair[0].column[:, None], pair) for pair in pairs]
+        return [_Candidate(SETTLING_CERTAIN, pair[0].column[:, None], pair) for pair in pairs]
 
     def _steps(self) -> list[_Candidate]:
         """Return steps at likely places."""
