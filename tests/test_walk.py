@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 from itertools import groupby
 from pathlib import Path
 from types import FrameType
@@ -38,9 +39,9 @@ Call = tuple[tuple[str, ...], str]
 """Packages on the stack, outermost first, without libraries; and the name of the function, with its package."""
 
 
-def package_of(frame: FrameType) -> str | None:
-    """Return the package of a function; None: it is not of imumon."""
-    path = frame.f_code.co_filename
+@cache
+def package_of(path: str) -> str | None:
+    """Return the package of a file; None: it is not of imumon."""
     if not path.startswith(f"{PACKAGE}/"):
         return None
     inside = path.removeprefix(f"{PACKAGE}/")
@@ -56,7 +57,9 @@ class Trace:
         self._in_turn = False
 
     def __call__(self, frame: FrameType, event: str, _: Any) -> None:
-        if event != "call" or frame.f_code.co_name.startswith("<") or (package := package_of(frame)) is None:
+        if event != "call" or frame.f_code.co_name.startswith("<"):
+            return
+        if (package := package_of(frame.f_code.co_filename)) is None:
             return
         if threading.current_thread().name != self._thread:
             return
@@ -70,7 +73,7 @@ class Trace:
         if self._in_turn:
             packages, caller = [package], frame.f_back
             while caller is not None:
-                packages += filter(None, [package_of(caller)])
+                packages += filter(None, [package_of(caller.f_code.co_filename)])
                 caller = caller.f_back
             way = [each for each in reversed(packages) if each not in LIBRARIES]
             self.turns[-1].append((tuple(each for each, _ in groupby(way)), name))
