@@ -48,6 +48,13 @@ two; B, K and M that decide it there become bounds. Unit: octaves.
 Otherwise: a coefficient is stated of a noise of another kind, whose curve is beside the model. Origin: of noise that
 the model has, 9 of 400 channels miss by chance (`markov.py`).
 """
+COLUMN_SLACK = 0.05
+"""The drawn model may be outside of the limits of the curve by as much. Unit: of the Allan deviation of the
+columns.
+
+Otherwise: a strong temperature, known to a per cent, misses limits that are narrower, and N, B and K become bounds.
+Chosen: a column describes what moves the mean to some per cent (`temperature.py`).
+"""
 SLOPE_TOLERANCE = 0.2
 """A classical reading is taken where the slope of the curve is this near to the nominal one. Unit: slope.
 
@@ -108,10 +115,12 @@ def with_curve(
     used = present & (m >= 1 << fitted.choice.upper_end.octaves_left_out)
     low, high = (np.where(present, sigma * factor, 0.0) for factor in (low, high))
     drawn = np.sqrt(random + fixed)
+    # the limits are those of noise: where a column moves the mean much more, they are narrower than it is known
+    slack = COLUMN_SLACK * np.sqrt(fixed)
     # the model is fitted to all samples: of those that the differences miss, it has an error of its own
     known = np.minimum(curve.terms[:, channel] / possible_differences(m, curve.span), 1.0)
     least, most = (sigma * factor for factor in limit_factors(np.maximum(known * edf, 1.0)))
-    outside = np.flatnonzero(used & ((drawn < least) | (drawn > most)))
+    outside = np.flatnonzero(used & ((drawn < least - slack) | (drawn > most + slack)))
     if _misses(outside, np.flatnonzero(used)):
         caveats.append("model_misses")
         fit = bounded_by_curve(fit, terms, outside, high)
