@@ -110,7 +110,7 @@ class Session(ABC):
 
         Raises
         ------
-        DeviceNotFound : the sensor of this family, or the one that was lost, is not on the port.
+        DeviceNotFound : no sensor of this family is on the port.
         """
         return self.info()
 
@@ -204,7 +204,7 @@ class PortDevice(Device):
 
     @abstractmethod
     def _new_session(self, port: SerialPort) -> Session:
-        """Return a session on an open port. `_serial` is that of the sensor that was lost; None: any may be there."""
+        """Return a session on an open port."""
 
     # ------------------------------------------------------------------ start and end
 
@@ -277,6 +277,9 @@ class PortDevice(Device):
         try:
             session = self._new_session(port)
             info = session.connect()
+            if self._serial not in (None, info.serial):  # it would be configured, and continue the record
+                text = f"the sensor on {path} is {info.serial or 'unknown'}, not {self._serial}"
+                raise DeviceError("other_sensor", text, "connect the first one again, or restart imumon")
         except BaseException:  # an interrupt, too: the port would stay locked, and its thread would run on
             port.close()
             raise

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 
-from imumon.sources.device import DeviceError, DeviceNotFound
+from imumon.sources.device import DeviceNotFound
 from imumon.sources.serial_port import SerialPort
 from imumon.sources.vn100.ascii import Response, SensorError, encode
 from imumon.sources.vn100.decoder import DecodedItem, Vn100Decoder
@@ -38,10 +38,6 @@ _RETRIABLE = {
 
 class NotAVn100(DeviceNotFound):
     """No VN-100 replies on this port."""
-
-
-class OtherSensor(DeviceError):
-    """The sensor is not that of this record."""
 
 
 class CommandChannel:

@@ -23,7 +23,7 @@ from imumon.sources.port_device import QUIET_UNKNOWN_S, PortDevice, RateCheck, S
 from imumon.sources.ports import BAUD_RATES
 from imumon.sources.serial_port import SerialPort
 from imumon.sources.vn100.ascii import ERRORS, SensorError
-from imumon.sources.vn100.commands import CommandChannel, NotAVn100, OtherSensor
+from imumon.sources.vn100.commands import CommandChannel, NotAVn100
 from imumon.sources.vn100.configuration import Configuration
 from imumon.sources.vn100.decoder import DecodedItem, Vn100Decoder
 from imumon.sources.vn100.device_info import device_info, nominal_rate
@@ -47,7 +47,6 @@ class Vn100Session(Session):
     settings : what the user requests.
     clock : s, monotonic.
     decoder : of an earlier session with this sensor, so that its counters continue.
-    serial : serial number that the sensor must have; None: any.
     progress : called with a short text about the current step, a few times a second at most.
     paced : samples arrive at their rate; False for an emulator in time-lapse, which waits for its reader.
 
@@ -63,7 +62,6 @@ class Vn100Session(Session):
         clock: Callable[[], float],
         *,
         decoder: Vn100Decoder | None = None,
-        serial: str | None = None,
         progress: Callable[[str], None] = lambda text: None,
         paced: bool = True,
     ) -> None:
@@ -71,7 +69,7 @@ class Vn100Session(Session):
         self._port, self._settings, self._clock, self._progress = port, settings, clock, progress
         self._channel = CommandChannel(port, clock, settings.listen_only, progress)
         self._configuration = Configuration(self._channel, settings, clock)
-        self._serial, self._paced = serial, paced
+        self._paced = paced
         self._identity: dict[int, str] = {}
         self._divisor: int | None = None  # of the configured stream; None if the sensor sends its own
         self._streams: dict[Kind, Stream] = {}
@@ -93,7 +91,6 @@ class Vn100Session(Session):
         Raises
         ------
         NotAVn100 : no VN-100 replies.
-        OtherSensor : another serial number than `serial`.
         """
         self._channel.find_baud(self._bauds())
         if not self._settings.listen_only:
@@ -232,12 +229,6 @@ class Vn100Session(Session):
                 raise NotAVn100("device_receives_nothing", message, cure)
             if text is not None:
                 (self._identity if register < RegisterNumber.BAUD else settings)[register] = text
-        # a sensor of another serial number would be configured, and would continue the record of this one
-        serial = self._identity.get(3)
-        if self._serial is not None and serial is not None and serial != self._serial:
-            message = f"the sensor on {self._port.name} is {serial}, not {self._serial}"
-            raise OtherSensor("other_sensor", message, "connect the first one again, or restart imumon")
-        self._serial = serial or self._serial
 
     def _on_sensor_error(self, error: SensorError) -> None:
         """Report an error of the sensor once: it may repeat a hundred times a second. Unknown codes count as one."""
@@ -270,7 +261,6 @@ class Vn100Device(PortDevice):
             self._settings,
             time.monotonic,
             decoder=self._messages,
-            serial=self._serial,
             progress=lambda text: self.progress(text),
             paced=not self._time_lapse,
         )

@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator, Mapping
 
 from imumon.model.samples import DeviceInfo, Kind, SampleBlock
-from imumon.sources.device import DeviceError, DeviceNotFound, DeviceOptions
+from imumon.sources.device import DeviceNotFound, DeviceOptions
 from imumon.sources.port_device import QUIET_UNKNOWN_S, PortDevice, Session
 from imumon.sources.ports import BAUD_RATES
 from imumon.sources.serial_port import SerialPort
@@ -44,18 +44,14 @@ NAMES: Mapping[int, str] = {
 
 
 class MtSession(Session):
-    """One sensor on an open port.
-
-    Parameters
-    ----------
-    serial : serial number that it must have; None: any.
-    """
+    """One sensor on an open port."""
 
     quiet_s = QUIET_UNKNOWN_S
 
-    def __init__(self, port: SerialPort, device: XsensDevice, serial: str | None) -> None:
+    def __init__(self, port: SerialPort, device: XsensDevice) -> None:
         self._port, self._settings, self._decoder = port, device.settings, device.messages
-        self._serial, self._progress = serial, device.progress
+        self._progress = device.progress
+        self._serial: str | None = None
         self._model: str | None = None
         self._firmware: str | None = None
         self._configuration: bytes | None = None  # that the sensor has
@@ -102,11 +98,7 @@ class MtSession(Session):
     def _identify(self) -> None:
         """Read serial number, model, firmware and output configuration in the configuration state."""
         identity = self._ask(MessageId.REQUEST_DEVICE) or b""
-        serial = identity.hex().upper() or None
-        if self._serial is not None and serial != self._serial:
-            text = f"the sensor on {self._port.name} is {serial or 'unknown'}, not {self._serial}"
-            raise DeviceError("other_sensor", text, "connect the first one again, or restart imumon")
-        self._serial = serial
+        self._serial = identity.hex().upper() or None
         product = self._ask(MessageId.REQUEST_PRODUCT)
         self._model = product.decode("ascii", "replace").strip("\0 ") or None if product else None
         firmware = self._ask(MessageId.REQUEST_FIRMWARE)
@@ -231,4 +223,4 @@ class XsensDevice(PortDevice):
         super().__init__(options, options.url.removeprefix("xsens:"), baud, self.messages)
 
     def _new_session(self, port: SerialPort) -> MtSession:
-        return MtSession(port, self, self._serial)
+        return MtSession(port, self)

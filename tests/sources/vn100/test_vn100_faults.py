@@ -9,7 +9,7 @@ from vn100_bench import RATE, Bench, Killed, kinds
 
 from imumon.config import DeviceSettings
 from imumon.sources.device import DeviceLost
-from imumon.sources.vn100.commands import NotAVn100, OtherSensor
+from imumon.sources.vn100.commands import NotAVn100
 from imumon.sources.vn100.emulator import EmulatorSettings
 from imumon.sources.vn100.emulator.command_handler import CommandHandler
 from imumon.sources.vn100.emulator.emulator import make_device
@@ -70,22 +70,6 @@ def test_sensor_errors_give_notices() -> None:
     _, notices = bench.run(session, 0.5)
     assert kinds(notices) == ["sensor_error"]
     assert "invalid command" in notices[0].text
-
-
-def test_another_sensor_on_the_same_port_is_refused() -> None:
-    bench = Bench()
-    with pytest.raises(OtherSensor) as error:
-        bench.session(serial="0100000001").connect()
-    assert error.value.code == "other_sensor"
-    assert all(serial in error.value.message for serial in ("0100056785", "0100000001"))
-    session = bench.streaming()
-    bench.device = make_device(EmulatorSettings(seed=2, serial="0100000002"))
-    bench.device.advance(int(bench.now * 800))
-    with pytest.raises(DeviceLost):
-        bench.run(session, 5.0)
-    with pytest.raises(OtherSensor) as error:
-        bench.session(serial="0100056785").connect()
-    assert error.value.code == "other_sensor"
 
 
 def test_flash_is_not_written_and_the_sensor_is_not_reset() -> None:

@@ -13,10 +13,10 @@ from faulty_sensor import FaultySensorProcess, spawn
 
 from imumon.config import DeviceSettings
 from imumon.model.samples import SampleBlock
-from imumon.sources.device import DeviceLost
+from imumon.sources.device import DeviceError, DeviceLost, DeviceOptions
 from imumon.sources.serial_port import SerialPort
 from imumon.sources.vn100.emulator import EmulatorSettings
-from imumon.sources.vn100.vn100_session import Vn100Session
+from imumon.sources.vn100.vn100_session import Vn100Device, Vn100Session
 
 # ---------------------------------------------------------------------- emulator process
 
@@ -71,13 +71,27 @@ def test_replugged_sensor_under_another_name(tmp_path: Path) -> None:
         running.ask("replug")
         assert os.path.realpath(link) != first
         with SerialPort(str(link)) as port:
-            again = Vn100Session(
-                port, DeviceSettings(), time.monotonic, decoder=session.decoder, serial=serial
-            )
-            again.connect()
+            again = Vn100Session(port, DeviceSettings(), time.monotonic, decoder=session.decoder)
+            assert again.connect().serial == serial
             again.save_settings(saved)
             again.configure()
             assert live(again, 3.0, 20) >= 20
             assert again.restore()
         for terminal in taken:
             os.close(terminal)
+
+
+def test_another_sensor_in_the_place_of_a_lost_one_is_refused(tmp_path: Path) -> None:
+    link = tmp_path / "sensor"
+    device = Vn100Device(DeviceOptions(url=str(link), settings=DeviceSettings()))
+    with spawn(EmulatorSettings(seed=1, link=str(link))):
+        device.open()
+        device.start()
+    device.close()
+    with (
+        spawn(EmulatorSettings(seed=2, link=str(link), serial="0100000002")),
+        pytest.raises(DeviceError) as error,
+    ):
+        device.open()
+    assert error.value.code == "other_sensor"
+    assert all(serial in error.value.message for serial in ("0100056785", "0100000002"))

@@ -132,10 +132,15 @@ def _temperature(
 ) -> Floats | None:
     """Return the temperature of the sensor of these samples, between the rare messages that have it; None: unknown.
 
-    The number of the chip chooses the sensor. A topic without one, as `sensor_combined`, has that of the only sensor.
+    The number of the chip chooses the sensor; `sensor_combined` has that of `sensor_selection`, if it never changes. A
+    topic without one is that of the only sensor.
     """
     sources = [dataset for (name, _), dataset in data.items() if name == source and "temperature" in dataset]
     chip = arrays.get("gyro_device_id", arrays.get("device_id"))
+    if chip is None and "gyro_rad[0]" in arrays:
+        chip = np.unique(data.get(("sensor_selection", 0), {}).get("gyro_device_id", np.zeros(0)))
+        # a selection that changes mixes the samples of several sensors: no temperature fits all of them
+        chip = chip if len(chip) == 1 else None
     if chip is not None:
         same = chip[:1].tolist()
         sources = [dataset for dataset in sources if same == dataset.get("device_id", chip[:0])[:1].tolist()]
