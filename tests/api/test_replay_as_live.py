@@ -75,7 +75,7 @@ def live(path: Path, block_bytes: int) -> tuple[Report, list[DetectedEvent]]:
             assert isinstance(item, SampleBlock)
             monitor.feed(item)
             if monitor.samples / RATE >= due_s:
-                due_s += 1800.0
+                due_s += 3600.0
                 report("running")
     monitor.flush()
     return report("stopped"), events
@@ -111,7 +111,7 @@ def without_earlier(report: Report) -> Report:
 
 
 def test_the_report_and_the_events_are_those_of_a_live_run(recording: Path) -> None:
-    made, detected = live(recording, 3000)
+    made, detected = live(recording, 9000)
     offline = replay(ReplayOptions(path=str(recording)))
     same = replace(made, time=offline.time, device=offline.device, session=offline.session)
     for path, one, other in pairs(
