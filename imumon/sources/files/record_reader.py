@@ -28,6 +28,7 @@ from imumon.sources.files.printed_log import (
     are_names,
     cell_number,
     decoded,
+    line_count,
     split,
 )
 
@@ -109,7 +110,7 @@ class RecordReader:
         first : number of the first line.
         last : the block ends the text.
         """
-        count = block.count(b"\n")
+        count = line_count(block)
         if self.problem:
             self._ledger.add("other_message", count)
             return np.empty((0, len(self._columns))), []
@@ -185,7 +186,7 @@ class RecordReader:
         if last and tail and len(more := self._pattern.findall(block + tail)) > len(matches):
             block, matches = block + tail, more
             self._ledger.add("part", -tail.count(b"\n"))  # of the last record, which lacks them
-        count, lines = block.count(b"\n"), self._table.lines
+        count, lines = line_count(block), self._table.lines
         if len(matches) * lines == count:  # nothing stands between the records
             self._ledger.add("part", len(matches) * (lines - 1))
             self._begun = self._begun or bool(matches)

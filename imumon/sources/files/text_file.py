@@ -28,7 +28,14 @@ from imumon.sources.files.base import (
 from imumon.sources.files.column_reader import read_columns
 from imumon.sources.files.columns import Reading, Use, parse_map
 from imumon.sources.files.formats import known_format
-from imumon.sources.files.printed_log import TOO_LONG_BYTES, PrintedTable, decoded, number_of, tables
+from imumon.sources.files.printed_log import (
+    TOO_LONG_BYTES,
+    PrintedTable,
+    decoded,
+    line_count,
+    number_of,
+    tables,
+)
 from imumon.sources.files.raw_capture import RawCapture
 from imumon.sources.files.record_reader import RecordReader
 from imumon.sources.files.table import Table
@@ -59,7 +66,7 @@ class TextFile(Table):
     def __iter__(self) -> Iterator[list[SampleBlock]]:
         blocks = self._line_blocks()
         head = b""
-        for block in blocks:
+        for block, _ in blocks:
             head += block
             if len(head) > SHOWN_BYTES:
                 break
@@ -71,15 +78,15 @@ class TextFile(Table):
             comment = line.lstrip().startswith((b"#", b"%", b"//")) and decoded(line) != table.header
             self._lines.add("blank" if blank else "comment" if comment else "header")
         waiting = [parts[-1]]
-        count, size = parts[-1].count(b"\n"), len(parts[-1])
-        for block in blocks:
+        count, size = line_count(parts[-1]), len(parts[-1])
+        for block, lines in blocks:
             # a block is handed on when the next one is there: only then it is known not to be the last one
             if size > TABLE_BYTES or count >= ROWS:
                 yield self._parsed(b"".join(waiting), before, last=False)
                 before += count
                 waiting, count, size = [], 0, 0
             waiting.append(block)
-            count += block.count(b"\n")
+            count += lines
             size += len(block)
         yield self._parsed(b"".join(waiting), before, last=True)
         yield self._finish()
@@ -182,8 +189,8 @@ class TextFile(Table):
 
     # ------------------------------------------------------------ lines
 
-    def _line_blocks(self) -> Iterator[bytes]:
-        """Yield the lines that end in each chunk of the file, in a time that is linear in its size."""
+    def _line_blocks(self) -> Iterator[tuple[bytes, int]]:
+        """Yield the lines that end in each chunk of the file, and their number, in linear time."""
         rest, skipping = b"", False  # the line that has begun; whether it is too long, and waits for its end
         begun = lines = 0  # bytes up to the line that has begun, and the lines before it
         for chunk in self._plain_chunks():
@@ -197,22 +204,23 @@ class TextFile(Table):
                 continue
             whole = more.rfind(b"\n") + 1
             block = (TOO_LONG_BYTES if skipping else rest) + b"\n" + more[:whole]
-            lines += block.count(b"\n")
-            self._lines.receive(block.count(b"\n"))
+            count = line_count(block)
+            lines += count
+            self._lines.receive(count)
             begun = self.fed - len(more) + whole
-            yield block
+            yield block, count
             rest, skipping = more[whole:], False
         self.problem = self._capture.problem
         if skipping and lines < HEAD_LINES:  # within the head no table is before it
             self._lines.receive()
-            yield TOO_LONG_BYTES + b"\n"
+            yield TOO_LONG_BYTES + b"\n", 1
         elif skipping or not _may_be_row(rest):
             # a file that was made longer than its rows, a disk that was not written, data of another kind
             text = f"{self.path} has {self.fed - begun:,} bytes behind its last line that are no row"
             self.problem = self.problem or f"{text}: only the part before is used"
         elif rest.strip():
             self._lines.receive()
-            yield rest + b"\n"
+            yield rest + b"\n", 1
 
     def _plain_chunks(self) -> Iterator[bytes]:
         """Yield the chunks of the file with one kind of end of lines, without colours, and one object in a line."""
