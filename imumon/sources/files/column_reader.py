@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -141,19 +141,20 @@ class _ColumnReader:
         dt = self._given.get("dt")
         self._step_s = step_of(dt or time, self._columns)
         uses = self._sensors()
-        if not any(key in INERTIAL for key in uses):
+        if not uses:
             raise self._no_sensor()
-        uses[time.key] = time
-        has_increments = any(use.kind == "deltas" for use in uses.values())
-        used = {k for use in uses.values() for k in use.columns}
-        free = [column for column in self._columns if column.index not in used]
-        if dt is not None or (has_increments and (dt := interval_among(free, self._step_s))):
-            uses["dt"] = dt
-        uses |= self._beside(used)
-        used = {k for use in uses.values() for k in use.columns}
-        unused = {c.index: _why_unused(c) for c in self._columns if c.index not in used}
+        if dt is None and any(use.kind == "deltas" for use in uses.values()):
+            dt = interval_among(self._free([*uses.values(), time]), self._step_s)
+        uses = {use.key: use for use in (*uses.values(), time, dt) if use is not None}
+        uses |= self._beside(self._free(uses.values()))
+        unused = {column.index: _why_unused(column) for column in self._free(uses.values())}
         views = tuple(_views(self._columns, uses))
         return Reading(self._names, tuple(uses.values()), views, (), tuple(self._remarks), unused)
+
+    def _free(self, uses: Iterable[Use]) -> list[NamedColumn]:
+        """Return the columns that have none of some uses."""
+        used = {k for use in uses for k in use.columns}
+        return [column for column in self._columns if column.index not in used]
 
     # ------------------------------------------------------------ sensors
 
@@ -180,52 +181,39 @@ class _ColumnReader:
         free = [t for t in self._triples if not self._taken & set(t.indices)]
         moving = [t for t in free if _moves(t)]
         self._gravity = next(filter(None, map(_unit_of_one_g, moving)), "")
-        uses = []
-        for triple in moving:
-            if (use := self._sensor(triple)) is not None:
-                if triple.guessed and use.certain:
-                    reason = f"the order of the axes in {triple.label} is assumed"
-                    use = replace(use, certain=False, assumption="assumed_columns", reason=reason)
-                uses.append(use)
-        keys = {use.key for use in uses}
-        if "gyro" not in keys and "accel" in keys:
-            # beside an accelerometer, three numbers of one name that move around a constant
-            used = {k for use in uses for k in use.columns}
-            uses += [
-                _by_noise(t, self._gravity, named=False)
-                for t in moving
-                if not used & set(t.indices) and _may_be_gyro(t)
-            ][:1]
-        if len(keys) < len(INERTIAL):
-            uses += [
-                use for use in self._single_axes({k for t in free for k in t.indices}) if use.key not in keys
-            ]
-        return uses
+        uses = [_in_order(use, triple) for triple in moving if (use := self._sensor(triple)) is not None]
+        keys, used = {use.key for use in uses}, {k for use in uses for k in use.columns}
+        if keys == {"accel"}:  # beside it, three numbers of one name that move around a constant
+            quiet = [t for t in moving if not used & set(t.indices) and _may_be_gyro(t)]
+            uses += [_by_noise(triple, self._gravity, named=False) for triple in quiet[:1]]
+        of_triples = {k for triple in free for k in triple.indices}
+        singles = self._single_axes(of_triples) if len(keys) < len(INERTIAL) else ()
+        return [*uses, *(use for use in singles if use.key not in keys)]
 
     def _sensor(self, triple: Triple) -> Use | None:
         """Return the sensor that a triple is, with its unit; None: it is none."""
-        words, quantity = triple.words, triple.known_quantity
-        if re.fullmatch(r"(?:axis|3 ?dof|value|values|raw|data|\d| )*", words):
-            words = f"{words} {self._hint}"
+        words, quantity = self._words(triple), triple.known_quantity
         if (use := self._increments_of_gravity(triple, words)) is not None:
             return use
         if _is_of_another_sensor(words, quantity):
             return None
-        angular, linear, delta = (bool(part.search(words)) for part in (ANGULAR, LINEAR, DELTA))
         if quantity is not None:
-            return self._stated(triple, quantity, angular=angular, delta=delta)
-        angular |= delta and re.search(r"theta|ang|gyr|rot", words) is not None
-        linear |= delta and "vel" in words
-        if triple.unit and (angular or linear):
-            return self._of_unknown_unit(triple, "gyro" if angular else "accel")
-        of_gravity = units_of_gravity(triple.size) if len(triple.axes) == len(AXES) else []
-        if triple.unit or (words.strip() and not (angular or linear or of_gravity)):
+            return self._stated(triple, quantity)
+        key = _key_of_words(words)
+        if triple.unit:
+            return self._of_unknown_unit(triple, key) if key else None
+        if key or units_of_gravity(triple.size):
+            return self._by_size(triple, key or "accel", delta=bool(DELTA.search(words)), named=bool(key))
+        if words.strip():
             return None
-        if angular or linear or of_gravity:
-            return self._by_size(triple, "gyro" if angular else "accel", delta=delta, named=angular or linear)
         if triple.counts and counts_of_gravity(triple.size):
             return _in_counts(triple, "accel")
         return _by_noise(triple, self._gravity, named=False)
+
+    def _words(self, triple: Triple) -> str:
+        """Return the words of a triple, with the sensor that the text before the table says if they say none."""
+        says_none = re.fullmatch(r"(?:axis|3 ?dof|value|values|raw|data|\d| )*", triple.words)
+        return f"{triple.words} {self._hint}" if says_none else triple.words
 
     def _by_size(self, triple: Triple, key: str, *, delta: bool, named: bool) -> Use:
         """Return a sensor without a unit, in the one that its size shows or suggests."""
@@ -269,8 +257,9 @@ class _ColumnReader:
                 )
         return None
 
-    def _stated(self, triple: Triple, quantity: str, *, angular: bool, delta: bool) -> Use | None:
+    def _stated(self, triple: Triple, quantity: str) -> Use | None:
         """Return a sensor whose unit is stated."""
+        angular, delta = (part.search(self._words(triple)) is not None for part in (ANGULAR, DELTA))
         key, unit, kind = SENSORS[quantity], triple.unit, kind_of(triple.words)
         if quantity in INCREMENTS.values() and not delta:
             if not (angular and quantity == "angle") or re.search(r"angle|pose|position", triple.words):
@@ -315,10 +304,8 @@ class _ColumnReader:
         """Yield the sensors of one axis: a single column by its unit or name, where the sensor has no triple."""
         alone: dict[str, list[Use]] = {}
         for column in self._columns:
-            words, known = column.words or self._hint, column.known
-            named = (ANGULAR.search(words) or LINEAR.search(words)) and not column.rises and not column.unit
-            is_sensor = named if known is None else known.quantity in INERTIAL
-            if column.constant or not is_sensor or column.index in of_triples | self._taken:
+            words = column.words or self._hint
+            if column.index in of_triples | self._taken or not _is_of_one_axis(column, words):
                 continue
             axis = re.search(r"(?:^| )([xyz])(?: |$)|([xyz])$", words)
             triple = Triple((column,), ((axis[1] or axis[2]) if axis else "x",), column.base)
@@ -405,10 +392,7 @@ class _ColumnReader:
         for channel, text in (self._options.columns or {}).items():
             key, _, axis = channel.partition("/")
             if key == "t" and "+" in text and find(self._names, text) is None:
-                parts = [given_column(self._names, part) for part in text.split("+")]
-                unit = "+".join(part[1] or default for part, default in zip(parts, ("s", "ns"), strict=False))
-                columns = tuple(part[0] for part in parts)
-                uses["t"] = Use("t", columns, ("", ""), unit, known_unit("s", "t"), True, "it is given")
+                uses["t"] = self._given_pair(text)
             elif key != "rate":
                 given.setdefault(key, []).append((axis, *given_column(self._names, text)))
         for key, named in given.items():
@@ -418,6 +402,13 @@ class _ColumnReader:
             text = f"{option('columns')} gives {self._names[twice[0]]} to two channels"
             raise RecordingError("column_twice", text, "name another column for each axis")
         return uses
+
+    def _given_pair(self, text: str) -> Use:
+        """Return the time whose seconds and parts of a second are in two columns."""
+        parts = [given_column(self._names, part) for part in text.split("+")]
+        unit = "+".join(part[1] or default for part, default in zip(parts, ("s", "ns"), strict=False))
+        columns = tuple(part[0] for part in parts)
+        return Use("t", columns, ("", ""), unit, known_unit("s", "t"), True, "it is given")
 
     def _given_use(self, key: str, named: Sequence[tuple[str, int, str, float]]) -> Use:
         """Return one sensor, or the time, that the user names; without a unit, that of the name or of the numbers."""
@@ -434,13 +425,9 @@ class _ColumnReader:
             reason = f"the size of {triple.label} is what only the owner knows: it is in the data sheet"
             return replace(_use(key, triple, unit, reason, scale=0.0), known=None)
         if known is not None:
-            use = _use(key, triple, unit, "it is given", certain=True, scale=scale)
-            if reason := _contradiction(triple, unit, known):
-                units = units_of_gravity(triple.size) if key == "accel" else ["UNIT"]
-                given = option_text(columns={key: f"{self._listed(triple.indices)}:{units[0]}"})
-                raise RecordingError("wrong_unit", reason, f"give the unit that they have, such as {given}")
-            is_average = self._options.samples in ("average", "increment") and key in INERTIAL
-            return replace(use, kind="deltas") if is_average or known.quantity in INCREMENTS.values() else use
+            return self._with_given_unit(
+                _use(key, triple, unit, "it is given", certain=True, scale=scale), triple
+            )
         if key == "t":
             return self._clock.use_of(columns[0])
         if key in INERTIAL:
@@ -450,6 +437,16 @@ class _ColumnReader:
         return _use(
             key, triple, default, f"{columns[0].name} has no unit", certain=bool(default), scale=scale
         )
+
+    def _with_given_unit(self, use: Use, triple: Triple) -> Use:
+        """Return what the user names with its unit; raise `RecordingError` if its numbers cannot have that one."""
+        assert use.known is not None
+        if reason := _contradiction(triple, use.unit, use.known):
+            units = units_of_gravity(triple.size) if use.key == "accel" else []
+            given = option_text(columns={use.key: f"{self._listed(triple.indices)}:{[*units, 'UNIT'][0]}"})
+            raise RecordingError("wrong_unit", reason, f"give the unit that they have, such as {given}")
+        is_average = self._options.samples in ("average", "increment") and use.key in INERTIAL
+        return replace(use, kind="deltas") if is_average or use.known.quantity in INCREMENTS.values() else use
 
     def _given_unit(self, key: str, columns: Sequence[NamedColumn], given: str) -> tuple[str, Unit | None]:
         """Return the unit that the user gives, else that of a name; empty and None: neither is one of the sensor."""
@@ -467,29 +464,16 @@ class _ColumnReader:
 
     # ------------------------------------------------------------ what is beside the sensors
 
-    def _beside(self, used: set[int]) -> dict[str, Use]:
+    def _beside(self, free: Sequence[NamedColumn]) -> dict[str, Use]:
         """Return magnetometer, temperature and pressure whose unit is stated, or shown by the size."""
         uses = {key: use for key, use in self._given.items() if key in ("mag", *PLAUSIBLE)}
-        for triple in self._triples if self._options.sensor is None else ():
-            free = not used & set(triple.indices) and not all(c.constant for c in triple.columns)
-            if free and triple.known_quantity == "mag":
+        indices = {column.index for column in free}
+        for triple in self._triples:
+            is_free = indices.issuperset(triple.indices) and not all(c.constant for c in triple.columns)
+            if is_free and triple.known_quantity == "mag" and self._options.sensor is None:
                 uses.setdefault("mag", _use("mag", triple, triple.unit, "its unit is stated", certain=True))
-        for column in self._columns:
-            named = not column.unit and re.search(r"temp|(?:^| )tmp(?: |$)|^t$", column.words)
-            known = known_unit("degC") if column.known is None and named else column.known
-            if (
-                column.index in used
-                or not len(column.present)
-                or COUNTER.search(column.words)
-                or known is None
-            ):
-                continue
-            low, high = PLAUSIBLE.get(known.quantity, (math.inf, 0.0))
-            if low < float(np.median(column.present)) * known.factor - known.zero < high:
-                unit, reason = column.unit or "degC", "its unit is stated, or its size is that of degC"
-                uses.setdefault(
-                    known.quantity, Use(known.quantity, (column.index,), ("",), unit, known, True, reason)
-                )
+        for use in filter(None, map(_slow_sensor, free)):
+            uses.setdefault(use.key, use)
         return uses
 
     def _no_sensor(self) -> RecordingError:
@@ -618,6 +602,22 @@ def _unit_of_one_g(triple: Triple) -> str:
     return triple.unit.lower() if triple.known_quantity else next(iter(units_of_gravity(triple.size)), "")
 
 
+def _in_order(use: Use, triple: Triple) -> Use:
+    """Return a sensor, with a question if nothing states the order of its axes."""
+    if not triple.guessed or not use.certain:
+        return use
+    reason = f"the order of the axes in {triple.label} is assumed"
+    return replace(use, certain=False, assumption="assumed_columns", reason=reason)
+
+
+def _key_of_words(words: str) -> str:
+    """Return the sensor that words name; empty: none."""
+    delta = DELTA.search(words)
+    if ANGULAR.search(words) or (delta and re.search(r"theta|ang|gyr|rot", words)):
+        return "gyro"
+    return "accel" if LINEAR.search(words) or (delta and "vel" in words) else ""
+
+
 def _is_of_another_sensor(words: str, quantity: str | None) -> bool:
     """Return whether the unit or the words of a triple are those of something else than an inertial sensor."""
     if quantity in ("mag", "temperature", "pressure", "t"):
@@ -626,6 +626,28 @@ def _is_of_another_sensor(words: str, quantity: str | None) -> bool:
     # user acceleration and the rate of the earth frame have the unit, and are of a sensor
     other = re.search(r"bias|drift|offset|std|cov|gravity|mag", words) if is_inertial else True
     return bool(OTHER.search(words) and other)
+
+
+def _is_of_one_axis(column: NamedColumn, words: str) -> bool:
+    """Return whether a single column is of an inertial sensor, by its unit or words."""
+    if column.constant:
+        return False
+    if column.known is not None:
+        return column.known.quantity in INERTIAL
+    return bool(_key_of_words(words)) and not column.rises and not column.unit
+
+
+def _slow_sensor(column: NamedColumn) -> Use | None:
+    """Return the temperature or the pressure that a column is, by its unit or name, and its size; None: it is none."""
+    named = not column.unit and re.search(r"temp|(?:^| )tmp(?: |$)|^t$", column.words)
+    known = known_unit("degC") if column.known is None and named else column.known
+    if known is None or not len(column.present) or COUNTER.search(column.words):
+        return None
+    low, high = PLAUSIBLE.get(known.quantity, (math.inf, 0.0))
+    if not low < float(np.median(column.present)) * known.factor - known.zero < high:
+        return None
+    unit, reason = column.unit or "degC", "its unit is stated, or its size is that of degC"
+    return Use(known.quantity, (column.index,), ("",), unit, known, True, reason)
 
 
 def _why_unused(column: NamedColumn) -> str:

@@ -30,7 +30,7 @@ import math
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any
@@ -412,14 +412,10 @@ def _elements(names: Sequence[str]) -> list[str]:
 
 def _by_code(table: PrintedTable, texts: Sequence[Sequence[str]], above: Sequence[str]) -> list[PrintedTable]:
     """Return a table, or one for each value of a column by which the numbers differ; a first word always divides."""
-    constant: list[tuple[int, str]] = []
     for k in range(len(table.names)):
         cells = [row[k] for row in texts]
         counts = Counter(cell for cell in cells if cell)
-        if _name_one_sensor(cells, counts):
-            constant.append((k, cells[0]))
-        few = 1 < len(counts) <= MOST_CODES and min(counts.values()) >= max(3, FREQUENT * len(cells))
-        if k in table.dates or not few or not _may_be_code(table.names[k], counts):
+        if k in table.dates or not _may_be_code(table.names[k], counts, len(cells)):
             continue
         groups = {value: np.array([cell == value for cell in cells]) for value in counts}
         is_word = k == 0 and all(number_of(value) is None for value in counts)
@@ -434,18 +430,16 @@ def _by_code(table: PrintedTable, texts: Sequence[Sequence[str]], above: Sequenc
                 )
                 for value, rows in groups.items()
             ]
-    if constant:  # all rows so far are of the sensor that a column names
-        return [replace(table, codes=tuple(constant), source=f"{constant[0][1]} {table.source}")]
-    return [table]
+    columns = enumerate(zip(*texts, strict=True))
+    constant = tuple((k, cells[0]) for k, cells in columns if _name_one_sensor(cells))
+    # all rows so far are of the sensor that a column names
+    return [replace(table, codes=constant, source=" ".join([*(word for _, word in constant), table.source]))]
 
 
-def _name_one_sensor(cells: Sequence[str], counts: Mapping[str, int]) -> bool:
-    """Return whether all cells that are not empty hold the same name of a sensor."""
-    return (
-        len(counts) == 1
-        and re.search("acc|gyr", next(iter(counts)), re.IGNORECASE) is not None
-        and number_of(cells[0]) is None
-    )
+def _name_one_sensor(cells: Sequence[str]) -> bool:
+    """Return whether all cells hold the same name of a sensor."""
+    names = {cell for cell in cells if cell}
+    return len(names) == 1 and re.search("acc|gyr", cells[0], re.IGNORECASE) is not None
 
 
 _DEVICE = re.compile(
@@ -455,13 +449,13 @@ _DEVICE = re.compile(
 """Words of columns that name a sensor or a device."""
 
 
-def _may_be_code(name: str, values: Iterable[str]) -> bool:
-    """Return whether a column may say of which sensor a row is: by words, or by whole numbers below such a name."""
-    if any(number_of(value) is None for value in values):
+def _may_be_code(name: str, counts: Mapping[str, int], rows: int) -> bool:
+    """Return whether a column may say of which sensor a row is: by few words, or whole numbers below such a name."""
+    if not 1 < len(counts) <= MOST_CODES or min(counts.values()) < max(3, FREQUENT * rows):
+        return False
+    if any(number_of(value) is None for value in counts):
         return True
-    return all(re.fullmatch(r"\d+", value) for value in values) and (
-        not name or bool(_DEVICE.search(words_of(name)))
-    )
+    return all(re.fullmatch(r"\d+", v) for v in counts) and (not name or bool(_DEVICE.search(words_of(name))))
 
 
 def _differ(rows: Floats, code: int, groups: Sequence[Any]) -> bool:

@@ -181,11 +181,9 @@ class RecordReader:
     def _by_pattern(self, block: bytes, first: int, *, last: bool) -> tuple[Floats, Sequence[int]]:
         block, first = self._rest + block, first - self._rest_lines
         self._rest, self._rest_lines = b"", 0
+        if last:
+            block = self._with_tail(block)
         matches = self._pattern.findall(block)
-        tail = self._table.tail.encode()
-        if last and tail and len(more := self._pattern.findall(block + tail)) > len(matches):
-            block, matches = block + tail, more
-            self._ledger.add("part", -tail.count(b"\n"))  # of the last record, which lacks them
         count, lines = line_count(block), self._table.lines
         if len(matches) * lines == count:  # nothing stands between the records
             self._ledger.add("part", len(matches) * (lines - 1))
@@ -216,6 +214,14 @@ class RecordReader:
             np.insert(self._values(matches), where, math.nan, axis=0),
             np.insert(first + starts, where, 0).tolist(),
         )
+
+    def _with_tail(self, block: bytes) -> bytes:
+        """Return the last lines of a text, with those that the last record lacks behind its numbers."""
+        tail = self._table.tail.encode()
+        if not tail or len(self._pattern.findall(block + tail)) == len(self._pattern.findall(block)):
+            return block
+        self._ledger.add("part", -line_count(tail))
+        return block + tail
 
     def _values(self, matches: Sequence[Any]) -> Floats:
         """Return (n, k) numbers of the columns that are used."""
@@ -253,18 +259,10 @@ class RecordReader:
 
     def _reason_between(self, line: bytes, place: int, *, is_end: bool) -> str:
         """Return why a line between two records is none."""
-        table = self._table
-        text = decoded(line) if len(line) <= LONGEST_LINE else ""
-        if not line.strip():
-            return "blank"
-        if line.lstrip().startswith((b"#", b"%", b"//")):
-            return "comment"
-        if table.header and text == table.header:
-            return "header"
+        table, text = self._table, decoded(line) if len(line) <= LONGEST_LINE else ""
         cells = [] if table.pattern else split(text, table.separator)
-        is_other = any(cells[k : k + 1] != [code] for k, code in table.codes)
-        if is_other or any(other.match(line + b"\n") for other in self._others):
-            return "other_sensor"
+        if reason := self._reason_outside(line, text, cells):
+            return reason
         if is_end or not self._begun:  # half a line of a program that was killed, or that had begun before
             return "pending" if self._begun else "start"
         if not text or line == TOO_LONG_BYTES:
@@ -272,9 +270,24 @@ class RecordReader:
         if table.header and len(cells) > 2 and are_names(cells):
             self.problem = f"{self._path} line {place} names other columns: only the rows before are used"
             return "other_message"
-        numbers = len(cells) or sum(match["number"] is not None for match in TOKEN.finditer(text))
+        numbers = len(cells) or _numbers_in(text)
         is_part = 2 * numbers * table.lines >= len(table.names) and bool(numbers)
         return "damaged" if is_part else "not_numbers"
+
+    def _reason_outside(self, line: bytes, text: str, cells: Sequence[str]) -> str:
+        """Return why a line belongs to no record of this table; empty: it may."""
+        is_other = any(cells[k : k + 1] != [code] for k, code in self._table.codes)
+        reasons = {
+            "blank": not line.strip(),
+            "comment": line.lstrip().startswith((b"#", b"%", b"//")),
+            "header": bool(text) and text == self._table.header,
+            "other_sensor": is_other or any(other.match(line + b"\n") for other in self._others),
+        }
+        return next((reason for reason, holds in reasons.items() if holds), "")
+
+
+def _numbers_in(text: str) -> int:
+    return sum(match["number"] is not None for match in TOKEN.finditer(text))
 
 
 _CELL = r"(?i:[-+]?(?:\d[\d.]*|\.\d+)(?:e[-+]?\d+)?(?:\*[0-9A-F]{2,8})?|[-+]?(?:nan|inf|infinity)|na|n/a|null|none|-|)"

@@ -17,7 +17,7 @@ A time that falls further is a clock that restarts, and stays. Rows in no order 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -237,28 +237,33 @@ class RowSelection:
         slower = held if len(held) < len(self._names) - len(empty) else set()
         reasons = dict(_unused(sensors, filled, empty, slower))
         times = range(len(layout.columns), len(layout.columns) + len(layout.times))
-        reasons |= {
-            k: "another column of the time lacks numbers" for k in times if any(j in reasons for j in times)
-        }
+        if reasons.keys() & set(times):
+            reasons |= dict.fromkeys(times, "a column of the time lacks numbers")
+        self._leave_out(reasons)
+        used = self._used = [k for k in range(len(columns)) if k not in reasons]
+        self.held = held - slower
+        self.needed = [i for i, k in enumerate(used) if not sensors[k] or sensors[k] in INERTIAL]
+        of_held = [i for i, k in enumerate(used) if sensors[k] in self.held]
+        self._compared = of_held or list(range(len(used) if self._doubled else 0))
+        self.started = True
+        self._unset = len(self.layout.times) == 1 and self._has_unset_times(rows[:, times[0]])
+
+    def _leave_out(self, reasons: Mapping[int, str]) -> None:
+        """Leave columns out of the layout, by their places and why; note it."""
+        layout, columns, count = self.layout, self.columns, len(self.layout.columns)
         self.unused |= {columns[k].index: reason for k, reason in reasons.items()}
         for reason in dict.fromkeys(reasons.values()):
             names = ", ".join(columns[k].name for k in reasons if reasons[k] == reason)
             self._remarks.append(f"{names} not used: {reason}")
-        self._used = [k for k in range(len(columns)) if k not in reasons]
-        self.held = held - slower
-        self.needed = [i for i, k in enumerate(self._used) if not sensors[k] or sensors[k] in INERTIAL]
-        every = list(range(len(self._used))) if self._doubled else []
-        self._compared = [i for i, k in enumerate(self._used) if sensors[k] in self.held] or every
-        channels = [k for k in self._used if sensors[k]]
+        kept = [k for k in range(len(columns)) if k not in reasons]
+        channels, end_of_times = [k for k in kept if k < count], count + len(layout.times)
         self.layout = replace(
             layout,
             channels=tuple(layout.channels[k] for k in channels),
             columns=tuple(layout.columns[k] for k in channels),
-            times=tuple(columns[k] for k in times if k not in reasons),
-            interval=None if len(columns) - 1 in reasons else layout.interval,
+            times=tuple(columns[k] for k in kept if count <= k < end_of_times),
+            interval=layout.interval if any(k >= end_of_times for k in kept) else None,
         )
-        self.started = True
-        self._unset = len(times) == 1 and bool(self.layout.times) and self._has_unset_times(rows[:, times[0]])
 
     def _held_sensors(self, rows: Floats, empty: set[str]) -> set[str]:
         """Return the inertial sensors whose numbers are held in some rows, because rows come faster than samples.
@@ -279,13 +284,7 @@ class RowSelection:
         is_stuck = copies(rows[:, :width])[moved].mean() >= 0.5
         self._doubled = not is_stuck and not moved.all() and copies(rows)[~moved].mean() >= COPIED
         rows = rows[np.append(True, moved)]
-        held: dict[str, Bools] = {}
-        for sensor, axes in zip(self._names, self._axes, strict=True):
-            whole = rows[np.isfinite(rows[:, axes]).all(axis=1)][:, axes]
-            if len(axes) == len(AXES) and sensor not in empty and len(whole) >= FEWEST_HELD:
-                repeats = copies(whole)
-                if _is_held(repeats, float((whole[1:] == whole[:-1]).mean())):
-                    held[sensor] = repeats
+        held = dict(self._repeats_of_sensors(rows, empty))
         shares = [f"{sensor} in {share_text(float(repeats.mean()))}" for sensor, repeats in held.items()]
         if len(held) == len(INERTIAL):
             one, other = held.values()
@@ -297,6 +296,15 @@ class RowSelection:
             text = f"the rows repeat {shares[0]} of them: it is slower than they are, and left out"
             self._remarks.append(f"{text}; {option_text(sensor=next(iter(held)))} reads it")
         return set(held)
+
+    def _repeats_of_sensors(self, rows: Floats, empty: set[str]) -> Iterator[tuple[str, Bools]]:
+        """Yield each inertial sensor whose numbers are held, with the rows that repeat them."""
+        for sensor, axes in zip(self._names, self._axes, strict=True):
+            whole = rows[np.isfinite(rows[:, axes]).all(axis=1)][:, axes]
+            if len(axes) == len(AXES) and sensor not in empty and len(whole) >= FEWEST_HELD:
+                repeats = copies(whole)
+                if _is_held(repeats, float((whole[1:] == whole[:-1]).mean())):
+                    yield sensor, repeats
 
     def _has_unset_times(self, times: Floats) -> bool:
         """Return whether the time is 0 in rows for which the clock was not set, and note it."""

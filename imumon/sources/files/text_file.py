@@ -127,41 +127,39 @@ class TextFile(Table):
         """Return the table that is read, and what its columns are."""
         wanted = self._options.where or {}
         labels = [_labels(k, each) for k, each in enumerate(printed)]
-        places = [k for k, of in enumerate(labels) if all(_same(of.get(c), v) for c, v in wanted.items())]
+        places = [k for k, of in enumerate(labels) if _are_chosen(of, wanted)]
         if not places:
             listed = ", ".join(code for each in printed for _, code in each.codes)
             message = f"no row of the first has {option_text(where=wanted)}"
             raise RecordingError("no_such_rows", message, f"there are {listed or 'no such columns'}")
-        readings: dict[int, Reading] = {}
-        faults: list[RecordingError] = []
-        for k in places:
-            try:
-                readings[k] = self._reading(printed[k], text)
-            except RecordingError as error:
-                faults.append(error)
-        if not readings:
-            raise max(faults, key=lambda error: error.code != "no_sensor")
+        readings = self._readings({k: printed[k] for k in places}, text)
         sensors = {k: [use.key for use in each.uses if use.key in INERTIAL] for k, each in readings.items()}
         best = min(readings, key=lambda k: (len(sensors[k]) < len(INERTIAL), "gyro" not in sensors[k], k))
         if len(readings) == 1 or wanted:
             return printed[best], readings[best]
-        choices = {k: {next(reversed(labels[k])): next(reversed(labels[k].values()))} for k in readings}
-        others = [
-            f"{option_text(where=choice)} ({'+'.join(sensors[k])})"
-            for k, choice in choices.items()
-            if k != best
-        ]
+        choices = {k: dict([list(labels[k].items())[-1]]) for k in readings}
+        texts = {k: f"{option_text(where=choice)} ({'+'.join(sensors[k])})" for k, choice in choices.items()}
+        others = ", ".join(text for k, text in texts.items() if k != best)
         reason = (
             f"the rows are of several sensors: {option_text(where=choices[best])} is proposed; others are "
         )
-        question = Use(
-            "rows",
-            known=Unit("rows", 1.0),
-            reason=reason + ", ".join(others),
-            assumption="assumed_columns",
-        )
+        known = Unit("rows", 1.0)
+        question = Use("rows", known=known, reason=reason + others, assumption="assumed_columns")
         where = tuple(choices[best].items())
         return printed[best], replace(readings[best], uses=(*readings[best].uses, question), where=where)
+
+    def _readings(self, wanted: Mapping[int, PrintedTable], text: str) -> dict[int, Reading]:
+        """Return what the columns of tables are, of those that have a sensor; raise `RecordingError` if none has."""
+        readings: dict[int, Reading] = {}
+        faults: list[RecordingError] = []
+        for k, table in wanted.items():
+            try:
+                readings[k] = self._reading(table, text)
+            except RecordingError as error:
+                faults.append(error)
+        if not readings:
+            raise max(faults, key=lambda error: error.code != "no_sensor")
+        return readings
 
     def _reading(self, table: PrintedTable, text: str) -> Reading:
         """Return what the columns of a table are, with what is known of its format."""
@@ -260,6 +258,10 @@ def _labels(place: int, table: PrintedTable) -> dict[str, str]:
     for k, code in table.codes[::-1]:
         labels |= {str(k + 1): code, table.names[k].strip() or str(k + 1): code}
     return labels
+
+
+def _are_chosen(labels: Mapping[str, str], wanted: Mapping[str, str]) -> bool:
+    return all(_same(labels.get(column), value) for column, value in wanted.items())
 
 
 def _same(value: str | None, other: str) -> bool:
