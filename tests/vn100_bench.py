@@ -22,10 +22,6 @@ RATE = {9600: 5.0, 19200: 10.0, 38400: 25.0}
 """Hz, by the bauds that carry no 40 Hz."""
 
 
-class Unplugged(Exception):
-    """Exception of a port that has vanished."""
-
-
 class Killed(BaseException):
     """End of the process."""
 
@@ -44,7 +40,7 @@ class Bench:
         self.baud = baud
         self.written: list[bytes] = []
         self.adapter_can = set(BAUD_RATES)
-        self.dead = self.vanished = False
+        self.dead = False
         self.steps_left: int | None = None  # reads and writes until the process is killed
         self.impostor: str | None = None  # a kind of `foreign_device`
         self._count = 0
@@ -75,8 +71,6 @@ class Bench:
 
     def _live(self) -> None:
         """Queue the messages that the device has sent by now."""
-        if self.vanished:
-            raise Unplugged
         sent = [message for _, message in self.device.advance(int(self.now * 800))]
         sent += self.device.replies(self.now)
         if self.impostor is not None:
@@ -91,8 +85,6 @@ class Bench:
         self._line_baud = self.device.baud  # a reply has the baud rate of its command
 
     def write(self, data: bytes) -> None:
-        if self.vanished:
-            raise Unplugged
         self._step()
         self.written.append(data)
         if self.refuses and self.refuses in data:

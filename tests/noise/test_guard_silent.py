@@ -70,12 +70,3 @@ def test_a_coarse_axis_that_repeats_as_often_shows_a_knock() -> None:
     _, valid = guarded(values, 40.0)
     assert not valid[12_000:12_040].any()
     assert (~valid[:, 0]).sum() < 200
-
-
-def test_an_axis_that_becomes_constant_is_stuck() -> None:
-    values = quiet(40.0)
-    values[12_000:, 1] = values[12_000, 1]
-    guard, valid = guarded(values, 40.0)
-    assert guard.stuck
-    assert not valid[12_080:].any()
-    assert list(guard.excluded) == ["stuck"]

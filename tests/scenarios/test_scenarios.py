@@ -299,14 +299,3 @@ def test_26_killed_thirty_times(tmp_path: Path) -> None:
         assert not [
             path.name for path in play.state.iterdir() if "damaged" in path.name or ".new" in path.name
         ]
-
-
-DOCUMENTS = ("json", "csv", "html")
-
-
-CALLS_OF_A_SAVE, CALLS_OF_A_DAEMON = 24, 8
-"""Calls that write of one save of state and history, with some more; the log has a message ten times an hour."""
-
-
-DAYS, STEP_S, PERIOD_S = 30, 10, 3600
-SAMPLES = DAYS * 86400 // STEP_S

@@ -61,19 +61,13 @@ def flat(values: Any) -> list[float]:
 # ---------------------------------------------------------------------------------------- vectors
 
 
-def vectors_decode(vectors: list[dict[str, Any]]) -> None:
-    """Check that each vector gives its values in any chunks."""
-    assert vectors
-    for vector in vectors:
+def test_vectors_decode_the_same_in_any_chunks() -> None:
+    for vector in json.loads((TESTS / "data" / "vn100_vectors.json").read_text()):
         with case(vector["id"]):
             data = base64.b64decode(vector["b64"]) if "b64" in vector else bytes.fromhex(vector["hex"])
             for chunk in CHUNKS if vector["kind"] == "stream" else range(1, len(data) + 1):
                 decoder, items = decode(data, chunk)
                 _vector_is(vector, data, decoder, items)
-
-
-def test_vectors_decode_the_same_in_any_chunks() -> None:
-    vectors_decode(json.loads((TESTS / "data" / "vn100_vectors.json").read_text()))
 
 
 def _vector_is(vector: dict[str, Any], data: bytes, decoder: Vn100Decoder, items: list[DecodedItem]) -> None:
