@@ -157,6 +157,38 @@ def test_a_command_runs(block: Block, runs: Runs) -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow  # ten hours of a sensor in time-lapse
+def test_the_commands_of_the_readme_for_a_sensor_run_beside_an_emulated_one(tmp_path: Path) -> None:
+    """Numbers for Kalibr in three commands, of which the second ends when the third has what it needs."""
+    blocks = re.findall(
+        r"^```sh sensor\n(.*?)^```$", (ROOT / "README.md").read_text("utf-8"), re.M | re.DOTALL
+    )
+    text = "".join(blocks)
+    commands = [line.partition(" #")[0].split() for line in text.splitlines()]
+    asking = [words[1:] for words in commands if words[1] in ("wait", "report")]
+    assert [words[0] for words in asking] == ["wait", "report"]
+    with Daemon("sim", tmp_path / "state", "--seed", "1", "--speed", "10000") as daemon:
+        daemon.samples()
+        for words in asking:
+            done = subprocess.run(
+                [sys.executable, "-m", "imumon", *words, "--connect", daemon.endpoint],
+                cwd=tmp_path, capture_output=True, text=True, check=False, timeout=280,
+            )  # fmt: skip
+            assert done.returncode == 0, done.stderr
+    walks = re.findall(r"^\w*random_walk: ([\d.e+-]+)", (tmp_path / "imu.yaml").read_text(), re.MULTILINE)
+    assert len(walks) == 2
+
+
+def test_the_tables_of_the_documents_are_the_saved_results() -> None:
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    document_tables = import_module("document_tables")
+    for path in document_tables.DOCUMENTS:
+        text = path.read_text("utf-8")
+        assert document_tables.written(text) == text, (
+            f"python benchmarks/document_tables.py writes {path.name}"
+        )
+
+
 def test_the_installed_command_runs(place: Place) -> None:
     """The commands of documents are forked: this is the one that pip installed, in a process of its own."""
     command = Path(sys.executable).parent / "imumon"
