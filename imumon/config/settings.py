@@ -104,7 +104,7 @@ class MetricsSettings(Section):
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class RecordSettings(Section):
+class RecordingSettings(Section):
     """The raw bytes, saved for replay"""
 
     file: str = ""
@@ -181,7 +181,7 @@ class Settings:
     zenoh: ZenohSettings = field(default_factory=ZenohSettings)
     state: StateSettings = field(default_factory=StateSettings)
     history: HistorySettings = field(default_factory=HistorySettings)
-    record: RecordSettings = field(default_factory=RecordSettings)
+    record: RecordingSettings = field(default_factory=RecordingSettings)
     report: ReportSettings = field(default_factory=ReportSettings)
     guards: GuardSettings = field(default_factory=GuardSettings)
     metrics: MetricsSettings = field(default_factory=MetricsSettings)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from imumon.config import RecordSettings
+from imumon.config import RecordingSettings
 from imumon.model.errors import ImumonError
 
 if TYPE_CHECKING:  # most daemons record nothing
@@ -32,7 +32,7 @@ class Recorder:
     failed : why a recording ended before its record; None: none did.
     """
 
-    def __init__(self, settings: RecordSettings) -> None:
+    def __init__(self, settings: RecordingSettings) -> None:
         self._settings = settings
         self._early = bytearray()
         self._writer: CaptureWriter | None = None

@@ -35,7 +35,7 @@ def letters_for(program: str) -> tuple[str, ...]:
     return ("N",) if program == "ros" else ("N", "K")
 
 
-State: TypeAlias = Literal["ready", "growing", "bound", "none"]
+ReadinessState: TypeAlias = Literal["ready", "growing", "bound", "none"]
 """Of one coefficient: as precise as configured; measured, not precise enough; only a bound; pending or absent."""
 
 
@@ -55,7 +55,7 @@ class Readiness:
     seconds: float | None
 
 
-def state_of(channel: Channel, letter: str, precision: Mapping[str, float]) -> State:
+def state_of(channel: Channel, letter: str, precision: Mapping[str, float]) -> ReadinessState:
     """Return the state of a coefficient of one channel.
 
     Parameters

@@ -19,7 +19,7 @@ from faulty_sensor import spawn
 
 from imumon.api.replay import replay
 from imumon.api.replay_options import ReplayOptions
-from imumon.config import RecordSettings
+from imumon.config import RecordingSettings
 from imumon.daemon.recorder import Recorder
 from imumon.model.report import Report, from_json
 from imumon.model.samples import Gap
@@ -171,7 +171,7 @@ def slow_disk(tmp_path: Path) -> tuple[Recorder, int]:
     fifo = tmp_path / "slow"
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
-    recorder = Recorder(RecordSettings(file=str(fifo)))
+    recorder = Recorder(RecordingSettings(file=str(fifo)))
     recorder.start({})
     recorder.write(bytes(200_000))
     return recorder, reader
@@ -190,12 +190,12 @@ def test_a_recording_that_has_stopped_is_reported_and_not_restarted(tmp_path: Pa
 def test_a_pipe_without_a_reader_is_a_problem_and_one_with_a_reader_is_recorded_to(tmp_path: Path) -> None:
     path = str(tmp_path / "pipe")
     os.mkfifo(path)
-    recorder = Recorder(RecordSettings(file=path))
+    recorder = Recorder(RecordingSettings(file=path))
     recorder.check_file()
     assert recorder.start({}) is None
     assert "no program reads that pipe" in recorder.problems()[0]
     reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    recorder = Recorder(RecordSettings(file=path))
+    recorder = Recorder(RecordingSettings(file=path))
     assert recorder.start({}) == path
     recorder.write(b"abc")
     recorder.close()
