@@ -123,9 +123,11 @@ def test_quantisation_of_the_integral_is_no_white_noise() -> None:
 # --- lines and oscillations --------------------------------------------------------------------------------
 
 
-def line(frequency_hz: float, size: float, *, wander: float = 0.0, change: float = 0.0) -> Floats:
+def line(
+    frequency_hz: float, size: float, *, wander: float = 0.0, change: float = 0.0, seed: int = 3
+) -> Floats:
     """Return (n, c) a line of some standard deviations of the noise whose frequency and size change over a minute."""
-    rng, pole = np.random.default_rng(3), math.exp(-1.0 / 60.0)
+    rng, pole = np.random.default_rng(seed), math.exp(-1.0 / 60.0)
     seconds = round((LENGTH + 100) / RATE) + 2
     steps = scipy.signal.lfilter(
         [math.sqrt(1.0 - pole**2)], [1.0, -pole], rng.standard_normal((2, seconds, CHANNELS)), axis=1
@@ -178,6 +180,12 @@ def test_a_hum_that_wanders_leaves_the_noise(
         assert low < frequency_hz < high
         assert fit.K.status != "measured"
         assert fit.markov is None or fit.markov.sigma.status != "measured"
+
+
+def test_the_skirt_of_a_hum_that_wanders_to_zero_is_no_walk(quiet: Floats) -> None:
+    for seed in range(4, 8):
+        for fit in fitted(quiet + line(0.03, 1.0, wander=0.02 / 0.03, seed=seed)):
+            assert fit.K.status != "measured"
 
 
 @pytest.mark.few

@@ -148,6 +148,11 @@ class Hump:
         return float(np.sqrt(self._weight @ squares))
 
     @property
+    def reaches_zero(self) -> bool:
+        """Whether it wanders to frequency zero, so that what is below its band may be its skirt."""
+        return self.frequency < LINE_WIDTHS * self.width
+
+    @property
     def _weight(self) -> Floats:
         """(b,) share of each bin in its power; a bin that chance puts below the noise has none."""
         weight = np.maximum(self.density, 0.0) * self.size

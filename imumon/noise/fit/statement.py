@@ -450,14 +450,19 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
     low, value, high = limits[WALK]
     limits[WALK] = low, value, max(high, model.slow.walk_high)
     open_terms: list[NoiseTerm] = [term for term in GRIDDED if not shown[term]]
+    # below the band of a hum that wanders to frequency zero, its skirt looks like a walk, or like Gauss–Markov noise
+    reaches_zero = model.hump is not None and model.hump.reaches_zero
+    hides_markov = reaches_zero or model.choice.may_be_hump
     if markov is not None:
-        shown[markov.term] = markov.is_certain and not model.choice.may_be_hump
+        shown[markov.term] = markov.is_certain and not hides_markov
         limits[markov.term] = tuple(quantiles(markov.surface, markov.term, LIMITS).tolist())
         if not shown[markov.term]:
             open_terms.append(markov.term)
     confused = _confused(model, open_terms)
-    if markov is not None and markov.is_certain and model.choice.may_be_hump:
+    if markov is not None and markov.is_certain and hides_markov:
         confused[markov.term] = ["a vibration"]
+    if reaches_zero and shown[WALK]:
+        shown[WALK], confused[WALK] = False, ["a vibration"]
     if model.is_markov_instead:
         shown[WALK], confused[WALK] = False, [kind.letter for kind in TRIED]
     estimates: dict[NoiseTerm, Estimate] = {}
