@@ -179,31 +179,42 @@ class Datagrams(ReadOnlyPort):
         return True
 
 
+def _address_of(url: str) -> tuple[str, int, bool]:
+    """Return host, port and whether the host is a number of IPv6 of a URL; without a host, it is empty.
+
+    >>> _address_of("udp://:4000"), _address_of("tcp://[::1]:4000/")
+    (('', 4000, False), ('::1', 4000, True))
+    """
+    match = re.fullmatch(r"(\w+)://(?:\[([^]]+)\]|([^/:]*)):(\d+)/?", url)
+    if match is None or not 0 < int(match[4]) < 1 << 16:
+        scheme = url.partition(":")[0]
+        cure = f"write {scheme}://HOST:PORT{', or udp://:PORT' if scheme == 'udp' else ''}"
+        raise DeviceNotFound("port_url_invalid", f"cannot open {url}", cure)
+    return match[2] or match[3], int(match[4]), match[2] is not None
+
+
 def _open_tcp(url: str) -> socket.socket:
     """Return a connection to the server of a URL. pyserial would discard the first bytes, such as a header."""
-    match = re.fullmatch(r"tcp://(?:\[([^]]+)\]|([^/:]+)):(\d+)/?", url)
-    if match is None or not 0 < int(match[3]) < 1 << 16:
-        raise DeviceNotFound("port_url_invalid", f"cannot open {url}", "write tcp://HOST:PORT")
+    host, port, _ = _address_of(url)
     try:
         # the time-out also makes its descriptor non-blocking, as the reader of a port needs it
-        return socket.create_connection((match[1] or match[2], int(match[3])), timeout=5.0)
+        return socket.create_connection((host, port), timeout=5.0)
     except OSError as error:
-        cure = "check that the server is running and that the URL is correct"
-        raise DeviceNotFound("port_url_unreachable", f"cannot open {url} ({error})", cure) from None
+        raise _unreachable(url, error) from None
+
+
+def _unreachable(url: str, error: Exception) -> DeviceNotFound:
+    cure = "check that the server is running and that the URL is correct"
+    return DeviceNotFound("port_url_unreachable", f"cannot open {url} ({error})", cure)
 
 
 def _open_udp(url: str) -> socket.socket:
     """Return a socket that receives the datagrams of a URL; without a host, those of this machine."""
-    match = re.fullmatch(r"udp://(?:\[([^]]+)\]|([^/:]*)):(\d+)/?", url)
-    if match is None or not 0 < int(match[3]) < 1 << 16:
-        raise DeviceNotFound(
-            "port_url_invalid", f"cannot open {url}", "write udp://:PORT or udp://ADDRESS:PORT"
-        )
-    address = (match[1] or match[2] or "127.0.0.1", int(match[3]))
-    opened = socket.socket(socket.AF_INET6 if match[1] else socket.AF_INET, socket.SOCK_DGRAM)
+    host, port, is_ipv6 = _address_of(url)
+    opened = socket.socket(socket.AF_INET6 if is_ipv6 else socket.AF_INET, socket.SOCK_DGRAM)
     try:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, DATAGRAM_BYTES)
-        opened.bind(address)
+        opened.bind((host or "127.0.0.1", port))
         opened.setblocking(False)
     except OSError as error:
         opened.close()
@@ -215,15 +226,12 @@ def _open_udp(url: str) -> socket.socket:
 
 def _open_url(url: str, baud: int) -> Any:
     """Return an open port of pyserial on a URL."""
-    # pyserial fails with a TypeError of its own on such a URL without a port
-    network = re.match(r"(socket|rfc2217)://", url)
-    if network and not re.match(r"[^/]+:\d+", url[network.end() :]):
-        raise DeviceNotFound("port_url_invalid", f"cannot open {url}", f"write {network[0]}HOST:PORT")
+    if re.match(r"(socket|rfc2217)://", url):  # pyserial fails with a TypeError of its own without a port
+        _address_of(url.partition("?")[0])
     try:
         return pyserial.serial_for_url(url, baudrate=baud, timeout=POLL_S, write_timeout=1.0)
     except (OSError, ValueError) as error:
-        cure = "check that the server is running and that the URL is correct"
-        raise DeviceNotFound("port_url_unreachable", f"cannot open {url} ({error})", cure) from None
+        raise _unreachable(url, error) from None
 
 
 def _open_tty(path: str, baud: int) -> Any:

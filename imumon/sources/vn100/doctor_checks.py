@@ -17,9 +17,6 @@ SLOW_HZ = 40.0
 HIGH_LOAD = 0.8
 """Share of the baud from which a warning is due: replies and a second stream need the rest."""
 
-MAX_LOAD = 0.955
-"""Share of the baud that a VN-100 was seen to transmit without loss."""
-
 IMPOSSIBLE_LOAD = 1.05
 """Share of the baud rate that no serial line can transmit: the port is a pseudo-terminal, or ignores it."""
 
@@ -69,4 +66,4 @@ def _load(observation: Observation) -> Check:
     if load <= HIGH_LOAD:
         return Check("load", "ok", text)
     cure = "request a lower rate, or raise the baud rate with --set-baud"
-    return Check("load", "warning" if load <= MAX_LOAD else "failed", text, cure)
+    return Check("load", "warning", text, cure)
