@@ -210,13 +210,13 @@ class Actor:
     def kill(self, number: int = signal.SIGKILL) -> None:
         self.process.send_signal(number)
         if number == signal.SIGKILL:
-            self.process.wait(10)
+            self.process.wait(60)
 
     def end(self) -> None:
         if self.process.poll() is None:
             self.process.kill()
-        self.process.wait(10)
-        self._thread.join(10)
+        self.process.wait(60)
+        self._thread.join(60)
         for pipe in (self.process.stdin, self.process.stdout, self.process.stderr):
             if pipe:
                 with suppress(OSError):

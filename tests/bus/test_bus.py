@@ -109,7 +109,7 @@ def test_a_late_subscriber_gets_the_last_values_at_once(endpoint: str) -> None:
         address = free_endpoint()
         start("daemon", id="once", listen=[address], period=0).ready()
         with Subscriber([address]) as late, Subscriber([endpoint]) as active:
-            first = late.wait_report("once", timeout=30.0)  # published once, before this subscription
+            first = late.wait_report("once", timeout=60.0)  # published once, before this subscription
             assert first == report("once", 1)
             assert active.wait_report()
             until(lambda: len(active.events("a")) == 100)
@@ -143,7 +143,7 @@ def test_default_endpoints_are_local_and_need_no_configuration() -> None:
             assert 7448 <= int(address.rpartition(":")[2]) <= 7463
         with Subscriber() as subscriber:
             for id in names:
-                assert subscriber.wait_report(id, timeout=30.0)
+                assert subscriber.wait_report(id, timeout=60.0)
 
 
 def test_messages_published_before_close_arrive() -> None:
@@ -158,7 +158,7 @@ def test_messages_published_before_close_arrive() -> None:
             until(lambda: all(r.session.samples == 10**6 for r, _ in subscriber.reports().values()))
         for actor in actors:
             until(lambda actor=actor: actor.messages[-1].get("closed_s"))
-            assert actor.process.wait(30) == 0  # no thread of Zenoh outlives the interpreter
+            assert actor.process.wait(60) == 0  # no thread of Zenoh outlives the interpreter
 
 
 def sent(session: zenoh.Session, number: int) -> None:
@@ -216,7 +216,7 @@ def test_reports_arrive_from_a_daemon_whose_clock_is_wrong_or_stepped(
         with plain_session(address) as session:
             sent(session, 1)
         with Subscriber([address]) as subscriber:
-            assert subscriber.wait_report("x", timeout=30.0) == report("x", 1)
+            assert subscriber.wait_report("x", timeout=60.0) == report("x", 1)
             for number in range(2, 6):
                 offset = ahead if number < 4 else -ahead
                 publisher.publish(report("x", number))
@@ -291,7 +291,7 @@ def test_a_daemon_has_no_more_sessions_than_its_limit(monkeypatch: pytest.Monkey
     with Publisher("x", listen=[address]) as publisher:
         publisher.publish(report("x", 1))
         with Subscriber([address]) as first:
-            assert first.wait_report("x", timeout=30.0)
+            assert first.wait_report("x", timeout=60.0)
             with Subscriber([address]) as second:
                 assert second.wait_report("x", timeout=1.0) is None
             version = first.version
@@ -393,7 +393,7 @@ def test_a_stopped_subscriber_delays_neither_the_daemon_nor_other_subscribers() 
         daemon.send("stop")
         assert until(lambda: daemon.messages[-1].get("closed_s")) < 0.8 * LEASE_S
         healthy.send("stop")
-        assert daemon.process.wait(30) == healthy.process.wait(30) == 0
+        assert daemon.process.wait(60) == healthy.process.wait(60) == 0
 
 
 def test_a_subscriber_that_starts_first_connects_to_the_daemon_and_its_successors() -> None:
@@ -403,7 +403,7 @@ def test_a_subscriber_that_starts_first_connects_to_the_daemon_and_its_successor
             assert not subscriber.connected()
             assert subscriber.wait_report(timeout=0.1) is None
             daemon = start("daemon", listen=[address]).ready()
-            assert subscriber.wait_report("a", timeout=30.0)
+            assert subscriber.wait_report("a", timeout=60.0)
             until(lambda: subscriber.alive() == {"a"})
             for number in range(2):
                 daemon.kill()
@@ -444,11 +444,11 @@ def test_a_router_may_start_late_and_restart() -> None:
         daemon = start("daemon", listen=[local], connect=[address], period=0).ready()  # a single report
         daemon.send("events 3")
         with Subscriber([address]) as subscriber, Subscriber([local]) as neighbour:
-            assert neighbour.wait_report("a", timeout=30.0)
+            assert neighbour.wait_report("a", timeout=60.0)
             assert "no answer" in daemon.request("state")["uplinks"][address]
             router = router_at(address)
             until(lambda: subscriber.alive() == {"a"})
-            assert subscriber.wait_report("a", timeout=30.0) == report("a", 1)
+            assert subscriber.wait_report("a", timeout=60.0) == report("a", 1)
             until(lambda: subscriber.events("a") == [event("a", n) for n in range(3)])
             assert daemon.request("state")["uplinks"] == {address: None}
             router.close()

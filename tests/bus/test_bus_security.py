@@ -40,7 +40,7 @@ def test_a_router_may_ask_for_a_password(tmp_path: Path) -> None:
     login = {"user": "ann", "password": "secret"}
     with stage() as start, zenoh.open(config):
         start("daemon", listen=[free_endpoint()], connect=[address], **login).ready()
-        assert receives(address, timeout=30.0, **login)
+        assert receives(address, timeout=60.0, **login)
         assert not receives(address, timeout=0.4, user="ann", password="other")
         assert not receives(address, timeout=0.4)
 
@@ -49,7 +49,7 @@ def test_the_login_of_a_router_is_not_asked_of_viewers_of_this_machine() -> None
     with stage() as start:
         address = free_endpoint()
         start("daemon", listen=[address], user="ann", password="secret").ready()
-        assert receives(address, timeout=30.0)
+        assert receives(address, timeout=60.0)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_a_router_lets_daemons_publish_and_viewers_read(keys: Path) -> None:
     text = text.replace("/etc/zenoh", str(keys)).replace("tls/0.0.0.0:7449", address)
     with stage() as start, zenoh.open(zenoh.Config.from_json5(text)):
         start("daemon", listen=[free_endpoint()], connect=[address], **identity(keys, "daemon")).ready()
-        assert receives(address, timeout=30.0, **identity(keys, "viewer"))
+        assert receives(address, timeout=60.0, **identity(keys, "viewer"))
         assert not receives(address, timeout=0.5, **identity(keys, "other/viewer"))
         assert not receives(address, timeout=0.5, **identity(keys, "viewer", ca="other/ca"))
         assert not receives(address, timeout=0.5, ca=str(keys / "ca.pem"))
@@ -89,7 +89,7 @@ def test_a_router_lets_daemons_publish_and_viewers_read(keys: Path) -> None:
             until(guest.connected)
             assert guest.wait_report(timeout=0.4) is None
         with Subscriber([address], settings=SessionOptions(**identity(keys, "viewer"))) as viewer:
-            assert viewer.wait_report("a", timeout=30.0) is not None
+            assert viewer.wait_report("a", timeout=60.0) is not None
             for name in ("viewer", "guest"):
                 with forger(address, **identity(keys, name)) as session:
                     for _ in range(20):

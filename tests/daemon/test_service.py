@@ -159,7 +159,7 @@ def test_a_full_standard_error_does_not_block_and_drops_are_counted(
                 time.sleep(0.01)
             LOGGER.info("at last")
             close()
-        thread.join(20.0)
+        thread.join(60.0)
     text = b"".join(read).decode()
     written = [int(number) for number in re.findall(r" line (\d+)$", text, re.MULTILINE)]
     dropped = [int(number) for number in re.findall(r" (\d+) log lines? dropped: ", text)]

@@ -6,7 +6,6 @@ import gc
 import tracemalloc
 from dataclasses import replace
 from datetime import UTC, datetime
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -105,26 +104,6 @@ def test_counts_add_up_over_gaps_and_restarts() -> None:
     events = [(event.kind, event.code) for event in monitor.events()]
     assert ("gap", "") in events
     assert ("restart", "clock_reset") in events
-
-
-def test_any_chunking_gives_the_same_report() -> None:
-    whole = block(9000)
-    whole.values[4000:4200] += 0.5
-    reports = []
-    for cuts in ([], [1, 40, 41, 3999, 4100, 8000]):
-        monitor = Record(RecordOptions(guarded=False))
-        edges = [0, *cuts, 9000]
-        for a, b in pairwise(edges):
-            monitor.feed(SampleBlock(DELTAS, whole.values[a:b], whole.time_ns[a:b], whole.lost[a:b]))
-        monitor.flush()
-        reports.append(report(monitor))
-    one, many = reports
-    assert one.session == many.session
-    for name, channel in one.channels.items():
-        other = many.channels[name]
-        assert channel.count == other.count
-        assert channel.std == pytest.approx(other.std, rel=1e-12)
-        assert channel.allan.sigma == pytest.approx(other.allan.sigma, rel=1e-12)
 
 
 def test_knock_is_excluded_counted_and_reported() -> None:

@@ -237,7 +237,7 @@ def test_a_full_queue_holds_the_reader_and_the_run_can_still_end(
         assert time.monotonic() < end
     until(reader._queue.full)
     reader.stop(discard=True)
-    assert reader.join(10.0)
+    assert reader.join(60.0)
     assert reader.restored is True
 
 

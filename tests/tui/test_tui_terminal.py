@@ -155,7 +155,7 @@ def test_without_a_terminal_it_names_the_alternative(closed: str) -> None:
             stdout=slave,
             stderr=subprocess.PIPE,
             env=ENVIRONMENT,
-            timeout=30,
+            timeout=120,
         )
     finally:
         os.close(master)
@@ -186,7 +186,7 @@ class Tmux:
 
     def command(self, *arguments: str) -> str:
         done = subprocess.run(
-            [*self._base, *arguments], capture_output=True, text=True, check=True, timeout=20
+            [*self._base, *arguments], capture_output=True, text=True, check=True, timeout=60
         )
         return done.stdout
 
@@ -206,7 +206,7 @@ class Tmux:
         return int(children[0])
 
     def close(self) -> None:
-        subprocess.run([*self._base, "kill-server"], capture_output=True, check=False, timeout=20)
+        subprocess.run([*self._base, "kill-server"], capture_output=True, check=False, timeout=60)
 
 
 # ---------------------------------------------------------------- in a browser
@@ -228,7 +228,7 @@ def page(folder: Path, *words: str) -> Iterator[tuple[str, subprocess.Popen[str]
 
 def status(address: str, **headers: str) -> int:
     try:
-        with urllib.request.urlopen(urllib.request.Request(address, headers=headers), timeout=5) as reply:
+        with urllib.request.urlopen(urllib.request.Request(address, headers=headers), timeout=60) as reply:
             assert "default-src 'self'" in reply.headers["Content-Security-Policy"]
             return int(reply.status)
     except urllib.error.HTTPError as error:
