@@ -17,6 +17,7 @@ import numpy as np
 from imumon.model.errors import ImumonError
 
 IMU = "sensor_msgs/msg/Imu"
+MAGNETIC_FIELD = "sensor_msgs/msg/MagneticField"
 TEMPERATURE = "sensor_msgs/msg/Temperature"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 

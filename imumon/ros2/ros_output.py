@@ -74,7 +74,9 @@ class RosOutput:
         """Publish a report; never wait."""
         if not self._thread.is_alive() and not self._stop.is_set():
             self._thread.start()
-        self._variances = (sample_variances(report, "gyro"), sample_variances(report, "accel"))
+        # the accelerometer of another topic is not the one in the messages of this topic
+        accel = None if self._url.accel else sample_variances(report, "accel")
+        self._variances = (sample_variances(report, "gyro"), accel)
         with suppress(queue.Empty):
             self._reports.get_nowait()
         with suppress(queue.Full):

@@ -16,6 +16,7 @@ DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
 MAX_DOMAIN = 232
 """Highest ROS_DOMAIN_ID (ports of DDS end there)."""
 MIDDLEWARE = ("zenoh", "dds")
+TOPIC_PARAMETERS = ("accel", "mag", "temperature")
 SHOWN_TOPICS = 8
 """Topics that a message lists at most."""
 EXAMPLE = "write ros2:/imu/data?domain=0"
@@ -34,13 +35,15 @@ class TopicUrl:
     rmw : middleware, ``zenoh`` or ``dds``.
     domain : ROS_DOMAIN_ID.
     router : Zenoh endpoint of the router.
-    temperature : topic of the temperature of the same device; empty: not given.
+    accel, mag, temperature : further topics of the same device; empty: not given.
     """
 
     topic: str
     rmw: str = "zenoh"
     domain: int = 0
     router: str = DEFAULT_ROUTER
+    accel: str = ""
+    mag: str = ""
     temperature: str = ""
 
     @property
@@ -68,7 +71,7 @@ def parse_url(url: str, settings: Any = None) -> TopicUrl:
     2
     """
     path, _, query = url.removeprefix("ros2:").partition("?")
-    names = ("rmw", "domain", "router", "temperature")
+    names = ("rmw", "domain", "router", *TOPIC_PARAMETERS)
     try:
         given = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=True)) if query else {}
     except ValueError:
@@ -87,9 +90,9 @@ def parse_url(url: str, settings: Any = None) -> TopicUrl:
     router = given.get("router", getattr(settings, "router", "") or DEFAULT_ROUTER)
     if not _ROUTER.fullmatch(router):
         raise RosError("ros2_url_invalid", f"{url}: {router!r} is no router", "write router=tcp/HOST:7447")
+    topics = {name: topic_name(given[name]) for name in TOPIC_PARAMETERS if name in given}
     topic = topic_name(path) if path else ""
-    temperature = topic_name(given["temperature"]) if "temperature" in given else ""
-    return TopicUrl(topic=topic, rmw=rmw, domain=int(domain), router=router, temperature=temperature)
+    return TopicUrl(topic=topic, rmw=rmw, domain=int(domain), router=router, **topics)
 
 
 def topic_name(text: str) -> str:

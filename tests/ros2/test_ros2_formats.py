@@ -15,6 +15,7 @@ from imumon.ros2.node import RosError, TopicPublisher
 from imumon.ros2.ros_messages import (
     DIAGNOSTIC_ARRAY,
     IMU,
+    MAGNETIC_FIELD,
     TEMPERATURE,
     CdrError,
     imu_message,
@@ -75,6 +76,7 @@ DIAGNOSTIC_BYTES = """
     0b 00 00 00 69 6e 64 75 73 74 72 69 61 6c 00"""
 HASHES = {
     IMU: "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
+    MAGNETIC_FIELD: "e80f32f56a20486c9923008fc1a1db07bbb273cbbf6a5b3bfa00835ee00e4dff",
     TEMPERATURE: "72514a14126ab9f8a9abec974c78e5610a367b59db5da355ff1fb982d5bad4b8",
     "sensor_msgs/msg/FluidPressure": "22dfb2b145a0bd5a31a1ac3882a1b32148b51d9b2f3bab250290d66f3595bc32",
     DIAGNOSTIC_ARRAY: "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
@@ -190,9 +192,11 @@ def test_a_url_overrides_the_settings() -> None:
         domain, router = 5, "tcp/10.0.0.1:7447"
 
     assert parse_url("ros2:/imu", Table).domain == 5
-    url = parse_url("ros2:/imu/data?rmw=zenoh&domain=3&router=tcp/[::1]:7448&temperature=t", Table)
+    url = parse_url(
+        "ros2:/imu/data?rmw=zenoh&domain=3&router=tcp/[::1]:7448&accel=/a&mag=m&temperature=/t", Table
+    )
     assert (url.topic, url.domain, url.router) == ("/imu/data", 3, "tcp/[::1]:7448")
-    assert url.temperature == "/t"
+    assert (url.accel, url.mag, url.temperature) == ("/a", "/m", "/t")
 
 
 @pytest.mark.parametrize(
@@ -209,7 +213,7 @@ def test_a_url_overrides_the_settings() -> None:
         "ros2:/imu?router=localhost",
         "ros2:/imu?topic=/x",
         "ros2:/imu?domain",
-        "ros2:/imu?temperature=",
+        "ros2:/imu?accel=",
     ],
 )
 def test_a_wrong_url_is_an_error_with_a_cure(url: str) -> None:

@@ -167,6 +167,22 @@ def test_a_daemon_publishes_diagnostics_and_covariances(tmp_path: Path) -> None:
     assert names == {"imumon: stream", "imumon: gyro", "imumon: accel"}
 
 
+def test_the_accelerometer_of_another_topic_is_not_that_of_the_messages() -> None:
+    """The main topic has an accelerometer of its own: what was measured of another one does not describe it."""
+    endpoint = free_router()
+    settings = replace(Settings().ros2, covariance="/out")
+    with ros2_actors.router(endpoint), ros2_actors.Driver(endpoint, "/gyro", 200.0):
+        made = RosOutput(settings, f"ros2:/gyro?accel=/accel&router={endpoint}")
+        node = open_node(parse_url(f"ros2:/x?router={endpoint}"), "listener")
+        heard = node.subscribe("/out", IMU)
+        made.update(report())
+        fields = decode(IMU, until(heard.take)[0].payload)
+        made.close()
+        node.close()
+    assert fields["angular_velocity_covariance"][0] > 0.0
+    assert fields["linear_acceleration_covariance"] == [0.0] * 9
+
+
 @pytest.mark.parametrize(
     ("port", "topic", "words"),
     [

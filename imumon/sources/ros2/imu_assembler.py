@@ -1,8 +1,10 @@
-"""Blocks of samples from the messages of an IMU topic, and the temperature of the same device from another topic.
+"""Blocks of samples from the messages of an IMU topic, and of further topics of the same device.
 
 The time of a sample is ``header.stamp``, which the driver sets; `LiveStamps` handles stamps of any quality. The
 sequence number of the publisher shows which messages were lost on the way: the other missing samples were never
-published. A temperature holds until the next one.
+published. Samples of a separate accelerometer or magnetometer topic are paired by their stamps, within half an
+interval; a topic that has none for most of them, such as one of another rate, is left out. A temperature holds until
+the next one.
 
 Counts add up: a message is a sample, waits, or is counted as invalid or of another publisher.
 """
@@ -10,7 +12,7 @@ Counts add up: a message is a sample, waits, or is counted as invalid or of anot
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from imumon.model.samples import (
     ACCEL,
     GYRO,
     LONGEST_NS,
+    MAG,
     ChannelName,
     Floats,
     Ints,
@@ -28,20 +31,26 @@ from imumon.model.samples import (
     Stream,
     channel_names,
 )
-from imumon.ros2.node import Received
+from imumon.ros2.node import QUEUE_MESSAGES, Received
 from imumon.ros2.ros_messages import (
     IMU,
+    MAGNETIC_FIELD,
     TEMPERATURE,
     CdrError,
     decode,
     imu_message,
+    stamp_ns,
 )
 from imumon.ros2.topic_url import TopicUrl
 
+GAUSS = 1e4
+"""Gauss in a tesla, the unit of a MagneticField."""
 USED_SHARE = 0.9
 """Share of the first rows that must have a quantity for it to be used."""
+PARTNER_S = 1.0
+"""s that a row waits for its partner in another topic."""
 FIRST_S = 12.0
-"""s that the first rows wait for the first temperature: its messages may be rare."""
+"""s that the first rows wait for a further topic, whose messages may be rare."""
 SILENT_S = 0.5
 """s without a message of the publisher that is followed, after which another one may take its place."""
 SILENT_MESSAGES = 3.0
@@ -50,8 +59,41 @@ MOST_LOST = 1_000_000
 """Messages; a larger step of the sequence number is a new count."""
 
 NONE = (math.nan,) * 3
-SENSORS = (("gyro", GYRO), ("accel", ACCEL), ("temperature", channel_names(["temperature"])))
+SENSORS = (("gyro", GYRO), ("accel", ACCEL), ("mag", MAG), ("temperature", channel_names(["temperature"])))
 """Groups of columns of a row, in order."""
+TYPES = {"accel": IMU, "mag": MAGNETIC_FIELD, "temperature": TEMPERATURE}
+"""Type of each further topic."""
+
+
+class PartnerTopic:
+    """Samples of another topic, to be paired by their stamps."""
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        self.stamps: Ints = np.empty(0, np.int64)
+        self.values: Floats = np.empty((0, 3))
+
+    def add(self, stamps: Sequence[int], values: Sequence[Sequence[float]]) -> None:
+        if stamps:  # as many as a subscription holds: older ones cannot have a partner any more
+            self.stamps = np.append(self.stamps, np.array(stamps, np.int64))[-QUEUE_MESSAGES:]
+            self.values = np.append(self.values, np.array(values).reshape(-1, 3), axis=0)[-QUEUE_MESSAGES:]
+
+    def match(self, stamps: Ints, interval: float | None) -> Floats:
+        """Return (n, 3) the values whose stamps are nearest, within half an interval, ns; NaN: there are none."""
+        if interval is None or not len(self.stamps):
+            return np.full((len(stamps), 3), np.nan)
+        order = np.argsort(self.stamps, kind="stable")  # another node may publish out of order
+        known = self.stamps[order]
+        after = np.clip(np.searchsorted(known, stamps), min(1, len(known) - 1), len(known) - 1)
+        nearest = after - (stamps - known[after - 1] <= known[after] - stamps)
+        matched = self.values[order[nearest]].copy()
+        matched[np.abs(known[nearest] - stamps) > 0.5 * interval] = np.nan
+        return matched
+
+
+def mean_interval(stamps: Ints) -> float | None:
+    """Return the mean step of stamps, ns; None: unknown."""
+    return float(np.ptp(stamps)) / (len(stamps) - 1) if len(stamps) > 1 and np.ptp(stamps) > 0 else None
 
 
 class ImuAssembler:
@@ -79,8 +121,11 @@ class ImuAssembler:
         self.messages = self.bytes = self.invalid = self.invalid_bytes = self.lost = self.losses = 0
         self._url = url
         self._live = LiveStamps()
+        self._partners = {
+            name: PartnerTopic(topic) for name in ("accel", "mag") if (topic := getattr(url, name))
+        }
         self._temperature = math.nan
-        self._rows: list[tuple[float, ...]] = []  # wait for the first temperature: gyro, accel, temperature
+        self._rows: list[tuple[float, ...]] = []  # wait for their partners: gyro, accel, temperature
         self._times: list[
             tuple[int, int, int, int]
         ] = []  # of these: stamp, publication, arrival, lost before
@@ -91,8 +136,10 @@ class ImuAssembler:
         self._interval_s = 0.0  # between its messages, roughly
         self._sequence: int | None = None
         self._lost_before = 0  # of the next row
+        self._recent: Ints = np.empty(0, np.int64)  # stamps, which show the interval
         if before is not None and before.stream is not None:
             self.stream, self._columns = before.stream, before._columns
+            self._partners = {name: PartnerTopic(partner.topic) for name, partner in before._partners.items()}
             self._temperature = before._temperature
 
     @property
@@ -104,27 +151,31 @@ class ImuAssembler:
 
     # ------------------------------------------------------------------ messages
 
-    def add(self, messages: Sequence[Received], temperatures: Sequence[Received], now_ns: int) -> list[Item]:
-        """Add messages; return the blocks that they complete.
+    def add(
+        self, messages: Sequence[Received], others: Mapping[str, Sequence[Received]], now_ns: int
+    ) -> list[Item]:
+        """Add messages; return the blocks and notices that they complete.
 
         Parameters
         ----------
-        temperatures : messages of the topic of the temperature.
+        others : messages of the further topics by parameter of the URL.
         now_ns : ns of the host clock, when they arrived.
         """
-        self._add_temperatures(temperatures)
+        items: list[Item] = []
+        for name, received in others.items():
+            self._add_others(name, received)
         now_s = now_ns * 1e-9
         # a busy host takes messages late: a publisher with one among them was not silent
         here = any(message.publisher == self._publisher for message in messages)
         for message in messages:
-            self._add(message, now_s, here)
-        return self._blocks(final=False)
+            self._add(message, now_s, here, items)
+        return items + self._blocks(final=False)
 
     def finish(self) -> list[Item]:
         """Return what still waits, at the end of the stream."""
         return self._blocks(final=True)
 
-    def _add(self, message: Received, now_s: float, here: bool) -> None:
+    def _add(self, message: Received, now_s: float, here: bool, items: list[Item]) -> None:
         """Add a message of the main topic as a row; `here`: one of the publisher that is followed arrived with it."""
         self.messages += 1
         self.bytes += len(message.payload)
@@ -186,35 +237,51 @@ class ImuAssembler:
         self.invalid += 1
         self.invalid_bytes += len(message.payload)
 
-    def _add_temperatures(self, received: Sequence[Received]) -> None:
+    def _add_others(self, name: str, received: Sequence[Received]) -> None:
+        """Add messages of a further topic."""
+        stamps: list[int] = []
+        values: list[Sequence[float]] = []
         for message in received:
             self.messages += 1
             self.bytes += len(message.payload)
             self._ledger.receive()
             try:
-                temperature = decode(TEMPERATURE, message.payload).temperature
+                stamp, sample = _further_sample(name, message.payload)
             except CdrError:
                 self._reject(message, "damaged")
                 continue
-            if not math.isfinite(temperature):
+            if sample is None or not all(map(math.isfinite, sample)):
                 self._reject(message, "not_finite")
                 continue
             self._ledger.add("part")
-            self._temperature = temperature
+            if name == "temperature":
+                self._temperature = sample[0]
+            else:
+                stamps.append(stamp)
+                values.append(sample)
+        if name in self._partners:
+            self._partners[name].add(stamps, values)
 
     # ------------------------------------------------------------------ blocks
 
     def _blocks(self, *, final: bool) -> list[Item]:
-        """Return the rows whose times are known, as a block."""
+        """Return the rows whose partners and times are known, as a block."""
         times = np.array(self._times, np.int64).reshape(-1, 4)
-        if not final and self._waits(times):
-            return []
-        values = np.array(self._rows).reshape(len(times), 7)
-        self._rows.clear()
-        self._times.clear()
+        ready = len(times) if final else self._ready(times)
+        values = np.array(self._rows[:ready]).reshape(ready, 7)
+        self._recent = np.append(self._recent, times[:ready, 0])[-QUEUE_MESSAGES:]
+        interval = mean_interval(self._recent)
+        pairs = [
+            self._partners[name].match(times[:ready, 0], interval)
+            if name in self._partners
+            else (values[:, 3:6] if name == "accel" else np.full((ready, 3), np.nan))
+            for name in ("accel", "mag")
+        ]
+        values = np.concatenate([values[:, :3], *pairs, values[:, 6:]], axis=1)
+        del self._rows[:ready], self._times[:ready]
         self._values = values if self._values is None else np.concatenate([self._values, values])
         remark = self._live.remark
-        placed = self._live.place(*times.T, final=final).times
+        placed = self._live.place(*times[:ready].T, final=final).times
         if self._live.remark not in (None, remark):
             self.remarks.append(f"{self._url.topic}: {self._live.remark}")
         if not len(placed):
@@ -233,11 +300,20 @@ class ImuAssembler:
         rows, placed = rows[good], placed[good]
         return [SampleBlock(self.stream, rows, placed, np.zeros(len(rows), np.int64))] if len(rows) else []
 
-    def _waits(self, times: Ints) -> bool:
-        """Return whether the first rows wait for the first temperature."""
-        if not self._url.temperature or self.stream is not None or not math.isnan(self._temperature):
-            return False
-        return not len(times) or bool(times[-1, 2] - times[0, 2] < FIRST_S * 1e9)
+    def _ready(self, times: Ints) -> int:
+        """Return how many of the oldest rows need not wait for their partners, nor for the first temperature."""
+        ready = len(times)
+        for partner in self._partners.values():
+            newest = int(partner.stamps.max()) if len(partner.stamps) else 0
+            later = np.flatnonzero(times[:, 0] > newest)
+            ready = min(ready, int(later[0])) if len(later) else ready
+        if self._url.temperature and self.stream is None and math.isnan(self._temperature):
+            ready = 0
+        if not len(times) or ready == len(times):
+            return ready
+        # a temperature may come once in some seconds; partners come at once
+        limit_s = PARTNER_S if self.stream is not None or not math.isnan(self._temperature) else FIRST_S
+        return max(ready, int((times[:, 2] < times[-1, 2] - limit_s * 1e9).sum()))
 
     def _choose_columns(self, values: Floats) -> None:
         """Decide which sensors the stream has, from its first rows."""
@@ -249,11 +325,12 @@ class ImuAssembler:
             if name == "temperature" and known.any():  # the rows before the first one
                 values[~known, start] = part[known][0]
                 known[:] = True
+            topic = getattr(self._url, name, "")
             if known.mean() < USED_SHARE:
-                if name == "temperature" and self._url.temperature:
-                    self.remarks.append(f"{self._url.temperature} is left out: no message arrives")
+                if topic:
+                    self._leave_out(name, topic)
             elif name != "temperature" and not part[known].any():
-                self.remarks.append(f"{name} is zero in all messages of {self._url.topic}: left out")
+                self.remarks.append(f"{name} is zero in all messages of {topic or self._url.topic}: left out")
             else:
                 channels += columns
                 self._columns += range(start, start + len(columns))
@@ -264,3 +341,23 @@ class ImuAssembler:
             text = f"{self._url.topic} has neither angular velocity nor linear acceleration"
             self.remarks += [] if text in self.remarks else [text]
             self._columns = []
+
+    def _leave_out(self, name: str, topic: str) -> None:
+        """Note that a further topic is not used."""
+        partner = self._partners.pop(name, None)
+        heard = partner is not None and len(partner.stamps)
+        why = f"its stamps do not match those of {self._url.topic}" if heard else "no message arrives"
+        self.remarks.append(f"{topic} is left out: {why}")
+
+
+def _further_sample(name: str, payload: bytes) -> tuple[int, Sequence[float] | None]:
+    """Return stamp and values of a message of a further topic, in the units of channels; None: no estimate."""
+    if name == "accel":
+        stamp, _, accel = imu_message(payload)
+        return stamp, accel
+    if name == "mag":
+        message = decode(MAGNETIC_FIELD, payload)
+        field = message.magnetic_field
+        return stamp_ns(message), [GAUSS * tesla for tesla in (field.x, field.y, field.z)]
+    message = decode(TEMPERATURE, payload)
+    return stamp_ns(message), [message.temperature]

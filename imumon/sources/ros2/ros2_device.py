@@ -13,7 +13,7 @@ from dataclasses import replace
 from imumon.model.ledger import merged
 from imumon.model.samples import DeviceCounters, DeviceInfo, Item
 from imumon.ros2.node import RosError, RosNode, Subscription
-from imumon.ros2.ros_messages import IMU, TEMPERATURE
+from imumon.ros2.ros_messages import IMU
 from imumon.ros2.topic_url import absent_topic, open_node, parse_url
 from imumon.sources.device import (
     BATCH_S,
@@ -24,7 +24,7 @@ from imumon.sources.device import (
     DeviceOptions,
     InvalidOption,
 )
-from imumon.sources.ros2.imu_assembler import ImuAssembler
+from imumon.sources.ros2.imu_assembler import TYPES, ImuAssembler
 
 FIND_S = 5.0
 """s to wait for a topic that is absent, before the topics that exist are listed."""
@@ -53,7 +53,7 @@ class Ros2Device(Device):
         self._port = options.url
         self._node: RosNode | None = None
         self._main: Subscription | None = None
-        self._temperature: Subscription | None = None
+        self._others: dict[str, Subscription] = {}
         self._assembler = ImuAssembler(self._url)
         self._earlier = DeviceCounters()  # of earlier connections
         self._nodes: tuple[str, ...] = ()  # that publish the topic
@@ -67,8 +67,11 @@ class Ros2Device(Device):
             self._node = open_node(self._url)
             if self._url.topic:
                 self._main = self._node.subscribe(self._url.topic, IMU)
-            if self._url.temperature:
-                self._temperature = self._node.subscribe(self._url.temperature, TEMPERATURE)
+            self._others = {
+                name: self._node.subscribe(getattr(self._url, name), kind)
+                for name, kind in TYPES.items()
+                if getattr(self._url, name)
+            }
             self._wait_for_topic(self._node)
         except RosError as error:
             self.close()
@@ -103,7 +106,8 @@ class Ros2Device(Device):
             self._earlier = self.counters
             self._node.close()
         self._assembler, self._items = ImuAssembler(self._url, self._assembler), []
-        self._node = self._main = self._temperature = None
+        self._node = self._main = None
+        self._others = {}
 
     def expected(self) -> DeviceInfo | None:
         # a driver may start after the daemon; without a topic, there is nothing to wait for
@@ -145,8 +149,8 @@ class Ros2Device(Device):
     def _take(self) -> bool:
         """Take what has arrived; return whether a message of the topic is among it."""
         messages = self._main.take() if self._main is not None else []
-        temperatures = self._temperature.take() if self._temperature is not None else []
-        self._items += self._assembler.add(messages, temperatures, time.time_ns())
+        others = {name: topic.take() for name, topic in self._others.items()}
+        self._items += self._assembler.add(messages, others, time.time_ns())
         return bool(messages)
 
     def _gone(self, node: RosNode) -> DeviceLost:

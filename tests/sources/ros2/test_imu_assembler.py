@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from ros2_actors import imu_payload
@@ -14,7 +14,7 @@ from ros2_messages import encode, header, samples
 from imumon.model.samples import ACCEL, GYRO, Item, SampleBlock
 from imumon.record import Record
 from imumon.ros2.node import Received
-from imumon.ros2.ros_messages import TEMPERATURE
+from imumon.ros2.ros_messages import MAGNETIC_FIELD, TEMPERATURE
 from imumon.ros2.topic_url import parse_url
 from imumon.sources.ros2.imu_assembler import ImuAssembler
 
@@ -34,17 +34,15 @@ def received(
     return Received(made, index + 1 if sequence is None else sequence, stamp, publisher)
 
 
-def assemble(
-    url: str, messages: list[Received], temperatures: Sequence[Received] = ()
-) -> tuple[ImuAssembler, list[Item]]:
+def assemble(url: str, messages: list[Received], **others: list[Received]) -> tuple[ImuAssembler, list[Item]]:
     """Everything that some messages become; 40 arrive at once."""
     made = ImuAssembler(parse_url(url))
     items: list[Item] = []
     for at in range(0, len(messages), 40):
         part = messages[at : at + 40]
         until = max(message.source_ns or 0 for message in part)
-        now = [m for m in temperatures if (m.source_ns or 0) <= until]
-        temperatures = [m for m in temperatures if (m.source_ns or 0) > until]
+        now = {name: [m for m in others[name] if (m.source_ns or 0) <= until] for name in others}
+        others = {name: [m for m in others[name] if (m.source_ns or 0) > until] for name in others}
         items += made.add(part, now, until)
     return made, items + made.finish()
 
@@ -117,8 +115,44 @@ def test_a_publisher_that_restarts_is_followed_after_half_a_second() -> None:
     assert (made.lost, made.invalid) == (0, 0)
 
 
-def test_a_temperature_holds_until_the_next_one() -> None:
+@pytest.mark.parametrize("delay_ns", [0, 1_000_000])
+def test_separate_topics_are_paired_by_their_stamps(delay_ns: int) -> None:
+    gyro = [
+        received(k, payload=imu_payload(UNIX_NS + k * STEP_NS, [1.0, 2.0, float(k)], [0.0] * 3))
+        for k in range(600)
+    ]
+    accel = [
+        received(k, payload=imu_payload(UNIX_NS + k * STEP_NS + delay_ns, [0.0] * 3, [float(k), 1.0, 9.81]))
+        for k in range(600)
+        if k != 450
+    ]
+    made, items = assemble("ros2:/gyro?accel=/accel", gyro, accel=accel)
+    found = samples(items)
+    assert made.stream is not None
+    assert made.stream.channels == (*GYRO, *ACCEL)
+    assert len(found) == 599
+    assert (found[:, 2] == found[:, 3]).all()
+    assert made.invalid == 1
+
+
+def test_magnetic_field_and_temperature_have_the_units_of_channels() -> None:
     rows = [received(k) for k in range(600)]
+    field = [
+        Received(
+            encode(
+                MAGNETIC_FIELD,
+                {
+                    "header": header(UNIX_NS + k * STEP_NS),
+                    "magnetic_field": {"x": 2e-5, "y": 0.0, "z": -4e-5},
+                    "magnetic_field_covariance": [0.0] * 9,
+                },
+            ),
+            k + 1,
+            UNIX_NS + k * STEP_NS,
+            b"m",
+        )
+        for k in range(600)
+    ]
     warm = [
         Received(
             encode(TEMPERATURE, {"header": header(UNIX_NS), "temperature": 25.0 + k, "variance": 0.0}),
@@ -128,10 +162,11 @@ def test_a_temperature_holds_until_the_next_one() -> None:
         )
         for k in range(3)
     ]
-    made, items = assemble("ros2:/imu?temperature=/temp", rows, warm)
+    made, items = assemble("ros2:/imu?mag=/mag&temperature=/temp", rows, mag=field, temperature=warm)
     assert made.stream is not None
-    assert made.stream.channels == (*GYRO, *ACCEL, "temperature")
+    assert made.stream.channels[-4:] == ("mag/x", "mag/y", "mag/z", "temperature")
     found = samples(items)
+    assert found[0, 6:9].tolist() == pytest.approx([0.2, 0.0, -0.4])
     assert (found[0, -1], found[-1, -1]) == (25.0, 27.0)
     assert len(found) == 600
 
@@ -181,10 +216,10 @@ def test_a_stream_continues_over_a_reconnection() -> None:
     url = parse_url("ros2:/imu?temperature=/temp")
     warm = encode(TEMPERATURE, {"header": header(UNIX_NS), "temperature": 25.0, "variance": 0.0})
     first = ImuAssembler(url)
-    first.add([received(k) for k in range(400)], [Received(warm, 1, UNIX_NS, b"t")], UNIX_NS)
+    first.add([received(k) for k in range(400)], {"temperature": [Received(warm, 1, UNIX_NS, b"t")]}, UNIX_NS)
     first.finish()
     again = ImuAssembler(url, first)
-    items = again.add([received(k) for k in range(400)], [], UNIX_NS) + again.finish()
+    items = again.add([received(k) for k in range(400)], {"temperature": []}, UNIX_NS) + again.finish()
     assert first.stream is not None
     assert again.stream == first.stream
     assert (samples(items)[:, -1] == 25.0).all()
