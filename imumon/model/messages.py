@@ -119,7 +119,7 @@ CAVEATS: Mapping[str, CaveatText] = {
     ),
     "other_sender": CaveatText(
         "another program sends to the same port or topic: only the first is used",
-        "It need not be the right one. End the other, or let it send elsewhere.",
+        "It need not be the right one. End the other, or name the sensor with from=ADDRESS.",
     ),
     "constant": CaveatText(
         "the values never changed: dead, stuck or not measured", "The sensor of this axis gets no grade."

@@ -18,6 +18,7 @@ import termios
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from ipaddress import ip_address
 from typing import Any
 
 import serial as _pyserial
@@ -36,6 +37,10 @@ DATAGRAM_BYTES = 1 << 22
 """Bytes of datagrams for which the kernel is asked, in case the reader is late; it may give less."""
 SENDER_S = 2.0
 """s of silence after which another sender of the same address takes the place of a sender of datagrams."""
+RIVAL_S = 30.0
+"""s after the last datagram of another sender for which there counts as one."""
+FROM = "?from="
+"""In the path of a port for datagrams, before the address of their sender."""
 BAUD_RATES = (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600)
 """bit/s in the order in which they are tried: the factory value of most sensors, then the fast ones."""
 STANDARD_INPUT = "-"
@@ -94,7 +99,8 @@ def open_port(path: str, baud: int) -> Any:
             raise DeviceNotFound("input_closed", "standard input is closed", "give it a file or a pipe")
         return ReadOnlyPort(None)
     if path.startswith("udp://"):
-        return Datagrams(_open_udp(path))
+        address, _, sender = path.partition(FROM)
+        return Datagrams(_open_udp(address), sender)
     if path.startswith("tcp://"):
         return ReadOnlyPort(_open_tcp(path))
     return (_open_url if "://" in path else _open_tty)(path, baud)
@@ -140,17 +146,23 @@ class Datagrams(ReadOnlyPort):
     The first sender, an address with its port, is the sensor. Two programs of one machine differ in the port alone. A
     sender that was started again has another port, so that one of the same address follows a sender that is silent.
 
+    Parameters
+    ----------
+    address : of the sensor, as `from=` of the URL gives it: datagrams of all its ports are taken; "": not given.
+
     Attributes
     ----------
     other_lines : lines of other senders, which are ignored.
     other_sender : the first of them, as text; None: there is none.
     """
 
-    def __init__(self, opened: socket.socket) -> None:
+    def __init__(self, opened: socket.socket, address: str = "") -> None:
         super().__init__(opened)
         self._datagrams = opened
+        self._address = ip_address(address) if address else None
         self._sender: Any = None  # address and port of the sensor
         self._heard = 0.0  # s monotonic of its last datagram
+        self._other_heard = float("-inf")  # s monotonic, of the last datagram of another sender
         self.other_lines = 0
         self.other_sender: str | None = None
 
@@ -167,10 +179,17 @@ class Datagrams(ReadOnlyPort):
                 else:
                     self.other_lines += data.count(b"\n")
                     self.other_sender = self.other_sender or f"{sender[0]} port {sender[1]}"
+                    self._other_heard = now
         return b"".join(pieces)
+
+    def has_rival(self, now: float) -> bool:
+        """Return whether others send at present, s monotonic, and the sensor is the first of them, not a given one."""
+        return now - self._other_heard < RIVAL_S and self._address is None
 
     def _is_sensor(self, sender: Any, now: float) -> bool:
         """Return whether a datagram is of the sensor."""
+        if self._address is not None:
+            return ip_address(sender[0]) == self._address
         if self._sender not in (None, sender):
             silent = now - self._heard > SENDER_S
             if not silent or sender[0] != self._sender[0]:

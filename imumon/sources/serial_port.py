@@ -114,6 +114,11 @@ class SerialPort:
         return self._serial.other_sender if isinstance(self._serial, Datagrams) else None
 
     @property
+    def has_rival(self) -> bool:
+        """Whether another sender sends datagrams to this port at present."""
+        return isinstance(self._serial, Datagrams) and self._serial.has_rival(time.monotonic())
+
+    @property
     def other_lines(self) -> int:
         """Lines of other senders so far, which are ignored."""
         return self._serial.other_lines if isinstance(self._serial, Datagrams) else 0

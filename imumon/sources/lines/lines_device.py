@@ -38,7 +38,7 @@ class LinesSession(Session):
         if columns is not None:
             known = {"settings": columns.settings, **columns.stream.facts}
             known["caveats"] = (*known.get("caveats", ()), *columns.caveats)
-        if self._port.other_lines:
+        if self._port.has_rival:
             known["caveats"] = (*known.get("caveats", ()), "other_sender")
         rate_doubts = tuple(self._rate_doubts())
         if rate_doubts:
@@ -59,7 +59,8 @@ class LinesSession(Session):
         """Yield who else sends."""
         # without a number of lines: a remark that changes would be an event each time
         if (sender := self._port.other_sender) is not None:
-            yield f"lines of another sender, {sender}, are ignored: send to another port, or from one socket"
+            cure = "name the sensor with from=ADDRESS if it is not the first one, or sends from several ports"
+            yield f"lines of another sender, {sender}, are ignored: {cure}"
 
     def _rate_doubts(self) -> Iterator[str]:
         """Yield what does not fit the host clock: the time of the lines, or the given rate."""

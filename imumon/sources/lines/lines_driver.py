@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from ipaddress import ip_address
 from typing import Any
 from urllib.parse import parse_qsl
 
@@ -20,10 +22,10 @@ from imumon.sources.device import (
 )
 from imumon.sources.files.columns import parse_map
 from imumon.sources.lines.line_columns import SENSORS, LinesUrl, columns_of, units_of
-from imumon.sources.ports import BAUD_RATES
+from imumon.sources.ports import BAUD_RATES, FROM
 
 FILTER = "Lines do not say how the sensor filters: see the settings that its program writes."
-PARAMETERS = ("columns", "map", "accept", *SENSORS, "baud", "rate", "id")
+PARAMETERS = ("columns", "map", "accept", *SENSORS, "baud", "rate", "id", "from")
 URL_CURE = "write lines:/dev/ttyACM0, lines:tcp://HOST:PORT, lines:udp://:PORT or lines:-"
 
 
@@ -80,6 +82,8 @@ def parse_url(url: str, device: Any = None) -> LinesUrl:
     settings = {name: given[name] for name in ("columns", "map", "accept", *SENSORS) if name in given}
     _check(settings)
     name = re.sub(r"[^a-z0-9]+", "-", path.removeprefix("/dev/").lower()).strip("-") or "stdin"
+    if "from" in given:
+        path = f"{path}{FROM}{_sender(path, given['from'])}"
     return LinesUrl(
         path, int(baud), _rate(rate) if rate else None, given.get("id") or f"lines-{name}", settings
     )
@@ -94,6 +98,15 @@ def _check(settings: Mapping[str, str]) -> None:
         parse_map(settings.get("map", "t=1"))
     except ImumonError as error:
         raise InvalidOption("lines_columns_invalid", error.message, error.cure) from None
+
+
+def _sender(path: str, text: str) -> str:
+    """Return the address from which the lines of a port for datagrams come."""
+    with suppress(ValueError):
+        if path.startswith("udp:"):
+            return str(ip_address(text))
+    cure = "write for example lines:udp://0.0.0.0:4000?from=192.168.1.20"
+    raise InvalidOption("lines_url_invalid", f"from={text} is no address of a sender of datagrams", cure)
 
 
 def _rate(text: str) -> float:

@@ -107,6 +107,7 @@ class ImuAssembler:
     ----------
     stream : of the blocks; None until it is known.
     other_sender : of the invalid ones, messages of another publisher.
+    other_heard_s : s of the host clock, when the last of them arrived.
     remarks : what is unknown or left out, one line each.
     messages, bytes : received, of all topics.
     invalid, invalid_bytes : of these, messages without a usable sample, or of another publisher.
@@ -116,7 +117,7 @@ class ImuAssembler:
     def __init__(self, url: TopicUrl, before: ImuAssembler | None = None) -> None:
         self.stream: Stream | None = None
         self.remarks: list[str] = []
-        self.other_sender = 0
+        self.other_sender, self.other_heard_s = 0, -math.inf
         self._ledger = Ledger()
         self.messages = self.bytes = self.invalid = self.invalid_bytes = self.lost = self.losses = 0
         self._url = url
@@ -182,7 +183,7 @@ class ImuAssembler:
         if not self._is_followed(message, now_s, here):
             if not self.other_sender:
                 self.remarks.append(f"several nodes publish {self._url.topic}: only the first is used")
-            self.other_sender += 1
+            self.other_sender, self.other_heard_s = self.other_sender + 1, now_s
             self._reject(message)
             return
         self._ledger.receive()

@@ -30,6 +30,8 @@ FIND_S = 5.0
 """s to wait for a topic that is absent, before the topics that exist are listed."""
 POLL_S = 0.05
 """s between two looks for it."""
+RIVAL_S = 30.0
+"""s after the last message of another publisher for which there counts as one."""
 MOST_NAMED = 4
 """Publishers of the topic that a report names, at most: others choose how many there are."""
 GONE_S = 1.0
@@ -126,9 +128,14 @@ class Ros2Device(Device):
             topic=self._url.topic,
             clock=None if stream is None else stream.clock,
             settings={"publisher": ", ".join(self._nodes[:MOST_NAMED])} if self._nodes else {},
-            caveats=("unknown_compensation", *(("other_sender",) if self.counters.other_sender else ())),
+            caveats=("unknown_compensation", *(("other_sender",) if self._has_rival() else ())),
             remarks=tuple(self._assembler.remarks),
         )
+
+    def _has_rival(self) -> bool:
+        """Return whether another node publishes the topic at present."""
+        # the host clock may be set: a time that is ahead of it is none
+        return 0.0 <= time.time() - self._assembler.other_heard_s < RIVAL_S
 
     def read(self, timeout_s: float) -> list[Item]:
         node = self._node

@@ -224,6 +224,8 @@ def test_the_unit_of_an_acceleration_that_is_not_that_of_gravity_is_doubted() ->
         ("lines:/dev/x?gyro=furlong", "lines_unit_invalid"),
         ("lines:/dev/x?baud=fast", "lines_url_invalid"),
         ("lines:/dev/x?rate=-1", "lines_url_invalid"),
+        ("lines:udp://:4000?from=board", "lines_url_invalid"),
+        ("lines:tcp://10.0.0.7:4000?from=10.0.0.7", "lines_url_invalid"),
     ],
 )
 def test_a_url_that_is_wrong_has_a_code_and_a_cure(url: str, code: str) -> None:

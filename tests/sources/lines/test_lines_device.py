@@ -87,6 +87,9 @@ def test_of_two_senders_of_datagrams_the_first_is_the_sensor(monkeypatch: pytest
         assert received(reader, 150) == {b"1": 150}
         assert until(lambda: reader.other_lines == 150)
         assert reader.other_sender == f"127.0.0.1 port {other.getsockname()[1]}"
+        assert reader.has_rival
+        monkeypatch.setattr("imumon.sources.ports.RIVAL_S", 0.1)
+        assert until(lambda: not reader.has_rival)
         time.sleep(0.4)
         sent(far, port, 10, 3)  # of another address: it never follows
         sent(other, port, 10, 2)
@@ -101,19 +104,19 @@ def received(reader: SerialPort, lines: int) -> Counter[bytes]:
     return Counter(data.split())
 
 
-def test_lines_of_another_sender_are_no_samples(tmp_path: Path) -> None:
-    """The report and the log name it once, and its lines are no samples."""
+def test_the_address_of_the_sender_may_be_given(tmp_path: Path) -> None:
+    """The other sender comes first; the report and the log name it once, and its lines are no samples."""
     port, ending = free_port(), threading.Event()
 
     def send(far: socket.socket, sensor: socket.socket) -> None:
         count = 0
         while not ending.wait(0.005):
             stamp, count = int(1e6 * time.monotonic()), count + 1
-            for sender, value in ((sensor, 0.001 * (count % 7)), (far, 5.0)):
+            for sender, value in ((far, 5.0), (sensor, 0.001 * (count % 7))):
                 line = ",".join([str(stamp), *[f"{value:.3f}"] * 6])
                 sender.sendto(line.encode(), ("127.0.0.1", port))
 
-    url = f"lines:udp://:{port}?columns={COLUMNS}"
+    url = f"lines:udp://:{port}?from=127.0.0.1&columns={COLUMNS}"
     with ExitStack() as opened:
         sockets = [opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2)]
         sockets[0].bind(("127.0.0.2", 0))
