@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -487,21 +488,26 @@ class RowOrder:
         Rows that are late, after which the times soon go on where they were, go back to where rows are missing. Where
         none are missing, a clock has restarted.
         """
-        newest = np.maximum.accumulate(times)
-        late = np.concatenate([[False], times < newest, [False]])
         steps = np.diff(times)
-        if not late.any() or not (steps > 0.0).any():
+        back = np.flatnonzero(steps < 0.0) + 1
+        if not len(back) or not (steps > 0.0).any():
             return None
+        restarts = [k for k in back.tolist() if times[k : k + WINDOW].max() < times[k - 1]]
         # between rows that have all been put back, the steps are those of the other rows
         fewest = float(np.median(steps[steps > 0.0])) / (1.0 + SINGLE_EXCESS)
         order = np.arange(len(times))
-        for begin, end in np.flatnonzero(late[1:] != late[:-1]).reshape(-1, 2).tolist():
-            first = int(np.searchsorted(newest[:begin], times[begin:end].min(), side="right"))
-            if end - first > WINDOW or end == len(times):
-                continue
-            part = order[first:end][np.argsort(times[order[first:end]], kind="stable")]
-            around = [*order[max(first - 1, 0) : first], *part]
-            if float(np.median(np.diff(times[around]))) >= fewest:
-                order[first:end] = part
-                self.moved += end - begin
+        for start, stop in pairwise([0, *restarts, len(times)]):
+            newest = np.maximum.accumulate(times[start:stop])
+            late = np.concatenate([[False], times[start:stop] < newest, [False]])
+            for run in np.flatnonzero(late[1:] != late[:-1]).reshape(-1, 2):
+                begin, end = (run + start).tolist()
+                oldest = times[begin:end].min()
+                first = start + int(np.searchsorted(newest[: begin - start], oldest, side="right"))
+                if end - first > WINDOW or end == stop:
+                    continue
+                part = order[first:end][np.argsort(times[order[first:end]], kind="stable")]
+                around = [*order[max(first - 1, 0) : first], *part]
+                if float(np.median(np.diff(times[around]))) >= fewest:
+                    order[first:end] = part
+                    self.moved += end - begin
         return order

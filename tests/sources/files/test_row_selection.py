@@ -179,6 +179,16 @@ def test_late_rows_are_sorted_and_none_is_lost(tmp_path: Path) -> None:
     assert "18 rows are not in the order of t: sorted by it" in remarks
 
 
+def test_late_rows_behind_a_wrap_of_the_counter_are_sorted(tmp_path: Path) -> None:
+    t, gyro, accel = truth(3000)
+    order, names = np.arange(3000), ["t_us", *NAMES[1:]]
+    for k in (50, 900, 1500, 2900):
+        order[[k, k + 1]] = order[[k + 1, k]]
+    times = (np.rint(t * 1e6) + 2**32 - 3e6) % 2**32
+    path = csv(tmp_path / "a.csv", names, times[order], gyro[order], accel[order])
+    assert replayed(path)[0].session.missing == 0
+
+
 def test_a_clock_that_restarts_or_has_one_wrong_stamp_is_not_sorted(tmp_path: Path) -> None:
     t, gyro, accel = truth(3000)
     for name, stamps in (
