@@ -40,9 +40,10 @@ def curves(
     heat.update(degrees[None], None, np.zeros(1))
     means = heat.result()
     estimator = Estimator(averaged=True, time_to=False)
-    estimator.fit(curve, degrees=means.means[:, 0])
     assert curve.sums is not None
-    return estimator.bias_curves(replace(curve.sums, degrees=means.means[:, 0] + means.offset[0]))
+    sums = replace(curve.sums, degrees=means.means[:, 0] + means.offset[0])
+    estimator.fit(replace(curve, sums=sums))
+    return estimator.bias_curves(sums)
 
 
 @pytest.mark.few
@@ -97,7 +98,9 @@ def fits_beside(effect: Floats, degrees: Floats) -> tuple[ChannelFit, ...]:
     cascade = OctaveCascade(8, tau0=1.0 / RATE)
     cascade.update(synthesise(LENGTH, RATE, N=[N] * 8, B=B, seed=9) + effect[:, None])
     estimator = Estimator(averaged=True, time_to=False)
-    return estimator.fit(cascade.result(), degrees=heat.result().means[:, 0])
+    curve = cascade.result()
+    assert curve.sums is not None
+    return estimator.fit(replace(curve, sums=replace(curve.sums, degrees=heat.result().means[:, 0])))
 
 
 def test_the_noise_beside_a_bent_effect_is_that_without_one() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,7 +47,10 @@ def fitted(values: Floats, degrees: Floats | None = None) -> tuple[ChannelFit, .
         blocks = BlockAccumulator([0], 1.0 / RATE)
         blocks.update(np.ascontiguousarray(degrees.T), None, np.zeros(1))
         means = blocks.result().means[:, 0]
-    return Estimator(averaged=True, time_to=False).fit(curve_of(values), degrees=means)
+    curve = curve_of(values)
+    assert curve.sums is not None
+    sums = replace(curve.sums, degrees=means)
+    return Estimator(averaged=True, time_to=False).fit(replace(curve, sums=sums))
 
 
 def missed(fits: Sequence[ChannelFit], name: str, truth: float) -> int:

@@ -133,7 +133,6 @@ class Estimator:
         renew: bool | None = None,
         resolution: Sequence[float] | None = None,
         kurtosis: Sequence[float] | None = None,
-        degrees: Floats | None = None,
     ) -> tuple[ChannelFit, ...]:
         """Fit every channel of a curve.
 
@@ -146,10 +145,7 @@ class Estimator:
             than half of it shows in the rounding only, and no coefficient is given.
         kurtosis : (c,) 1, excess kurtosis of the samples that count, without exclusions and slow changes. It widens the
             limits of N: outliers that are the noise of a channel (`detection.outliers`) are counted so.
-        degrees : (blocks,) degC, temperature over the blocks of the sums; None: that of the sums.
         """
-        if degrees is None and curve.sums is not None:
-            degrees = curve.sums.degrees
         if curve.record is None or curve.record != self._record:
             self._known.clear()
         self._record = curve.record
@@ -160,7 +156,6 @@ class Estimator:
                 renew,
                 0.0 if resolution is None else float(resolution[channel]),
                 0.0 if kurtosis is None else float(kurtosis[channel]),
-                degrees,
             )
             for channel in range(curve.valid.size)
         )
@@ -172,7 +167,6 @@ class Estimator:
         renew: bool | None,
         step: float,
         kurtosis: float,
-        degrees: Floats | None,
     ) -> ChannelFit:
         """Return the fit of a channel, the last one while it is current; see `fit`."""
         reason = _why_pending(curve, channel, step)
@@ -183,7 +177,7 @@ class Estimator:
         current = known is not None and known.span <= curve.span < known.span * RENEWAL_GROWTH
         if known is None or renew or (renew is None and not current):
             previous = None if renew else known
-            fitted = self._fit_model(curve.sums, channel, previous, degrees, kurtosis, step)
+            fitted = self._fit_model(curve.sums, channel, previous, kurtosis, step)
             known = self._known[channel] = _Known(curve.span, fitted)
         if isinstance(known.fitted, Pending):
             return pending_fit(len(curve.m), *known.fitted)
@@ -219,7 +213,7 @@ class Estimator:
             if like is None and known is not None and known.span > span:
                 known = None  # another part
             excess = 0.0 if kurtosis is None else float(kurtosis[channel])
-            fitted = self._fit_model(sums, channel, known, sums.degrees, excess, step, whole=like is None)
+            fitted = self._fit_model(sums, channel, known, excess, step, whole=like is None)
             if like is None:
                 self._parts[channel] = _Known(span, fitted)
             out.append(pending_fit(0, *fitted) if isinstance(fitted, Pending) else fitted.fit)
@@ -251,7 +245,6 @@ class Estimator:
         sums: NoiseSums,
         channel: int,
         known: _Known | None,
-        degrees: Floats | None,
         kurtosis: float,
         step: float,
         *,
@@ -265,7 +258,7 @@ class Estimator:
         whole : the sums are those of which `known` is an earlier state, and settling, steps and bends are sought;
             False: a part of them that shares its model.
         """
-        series = _noisy_series(sums.blocks, channel, degrees)
+        series = _noisy_series(sums.blocks, channel, sums.degrees)
         if isinstance(series, Pending):
             return series
         previous: ModelChoice | None = None

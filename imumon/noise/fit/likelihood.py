@@ -354,10 +354,8 @@ class Likelihood:
         """
         if start is None:
             # amplitudes whose power in the lowest coefficient, at half a cycle per record, is that of N times DECADES
-            lowest = np.array([0.5 / samples])
-            grids: Grids = {
-                term: np.sqrt(self._white / term.rate_density(lowest) * DECADES) for term in GRIDDED
-            }
+            lowest = 2.0 * np.pi * 0.5 / samples
+            grids: Grids = {term: np.sqrt(self._white * lowest**term.exponent * DECADES) for term in GRIDDED}
         else:
             grids = start
         surface, even = self.surface(grids, self._first_values(grids)), start is not None

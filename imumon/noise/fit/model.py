@@ -339,7 +339,7 @@ QUANTISATION = Quantisation("Q")
 
 NOISE_TERMS: tuple[NoiseTerm, ...] = (WHITE, FLICKER, WALK)
 """Terms of every channel."""
-GRIDDED: tuple[NoiseTerm, NoiseTerm] = (FLICKER, WALK)
+GRIDDED: tuple[PowerLaw, PowerLaw] = (FLICKER, WALK)
 """Terms that span the grid of the likelihood of every channel, in the order of its axes."""
 TERMS: tuple[NoiseTerm, ...] = (*NOISE_TERMS, QUANTISATION)
 """All terms that observations have an expectation of."""

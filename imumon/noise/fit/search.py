@@ -603,7 +603,9 @@ class ModelSearch:
         term, power = peaks.terms[peaks.best], float(peaks.markov[peaks.best])
         likelihood = replace(self._observed(upper_end, 0.0, [term]), beside={term: power})
         # one point, the maximum: a misfit asks for no limits
-        peak = {gridded: np.sqrt(peaks.powers[gridded][[peaks.best]]) for gridded in GRIDDED}
+        peak: dict[NoiseTerm, Floats] = {
+            gridded: np.sqrt(peaks.powers[gridded][[peaks.best]]) for gridded in GRIDDED
+        }
         return likelihood, likelihood.at_values_of(self._fit(upper_end)[1], peak)
 
 
