@@ -32,9 +32,6 @@ from imumon.sources.vn100.registers import CHANGE_THE_DATA, FACTORY_BAUD, LOOP_R
 if TYPE_CHECKING:
     from imumon.config import DeviceSettings
 
-QUIET_S = 1.0
-"""s without samples after which the sensor is configured again; or four samples, if they take longer."""
-
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 
 
@@ -81,7 +78,7 @@ class Vn100Session(Session):
 
     @property
     def quiet_s(self) -> float:  # type: ignore[override]
-        return QUIET_UNKNOWN_S if self._divisor is None else max(QUIET_S, 4 * self._divisor / LOOP_RATE)
+        return max(QUIET_UNKNOWN_S, 4 * (self._divisor or 0) / LOOP_RATE)
 
     # ------------------------------------------------------------------ start and end
 
