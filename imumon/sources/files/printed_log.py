@@ -60,11 +60,8 @@ MOST_CODES = 12
 FAR = 6.0
 """Standard deviations by which numbers differ that are not of one sensor."""
 
-TOO_LONG = "\udfff"
-"""Line in place of one that is too long; no text in UTF-8 or Latin-1 has this character."""
-
 TOO_LONG_BYTES = b"\xed\xbf\xbf"
-"""The same in front of the decoder: it is no UTF-8."""
+"""Line in place of one that is too long: no text in UTF-8 has these bytes."""
 
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 """Contents of a cell without a number."""
