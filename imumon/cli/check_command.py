@@ -18,7 +18,7 @@ from imumon.cli import options
 from imumon.cli.daemon_state import current_reports, current_trouble, grades_text
 from imumon.cli.exit_codes import NOT_FOUND, CommandError
 from imumon.cli.options import Parser
-from imumon.model.coefficients import GRADES
+from imumon.model.coefficients import GRADES, GradeName
 from imumon.model.errors import ImumonError
 from imumon.model.messages import caveats, change_text, grade_text, joined, line, loss_label, loss_text
 from imumon.model.report import SensorGrade
@@ -64,7 +64,8 @@ def check(arguments: argparse.Namespace) -> int:
         ((report, age_s),) = current_reports(subscriber, [report.device.id]).values()
         stopped = current_trouble(subscriber, report, time.monotonic() + options.ANSWER_S)
         rivals = report.device.id in subscriber.rivals()
-    critical, warnings = [], []
+    critical: list[str] = []
+    warnings: list[str] = []
     if report.state == "stopped":
         critical.append("the daemon has ended")
     if stopped:
@@ -72,12 +73,8 @@ def check(arguments: argparse.Namespace) -> int:
     if age_s > arguments.max_age:
         critical.append(f"the last report is {age_s:.1f} s old")
     if arguments.grade:
-        for sensor, grade in report.grade.items():
-            verdict = grade.compared_with(arguments.grade)
-            if verdict == "missed":
-                critical.append(f"{sensor} is certainly worse than {arguments.grade}: {_grade_text(grade)}")
-            elif verdict == "open":
-                warnings.append(f"{sensor} may be worse than {arguments.grade}: {_grade_text(grade)}")
+        critical += _grades(report, "missed", f"is certainly worse than {arguments.grade}", arguments.grade)
+        warnings += _grades(report, "open", f"may be worse than {arguments.grade}", arguments.grade)
     if rivals:  # the numbers are of the one that was seen first, which need not be the right one
         warnings.append(f"two programs publish {report.device.id}: give each daemon its own --id")
     if report.session.recent_loss is not None and report.is_lossy:
@@ -102,6 +99,13 @@ def _print(code: Code, text: str, performance: Sequence[str]) -> int:
     line = " ".join(plain(text.replace("\n", "; ").replace("|", "/")).split())
     print(f"IMUMON {code.name} - {line}" + (f"|{' '.join(performance)}" if performance else ""))
     return code
+
+
+def _grades(report: Any, verdict: str, words: str, required: GradeName) -> Iterator[str]:
+    """Yield the sensors of which the comparison with the required grade has this result."""
+    for sensor, grade in report.grade.items():
+        if grade.compared_with(required) == verdict:
+            yield f"{sensor} {words}: {_grade_text(grade)}"
 
 
 def _grade_text(grade: SensorGrade) -> str:

@@ -106,21 +106,27 @@ class WaitCondition:
         if self.coefficient is None or self.precision is None:
             return None
         for name, channel in chosen.items():
-            coefficient = channel.estimates.get(self.coefficient)
-            subject = f"{self.coefficient} of {name}"
-            if coefficient is None and "N" in channel.estimates and self.coefficient not in NOISE:
-                return f"{subject} does not show"
-            if coefficient is None or coefficient.status == "pending":
-                return f"{subject} is pending"
-            if coefficient.is_bound or not coefficient.value:
-                young = self.coefficient == "K" and report.session.elapsed_s < USUAL_RECORD_S
-                usual = f"; it usually shows after {duration(USUAL_RECORD_S)}" if young else ""
-                return f"{subject} is only bounded so far{usual}"
-            half = coefficient.stated.half_width
-            if half is None:
-                return f"{subject} has no limits yet"
-            if not coefficient.known_to(self.precision):
-                left = seconds_left(channel, self.coefficient, report.precision)
-                ahead = f", about {duration(left)} to the precision of the settings" if left else ""
-                return f"{subject} is known to {figures(half, 2)}, required {self.precision:g}{ahead}"
+            if missing := _missing(channel, self.coefficient, self.precision, report):
+                return f"{self.coefficient} of {name} {missing}"
         return None
+
+
+def _missing(channel: Channel, letter: str, precision: float, report: Report) -> str | None:
+    """Return what a coefficient lacks; None if it is known to a share of its value."""
+    coefficient = channel.estimates.get(letter)
+    if coefficient is None and "N" in channel.estimates and letter not in NOISE:
+        return "does not show"
+    if coefficient is None or coefficient.status == "pending":
+        return "is pending"
+    if coefficient.is_bound or not coefficient.value:
+        young = letter == "K" and report.session.elapsed_s < USUAL_RECORD_S
+        usual = f"; it usually shows after {duration(USUAL_RECORD_S)}" if young else ""
+        return f"is only bounded so far{usual}"
+    half = coefficient.stated.half_width
+    if half is None:
+        return "has no limits yet"
+    if coefficient.known_to(precision):
+        return None
+    left = seconds_left(channel, letter, report.precision)
+    ahead = f", about {duration(left)} to the precision of the settings" if left else ""
+    return f"is known to {figures(half, 2)}, required {precision:g}{ahead}"
