@@ -63,14 +63,14 @@ def test_memory_does_not_grow_with_the_record() -> None:
     monitor, n, held = Record(), 100 * 60 * 5, []
     tracemalloc.start()
     try:
-        for fives in range(5):
+        for fives in range(9):
             monitor.feed(block(n, fives * n, seed=fives))
             report(monitor)
             gc.collect()
             held.append(tracemalloc.get_traced_memory()[0])
     finally:
         tracemalloc.stop()
-    assert held[-1] - held[0] < 500_000
+    assert held[-1] - held[4] < 500_000  # what fits keep, and the working space of a block, are made by then
 
 
 def test_best_stream_is_characterised_and_counted_alone() -> None:
