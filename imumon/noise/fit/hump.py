@@ -66,7 +66,7 @@ Otherwise: white noise of two hours loses half of its bands in one record of 60 
 that are left out over seven octaves explain Gauss–Markov noise as well as a term of it does. Chosen: three octaves,
 more than a hum wanders (`markov.py`).
 """
-CHANCE = 0.05
+HUMP_CHANCE = 0.05
 """Noise alone makes a hump that has a name in this share of records. Unit: probability.
 
 Otherwise: one clean record in twenty has the caveat of a vibration, because a chance of Gauss–Markov noise is one of a
@@ -208,7 +208,7 @@ def band_left_out(
     begin, end = max(begin - 1, 0), min(end + 1, number - KEPT)
     low = float(bands.top[begin - 1]) if begin else 0.0
     chance = float(gammaincc(0.5 * left_out[best], 0.5 * max(alone - float(deviance[best]), 0.0)))
-    is_certain = chance < CHANCE / cost.size  # over all places (Bonferroni)
+    is_certain = chance < HUMP_CHANCE / cost.size  # over all places (Bonferroni)
     return Band(low, float(bands.top[end - 1]), is_certain), False
 
 

@@ -41,13 +41,13 @@ Allan variance.
 Otherwise: each hum of a microvolt is a caveat. Origin: 5 % of the deviation: about the width of the line of a figure.
 """
 
-LINE_WIDTHS = 2.2
+DRAWN_WIDTHS = 2.2
 """Half of the band by which the drawn model represents a line. Unit: widths.
 
 Otherwise: a line as one frequency oscillates with tau, the measured curve does not: its frequency wanders. Origin: 97
 % of a Gaussian line.
 """
-LINE_NODES = np.linspace(-LINE_WIDTHS, LINE_WIDTHS, 23)
+LINE_NODES = np.linspace(-DRAWN_WIDTHS, DRAWN_WIDTHS, 23)
 
 _FEW_EDF = (1.0, 1.02, 1.06, 1.14, 1.24, 1.45, 1.8, 2.4, 3.0, 3.6, 4.7, 6.4, 8.7, 12.2, 18.0)
 _FEW_QUANTILE = (
