@@ -32,6 +32,9 @@ from imumon.sources.vn100.registers import CHANGE_THE_DATA, FACTORY_BAUD, LOOP_R
 if TYPE_CHECKING:
     from imumon.config import DeviceSettings
 
+OTHER_STREAM_S = 1.0
+"""s for which a sensor may send another stream than the configured one: it was restarted."""
+
 _BEST: tuple[Kind, ...] = ("deltas", "uncompensated", "compensated")
 
 
@@ -73,11 +76,13 @@ class Vn100Session(Session):
         self._notices: list[Notice] = []
         self._rate_check = RateCheck()
         self._unread = b""
-        self._newest_ns, self._restarted = 0, False
+        self._newest_ns, self._restarted, self._sends_other_stream = 0, False, False
         self._errors: set[int | None] = set()  # codes that were reported
 
     @property
     def quiet_s(self) -> float:  # type: ignore[override]
+        if self._sends_other_stream:
+            return OTHER_STREAM_S
         return max(QUIET_UNKNOWN_S, 4 * (self._divisor or 0) / LOOP_RATE)
 
     # ------------------------------------------------------------------ start and end
@@ -146,6 +151,7 @@ class Vn100Session(Session):
         for item in items:
             if isinstance(item, SampleBlock):
                 self._streams[item.stream.kind] = item.stream
+                self._sends_other_stream = not self.is_alive(item)
                 self._check_rate(item, self._clock())
                 self._check_restart(item)
             elif isinstance(item, SensorError):
