@@ -70,7 +70,8 @@ def test_memory_does_not_grow_with_the_record() -> None:
             held.append(tracemalloc.get_traced_memory()[0])
     finally:
         tracemalloc.stop()
-    assert held[-1] - held[4] < 500_000  # what fits keep, and the working space of a block, are made by then
+    # what fits keep, and the working space of a block, are made in the first half hour
+    assert held[-1] - max(held[:6]) < 500_000
 
 
 def test_best_stream_is_characterised_and_counted_alone() -> None:
