@@ -233,8 +233,8 @@ def originals(current: Texts, saved: Texts | None, new_baud: str | None) -> dict
 
 
 def _is_off_port(text: str, before: str) -> bool:
-    """Return whether a binary output is `before` without one port."""
-    return parse_output(before) is not None and any(same(text, off_port(before, mode)) for mode in (1, 2))
+    """Return whether a binary output is `before` without one port, or without both."""
+    return parse_output(before) is not None and any(same(text, off_port(before, mode)) for mode in (1, 2, 3))
 
 
 def _is_windowed(text: str) -> bool:
