@@ -99,7 +99,9 @@ def curve_table(name: str, channel: Channel, confidence: float) -> CurveTable:
     """Return the curve of a channel; raise `ImumonError` if it has none."""
     if channel.allan is None or not channel.allan.tau_s:
         raise ImumonError(
-            "no_curve", f"{name} has no Allan deviation", "name a channel of a sensor, or record longer"
+            "no_curve",
+            f"{name} has no Allan deviation",
+            "name a channel of a sensor, or record longer; a combination has none: take those of its records",
         )
     curve = channel.allan
     edf = _floats(curve.edf)

@@ -223,7 +223,8 @@ class Measurement:
     def _sensor(self, sensor: str) -> str:
         sensors = list(dict.fromkeys(name.sensor for name, c in self.report.channels.items() if c.allan))
         if sensor not in sensors:
-            cure = f"there are {', '.join(sensors) or 'none with a curve'}"
+            without = "none with a curve; a combination has none: plot its records"
+            cure = f"there are {', '.join(sensors) or without}"
             raise ImumonError("unknown_sensor", f"the record has no sensor {sensor!r}", cure)
         return sensor
 
@@ -296,8 +297,15 @@ class Measurement:
     # ------------------------------------------------------------------ text
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the report as JSON, which `imumon.load`, ``--baseline`` and ``imumon report`` read."""
+        """Write the report as JSON, which `imumon.load`, ``--baseline`` and ``imumon report`` read.
 
+        Raises
+        ------
+        ImumonError : the name has the ending of another form, or the file cannot be written.
+        """
+        if (ending := os.path.splitext(path)[1].lower()) not in ("", ".json"):
+            cure = f"name a file that ends with .json, or write m.text({ending[1:]!r}) to it"
+            raise ImumonError("other_form", f"save writes JSON, and {os.fspath(path)} is not named so", cure)
         try:
             replace_file(os.fspath(path), (to_json(self.report, indent=1) + "\n").encode())
         except OSError as error:

@@ -35,7 +35,7 @@ def add_history(parser: Parser) -> None:
     add("--since", metavar="T", help=text)
     text = "only this channel or sensor (gyro/x or gyro), repeatable"
     add("--channel", action="append", metavar="NAME", help=text)
-    text = "length of a row; default: 10m up to 2 days, 1h up to 2 months, else 1d"
+    text = "length of a row; default: 1h up to 2 months, else 1d"
     add("--step", choices=tuple(STEPS), help=text)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print an array of objects, SI units")

@@ -52,6 +52,8 @@ ALONE = ("demo", "sim", "explain", "completion")
 """Commands that read no settings and ask no daemon."""
 UNLISTED = ("sim", "completion")
 """Commands that the first help does not list: a developer or a shell needs them once."""
+SHARED_OPTIONS = ("--config", "--connect")
+"""Options with a value that may stand before the command."""
 COMPLETING = "_ARGCOMPLETE"
 """Environment variable that the script of argcomplete sets."""
 
@@ -76,7 +78,7 @@ def _run(argv: Sequence[str] | None) -> int:
 
         completion.complete(parsers)
     words = list(sys.argv[1:] if argv is None else argv)
-    arguments = argparse.Namespace(json="--json" in words, plugin=words[:1] == ["check"])
+    arguments = argparse.Namespace(json="--json" in words, plugin=_command(words) == "check")
     try:
         handler = _parse(words, arguments)
         _raise_file_limit()
@@ -105,7 +107,7 @@ def _raise_file_limit() -> None:
 
 def _parse(argv: Sequence[str], arguments: argparse.Namespace) -> Handler:
     """Parse the command line into `arguments` and return the function of the command."""
-    name = argv[0] if argv else ""
+    name = _command(argv)
     parser, commands = parsers(only=name)
     if name and not name.startswith("-") and name not in commands:
         close = difflib.get_close_matches(name, commands, 1, 0.5)
@@ -120,6 +122,18 @@ def _parse(argv: Sequence[str], arguments: argparse.Namespace) -> Handler:
         command.error(f"unknown argument {unknown[0]}{command.suggestion(unknown[0])}")
     handler: Handler = getattr(_module(arguments.command), arguments.command)
     return handler
+
+
+def _command(argv: Sequence[str]) -> str:
+    """Return the word that names the command: the first one behind the options of the program; empty: there is none."""
+    words = iter(argv)
+    for word in words:
+        if word not in SHARED_OPTIONS:
+            if not word.startswith(SHARED_OPTIONS):
+                return word
+        else:
+            next(words, None)
+    return ""
 
 
 def _module(name: str) -> ModuleType:

@@ -49,7 +49,7 @@ def _observed(subscriber: Any, names: list[str]) -> Iterator[Any]:
     """Yield what is known of each device whose name begins with one of `names`."""
     from imumon.history.metrics import Observed
 
-    now = time.monotonic()
+    now, rivals = time.monotonic(), subscriber.rivals()
     for id, (report, arrived_s) in subscriber.reports().items():
         if id.startswith(tuple(names)):
-            yield Observed(report, now - arrived_s, subscriber.event_counts(id))
+            yield Observed(report, now - arrived_s, subscriber.event_counts(id), rival=id in rivals)

@@ -37,19 +37,18 @@ STYLE: Any = {
     "grid.linewidth": 0.9,
     **{f"{side}.{name}": value for side in ("xtick", "ytick") for name, value in (
         ("color", COLOURS["muted"]), ("labelcolor", COLOURS["text"]), ("labelsize", 9))},
-    "legend.frameon": False,
-    "legend.loc": "lower right",
-    "legend.labelcolor": COLOURS["text"],
-    "legend.fontsize": 8,
-    "legend.borderaxespad": 0.1,
-    "legend.handlelength": 1.4,
-    "legend.columnspacing": 1.1,
-    "legend.handletextpad": 0.4,
 }  # fmt: skip
 """What all figures have in common, as settings of matplotlib."""
+LEGEND: Any = {
+    "frameon": False, "labelcolor": COLOURS["text"], "fontsize": 8, "borderaxespad": 0.1, "handlelength": 1.4,
+    "columnspacing": 1.1, "handletextpad": 0.4,
+}  # fmt: skip
+"""Form of a legend, which also stands above axes of a caller."""
 
 INCHES = (8.4, 4.6)
 """Width and height of a figure of the page, and of a panel of a file."""
+WIDE_INCHES = 4.5
+"""Width of axes from which on a legend of one line is not wider than they are: a layout makes axes narrower for it."""
 FEW_DECADES = 2.0  # decades up to which 2 and 5 are labelled too
 _SVG_REPLACEMENTS = (
     (r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", ""),
@@ -146,6 +145,9 @@ def draw_grid(panel: Axes) -> None:
 
 
 def draw_legend(panel: Axes, handles: Sequence[Any] = ()) -> None:
-    """Draw a legend in one line above the frame, by default of all that has a label."""
+    """Draw a legend in one line above the frame, in two above a narrow one, by default of all that has a label."""
     entries = handles or panel.get_legend_handles_labels()[0]
-    panel.legend(handles=entries, ncols=len(entries), bbox_to_anchor=(1.0, 1.0))
+    inches = panel.get_window_extent().width / panel.figure.dpi
+    columns = len(entries) if inches >= WIDE_INCHES else -(-len(entries) // 2)
+    # explicit: the axes may be those of a caller, whose settings are others, and a layout must not make room for it
+    panel.legend(handles=entries, ncols=columns, loc="lower right", bbox_to_anchor=(1.0, 1.0), **LEGEND)

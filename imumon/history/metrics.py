@@ -34,11 +34,13 @@ class Observed:
     ----------
     age_s : s since the newest report.
     events : number of events by kind; a kind that is not there did not occur.
+    rival : two programs publish the device: these numbers may be those of the other one.
     """
 
     report: Report
     age_s: float
     events: Mapping[str, int]
+    rival: bool = False
 
 
 class Metrics:
@@ -58,7 +60,7 @@ class Metrics:
 
         metrics: dict[str, Any] = {}
         for observed in self._observe():
-            rows_of_families = _gauges(observed.report, observed.age_s), _counters(observed)
+            rows_of_families = _gauges(observed), _counters(observed)
             for family, rows in zip((GaugeMetricFamily, CounterMetricFamily), rows_of_families, strict=True):
                 for name, text, labels, samples in rows:
                     metric = metrics.setdefault(name, family(name, text, labels=["device", *labels]))
@@ -122,8 +124,10 @@ def _counters(observed: Observed) -> Rows:
     yield "imumon_events", "Events that were received", ("kind",), events
 
 
-def _gauges(report: Report, age_s: float) -> Rows:
+def _gauges(observed: Observed) -> Rows:
+    report, age_s = observed.report, observed.age_s
     channels = report.channels.items()
+    yield "imumon_rival", "1 if two programs publish the device, else 0", (), [(float(observed.rival),)]
     text = "Whether the sensor sends samples and its daemon reports them: 1, or 0"
     up = report.state == "running" and age_s <= report.late_s
     yield "imumon_up", text, (), [(float(up),)]

@@ -105,7 +105,7 @@ _WORDS: Mapping[str, tuple[str, str]] = {
     ),
     "walk": (
         "The random walk of the bias for a Kalman filter. Flicker B is no random walk, so a filter with K alone is too "
-        "sure of its bias after some minutes. The walk is the smallest that is not; --walk K gives plain K.",
+        "sure of its bias after some minutes. The walk is the smallest that is not.",
         FILTERS,
     ),
     "horizon": (

@@ -113,7 +113,14 @@ def test_figures_are_drawn_on_the_axes_of_the_caller(m: Measurement) -> None:
     assert m.plot("gyro", ax=one) is one
     assert m.plot_spectrum("accel", ax=two) is two
     assert one.get_xscale() == two.get_yscale() == "log"
-    assert m.plot("accel").figure is not figure
+    own = m.plot("accel").figure
+    assert own is not figure
+    narrow, panels = pyplot.subplots(1, 2, layout="constrained")
+    for sensor, panel in zip(("gyro", "accel"), panels, strict=True):
+        m.plot(sensor, ax=panel)
+    for drawn in (own, narrow):  # a legend beside the axes would take their width
+        drawn.savefig(io.BytesIO())
+        assert sum(panel.get_position().width for panel in drawn.axes) > 0.5
     pyplot.close("all")
     with pytest.raises(ImumonError) as error:
         m.plot("mag")

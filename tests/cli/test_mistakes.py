@@ -43,6 +43,14 @@ def test_invalid_options(arguments: tuple[str, ...], text: str) -> None:
     assert text in imumon(*arguments, code=2)
 
 
+@pytest.mark.parametrize("command", ["status", "check", "wait", "history", "report", "doctor", "run"])
+def test_options_of_the_program_may_stand_before_any_command(command: str) -> None:
+    for before in (["--connect", "tcp/127.0.0.1:1"], ["--config=x.toml"]):
+        code, output, errors = run_inside([*before, command, "--nonsense"])
+        assert code == (3 if command == "check" else 2)
+        assert "unknown argument --nonsense" in output + errors
+
+
 @pytest.mark.parametrize("state", ["/dev/null", "/dev/null/state"])
 def test_a_state_directory_that_cannot_be_one_is_refused_at_the_start(state: str) -> None:
     message = imumon("run", "--port", "sim", "--state", state, "--duration", "1", code=1)

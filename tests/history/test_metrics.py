@@ -37,6 +37,7 @@ def text(tmp_path: Path) -> str:
 def test_every_number_of_the_report_is_there(text: str) -> None:
     made, shown = report(), values(text)
     assert shown["imumon_up",] == 1.0
+    assert shown["imumon_rival",] == 0.0
     assert shown["imumon_samples_total",] == made.session.samples
     assert shown["imumon_missing_total",] == made.session.missing
     assert shown["imumon_events_total", "connect"] == 2.0

@@ -110,7 +110,7 @@ class ColumnClock:
         return Use("t", (column.index,), ("",), text, known, certain, reason, "assumed_rate")
 
     def _unit(self, column: NamedColumn) -> str:
-        """Return the unit of a clock that is stated, or shown by a time since 1970; empty: neither."""
+        """Return the unit of a clock that is stated, is its name, or is shown by a time since 1970; empty: none."""
         if column.index in self._dates:
             return "s"
         if column.known is not None:
@@ -118,6 +118,8 @@ class ColumnClock:
         middle, step = float(np.median(column.present)), typical_step(column.present)
         for k, text in enumerate(CLOCK_UNITS):
             factor = 10.0 ** (-3 * k)
+            if k and column.words == text and _is_possible(step * factor):  # `s` may be any quantity
+                return text
             if SINCE_1970_S[0] <= middle * factor < SINCE_1970_S[1] and _is_possible(step * factor):
                 return text
         return ""
