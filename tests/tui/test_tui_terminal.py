@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import fcntl
+import io
 import os
 import pty
 import shutil
@@ -22,12 +23,15 @@ from pathlib import Path
 
 import aiohttp
 import pytest
-from daemons import free_endpoint
+from browser import PROGRAMS, browser
+from daemons import Daemon, free_endpoint
 from free_ports import free_port
 from paths import TESTS
 from waiting import until
 
 from imumon.tui.web import MOST_BROWSERS
+
+CHROMIUM = next(filter(None, map(shutil.which, PROGRAMS)), None)
 
 ACTOR = [sys.executable, str(TESTS / "screen_actor.py")]
 COMMAND = [sys.executable, "-m", "imumon", "tui"]
@@ -317,3 +321,62 @@ def test_a_browser_shows_the_screen_and_follows_the_keys(tmp_path: Path) -> None
         process.send_signal(signal.SIGTERM)
         process.wait(60)
     assert list((tmp_path / "empty").iterdir()) == []
+
+
+def selected_tab(picture: bytes) -> int:
+    """Column of the left edge of the highlighted view in the bottom line of a picture."""
+    from PIL import Image
+
+    shown = Image.open(io.BytesIO(picture)).convert("L")
+    width, height = shown.size
+    rows = [[shown.getpixel((x, y)) for x in range(width // 2)] for y in range(height - 25, height)]
+    lightest = max(rows, key=sum)
+    return next(x for x, value in enumerate(lightest) if value > 100)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+def test_a_real_browser_shows_the_screen_and_follows_the_keys(tmp_path: Path) -> None:
+    """IMUMON_SCREENSHOTS names a directory that keeps the pictures for people."""
+    from PIL import Image
+
+    pictures = Path(os.environ.get("IMUMON_SCREENSHOTS", tmp_path))
+
+    async def look(address: str) -> None:
+        assert CHROMIUM is not None
+        async with browser(CHROMIUM, tmp_path, address) as shown:
+            end = time.monotonic() + 60
+            while not await shown.value("document.body.classList.contains('-first-byte')"):
+                assert time.monotonic() < end, shown.log
+                await asyncio.sleep(0.2)
+            await asyncio.sleep(4.0)
+            first = await shown.screenshot(pictures / "overview.png")
+            await shown.press("2")  # without a click before
+            end = time.monotonic() + 20
+            while selected_tab(second := await shown.screenshot(pictures / "signal.png")) == selected_tab(
+                first
+            ):
+                assert time.monotonic() < end, "the key 2 does nothing"
+                await asyncio.sleep(0.2)
+            for data in (first, second):
+                colours = Image.open(io.BytesIO(data)).convert("RGB").getcolors(1 << 24)
+                assert colours is not None
+                assert len(colours) > 100  # text and a curve, not an empty page
+            assert first != second
+            others = [url for url in shown.requested if not url.startswith((address, "data:", "blob:"))]
+            assert len(shown.blocked) == len(
+                others
+            )  # the page names a font of another host: it is not fetched
+
+    words = ("--speed", "60", "--id", "lab")
+    with Daemon("sim", tmp_path / "state", *words) as daemon:
+        daemon.wait(lambda r: r.session.elapsed_s > 60)
+        with page(tmp_path / "empty", "--connect", daemon.endpoint) as (address, process):
+            asyncio.run(look(address))
+            end = time.monotonic() + 20
+            while children(process.pid):  # the browser has gone, and its screen with it
+                assert time.monotonic() < end
+                time.sleep(0.2)
+            process.send_signal(signal.SIGTERM)
+            process.wait(60)
+        assert list((tmp_path / "empty").iterdir()) == []
