@@ -81,6 +81,7 @@ def test_arrays_with_names_are_read(tmp_path: Path, name: str) -> None:
     assert np.allclose(block.time_ns * 1e-9, T - T[0], atol=1e-6)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed], ids=["stored", "compressed"])
 def test_the_memory_of_an_archive_does_not_grow_with_it(tmp_path: Path, save: Callable[..., None]) -> None:
     count = 600_000

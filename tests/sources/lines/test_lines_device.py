@@ -124,7 +124,7 @@ def test_the_address_of_the_sender_may_be_given(tmp_path: Path) -> None:
         thread = threading.Thread(target=send, args=sockets)
         thread.start()
         try:
-            made = daemon.wait(lambda made: made.session.samples > 500)
+            made = daemon.wait(lambda made: made.session.samples > 200)
         finally:
             ending.set()
             thread.join()

@@ -171,7 +171,7 @@ def test_magnetic_field_and_temperature_have_the_units_of_channels() -> None:
     assert len(found) == 600
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.data())
 def test_hostile_messages_never_raise_and_counts_add_up(data: st.DataObject) -> None:
     """Any stamps, sequence numbers, publishers and bytes: a message is a sample, a duplicate, or invalid."""
