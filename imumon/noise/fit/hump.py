@@ -179,10 +179,7 @@ def band_left_out(
     explained = _explained(alone, left, least)
     if explained and not markov_shows:
         return None, False
-    by_kind: dict[str, list[float]] = {term.letter: [] for term in markov}
-    for term in markov:
-        by_kind[term.letter].append(float(_deviances(bands, every, (*NOISE_TERMS, term), error)[0][0]))
-    beside = min(map(_least, by_kind.values()), default=np.inf)
+    beside = _beside_markov(bands, markov, error)
     explained = explained or _explained(beside, left - MARKOV_NUMBERS, least)
     if explained and not markov_shows:
         return None, False
@@ -210,6 +207,15 @@ def band_left_out(
     chance = float(gammaincc(0.5 * left_out[best], 0.5 * max(alone - float(deviance[best]), 0.0)))
     is_certain = chance < HUMP_CHANCE / cost.size  # over all places (Bonferroni)
     return Band(low, float(bands.top[end - 1]), is_certain), False
+
+
+def _beside_markov(bands: Bands, markov: Sequence[NoiseTerm], error: float) -> float:
+    """Return the deviance of all bands beside the likeliest Gauss–Markov noise; infinity: there is none."""
+    every = np.ones((1, bands.power.size), dtype=bool)
+    by_kind: dict[str, list[float]] = {term.letter: [] for term in markov}
+    for term in markov:
+        by_kind[term.letter].append(float(_deviances(bands, every, (*NOISE_TERMS, term), error)[0][0]))
+    return min(map(_least, by_kind.values()), default=np.inf)
 
 
 def _ranges(number: int) -> Ints:

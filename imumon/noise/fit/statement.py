@@ -450,30 +450,36 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
     low, value, high = limits[WALK]
     limits[WALK] = low, value, max(high, model.slow.walk_high)
     open_terms: list[NoiseTerm] = [term for term in GRIDDED if not shown[term]]
-    # below the band of a hum that wanders to frequency zero, its skirt looks like a walk, or like Gauss–Markov noise
-    reaches_zero = model.hump is not None and model.hump.reaches_zero
-    hides_markov = reaches_zero or model.choice.may_be_hump
+    hidden = _may_be_another(model, shown)
     if markov is not None:
-        shown[markov.term] = markov.is_certain and not hides_markov
+        shown[markov.term] = markov.is_certain and markov.term not in hidden
         limits[markov.term] = tuple(quantiles(markov.surface, markov.term, LIMITS).tolist())
         if not shown[markov.term]:
             open_terms.append(markov.term)
-    confused = _confused(model, open_terms)
-    if markov is not None and markov.is_certain and hides_markov:
-        confused[markov.term] = ["a vibration"]
-    if reaches_zero and shown[WALK]:
-        shown[WALK], confused[WALK] = False, ["a vibration"]
-    if model.is_markov_instead:
-        shown[WALK], confused[WALK] = False, [kind.letter for kind in TRIED]
+    confused = _confused(model, open_terms) | hidden
     estimates: dict[NoiseTerm, Estimate] = {}
     for term, (low, value, high) in limits.items():
-        if shown[term] and low < value < high:
+        if shown[term] and term not in hidden and low < value < high:
             estimates[term] = Estimate(value=value, low=low, high=high, status="measured")
         elif term in confused:
             estimates[term] = _indistinct(high, confused[term])
         else:
             estimates[term] = _bound(high, _why_not_shown(model, term))
     return estimates
+
+
+def _may_be_another(model: Model, shown: Mapping[NoiseTerm, bool]) -> dict[NoiseTerm, list[str]]:
+    """Return the terms that show and may be something else, with what they may be."""
+    hidden: dict[NoiseTerm, list[str]] = {}
+    # below the band of a hum that wanders to frequency zero, its skirt looks like a walk, or like Gauss–Markov noise
+    reaches_zero = model.hump is not None and model.hump.reaches_zero
+    if model.markov is not None and model.markov.is_certain and (reaches_zero or model.choice.may_be_hump):
+        hidden[model.markov.term] = ["a vibration"]
+    if reaches_zero and shown[WALK]:
+        hidden[WALK] = ["a vibration"]
+    if model.is_markov_instead:
+        hidden[WALK] = [kind.letter for kind in TRIED]
+    return hidden
 
 
 def _confused(model: Model, open_terms: Sequence[NoiseTerm]) -> dict[NoiseTerm, list[str]]:
