@@ -138,6 +138,11 @@ def check_directory(directory: Path) -> None:
     if existing is not None and not existing.is_dir():
         text = f"the state cannot be saved in {directory}: {existing} is not a directory"
         raise StateError("state_no_directory", text, "give a directory with --state")
+    if existing is not None and not os.access(existing, os.W_OK | os.X_OK):
+        text = f"the state cannot be saved in {directory}: {existing} may not be written by this user"
+        raise StateError(
+            "state_no_directory", text, "give another directory with --state, or the right to write it"
+        )
 
 
 class Checkpoint:
@@ -229,7 +234,11 @@ class Checkpoint:
             except StateError as error:
                 reason = "other-version" if error.code == "state_version" else "damaged"
                 message = error.message
-            messages.append(f"{message}; kept as {self.set_aside(reason, path).name}")
+            kept = self.set_aside(reason, path)
+            # of a directory that may not be read, nobody knows what is in it
+            messages.append(
+                f"{message}; kept as {kept.name}" if reason != "unreadable" or self.exists else message
+            )
         return None, messages
 
     def set_aside(self, reason: str, path: Path | None = None) -> Path:

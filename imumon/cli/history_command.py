@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +58,7 @@ def history(arguments: argparse.Namespace) -> int:
     elif arguments.csv:
         pieces = csv_pieces(rows)
     else:
-        pieces = _table(rows)
+        pieces = _table(rows, chosen.channels)
     for piece in pieces:
         sys.stdout.write(piece)
     return 0
@@ -173,7 +173,7 @@ def _beside(path: Path) -> Path | None:
     return file if file.exists() else None
 
 
-def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
+def _table(objects: Iterable[dict[str, Any]], channels: Sequence[str]) -> Iterator[str]:
     """Yield lines for people: readable units, limits as half-widths."""
 
     empty = True
@@ -197,7 +197,8 @@ def _table(objects: Iterable[dict[str, Any]]) -> Iterator[str]:
         notes += [f"{duration(row.excluded_s)} excluded"] * (row.excluded_s >= 1.0)
         yield f"{line}  {', '.join(notes)}".rstrip() + "\n"
     if empty:
-        yield "no rows in this time\n"
+        of = f" of {', '.join(channels)}" if channels else ""
+        yield f"no rows{of} in this time\n"
 
 
 def _slope(sensor: str, part: Estimate | None) -> list[str]:

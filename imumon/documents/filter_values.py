@@ -177,6 +177,7 @@ def settings_header(report: Report, filters: FilterReport) -> list[str]:
         f"{record_title(report)}, {duration(excluded) if excluded else 'nothing'} excluded",
         f"walks for at most {filters.horizon_s:g} s without a fix: imumon report --horizon",
     ]
+    lines.append("a number behind a # is not shown by this record: remove the # to use it")
     lines += textwrap.wrap(FIX_WORDS)
     if (short := short_record_text(report)) is not None:
         lines.append(f"WARNING: {short}")

@@ -105,7 +105,8 @@ _WORDS: Mapping[str, tuple[str, str]] = {
     ),
     "walk": (
         "The random walk of the bias for a Kalman filter. Flicker B is no random walk, so a filter with K alone is too "
-        "sure of its bias after some minutes. The walk is the smallest that is not.",
+        "sure of its bias after some minutes. The walk is the smallest that is not: larger than K beside flicker, and "
+        "up to a tenth smaller without.",
         FILTERS,
     ),
     "horizon": (

@@ -39,7 +39,10 @@ def run(settings: EmulatorSettings, inputs: tuple[int, ...] = ()) -> int:
         print(f"imumon sim: {text}", file=sys.stderr)
         return 2
     if emulator.device.baud != (settings.baud or FACTORY_BAUD):
-        print(f"imumon sim: {settings.rate:g} Hz needs {emulator.device.baud} baud", file=sys.stderr)
+        print(
+            f"imumon sim: {settings.rate:g} Hz needs {emulator.device.baud} baud: the line has them",
+            file=sys.stderr,
+        )
     with contextlib.suppress(BrokenPipeError):  # what started it was interrupted: then its input ends
         os.write(sys.stdout.fileno(), f"{emulator.terminal.path}\n".encode())
     try:
