@@ -235,7 +235,7 @@ class Checkpoint:
                 reason = "other-version" if error.code == "state_version" else "damaged"
                 message = error.message
             kept = self.set_aside(reason, path)
-            # of a directory that may not be read, nobody knows what is in it
+            # a directory that may not be searched shows no file
             messages.append(
                 f"{message}; kept as {kept.name}" if reason != "unreadable" or self.exists else message
             )
