@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import sys
-import urllib.request
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from daemons import Daemon
-from free_ports import free_port
+from metrics_viewer import MetricsViewer
 from paths import ROOT
-from prometheus_client.parser import text_string_to_metric_families
 from reports import warming_up as report
+from scraping import scraped, values
 from waiting import until
 
 from imumon.config import ConfigError, load
@@ -115,48 +113,4 @@ def test_promtool_finds_nothing_wrong(text: str) -> None:
 # ---------------------------------------- metrics of a daemon, as Prometheus reads them
 
 
-def scraped(address: str) -> str:
-    with urllib.request.urlopen(f"http://{address}/metrics", timeout=60) as reply:
-        return str(reply.read().decode())
-
-
-def values(text: str) -> dict[tuple[str, ...], float]:
-    """Values by name and labels without the device."""
-    return {
-        (
-            sample.name,
-            *(value for name, value in sorted(sample.labels.items()) if name != "device"),
-        ): sample.value
-        for family in text_string_to_metric_families(text)
-        for sample in family.samples
-    }
-
-
 # ---------------------------------------- a real `imumon metrics` in a process of its own, for tests
-
-
-class MetricsViewer:
-    """`imumon metrics` of the daemon on an endpoint, until the context is left.
-
-    Parameters
-    ----------
-    file : to write; None: it listens on `address`, and does so when the context begins.
-    """
-
-    def __init__(self, endpoint: str, *words: str, file: Path | None = None) -> None:
-        self.address = f"127.0.0.1:{free_port()}"
-        where = ("--listen", self.address) if file is None else ("--file", str(file))
-        command = [sys.executable, "-m", "imumon", "metrics", *where, "--connect", endpoint, *words]
-        self._listens = file is None
-        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-
-    def __enter__(self) -> MetricsViewer:
-        assert self.process.stderr is not None
-        if self._listens:
-            assert self.address in self.process.stderr.readline()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.process.terminate()
-        _, errors = self.process.communicate(timeout=60)
-        assert "Traceback" not in errors
