@@ -66,7 +66,7 @@ def test_every_line_of_a_table_is_in_its_ledger(tmp_path: Path) -> None:
         "comment": 2,
         "blank": 2,
         "not_numbers": 2,
-        "damaged": 1,
+        "wrong_columns": 1,
         "repeated": 1,
         "pending": 1,
     }

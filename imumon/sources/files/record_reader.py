@@ -1,7 +1,7 @@
 """Record reader: the records of a printed log in bulk, by the form that its head has shown.
 
 A record is numbers in a fixed text, so that one pattern reads all of them; a row of cells is the simplest such text.
-Blocks of nothing but regular cells are read by pyarrow or numpy, which know no other form. What stands between two
+Blocks of nothing but regular cells are read by pyarrow or numpy, which know no other form. What is between two
 records is counted line by line (`imumon.model.ledger`); what may have been a record is a lost sample.
 """
 
@@ -185,7 +185,7 @@ class RecordReader:
             block = self._with_tail(block)
         matches = self._pattern.findall(block)
         count, lines = line_count(block), self._table.lines
-        if len(matches) * lines == count:  # nothing stands between the records
+        if len(matches) * lines == count:  # nothing is between the records
             self._ledger.add("part", len(matches) * (lines - 1))
             self._begun = self._begun or bool(matches)
             return self._values(matches), range(first, first + count, lines)
@@ -246,7 +246,7 @@ class RecordReader:
         for k, line in enumerate(lines):
             is_end = last and (self._table.lines > 1 or k == len(lines) - 1)
             reason = "other_message" if self.problem else self._reason_between(line, place + k, is_end=is_end)
-            self._ledger.add(reason)
+            self._ledger.add(self._code(reason, line))
             if reason == "damaged":
                 damaged += 1
                 is_long = len(line) > LONGEST_LINE or line == TOO_LONG_BYTES
@@ -274,6 +274,15 @@ class RecordReader:
         is_part = 2 * numbers * table.lines >= len(table.names) and bool(numbers)
         return "damaged" if is_part else "not_numbers"
 
+    def _code(self, reason: str, line: bytes) -> str:
+        """Return the code of a reason in the ledger: of a table of cells, it says what is wrong with them."""
+        if self._table.pattern or reason not in ("damaged", "not_numbers"):
+            return reason
+        cells = split(decoded(line), self._table.separator) if len(line) <= LONGEST_LINE else []
+        if not cells:
+            return reason
+        return "wrong_columns" if 1 < len(cells) != len(self._table.names) else "not_numbers"
+
     def _reason_outside(self, line: bytes, text: str, cells: Sequence[str]) -> str:
         """Return why a line belongs to no record of this table; empty: it may."""
         is_other = any(cells[k : k + 1] != [code] for k, code in self._table.codes)
@@ -291,7 +300,7 @@ def _numbers_in(text: str) -> int:
 
 
 _CELL = r"(?i:[-+]?(?:\d[\d.]*|\.\d+)(?:e[-+]?\d+)?(?:\*[0-9A-F]{2,8})?|[-+]?(?:nan|inf|infinity)|na|n/a|null|none|-|)"
-"""Number of a cell, which may have a check behind it, or what stands for none."""
+"""Number of a cell, which may have a check behind it, or a word for none."""
 
 
 def _cell_pattern(table: PrintedTable, columns: Sequence[int]) -> str:
