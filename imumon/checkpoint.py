@@ -234,11 +234,9 @@ class Checkpoint:
             except StateError as error:
                 reason = "other-version" if error.code == "state_version" else "damaged"
                 message = error.message
-            kept = self.set_aside(reason, path)
-            # a directory that may not be searched shows no file
-            messages.append(
-                f"{message}; kept as {kept.name}" if reason != "unreadable" or self.exists else message
-            )
+            if os.path.lexists(path):
+                message += f"; kept as {self.set_aside(reason, path).name}"
+            messages.append(message)  # of a directory that may not be searched, no file is known
         return None, messages
 
     def set_aside(self, reason: str, path: Path | None = None) -> Path:

@@ -303,8 +303,8 @@ class Measurement:
         ------
         ImumonError : the name has the ending of another form, or the file cannot be written.
         """
-        if (ending := os.path.splitext(path)[1].lower()) not in ("", ".json"):
-            cure = f"name a file that ends with .json, or write m.text({ending[1:]!r}) to it"
+        if os.path.splitext(path)[1].lower() not in ("", ".json"):
+            cure = "name a file that ends with .json; m.text('html') is the datasheet"
             raise ImumonError("other_form", f"save writes JSON, and {os.fspath(path)} is not named so", cure)
         try:
             replace_file(os.fspath(path), (to_json(self.report, indent=1) + "\n").encode())
