@@ -53,7 +53,7 @@ ALONE = ("demo", "sim", "explain", "completion")
 UNLISTED = ("sim", "completion")
 """Commands that the first help does not list: a developer or a shell needs them once."""
 SHARED_OPTIONS = ("--config", "--connect")
-"""Options with a value that may stand before the command."""
+"""Options with a value that may be before the command."""
 COMPLETING = "_ARGCOMPLETE"
 """Environment variable that the script of argcomplete sets."""
 

@@ -43,7 +43,7 @@ LEGEND: Any = {
     "frameon": False, "labelcolor": COLOURS["text"], "fontsize": 8, "borderaxespad": 0.1, "handlelength": 1.4,
     "columnspacing": 1.1, "handletextpad": 0.4,
 }  # fmt: skip
-"""Form of a legend, which also stands above axes of a caller."""
+"""Form of a legend, which is also above axes of a caller."""
 
 INCHES = (8.4, 4.6)
 """Width and height of a figure of the page, and of a panel of a file."""

@@ -201,7 +201,7 @@ def _npy_arrays_in(
     if dtype.kind in "iuf" and (len(shape) == 1 or (len(shape) == 2 and not by_column and shape[0] > 1)):
         numbers = _StoredNumbers(path, opened, file.tell(), shape, dtype)
         return {name: ArrayBlocks(shape, numbers.read)}
-    # fields of records, and columns that stand one behind the other
+    # fields of records, and columns one behind the other
     array = np.frombuffer(file.read(), dtype).reshape(shape, order="F" if by_column else "C")
     if dtype.names and array.ndim == 1:
         return {field: array[field] for field in dtype.names if dtype[field].kind in "iuf"}

@@ -259,7 +259,7 @@ class Reading:
         return option_text(**where, columns=self.map_fields)
 
     def checked(self, name: str, *, accept: bool) -> Reading:
-        """Return the reading that is used: all of it is certain or accepted, or stands in the map of the user.
+        """Return the reading that is used: all of it is certain or accepted, or is in the map of the user.
 
         Raises
         ------

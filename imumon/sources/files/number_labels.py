@@ -1,7 +1,7 @@
 """Labels of numbers: the name and the unit of each number of a record, by the text between the numbers.
 
 A number is named by the text before it. A bare axis, and an element of a list, has the words before that, too. A unit
-stands in brackets before a number, or behind it.
+is in brackets before a number, or behind it.
 
 >>> line = PrintedLine(("Gyro x: ", " dps, y: ", " dps"), ("1", "2"), (False, False))
 >>> number_labels([line])
@@ -51,7 +51,7 @@ class _Labels:
     Attributes
     ----------
     names, units, sections : of each number so far.
-    section : words that stand before a bare axis.
+    section : words before a bare axis.
     base, index : name of a list, and place of its last element.
     was_assigned : an equals sign is before the last number.
     """
@@ -86,7 +86,7 @@ class _Labels:
         self.sections.append(self.section)
 
     def state_unit_behind(self, unit: str) -> None:
-        """Give the last numbers of a section, which have no unit yet, the one that stands behind them; empty: none."""
+        """Give the last numbers of a section, which have no unit yet, the one behind them; empty: none."""
         if not unit:
             return
         for j in range(len(self.names) - 1, -1, -1):

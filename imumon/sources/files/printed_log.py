@@ -2,7 +2,7 @@
 
 Each line is numbers in a fixed text. What divides them decides how the text is read:
 
-1. *Cells.* Most lines have as many cells, apart by the same character: CSV in its dialects. Names stand in the last
+1. *Cells.* Most lines have as many cells, apart by the same character: CSV in its dialects. Names are in the last
    line of as many cells above the first row, units in a line of units below it, or in brackets.
 2. *Template.* Otherwise the text between the numbers is the template of a line. Lines whose templates repeat with a
    period are records: labels, YAML, JSON, dicts of Python, text of protobuf. Without a period, each template that comes
@@ -77,7 +77,7 @@ TOKEN = re.compile(
     rf"(?<![\w.])(?P<stamp>{_STAMP})(?![\w:])|(?:(?<![\w.^])|(?<=[A-Za-z_])(?=[-+]))(?P<number>{_N})(?![.]?\w*\d)"
     rf"|(?<![\w.])(?P<void>{_VOID})(?!\w)"
 )
-"""A date or time of day, a number, or what stands for none. Letters behind a number are its unit, unless "
+"""A date or time of day, a number, or a word for none. Letters behind a number are its unit, unless "
 "digits follow."""
 
 _CODE = re.compile(
@@ -221,7 +221,7 @@ def _are_mostly_values(cells: Sequence[str], separator: str | None, decimal: boo
     """Return whether most cells hold one number or date, and few a name with it."""
     values = sum(_has_value(c, decimal) for c in cells)
     several = sum(not _has_value(c, decimal) and _has_labelled_number(c) for c in cells)
-    # words between blanks are labels, unless they stand in few cells
+    # words between blanks are labels, unless they are in few cells
     fewest = 0.5 if separator is not None else REGULAR
     return values >= fewest * len(cells) and several < 0.1 * len(cells)
 
@@ -391,7 +391,7 @@ def _spread(cells: Sequence[str]) -> list[str]:
 
 
 def _elements(names: Sequence[str]) -> list[str]:
-    """Return names of which those that stand several times one behind the other have a number, or the axis.
+    """Return names of which those that occur several times one behind the other have a number, or the axis.
 
     >>> _elements(["t", "a", "a", "gyro (z,x,y)", "gyro (z,x,y)"])
     ['t', 'a[0]', 'a[1]', 'gyro z', 'gyro x']
@@ -587,7 +587,7 @@ def _pattern(record: Sequence[PrintedLine]) -> str:
 def _list_header(
     above: Sequence[str], line: str, names: tuple[str, ...], units: tuple[str, ...]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of numbers that stand in lists in quotes, by a header with a cell for each list."""
+    """Return the names of numbers that are in lists in quotes, by a header with a cell for each list."""
     for separator in (",", ";", "\t"):
         counts = [sum(1 for _ in TOKEN.finditer(_CODE.sub("\1", cell))) for cell in split(line, separator)]
         for header in (split(text.lstrip("#% "), separator) for text in reversed(above)):

@@ -4,7 +4,7 @@ A row is a sample if its sensor has numbers in it, and if these are new. The fir
 
 - A column without numbers is left out, a sensor with one on an axis, too, and a magnetometer that most rows lack. A
   temperature may be slow and is held between its numbers.
-- One number on all axes, such as 0, stands for no sample where coarse numbers do not show it by chance.
+- One number on all axes, such as 0, means no sample where coarse numbers do not show it by chance.
 - Rows of a table with times that have no number of the sensor are of another one: a lost sample has no row. Two sensors
   that have different rows are an error, whose cure reads each alone.
 - A row with the stamp of the row before is a copy of it, if all such rows are. A sensor that is slower than its rows

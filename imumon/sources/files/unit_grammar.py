@@ -1,7 +1,7 @@
 """Units as people write them: a grammar of numbers, prefixes, bases, powers, and what they are per.
 
 A table of spellings never ends: ``rad s^-1``, ``RadPerSec``, ``rad_per_s``, ``mdeg/s``, ``10us``. Here a unit is a
-product of bases, each with a number, a prefix and a power; what stands behind a sign of division or the word per has
+product of bases, each with a number, a prefix and a power; what is behind a sign of division or the word per has
 the opposite power. The powers of the dimensions give the quantity.
 """
 
@@ -168,7 +168,7 @@ def _base(text: str) -> tuple[str, float] | None:
 
 
 def stated_rate(text: str) -> float | None:
-    """Return the rate that stands beside the word rate or Fs, Hz; None: there is none.
+    """Return the rate beside the word rate or Fs, Hz; None: there is none.
 
     >>> stated_rate("// Update Rate: 100.0Hz"), stated_rate("Fs,100"), stated_rate("at 52 Hz"), stated_rate("range 8")
     (100.0, 100.0, 52.0, None)
