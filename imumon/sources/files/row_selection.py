@@ -159,8 +159,9 @@ class RowSelection:
         RecordingError : the sensors have different rows.
         """
         beyond = np.abs(rows) > self._limits
-        self._beyond += int(beyond.sum())
-        rows[beyond] = np.nan
+        if beyond.any():
+            self._beyond += int(beyond.sum())
+            rows[beyond] = np.nan
         self._mark_fillers(rows)
         for j, k in enumerate(self._slow):
             rows[:, k] = _filled(rows[:, k], self._slow_numbers[j])

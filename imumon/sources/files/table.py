@@ -200,7 +200,7 @@ class RowDecoder:
         self._lost_before += incomplete - int(lost.sum())
         if not len(kept):
             return
-        rows = rows[kept]
+        rows = rows if len(kept) == len(rows) else rows[kept]
         values, width = self._in_si(self._stream, rows), len(self._layout.columns)
         if self._times is None:
             yield SampleBlock(self._stream, values, self._intervals(self._stream, rows), lost)
@@ -229,7 +229,9 @@ class RowDecoder:
         """Return the values of complete rows, channel unit; angles and velocities become rates over the interval."""
         columns, interval = self._layout.columns, self._layout.interval
         factors, zeros = [column.factor for column in columns], [column.zero for column in columns]
-        values: Floats = rows[:, : len(columns)] * factors - zeros
+        values: Floats = rows[:, : len(columns)] * factors
+        if any(zeros):  # of degC and degF
+            values -= zeros
         increments = [k for k, c in enumerate(columns) if c.quantity in INCREMENTS.values()]
         if increments:  # averages that are rates and accelerations remain as they are
             seconds: Any = stream.interval_s if interval is None else rows[:, -1:] * interval.factor

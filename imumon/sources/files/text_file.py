@@ -41,8 +41,8 @@ from imumon.sources.files.record_reader import RecordReader
 from imumon.sources.files.table import Table
 from imumon.sources.files.unit_grammar import Unit
 
-SHOWN_BYTES = 1 << 18
-"""Bytes at the start of a text from which its form is found: a minute of samples."""
+SHOWN_BYTES = 1 << 17
+"""Bytes at the start of a text from which its form is found, and the rest of their chunk: half a minute of samples."""
 
 COLOUR = re.compile(rb"\x1b\[[0-9;]*m")
 """Colours that programs print for a terminal; one that a chunk splits stays."""
