@@ -33,7 +33,7 @@ def combine(measurements: Sequence[Measurement]) -> Measurement:
         raise ImumonError("no_measurement", text, "combine results of imumon.analyse or imumon.load")
     report = combined_report([record.report for record in records], datetime.now(UTC))
     notes = dict.fromkeys(note for record in records for note in record.notes)
-    return Measurement(report, tuple(notes), records[0].confidence)
+    return Measurement(report, tuple(notes))
 
 
 def compare(measurements: Mapping[str, Measurement]) -> pandas.DataFrame:

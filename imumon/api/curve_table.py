@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imumon.model.errors import ImumonError
-from imumon.model.report import Allan, Channel
+from imumon.model.report import Channel
 from imumon.model.samples import Bools, Floats
 
 if TYPE_CHECKING:
@@ -24,9 +24,8 @@ class CurveTable:
     Attributes
     ----------
     channel, unit : of the channel.
-    confidence : of the limits.
     tau_s : (k,) s, averaging times.
-    sigma, low, high : (k,) channel unit, deviation and its limits.
+    sigma, low, high : (k,) channel unit, deviation and its 95 % limits.
     edf : (k,) 1, equivalent degrees of freedom.
     model, noise : (k,) channel unit, all that the report states, and its noise alone.
     used : (k,) whether the fit uses the octave.
@@ -34,7 +33,6 @@ class CurveTable:
 
     channel: str
     unit: str
-    confidence: float
     tau_s: Floats
     sigma: Floats
     low: Floats
@@ -49,7 +47,7 @@ class CurveTable:
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name."""
-        names = [field.name for field in fields(self)][3:]
+        names = [field.name for field in fields(self)][2:]
         return {name: getattr(self, name) for name in names}
 
     def to_frame(self) -> pandas.DataFrame:
@@ -67,14 +65,12 @@ class CurveTable:
             text = "a Dataset needs xarray, which is not installed"
             raise ImumonError("package_missing", text, "pip install '.[frames]'") from None
         arrays = self.arrays()
-        facts = {"channel": self.channel, "unit": self.unit, "confidence": self.confidence}
+        facts = {"channel": self.channel, "unit": self.unit}
         taus = arrays.pop("tau_s")
         return xarray.Dataset({name: ("tau_s", a) for name, a in arrays.items()}, {"tau_s": taus}, facts)
 
     def __repr__(self) -> str:
-        lines = [
-            f"Allan deviation of {self.channel}, {self.unit}: {len(self)} averaging times, {self.confidence:g} limits"
-        ]
+        lines = [f"Allan deviation of {self.channel}, {self.unit}: {len(self)} averaging times, 95 % limits"]
         lines += [f"{'tau, s':>12} {'sigma':>11} {'low':>11} {'high':>11} {'model':>11}"]
         for row in zip(self.tau_s, self.sigma, self.low, self.high, self.model, strict=True):
             lines.append(f"{row[0]:12.6g} " + " ".join(f"{number:11.4e}" for number in row[1:]))
@@ -95,7 +91,7 @@ def frame_of(rows: list[dict[str, Any]]) -> pandas.DataFrame:
     return pandas.DataFrame(rows)
 
 
-def curve_table(name: str, channel: Channel, confidence: float) -> CurveTable:
+def curve_table(name: str, channel: Channel) -> CurveTable:
     """Return the curve of a channel; raise `ImumonError` if it has none."""
     if channel.allan is None or not channel.allan.tau_s:
         raise ImumonError(
@@ -104,40 +100,18 @@ def curve_table(name: str, channel: Channel, confidence: float) -> CurveTable:
             "name a channel of a sensor, or record longer; a combination has none: take those of its records",
         )
     curve = channel.allan
-    edf = _floats(curve.edf)
-    low, high = _allan_limits(curve, edf, confidence)
     return CurveTable(
         name,
         channel.unit,
-        confidence,
         np.array(curve.tau_s),
         np.array(curve.sigma),
-        low,
-        high,
-        edf,
-        _floats(curve.model) if curve.model else np.full(len(edf), np.nan),
-        _floats(curve.noise) if curve.noise else np.full(len(edf), np.nan),
+        _floats(curve.low),
+        _floats(curve.high),
+        _floats(curve.edf),
+        _floats(curve.model) if curve.model else np.full(len(curve.tau_s), np.nan),
+        _floats(curve.noise) if curve.noise else np.full(len(curve.tau_s), np.nan),
         np.array(curve.used, bool),
     )
-
-
-def _allan_limits(curve: Allan, edf: Floats, confidence: float) -> tuple[Floats, Floats]:
-    if confidence == 0.95:
-        return _floats(curve.low), _floats(curve.high)
-    return _limits(np.array(curve.sigma), edf, confidence)
-
-
-def _limits(sigma: Floats, edf: Floats, confidence: float) -> tuple[Floats, Floats]:
-    """Return the limits of deviations whose squares are chi-square with (k,) degrees of freedom; NaN where unknown."""
-    from imumon.noise.statistics.moments import deviation_limits
-
-    tail = 0.5 * (1.0 - confidence)
-    limits = [
-        deviation_limits(float(s), max(float(dof), 1.0), tail) if np.isfinite(dof) else (np.nan, np.nan)
-        for s, dof in zip(sigma, edf, strict=True)
-    ]
-    low, high = np.array(limits).reshape(-1, 2).T
-    return low, high
 
 
 def _floats(values: tuple[float | None, ...]) -> Floats:

@@ -2,25 +2,19 @@
 
 `Measurement.report` has every number; what is beside it here is a view of the report: channels by name, tables,
 figures, numbers for filters. pandas, xarray and matplotlib are imported by the methods that return their types.
-
-Limits are for 95 % in the report. Tables and curves may have others: those of a coefficient are scaled as the
-logarithm of a normal quantity (of Student's t where a coefficient has its degrees of freedom), those of the
-Allan deviation follow from chi-square. A 95 % upper bound is a bound at every lower probability, too, and is kept; at
-a higher one nothing is known.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imumon.api.curve_table import CurveTable, curve_table, frame_of
 from imumon.api.gtsam_params import combined_params
 from imumon.files import replace_file
-from imumon.model.coefficients import Estimate
 from imumon.model.errors import ImumonError
 from imumon.model.filter_report import LONGEST_HORIZON_S, SHORTEST_HORIZON_S, FilterReport
 from imumon.model.ledger import SAMPLES, with_received
@@ -34,9 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from imumon.model.filter_report import FilterReport
-
-CONFIDENCE = 0.95
-"""Probability of the limits of a report."""
 
 EXCLUDING = {"disturbance": "disturbance", "warmup": "warmup", "motion": "rest", "stuck": "stuck"}
 """Kinds of events that exclude samples, and the kind that ends each."""
@@ -67,7 +58,6 @@ class Measurement:
     ----------
     report : everything that is known, the JSON of `imumon replay`.
     notes : remarks on the call, beside those of the report.
-    confidence : probability of the limits in tables and curves.
 
     Examples
     --------
@@ -79,12 +69,7 @@ class Measurement:
 
     report: Report
     notes: tuple[str, ...] = ()
-    confidence: float = CONFIDENCE
     _by_horizon: dict[float, FilterReport] = field(default_factory=dict, compare=False)  # they take seconds
-
-    def refined(self, notes: tuple[str, ...], confidence: float) -> Measurement:
-        """Return the same with more remarks and another confidence; raise `ImumonError` if it is none."""
-        return replace(self, notes=(*self.notes, *notes), confidence=checked_confidence(confidence))
 
     # ------------------------------------------------------------------ channels
 
@@ -138,42 +123,23 @@ class Measurement:
 
     # ------------------------------------------------------------------ tables
 
-    def interval(
-        self, channel: str, letter: str, confidence: float | None = None
-    ) -> tuple[float | None, float | None]:
-        """Return the limits of a coefficient, in its unit, as documents print them: the combined ones.
-
-        Parameters
-        ----------
-        confidence : of the limits; None: that of the measurement.
-
-        Raises
-        ------
-        ImumonError : the record has no such channel, or the channel no such coefficient.
-        """
-        estimate = self[channel].estimates.get(letter)
-        if estimate is None:
-            cure = f"it has {', '.join(self[channel].estimates) or 'none'}"
-            raise ImumonError("unknown_coefficient", f"{channel} has no coefficient {letter!r}", cure)
-        return limits_at(estimate.stated, self._chosen(confidence), estimate.dof)
-
-    def to_frame(self, confidence: float | None = None) -> pandas.DataFrame:
+    def to_frame(self) -> pandas.DataFrame:
         """Return a DataFrame with a row for each channel and coefficient.
 
         `low` and `high` are the limits of statistics, `combined_low` and `combined_high` those with all that is
         known of the uncertainty, which documents print; all in `unit`.
         """
-        frame = frame_of(list(self._coefficient_rows(self._chosen(confidence))))
+        frame = frame_of(list(self._coefficient_rows()))
         return frame.set_index(["channel", "coefficient"]) if len(frame) else frame
 
-    def _coefficient_rows(self, confidence: float) -> Iterator[dict[str, Any]]:
+    def _coefficient_rows(self) -> Iterator[dict[str, Any]]:
         for name, channel in self.report.channels.items():
             for letter, estimate in channel.estimates.items():
-                low, high = limits_at(estimate, confidence)
-                combined = limits_at(estimate.stated, confidence, estimate.dof)
+                low, high = estimate.interval
                 yield {
-                    "channel": name, "coefficient": letter, "value": estimate.value, "low": low, "high": high,
-                    "combined_low": combined[0], "combined_high": combined[1], "status": estimate.status,
+                    "channel": name, "coefficient": letter, "value": estimate.value,
+                    "low": estimate.low, "high": estimate.high, "combined_low": low, "combined_high": high,
+                    "status": estimate.status,
                     "unit": estimate.unit, "reason": estimate.reason,
                 }  # fmt: skip
 
@@ -183,17 +149,14 @@ class Measurement:
 
         return list(table_rows(self.report))
 
-    def allan(self, channel: str, confidence: float | None = None) -> CurveTable:
+    def allan(self, channel: str) -> CurveTable:
         """Return the Allan deviation of a channel with its limits, the drawn model, and its noise alone.
 
         Raises
         ------
         ImumonError : the record has no such channel, or the channel no such curve.
         """
-        return curve_table(channel, self[channel], self._chosen(confidence))
-
-    def _chosen(self, confidence: float | None) -> float:
-        return self.confidence if confidence is None else checked_confidence(confidence)
+        return curve_table(channel, self[channel])
 
     # ------------------------------------------------------------------ figures
 
@@ -355,42 +318,6 @@ def report_of(source: Measurement | Report | str | os.PathLike[str]) -> Report:
     if isinstance(source, Report):
         return source
     return source.report if isinstance(source, Measurement) else load(source).report
-
-
-# ---------------------------------------------------------------------- limits
-
-
-def checked_confidence(confidence: float) -> float:
-    """Return a probability of limits; raise `ImumonError` if it is none."""
-    if not 0.0 < confidence < 1.0:
-        cure = "give a probability, such as 0.68 or 0.95"
-        raise ImumonError("confidence_invalid", f"confidence={confidence!r} is no probability", cure)
-    return confidence
-
-
-def limits_at(
-    estimate: Estimate, confidence: float, dof: float | None = None
-) -> tuple[float | None, float | None]:
-    """Return the limits of a coefficient for another probability than 95 %.
-
-    Parameters
-    ----------
-    dof : degrees of freedom of the 95 % limits; None: infinite.
-
-    >>> one = Estimate(value=1.0, low=0.9, high=1.1, status="measured")
-    >>> [round(limit, 4) for limit in limits_at(one, 0.6827)], limits_at(one, 0.95)
-    ([0.9477, 1.0498], (0.9, 1.1))
-    >>> limits_at(Estimate(low=0.0, high=2.0, status="upper_bound"), 0.99)
-    (None, None)
-    """
-    value, low, high = estimate.value, estimate.low, estimate.high
-    if confidence == CONFIDENCE or low is None or high is None:
-        return low, high
-    if value is None or estimate.is_bound:
-        return (low, high) if confidence < CONFIDENCE else (None, None)
-    from imumon.noise.uncertainty import at_confidence
-
-    return at_confidence(value, low, high, confidence, dof)
 
 
 def _exclusions(events: tuple[Event, ...]) -> Iterator[Exclusion]:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from imumon.api.document_report import document_report
@@ -71,7 +72,6 @@ def analyse(
     baseline: Measurement | Report | str | os.PathLike[str] | None = None,
     datasheet: str | os.PathLike[str] | None = None,
     convergence: bool = False,
-    confidence: float = 0.95,
 ) -> Measurement:
     """Return the noise of a sensor from a record of it at rest.
 
@@ -98,7 +98,6 @@ def analyse(
     baseline : an earlier measurement of the sensor to compare with, or the path of its report.
     datasheet : file with limits of a data sheet, or the name of one that imumon has.
     convergence : also state what a shorter record would have shown, at each doubling of its length.
-    confidence : of the limits in tables and curves of the result. Those of its report are for 95 %.
 
     Raises
     ------
@@ -134,7 +133,8 @@ def analyse(
         if datasheet is not None:
             sheet = read_sheet(str(datasheet))
         measurement = measured(options, sheet)
-        return measurement.refined(array_remarks(options, measurement.report), confidence)
+        notes = (*measurement.notes, *array_remarks(options, measurement.report))
+        return replace(measurement, notes=notes)
 
 
 def measured(

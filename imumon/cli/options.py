@@ -134,15 +134,6 @@ def horizon(text: str) -> float:
     return value
 
 
-def percentage(text: str) -> float:
-    """Return a share that is given in percent.
-
-    >>> percentage("2"), percentage("0.5%")
-    (0.02, 0.005)
-    """
-    return positive(text.removesuffix("%")) / 100.0
-
-
 def share(text: str) -> float:
     """Return a share of a value.
 

@@ -111,11 +111,6 @@ class SessionCounters:
     # by code (docs/REPORTS.md): "received", and what became of it, "samples" included: the sum of the others is it
     ledger: Mapping[str, int] = field(default_factory=dict)
 
-    @property
-    def mostly_excluded(self) -> bool:
-        """Whether the guards excluded more than half of the record: it shows no grade, nor an assumed unit."""
-        return self.excluded_s > UNGRADED_SHARE * self.elapsed_s
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelGrade:

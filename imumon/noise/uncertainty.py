@@ -48,7 +48,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from scipy.special import ndtri, stdtrit
+from scipy.special import stdtrit
 
 from imumon.model.coefficients import COEFFICIENTS, LIMIT_95, MARKOV, QUARTERS
 from imumon.noise.validity_groups import DITHERED, ROUNDING_VARIANCE
@@ -246,30 +246,6 @@ def _between(logs: Sequence[float], variances: Sequence[float]) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
     return 0.5 * (low + high)
-
-
-def at_confidence(
-    value: float, low: float, high: float, confidence: float, dof: float | None = None
-) -> tuple[float, float]:
-    """Return limits of another probability than 95 %, skewed as the given ones are.
-
-    Parameters
-    ----------
-    low, high : 95 % limits.
-    confidence : probability of the limits that are returned.
-    dof : degrees of freedom of the given ones; None: infinite.
-
-    Examples
-    --------
-    >>> [round(limit, 4) for limit in at_confidence(1.0, 0.9, 1.1, 0.6827)]
-    [0.9477, 1.0498]
-    """
-    tail = 0.5 + 0.5 * confidence
-    errors = ndtri(tail) if dof is None else stdtrit(_whole(dof), tail)
-    ratio = float(errors) / _coverage(dof)
-    if _are_logarithmic(value, low, high):
-        return value * math.pow(low / value, ratio), value * math.pow(high / value, ratio)
-    return max(0.0, value - ratio * (value - low)), value + ratio * (high - value)
 
 
 def _are_logarithmic(value: float, low: float, high: float) -> bool:

@@ -125,7 +125,6 @@ def test_a_table_with_time_is_the_same_as_text_and_as_a_frame(tmp_path: Path) ->
         ({}, "no_source"),
         ({"source": "a.csv", "gyro": np.ones((900, 3))}, "two_sources"),
         ({"source": "no_such_file.csv"}, "not_readable"),
-        ({"gyro": np.ones((900, 3)), "confidence": 95.0}, "confidence_invalid"),
         ({"gyro": np.ones((900, 3)), "filter": "strong"}, "filter_invalid"),
         ({"gyro": np.ones((900, 3)), "stream": "best"}, "stream_invalid"),
         ({"gyro": np.ones((900, 3)), "precision": {"X": 0.1}}, "precision_invalid"),
@@ -135,8 +134,6 @@ def test_bad_input_is_an_error_with_a_cure_and_never_a_number(given: dict[str, A
     given = (
         given if "time_s" in given or isinstance(given.get("source"), str) else {"rate_hz": 200.0, **given}
     )
-    if "confidence" in given:
-        given["gyro"] = np.random.default_rng(1).normal(0.0, 1e-3, (900, 3))
     with pytest.raises(ImumonError) as error:
         imumon.analyse(**given)
     assert (error.value.code, bool(error.value.cure)) == (code, True)

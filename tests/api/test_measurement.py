@@ -72,8 +72,6 @@ def test_tables(m: Measurement) -> None:
     n = known(m["accel/z"].N)
     row = frame.loc["accel/z", "N"]
     assert (row["value"], row["low"], row["combined_high"]) == (n.value, n.low, n.combined_high)
-    wide, narrow = frame.loc["accel/z", "N"], m.to_frame(confidence=0.68).loc["accel/z", "N"]
-    assert wide["low"] < narrow["low"] < n.value < narrow["high"] < wide["high"]
     text = m.text("csv")
     rows = m.rows()
     assert len(list(csv.DictReader(io.StringIO(text)))) == len(rows)
@@ -90,20 +88,6 @@ def test_a_dataset_of_xarray(m: Measurement) -> None:
     dataset = m.allan("gyro/x").to_xarray()
     assert dataset.attrs["unit"] == "rad/s"
     assert float(dataset.sigma.sel(tau_s=0.005)) == m.allan("gyro/x").sigma[0]
-
-
-def test_limits_of_another_confidence(m: Measurement) -> None:
-    n = known(m["gyro/x"].N)
-    assert m.interval("gyro/x", "N") == n.interval
-    low, high = m.interval("gyro/x", "N", confidence=0.99)
-    assert low is not None
-    assert high is not None
-    assert low < (n.combined_low or 0.0) < (n.combined_high or 0.0) < high
-    assert m.interval("gyro/x", "K", 0.68) == known(m["gyro/x"].K).interval
-    assert m.interval("gyro/x", "K", 0.99) == (None, None)
-    curve, wide = m.allan("gyro/x"), m.allan("gyro/x", confidence=0.99)
-    assert np.all((wide.low < curve.low) & (curve.high < wide.high))
-    np.testing.assert_allclose(m.allan("gyro/x", confidence=0.95 + 1e-12).low, curve.low, rtol=1e-6)
 
 
 def test_figures_are_drawn_on_the_axes_of_the_caller(m: Measurement) -> None:

@@ -59,19 +59,15 @@ class MomentsResult:
     covariance: tuple[Floats | None, ...]
 
 
-def deviation_limits(deviation: float, dof: float, tail: float = 0.025) -> tuple[float, float]:
-    """Return the limits of a standard or Allan deviation whose square is chi-square with these degrees of freedom.
-
-    Parameters
-    ----------
-    tail : probability beyond each limit.
+def deviation_limits(deviation: float, dof: float) -> tuple[float, float]:
+    """Return the 95 % limits of a standard or Allan deviation whose square is chi-square with these degrees of freedom.
 
     Examples
     --------
     >>> [round(limit, 3) for limit in deviation_limits(1.0, 10.0)]
     [0.699, 1.755]
     """
-    low, high = (deviation * math.sqrt(dof / float(chdtri(dof, side))) for side in (tail, 1.0 - tail))
+    low, high = (deviation * math.sqrt(dof / float(chdtri(dof, side))) for side in (0.025, 0.975))
     return low, high
 
 
