@@ -1,8 +1,8 @@
 """Log of the daemon on standard error, by `logging`.
 
-Modules log with ``logging.getLogger(__name__)``; an event adds its kind with ``extra={"kind": kind}``. A
-record goes into a bounded queue, and a thread of its own writes it, so that a standard error that is full or
-that no one reads never blocks the daemon. Records that do not fit are dropped and counted; the next one that
+Modules log with ``logging.getLogger(__name__)``; an event adds its kind with ``extra={"kind": kind}``. Its
+line goes into a bounded queue, and a thread of its own writes it, so that a standard error that is full or
+that no one reads never blocks the daemon. Lines that do not fit are dropped and counted; the next one that
 fits is preceded by their number.
 
 Warnings and errors of libraries, and of threads that fail, are lines of this log, too: a library alone would print a
@@ -11,7 +11,6 @@ traceback for each.
 
 from __future__ import annotations
 
-import copy
 import json
 import logging
 import os
@@ -21,9 +20,8 @@ import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime
-from logging.handlers import QueueHandler, QueueListener
 from queue import Full, Queue
-from typing import Any
+from typing import TypeAlias
 
 from imumon.model.report import stamp
 from imumon.model.report_json import plain
@@ -42,11 +40,14 @@ logging.addLevelName(logging.INFO + 5, "NOTICE")
 PRIORITIES = {level: priority for priority, level in enumerate(LEVELS.values(), 3)}
 """Levels as priorities of the journal (sd-daemon(3))."""
 
-QUEUE_RECORDS = 1000
-"""Records that may wait to be written."""
+QUEUE_LINES = 1000
+"""Lines that may wait to be written."""
 
 CLOSE_S = 1.0
-"""How long to wait at the end until all records are written, s."""
+"""How long to wait at the end until all lines are written, s."""
+
+Line: TypeAlias = Callable[[logging.LogRecord, str], str]
+"""Return the line of a record and its text."""
 
 ROOT = "imumon"
 """Name of the logger that all others of this program are below."""
@@ -71,12 +72,9 @@ def configure_logging(level: str = "info", format: str = "auto") -> Callable[[],
     """
     to_journal = _journal_reads_stderr()
     form = ("journal" if to_journal else "text") if format == "auto" else format
-    writer = _Writer()
-    writer.setFormatter(_Formatter(_LINES[form], priority=to_journal or format == "journal"))
-    handler = _BoundedHandler(Queue(QUEUE_RECORDS))
-    listener = _Listener(handler.queue, writer)
+    handler = _QueuedHandler(_LINES[form], priority=to_journal or format == "journal")
     try:
-        listener.start()
+        handler.thread.start()
     except RuntimeError as error:  # it says "can't start new thread"
         raise MemoryError from error
     logger, libraries = logging.getLogger(ROOT), logging.getLogger()
@@ -91,8 +89,7 @@ def configure_logging(level: str = "info", format: str = "auto") -> Callable[[],
         libraries.removeHandler(handler)
         logger.removeHandler(handler)
         logger.propagate = True
-        handler.report_dropped()
-        listener.stop()
+        handler.finish()
 
     return close
 
@@ -110,137 +107,97 @@ def _fault_text(error: BaseException | None) -> str:
     return f"{type(error).__name__}: {error}{place}"
 
 
-class _BoundedHandler(QueueHandler):
-    """Handler that drops records and counts them while the queue is full."""
+class _QueuedHandler(logging.Handler):
+    """Handler whose lines a thread writes: it drops them and counts them while too many wait.
 
-    def __init__(self, queue: Queue[Any]) -> None:
-        super().__init__(queue)
-        self._dropped = 0
+    The thread writes straight to the descriptor of standard error. `sys.stderr` has a lock: a thread that blocks
+    while it holds that lock would keep the interpreter from ending.
 
-    def prepare(self, record: logging.LogRecord) -> logging.LogRecord:
-        """Return the record with its text, in which an exception is one line. Nothing needs to be pickled."""
-        text = record.getMessage()
-        if record.exc_info and record.exc_info[1] is not None:
-            text = f"{text}: {_fault_text(record.exc_info[1])}"
-        record = copy.copy(record)  # other handlers have the same one
-        record.msg, record.args, record.exc_info = text, None, None
-        return record
-
-    def emit(self, record: logging.LogRecord) -> None:
-        try:
-            self.enqueue(self.prepare(record))
-        except Exception:  # a record of a library whose words do not fit its text
-            self._dropped += 1
-
-    def enqueue(self, record: logging.LogRecord) -> None:
-        self.report_dropped()
-        if self._dropped or not self._put(record):
-            self._dropped += 1
-
-    def report_dropped(self) -> None:
-        """Enqueue the number of dropped records, if there are any and the queue has space for it."""
-        if self._dropped and self.queue.qsize() < QUEUE_RECORDS // 2:  # type: ignore[attr-defined]
-            count = self._dropped
-            text = f"{count} log line{'s' * (count > 1)} dropped: standard error is full or too slow"
-            if self._put(logging.LogRecord(__name__, logging.INFO, __file__, 0, text, None, None)):
-                self._dropped = 0
-
-    def _put(self, record: logging.LogRecord) -> bool:
-        try:
-            self.queue.put_nowait(record)
-        except Full:
-            return False
-        return True
-
-
-class _Listener(QueueListener):
-    """Listener that can be ended while standard error blocks."""
-
-    def enqueue_sentinel(self) -> None:
-        self.queue.put(self._sentinel, timeout=CLOSE_S)  # type: ignore[attr-defined]
-
-    def stop(self) -> None:
-        if self._thread is None:
-            return
-        with suppress(Full):  # standard error blocks: what waits is lost
-            self.enqueue_sentinel()
-            self._thread.join(CLOSE_S)
-        self._thread = None
-
-
-class _Writer(logging.Handler):
-    """Handler that writes straight to the descriptor of standard error.
-
-    `sys.stderr` has a lock. A thread that blocks while it holds that lock would keep the interpreter from
-    ending.
+    Parameters
+    ----------
+    line : the line of a record and its text, without the prefix.
+    priority : add the prefix ``<N>``, which the journal removes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, line: Line, *, priority: bool) -> None:
         super().__init__()
+        self._line, self._priority = line, priority
+        self.queue: Queue[str | None] = Queue(QUEUE_LINES)
+        self._dropped = 0
         self._stream = sys.stderr
         try:
             self._descriptor: int | None = self._stream.fileno()
         except (OSError, ValueError, AttributeError):
             self._descriptor = None
-
-    def handle(self, record: logging.LogRecord) -> bool:
-        # one thread writes, and it may block: with the lock of the handler, the end of `logging` would wait for it
-        self.emit(record)
-        return True
+        self.thread = threading.Thread(target=self._run, name="imumon-log", daemon=True)
 
     def emit(self, record: logging.LogRecord) -> None:
+        self._report_dropped()
         try:
-            line = self.format(record) + "\n"
-            if self._descriptor is None:
-                self._stream.write(line)
-                return
-            data = line.encode(self._stream.encoding or "utf-8", self._stream.errors or "replace")
-            while data:
-                data = data[os.write(self._descriptor, data) :]
-        except (OSError, ValueError, AttributeError):
-            return  # it is closed, or its disk is full: the daemon continues
-
-
-class _Formatter(logging.Formatter):
-    """One line per record, with the prefix ``<N>`` if the journal reads it.
-
-    Parameters
-    ----------
-    line : the line without the prefix.
-    priority : add the prefix, which the journal removes.
-    """
-
-    def __init__(self, line: Callable[[logging.LogRecord], str], *, priority: bool) -> None:
-        super().__init__()
-        self._line, self._priority = line, priority
+            if self._dropped:
+                raise Full
+            self.queue.put_nowait(self.format(record))
+        except Exception:  # the queue is full, or a record of a library has words that do not fit its text
+            self._dropped += 1
 
     def format(self, record: logging.LogRecord) -> str:
+        text = record.getMessage()
+        if record.exc_info and record.exc_info[1] is not None:
+            text = f"{text}: {_fault_text(record.exc_info[1])}"
         prefix = f"<{PRIORITIES.get(record.levelno, 6)}>" if self._priority else ""
-        return prefix + plain(self._line(record).replace("\n", " "))  # devices and Zenoh word some messages
+        # devices and Zenoh word some messages
+        return prefix + plain(self._line(record, text).replace("\n", " "))
+
+    def _report_dropped(self) -> None:
+        """Enqueue the number of dropped lines, if there are any and the queue has space for it."""
+        if self._dropped and self.queue.qsize() < QUEUE_LINES // 2:
+            text = f"{self._dropped} log line{'s' * (self._dropped > 1)} dropped: standard error is full or too slow"
+            record = logging.LogRecord(__name__, logging.INFO, __file__, 0, text, None, None)
+            self.queue.put_nowait(
+                self.format(record)
+            )  # only this thread adds lines: it has the lock of the handler
+            self._dropped = 0
+
+    def finish(self) -> None:
+        """Write what waits, for at most `CLOSE_S`; what waits while standard error blocks is lost."""
+        with suppress(Full):
+            self._report_dropped()
+            self.queue.put(None, timeout=CLOSE_S)
+            self.thread.join(CLOSE_S)
+
+    def _run(self) -> None:
+        for line in iter(self.queue.get, None):
+            # it is closed, or its disk is full: the daemon continues
+            with suppress(OSError, ValueError, AttributeError):
+                self._write(f"{line}\n")
+
+    def _write(self, line: str) -> None:
+        if self._descriptor is None:
+            self._stream.write(line)
+            return
+        data = line.encode(self._stream.encoding or "utf-8", self._stream.errors or "replace")
+        while data:
+            data = data[os.write(self._descriptor, data) :]
 
 
-def _text(record: logging.LogRecord) -> str:
+def _text(record: logging.LogRecord, text: str) -> str:
     """Return local time, level unless it is ``info``, and text."""
     level = "" if record.levelno == logging.INFO else f"{record.levelname.lower()}: "
-    return f"{datetime.fromtimestamp(record.created):%H:%M:%S} {level}{record.getMessage()}"
+    return f"{datetime.fromtimestamp(record.created):%H:%M:%S} {level}{text}"
 
 
-def _json(record: logging.LogRecord) -> str:
+def _json(record: logging.LogRecord, text: str) -> str:
     """Return an object with ``time``, ``level``, ``kind`` and ``text``."""
     fields = {
         "time": stamp(datetime.fromtimestamp(record.created, UTC)),
         "level": record.levelname.lower(),
         "kind": getattr(record, "kind", ""),
-        "text": record.getMessage(),
+        "text": text,
     }
     return json.dumps(fields, ensure_ascii=False)
 
 
-_LINES: dict[str, Callable[[logging.LogRecord], str]] = {
-    "text": _text,
-    "journal": logging.LogRecord.getMessage,
-    "json": _json,
-}
+_LINES: dict[str, Line] = {"text": _text, "journal": lambda _, text: text, "json": _json}
 
 
 def _journal_reads_stderr() -> bool:
