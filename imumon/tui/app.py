@@ -301,7 +301,8 @@ class ImumonApp(App[int]):
 
     def action_baseline(self) -> None:
         """Use the present report as the baseline, or remove the baseline."""
-        baseline = self.view_state.report if self.view_state.baseline is None else None
+        state = self.view_state
+        baseline = state.report if state.baseline is None and state.has_report else None
         name = f"at {baseline.time[11:16]}" if baseline is not None else "saved"
         self.change(baseline=baseline, baseline_name=name)
 
@@ -340,8 +341,7 @@ class ImumonApp(App[int]):
     def action_help(self) -> None:
         view = self._view()
         keys = help_lines(view, list(self.BINDINGS))
-        report = self.view_state.report
-        shown = list(caveats(report)) if report is not None and view.names_caveats else []
+        shown = list(caveats(self.view_state.report)) if view.names_caveats else []
         words = word_lines(words_in(self._text_of(view), shown))
         self.push_screen(HelpWindow(f"{view.title}: keys and words", keys, words))
 
@@ -355,8 +355,9 @@ class ImumonApp(App[int]):
     @work(thread=True, exclusive=True)
     def action_copy(self) -> None:
         """Compute the numbers for the program of the settings, which takes a second, then copy them."""
-        if (report := self.view_state.report) is not None:
-            self.call_from_thread(self._copied, export.copied_lines(report, self.view_state.program))
+        if self.view_state.has_report:
+            lines = export.copied_lines(self.view_state.report, self.view_state.program)
+            self.call_from_thread(self._copied, lines)
 
     def _copied(self, lines: list[str]) -> None:
         """Copy lines through the terminal (OSC 52), and show them: not all terminals copy."""
@@ -369,7 +370,7 @@ class ImumonApp(App[int]):
     def action_save(self) -> None:
         """Save the report as JSON, a baseline for later, and notify of the file or of the error."""
         report = self.view_state.report
-        if report is None:
+        if not self.view_state.has_report:
             return
         target, content = save_directory() / export.file_name(report), f"{to_json(report, indent=1)}\n"
         if self.is_web:  # nothing is written here: the browser saves it

@@ -26,9 +26,9 @@ TABLE = LABEL + sum(cells for name, cells in COLUMNS.items() if name not in (*MA
 """Cells of the table where no channel has correlated noise M, without the standard deviation."""
 
 
-def letters_of(*reports: Report | None) -> tuple[str, ...]:
+def letters_of(report: Report) -> tuple[str, ...]:
     """Return the coefficients of the table: those that each channel has, and correlated noise where one has it."""
-    known = [channel for report in reports if report is not None for channel in report.channels.values()]
+    known = report.channels.values()
     shown = {letter for channel in known if channel.M is not None for letter in channel.estimates}
     return (*NOISE, *(letter for letter in MARKOV if letter in shown))
 
@@ -65,15 +65,13 @@ def table_rows(state: ViewState, width: int, height: int) -> list[tuple[Line, st
 def rows_of(state: ViewState, width: int = TABLE, *, spaced: bool = False) -> list[tuple[Line, str | None]]:
     """Return every line of the table; `spaced`: with an empty one before each group."""
     report = state.report
-    if report is None:
-        return []
     shown = columns(width, letters_of(report))
     whole = LABEL + sum(COLUMNS[name] for name in shown)
     rows: list[tuple[Line, str | None]] = []
     last = None
     for name, channel in report.channels.items():
         group = name.sensor if "/" in name else "surroundings"
-        if state.folded and group not in (*INERTIAL, (state.channel.sensor if state.channel else "")):
+        if state.folded and group not in (*INERTIAL, state.channel.sensor):
             continue  # folded, until one of its channels is selected
         if group != last:
             if spaced and rows:
@@ -112,7 +110,7 @@ def _row(state: ViewState, name: ChannelName, channel: Channel, shown: Sequence[
         "grade": _grade_cell(name, channel),
     }
     estimates = channel.estimates
-    precision = state.report.precision if state.report is not None else {}
+    precision = state.report.precision
     for part in set(shown).intersection((*NOISE, *MARKOV)):
         seconds = seconds_left(channel, part, precision)
         cells[part] = state.notation.coefficient(estimates.get(part), seconds)
@@ -144,7 +142,7 @@ def _short_grade(meets: str) -> str:
 
 def _headline(state: ViewState, sensor: str) -> tuple[str, str]:
     """Return the grade of a sensor where no other panel shows it, else the name of the column."""
-    grade = state.report.grade.get(sensor) if state.report is not None else None
+    grade = state.report.grade.get(sensor)
     if sensor not in INERTIAL:
         return "", "muted"
     if not state.compact or grade is None or grade.meets is None:

@@ -68,8 +68,6 @@ def centred_text(text: Sequence[str], width: int, height: int) -> list[Line]:
 def allan_chart(state: ViewState, width: int, height: int) -> list[Line]:
     """Return the Allan deviation of the selected channel, or of all axes of its sensor."""
     selected, channel = state.selected, state.channel
-    if selected is None or channel is None:
-        return centred_text(["no channel"], width, height)
     if selected.allan is None or not selected.allan.tau_s:
         if channel.sensor in ("gyro", "accel", "mag"):
             return centred_text([f"{channel}: the curve begins with the first differences"], width, height)
@@ -148,7 +146,7 @@ def _legend(state: ViewState) -> list[Line]:
             [("  ", "text/band"), (" 95 %", "muted")],
             [("━ ", "model"), ("model", "muted")],
         ]
-        allan = state.selected.allan if state.selected is not None else None
+        allan = state.selected.allan
         if allan is not None and not all(allan.used):
             legend.append([(mark, "unused"), ("not used", "muted")])
     if state.baseline is not None:  # beside `measured`: a narrow screen leaves out the last entries
@@ -158,10 +156,8 @@ def _legend(state: ViewState) -> list[Line]:
 
 def _allan_frame(state: ViewState, canvas: Canvas, factor: float) -> PlotFrame:
     """Return axes that contain every curve to be drawn, in half decades."""
-    names = state.sensor_channels() if state.overlay else (state.channel or ChannelName(""),)
-    curves = [
-        c.allan for name in names if state.report and (c := state.report.channels.get(name)) and c.allan
-    ]
+    names = state.sensor_channels() if state.overlay else (state.channel,)
+    curves = [c.allan for name in names if (c := state.report.channels.get(name)) and c.allan]
     tau = np.concatenate([numbers(c.tau_s) for c in curves])
     sigma = np.concatenate([numbers((*c.sigma, *c.model), factor) for c in curves])
     edges = np.concatenate([numbers((*c.low, *c.high), factor) for c in curves])
@@ -178,10 +174,9 @@ def _allan_frame(state: ViewState, canvas: Canvas, factor: float) -> PlotFrame:
     return PlotFrame(canvas, area, x, logarithmic(sigma))
 
 
-def _marks(channel: Channel | None) -> list[float]:
+def _marks(channel: Channel) -> list[float]:
     """Return the Allan deviations, SI, at the marks of the measured coefficients."""
-    known = _drawn(channel) if channel is not None else {}
-    return [value * COEFFICIENTS[letter].mark_height for letter, (value, _) in known.items()]
+    return [value * COEFFICIENTS[letter].mark_height for letter, (value, _) in _drawn(channel).items()]
 
 
 def _drawn(channel: Channel) -> dict[str, tuple[float, float]]:
@@ -241,7 +236,7 @@ def _limit_curves(
 ) -> list[tuple[int, int, str]]:
     """Draw the curve at the limits of each grade; return column, row and text of the labels."""
     labels = []
-    curves = state.report.limit_curves.get(channel.sensor, {}) if state.report is not None else {}
+    curves = state.report.limit_curves.get(channel.sensor, {})
     tau = np.geomspace(frame.x.low, frame.x.high, 64)
     for grade, curve in curves.items():
         log_sigma = np.interp(np.log(tau), np.log(curve.tau_s), np.log(curve.sigma))
@@ -257,10 +252,10 @@ def _limit_curves(
 
 def _axis(frame: PlotFrame, state: ViewState, name: ChannelName, factor: float) -> None:
     """Draw the curve of one axis among others."""
-    channel = state.report.channels.get(name) if state.report is not None else None
-    if channel is None or channel.allan is None or not channel.allan.tau_s:
+    allan = state.report.channels[name].allan
+    if allan is None or not allan.tau_s:
         return
-    tau, sigma = numbers(channel.allan.tau_s), numbers(channel.allan.sigma, factor)
+    tau, sigma = numbers(allan.tau_s), numbers(allan.sigma, factor)
     frame.curve(tau, sigma, f"axis-{name[-1]}")
     frame.points(tau, sigma, f"axis-{name[-1]}")
     cell = frame.cell(float(tau[-1]), float(sigma[-1]))
@@ -317,7 +312,7 @@ def _lowest(allan: Allan) -> float:
 @EXTREME_VALUES
 def signal_chart(state: ViewState, width: int, height: int) -> list[Line]:
     """Return minimum and maximum of the selected channel over time."""
-    channel = state.channel or ChannelName("")
+    channel = state.channel
     factor, unit = state.notation.scale(channel)
     envelope: Strip | None = getattr(state.signal, state.window) if state.signal is not None else None
     title: Line = [(" " * GUTTER, "text"), (channel.replace("/", " "), "title"), (f"  [{unit}]   ", "muted")]
@@ -416,8 +411,8 @@ def tick_text(value: float, ticks: Sequence[float]) -> str:
 @EXTREME_VALUES
 def histogram_chart(state: ViewState, width: int, height: int) -> list[Line]:
     """Return the distribution of the values, with the Gaussian of the same mean and standard deviation."""
-    channel = state.channel or ChannelName("")
-    histogram: Histogram | None = state.selected.histogram if state.selected is not None else None
+    channel = state.channel
+    histogram: Histogram | None = state.selected.histogram
     factor, unit = state.notation.scale(channel)
     name: Line = [(" ", "text"), ("distribution", "title"), ("  [% per bin]", "muted")]
     title = padded(fitted([name, [("   ━ ", "N"), ("Gaussian", "muted")]], width), width)
@@ -458,8 +453,8 @@ def histogram_chart(state: ViewState, width: int, height: int) -> list[Line]:
 @EXTREME_VALUES
 def spectrum_chart(state: ViewState, width: int, height: int) -> list[Line]:
     """Return the amplitude spectral density over frequency, log-log, with its lines marked."""
-    channel = state.channel or ChannelName("")
-    spectrum: Spectrum | None = state.selected.spectrum if state.selected is not None else None
+    channel = state.channel
+    spectrum: Spectrum | None = state.selected.spectrum
     factor, unit = state.notation.scale(channel)
     root = pretty("sqrt(Hz)")
     title = padded([(" " * GUTTER, "text"), ("spectrum", "title"), (f"  [{unit}/{root}]", "muted")], width)

@@ -85,24 +85,19 @@ def parse(channel: ChannelName, rows: bytes, events: bytes) -> HistorySeries | N
     known.sort()
     table = np.array(known, dtype=np.float64)
     begin, end = table[:, 0], table[:, 1]
-    count = len(QUANTITIES)
-    values = {name: table[:, 2 + k] for k, name in enumerate(QUANTITIES)}
-    low = {name: table[:, 2 + count + 2 * k] for k, name in enumerate(CONVERGING)}
-    high = {name: table[:, 3 + count + 2 * k] for k, name in enumerate(CONVERGING)}
+    sizes = dict(zip(QUANTITIES, table[:, 2:].T.reshape(len(QUANTITIES), 3, -1), strict=True))
     shown, period_s = tuple(_marks(objects(events))), float((end - begin).max())
     middle = 0.5 * (begin + end)
-    return HistorySeries(
-        channel, float(begin[0]), float(end.max()), middle, values, shown, low, high, period_s
-    )
+    return HistorySeries(channel, float(begin[0]), float(end.max()), middle, sizes, shown, period_s)
 
 
 def _numbers(row: HistoryRow) -> tuple[float, ...]:
-    """Return begin, end and quantities of a row; what is not known is NaN."""
-    noise = [row.coefficients.get(name, Estimate()) for name in CONVERGING]
-    limits = (limit for part in noise for limit in (part.low, part.high))
-    known = (*(part.value for part in noise), row.mean, row.temperature, *limits)
-    numbers = (math.nan if value is None else value for value in known)
-    return (row.begin.timestamp(), row.begin.timestamp() + row.length_s, *numbers)
+    """Return begin, end, and value and limits of each of the `QUANTITIES` of a row; what is not known is NaN."""
+    parts = [row.coefficients.get(name, Estimate()) for name in CONVERGING]
+    parts += [Estimate(value=value) for value in (row.mean, row.temperature)]
+    sizes = (size for part in parts for size in (part.value, part.low, part.high))
+    known = (math.nan if size is None else size for size in sizes)
+    return (row.begin.timestamp(), row.begin.timestamp() + row.length_s, *known)
 
 
 def _marks(events: Iterable[Any]) -> Iterator[tuple[float, str]]:
@@ -116,8 +111,7 @@ def _marks(events: Iterable[Any]) -> Iterator[tuple[float, str]]:
 @EXTREME_VALUES
 def over_time_chart(state: ViewState, width: int, height: int) -> list[Line]:
     """Return the panels of the selected channel, one below the other."""
-    channel = state.channel or ""
-    title: Line = [(" ", "text"), (channel.replace("/", " "), "title"), ("   ", "text")]
+    title: Line = [(" ", "text"), (state.channel.replace("/", " "), "title"), ("   ", "text")]
     title += [(f" {name} ", "tab" if name == state.span else "muted") for name in (RECORD, *SPANS)]
     shown = _of_record(state) if state.span == RECORD else _of_history(state)
     if shown is None:
@@ -187,12 +181,12 @@ def _notes(legend: str, *, of_record: bool, has_events: bool) -> list[Line]:
 def _of_record(state: ViewState) -> Timeline | None:
     """Return what was stated of each coefficient while the record grew; None: nothing yet."""
     channel, report = state.selected, state.report
-    stated = channel.convergence if channel is not None else None
-    if channel is None or report is None or stated is None or len(stated.elapsed_s) < 2:
+    stated = channel.convergence
+    if stated is None or len(stated.elapsed_s) < 2:
         return None
     time, panels = np.array(stated.elapsed_s), []
     for letter in (letter for letter in CONVERGING if letter in stated.coefficients):
-        factor = state.notation.coefficient_scale((state.channel.sensor if state.channel else ""), letter)[0]
+        factor = state.notation.coefficient_scale(state.channel.sensor, letter)[0]
         series, precision = stated.coefficients[letter], report.precision.get(letter)
         value, low, high = (numbers(column, factor) for column in (series.value, series.low, series.high))
         now = value[-1]
@@ -205,10 +199,10 @@ def _of_record(state: ViewState) -> Timeline | None:
 
 def _record_title(state: ViewState, channel: Channel, letter: str) -> Line:
     """Return a coefficient as it is now, what it is to be, and when."""
-    precision = state.report.precision if state.report is not None else {}
+    precision = state.report.precision
     seconds, kind = seconds_left(channel, letter, precision), state_of(channel, letter, precision)
     text, role = state.notation.coefficient(channel.estimates.get(letter), seconds)
-    unit = state.notation.coefficient_scale((state.channel.sensor if state.channel else ""), letter)[1]
+    unit = state.notation.coefficient_scale(state.channel.sensor, letter)[1]
     title: Line = [(f" {letter} ", f"{letter}-strong"), (text, role), (f" {unit}", "muted")]
     if letter in precision:
         symbol, symbol_role = SYMBOLS[kind]
@@ -223,15 +217,14 @@ def _of_history(state: ViewState) -> Timeline | None:
     series = state.history
     if series is None or series.channel != state.channel:
         return None
-    unknown, panels = np.full(len(series.time), math.nan), []
-    width = np.full(len(series.time), series.period_s)
-    for name, values in series.values.items():
+    width, panels = np.full(len(series.time), series.period_s), []
+    for name, sizes in series.sizes.items():
         factor, unit = _scale(state, series.channel, name)
-        low, high = (limits.get(name, unknown) * factor for limits in (series.low, series.high))
-        if np.isfinite(values).any() or np.isfinite(high).any():
+        value, low, high = sizes * factor
+        if np.isfinite(value).any() or np.isfinite(high).any():
             title: Line = [(f" {name}", "title"), (f" [{unit}]", "muted")]
             role = _ROLES.get(name, name)
-            panels.append(Panel(title, series.time, values * factor, low, high, width, role))
+            panels.append(Panel(title, series.time, value, low, high, width, role))
     axis = AxisScale(max(series.begin, series.end - SPANS[state.span][0]), series.end)
     return Timeline(panels, axis, f"each {duration(series.period_s)}, UTC", series.events)
 

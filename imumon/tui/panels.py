@@ -36,7 +36,7 @@ def status(state: ViewState, width: int, height: int = 1) -> list[Line]:
     explained_last = now.kind in ("warming_up", "moving")  # the facts matter more
     if now.text and not explained_last:
         line.append((f" {now.text}", "text"))
-    if state.report is not None:
+    if state.has_report:
         facts = _facts(state.report, state) + ([[(now.text, "text")]] if explained_last else [])
         for k, fact in enumerate(facts):  # a later, shorter one may fit where an earlier one does not
             addition: Line = [("  " if not k and len(line) == 1 else " · ", "faint"), *fact]
@@ -131,8 +131,6 @@ def headlines(state: ViewState, width: int, height: int) -> list[Line]:
     exist matters more than the grades. A caveat that the status line shows is not repeated.
     """
     report = state.report
-    if report is None:
-        return []
     shown_above = SHOWN_CAVEATS.get(state.connection_status().kind)
     names = [caveat.replace("_", " ") for caveat in caveats(report) if caveat != shown_above]
     notes = [f"  ! {', '.join(names)} ", f"  ! {counted(len(names), 'caveat')} ", f" !{len(names)} "]
@@ -190,7 +188,7 @@ def _basis(sensor: str, grade: SensorGrade, report: Report, notation: Notation) 
 def detail(state: ViewState, width: int, height: int) -> list[Line]:
     """Return the selected channel in full: coefficients with limits, quality of the fit, caveats."""
     channel, name = state.selected, state.channel
-    if channel is None or name is None or height < 1:
+    if height < 1:
         return []
     notation = state.notation
     factor, unit = notation.scale(name)
@@ -237,7 +235,7 @@ def _mean(channel: Channel, factor: float, unit: str) -> list[Line]:
 def precision_goal(state: ViewState, letter: str) -> str:
     """Return the time until a coefficient of the selected channel has its configured precision; empty: none."""
     report, channel = state.report, state.selected
-    if report is None or channel is None or report.state != "running" or letter not in report.precision:
+    if report.state != "running" or letter not in report.precision:
         return ""
     seconds = seconds_left(channel, letter, report.precision)
     goal = state.notation.goal(report.precision[letter])
@@ -283,8 +281,7 @@ def _quality(channel: Channel) -> Line:
 
 def _caveats(state: ViewState, width: int, height: int) -> list[Line]:
     """Return what restricts the numbers, each with the channels it holds for."""
-    texts = caveat_lines(state.report) if state.report is not None else ()
-    return marked(texts, width, "muted")[: max(height, 0)]
+    return marked(caveat_lines(state.report), width, "muted")[: max(height, 0)]
 
 
 # ---------------------------------------------------------------------------- nothing to show
@@ -311,7 +308,7 @@ def _advice(*pairs: tuple[str, str]) -> list[Line]:
 def _welcome_text(state: ViewState, width: int) -> list[Line]:
     """Return why nothing is shown, and what to type, by what is known of the daemon."""
     now = state.connection_status()
-    if state.report is not None:
+    if state.has_report:
         return [
             [(f"{state.report.device.id}: {now.title}.", "strong")],
             [(f"{sentence(now.text)}.", "muted")],

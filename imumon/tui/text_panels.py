@@ -47,8 +47,6 @@ def _title(text: str) -> Line:
 def device(state: ViewState, width: int, height: int = 0) -> list[Line]:
     """Return identity and settings of the sensor, what its numbers describe, and the transmission."""
     report = state.report
-    if report is None:
-        return []
     wide = width >= 110
     half = width // 2 if wide else width
     first = [_identity(report), _stream(report), _notes(report, half)]
@@ -238,11 +236,9 @@ def _sensor_line(state: ViewState, name: str, report: Report, width: int) -> Lin
 def drift(state: ViewState, width: int, height: int = 0) -> list[Line]:
     """Return the distribution, the slope of the mean, and the effect of the temperature."""
     channel, name = state.selected, state.channel
-    if channel is None or name is None:
-        return []
     factor, unit = state.notation.scale(name)
     lines = [_shape(channel, width), _slope(channel.drift, factor, unit, width)]
-    degrees = state.report.channels.get(TEMPERATURE) if state.report is not None else None
+    degrees = state.report.channels.get(TEMPERATURE)
     if degrees is not None and degrees.last is not None:
         celsius = pretty("degC")
         now = f"now {degrees.last:.2f} {celsius}"

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from imumon.model.messages import matching
-from imumon.model.report import Channel, Event, Report, Signal
+from imumon.model.report import Channel, DeviceDescription, Event, Report, SessionCounters, Signal
 from imumon.model.samples import ChannelName, Floats
 from imumon.tui.formatting import Notation, approximate_duration
 
@@ -24,6 +24,14 @@ SPANS = {"day": (86400.0, "1h"), "month": (31 * 86400.0, "1h"), "year": (366 * 8
 WINDOWS = ("minute", "hour", "everything")
 SHOWN_CAVEATS = {"moving": "not_at_rest", "warming_up": "warming_up"}
 """Caveats that the status line shows, by the kind of the status."""
+
+
+NOTHING = ChannelName("")
+"""Name of the channel that is selected before there is any."""
+
+NO_CHANNEL = Channel(unit="")
+NO_REPORT = Report(time="", device=DeviceDescription(id=""), state="starting", session=SessionCounters())
+"""What is drawn before there is a report: nothing is known in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +64,7 @@ class HistorySeries:
     channel : its name.
     begin, end : s since 1970, of the first and last row.
     time : (n,) s since 1970, middle of each row, rising.
-    values : (n,) SI by quantity, NaN where unknown or only bounded.
-    low, high : (n,) SI by coefficient, 95 % limits, NaN where unknown; of a bound, `high` alone is known.
+    sizes : (3, n) SI by quantity, value and 95 % limits, NaN where unknown; of a bound, the upper limit alone is known.
     period_s : s, longest row.
     events : time, s since 1970, and kind of the events.
     """
@@ -66,11 +73,9 @@ class HistorySeries:
     begin: float
     end: float
     time: Floats
-    values: dict[str, Floats]
+    sizes: dict[str, Floats]
     events: tuple[tuple[float, str], ...]
-    low: dict[str, Floats] = field(default_factory=dict)
-    high: dict[str, Floats] = field(default_factory=dict)
-    period_s: float = 0.0
+    period_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +102,7 @@ class ViewState:
     connected: bool = False
     requested_id: str | None = None
     id: str | None = None
-    channel: ChannelName | None = None
+    channel: ChannelName = NOTHING
     signal: Signal | None = None
     events: Sequence[Event] = ()
     notation: Notation = READABLE
@@ -121,34 +126,35 @@ class ViewState:
     ended: str | None = None
 
     @property
-    def report(self) -> Report | None:
-        """Report of the selected device."""
-        return None if self.id is None else self.reports.get(self.id)
+    def has_report(self) -> bool:
+        """Whether there is a report of the selected device."""
+        return self.id in self.reports
 
     @property
-    def selected(self) -> Channel | None:
-        """The selected channel."""
-        report = self.report
-        return None if report is None or self.channel is None else report.channels.get(self.channel)
+    def report(self) -> Report:
+        """Report of the selected device; an empty one before there is any."""
+        return self.reports.get(self.id or "", NO_REPORT)
+
+    @property
+    def selected(self) -> Channel:
+        """The selected channel; an empty one before there is any."""
+        return self.report.channels.get(self.channel, NO_CHANNEL)
 
     @property
     def channels(self) -> tuple[ChannelName, ...]:
         """Names of the channels of the selected device, in display order."""
-        return () if self.report is None else tuple(self.report.channels)
+        return tuple(self.report.channels)
 
     def sensor_channels(self) -> tuple[ChannelName, ...]:
         """Return the channels of the same sensor as the selected one."""
-        if self.channel is None:
-            return ()
-        sensor = self.channel.sensor
-        return tuple(c for c in self.channels if c.sensor == sensor)
+        return tuple(c for c in self.channels if c.sensor == self.channel.sensor)
 
-    def of_other_sensor(self, step: int) -> ChannelName | None:
-        """Return the same axis of another sensor of the device, `step` sensors behind; None: there is none."""
+    def of_other_sensor(self, step: int) -> ChannelName:
+        """Return the same axis of another sensor of the device, `step` sensors behind; the same if there is none."""
         names = [name for name in self.channels if name.axis]
         sensors = list(dict.fromkeys(name.sensor for name in names))
-        if not sensors or self.channel is None:
-            return None
+        if not sensors:
+            return self.channel
         current = self.channel.sensor
         index = sensors.index(current) + step if current in sensors else 0
         axes = [name for name in names if name.sensor == sensors[index % len(sensors)]]
@@ -162,7 +168,7 @@ class ViewState:
         if state.id not in state.reports:
             state = state.updated(id=next(iter(matching(state.requested_id, state.reports)), None))
         if state.channel not in state.channels:
-            state = state.updated(channel=next(iter(state.channels), None))
+            state = state.updated(channel=next(iter(state.channels), NOTHING))
         return state
 
     def connection_status(self, id: str | None = None) -> ConnectionStatus:

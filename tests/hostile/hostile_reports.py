@@ -24,7 +24,7 @@ from imumon.model.report_json import to_json
 from imumon.record.filter_report_builder import filter_report
 from imumon.tui import channel_table, charts, export, panels, text_panels
 from imumon.tui.formatting import Notation
-from imumon.tui.view_state import WINDOWS, ViewState
+from imumon.tui.view_state import NOTHING, WINDOWS, ViewState
 
 DOCS = ROOT / "docs"
 SIZES = ((1, 1), (20, 5), (80, 24), (220, 60))
@@ -148,7 +148,7 @@ def show_on_screen(report: Report, signal: Signal | None, events: tuple[Event, .
         ages={report.device.id: 1.0}, id=report.device.id, signal=signal, events=events,
         baseline=other, connected=True,
     )  # fmt: skip
-    for number, channel in enumerate(tuple(report.channels)[:12] or (None,)):
+    for number, channel in enumerate(tuple(report.channels)[:12] or (NOTHING,)):
         for size in SIZES if number < 2 else SIZES[2:3]:
             for si in (False, True):
                 shown = state.updated(

@@ -150,7 +150,7 @@ def test_events_are_filtered_by_words() -> None:
 @driven(lambda: reports.FakeSource(reports.report()), id=OTHER)
 async def test_the_screen_waits_for_the_requested_device(app: ImumonApp, pilot: Pilot[int]) -> None:
     """With --id, no other device is shown instead."""
-    assert app.view_state.report is None
+    assert not app.view_state.has_report
     assert f"first report of {OTHER}" in visible_text(app)
     app.source.arrive(reports.report(id=OTHER))
     app.poll()
