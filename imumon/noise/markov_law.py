@@ -1,4 +1,4 @@
-"""First-order Gauss–Markov noise of standard deviation 1: density, autocovariance, variance of cosine coefficients.
+"""First-order Gauss–Markov noise of standard deviation 1: density, autocovariance, Allan variance.
 
 IEEE Std 952-1997, section C.1.4, calls it exponentially correlated noise. It forgets its value with the time constant
 T: its autocovariance at a lag t is exp(-|t| / T). Everything is in units of the interval between samples, two-sided,
@@ -17,8 +17,6 @@ T^2 (1 - a)^2 a^(l-1) at lags l >= 1.
 """
 
 from __future__ import annotations
-
-from functools import lru_cache
 
 import numpy as np
 
@@ -67,22 +65,6 @@ def sampled_density(f: Floats, time: float, *, averaged: bool) -> Floats:
         return np.asarray(-np.expm1(-2.0 / time) / distance)
     zero, one, _ = average_autocovariance(time)
     return np.asarray(zero + 2.0 * one * (np.cos(2.0 * np.pi * f) - a) / distance)
-
-
-@lru_cache(maxsize=64)  # channels of a record ask for the same time constants
-def coefficient_variances(n: int, time: float) -> Floats:
-    """Return (n - 1,) the variances of the cosine coefficients 1 to n - 1 of n averages (DCT-II, orthonormal).
-
-    Coefficient k has the angle x = pi k / n. Products of two cosines of it at a lag l sum to
-    ((n - l) cos(l x) - sin(l x) / sin x) / n, and the sums over all lags are geometric series of w = a exp(i x).
-    """
-    x = np.pi * np.arange(1, n) / n
-    zero, one, a = average_autocovariance(time)
-    turn = np.exp(1j * x)
-    w = a * turn
-    sums = turn * (1.0 - w ** (n - 1)) / (1.0 - w)
-    weighted = turn * (1.0 - n * w ** (n - 1) + (n - 1) * w**n) / (1.0 - w) ** 2
-    return np.asarray(zero + 2.0 * one / n * (n * sums.real - weighted.real - sums.imag / np.sin(x)))
 
 
 def allan_variances(m: Ints, time: float, *, averaged: bool) -> Floats:

@@ -87,6 +87,23 @@ def _edge_factors() -> Floats:
     return np.asarray(np.diag(matrix)[1:] / sampled_density(k / (2.0 * EXACT), averaged=True)[1])
 
 
+def cosine_variances(autocovariance: Floats) -> Floats:
+    """Return (n - 1,) the variances of the cosine coefficients 1 to n - 1 of n values (DCT-II, orthonormal).
+
+    Coefficient k has the angle x = pi k / n. Products of two cosines of it at a lag l sum to
+    ((n - l) cos(l x) - sin(l x) / sin x) / n.
+
+    Parameters
+    ----------
+    autocovariance : (n,) of the values, by lag.
+    """
+    n = autocovariance.size
+    k = np.arange(1, n)
+    cosines = np.fft.rfft(autocovariance * np.arange(n, 0, -1), 2 * n)[k].real
+    sines = -np.fft.rfft(autocovariance, 2 * n)[k].imag
+    return np.asarray(2.0 / n * (cosines - sines / np.sin(np.pi * k / n)) - autocovariance[0])
+
+
 @lru_cache(maxsize=32)
 def coefficient_variances(n: int) -> Floats:
     """Return (3, n - 1) the variances of coefficients 1 to n - 1 of n block means, for N = B = K = 1.

@@ -21,7 +21,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from imumon.model.coefficients import COEFFICIENTS, MARKOV, NOISE, Estimate, MarkovEstimate
+from imumon.model.coefficients import COEFFICIENTS, NOISE, Estimate, MarkovEstimate
 from imumon.model.samples import Bools, Floats, Ints
 from imumon.noise.allan import AllanCurve
 from imumon.noise.fit.hump import Hump, line_bands
@@ -187,7 +187,7 @@ def bounded_by_curve(
     for term in deciding:
         if term.letter in coefficients:
             coefficients[term.letter] = bound(coefficients[term.letter], term)
-    markov = next((term for term in deciding if term.letter == MARKOV.sigma), None)
+    markov = next((term for term in deciding if term.time_letter), None)
     if fit.markov is not None and markov is not None:
         time = replace(fit.markov.time_constant_s, value=None, status="indistinct", reason=CURVE_DIFFERS)
         stated = MarkovEstimate(sigma=bound(fit.markov.sigma, markov), time_constant_s=time)

@@ -30,10 +30,11 @@ and a term is the object that knows these unit expectations:
 | covariance of the differences of the Allan variance | limits of the curve | `difference_covariances` |
 | information about it in a longer record | `time_to` | `rate_density` |
 
-Likelihood, search, statement and curve go through tuples of terms; none of them knows a term by its position in an
-array, but that white noise is the first of the scored ones. A new term is one class, a place in one of the tuples
-below, and its row in `coefficients`: its coefficient then is among those of the fit. The drawn model, its shares, the
-limits of the curve and `time_to` follow from its power.
+Likelihood, search, statement and curve go through tuples of terms and ask each what they need (`grows`,
+`is_correlated`, `is_of_sensor`, `time_letter`). They name white noise, which is the first of the scored terms, and
+quantisation. A new term is one class, a place in one of the tuples below, and its row in `coefficients`: its
+coefficient then is among those of the fit. The drawn model, its shares, the limits of the curve and `time_to` follow
+from its power. A term with a time constant needs two formulas: `rate_density` and `phase_autocovariance`.
 
 What is not noise with a density is no term. A line is a set of bins that are left out (`spectrum.spectral_lines`). A
 slow oscillation, a step or a drift is a column: a builder in `regressors` and a candidate in `slow_terms`.
@@ -67,11 +68,17 @@ from typing import Self, TypeAlias
 
 import numpy as np
 
-from imumon.model.coefficients import COEFFICIENTS
+from imumon.model.coefficients import COEFFICIENTS, MARKOV
 from imumon.model.samples import Floats, Ints
 from imumon.noise import markov_law
 from imumon.noise.allan.octave import RATIO
-from imumon.noise.power_law import EXACT, coefficient_variances, phase_autocovariance, sampled_density
+from imumon.noise.power_law import (
+    EXACT,
+    coefficient_variances,
+    cosine_variances,
+    phase_autocovariance,
+    sampled_density,
+)
 from imumon.noise.spectrum.expectation import (
     bin_expectation,
     seen_by_bins,
@@ -107,14 +114,16 @@ class NoiseTerm(ABC):
     def rate_density(self, f: Floats) -> Floats:
         """Return (k,) the density of the rate, before sampling, at f (k,) cycles per sample."""
 
-    @abstractmethod
     def density(self, f: Floats, *, averaged: bool) -> Floats:
         """Return (k,) the density of the samples at f (k,) cycles per sample, above 0 and at most 1/2.
+
+        That of the rate, where this falls so fast that neither sampling nor an average over a sample matters.
 
         Parameters
         ----------
         averaged : the samples are true averages over their interval (delta angles), else point samples.
         """
+        return self.rate_density(f)
 
     def bin_expectation(self, level: int, *, averaged: bool, window: int) -> Floats:
         """Return (n,) the density of each bin in use of a level of the spectrum.
@@ -152,6 +161,16 @@ class NoiseTerm(ABC):
     def is_correlated(self) -> bool:
         """Whether it has a memory, so that it may be what another correlated term looks like."""
         return True
+
+    @property
+    def grows(self) -> bool:
+        """Whether its Allan deviation grows with tau: a mean that moves slowly, or steps, look like it."""
+        return COEFFICIENTS[self.letter].slope > 0.0
+
+    @property
+    def time_letter(self) -> str | None:
+        """Letter of its time constant in the report; None: only its size is stated."""
+        return None
 
     @property
     def is_of_sensor(self) -> bool:
@@ -294,6 +313,19 @@ class TimedTerm(NoiseTerm):
     def phase_autocovariance(self, lag: Floats) -> Floats:
         """Return (...) the autocovariance of the integral at lags, samples, up to a constant and a square."""
 
+    def autocovariance(self, count: int) -> Floats:
+        """Return (count,) the autocovariance of averages over one sample, by lag, up to what is the same for all."""
+        phase = self.phase_autocovariance(np.abs(np.arange(-1.0, count + 1.0)))
+        return np.asarray(-np.diff(phase, 2))
+
+    def coefficient_variances(self, count: int, length: int) -> Floats:
+        """Return (count - 1,) the variances of the cosine coefficients."""
+        return _timed_variances(self.with_time(self.time / length), count)
+
+    def allan_variances(self, m: Ints, *, averaged: bool) -> Floats:
+        """Return (k,) the Allan variance of averages, which that of point samples tends to from a few samples on."""
+        return np.asarray(0.5 * self.difference_covariances(m)[:, 0])
+
     def difference_covariances(self, m: Ints) -> Floats:
         """Return (k, l) the autocovariances of the differences."""
         # the shifts are whole strides, and the autocovariance is even: one table serves all of them
@@ -321,9 +353,10 @@ class GaussMarkov(TimedTerm):
         """Return (k,) the density of the samples."""
         return markov_law.sampled_density(f, self.time, averaged=averaged)
 
-    def coefficient_variances(self, count: int, length: int) -> Floats:
-        """Return (count - 1,) the variances of the cosine coefficients."""
-        return markov_law.coefficient_variances(count, self.time / length)
+    def autocovariance(self, count: int) -> Floats:
+        """Return (count,) the autocovariance of averages over one sample, by lag: no difference of large numbers."""
+        zero, one, fall = markov_law.average_autocovariance(self.time)
+        return np.concatenate(([zero], one * fall ** np.arange(count - 1.0)))
 
     def allan_variances(self, m: Ints, *, averaged: bool) -> Floats:
         """Return (k,) the Allan variance."""
@@ -332,6 +365,11 @@ class GaussMarkov(TimedTerm):
     def phase_autocovariance(self, lag: Floats) -> Floats:
         """Return (...) the autocovariance of the integral at lags."""
         return markov_law.phase_autocovariance(lag, self.time)
+
+    @property
+    def time_letter(self) -> str | None:
+        """Letter of its time constant."""
+        return MARKOV.time_constant_s
 
 
 WHITE, FLICKER, WALK = PowerLaw("N", 0), PowerLaw("B", 1), PowerLaw("K", 2)
@@ -344,7 +382,7 @@ GRIDDED: tuple[PowerLaw, PowerLaw] = (FLICKER, WALK)
 TERMS: tuple[NoiseTerm, ...] = (*NOISE_TERMS, QUANTISATION)
 """All terms that observations have an expectation of."""
 
-TRIED: tuple[TimedTerm, ...] = (GaussMarkov("M", 1.0),)
+TRIED: tuple[TimedTerm, ...] = (GaussMarkov(MARKOV.sigma, 1.0),)
 """Terms that are tried with several time constants beside the others, in whatever unit of time."""
 
 TermPowers: TypeAlias = Mapping[NoiseTerm, float]
@@ -412,6 +450,12 @@ class UpperEnd:
     def low_pass(self) -> bool:
         """Whether a low-pass bends the bands."""
         return self.shape is UpperShape.LOW_PASS
+
+
+@lru_cache(maxsize=64)  # channels of a record ask for the same time constants
+def _timed_variances(term: TimedTerm, count: int) -> Floats:
+    """Return (count - 1,) the variances of the cosine coefficients of neighbouring averages over one sample."""
+    return cosine_variances(term.autocovariance(count))
 
 
 @lru_cache(maxsize=4)

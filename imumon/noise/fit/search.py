@@ -47,7 +47,6 @@ from imumon.noise.fit.model import (
     NOISE_TERMS,
     QUANTISATION,
     TERMS,
-    WALK,
     WHITE,
     NoiseTerm,
     UpperEnd,
@@ -149,7 +148,7 @@ class Model:
     choice : for the next fit.
     markov : likelihood with Gauss–Markov noise; None: the data do not ask for it.
     upper_error : relative standard deviation of N^2 between choices of the highest frequency, beyond their statistics.
-    is_markov_instead : whether Gauss–Markov noise describes the record better than the walk that shows.
+    instead : letters of the terms that describe the record better in the place of a term that shows.
     may_be_counted : whether the record does not exclude that the samples are differences of an angle in counts.
     hump : what no term explains, and whose band is left out; None: there is none.
     """
@@ -166,7 +165,7 @@ class Model:
     choice: ModelChoice
     markov: MarkovSurface | None = None
     upper_error: float = 0.0
-    is_markov_instead: bool = False
+    instead: Mapping[NoiseTerm, Sequence[str]] = field(default_factory=dict)
     may_be_counted: bool = False
     hump: Hump | None = None
 
@@ -326,7 +325,7 @@ class ModelSearch:
             )
             counts = powers.top > self._meeting * (1.0 + 1e-6)
             # steps are columns of the block means only: a band that they reach is left out
-            counts &= self._step_power * powers.expected[WALK] <= TOLERANCE * powers.power
+            counts &= self._step_power <= TOLERANCE * powers.power * powers.bend
             if self._band is not None:
                 counts &= ~self._band.holds(BAND_MIDDLE * powers.top)
             self._spectral[window] = powers.take(counts), counts
@@ -486,7 +485,7 @@ class ModelSearch:
             choice,
             markov,
             self._upper_error(upper_end),
-            (markov is None or not markov.is_certain) and self._is_markov_instead(upper_end, error, surface),
+            {} if markov is not None and markov.is_certain else self._instead(upper_end, error, surface),
             self._may_be_counted(upper_end, surface),
             None if self._band is None else self._hump(surface, slow, self._band),
         )
@@ -589,14 +588,18 @@ class ModelSearch:
         peaks = markov_search.peaks(likelihood, self._fit(upper_end, error)[1], self._tried_markov)
         return peaks if markov_search.odds_of(peaks.gains) >= 1.0 else None
 
-    def _is_markov_instead(self, upper_end: UpperEnd, error: float, surface: Surface) -> bool:
-        """Return whether Gauss–Markov noise in the place of a walk that shows describes the record better."""
-        if not self._tried_markov or evidence(surface, WALK) <= EVIDENCE:
-            return False
+    def _instead(self, upper_end: UpperEnd, error: float, surface: Surface) -> dict[NoiseTerm, list[str]]:
+        """Return the letters of the terms that describe the record better in the place of one that shows and grows."""
+        shown = [term for term in surface.grids if term.grows and evidence(surface, term) > EVIDENCE]
+        if not self._tried_markov or not shown:
+            return {}
         likelihood = self._observed(upper_end, error, self._tried_markov)
         surface = self._fit(upper_end, error)[1]
-        gain = markov_search.gain_instead(likelihood, surface, self._tried_markov, WALK)
-        return gain > INSTEAD_GAIN
+        letters = list(dict.fromkeys(tried.letter for tried in self._tried_markov))
+        gains = {
+            term: markov_search.gain_instead(likelihood, surface, self._tried_markov, term) for term in shown
+        }
+        return {term: letters for term, gain in gains.items() if gain > INSTEAD_GAIN}
 
     def _with_markov_peak(self, upper_end: UpperEnd, peaks: Peaks) -> tuple[Likelihood, Surface]:
         """Return likelihood and surface with the likeliest Gauss–Markov noise, whose power is fixed."""

@@ -41,12 +41,7 @@ from imumon.noise.fit.likelihood import (
     evidence,
     quantiles,
 )
-from imumon.noise.fit.model import (
-    FLICKER,
-    WALK,
-    NoiseTerm,
-    total,
-)
+from imumon.noise.fit.model import NoiseTerm, total
 from imumon.noise.fit.observations import (
     Bands,
     BlockSeries,
@@ -149,7 +144,7 @@ Origin: half a standard error: where K is seen without the lowest coefficients, 
 
 EVEN = np.linspace(0.0, 1.0, GRID // 2 - 1)
 FALLING = np.append(0.0, np.geomspace(0.01, 1.0, GRID // 2 - 2))
-"""Shares of the likeliest B and K at which columns are tried."""
+"""Shares of the likeliest B and K at which columns are tried; of a term that grows, a column leaves any share."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,7 +162,7 @@ class SlowTerms:
     no_temperature : why the temperature is no column: "", ``no_temperature``, ``small_range`` or ``collinear``.
     markov : power of a Gauss–Markov term beside B and K; empty without one.
     slowest : numbers of the lowest coefficients, also in `masked`: they hold a mean that moves slowly, and no walk.
-    walk_high : channel unit in units of tau0, upper limit of the walk that the slowest coefficients show; 0.0 without
+    bounds : channel unit in units of tau0, upper limit of each term that the slowest coefficients show; empty without
         them. It holds also if they are no slow change of the mean but a walk.
     """
 
@@ -179,7 +174,7 @@ class SlowTerms:
     odds: float
     no_temperature: str
     slowest: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    walk_high: float = 0.0
+    bounds: Mapping[NoiseTerm, float] = field(default_factory=dict)
     markov: Mapping[NoiseTerm, float] = field(default_factory=dict)
 
     def with_terms(self, more: Sequence[NoiseTerm]) -> SlowTerms:
@@ -240,7 +235,10 @@ class SlowTerms:
         )
 
     def step_power(self, surface: Surface) -> float:
-        """Return the K^2 of a random walk whose spectrum the steps have: the sum of their squares over the time."""
+        """Return the sum of the squares of the steps over the time, (channel unit)^2.
+
+        They have the spectrum of a random walk of this K^2: over (2 pi f)^2.
+        """
         pairs = zip(surface.beta[surface.best], self.regressors, strict=True)
         sizes = np.array([value * column.scale for value, column in pairs if column.name == "step"])
         return float(sizes @ sizes) / self.series.samples
@@ -332,8 +330,8 @@ class SlowTermSearch:
             pooled = self._spectral.joined(pooled)
         return Likelihood(pooled, coefficients, beside=self.terms.markov)
 
-    def _is_markov(self, gain: float) -> bool:
-        """Add Gauss–Markov noise if it explains more than twice a gain in log likelihood; return whether it does.
+    def _add_markov(self, gain: float) -> bool:
+        """Add Gauss–Markov noise if it explains more than a gain, twice that in log likelihood; return whether it does.
 
         What looks like a column, or like oscillations, may be noise of another kind: columns are sought beside it.
         """
@@ -364,7 +362,7 @@ class SlowTermSearch:
         if not (beyond > 0.0).any():
             self._doubt(candidates, gains)
             return False
-        if self._is_markov(float(gains.max(where=beyond > 0.0, initial=0.0))):
+        if self._add_markov(float(gains.max(where=beyond > 0.0, initial=0.0))):
             return True
         added = best.regressors or self._oscillation(best.number)
         places = {(column.name, column.place) for column in self.terms.regressors}
@@ -431,7 +429,7 @@ class SlowTermSearch:
         """Add regressors; what looked like an oscillation beside settling or a step is judged again."""
         terms = self.terms
         if added[0].name not in columns_of.OSCILLATION:
-            terms = replace(terms, masked=terms.left_out, slowest=terms.slowest[:0], walk_high=0.0)
+            terms = replace(terms, masked=terms.left_out, slowest=terms.slowest[:0], bounds={})
         # what looked like Gauss–Markov noise may have been the column
         self.terms = replace(terms, regressors=[*terms.regressors, *added], doubtful=[], markov={})
 
@@ -444,13 +442,12 @@ class SlowTermSearch:
         variances = {term: variance[rows] for term, variance in series.variances.items()}
         coefficients = Coefficients(series.y[rows], X[rows], variances)
         # From zero, because a column may explain all of B or K, to the end of the grid. The likeliest values are among
-        # them: beside a large K the likelihood is narrow, and a grid that misses it calls a walk a warm-up. K falls by
-        # ratios: a column leaves any share of it.
-        ends = {term: grid[-1] for term, grid in surface.grids.items()}
-        best = {term: np.sqrt(surface.powers[term]) or ends[term] for term in ends}
+        # them: beside a large K the likelihood is narrow, and a grid that misses it calls a walk a warm-up.
         grids: Grids = {
-            FLICKER: np.append(best[FLICKER] * EVEN, ends[FLICKER]),
-            WALK: np.append(best[WALK] * FALLING, ends[WALK]),
+            term: np.append(
+                (np.sqrt(surface.powers[term]) or grid[-1]) * (FALLING if term.grows else EVEN), grid[-1]
+            )
+            for term, grid in surface.grids.items()
         }
         return columns_of.gains(coefficients, self._likelihood.surface(grids), columns[rows], starts)
 
@@ -492,7 +489,7 @@ class SlowTermSearch:
             masked[self.terms.slowest] = True
         if not (masked & ~self.terms.masked).any():
             return False
-        if not self._is_markov(0.0):
+        if not self._add_markov(0.0):
             self.terms = replace(self.terms, masked=masked)
         return True
 
@@ -505,19 +502,20 @@ class SlowTermSearch:
         series, terms = self._series, self.terms
         count = 2 * terms.slowest.size or SLOWEST
         most = min(SINGLE, series.y.size // 3) // 2
-        if (
-            not self._whole
-            or count > most
-            or evidence(self.surface, WALK) <= EVIDENCE
-            or self._is_described()
-        ):
+        growing = [term for term in self.surface.grids if term.grows]
+        shown = any(evidence(self.surface, term) > EVIDENCE for term in growing)
+        if not self._whole or count > most or not shown or self._is_described():
             return False
         slowest = series.order[:count]
         masked = terms.masked.copy()
         masked[slowest] = True
-        walk_high = max(terms.walk_high, float(quantiles(self.surface, WALK, LIMITS)[-1]))
-        self.terms = replace(terms, masked=masked, slowest=slowest, walk_high=walk_high)
-        if not _shows_walk(self._observed(list(terms.markov)), self.surface):
+        bounds = {
+            term: max(terms.bounds.get(term, 0.0), float(quantiles(self.surface, term, LIMITS)[-1]))
+            for term in growing
+        }
+        self.terms = replace(terms, masked=masked, slowest=slowest, bounds=bounds)
+        beyond = self._observed(list(terms.markov))
+        if not any(_shows_beyond(beyond, self.surface, term) for term in growing):
             return True
         self.terms = terms
         return False
@@ -532,20 +530,20 @@ class SlowTermSearch:
         )
 
 
-def _shows_walk(beyond: Likelihood, surface: Surface) -> bool:
-    """Return whether a walk shows without the lowest coefficients, and may be as large as with them.
+def _shows_beyond(beyond: Likelihood, surface: Surface, term: NoiseTerm) -> bool:
+    """Return whether a term shows without the lowest coefficients, and may be as large as with them.
 
     Parameters
     ----------
     beyond : of the observations without them.
     surface : with them.
     """
-    grids = {**surface.grids, WALK: np.linspace(0.0, surface.grids[WALK][-1], GRID)}
+    grids = {**surface.grids, term: np.linspace(0.0, surface.grids[term][-1], GRID)}
     rest = beyond.at_values_of(surface, grids)
-    if evidence(rest, WALK) <= BEYOND_EVIDENCE:
+    if evidence(rest, term) <= BEYOND_EVIDENCE:
         return False
-    value = quantiles(surface, WALK, LIMITS)[1]
-    return bool(quantiles(rest, WALK, np.array([CONSISTENT]))[0] > value)
+    value = quantiles(surface, term, LIMITS)[1]
+    return bool(quantiles(rest, term, np.array([CONSISTENT]))[0] > value)
 
 
 def _chi_square(dof: int, probability: float) -> float:

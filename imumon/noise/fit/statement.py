@@ -19,9 +19,9 @@ A model (`search.Model`) is a likelihood of powers in units of tau0. Three thing
 
   Q is measured as N is, at the likeliest point of the grid and with normal limits of its power, or absent.
 
-  Where the record does not show one of B and K, the upper limit of the other is the greater one of those with it and
-  without it (`likelihood.without`): a flat prior gives zero no share, and takes from the other what it counts there. So
-  it is with N where the record does not show B.
+  Where the record does not show one of B and K, the upper limit of the other, and of N, is the greater one of those
+  with it and without it (`likelihood.without`): a flat prior gives zero no share, and takes from the others what it
+  counts there.
 
   A bound is the 97.5 % quantile and not the 95 % one: a flat prior pulls towards zero, and the 95 % quantile is below
   the truth in up to 15 % of records where B just begins to show.
@@ -46,7 +46,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from imumon.model.coefficients import LIMIT_95, MARKOV, NOISE, SIGNIFICANT, Estimate, MarkovEstimate
+from imumon.model.coefficients import LIMIT_95, NOISE, SIGNIFICANT, Estimate, MarkovEstimate
 from imumon.model.samples import Bools, Floats
 from imumon.noise.fit.hump import Hump, line_bands
 from imumon.noise.fit.likelihood import (
@@ -60,7 +60,7 @@ from imumon.noise.fit.likelihood import (
     upper_limit,
     without,
 )
-from imumon.noise.fit.model import FLICKER, GRIDDED, QUANTISATION, TRIED, WALK, WHITE, NoiseTerm, total
+from imumon.noise.fit.model import GRIDDED, QUANTISATION, WHITE, NoiseTerm, total
 from imumon.noise.fit.model_curve import (
     VISIBLE,
     moved_variances,
@@ -280,28 +280,25 @@ def state_model(
     resolution : channel unit, least step between two values, 0.0 where there is none.
     counted : the values are differences of an angle in counts coarser than its noise.
     """
-    tau0, samples = sums.tau0, model.slow.series.samples
-    # rounding of an angle is quantisation, that of a rate white noise
-    rounding = 0.0 if counted or QUANTISATION in model.surface.scored else ROUNDING_VARIANCE * resolution**2
-    if model.may_be_counted:
-        rounding *= 2.0  # the differences of an angle hold two errors
-    coefficients = _coefficients(model, kurtosis / samples, samples, tau0, rounding)
-    if counted:
-        white = model.surface.sensor_powers[WHITE]
-        coefficients["Q"] = _of_counts(resolution, white, samples).scaled(
-            QUANTISATION.coefficient_scale(tau0)
-        )
+    tau0, series = sums.tau0, model.slow.series
     columns, collinear = _columns(model, tau0)
+    rounding = 0.0 if counted else _rounding(model, resolution)
+    coefficients = _coefficients(model, kurtosis / series.samples, series.samples, tau0, rounding)
+    if counted:
+        of_counts = _of_counts(resolution, model.surface.sensor_powers[WHITE], series.samples)
+        coefficients["Q"] = of_counts.scaled(QUANTISATION.coefficient_scale(tau0))
     # a drift that cannot be distinguished from the effect of the temperature is no rate ramp, whether the temperature
     # is a column that is correlated with it or a straight line in time
     if not collinear and model.slow.no_temperature != "collinear":
         coefficients |= _rate_ramp(columns)
     highest = float(model.likelihood.bands.top.max())
-    none, lines, band = np.zeros(0), line_bands(sums, channel), model.choice.band
-    hump_hz = (band.low / tau0, band.high / tau0) if band is not None and band.is_certain else None
-    markov = _markov(model, coefficients.pop(MARKOV.sigma, None), tau0)
+    time_to = {} if precision is None else _times_to(model, coefficients, precision, highest, tau0)
+    markov = _markov(model, coefficients, tau0)
+    single = {
+        letter: part for letter, part in coefficients.items() if markov is None or part is not markov.sigma
+    }
     jumps = _jumps(model, tau0) if markov is not None and markov.sigma.status == "measured" else None
-    periods_s = periods(model, tau0)
+    hump_hz, periods_s, none = _hump_range(model, tau0), periods(model, tau0), np.zeros(0)
     caveats = {
         "misfit": model.p_value < CHANCE,
         "correlated": model.upper_end.window > 1 or model.upper_end.low_pass,
@@ -310,7 +307,7 @@ def state_model(
         "popcorn": jumps is not None,
     }
     fit = ChannelFit(
-        coefficients=coefficients,
+        coefficients=single,
         markov=markov,
         jumps=jumps,
         chi2=model.misfit,
@@ -322,25 +319,18 @@ def state_model(
         low=none,
         high=none,
         edf=none,
+        time_to={**dict.fromkeys(NOISE), **time_to},
         caveats=tuple(caveat for caveat, applies in caveats.items() if applies),
         columns=columns,
         no_slope="collinear" if collinear else model.slow.no_temperature,
         explained=_explained(model),
         step=_step(model, columns),
-        lines_hz=tuple((lines[:, 0] / tau0).tolist()),
+        lines_hz=tuple((line_bands(sums, channel)[:, 0] / tau0).tolist()),
         hump_hz=hump_hz,
-        hump_mains_hz=()
-        if hump_hz is None
-        else mains(sum(hump_hz) / 2.0, 1.0 / tau0, hump_hz[1] - hump_hz[0])[0],
+        hump_mains_hz=() if hump_hz is None else _mains(*hump_hz, 1.0 / tau0),
         oscillations_s=periods_s,
         highest_hz=highest / tau0,
     )
-    if precision is not None:
-        # no half-width: not measured; one of 0 would be a value without an error, which no record gives
-        widths = {letter: coefficients[letter].half_width or math.inf for letter in precision}
-        powers = model.surface.sensor_powers
-        fit = replace(fit, time_to=seconds_to(powers, widths, samples, tau0, highest, precision))
-    series = model.slow.series
     return FittedModel(
         fit,
         model.surface,
@@ -351,6 +341,31 @@ def state_model(
         moved_variances(series, moved(model)),
         model.hump,
     )
+
+
+def _hump_range(model: Model, tau0: float) -> tuple[float, float] | None:
+    """Return the range of a hump that has a name, Hz; None without one."""
+    band = model.choice.band
+    return (band.low / tau0, band.high / tau0) if band is not None and band.is_certain else None
+
+
+def _mains(low: float, high: float, rate: float) -> tuple[float, ...]:
+    """Return the mains and harmonics that fold into a range of frequencies, Hz."""
+    return mains(0.5 * (low + high), rate, high - low)[0]
+
+
+def _times_to(
+    model: Model,
+    coefficients: Mapping[str, Estimate],
+    precision: Mapping[str, float],
+    highest: float,
+    tau0: float,
+) -> dict[str, float | None]:
+    """Return the seconds still to record until coefficients are as precise as requested."""
+    # no half-width: not measured; one of 0 would be a value without an error, which no record gives
+    widths = {letter: coefficients[letter].half_width or math.inf for letter in precision}
+    samples = model.slow.series.samples
+    return seconds_to(model.surface.sensor_powers, widths, samples, tau0, highest, precision)
 
 
 # ------------------------------------------------------------------------------------------------ coefficients
@@ -379,10 +394,11 @@ def _coefficients(
     # N is that of the samples as they are, which is what a filter sees. The limits hold that of the sensor before its
     # rounding, too, which only the lower one shows.
     before, rounded = max(mean - rounding, 0.0), _of_power(mean, error)
-    unflickering = without(surface, FLICKER) if evidence(surface, FLICKER) <= EVIDENCE else None
-    if rounded.high is not None and unflickering is not None:
-        high = _of_power(*white_power(unflickering)).high
-        rounded = replace(rounded, high=max(rounded.high, high or 0.0))
+    for term in GRIDDED:
+        rest = without(surface, term) if evidence(surface, term) <= EVIDENCE else None
+        if rest is not None and rounded.high is not None:
+            high = _of_power(*white_power(rest)).high
+            rounded = replace(rounded, high=max(rounded.high, high or 0.0))
     unrounded = _of_power(before, math.hypot(error, _rounding_error(before, rounding)))
     white = replace(rounded, low=unrounded.low) if unrounded.value else replace(unrounded, high=rounded.high)
     estimates: dict[NoiseTerm, Estimate] = {WHITE: white}
@@ -398,6 +414,14 @@ def _coefficients(
             low, high = (math.sqrt(max(power + sign * LIMIT_95 * error, 0.0)) for sign in (-1, 1))
             estimates[QUANTISATION] = Estimate(value=math.sqrt(power), low=low, high=high, status="measured")
     return {term.letter: part.scaled(term.coefficient_scale(tau0)) for term, part in estimates.items()}
+
+
+def _rounding(model: Model, step: float) -> float:
+    """Return the variance that rounding to steps adds to white noise, (channel unit)^2."""
+    if QUANTISATION in model.surface.scored:
+        return 0.0  # rounding of an angle is quantisation, that of a rate white noise
+    # the differences of an angle hold two errors
+    return ROUNDING_VARIANCE * step**2 * (2.0 if model.may_be_counted else 1.0)
 
 
 def _rounding_error(variance: float, rounding: float) -> float:
@@ -447,8 +471,9 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
     surface, markov = model.surface, model.markov
     shown: dict[NoiseTerm, bool] = {term: evidence(surface, term) > EVIDENCE for term in GRIDDED}
     limits = _limits_of_gridded(surface, shown)
-    low, value, high = limits[WALK]
-    limits[WALK] = low, value, max(high, model.slow.walk_high)
+    for term, bound in model.slow.bounds.items():
+        low, value, high = limits[term]
+        limits[term] = low, value, max(high, bound)
     open_terms: list[NoiseTerm] = [term for term in GRIDDED if not shown[term]]
     hidden = _may_be_another(model, shown)
     if markov is not None:
@@ -464,25 +489,24 @@ def _correlated(model: Model) -> dict[NoiseTerm, Estimate]:
         elif term in confused:
             estimates[term] = _indistinct(high, confused[term])
         else:
-            estimates[term] = _bound(high, _why_not_shown(model, term))
+            estimates[term] = _bound(high, MOVES_SLOWLY if term in model.slow.bounds else NOT_SHOWN)
     return estimates
 
 
-def _may_be_another(model: Model, shown: Mapping[NoiseTerm, bool]) -> dict[NoiseTerm, list[str]]:
+def _may_be_another(model: Model, shown: Mapping[NoiseTerm, bool]) -> dict[NoiseTerm, Sequence[str]]:
     """Return the terms that show and may be something else, with what they may be."""
-    hidden: dict[NoiseTerm, list[str]] = {}
+    hidden: dict[NoiseTerm, Sequence[str]] = {}
     # below the band of a hum that wanders to frequency zero, its skirt looks like a walk, or like Gauss–Markov noise
     reaches_zero = model.hump is not None and model.hump.reaches_zero
     if model.markov is not None and model.markov.is_certain and (reaches_zero or model.choice.may_be_hump):
         hidden[model.markov.term] = ["a vibration"]
-    if reaches_zero and shown[WALK]:
-        hidden[WALK] = ["a vibration"]
-    if model.is_markov_instead:
-        hidden[WALK] = [kind.letter for kind in TRIED]
-    return hidden
+    for term in GRIDDED if reaches_zero else ():
+        if term.grows and shown[term]:
+            hidden[term] = ["a vibration"]
+    return {**hidden, **model.instead}
 
 
-def _confused(model: Model, open_terms: Sequence[NoiseTerm]) -> dict[NoiseTerm, list[str]]:
+def _confused(model: Model, open_terms: Sequence[NoiseTerm]) -> dict[NoiseTerm, Sequence[str]]:
     """Return the letters of the terms from which each open one is indistinct; empty where none of them is needed."""
     markov = model.markov
     # without a measured M in the model, something is correlated: its odds are even or better
@@ -500,11 +524,6 @@ def _indistinct(high: float, others: Sequence[str]) -> Estimate:
     return Estimate(low=0.0, high=high, status="indistinct", reason=reason)
 
 
-def _why_not_shown(model: Model, term: NoiseTerm) -> str:
-    """Return why a coefficient is a bound."""
-    return MOVES_SLOWLY if term == WALK and model.slow.slowest.size else NOT_SHOWN
-
-
 def _limits_of_gridded(
     surface: Surface, shown: Mapping[NoiseTerm, bool]
 ) -> dict[NoiseTerm, tuple[float, float, float]]:
@@ -518,11 +537,12 @@ def _limits_of_gridded(
     return limits
 
 
-def _markov(model: Model, sigma: Estimate | None, tau0: float) -> MarkovEstimate | None:
-    """Return Gauss–Markov noise in SI; None where it is not in the model."""
+def _markov(model: Model, coefficients: Mapping[str, Estimate], tau0: float) -> MarkovEstimate | None:
+    """Return the term that is stated with its time constant, in SI; None where it is not in the model."""
     markov = model.markov
-    if markov is None or sigma is None:
+    if markov is None or markov.term.time_letter is None or markov.term.letter not in coefficients:
         return None
+    sigma = coefficients[markov.term.letter]
     low, value, high = (time * tau0 for time in markov.time_quantiles(LIMITS).tolist())
     # measured includes that the record bounds its time (`MarkovSurface.is_certain`)
     if sigma.status == "measured":
