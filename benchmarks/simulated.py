@@ -17,7 +17,7 @@ import numpy as np
 from imumon.noise import AllanCurve, ChannelFit, Estimator, OctaveCascade, synthesise
 from imumon.noise.fit.likelihood import grid_mean, quantiles
 from imumon.noise.fit.model import GRIDDED, NOISE_TERMS, WHITE
-from imumon.noise.power_law import coefficient_variances, sampled_density
+from imumon.noise.power_law import cosine_variances, sampled_density
 
 N, B = 6.1e-5, 2.4e-5
 LONGEST = 720_000
@@ -124,7 +124,7 @@ def cramer_rao(n: int, rate: float, N: float, B: float, K: float) -> np.ndarray:
     length = max(1, n // BLOCKS)
     low = min(LOWEST, n // length // 2)
     unit = np.array([1.0, length, length**2])[:, None]
-    exact = (coefficient_variances(n // length) * unit)[:, :low]
+    exact = (cosine_variances(n // length) * unit)[:, :low]
     edges = np.unique(np.geomspace(low + 1, n, POINTS).round().astype(np.int64))
     density = sampled_density(0.25 * (edges[:-1] + edges[1:] - 1.0) / n, averaged=False)
     variance, count = np.hstack((exact, density)), np.concatenate((np.ones(low), np.diff(edges)))

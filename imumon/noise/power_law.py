@@ -87,7 +87,7 @@ def _edge_factors() -> Floats:
     return np.asarray(np.diag(matrix)[1:] / sampled_density(k / (2.0 * EXACT), averaged=True)[1])
 
 
-def cosine_variances(autocovariance: Floats) -> Floats:
+def cosine_variances_of(autocovariance: Floats) -> Floats:
     """Return (n - 1,) the variances of the cosine coefficients 1 to n - 1 of n values (DCT-II, orthonormal).
 
     Coefficient k has the angle x = pi k / n. Products of two cosines of it at a lag l sum to
@@ -105,13 +105,13 @@ def cosine_variances(autocovariance: Floats) -> Floats:
 
 
 @lru_cache(maxsize=32)
-def coefficient_variances(n: int) -> Floats:
+def cosine_variances(n: int) -> Floats:
     """Return (3, n - 1) the variances of coefficients 1 to n - 1 of n block means, for N = B = K = 1.
 
     In units of a block. The edges of the highest coefficients of flicker are not modelled: 1.4 % of 16 means, less of
     more.
 
-    >>> coefficient_variances(8).round(3)[:, :3]
+    >>> cosine_variances(8).round(3)[:, :3]
     array([[1.   , 1.   , 1.   ],
            [1.946, 1.097, 0.716],
            [6.402, 1.54 , 0.643]])

@@ -172,7 +172,7 @@ class Fits:
         )
         inertial = [fits[c] for c in sums.warmup_channels if c < len(fits)]
         settles = still_settles(inertial, counts.elapsed_s - sums.begin_s)
-        self.heats_up = self.guarded and sums.is_warming_up(curve)
+        self.heats_up = self.guarded and sums.still_heats_up(curve)
         self.warming_up = self.heats_up or (self.guarded and settles)
         if self.warming_up:
             # A mean that settles looks like a random walk, so K would be a figure of the warm-up.

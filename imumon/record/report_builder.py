@@ -288,7 +288,7 @@ def noise_model(sensor: str, fit: ChannelFit, rows: Ints) -> report.NoiseModel |
     units = {"drift": f"{unit}/s", "temperature": f"{unit}/degC"}
     units |= {f"temperature_{power}": f"{unit}/degC^{power}" for power in (2, 3)}
     return report.NoiseModel(
-        columns=tuple(model_column(column, units.get(column.name, unit)) for column in fit.columns),
+        columns=tuple(model_column(column, units.get(column.name, unit)) for column in fit.regressors),
         lines_hz=fit.lines_hz,
         vibration_hz=fit.hump_hz or (),
         vibration_mains_hz=fit.hump_mains_hz,
@@ -331,7 +331,7 @@ def drift(
     fit: ChannelFit, begin_s: float, covered: tuple[float, float] | None, curve: BiasFit | None
 ) -> report.Drift | None:
     """Return slopes per hour and per degC with their limits; None without a fit."""
-    time, temperature, reason = fit.column("drift"), fit.column("temperature"), fit.no_slope or None
+    time, temperature, reason = fit.regressor("drift"), fit.regressor("temperature"), fit.no_slope or None
     if time is None:
         return None
     # The curve looks at the values of the thermometer, the fit does not: without a temperature there is no slope.

@@ -109,7 +109,7 @@ def test_the_noise_beside_a_bent_effect_is_that_without_one() -> None:
     effect = np.polynomial.polynomial.polyval(degrees - 40.0, (0.0, 1e-5, 1e-6, 2e-7))  # about the middle
     bent = fits_beside(effect, degrees)
     for plain, warm in zip(fits_beside(0.0 * degrees, degrees), bent, strict=True):
-        assert warm.column("temperature_3") is not None
+        assert warm.regressor("temperature_3") is not None
         assert warm.no_slope == ""  # its limits say how uncertain a slope is beside them
         assert warm.N.value == pytest.approx(plain.N.value, rel=0.01)
         assert warm.B.high == pytest.approx(plain.B.high, rel=0.1)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from imumon.model.samples import Bools, Floats
 from imumon.noise.blocks import BlockAccumulator, BlockMeans
-from imumon.noise.power_law import coefficient_variances
+from imumon.noise.power_law import cosine_variances
 from imumon.noise.synthesis import synthesise
 
 MOST = 16
@@ -204,7 +204,7 @@ def exact_variances(n: int) -> Floats:
 @pytest.mark.parametrize("n", [16, 23, 64, 256, 300, 1024])
 def test_variances_agree_with_the_exact_covariance(n: int) -> None:
     """The edge of the highest coefficients of flicker is not modelled: 1.4 % of one of 15, less of more."""
-    found, exact = coefficient_variances(n), exact_variances(n)
+    found, exact = cosine_variances(n), exact_variances(n)
     np.testing.assert_array_equal(found[0], 1.0)
     np.testing.assert_allclose(found[1], exact[1], rtol=0.22 / n + 0.002)
     np.testing.assert_allclose(found[2], exact[2], rtol=1e-5)
@@ -217,7 +217,7 @@ def test_coefficients_of_simulated_noise_have_these_variances(kind: str, term: i
     values = synthesise(n * length, float(length), seed=5, **sizes)  # type: ignore[arg-type]
     means = values.reshape(n, length, count).mean(axis=1)
     found = scipy.fft.dct(means, axis=0, norm="ortho")[1:]
-    ratio = (found**2).mean(axis=1) / coefficient_variances(n)[term]
+    ratio = (found**2).mean(axis=1) / cosine_variances(n)[term]
     z = (ratio - 1.0) * np.sqrt(0.5 * count)
     assert np.abs(z).max() < 4.0
     assert abs(z.mean()) < 4.0 / np.sqrt(n)

@@ -22,9 +22,7 @@ def test_the_formulas_are_those_of_the_autocovariance(time: float) -> None:
     by_lag = np.concatenate(([zero], one * ratio ** np.arange(199.0)))
     covariance = scipy.linalg.toeplitz(by_lag)
     cosines = scipy.fft.dct(scipy.fft.dct(covariance, axis=0, norm="ortho"), axis=1, norm="ortho")
-    assert GaussMarkov("M", time).coefficient_variances(200, 1) == pytest.approx(
-        np.diag(cosines)[1:], rel=1e-9
-    )
+    assert GaussMarkov("M", time).cosine_variances(200, 1) == pytest.approx(np.diag(cosines)[1:], rel=1e-9)
     m = np.array([1, 4, 50])
     of_sums = [covariance[:k, :k].sum() for k in (1, 4, 50)]
     of_doubles = [covariance[:k, :k].sum() for k in (2, 8, 100)]

@@ -85,7 +85,7 @@ def test_a_drift_of_any_size_changes_no_coefficient(quiet: Floats, slope: float)
                 a, b = getattr(one, limit), getattr(other, limit)
                 size = 0.05 * (one.high - one.low)  # the grid of the likelihood
                 assert b == a or b == pytest.approx(a, abs=size), (name, limit)
-        own, before = drifting.column("drift"), plain.column("drift")
+        own, before = drifting.regressor("drift"), plain.regressor("drift")
         assert own is not None
         assert before is not None
         assert own.value - before.value == pytest.approx(slope, rel=1e-3)
@@ -97,7 +97,7 @@ def test_a_drift_of_any_size_changes_no_coefficient(quiet: Floats, slope: float)
 @pytest.mark.parametrize("k", [0.0, 1.0])
 def test_a_drift_is_stated_with_its_limits(quiet: Floats, walk: Floats, slope: float, k: float) -> None:
     fits = fitted(quiet + k * walk + slope * AT_S)
-    columns = [fit.column("drift") for fit in fits]
+    columns = [fit.regressor("drift") for fit in fits]
     assert sum(c is not None and abs(c.value - slope) <= 1.96 * c.error for c in columns) >= 6
     for fit in fits:
         if k:
@@ -117,7 +117,7 @@ def test_noise_has_no_significant_drift(quiet: Floats, walk: Floats) -> None:
         fits = fitted(values)
         assert all("R" not in fit.coefficients for fit in fits)
         for fit in fits:
-            column = fit.column("drift")
+            column = fit.regressor("drift")
             assert column is not None
             ratios.append(column.value / column.error)
     assert 0.5 < float(np.std(ratios)) < 1.45  # of 24, three standard errors
@@ -146,7 +146,7 @@ def test_a_temperature_slope_is_recovered_and_leaves_the_noise(quiet: Floats, pe
     check_noise(fits)
     held = 0
     for fit in fits:
-        slope, drift = fit.column("temperature"), fit.column("drift")
+        slope, drift = fit.regressor("temperature"), fit.regressor("drift")
         assert slope is not None
         assert drift is not None
         assert fit.no_slope == ""
@@ -169,12 +169,12 @@ def test_temperatures_that_say_nothing_have_a_reason(quiet: Floats) -> None:
     ):
         (fit,) = fitted(values, degrees)
         assert fit.no_slope == reason
-        assert fit.column("temperature") is None
+        assert fit.regressor("temperature") is None
         assert fit.explained is None
     parabola = 25.0 + AT_S / AT_S[-1] + 2.0 * (AT_S / AT_S[-1]) ** 2
     (bent,) = fitted(values + 1e-4 * parabola, parabola)
     assert bent.no_slope in ("", "collinear")
-    slope = bent.column("temperature")
+    slope = bent.regressor("temperature")
     assert slope is None or slope.value == pytest.approx(1e-4, abs=4.0 * slope.error)
 
 
@@ -190,7 +190,7 @@ def test_an_exponential_is_no_random_walk(quiet: Floats, size: float, time_s: fl
     fits = fitted(quiet + size * np.exp(-AT_S / time_s))
     check_noise(fits)
     for fit in fits:
-        settling = fit.column("settling")
+        settling = fit.regressor("settling")
         assert settling is not None
         assert settling.time_constant_s == pytest.approx(time_s, rel=0.5)
         assert fit.step is None
@@ -200,7 +200,7 @@ def test_an_exponential_is_no_random_walk(quiet: Floats, size: float, time_s: fl
 def test_noise_does_not_settle(quiet: Floats, walk: Floats) -> None:
     """One record in a hundred of noise alone has an exponential that is likelier than none."""
     for values in (quiet, quiet + walk, quiet + 1e-6 * AT_S):
-        assert sum(fit.column("settling") is not None for fit in fitted(values)) <= 1
+        assert sum(fit.regressor("settling") is not None for fit in fitted(values)) <= 1
 
 
 @pytest.mark.few
@@ -223,7 +223,7 @@ def test_a_step_is_found_with_its_place_and_size_and_is_no_random_walk(quiet: Fl
     check_noise(fits)
     assert curve.sums is not None
     for c, fit in enumerate(fits):
-        column = fit.column("step")
+        column = fit.regressor("step")
         assert (column is not None) == (fit.step is not None) == (c % 2 == 0)
         if column is not None and fit.step is not None:
             series = block_series(curve.sums.blocks, c, None)
@@ -266,7 +266,7 @@ def test_a_missing_hour_counts_as_time(quiet: Floats) -> None:
     cascade.skip(36_000)
     cascade.update((quiet + slope * AT_S)[56_000:])
     for fit in Estimator(averaged=True, time_to=False).fit(cascade.result()):
-        drift = fit.column("drift")
+        drift = fit.regressor("drift")
         assert drift is not None
         assert drift.value == pytest.approx(slope, abs=4.0 * drift.error)
         assert fit.K.status == "upper_bound" or math.isclose(fit.K.low or 0.0, 0.0, abs_tol=1e-6)

@@ -14,7 +14,7 @@ from imumon.noise.stretches.change import detect_changes, joined
 from imumon.noise.stretches.parts import Parts
 from imumon.noise.stretches.quarters import Quarters, excess
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch
-from imumon.noise.stretches.warmup import is_warming_up
+from imumon.noise.stretches.warmup import still_heats_up
 
 RATE, N, B = 10.0, 1e-4, 1e-5
 HOUR = round(3600 * RATE)
@@ -286,7 +286,7 @@ def test_a_temperature_that_rises_is_a_warm_up_until_it_rests(
     at = np.arange(0.0, 60.0 * minutes, block_s)
     degrees = 20.0 + 8.0 * (1.0 - np.exp(-at / time_s)) + np.random.default_rng(1).normal(0.0, 0.03, at.size)
     degrees[at.size // 3 : at.size // 3 + 3] = np.nan
-    assert is_warming_up(degrees, block_s) == warming
+    assert still_heats_up(degrees, block_s) == warming
 
 
 # --- temperature -------------------------------------------------------------------------------------------
@@ -316,7 +316,7 @@ def test_the_temperature_of_a_record_and_of_its_stretches_explains_the_bias() ->
     assert len(parts) == 3
     for steady, following in parts:
         assert not steady.follows_temperature
-        slope = following.column("temperature")
+        slope = following.regressor("temperature")
         assert slope is not None
         assert following.follows_temperature
         assert slope.value == pytest.approx(1e-4, abs=4.0 * slope.error)
@@ -326,7 +326,7 @@ def test_the_temperature_of_a_record_and_of_its_stretches_explains_the_bias() ->
 def test_a_record_warms_up_as_long_as_its_temperature_rises() -> None:
     for hours, warming in ((0.2, True), (2.5, False)):
         record, _ = heated(hours, 10_000)
-        assert record.is_warming_up(record.curve()) == warming
+        assert record.still_heats_up(record.curve()) == warming
     record = statistics(2)
     record.add(noise(9000))
-    assert not record.is_warming_up(record.curve())
+    assert not record.still_heats_up(record.curve())

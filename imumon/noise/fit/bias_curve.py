@@ -1,6 +1,6 @@
 """Bias of one channel against the temperature, from the means of the whole record.
 
-The same restricted likelihood as of N, B and K, of the block means alone, with other columns: the temperature beside
+The same restricted likelihood as of N, B and K, of the block means alone, with other regressors: the temperature beside
 the drift of each segment. What the noise may do between the blocks widens every limit. A warm-up is no part of N, B and
 K, and the best part of a record for this slope. A bend of the effect is no part of it: the line is the mean over the
 span.
@@ -16,7 +16,7 @@ import numpy as np
 from imumon.model.coefficients import LIMIT_95
 from imumon.model.samples import Floats
 from imumon.noise.blocks import BlockMeans
-from imumon.noise.fit import regressors as columns_of
+from imumon.noise.fit import regressors
 from imumon.noise.fit.likelihood import Likelihood, Surface, grid_mean
 from imumon.noise.fit.model import total
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
@@ -75,14 +75,14 @@ class _Fit:
     """Regression with the noise that is likeliest beside it."""
 
     regressors: list[Regressor]
-    value: Floats  # (q,) in the scale of each column, as is the covariance
+    value: Floats  # (q,) in the scale of each regressor, as is the covariance
     covariance: Floats  # (q, q)
     mean_variance: float  # (channel unit)^2, of the mean of the record against that of another one as long
 
 
 def bias_curve(
     blocks: BlockMeans,
-    column: int,
+    channel: int,
     degrees: Floats | None,
     noise: Surface | None = None,
     extremes: tuple[float, float] | None = None,
@@ -92,15 +92,15 @@ def bias_curve(
     Parameters
     ----------
     blocks : means of the whole record.
-    column : channel in them.
+    channel : regressor in them.
     degrees : (blocks,) degC, temperature of the blocks, NaN where missing; None: there is none.
     noise : likelihood of N, B and K of the channel; None: that of the blocks.
     extremes : degC, least and greatest sample of the temperature; None: unknown.
     """
-    series = block_series(blocks, column, degrees)
+    series = block_series(blocks, channel, degrees)
     if series is None:
         return BiasFit(reason="too_short")
-    straight, reason = columns_of.temperature(series)
+    straight, reason = regressors.temperature(series)
     if straight is None or series.degrees is None:
         return BiasFit(reason=reason)
     low, high = float(np.nanmin(series.degrees)), float(np.nanmax(series.degrees))
@@ -114,19 +114,19 @@ def bias_curve(
     if jumps.max() > max(0.5 * (high - low), 2.0):
         return BiasFit(reason="jumps")
     reference, half = 0.5 * (low + high), 0.5 * (high - low)
-    fit = _fitted(series, columns_of.unit_span(straight.series), noise)
-    names = [column.name for column in fit.regressors]
+    fit = _fitted(series, regressors.unit_span(straight.series), noise)
+    names = [regressor.name for regressor in fit.regressors]
     drift = names.index("drift") if "drift" in names else None
     if drift is not None and _correlation(fit.covariance, -1, drift) > COLLINEAR:
         return BiasFit(reason="collinear")
-    return _stated(series, fit, blocks.offset[column], reference, half)
+    return _stated(series, fit, blocks.offset[channel], reference, half)
 
 
 def _fitted(series: BlockSeries, u: Floats, noise: Surface | None) -> _Fit:
     """Return the regression on the drifts and, last, on a temperature u (n,), -1 to 1 over the span."""
-    regressors = [*columns_of.drifts(series), columns_of.of_series(series, "temperature", u)]
+    present = [*regressors.drifts(series), regressors.of_series(series, "temperature", u)]
     masked = np.zeros(series.y.size, dtype=bool)
-    terms = SlowTerms(series, regressors, masked, masked, [], 0.0, "")
+    terms = SlowTerms(series, present, masked, masked, [], 0.0, "")
     top = meeting_frequency(series)
     beside = {} if noise is None else noise.beside
     terms = terms.with_terms(list(beside))
@@ -134,24 +134,24 @@ def _fitted(series: BlockSeries, u: Floats, noise: Surface | None) -> _Fit:
     if noise is None:
         surface = likelihood.search(series.samples)
     else:
-        # the noise of the fit, with its limits, and the regression of these columns
+        # the noise of the fit, with its limits, and the regression of these regressors
         surface = replace(
             likelihood.surface(noise.grids), log=noise.log, scored=noise.scored, likeliest=noise.likeliest
         )
     mean, error = grid_mean(surface, surface.beta, surface.beta_variances)
-    coefficients = likelihood.coefficients
-    variance = total(surface.powers, lambda term: coefficients.variances[term])
-    inverse = inverse_and_log(normal_matrix(1.0 / variance[:, None], coefficients.X))[0][:, :, 0]
+    cosines = likelihood.cosines
+    variance = total(surface.powers, lambda term: cosines.variances[term])
+    inverse = inverse_and_log(normal_matrix(1.0 / variance[:, None], cosines.X))[0][:, :, 0]
     # the noise is not known exactly: the errors are those over all N, B and K, the correlations of the likeliest
     wider = error / np.sqrt(np.diagonal(inverse))
-    scale = np.array([column.scale for column in regressors])
+    scale = np.array([regressor.scale for regressor in present])
     covariance = inverse * np.outer(wider * scale, wider * scale)
     # another record as long differs by twice the Allan variance at the length of the record
     length, powers = np.array([series.samples]), surface.noise_powers
     variances = [power * term.allan_variances(length, averaged=True)[0] for term, power in powers.items()]
     apart = 2.0 * np.sum(variances, axis=0)
     mean_variance = float(grid_mean(surface, np.sqrt(apart), np.zeros_like(apart))[0]) ** 2
-    return _Fit(regressors, mean * scale, covariance, mean_variance)
+    return _Fit(present, mean * scale, covariance, mean_variance)
 
 
 def _stated(
@@ -161,37 +161,38 @@ def _stated(
     reference: float,
     half: float,
 ) -> BiasFit:
-    """Return the line of a regression whose last column is the temperature."""
-    columns = np.stack([column.series for column in fit.regressors], axis=1)
+    """Return the line of a regression whose last regressor is the temperature."""
+    values = np.stack([regressor.series for regressor in fit.regressors], axis=1)
     # the bias at the reference temperature, in the middle of the record
-    middle = columns.mean(axis=0)
+    middle = values.mean(axis=0)
     bias = float(offset + series.series.mean() - middle @ fit.value)
     rise, variance = float(fit.value[-1]), float(fit.covariance[-1, -1])
     span = np.linspace(-1.0, 1.0, POINTS)
-    # the bias at a temperature is that of the middle plus what the columns say between the two: one linear combination
+    # the bias at a temperature is that of the middle plus what the regressors say between the two: one linear
+    # combination
     combination = np.tile(-middle, (POINTS, 1))
     combination[:, -1] += span
     curve = bias + span * rise
     spread = np.einsum("pq,qr,pr->p", combination, fit.covariance, combination)
     error = LIMIT_95 * np.sqrt(fit.mean_variance + spread)
-    drifts = [i for i, column in enumerate(fit.regressors) if column.name == "drift"]
-    without = series.series - columns[:, drifts] @ fit.value[drifts]
+    drifts = [i for i, regressor in enumerate(fit.regressors) if regressor.name == "drift"]
+    without = series.series - values[:, drifts] @ fit.value[drifts]
     return BiasFit(
         reference_degC=reference,
         terms=(
-            _column("degree 0", bias, fit.mean_variance + float(middle @ fit.covariance @ middle)),
-            _column("degree 1", rise / half, variance / half**2),
+            _regressor("degree 0", bias, fit.mean_variance + float(middle @ fit.covariance @ middle)),
+            _regressor("degree 1", rise / half, variance / half**2),
         ),
         degC=tuple((reference + half * span).tolist()),
         bias=tuple(curve.tolist()),
         low=tuple((curve - error).tolist()),
         high=tuple((curve + error).tolist()),
         std_without=float(np.std(without)),
-        std_with=float(np.std(series.series - columns @ fit.value)),
+        std_with=float(np.std(series.series - values @ fit.value)),
     )
 
 
-def _column(name: str, value: float, variance: float) -> RegressorEstimate:
+def _regressor(name: str, value: float, variance: float) -> RegressorEstimate:
     error = LIMIT_95 * math.sqrt(variance)
     return RegressorEstimate(name=name, value=value, low=value - error, high=value + error)
 

@@ -50,10 +50,10 @@ the model has, 9 of 400 channels miss by chance (`markov.py`).
 """
 COLUMN_SLACK = 0.05
 """The drawn model may be outside of the limits of the curve by as much. Unit: of the Allan deviation of the
-columns.
+regressors.
 
 Otherwise: a strong temperature, known to a per cent, misses limits that are narrower, and N, B and K become bounds.
-Chosen: a column describes what moves the mean to some per cent (`temperature.py`).
+Chosen: a regressor describes what moves the mean to some per cent (`temperature.py`).
 """
 SLOPE_TOLERANCE = 0.2
 """A classical reading is taken where the slope of the curve is this near to the nominal one. Unit: slope.
@@ -106,7 +106,7 @@ def with_curve(
     low, high = limit_factors(np.maximum(edf, 1.0))
     sigma = curve.sigma[:, channel]
     positive = present & (sigma > 0.0)
-    visible, drift = VISIBLE * (random + fixed), fit.column("drift")
+    visible, drift = VISIBLE * (random + fixed), fit.regressor("drift")
     caveats = list(fit.caveats)
     if fit.hump_hz is not None or (_named(line_shares, hump).sum(axis=0) > visible).any():
         caveats.append("vibration")
@@ -115,7 +115,7 @@ def with_curve(
     used = present & (m >= 1 << fitted.choice.upper_end.octaves_left_out)
     low, high = (np.where(present, sigma * factor, 0.0) for factor in (low, high))
     drawn = np.sqrt(random + fixed)
-    # the limits are those of noise: where a column moves the mean much more, they are narrower than it is known
+    # the limits are those of noise: where a regressor moves the mean much more, they are narrower than it is known
     slack = COLUMN_SLACK * np.sqrt(fixed)
     # the model is fitted to all samples: of those that the differences miss, it has an error of its own
     known = np.minimum(curve.terms[:, channel] / possible_differences(m, curve.span), 1.0)

@@ -5,7 +5,7 @@ The way of a channel through this package:
 | step | module | from | to |
 |---|---|---|---|
 | can it be fitted? | `estimator` | curve, resolution | a reason why it is pending |
-| what is compared | `observations` | `NoiseSums` | `Bands`, `Coefficients` |
+| what is compared | `observations` | `NoiseSums` | `Bands`, `Cosines` |
 | which terms explain it | `search` (`ModelSearch`) | observations | `Model` |
 | how likely are their powers | `likelihood` (`Likelihood`) | terms of `model`, `regressors` | `Surface` |
 | what is stated | `statement` (`state_model`), `curve_statement` (`with_curve`) | `Model` | `ChannelFit` |
@@ -296,8 +296,8 @@ def settling_times_s(blocks: BlockMeans) -> Iterator[float]:
         series = _noisy_series(blocks, channel, None)
         if not isinstance(series, Pending):
             terms = SlowTermSearch(series, None).result()
-            settling = (column for column in terms.regressors if column.name == "settling")
-            yield from (column.place * series.length * blocks.interval_s for column in settling)
+            settling = (regressor for regressor in terms.regressors if regressor.name == "settling")
+            yield from (regressor.place * series.length * blocks.interval_s for regressor in settling)
 
 
 def _noisy_series(blocks: BlockMeans, channel: int, degrees: Floats | None) -> BlockSeries | Pending:

@@ -28,7 +28,7 @@ Example: two bands of white noise with 100 degrees of freedom each.
 >>> from imumon.noise.fit.model import FLICKER, NOISE_TERMS, WALK
 >>> flat = {term: np.ones(2) if term == WHITE else np.full(2, 1e-6) for term in NOISE_TERMS}
 >>> bands = Bands(np.array([3.9, 4.1]), np.full(2, 100.0), flat, np.zeros(2), np.array([0.25, 0.5]))
->>> none = Coefficients(np.zeros(0), np.zeros((0, 0)), {term: np.zeros(0) for term in NOISE_TERMS})
+>>> none = Cosines(np.zeros(0), np.zeros((0, 0)), {term: np.zeros(0) for term in NOISE_TERMS})
 >>> surface = Likelihood(bands, none).surface({FLICKER: np.zeros(1), WALK: np.zeros(1)})
 >>> round(surface.powers[WHITE], 3), round(float(np.sqrt(surface.scored_variances[WHITE][0])), 2)
 (4.0, 0.4)
@@ -47,12 +47,12 @@ from scipy.special import gammainc, gammaincc, ndtri
 from imumon.model.samples import Floats
 from imumon.noise.fit.model import GRIDDED, WHITE, NoiseTerm, combined, total
 from imumon.noise.fit.normal_equations import LEAST_VARIANCE, inverse_and_log, normal_matrix
-from imumon.noise.fit.observations import Bands, Coefficients
+from imumon.noise.fit.observations import Bands, Cosines
 from imumon.noise.fit.scoring import BandScoring
 from imumon.noise.validity_groups import ROUNDING
 
 GRID = 20
-"""Resolution of B and of K, half as many where columns are tried; also the frequencies that are tried between two
+"""Resolution of B and of K, half as many where regressors are tried; also the frequencies that are tried between two
 coefficients for an oscillation. Unit: values.
 
 Otherwise: with 10, limits of B and K move by up to 9 % of their distance. Origin: with 16 no limit of 15 channels
@@ -221,7 +221,7 @@ class Likelihood:
 
     Attributes
     ----------
-    bands, coefficients : the observations.
+    bands, cosines : the observations.
     scored : terms whose power is profiled; white noise first.
     low_pass : whether the bands of the spectrum are behind a low-pass of first order, whose corner is profiled, too.
     error : 1, relative error of the model in every power.
@@ -229,7 +229,7 @@ class Likelihood:
     """
 
     bands: Bands
-    coefficients: Coefficients
+    cosines: Cosines
     scored: tuple[NoiseTerm, ...] = (WHITE,)
     low_pass: bool = False
     error: float = 0.0
@@ -334,8 +334,8 @@ class Likelihood:
 
     def _restricted(self, powers: Mapping[NoiseTerm, Floats]) -> tuple[Floats, Floats, Floats]:
         """Return (m,) the restricted log likelihood of the coefficients, and (m, q) the regression with variances."""
-        y, X = self.coefficients.y, self.coefficients.X
-        v = combined(powers, self.coefficients.variances)
+        y, X = self.cosines.y, self.cosines.X
+        v = combined(powers, self.cosines.variances)
         w = 1.0 / v
         log = -0.5 * (y**2 @ w + np.log(v, out=v).sum(axis=0))
         Xy = (X.T * y) @ w
@@ -391,15 +391,15 @@ class Likelihood:
             np.concatenate((self.bands.power, residual**2 / np.maximum(left, 1e-3))),
             0.5 * np.concatenate((self.dof, left)),
             {
-                term: np.concatenate((unit * fall, self.coefficients.variances[term]))
+                term: np.concatenate((unit * fall, self.cosines.variances[term]))
                 for term, unit in self.bands.expected.items()
             },
         )
 
     def residuals(self, surface: Surface) -> tuple[Floats, Floats]:
         """Return (n,) the single coefficients without the likeliest regression, and (n,) the share that it leaves."""
-        y, X = self.coefficients.y, self.coefficients.X
-        w = 1.0 / total(surface.powers, lambda term: self.coefficients.variances[term])
+        y, X = self.cosines.y, self.cosines.X
+        w = 1.0 / total(surface.powers, lambda term: self.cosines.variances[term])
         inverse = inverse_and_log(normal_matrix(w[:, None], X))[0][:, :, 0]
         left = 1.0 - w * np.einsum("nq,qr,nr->n", X, inverse, X)
         return y - X @ surface.beta[surface.best], np.asarray(left)
@@ -438,12 +438,12 @@ class Likelihood:
         chi-square. So a group of one coefficient counts as much as one of sixteen.
         """
         residual, left = self.residuals(surface)
-        ratio = residual**2 / total(surface.powers, lambda term: self.coefficients.variances[term])
+        ratio = residual**2 / total(surface.powers, lambda term: self.cosines.variances[term])
         starts = np.array([n for n in SLOW_GROUPS if n < residual.size], dtype=np.int64)
         if not starts.size:
             return 0.0, 0.0
         dof = np.maximum(np.add.reduceat(left, starts), LEAST_VARIANCE)
-        # of less than half a coefficient the columns take nearly all: any rounding of the rest would be a misfit
+        # of less than half a coefficient the regressors take nearly all: any rounding of the rest would be a misfit
         judged = dof >= 0.5
         half, statistic = 0.5 * dof[judged], 0.5 * np.add.reduceat(ratio, starts)[judged]
         # the smaller tail, because a probability near 1 has no digits
@@ -476,7 +476,7 @@ def mixed(one: Surface, two: Surface, weight: float) -> Surface:
         term: (p * one.scored_variances[term] + q * two.scored_variances[term]) / both for term in one.scored
     }
     beta, beta_variances = one.beta, one.beta_variances
-    if two.beta.shape == beta.shape:  # the same columns
+    if two.beta.shape == beta.shape:  # the same regressors
         share = (q / both)[:, None]
         beta = (1.0 - share) * one.beta + share * two.beta
         beta_variances = (1.0 - share) * one.beta_variances + share * two.beta_variances
@@ -623,11 +623,11 @@ def _on(likelihood: Likelihood, surface: Surface, grids: Grids) -> Surface:
 
 @dataclass(frozen=True, eq=False)
 class Alternatives:
-    """The likelihoods without and with a column in doubt; the second is None without one.
+    """The likelihoods without and with a regressor in doubt; the second is None without one.
 
     Attributes
     ----------
-    odds : likelihood of the column against none.
+    odds : likelihood of the regressor against none.
     """
 
     likelihood: Likelihood
@@ -640,7 +640,7 @@ class Alternatives:
         """Return the likelihood of either of the models on a grid.
 
         The second surface is scaled so that its maximum is `odds` times that of the first: the restricted likelihoods
-        of regressions that differ by a column have no common scale.
+        of regressions that differ by a regressor have no common scale.
         """
         first = _on(self.likelihood, self.surface, grids)
         if self.other is None or self.other_surface is None:

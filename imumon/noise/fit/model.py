@@ -1,6 +1,6 @@
 """Model of the noise of one channel: its terms, and what every statistic expects of each.
 
-A sensor at rest measures y(t) = constant + columns + noise. The columns are what moves the mean and is not random
+A sensor at rest measures y(t) = constant + regressors + noise. The regressors are what moves the mean and is not random
 (`regressors`). The noise is a sum of independent processes, the terms of this module. Each is given by its two-sided
 spectral density of the rate (IEEE Std 952-1997, IEEE Std 1139-2008):
 
@@ -25,7 +25,7 @@ and a term is the object that knows these unit expectations:
 | density of the samples | drawn model | `density` |
 | bin of a Welch spectrum, behind the filters of its level | bands of the likelihood | `bin_expectation` |
 | density of the samples behind a moving average | what leaks beside missing samples | `seen_density` |
-| cosine coefficient of block means | single coefficients of the likelihood | `coefficient_variances` |
+| cosine coefficient of block means | single coefficients of the likelihood | `cosine_variances` |
 | Allan variance | drawn model | `allan_variances` |
 | covariance of the differences of the Allan variance | limits of the curve | `difference_covariances` |
 | information about it in a longer record | `time_to` | `rate_density` |
@@ -37,7 +37,7 @@ coefficient then is among those of the fit. The drawn model, its shares, the lim
 from its power. A term with a time constant needs two formulas: `rate_density` and `phase_autocovariance`.
 
 What is not noise with a density is no term. A line is a set of bins that are left out (`spectrum.spectral_lines`). A
-slow oscillation, a step or a drift is a column: a builder in `regressors` and a candidate in `slow_terms`.
+slow oscillation, a step or a drift is a regressor: a builder in `regressors` and a candidate in `slow_terms`.
 
 Three roles. *Gridded* terms (B and K, in every fit) span the grid on which the likelihood is computed: they trade
 against each other, their likelihoods are skewed, and their limits are quantiles. *Scored* terms are profiled at each
@@ -74,8 +74,8 @@ from imumon.noise import markov_law
 from imumon.noise.allan.octave import RATIO
 from imumon.noise.power_law import (
     EXACT,
-    coefficient_variances,
     cosine_variances,
+    cosine_variances_of,
     phase_autocovariance,
     sampled_density,
 )
@@ -139,7 +139,7 @@ class NoiseTerm(ABC):
         return self.density(f, averaged=averaged) * window_power(f, window)
 
     @abstractmethod
-    def coefficient_variances(self, count: int, length: int) -> Floats:
+    def cosine_variances(self, count: int, length: int) -> Floats:
         """Return (count - 1,) the variances of the cosine coefficients of `count` means over `length` samples."""
 
     @abstractmethod
@@ -201,9 +201,9 @@ class PowerLaw(NoiseTerm):
         """Return (n,) the density of each bin in use of a level."""
         return np.asarray(bin_expectation(level, averaged=averaged, window=window)[self.exponent])
 
-    def coefficient_variances(self, count: int, length: int) -> Floats:
+    def cosine_variances(self, count: int, length: int) -> Floats:
         """Return (count - 1,) the variances of the cosine coefficients."""
-        return np.asarray(coefficient_variances(count)[self.exponent] * float(length) ** (self.exponent - 1))
+        return np.asarray(cosine_variances(count)[self.exponent] * float(length) ** (self.exponent - 1))
 
     def allan_variances(self, m: Ints, *, averaged: bool) -> Floats:
         """Return (k,) the Allan variance.
@@ -261,7 +261,7 @@ class Quantisation(NoiseTerm):
         """Return (k,) the density of the samples, which are rounded behind any filter."""
         return self.density(f, averaged=averaged)
 
-    def coefficient_variances(self, count: int, length: int) -> Floats:
+    def cosine_variances(self, count: int, length: int) -> Floats:
         """Return (count - 1,) the variances of the cosine coefficients.
 
         The mean of `length` differences is the difference of the errors at the ends of the block over `length`.
@@ -318,7 +318,7 @@ class TimedTerm(NoiseTerm):
         phase = self.phase_autocovariance(np.abs(np.arange(-1.0, count + 1.0)))
         return np.asarray(-np.diff(phase, 2))
 
-    def coefficient_variances(self, count: int, length: int) -> Floats:
+    def cosine_variances(self, count: int, length: int) -> Floats:
         """Return (count - 1,) the variances of the cosine coefficients."""
         return _timed_variances(self.with_time(self.time / length), count)
 
@@ -455,7 +455,7 @@ class UpperEnd:
 @lru_cache(maxsize=64)  # channels of a record ask for the same time constants
 def _timed_variances(term: TimedTerm, count: int) -> Floats:
     """Return (count - 1,) the variances of the cosine coefficients of neighbouring averages over one sample."""
-    return cosine_variances(term.autocovariance(count))
+    return cosine_variances_of(term.autocovariance(count))
 
 
 @lru_cache(maxsize=4)

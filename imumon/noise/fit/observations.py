@@ -5,7 +5,7 @@ Two sets of sums carry what is known of a channel (`NoiseSums`), and they meet a
 | part | sums | observations |
 |---|---|---|
 | above | Welch sums of the levels of the spectrum | `Bands`: bands of about half an octave |
-| below | means over blocks, as cosine coefficients | `Coefficients`: the lowest ones; `Bands`: bands of the others |
+| below | means over blocks, as cosine coefficients | `Cosines`: the lowest ones; `Bands`: bands of the others |
 
 *Bands* are means of squares. A mean of nu/2 independent pairs of squares of normal numbers with expectation S is gamma
 distributed, S chi^2(nu) / nu (McCullagh and Nelder 1989, section 8.3). *Coefficients* stay single and normal, because
@@ -125,7 +125,7 @@ class Bands:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Coefficients:
+class Cosines:
     """Single cosine coefficients with their regressors.
 
     Attributes
@@ -176,8 +176,7 @@ class BlockSeries:
     def with_terms(self, more: Sequence[NoiseTerm]) -> BlockSeries:
         """Return the same with the variances of some more terms, none of which is white noise."""
         added = {
-            term: self.left
-            * np.concatenate([term.coefficient_variances(int(n), self.length) for n in self.count])
+            term: self.left * np.concatenate([term.cosine_variances(int(n), self.length) for n in self.count])
             for term in more
         }
         return replace(self, variances={**self.variances, **added})
@@ -195,7 +194,7 @@ class BlockSeries:
 
 def block_series(
     blocks: BlockMeans,
-    column: int,
+    channel: int,
     degrees: Floats | None = None,
     terms: Sequence[NoiseTerm] = TERMS,
 ) -> BlockSeries | None:
@@ -207,7 +206,7 @@ def block_series(
     terms : whose variances are needed.
     """
     while True:
-        means, share, segment = blocks.means[:, column], blocks.share[:, column], blocks.segment
+        means, share, segment = blocks.means[:, channel], blocks.share[:, channel], blocks.segment
         present = np.flatnonzero(np.isfinite(means))
         if present.size < LEAST_BLOCKS:
             return None
@@ -237,7 +236,7 @@ def block_series(
         rows.append(every)
         series.append(np.interp(every, part, means[part]))
         for term in terms:
-            variance = term.coefficient_variances(n, length)
+            variance = term.cosine_variances(n, length)
             variances[term].append(variance * (white if term == WHITE else slow))
         f.append(np.arange(1, n) / (2.0 * n * length))
         left.append(slow)
@@ -311,7 +310,7 @@ def _bin_expectation(term: NoiseTerm, level: int, averaged: bool, window: int) -
 
 def spectral_powers(
     sums: NoiseSums,
-    column: int,
+    channel: int,
     *,
     averaged: bool,
     window: int = 1,
@@ -325,48 +324,48 @@ def spectral_powers(
     window : samples of a moving average in the sensor; 1: none.
     terms : whose expectations are needed.
     """
-    layouts = _layouts(sums, column)
+    layouts = _layouts(sums, channel)
     if not layouts:
         empty = np.zeros(0)
         return Bands(empty, empty, dict.fromkeys(terms, empty), empty, empty)
-    group = int(sums.group[column])
+    group = int(sums.group[channel])
     powers = []
     for layout in layouts:
         level = sums.levels[layout.s]
         kept = layout.kept[:: layout.pool]
-        power = np.add.reduceat(level.power[column] * kept, layout.starts // layout.pool)
+        power = np.add.reduceat(level.power[channel] * kept, layout.starts // layout.pool)
         # per sample of level 0
         powers.append(power[layout.counts] / layout.number / float(level.averages[group]) * 2.0**layout.s)
     dof, bend, top = (
         np.concatenate([getattr(layout, part) for layout in layouts]) for part in ("dof", "bend", "top")
     )
-    expected = spectral_expectations(sums, column, averaged=averaged, window=window, terms=terms)
+    expected = spectral_expectations(sums, channel, averaged=averaged, window=window, terms=terms)
     return Bands(np.concatenate(powers), dof, expected, bend, top)
 
 
 def spectral_expectations(
-    sums: NoiseSums, column: int, *, averaged: bool, window: int, terms: Sequence[NoiseTerm]
+    sums: NoiseSums, channel: int, *, averaged: bool, window: int, terms: Sequence[NoiseTerm]
 ) -> dict[NoiseTerm, Floats]:
     """Return (r,) of each term, the expectation of power 1 of the bands of `spectral_powers`."""
-    group = int(sums.group[column])
+    group = int(sums.group[channel])
     means = [
         _band_means(layout, sums.levels, group, averaged, window, tuple(terms))
-        for layout in _layouts(sums, column)
+        for layout in _layouts(sums, channel)
     ]
     none = np.zeros((len(terms), 0))  # a short record has no level that counts
     return dict(zip(terms, np.concatenate((none, *means), axis=1), strict=True))
 
 
-def _layouts(sums: NoiseSums, column: int) -> list[_BandLayout]:
+def _layouts(sums: NoiseSums, channel: int) -> list[_BandLayout]:
     """Return the bands of each level that counts."""
-    group, pool = int(sums.group[column]), SUB_BAND if sums.pooled else 1
+    group, pool = int(sums.group[channel]), SUB_BAND if sums.pooled else 1
     out = []
     for s, level in enumerate(sums.levels):
         count = float(level.averages[group])
         if count >= LEAST_AVERAGES:
             # what is missing in a segment is missing in its degrees of freedom
             there = count / float(level.white[group])
-            mask = _line_bins(sums, s, column)
+            mask = _line_bins(sums, s, channel)
             # sums of a part of a record have sub-bands instead of bins: a line in one leaves out all of it
             kept = ~np.logical_or.reduceat(mask, np.arange(0, mask.size, pool))
             out.append(_band_layout(s, count, there, pool, kept.tobytes()))
@@ -444,11 +443,11 @@ def _band_means(
     return layout.mean(expected_bins(levels, layout.s, group, averaged=averaged, window=window, terms=terms))
 
 
-def _line_bins(sums: NoiseSums, s: int, column: int) -> Bools:
+def _line_bins(sums: NoiseSums, s: int, channel: int) -> Bools:
     """Return (n,) the bins in use of level s that hold a line of a channel."""
     masks = () if sums.spectrum is None else sums.spectrum.masks
     bins = np.arange(FIRST_BIN, last_bin(s))
-    return np.asarray(masks[s][column][bins] if s < len(masks) else np.zeros(bins.size, dtype=bool))
+    return np.asarray(masks[s][channel][bins] if s < len(masks) else np.zeros(bins.size, dtype=bool))
 
 
 def expected_bins(
@@ -494,7 +493,7 @@ def _response(level: int, pooled: bool) -> Floats:
     return filter_power(middle / SEGMENT / 2.0**level, level)
 
 
-def observed_density(sums: NoiseSums, column: int) -> tuple[Floats, Floats, Floats, Bools]:
+def observed_density(sums: NoiseSums, channel: int) -> tuple[Floats, Floats, Floats, Bools]:
     """Return the density of all bins of the spectrum of a channel.
 
     Returns
@@ -503,7 +502,7 @@ def observed_density(sums: NoiseSums, column: int) -> tuple[Floats, Floats, Floa
     density : (n,) (channel unit)^2 per cycle per sample, of noise without missing samples.
     lines : (n,) bins of lines.
     """
-    group = int(sums.group[column])
+    group = int(sums.group[channel])
     levels: list[Floats] = []
     for s, level in enumerate(sums.levels):
         count = float(level.averages[group])
@@ -514,9 +513,9 @@ def observed_density(sums: NoiseSums, column: int) -> tuple[Floats, Floats, Floa
         # the levels meet without a gap, and the highest bin reaches to half the sampling rate
         size = np.diff(first - 0.5, append=last_bin(s) - 1.0 if s else float(last_bin(s)))
         middle = first - 0.5 + 0.5 * size
-        mask = np.logical_or.reduceat(_line_bins(sums, s, column), first - FIRST_BIN)
+        mask = np.logical_or.reduceat(_line_bins(sums, s, channel), first - FIRST_BIN)
         number = np.diff(first, append=last_bin(s))
-        density = level.power[column] / number / float(level.white[group]) * 2.0**s
+        density = level.power[channel] / number / float(level.white[group]) * 2.0**s
         density = density / _response(s, sums.pooled)
         levels.append(np.stack((middle / SEGMENT / 2.0**s, size / SEGMENT / 2.0**s, density, mask)))
     f, width, density, lines = np.concatenate(levels, axis=1) if levels else np.zeros((4, 0))
@@ -535,9 +534,7 @@ def meeting_frequency(series: BlockSeries | None) -> float:
     return 0.5 if length == 1 else BAND_EDGES[0] / SEGMENT * 2.0 / length
 
 
-def pooled_coefficients(
-    series: BlockSeries, residual: Floats, masked: Bools, single: int, top: float
-) -> Bands:
+def pooled_cosines(series: BlockSeries, residual: Floats, masked: Bools, single: int, top: float) -> Bands:
     """Return bands of about half an octave of the coefficients from number `single` on, up to the frequency `top`.
 
     Parameters

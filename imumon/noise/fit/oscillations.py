@@ -1,9 +1,9 @@
 """Oscillations of the mean: which of those that a model leaves out are real, their periods, and what they move.
 
 A slow oscillation (a control loop, a pendulum, the air conditioning) is no noise. Where its period is steady,
-`slow_terms` describes it by a column. Where the period wanders no column fits, and the coefficients of the block means
-that it holds are left out of the likelihood. Neighbouring coefficients that are left out are one oscillation, of the
-power that they have beyond the noise of the model (`Model.excess`), if that is beyond chance.
+`slow_terms` describes it by a regressor. Where the period wanders no regressor fits, and the coefficients of the block
+means that it holds are left out of the likelihood. Neighbouring coefficients that are left out are one oscillation, of
+the power that they have beyond the noise of the model (`Model.excess`), if that is beyond chance.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ def periods(model: Model, tau0: float) -> tuple[float, ...]:
         weight = model.excess[group]
         left_out.append(float(tau0 * weight.sum() / (weight @ model.slow.series.f[group])))
     described = [
-        column.place * model.slow.series.length * tau0
-        for column in model.slow.regressors
-        if column.name == OSCILLATION[0]
+        regressor.place * model.slow.series.length * tau0
+        for regressor in model.slow.regressors
+        if regressor.name == OSCILLATION[0]
     ]
     return tuple(sorted([*left_out, *described]))
 
@@ -60,8 +60,8 @@ def moved(model: Model) -> Floats:
 
     series, beta = model.slow.series, model.surface.beta[model.surface.best]
     out = np.zeros(series.series.size)
-    for column, value in zip(model.slow.regressors, beta.tolist(), strict=True):
-        out = out + value * column.scale * column.series
+    for regressor, value in zip(model.slow.regressors, beta.tolist(), strict=True):
+        out = out + value * regressor.scale * regressor.series
     left_out = np.zeros(series.y.size)
     slow = [run for run in _left_out_runs(model) if np.isin(run, model.slow.slowest).any()]
     for group in [*oscillations(model), *slow]:

@@ -1,9 +1,9 @@
 """Regressors of the block means: what moves the mean of a channel and is not noise.
 
-The block means of a segment are regressed on columns x_i(t), and the cosine transform of a column is the regressor of
-the cosine coefficients:
+The block means of a segment are regressed on series x_i(t), and the cosine coefficients of the means on the cosine
+transforms of these:
 
-| column | x(t) | because |
+| regressor | x(t) | because |
 |---|---|---|
 | drift | t, of each segment | the constant is removed by the transform; a ramp is the longest "noise" of all |
 | temperature | T(t) less its mean | the first effect of the room on a sensor |
@@ -12,7 +12,7 @@ the cosine coefficients:
 | step | 0 before its place, 1 after it, between in its block | a knock, a range that changes |
 | oscillation | cos, sin, and both times t | an air conditioner of few cycles; with t, its size or period may change |
 
-All columns have norm one in the cosine coefficients. Which of them count is decided in `search`.
+All regressors have norm one in the cosine coefficients. Which of them count is decided in `search`.
 
 Example: the drift of a segment of four blocks, as its cosine coefficients see it. Even coefficients of a straight line
 vanish.
@@ -33,7 +33,7 @@ from imumon.model.samples import Floats, Ints
 from imumon.noise.fit.likelihood import Surface
 from imumon.noise.fit.model import combined
 from imumon.noise.fit.normal_equations import inverse_and_log, normal_matrix
-from imumon.noise.fit.observations import LEAST_BLOCKS, BlockSeries, Coefficients
+from imumon.noise.fit.observations import LEAST_BLOCKS, BlockSeries, Cosines
 from imumon.noise.validity_groups import ROUNDING
 
 COLLINEAR = 0.95
@@ -48,17 +48,17 @@ SINGLE = 48
 coefficients.
 
 Otherwise: with fewer, a settling or a step leaves power in the bands, which B and K take; with more, fits are slow.
-Origin: the spectrum of a smooth column falls with the square of the number: 1/48^2 is below the noise of a band.
+Origin: the spectrum of a smooth regressor falls with the square of the number: 1/48^2 is below the noise of a band.
 """
 SETTLING_TIMES = (0.008, 0.015, 0.03, 0.05, 0.08, 0.13, 0.2, 0.32, 0.5)
 """Time constants of an exponential that are tried. Unit: of the segment.
 
 Otherwise: a settling between two of them leaves power in the lowest coefficients. Origin: the derivative by the time
-constant is a column, too: neighbours a factor of 1.6 to 2 apart cover what lies between (`real_effects.py --only
+constant is a regressor, too: neighbours a factor of 1.6 to 2 apart cover what lies between (`real_effects.py --only
 warm-up`).
 """
 SETTLING_SHARES = np.array(SETTLING_TIMES)
-COEFFICIENTS_PER_COLUMN = 6
+COEFFICIENTS_PER_REGRESSOR = 6
 """Single coefficients of a segment that its drift, or an exponential, needs. Unit: coefficients.
 
 Otherwise: a record of many short segments spends all coefficients on drifts and has none for the noise. Origin: one
@@ -72,71 +72,71 @@ Otherwise: with single blocks a small step of a long segment is not among the ca
 """
 
 LEAST_SPAN_DEGC = 0.3
-"""The temperature is a column from this range on. Unit: degC.
+"""The temperature is a regressor from this range on. Unit: degC.
 
-Otherwise: the noise of a thermometer with a step of 0.1 degC is a column that takes power from K. Chosen: three steps
-of a thermometer that reports tenths of a degree.
+Otherwise: the noise of a thermometer with a step of 0.1 degC is a regressor that takes power from K. Chosen: three
+steps of a thermometer that reports tenths of a degree.
 """
 
 CHI_SQUARE_MEDIAN = 0.455
 """Median of a chi-square variable of one degree of freedom, over its mean."""
 OSCILLATION = ("oscillation", "oscillation_sine", "oscillation_growth", "oscillation_sine_growth")
-"""Columns of an oscillation: two phases, and the same growing in time."""
+"""Regressors of an oscillation: two phases, and the same growing in time."""
 BENT = ("temperature_2", "temperature_3")
-"""Columns of the effect of a temperature beside a straight line."""
+"""Regressors of the effect of a temperature beside a straight line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regressor:
-    """One column.
+    """One regressor.
 
     Attributes
     ----------
     name : ``drift``, ``temperature``, ``temperature_2``, ``temperature_3``, ``settling``, ``settling_time``,
         ``step`` or one of `OSCILLATION`.
     series : (n,) value at each block.
-    column : (m,) its coefficients, of norm one.
+    cosines : (m,) its coefficients, of norm one.
     scale : norm one over that of the coefficients of the values.
     place : blocks: of a step its place, of a settling its time constant, of an oscillation its period; 0.0 else.
     """
 
     name: str
     series: Floats
-    column: Floats
+    cosines: Floats
     scale: float
     place: float = 0.0
 
 
-def regressors(
-    names: Sequence[str], lines: Floats, columns: Floats, places: Floats | None = None
+def scaled(
+    names: Sequence[str], lines: Floats, cosines: Floats, places: Floats | None = None
 ) -> list[Regressor]:
-    """Return regressors of values `lines` (n, t) at each block, with their coefficients `columns` (m, t)."""
+    """Return regressors of values `lines` (n, t) at each block, with their coefficients `cosines` (m, t)."""
     # norm one, so that a normal matrix of a drift in 10^-9 per block and of a temperature can be inverted
-    scale = 1.0 / np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-300)
+    scale = 1.0 / np.maximum(np.sqrt((cosines**2).sum(axis=0)), 1e-300)
     places = np.zeros(len(names)) if places is None else places
-    rows = zip(names, lines.T, (columns * scale).T, scale.tolist(), places.tolist(), strict=True)
+    rows = zip(names, lines.T, (cosines * scale).T, scale.tolist(), places.tolist(), strict=True)
     return [Regressor(*row) for row in rows]
 
 
 def of_series(series: BlockSeries, name: str, values: Floats) -> Regressor:
     """Return the regressor of values (n,) at each block."""
-    return regressors([name], values[:, None], series.transform(values[:, None]))[0]
+    return scaled([name], values[:, None], series.transform(values[:, None]))[0]
 
 
-def matrix(series: BlockSeries, columns: Sequence[Regressor]) -> Floats:
-    """Return (m, q) the columns of regressors."""
-    return np.array([regressor.column for regressor in columns]).reshape(-1, series.y.size).T
+def matrix(series: BlockSeries, used: Sequence[Regressor]) -> Floats:
+    """Return (m, q) the coefficients of regressors."""
+    return np.array([regressor.cosines for regressor in used]).reshape(-1, series.y.size).T
 
 
 def _within(
-    series: BlockSeries, segment: int, names: Sequence[str], lines: Floats, columns: Floats, places: Floats
+    series: BlockSeries, segment: int, names: Sequence[str], lines: Floats, cosines: Floats, places: Floats
 ) -> list[Regressor]:
     """Return regressors of values (count, t) and coefficients (count - 1, t) in a segment, zero outside of it."""
     begin, count = int(series.begin[segment]), int(series.count[segment])
     values, coefficients = np.zeros((series.series.size, len(names))), np.zeros((series.y.size, len(names)))
     values[begin : begin + count] = lines
-    coefficients[begin - segment : begin - segment + count - 1] = columns
-    return regressors(names, values, coefficients, places)
+    coefficients[begin - segment : begin - segment + count - 1] = cosines
+    return scaled(names, values, coefficients, places)
 
 
 def _transform(lines: Floats) -> Floats:
@@ -234,7 +234,7 @@ def unit_span(degrees: Floats) -> Floats:
 def settlings(series: BlockSeries) -> list[list[Regressor]]:
     """Return exponentials from the beginning of the last long segment on, with derivatives by the time constant."""
     # a sensor warms up after each start: the last segment that is long enough, not the first
-    segment = int(_held(series, COEFFICIENTS_PER_COLUMN)[-1])
+    segment = int(_held(series, COEFFICIENTS_PER_REGRESSOR)[-1])
     count = int(series.count[segment])
     names = ("settling", "settling_time") * SETTLING_SHARES.size
     falls = _within(series, segment, names, *_falls(count), np.repeat(SETTLING_SHARES * count, 2))
@@ -289,7 +289,7 @@ def _held(series: BlockSeries, least: int) -> Ints:
     # a short segment has its first coefficients at frequencies that are pooled: a drift there would act on nothing
     last = 0.5 * least / (series.count * series.length)
     held = np.flatnonzero((last <= series.f[series.order[single - 1]] * (1.0 + 1e-9)) & (series.count > 1))
-    longest = np.argsort(-series.count[held], kind="stable")[: max(1, single // COEFFICIENTS_PER_COLUMN)]
+    longest = np.argsort(-series.count[held], kind="stable")[: max(1, single // COEFFICIENTS_PER_REGRESSOR)]
     return np.sort(held[longest]) if held.size else np.array([int(series.count.argmax())])
 
 
@@ -325,21 +325,22 @@ def likely_steps(series: BlockSeries) -> list[Regressor]:
     return out
 
 
-def gains(coefficients: Coefficients, surface: Surface, more: Floats, starts: Ints) -> Floats:
-    """Return (s,) twice the gain in log likelihood by some more columns, with the best B and K for each.
+def gains(cosines: Cosines, surface: Surface, more: Floats, starts: Ints) -> Floats:
+    """Return (s,) twice the gain in log likelihood by some more regressors, with the best B and K for each.
 
-    Of the single coefficients alone: the powers would hold what the columns explain as noise. Adding columns Z to the
-    regression on X changes the restricted likelihood by what Z explains beside X; ln |X'V^-1 X| is left as it is,
-    because the columns of Z are nearly orthogonal to X, and the same for all candidates.
+    Of the single coefficients alone: the powers would hold what the regressors explain as noise. Adding regressors Z to
+    the regression on X changes the restricted likelihood by what Z explains beside X; ln |X'V^-1 X| is left as it is,
+    because the regressors of Z are nearly orthogonal to X, and the same for all candidates.
 
     Parameters
     ----------
     surface : on a grid that reaches to B = K = 0.
-    more : (n, t) columns at the coefficients.
-    starts : (s,) first column of each candidate; the columns of one are nearly orthogonal, so that their gains add up.
+    more : (n, t) regressors at the coefficients.
+    starts : (s,) first regressor of each candidate; the regressors of one are nearly orthogonal, so that their gains
+        add up.
     """
-    y, X = coefficients.y, coefficients.X
-    w = 1.0 / combined(surface.noise_powers, coefficients.variances)
+    y, X = cosines.y, cosines.X
+    w = 1.0 / combined(surface.noise_powers, cosines.variances)
     (n, q), t = X.shape, more.shape[1]
     inverse, log_information = inverse_and_log(normal_matrix(w, X))
     Xy = (X.T * y) @ w
@@ -347,7 +348,7 @@ def gains(coefficients: Coefficients, surface: Surface, more: Floats, starts: In
     log = -0.5 * (y**2 @ w - np.log(w).sum(axis=0) - (beta * Xy).sum(axis=0) + log_information)
     cross = ((X[:, :, None] * more[:, None, :]).reshape(n, q * t).T @ w).reshape(q, t, -1)
     with_self = (more**2).T @ w
-    # a column that X explains already has nothing of its own left: rounding must not make a gain of it
+    # a regressor that X explains already has nothing of its own left: rounding must not make a gain of it
     least = ROUNDING * with_self + 1e-300
     with_y = (more.T * y) @ w - (cross * beta[:, None]).sum(axis=0)
     with_self -= (cross * np.einsum("qrm,rtm->qtm", inverse, cross)).sum(axis=0)

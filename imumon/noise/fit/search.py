@@ -1,4 +1,4 @@
-"""Search for the model of one channel: which terms and columns explain its observations.
+"""Search for the model of one channel: which terms and regressors explain its observations.
 
 It goes from the low to the high end of the spectrum, because what moves the mean disturbs every later test, while the
 block means, in which it is sought, lie below the reach of filters.
@@ -18,7 +18,7 @@ block means, in which it is sought, lie below the reach of filters.
    one octave more than the first that passes is left out: a bend that is too small to be rejected moves N, too. If none
    passes, the least misfit counts, with the error of the model that explains it.
 
-3. *Columns in doubt*: the likelihoods with and without an exponential or a step that is not certain, and whose
+3. *Regressors in doubt*: the likelihoods with and without an exponential or a step that is not certain, and whose
    odds are above `LEAST_ODDS`, are mixed in these odds.
 4. *Gauss–Markov noise* (`markov_search`) is tried again in all observations, for the likelihood above and before a
    filter is tried for the upper end. From even odds on the likelihoods with and without it are mixed.
@@ -138,7 +138,7 @@ class Model:
 
     Attributes
     ----------
-    surface : likelihood of the powers, over both models where a column or Gauss–Markov noise is in doubt.
+    surface : likelihood of the powers, over both models where a regressor or Gauss–Markov noise is in doubt.
     likelihood : of the model in use.
     slow : what moves the mean.
     excess : (m,) (channel unit)^2, what the coefficients that are left out hold above the noise.
@@ -180,7 +180,7 @@ class ModelSearch:
 
     Parameters
     ----------
-    sums, column : the sums, and the channel in them.
+    sums, channel : the sums, and the channel in them.
     averaged : the samples are true averages over their interval, else point samples.
     previous : choice of an earlier length of the record; None: there was none.
     whole : look for slow terms and Gauss–Markov noise; see `SlowTermSearch`. A part of a record has that of `previous`.
@@ -191,7 +191,7 @@ class ModelSearch:
     def __init__(
         self,
         sums: NoiseSums,
-        column: int,
+        channel: int,
         series: BlockSeries,
         *,
         averaged: bool,
@@ -200,14 +200,14 @@ class ModelSearch:
         step: float = 0.0,
         counted: bool = False,
     ) -> None:
-        self._sums, self._column, self._averaged, self._previous = sums, column, averaged, previous
+        self._sums, self._channel, self._averaged, self._previous = sums, channel, averaged, previous
         self._step, self._count = step, step if counted else 0.0
         self._known_markov = {} if whole or previous is None else dict(previous.markov)
         self._series, self._whole = series.with_terms(list(self._known_markov)), whole
         self._tried_markov = markov_search.tried_terms(series.samples) if whole else ()
         self._chosen_samples = self._samples = int(series.samples)
         self._meeting = meeting_frequency(series)
-        self._at_lines = at_aliases(series, line_bands(sums, column))
+        self._at_lines = at_aliases(series, line_bands(sums, channel))
         self._may_be_hump = False
         self._recent = previous is not None and self._samples < 2 * previous.samples
         self._leave_out(previous.band if previous is not None and (self._recent or not whole) else None)
@@ -321,10 +321,10 @@ class ModelSearch:
             tried = self._tried_markov if window == 1 else []
             terms = (*TERMS, *self._known_markov, *tried)
             powers = spectral_powers(
-                self._sums, self._column, averaged=self._averaged, window=window, terms=terms
+                self._sums, self._channel, averaged=self._averaged, window=window, terms=terms
             )
             counts = powers.top > self._meeting * (1.0 + 1e-6)
-            # steps are columns of the block means only: a band that they reach is left out
+            # steps are regressors of the block means only: a band that they reach is left out
             counts &= self._step_power <= TOLERANCE * powers.power * powers.bend
             if self._band is not None:
                 counts &= ~self._band.holds(BAND_MIDDLE * powers.top)
@@ -334,7 +334,7 @@ class ModelSearch:
         if not missing:
             return powers
         units = spectral_expectations(
-            self._sums, self._column, averaged=self._averaged, window=window, terms=missing
+            self._sums, self._channel, averaged=self._averaged, window=window, terms=missing
         )
         added = {term: unit[counts] for term, unit in units.items()}
         return replace(powers, expected={**powers.expected, **added})
@@ -481,7 +481,7 @@ class ModelSearch:
             misfit,
             dof,
             float(gammaincc(0.5 * dof, 0.5 * misfit)),
-            float(self._sums.blocks.offset[self._column]),
+            float(self._sums.blocks.offset[self._channel]),
             choice,
             markov,
             self._upper_error(upper_end),
@@ -492,7 +492,7 @@ class ModelSearch:
 
     def _hump(self, surface: Surface, slow: SlowTerms, band: Band) -> Hump:
         """Return what a band that is left out holds above the noise."""
-        f, size, density, _ = observed_density(self._sums, self._column)
+        f, size, density, _ = observed_density(self._sums, self._channel)
         above = band.holds(f) & (f > self._meeting)
         f, size, density = f[above], size[above], density[above]
         noise = total(surface.powers, lambda term: term.density(f, averaged=self._averaged))
@@ -528,13 +528,13 @@ class ModelSearch:
         return power + LIMIT_95 * math.sqrt(variance) >= rounding
 
     def _without_markov(self, upper_end: UpperEnd, error: float) -> Alternatives:
-        """Return the models without Gauss–Markov noise: with and without a column in doubt."""
+        """Return the models without Gauss–Markov noise: with and without a regressor in doubt."""
         likelihood, surface = self._fit(upper_end, error)
         if not self._slow.doubtful:
             return Alternatives(likelihood, surface)
         other = self._likelihood(upper_end, error, with_doubtful=True)
         if other.bands.top.size <= len(NOISE_TERMS):
-            # the single coefficients of a column with a wide spectrum leave too few bands of a short record
+            # the single coefficients of a regressor with a wide spectrum leave too few bands of a short record
             return Alternatives(likelihood, surface)
         return Alternatives(
             likelihood, surface, other, other.search(self._samples, self._grids), self._slow.odds

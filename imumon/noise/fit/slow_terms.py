@@ -1,15 +1,15 @@
 """Search for the slow terms of one channel: what moves its mean, sought in the block means alone.
 
-The likelihood of the cosine coefficients says how much a column explains with the best B and K beside it. In each round
-the strongest of settling, step, bend of the effect of the temperature and oscillation of few cycles becomes a column,
-if its gain exceeds its threshold and that of Gauss–Markov noise. Without one, the coefficients of other oscillations
-are left out: their period wanders, so that no column describes them. Last, the lowest coefficients are left out if they
-alone make a walk. The search ends when chance explains the rest.
+The likelihood of the cosine coefficients says how much a regressor explains with the best B and K beside it. In each
+round the strongest of settling, step, bend of the effect of the temperature and oscillation of few cycles becomes a
+regressor, if its gain exceeds its threshold and that of Gauss–Markov noise. Without one, the coefficients of other
+oscillations are left out: their period wanders, so that no regressor describes them. Last, the lowest coefficients are
+left out if they alone make a walk. The search ends when chance explains the rest.
 
 | candidate | counts where | threshold of twice the gain |
 |---|---|---|
 | settling | once, in whole records | `SETTLING_CERTAIN`; below, by its odds |
-| Gauss–Markov noise | once, in whole records, instead of a weaker column | even odds |
+| Gauss–Markov noise | once, in whole records, instead of a weaker regressor | even odds |
 | step | in whole records | `CERTAIN`; below, by its odds |
 | bend of the temperature | once, beside the temperature, in whole records | chi-square, `CHANCE` |
 | oscillation of `FEWEST_CYCLES` to `FEW_CYCLES` | last segment | chi-square, `CHANCE` over all places |
@@ -28,8 +28,7 @@ from scipy.special import gammainccinv
 
 from imumon.model.coefficients import SIGNIFICANT
 from imumon.model.samples import Bools, Floats, Ints
-from imumon.noise.fit import markov_search
-from imumon.noise.fit import regressors as columns_of
+from imumon.noise.fit import markov_search, regressors
 from imumon.noise.fit.hump import LEAK
 from imumon.noise.fit.likelihood import (
     EVIDENCE,
@@ -45,11 +44,11 @@ from imumon.noise.fit.model import NoiseTerm, total
 from imumon.noise.fit.observations import (
     Bands,
     BlockSeries,
-    Coefficients,
+    Cosines,
     meeting_frequency,
-    pooled_coefficients,
+    pooled_cosines,
 )
-from imumon.noise.fit.regressors import COEFFICIENTS_PER_COLUMN, SETTLING_SHARES, SINGLE, Regressor
+from imumon.noise.fit.regressors import COEFFICIENTS_PER_REGRESSOR, SETTLING_SHARES, SINGLE, Regressor
 
 CHANCE = 0.01
 """Noise alone makes an oscillation that is left out, a bend of the effect of the temperature, or a misfit in this share
@@ -70,39 +69,39 @@ FEWEST_CYCLES = 2
 Otherwise: one cycle looks like a random walk, and K is bounded in most records.
 """
 FEW_CYCLES = 16
-"""Up to here columns describe an oscillation, beyond its coefficients are left out. Unit: cycles.
+"""Up to here regressors describe an oscillation, beyond its coefficients are left out. Unit: cycles.
 
-Otherwise: columns beyond: the phase of an oscillation wanders, and four columns no longer hold it. See
+Otherwise: regressors beyond: the phase of an oscillation wanders, and four regressors no longer hold it. See
 `real_effects.py`.
 """
 LEAST_ODDS = 0.35
-"""A column is in doubt from here on, and the fits with and without it are mixed by their odds. Unit: odds.
+"""A regressor is in doubt from here on, and the fits with and without it are mixed by their odds. Unit: odds.
 
 Otherwise: at 1, the walk that a step of five times the floor looks like is measured in one record in ten. Origin:
-below, the column has less than a quarter of the weight, and hardly moves a limit (`markov.py`).
+below, the regressor has less than a quarter of the weight, and hardly moves a limit (`markov.py`).
 """
 SETTLING_CERTAIN = 20.0
-"""From here on an exponential is a column; below, the fits with and without it are mixed by their odds. Unit: twice
+"""From here on an exponential is a regressor; below, the fits with and without it are mixed by their odds. Unit: twice
 the log likelihood ratio.
 
 Otherwise: lower, a walk is called a warm-up in some per cent of records and K is only a bound; higher, the end of a
 warm-up stays in the record. Origin: odds of 10^3 for nine time constants (`real_effects.py --only warm-up`).
 """
 CERTAIN = 30.0
-"""From here on a step is a column; below, the fits with and without it are mixed by their odds; and an oscillation
+"""From here on a step is a regressor; below, the fits with and without it are mixed by their odds; and an oscillation
 whose coefficients are left out is reported. Unit: twice the log likelihood ratio.
 
 Otherwise: a walk is broken into steps, and K vanishes. Origin: 10^-7 by chance (Wilks 1938), at any of a thousand
 places (`real_effects.py`).
 """
 MOST_TERMS = 12
-"""The search for columns and oscillations ends after this number of rounds. Unit: rounds.
+"""The search for regressors and oscillations ends after this number of rounds. Unit: rounds.
 
 Otherwise: on a moving platform each round finds another step, and a fit takes seconds. Origin: a record with more
 than 12 steps and oscillations is not at rest.
 """
 SEARCHED = 256
-"""Single coefficients in which columns are sought, and which stay single beside a column with a wide spectrum.
+"""Single coefficients in which regressors are sought, and which stay single beside a regressor with a wide spectrum.
 Unit: coefficients.
 
 Otherwise: with 48 a step in a short record looks like a walk, and the bends of a short warm-up look alike. Origin:
@@ -110,8 +109,8 @@ Otherwise: with 48 a step in a short record looks like a walk, and the bends of 
 (`real_effects.py`).
 """
 BEYOND_SINGLE = 0.05
-"""A column has a wide spectrum if more of its power, by the frequency, lies beyond `SINGLE` coefficients. Unit: of
-the power of a column.
+"""A regressor has a wide spectrum if more of its power, by the frequency, lies beyond `SINGLE` coefficients. Unit: of
+the power of a regressor.
 
 Otherwise: the temperature, its square and its cube, alike in 48 coefficients, are large numbers of opposite sign.
 Origin: in 562 blocks a step has 0.4, an exponential 0.33 to 0.0005 from a hundredth to a third of the record, a cycle
@@ -144,7 +143,7 @@ Origin: half a standard error: where K is seen without the lowest coefficients, 
 
 EVEN = np.linspace(0.0, 1.0, GRID // 2 - 1)
 FALLING = np.append(0.0, np.geomspace(0.01, 1.0, GRID // 2 - 2))
-"""Shares of the likeliest B and K at which columns are tried; of a term that grows, a column leaves any share."""
+"""Shares of the likeliest B and K at which regressors are tried; of a term that grows, a regressor leaves any share."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,12 +153,12 @@ class SlowTerms:
     Attributes
     ----------
     series : the block means.
-    regressors : the columns, with their scales.
+    regressors : in use.
     left_out : (m,) coefficients within humps and lines of the spectrum.
     masked : (m,) all coefficients that do not count: these, and those that oscillations hold.
     doubtful : an exponential in doubt, with its derivative, or a step in doubt; empty without one.
-    odds : likelihood of this column against none.
-    no_temperature : why the temperature is no column: "", ``no_temperature``, ``small_range`` or ``collinear``.
+    odds : likelihood of this regressor against none.
+    no_temperature : why the temperature is no regressor: "", ``no_temperature``, ``small_range`` or ``collinear``.
     markov : power of a Gauss–Markov term beside B and K; empty without one.
     slowest : numbers of the lowest coefficients, also in `masked`: they hold a mean that moves slowly, and no walk.
     bounds : channel unit in units of tau0, upper limit of each term that the slowest coefficients show; empty without
@@ -183,7 +182,7 @@ class SlowTerms:
 
     def observations(
         self, highest: float, meeting: float, *, with_doubtful: bool = False
-    ) -> tuple[Bands, Coefficients]:
+    ) -> tuple[Bands, Cosines]:
         """Return the bands of the block means, and their single coefficients.
 
         The bands hold what a least squares regression leaves. Its weights weigh the frequencies evenly on a logarithmic
@@ -193,27 +192,27 @@ class SlowTerms:
         ----------
         highest : cycles per sample, up to which single coefficients count.
         meeting : cycles per sample, up to which the bands of the block means count; the spectrum has those above.
-        with_doubtful : with the column in doubt.
+        with_doubtful : with the regressor in doubt.
         """
         series = self.series
-        X = columns_of.matrix(series, [*self.regressors, *(self.doubtful if with_doubtful else ())])
+        X = regressors.matrix(series, [*self.regressors, *(self.doubtful if with_doubtful else ())])
         single = _single(series, X)
-        pooled = pooled_coefficients(series, self._residual(X), self.masked, single, min(meeting, highest))
+        pooled = pooled_cosines(series, self._residual(X), self.masked, single, min(meeting, highest))
         rows = series.order[:single]
         rows = rows[~self.masked[rows] & (series.f[rows] <= highest)]
         variances = {term: variance[rows] for term, variance in series.variances.items()}
-        return pooled, Coefficients(series.y[rows], X[rows], variances)
+        return pooled, Cosines(series.y[rows], X[rows], variances)
 
     def _residual(self, X: Floats) -> Floats:
-        """Return (m,) the coefficients without a weighted regression on some columns (m, q); see `observations`."""
+        """Return (m,) the coefficients without a weighted regression on some regressors (m, q); see `observations`."""
         weighted = X * (self.series.f * ~self.masked)[:, None]
         beta = np.linalg.lstsq(weighted.T @ X, weighted.T @ self.series.y, rcond=None)[0]
         return np.asarray(self.series.y - X @ beta)
 
     def bands(self, meeting: float) -> Bands:
         """Return bands of all coefficients that count up to a frequency, also of the lowest ones."""
-        residual = self._residual(columns_of.matrix(self.series, self.regressors))
-        return pooled_coefficients(self.series, residual, self.masked, 0, meeting)
+        residual = self._residual(regressors.matrix(self.series, self.regressors))
+        return pooled_cosines(self.series, residual, self.masked, 0, meeting)
 
     def excess(self, surface: Surface) -> Floats:
         """Return (m,) (channel unit)^2, what the coefficients that oscillations hold have above the noise."""
@@ -229,7 +228,7 @@ class SlowTerms:
 
     def squares_over_noise(self, surface: Surface) -> Floats:
         """Return (m,) the squares of all coefficients over their expectation, without what the regressors explain."""
-        X = columns_of.matrix(self.series, self.regressors)
+        X = regressors.matrix(self.series, self.regressors)
         return np.asarray(
             (self.series.y - X @ surface.beta[surface.best]) ** 2 / self.noise_variances(surface)
         )
@@ -240,15 +239,15 @@ class SlowTerms:
         They have the spectrum of a random walk of this K^2: over (2 pi f)^2.
         """
         pairs = zip(surface.beta[surface.best], self.regressors, strict=True)
-        sizes = np.array([value * column.scale for value, column in pairs if column.name == "step"])
+        sizes = np.array([value * regressor.scale for value, regressor in pairs if regressor.name == "step"])
         return float(sizes @ sizes) / self.series.samples
 
 
 def _single(series: BlockSeries, X: Floats) -> int:
-    """Return the number of lowest coefficients that stay single beside some columns (m, q).
+    """Return the number of lowest coefficients that stay single beside some regressors (m, q).
 
     A regression sees the single coefficients only. The spectrum of a step falls slowly, and so does that of a warm-up
-    that is short against the record: with few coefficients, columns of such a shape are alike.
+    that is short against the record: with few coefficients, regressors of such a shape are alike.
     """
     # a third at most, so that bands remain which hold N in a record of few blocks
     single, more = (min(number, series.y.size // 3) for number in (SINGLE, SEARCHED))
@@ -263,12 +262,12 @@ def _single(series: BlockSeries, X: Floats) -> int:
 class _Candidate(NamedTuple):
     """A slow term that may be added: twice its gain in log likelihood exceeds the threshold.
 
-    `columns` (m, k) are tested together. An oscillation has the number of a coefficient, and its regressors are built
+    `cosines` (m, k) are tested together. An oscillation has the number of a coefficient, and its regressors are built
     only if it is the strongest: they depend on a frequency that is sought then.
     """
 
     threshold: float
-    columns: Floats
+    cosines: Floats
     regressors: list[Regressor]
     number: int = 0
 
@@ -299,12 +298,12 @@ class SlowTermSearch:
         self._spectral = spectral
         self._series, self._whole, self._grids = series, whole, grids
         self._top = meeting_frequency(series)
-        temperature, reason = columns_of.temperature(series)
-        self._bends = columns_of.bends(series, temperature) if temperature is not None and whole else []
-        regressors = [*columns_of.drifts(series), *([] if temperature is None else [temperature])]
+        temperature, reason = regressors.temperature(series)
+        self._bends = regressors.bends(series, temperature) if temperature is not None and whole else []
+        first = [*regressors.drifts(series), *([] if temperature is None else [temperature])]
         if left_out is None:
             left_out = np.zeros(series.y.size, dtype=bool)
-        self.terms = SlowTerms(series, regressors, left_out, left_out, [], 0.0, reason, markov=markov or {})
+        self.terms = SlowTerms(series, first, left_out, left_out, [], 0.0, reason, markov=markov or {})
         self.surface = self._searched()
 
     def result(self) -> SlowTerms:
@@ -333,7 +332,8 @@ class SlowTermSearch:
     def _add_markov(self, gain: float) -> bool:
         """Add Gauss–Markov noise if it explains more than a gain, twice that in log likelihood; return whether it does.
 
-        What looks like a column, or like oscillations, may be noise of another kind: columns are sought beside it.
+        What looks like a regressor, or like oscillations, may be noise of another kind: regressors are sought beside
+        it.
         """
         tried = markov_search.tried_terms(self._series.samples)
         if not self._whole or self.terms.markov or not tried:
@@ -354,9 +354,9 @@ class SlowTermSearch:
         candidates = [*self._falls(), *self._steps(), *self._waves(), *self._bent()]
         if not candidates:
             return False  # too few coefficients: nothing can be distinguished from B and K
-        widths = [candidate.columns.shape[1] for candidate in candidates]
-        columns = np.concatenate([candidate.columns for candidate in candidates], axis=1)
-        gains = self._gains(columns, np.cumsum([0, *widths[:-1]]))
+        widths = [candidate.cosines.shape[1] for candidate in candidates]
+        cosines = np.concatenate([candidate.cosines for candidate in candidates], axis=1)
+        gains = self._gains(cosines, np.cumsum([0, *widths[:-1]]))
         beyond = gains - np.array([candidate.threshold for candidate in candidates])
         best = candidates[int(np.where(beyond > 0.0, gains, -np.inf).argmax())]
         if not (beyond > 0.0).any():
@@ -365,49 +365,52 @@ class SlowTermSearch:
         if self._add_markov(float(gains.max(where=beyond > 0.0, initial=0.0))):
             return True
         added = best.regressors or self._oscillation(best.number)
-        places = {(column.name, column.place) for column in self.terms.regressors}
+        places = {(regressor.name, regressor.place) for regressor in self.terms.regressors}
         if (added[0].name, added[0].place) in places:
-            # a column that is there already and still gains: rounding, or a step that is none; the search would not end
+            # a regressor that is there already and still gains: rounding, or a step that is none; the search would not
+            # end
             return False
         self._add(added)
         return True
 
     def _falls(self) -> list[_Candidate]:
         """Return exponentials of several time constants; none where one is among the terms."""
-        if not self._whole or any(column.name == "settling" for column in self.terms.regressors):
+        if not self._whole or any(regressor.name == "settling" for regressor in self.terms.regressors):
             return []
-        pairs = columns_of.settlings(self._series)
+        pairs = regressors.settlings(self._series)
         # the derivative is no part of the test: it would let a walk look like an exponential
-        return [_Candidate(SETTLING_CERTAIN, pair[0].column[:, None], pair) for pair in pairs]
+        return [_Candidate(SETTLING_CERTAIN, pair[0].cosines[:, None], pair) for pair in pairs]
 
     def _steps(self) -> list[_Candidate]:
         """Return steps at likely places."""
-        steps = columns_of.likely_steps(self._series) if self._whole else []
-        return [_Candidate(CERTAIN, step.column[:, None], [step]) for step in steps]
+        steps = regressors.likely_steps(self._series) if self._whole else []
+        return [_Candidate(CERTAIN, step.cosines[:, None], [step]) for step in steps]
 
     def _bent(self) -> list[_Candidate]:
         """Return what bends the effect of the temperature, together; none where it is among the terms."""
-        if not self._bends or any(column.name == self._bends[0].name for column in self.terms.regressors):
+        if not self._bends or any(
+            regressor.name == self._bends[0].name for regressor in self.terms.regressors
+        ):
             return []
-        columns = columns_of.matrix(self._series, self._bends)
+        cosines = regressors.matrix(self._series, self._bends)
         threshold = _chi_square(len(self._bends), CHANCE)
-        # the gains of the columns of one candidate add up only where these are orthogonal
-        return [_Candidate(threshold, np.linalg.qr(columns)[0], self._bends)]
+        # the gains of the regressors of one candidate add up only where these are orthogonal
+        return [_Candidate(threshold, np.linalg.qr(cosines)[0], self._bends)]
 
     def _waves(self) -> list[_Candidate]:
         """Return oscillations of few cycles in the last segment, at the frequencies of its coefficients."""
         series, first = self._series, self._series.y.size - int(self._series.count[-1]) + 1
         numbers = np.arange(2 * FEWEST_CYCLES - 1, min(2 * FEW_CYCLES, int(series.count[-1]) - 1))
         numbers = numbers[(series.f[first + numbers] <= self._top) & ~self.terms.masked[first + numbers]]
-        # the columns are fitted to single coefficients: beyond them, or with few of them, they are nearly the same
+        # the regressors are fitted to single coefficients: beyond them, or with few of them, they are nearly the same
         rows = self._searched_rows()
-        if rows.size < COEFFICIENTS_PER_COLUMN * len(columns_of.OSCILLATION):
+        if rows.size < COEFFICIENTS_PER_REGRESSOR * len(regressors.OSCILLATION):
             return []
         numbers = numbers[np.isin(first + numbers, rows)]
-        columns = columns_of.waves(series, (numbers + 1).astype(np.float64))
+        cosines = regressors.waves(series, (numbers + 1).astype(np.float64))
         threshold = _chi_square(2, CHANCE / (series.y.size * len(OSCILLATION_WIDTHS)))
         return [
-            _Candidate(threshold, columns[:, 2 * i : 2 * i + 2], [], number)
+            _Candidate(threshold, cosines[:, 2 * i : 2 * i + 2], [], number)
             for i, number in enumerate(numbers.tolist())
         ]
 
@@ -417,42 +420,42 @@ class SlowTermSearch:
         The odds before the data are even, and divided over the time constants, or over the places, that there are.
         """
         chances = {"settling": SETTLING_SHARES.size, "step": self._series.series.size}
-        columns = [
+        doubtful = [
             (float(np.exp(0.5 * gain)) / chances[candidate.regressors[0].name], candidate.regressors)
             for gain, candidate in zip(gains, candidates, strict=True)
             if candidate.regressors and candidate.regressors[0].name in chances
         ]
-        odds, column = max(columns, key=lambda column: column[0], default=(0.0, []))
-        self.terms = replace(self.terms, doubtful=column if odds > LEAST_ODDS else [], odds=odds)
+        odds, best = max(doubtful, key=lambda pair: pair[0], default=(0.0, []))
+        self.terms = replace(self.terms, doubtful=best if odds > LEAST_ODDS else [], odds=odds)
 
     def _add(self, added: list[Regressor]) -> None:
         """Add regressors; what looked like an oscillation beside settling or a step is judged again."""
         terms = self.terms
-        if added[0].name not in columns_of.OSCILLATION:
+        if added[0].name not in regressors.OSCILLATION:
             terms = replace(terms, masked=terms.left_out, slowest=terms.slowest[:0], bounds={})
-        # what looked like Gauss–Markov noise may have been the column
+        # what looked like Gauss–Markov noise may have been the regressor
         self.terms = replace(terms, regressors=[*terms.regressors, *added], doubtful=[], markov={})
 
-    def _gains(self, columns: Floats, starts: Ints) -> Floats:
-        """Return twice the gain in log likelihood by columns (m, t) added from each start to the next."""
+    def _gains(self, cosines: Floats, starts: Ints) -> Floats:
+        """Return twice the gain in log likelihood by cosines (m, t) of regressors added from each start to the next."""
         series, terms, surface = self._series, self.terms, self.surface
         rows = self._searched_rows()
         rows = rows[~terms.masked[rows] & (series.f[rows] <= self._top)]
-        X = columns_of.matrix(series, terms.regressors)
+        X = regressors.matrix(series, terms.regressors)
         variances = {term: variance[rows] for term, variance in series.variances.items()}
-        coefficients = Coefficients(series.y[rows], X[rows], variances)
-        # From zero, because a column may explain all of B or K, to the end of the grid. The likeliest values are among
-        # them: beside a large K the likelihood is narrow, and a grid that misses it calls a walk a warm-up.
+        observed = Cosines(series.y[rows], X[rows], variances)
+        # From zero, because a regressor may explain all of B or K, to the end of the grid. The likeliest values are
+        # among them: beside a large K the likelihood is narrow, and a grid that misses it calls a walk a warm-up.
         grids: Grids = {
             term: np.append(
                 (np.sqrt(surface.powers[term]) or grid[-1]) * (FALLING if term.grows else EVEN), grid[-1]
             )
             for term, grid in surface.grids.items()
         }
-        return columns_of.gains(coefficients, self._likelihood.surface(grids), columns[rows], starts)
+        return regressors.gains(observed, self._likelihood.surface(grids), cosines[rows], starts)
 
     def _searched_rows(self) -> Ints:
-        """Return the numbers of the coefficients in which columns are sought, lowest frequency first.
+        """Return the numbers of the coefficients in which regressors are sought, lowest frequency first.
 
         A third, as of the coefficients that stay single: the others are the noise that is compared with.
         """
@@ -461,8 +464,8 @@ class SlowTermSearch:
     def _oscillation(self, number: int) -> list[Regressor]:
         """Return the regressors of the oscillation about a coefficient of the last segment."""
         places = number + 1.0 + np.linspace(-1.0, 1.0, 2 * GRID + 1)
-        gains = self._gains(columns_of.waves(self._series, places), 2 * np.arange(places.size))
-        return columns_of.oscillation(self._series, float(places[gains.argmax()]))
+        gains = self._gains(regressors.waves(self._series, places), 2 * np.arange(places.size))
+        return regressors.oscillation(self._series, float(places[gains.argmax()]))
 
     def _mask_oscillations(self) -> bool:
         """Leave out the coefficients of oscillations, narrow ones first; return whether there are new ones."""
@@ -480,7 +483,7 @@ class SlowTermSearch:
                 for k in np.flatnonzero(sums > _chi_square(width, chance)).tolist():
                     # the leakage of a steady oscillation falls with the square of the distance
                     reach = int(np.sqrt(squares[k] / LEAK) / np.pi) if width == 1 else 0
-                    # the lowest coefficients are never left out: what is there is a walk, or a column describes it
+                    # the lowest coefficients are never left out: what is there is a walk, or a regressor describes it
                     left_out[max(k - reach - 1, 2 * FEWEST_CYCLES) : k + width + reach + 1] = True
         free = (series.f <= self._top) & ~self.terms.left_out
         # no oscillation fills half of the spectrum: what is above the noise everywhere is noise of another kind
@@ -521,10 +524,10 @@ class SlowTermSearch:
         return False
 
     def _is_described(self) -> bool:
-        """Return whether a column beside the drifts describes what moves the mean: its own part would be left out."""
+        """Return whether a regressor beside the drifts describes what moves the mean: else its own part is left out."""
         best = self.surface.best
         squares = self.surface.beta[best] ** 2 / self.surface.beta_variances[best]
-        names = [column.name for column in self.terms.regressors]
+        names = [regressor.name for regressor in self.terms.regressors]
         return any(
             square > SIGNIFICANT**2 for name, square in zip(names, squares, strict=True) if name != "drift"
         )

@@ -161,7 +161,7 @@ class ChannelFit:
         limits of the curve), ``vibration`` (lines that bend the curve), ``correlated`` (a filter), ``quantised``,
         ``ramp``, ``oscillation``, ``popcorn`` (Gauss–Markov noise that jumps between two levels), ``unguarded``
         (`estimator.UNGUARDED`).
-    columns : regressors in use.
+    regressors : what moves the mean, with its limits.
     no_slope : why there is no temperature slope: "", ``no_temperature``, ``small_range`` or ``collinear``.
     explained : share of the variance of the means beyond white noise that follows the temperature; None: unknown.
     step : sudden change of the mean; None: there is none.
@@ -187,7 +187,7 @@ class ChannelFit:
     time_to: Mapping[str, float | None] = field(default_factory=lambda: dict.fromkeys(NOISE))
     readings: Mapping[str, float | None] = field(default_factory=lambda: dict.fromkeys(NOISE))
     caveats: tuple[str, ...] = ()
-    columns: tuple[RegressorEstimate, ...] = ()
+    regressors: tuple[RegressorEstimate, ...] = ()
     no_slope: str = "no_temperature"
     explained: float | None = None
     step: StepEstimate | None = None
@@ -216,12 +216,12 @@ class ChannelFit:
     @property
     def follows_temperature(self) -> bool:
         """Whether the mean follows the temperature significantly."""
-        slope = self.column("temperature")
+        slope = self.regressor("temperature")
         return slope is not None and slope.sigma > SIGNIFICANT
 
-    def column(self, name: str) -> RegressorEstimate | None:
+    def regressor(self, name: str) -> RegressorEstimate | None:
         """Return the last regressor of a name; None if it is not in use."""
-        return next((column for column in reversed(self.columns) if column.name == name), None)
+        return next((regressor for regressor in reversed(self.regressors) if regressor.name == name), None)
 
 
 def pending_fit(octaves: int, reason: str, reason_code: str | None = None) -> ChannelFit:
@@ -281,16 +281,16 @@ def state_model(
     counted : the values are differences of an angle in counts coarser than its noise.
     """
     tau0, series = sums.tau0, model.slow.series
-    columns, collinear = _columns(model, tau0)
+    regressors, collinear = _regressors(model, tau0)
     rounding = 0.0 if counted else _rounding(model, resolution)
     coefficients = _coefficients(model, kurtosis / series.samples, series.samples, tau0, rounding)
     if counted:
         of_counts = _of_counts(resolution, model.surface.sensor_powers[WHITE], series.samples)
         coefficients["Q"] = of_counts.scaled(QUANTISATION.coefficient_scale(tau0))
     # a drift that cannot be distinguished from the effect of the temperature is no rate ramp, whether the temperature
-    # is a column that is correlated with it or a straight line in time
+    # is a regressor that is correlated with it or a straight line in time
     if not collinear and model.slow.no_temperature != "collinear":
-        coefficients |= _rate_ramp(columns)
+        coefficients |= _rate_ramp(regressors)
     highest = float(model.likelihood.bands.top.max())
     time_to = {} if precision is None else _times_to(model, coefficients, precision, highest, tau0)
     markov = _markov(model, coefficients, tau0)
@@ -321,10 +321,10 @@ def state_model(
         edf=none,
         time_to={**dict.fromkeys(NOISE), **time_to},
         caveats=tuple(caveat for caveat, applies in caveats.items() if applies),
-        columns=columns,
+        regressors=regressors,
         no_slope="collinear" if collinear else model.slow.no_temperature,
         explained=_explained(model),
-        step=_step(model, columns),
+        step=_step(model, regressors),
         lines_hz=tuple((line_bands(sums, channel)[:, 0] / tau0).tolist()),
         hump_hz=hump_hz,
         hump_mains_hz=() if hump_hz is None else _mains(*hump_hz, 1.0 / tau0),
@@ -581,25 +581,25 @@ def _bound(high: float, reason: str = NOT_SHOWN) -> Estimate:
 # ------------------------------------------------------------------------------------------------ regressors
 
 
-def _columns(model: Model, tau0: float) -> tuple[tuple[RegressorEstimate, ...], bool]:
+def _regressors(model: Model, tau0: float) -> tuple[tuple[RegressorEstimate, ...], bool]:
     """Return the regressors with their coefficients, and whether time and temperature are not separable."""
     mean, error = grid_mean(model.surface, model.surface.beta, model.surface.beta_variances)
     length_s = model.slow.series.length * tau0
     out = []
-    for column, value, deviation in zip(model.slow.regressors, mean.tolist(), error.tolist(), strict=True):
-        if column.name == "settling_time" or column.name in OSCILLATION:
+    for regressor, value, deviation in zip(model.slow.regressors, mean.tolist(), error.tolist(), strict=True):
+        if regressor.name == "settling_time" or regressor.name in OSCILLATION:
             continue  # they have no meaning alone: a derivative, and phases
-        scale = column.scale / length_s if column.name == "drift" else column.scale
+        scale = regressor.scale / length_s if regressor.name == "drift" else regressor.scale
         size, half = value * scale, LIMIT_95 * (deviation * scale)
-        settles_s = column.place * length_s if column.name == "settling" else None
+        settles_s = regressor.place * length_s if regressor.name == "settling" else None
         out.append(
             RegressorEstimate(
-                name=column.name, value=size, low=size - half, high=size + half, time_constant_s=settles_s
+                name=regressor.name, value=size, low=size - half, high=size + half, time_constant_s=settles_s
             )
         )
     collinear = _is_collinear(model)
     if collinear:
-        out = [column for column in out if column.name != "temperature"]
+        out = [regressor for regressor in out if regressor.name != "temperature"]
     return tuple(out), collinear
 
 
@@ -608,34 +608,34 @@ def _is_collinear(model: Model) -> bool:
 
     Without the bends: beside its square and its cube a slope is always less certain, and its limits say by how much.
     """
-    names = [column.name for column in model.slow.regressors if column.name not in BENT]
+    names = [regressor.name for regressor in model.slow.regressors if regressor.name not in BENT]
     if "temperature" not in names:
         return False
-    straight = [column.name not in BENT for column in model.slow.regressors]
-    coefficients = model.likelihood.coefficients
-    v = total(model.surface.powers, lambda term: coefficients.variances[term])
-    inverse = inverse_and_log(normal_matrix(1.0 / v[:, None], coefficients.X[:, straight]))[0][:, :, 0]
+    straight = [regressor.name not in BENT for regressor in model.slow.regressors]
+    cosines = model.likelihood.cosines
+    v = total(model.surface.powers, lambda term: cosines.variances[term])
+    inverse = inverse_and_log(normal_matrix(1.0 / v[:, None], cosines.X[:, straight]))[0][:, :, 0]
     # the drift that is stated is that of the last segment
     one, two = len(names) - 1 - names[::-1].index("drift"), names.index("temperature")
     return bool(abs(inverse[one, two]) > COLLINEAR * math.sqrt(inverse[one, one] * inverse[two, two]))
 
 
-def _step(model: Model, columns: tuple[RegressorEstimate, ...]) -> StepEstimate | None:
+def _step(model: Model, regressors: tuple[RegressorEstimate, ...]) -> StepEstimate | None:
     """Return the first step of a model, with the means before and after it; None without a step."""
-    column = next((column for column in columns if column.name == "step"), None)
-    if column is None:
+    regressor = next((regressor for regressor in regressors if regressor.name == "step"), None)
+    if regressor is None:
         return None
     series = model.slow.series
-    place = int(next(column.place for column in model.slow.regressors if column.name == "step"))
+    place = int(next(regressor.place for regressor in model.slow.regressors if regressor.name == "step"))
     segment = int(np.searchsorted(series.begin, place, side="right")) - 1
     begin = int(series.begin[segment])
     before = model.offset + float(series.series[begin:place].mean())
-    return StepEstimate(before=before, after=before + column.value, sigma=column.sigma)
+    return StepEstimate(before=before, after=before + regressor.value, sigma=regressor.sigma)
 
 
-def _rate_ramp(columns: tuple[RegressorEstimate, ...]) -> dict[str, Estimate]:
+def _rate_ramp(regressors: tuple[RegressorEstimate, ...]) -> dict[str, Estimate]:
     """Return R by its letter where the drift is significant; without it, nothing."""
-    drift = next((column for column in reversed(columns) if column.name == "drift"), None)
+    drift = next((regressor for regressor in reversed(regressors) if regressor.name == "drift"), None)
     return {"R": _ramp(drift)} if drift is not None and drift.sigma > SIGNIFICANT else {}
 
 
@@ -647,14 +647,14 @@ def _ramp(drift: RegressorEstimate) -> Estimate:
 
 def _explained(model: Model) -> float | None:
     """Return the share of the variance of the means beyond white noise that follows the temperature."""
-    names = [column.name for column in model.slow.regressors]
+    names = [regressor.name for regressor in model.slow.regressors]
     if "temperature" not in names:
         return None
     number = names.index("temperature")
-    column, series = model.slow.regressors[number], model.slow.series
+    regressor, series = model.slow.regressors[number], model.slow.series
     value = float(model.surface.beta[model.surface.best, number])
     variance = float(np.var(series.series))
-    rest = float(np.var(series.series - value * column.scale * column.series))
+    rest = float(np.var(series.series - value * regressor.scale * regressor.series))
     white = model.surface.powers[WHITE] * float(series.variances[WHITE].mean())
     if variance - white <= VISIBLE * variance:
         return None  # the means are white noise: there is nothing to explain

@@ -35,7 +35,7 @@ from imumon.noise.stretches.change import LEAST_CHANGE, CoefficientChange, detec
 from imumon.noise.stretches.parts import Parts
 from imumon.noise.stretches.quarters import Quarters
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch, Stretches
-from imumon.noise.stretches.warmup import CANDIDATES_S, DECISION_LENGTH, is_over, is_warming_up
+from imumon.noise.stretches.warmup import CANDIDATES_S, DECISION_LENGTH, has_settled, still_heats_up
 
 HOUR_S, _ = LENGTHS_S
 """s, length of the parts that are compared with those before: long enough for B."""
@@ -214,11 +214,11 @@ class Sums:
             return None
         return temperature.min, temperature.max
 
-    def is_warming_up(self, curve: AllanCurve) -> bool:
+    def still_heats_up(self, curve: AllanCurve) -> bool:
         """Return whether the temperature of the sensor has not come to rest at the end of a curve of this record."""
         if curve.sums is None or curve.sums.degrees is None:
             return False
-        return is_warming_up(curve.sums.degrees, curve.sums.blocks.length_s)
+        return still_heats_up(curve.sums.degrees, curve.sums.blocks.length_s)
 
     def _without_temperature(self, sums: NoiseSums) -> NoiseSums:
         """Return sums of the parts as those of the channels with a curve, with the temperature beside them."""
@@ -259,7 +259,9 @@ class Sums:
         """Decide whether a warm-up ended at a candidate."""
         length_s = (candidate - self._start) * self._interval
         blocks = self._parts.blocks(self._start).select(list(self.warmup_channels))
-        if is_over(settling_times_s(blocks), length_s) and is_over(self._settling_times_s(), length_s):
+        if has_settled(settling_times_s(blocks), length_s) and has_settled(
+            self._settling_times_s(), length_s
+        ):
             self._start = candidate
             self._quarters.discard_before(candidate)
             self.warmup_s = self._warmup_length_s()
@@ -275,7 +277,7 @@ class Sums:
         sums = replace(self._without_temperature(self._parts.sums(self._start)), degrees=None)
         estimator = Estimator(averaged=self._averaged, time_to=False)
         fits = estimator.fit_sums(sums, self.position - self._start, channels=self.warmup_channels)
-        columns = [fit.column("settling") for fit in fits if not (fit.oscillations_s or fit.hump_hz)]
+        columns = [fit.regressor("settling") for fit in fits if not (fit.oscillations_s or fit.hump_hz)]
         return [column.time_constant_s for column in columns if column and column.time_constant_s is not None]
 
     def _warmup_length_s(self) -> float:

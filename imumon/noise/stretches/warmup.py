@@ -47,19 +47,19 @@ Otherwise: a cycle of the ambient temperature is reported as a warm-up.
 """
 
 
-def is_over(time_constants_s: Iterable[float], candidate_s: float) -> bool:
+def has_settled(time_constants_s: Iterable[float], candidate_s: float) -> bool:
     """Return whether one of some exponentials is over at a candidate, s."""
     return any(time_s <= STILL * DECISION_LENGTH * candidate_s for time_s in time_constants_s)
 
 
 def still_settles(fits: Iterable[ChannelFit], length_s: float) -> bool:
     """Return whether some channel settles along an exponential that is not over after a record of this length, s."""
-    columns = [fit.column("settling") for fit in fits]
+    columns = [fit.regressor("settling") for fit in fits]
     times_s = [column.time_constant_s for column in columns if column is not None]
     return any(time_s is not None and time_s > STILL * length_s for time_s in times_s)
 
 
-def is_warming_up(degrees: Floats, block_s: float) -> bool:
+def still_heats_up(degrees: Floats, block_s: float) -> bool:
     """Return whether the temperature of the sensor has not come to rest.
 
     Parameters
