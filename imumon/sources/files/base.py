@@ -19,7 +19,7 @@ SQLITE = b"SQLite format 3"
 """First bytes of a database: a bag of ROS 2, a history, or that of any program."""
 BLOCK_BYTES = 1 << 20
 """Bytes of a raw capture that are decoded at once: enough samples to make work on arrays fast."""
-ROWS, TABLE_BYTES = 1 << 15, 1 << 23
+ROWS, TABLE_BYTES = 1 << 14, 1 << 22
 """Rows in a block of a table, at most, and bytes of its lines or messages."""
 
 Samples: TypeAlias = Literal["point", "average", "increment"]

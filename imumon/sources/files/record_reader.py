@@ -7,7 +7,6 @@ records is counted line by line (`imumon.model.ledger`); what may have been a re
 
 from __future__ import annotations
 
-import io
 import math
 import re
 from collections.abc import Callable, Sequence
@@ -143,7 +142,7 @@ class RecordReader:
         convert: dict[int | str, Callable[[str], float]] = {k: d.seconds for k, d in self._dates.items()}
         try:
             rows: Floats = np.loadtxt(
-                io.StringIO(block.decode("latin-1")), usecols=self._columns, delimiter=table.separator,
+                block.decode("latin-1").split("\n"), usecols=self._columns, delimiter=table.separator,
                 converters=convert or None, comments=None, quotechar='"', ndmin=2,
             )  # fmt: skip
         except (ValueError, IndexError):
