@@ -140,7 +140,9 @@ def check_directory(directory: Path) -> None:
         raise StateError("state_no_directory", text, "give a directory with --state")
     if existing is not None and not os.access(existing, os.W_OK | os.X_OK):
         text = f"the state cannot be saved in {directory}: {existing} cannot be written"
-        raise StateError("state_no_directory", text, "give another directory with --state, or make it writable")
+        raise StateError(
+            "state_no_directory", text, "give another directory with --state, or make it writable"
+        )
 
 
 class Checkpoint:

@@ -63,7 +63,7 @@ class CurveTable:
             import xarray
         except ModuleNotFoundError:
             text = "a Dataset needs xarray, which is not installed"
-            raise ImumonError("package_missing", text, "pip install '.[frames]'") from None
+            raise ImumonError("package_missing", text, "pip install 'imumon[frames]'") from None
         arrays = self.arrays()
         facts = {"channel": self.channel, "unit": self.unit}
         taus = arrays.pop("tau_s")
@@ -86,7 +86,7 @@ def frame_of(rows: list[dict[str, Any]]) -> pandas.DataFrame:
         raise ImumonError(
             "package_missing",
             "a DataFrame needs pandas, which is not installed",
-            "pip install '.[frames]'",
+            "pip install 'imumon[frames]'",
         ) from None
     return pandas.DataFrame(rows)
 

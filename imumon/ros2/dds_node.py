@@ -42,7 +42,7 @@ def _import_dds() -> None:
         import cyclonedds.domain  # noqa: F401
     except ImportError as error:
         text = f"rmw=dds needs Cyclone DDS, which cannot be imported ({error})"
-        raise RosError("dds_not_installed", text, "pip install '.[dds]'") from None
+        raise RosError("dds_not_installed", text, "pip install 'imumon[dds]'") from None
 
 
 @cache

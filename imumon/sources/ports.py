@@ -11,6 +11,7 @@ import fcntl
 import getpass
 import os
 import re
+import shlex
 import socket
 import stat
 import sys
@@ -263,7 +264,7 @@ def _open_tty(path: str, baud: int) -> Any:
         raise DeviceNotFound("port_not_found", f"no port {path}", cure) from None
     if not stat.S_ISCHR(mode):
         kind = "directory" if stat.S_ISDIR(mode) else "file"
-        cure = f"to read a recording, use imumon replay {path}"
+        cure = f"to read a recording, use imumon replay {shlex.quote(path)}"
         raise DeviceError("port_not_serial", f"{path} is a {kind}, not a serial port", cure)
     # a program that locks nothing would take a part of the bytes; many have /dev/null open, which is no port
     if (others := linux_tty.holders(path)) and not linux_tty.is_no_terminal(path):
@@ -290,7 +291,7 @@ def _open_tty(path: str, baud: int) -> Any:
 def _busy(path: str, programs: Mapping[int, str]) -> DeviceError:
     """Return the error of a port in use; `programs`, by process, have it open: empty if they are not visible."""
     if not programs:
-        cure = f"end it first: sudo fuser -v {path} names it"
+        cure = f"end it first: sudo fuser -v {shlex.quote(path)} names it"
         return DeviceError("port_busy", f"{path} is in use by another user's program", cure)
     cure = f"end it first: kill {' '.join(map(str, programs))}"
     names = ", ".join(f"{name} ({pid})" for pid, name in programs.items())

@@ -84,7 +84,7 @@ def _server(command: str, host: str, port: int, answer: Answer) -> Any:
         from aiohttp import web
         from textual_serve.server import Server
     except ImportError:
-        cure = "install imumon with the extra web: pip install '.[web]'"
+        cure = "install imumon with the extra web: pip install 'imumon[web]'"
         raise WebError("web_not_installed", "the package textual-serve is not installed", cure) from None
 
     @web.middleware

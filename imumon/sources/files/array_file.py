@@ -246,7 +246,7 @@ def _mat(path: str) -> dict[str, Any]:
 def _parquet(path: str) -> dict[str, Any]:
     if importlib.util.find_spec("pyarrow") is None:
         text = f"{path} is a Parquet file, and the package pyarrow that reads it is not installed"
-        raise RecordingError("package_missing", text, "pip install '.[fast]'")
+        raise RecordingError("package_missing", text, "pip install 'imumon[fast]'")
     import pyarrow.types as kinds
     from pyarrow import parquet
 

@@ -102,7 +102,7 @@ class LogFile(Table):
         package = PACKAGES.get(kind)
         if package is not None and importlib.util.find_spec(package) is None:
             text = f"{path} is {NOUNS[kind]}, and the package {package} that reads it is not installed"
-            raise RecordingError("package_missing", text, f"pip install '.[{kind}]'")
+            raise RecordingError("package_missing", text, f"pip install 'imumon[{kind}]'")
         self._check_files()
         self._pipe, other_end = Pipe()
         with other_end:

@@ -81,7 +81,7 @@ _FOREIGN = {
     SQLITE: (
         "sqlite",
         "an SQLite database",
-        "name the .db3 file of a bag; imumon history shows a history",
+        "name the .db3 file of a bag; imumon history --state DIR shows the histories of a directory",
     ),
 }
 """First bytes of other formats: end of the code, what it is, what to do."""
@@ -268,7 +268,9 @@ class _Part:
                 text = (
                     f"{self.path} expands to more than {MOST_EXPANSION} times its size, which noise does not"
                 )
-                raise RecordingError("expands", text, "unpack it first, if this is not by mistake: gunzip")
+                raise RecordingError(
+                    "expands", text, "unpack it with gunzip first, if this is not by mistake"
+                )
             if not out:
                 return
             yield out

@@ -193,10 +193,10 @@ class LineDecoder:
             try:
                 reading = first_columns(table.names, table.units, table.rows, self._settings, self._rate_hz)
                 reading = replace(reading, uses=tuple(use for use in reading.uses if use.key != "rate"))
-                used = reading.checked("lines:", accept="accept" in self._settings)
+                used = reading.checked("the lines", accept="accept" in self._settings)
             except ImumonError as error:
                 proposal = getattr(error, "proposal", None)
-                advice = f": give accept or map={proposal} behind the port" if proposal else ""
+                advice = f": give the port with ?accept or ?map={proposal}" if proposal else ""
                 # asked once: the sizes in it differ with every attempt
                 self._question = self._question or f"{getattr(error, 'message', error)}{advice}"
                 continue

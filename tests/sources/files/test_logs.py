@@ -247,7 +247,7 @@ def test_without_its_package_a_log_is_an_error_with_the_command(
     with pytest.raises(RecordingError, match=package) as error:
         read(path)
     assert error.value.code == "package_missing"
-    assert error.value.cure == f"pip install '.[{extra}]'"
+    assert error.value.cure == f"pip install 'imumon[{extra}]'"
 
 
 def test_fields_of_a_log_can_be_named(tmp_path: Path) -> None:
