@@ -4,7 +4,6 @@ base           the contract: Device, DeviceDriver and what other packages need o
 registry       URL scheme to driver, by entry points
 device_reader  one device in a thread of its own, its items in one bounded queue
 frame_decoder  what decoders of messages with a frame share
-conformance    the contract as tests, for pytest
 port_device    what sensors on serial lines share
 ports          the ports of this machine, pyserial URLs, sockets and standard input, and their opening
 serial_port    an open port, drained by a thread into a queue

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 from daemons import Daemon
+from device_conformance import Bench, DeviceConformance, read_for
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mt_emulator import ACCEL_N, FACTORY, GYRO_N, MtEmulator
 from waiting import until
 
 from imumon.config import DeviceSettings
-from imumon.sources.conformance import Bench, DeviceConformance, read_for
 from imumon.sources.device import (
     Device,
     DeviceLost,

@@ -2,7 +2,7 @@
 
 The author of a device derives a class from `DeviceConformance` and gives it a bench, a device that can be unplugged::
 
-    from imumon.sources.conformance import Bench, DeviceConformance
+    from device_conformance import Bench, DeviceConformance
 
     class TestMyDevice(DeviceConformance):
         @pytest.fixture
@@ -10,8 +10,8 @@ The author of a device derives a class from `DeviceConformance` and gives it a b
             ...
             yield Bench(driver=MyDriver(), url="my:...", state=tmp_path, unplug=..., replug=...)
 
-Then pytest runs the cases. What a bench cannot do is None, and its cases are skipped. This module needs pytest (extra
-``test``), and nothing else of imumon imports it.
+Then pytest runs the cases. What a bench cannot do is None, and its cases are skipped. Nothing else is needed beside
+imumon and pytest: this file can be copied.
 """
 
 from __future__ import annotations
