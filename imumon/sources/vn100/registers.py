@@ -11,7 +11,7 @@ registers 101, 102 and 206.
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal, TypeAlias
@@ -96,16 +96,17 @@ class Register:
     name : as in the manual.
     factory : factory values as sent; those of measurements are empty.
     access : ``setting`` can be written, ``fixed`` is read-only, ``measurement`` is read-only and live.
-    ports : whether a port number may follow the value (registers 5-7); each port has its own value.
-    allowed : values of each field, of a register that the emulator acts on; empty: any number, or any text.
     """
 
     id: int
     name: str
     factory: str
     access: Access = "setting"
-    ports: bool = False
-    allowed: Container[int] = ()
+
+    @property
+    def ports(self) -> bool:
+        """Whether a port number may follow the value; each port has its own value."""
+        return self.id in (RegisterNumber.BAUD, RegisterNumber.OUTPUT_TYPE, RegisterNumber.OUTPUT_RATE)
 
     @property
     def factory_values(self) -> tuple[str, ...]:
@@ -137,69 +138,78 @@ class Register:
             few = len(values) < count
             code = ErrorCode.NOT_ENOUGH_PARAMETERS if few else ErrorCode.TOO_MANY_PARAMETERS
             raise RegisterError(code, f"register {self.id} has {count} fields, not {len(values)}")
+        allowed = _ALLOWED.get(self.id)
         for text in values if self.id != USER_TAG else ():
-            valid = text.isdigit() and int(text) in self.allowed if self.allowed else _NUMBER.fullmatch(text)
+            valid = text.isdigit() and int(text) in allowed if allowed else _NUMBER.fullmatch(text)
             if not valid:
                 raise RegisterError(
                     ErrorCode.INVALID_PARAMETER, f"register {self.id}: {text!r} is not allowed"
                 )
 
 
-_IDENTITY = "1,0,0,0,1,0,0,0,1"
-_ZERO = "+00.000000,+00.000000,+00.000000"
+_TABLE = """
+  0 user tag:
+  1 model: VN-100T-CR
+  2 hardware revision: 7
+  3 serial number: 0100056785
+  4 firmware version: 3.1.0.0
+  5 serial baud rate: 115200
+  6 async data output type: 14
+  7 async data output frequency: 40
+ 21 magnetic and gravity reference vectors: 1,0,1.8,0,0,-9.793746
+ 23 magnetometer compensation: 1,0,0,0,1,0,0,0,1,0,0,0
+ 25 accelerometer compensation: 1,0,0,0,1,0,0,0,1,0,0,0
+ 26 reference frame rotation: 1,0,0,0,1,0,0,0,1
+ 30 communication protocol control: 0,0,0,0,1,0,1
+ 32 synchronization control: 3,0,0,0,6,1,0,100000000,0
+ 33 synchronization status: 0,0,0
+ 35 VPE basic control: 1,1,1,1
+ 36 VPE magnetometer tuning: 4,4,4,5,5,5,5.5,5.5,5.5
+ 38 VPE accelerometer tuning: 6,6,6,3,3,3,5,5,5
+ 40 VPE gyro tuning: 8,8,8,4,4,4,0,0,0
+ 43 startup gyro bias: +00.000000,+00.000000,+00.000000
+ 44 magnetometer calibration control: 0,1,5
+ 47 magnetometer calibration result: 1,0,0,0,1,0,0,0,1,0,0,0
+ 50 velocity aiding measurement: 0,0,0
+ 51 velocity aiding control: 1,0.1,0.01
+ 75 binary output 1: 0,0,00
+ 76 binary output 2: 0,0,00
+ 77 binary output 3: 0,0,00
+ 82 delta theta and delta velocity: 0,0,0,0,0
+ 83 reference model configuration: 1,1,0,0,1000,0.000,+00.00000000,+000.00000000,+00000.000
+ 84 gyro compensation: 1,0,0,0,1,0,0,0,1,0,0,0
+ 85 IMU filtering: 0,4,4,4,0,0,3,3,3,0
+101 NMEA output 1: 0,0,0,0,00000000
+102 NMEA output 2: 0,0,0,0,00000000
+206 legacy compatibility settings: 0,0,0,0
+"""
+"""Registers with a value of their own: number, name and factory values. Type 14 is VNYMR, as captures of new sensors
+show; a table of the manual prints another type, a misprint."""
+
+_READ_ONLY = (1, 2, 3, 4, 47)
+"""Those of them that cannot be written."""
+
+_ALLOWED: Mapping[int, Container[int]] = {
+    RegisterNumber.BAUD: BAUDS,
+    RegisterNumber.OUTPUT_TYPE: (0, *OUTPUT_TYPES),
+    RegisterNumber.OUTPUT_RATE: (0, *ASCII_RATES),
+    RegisterNumber.PROTOCOL: range(5),
+    RegisterNumber.IMU_FILTER: range(LOOP_RATE + 1),
+}
+"""Values of each field of a register that the emulator acts on; of others, any number. The largest window that a sensor
+accepts is not known: one second, that of 1 Hz, is assumed."""
 
 
-def _settings() -> Iterable[Register]:
-    """Yield the registers that can be written."""
-    yield Register(USER_TAG, "user tag", "")
-    yield Register(RegisterNumber.BAUD, "serial baud rate", "115200", ports=True, allowed=BAUDS)
-    # 14 is VNYMR, as captures of new sensors show; a table of the manual prints another type, a misprint
-    types = (0, *OUTPUT_TYPES)
-    yield Register(RegisterNumber.OUTPUT_TYPE, "async data output type", "14", ports=True, allowed=types)
-    rates = (0, *ASCII_RATES)
-    yield Register(RegisterNumber.OUTPUT_RATE, "async data output frequency", "40", ports=True, allowed=rates)
-    yield Register(21, "magnetic and gravity reference vectors", "1,0,1.8,0,0,-9.793746")
-    for number, sensor in ((23, "magnetometer"), (25, "accelerometer"), (84, "gyro")):
-        yield Register(number, f"{sensor} compensation", f"{_IDENTITY},0,0,0")
-    yield Register(26, "reference frame rotation", _IDENTITY)
-    protocol = "0,0,0,0,1,0,1"
-    yield Register(RegisterNumber.PROTOCOL, "communication protocol control", protocol, allowed=range(5))
-    yield Register(RegisterNumber.SYNC_CONTROL, "synchronization control", "3,0,0,0,6,1,0,100000000,0")
-    yield Register(33, "synchronization status", "0,0,0")
-    yield Register(35, "VPE basic control", "1,1,1,1")
-    yield Register(36, "VPE magnetometer tuning", "4,4,4,5,5,5,5.5,5.5,5.5")
-    yield Register(38, "VPE accelerometer tuning", "6,6,6,3,3,3,5,5,5")
-    yield Register(40, "VPE gyro tuning", "8,8,8,4,4,4,0,0,0")
-    yield Register(43, "startup gyro bias", _ZERO)
-    yield Register(44, "magnetometer calibration control", "0,1,5")
-    yield Register(50, "velocity aiding measurement", "0,0,0")
-    yield Register(51, "velocity aiding control", "1,0.1,0.01")
-    for output in BINARY_OUTPUTS:
-        yield Register(output, f"binary output {output - 74}", "0,0,00")
-    yield Register(RegisterNumber.DELTA_CONTROL, "delta theta and delta velocity", "0,0,0,0,0")
-    place = "1,1,0,0,1000,0.000,+00.00000000,+000.00000000,+00000.000"
-    yield Register(83, "reference model configuration", place)
-    # the largest window that a sensor accepts is not known: one second, that of 1 Hz, is assumed
-    windows = range(LOOP_RATE + 1)
-    yield Register(RegisterNumber.IMU_FILTER, "IMU filtering", "0,4,4,4,0,0,3,3,3,0", allowed=windows)
-    yield Register(101, "NMEA output 1", "0,0,0,0,00000000")
-    yield Register(102, "NMEA output 2", "0,0,0,0,00000000")
-    yield Register(206, "legacy compatibility settings", "0,0,0,0")
+def _registers() -> Iterator[Register]:
+    """Yield every register, in any order."""
+    for number, name, factory in re.findall(r"(\d+) (.+): ?(.*)", _TABLE):
+        access: Access = "fixed" if int(number) in _READ_ONLY else "setting"
+        yield Register(int(number), name, factory, access)
+    for register, message in MEASUREMENTS.items():
+        yield Register(register, f"measurements of {message}", "", "measurement")
 
 
-def _readings() -> Iterable[Register]:
-    """Yield the registers that can only be read."""
-    yield Register(1, "model", "VN-100T-CR", "fixed")
-    yield Register(2, "hardware revision", "7", "fixed")
-    yield Register(3, "serial number", "0100056785", "fixed")
-    yield Register(4, "firmware version", "3.1.0.0", "fixed")
-    result = f"{_IDENTITY},0,0,0"
-    yield Register(47, "magnetometer calibration result", result, "fixed")
-    for number, message in MEASUREMENTS.items():
-        yield Register(number, f"measurements of {message}", "", "measurement")
-
-
-REGISTERS = {r.id: r for r in sorted((*_settings(), *_readings()), key=lambda r: r.id)}
+REGISTERS = {r.id: r for r in sorted(_registers(), key=lambda r: r.id)}
 """Every register of a VN-100, by number."""
 
 DATA_REGISTERS = (26, 35, 43, 44, 82, 85, 23, 25, 84)
