@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imumon.api.curve_table import CurveTable, curve_table, frame_of
-from imumon.api.gtsam_params import combined_params
 from imumon.files import replace_file
 from imumon.model.errors import ImumonError
 from imumon.model.filter_report import LONGEST_HORIZON_S, SHORTEST_HORIZON_S, FilterReport
@@ -244,18 +243,6 @@ class Measurement:
             cure = f"use one of {', '.join(PROGRAMS)}"
             raise ImumonError("unknown_format", f"no settings are named {program!r}", cure)
         return numbers_of(settings_document(program, self.report, self._filters(horizon_s), bounds=bounds))
-
-    def gtsam_params(
-        self, gravity: float = 9.80665, horizon_s: float = 600.0, *, bounds: bool = False
-    ) -> Any:
-        """Return ``gtsam.PreintegrationCombinedParams`` with z up, where gtsam is installed.
-
-        Raises
-        ------
-        ImumonError : it is not installed, or a number is unknown; without `bounds` also if only a bound is known.
-        """
-
-        return combined_params(self.settings("gtsam", horizon_s, bounds=bounds), gravity)
 
     # ------------------------------------------------------------------ text
 
