@@ -118,12 +118,12 @@ def replayed(wanted: Any, sheet: Any = None, bus: Any = None) -> Any:
     What is doubtful in the recording is printed behind the bar. Columns that are not certain are asked on a terminal.
     """
     from imumon.api.record_analysis import measured
-    from imumon.cli.progress_bar import ProgressBar
+    from imumon.cli.progress_bar import progress_bar
     from imumon.sources.files.columns import ColumnsUnclear
 
     try:
-        with ProgressBar() as bar:
-            measurement = measured(wanted, sheet, progress=bar.update, bus=bus)
+        with progress_bar() as update:
+            measurement = measured(wanted, sheet, progress=update, bus=bus)
     except ColumnsUnclear as question:
         if (answered := _answered(question, wanted)) is None:
             raise

@@ -27,7 +27,7 @@ from imumon.cli import parsers
 from imumon.cli.exit_codes import SUCCESS, USAGE
 from imumon.cli.explain_command import errors_listed
 from imumon.cli.main import main
-from imumon.cli.progress_bar import ProgressBar
+from imumon.cli.progress_bar import progress_bar
 from imumon.documents.summary import summary_text
 from imumon.model.coefficients import COEFFICIENTS, STATUSES
 from imumon.model.glossary import explain, explanations
@@ -258,11 +258,11 @@ def test_a_bar_shows_share_rate_and_time_left_and_leaves_an_empty_line(
         return text in shown
 
     with open(slave, "w") as terminal:
-        with ProgressBar(terminal, begin_s=0.05) as bar:
+        with progress_bar(terminal, begin_s=0.05) as update:
             until(lambda: shows("opening"))
-            bar.update(0.5, 3600.0)
+            update(0.5, 3600.0)
             until(lambda: shows("50 %"))
-            bar.update(0.6, 4320.0)
+            update(0.6, 4320.0)
             until(lambda: shows("60 %"))
         assert shows("\x1b[?25h")  # the cursor is back
     os.close(master)
