@@ -2,7 +2,7 @@
 
 N, B and K belong to the period alone. Counters are read when a period ends, while the guard still holds some samples
 back; so they may belong to samples of some seconds later, but their sums are those of the record. What is in progress
-is fitted again every half minute.
+is fitted again every minute, as the record is.
 """
 
 from __future__ import annotations
@@ -18,10 +18,7 @@ from imumon.noise.fit import Estimator
 from imumon.noise.stretches import Sums
 from imumon.noise.stretches.stretches import LENGTHS_S, Stretch
 from imumon.record.counts import Counts
-from imumon.record.fits import Fits
-
-PAUSE_S = 30.0
-"""s from one fit of the periods in progress to the next."""
+from imumon.record.fits import LONGEST_PAUSE_S, Fits
 
 
 class Periods:
@@ -77,7 +74,7 @@ class Periods:
         """
         if not force and counts.elapsed_s < self._due_s:
             return list(self._current.values())
-        # The fit of a day in progress costs as much as that of a whole one, and half a minute hardly changes it.
+        # The fit of a day in progress costs as much as that of a whole one, and a minute hardly changes it.
         again = force or self._due_s == 0.0
         for step in LENGTHS_S if again else LENGTHS_S[:1]:
             stretch = self._sums.stretch_in_progress(step)
@@ -91,7 +88,7 @@ class Periods:
                 if self.counted[step] == self.counted[LENGTHS_S[0]]:
                     number = shortest.number * LENGTHS_S[0] // step
                     self._current[step] = replace(shortest, step_s=step, number=number)
-        self._due_s = counts.elapsed_s + PAUSE_S if self._current else 0.0
+        self._due_s = counts.elapsed_s + LONGEST_PAUSE_S if self._current else 0.0
         return list(self._current.values())
 
     def _period(self, stretch: Stretch, counts: Counts, *, complete: bool) -> HistoryPeriod:
